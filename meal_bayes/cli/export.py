@@ -1,13 +1,12 @@
 """`meal-bayes export`: the decision problem of a query as a file for other solvers."""
 
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from meal_bayes.cli.console import note, print_json, say
-from meal_bayes.cli.options import LARGEST, dataset_option, json_option, option, table_of
+from meal_bayes.cli.options import dataset_option, json_option, option, table_of
 
 if TYPE_CHECKING:
     from meal_bayes.datasets import PerceptTable
@@ -24,15 +23,6 @@ _FORMATS = ("pomdp", "pomdpx")
 )  # fmt: skip
 @dataset_option
 @option("--query", None, None, "A,B,...", "The attributes asked.", required=True)
-@option(
-    "--object", None, None, "NAME",
-    "Learn without this object, as for a trial about it; from all by default.",
-)  # fmt: skip
-@option("--discount", click.FloatRange(0, 1, min_open=True), None, "G", "Of a step.  [0.99]")
-@option(
-    "--reward", click.FloatRange(0, LARGEST, min_open=True), None, "R",
-    "For a right report, and taken for a wrong one; the data set's by default.",
-)  # fmt: skip
 @json_option
 def export(file: Path, as_json: bool, **options: Any) -> None:
     """Write a query's decision problem to FILE (.pomdp or .pomdpx).
@@ -53,13 +43,9 @@ def export(file: Path, as_json: bool, **options: Any) -> None:
     table = load_percepts(table_of(options["dataset"], options["root"]))
     query = read_query(options["query"], table.domain)
     columns = table.domain.columns(query.attributes)
-    theta = ConfusionPosterior.from_counts(percept_counts(table, options["object"], 2))
+    theta = ConfusionPosterior.from_counts(percept_counts(table, 2))
     rows, precision = theta.select(columns, exact=True)
     momdp = build_momdp(table.domain, query, rows, precision, objective=Objective(abstain=True))
-    if options["discount"] is not None:
-        momdp = replace(momdp, discount=options["discount"])
-    if options["reward"] is not None:
-        momdp = replace(momdp, correct=options["reward"], incorrect=-options["reward"])
     write = write_pomdp if kind == "pomdp" else write_pomdpx
     write(momdp, file)
     facts = {
@@ -81,16 +67,12 @@ def export(file: Path, as_json: bool, **options: Any) -> None:
     note(f"solve it with SARSOP: pomdpsol --timeout 5 --output {file.stem}.policy {file.name}")
 
 
-def percept_counts(table: "PerceptTable", without: str | None, levels: int) -> "ConfusionCounts":
-    """Count each object's percepts by classifiers that never saw it, nor the object `without`."""
+def percept_counts(table: "PerceptTable", levels: int) -> "ConfusionCounts":
+    """Count each object's percepts by classifiers that never saw it."""
     import numpy as np
 
-    from meal_bayes.datasets import object_index
-    from meal_bayes.perception import table_counts
     from meal_bayes.perception.confusion import by_truth
 
-    if without is not None:
-        return table_counts(table, object_index(table.objects, without), levels=levels)
     level = table.levels_of(table.log_odds, levels)  # (O,R,E,P)
     shown = (level[..., None] == np.arange(levels)) & ~np.isnan(table.log_odds)[..., None]
     return by_truth(shown.sum(axis=1).swapaxes(1, 2), table.labels)

@@ -31,7 +31,6 @@ _NAMED = 5  # surprising objects
     "The grid's, or attributes crossed with behaviors that err together (pymc only).",
 )  # fmt: skip
 @opt.option("--attributes", None, None, "A,B", "The attributes to fit; all by default.")
-@opt.option("--held-out", None, None, "OBJECT", "Learn without this object.")
 @opt.option("--levels", click.IntRange(2, 8), 2, "K", "Of a percept: 2, 4 or 8.")
 @opt.option(
     "--prior-scale", click.FloatRange(0, 1000, min_open=True), 1.0, "F",
@@ -65,7 +64,7 @@ def posterior(root: Path | None, out: Path | None, as_json: bool, **options: Any
     table, levels = load_percepts(dataset), config["levels"]
     names = opt.listed(config["attributes"]) if config["attributes"] else table.domain.attributes
     columns = sorted({*table.domain.columns(names)})
-    counts = percept_counts(table, config["held_out"], levels).counts[:, columns]  # (O,P,E,2,K)
+    counts = percept_counts(table, levels).counts[:, columns]  # (O,P,E,2,K)
     name = f"{Path(dataset).stem}-{config['method']}-{config['model']}-{opt.digest(config)}"
     folder = check_folder(out or Path("posteriors") / name)
     prior = config["prior_scale"] * prior_of(counts[:, :, sensing(counts)])

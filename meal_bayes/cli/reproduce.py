@@ -26,10 +26,6 @@ _PACKAGE = "paper_repro"
 @opt.jobs_option
 @opt.cluster_option
 @opt.logs_option
-@opt.option(
-    "--scripts", opt.FOLDER, None, "FOLDER",
-    f"Where the items are; {_PACKAGE}/ here or above by default.",
-)  # fmt: skip
 @opt.option("--trials", opt.COUNT, None, "T", "Of an agent offline, at most.")
 @opt.option(
     "--repeats", click.IntRange(0, opt.MOST_TRIALS), None, "R", "Of online runs, at most; 0: none."
@@ -39,13 +35,13 @@ _PACKAGE = "paper_repro"
     "Of Fig. 10's panels, those with TEXT in their title; the others are not run.",
 )  # fmt: skip
 @opt.json_option
-def reproduce(items: tuple[str, ...], scripts: Path | None, as_json: bool, **setting: Any) -> None:
+def reproduce(items: tuple[str, ...], as_json: bool, **setting: Any) -> None:
     """Run ITEMs of the paper (table3, fig8, ...), or all, and judge its statements.
 
     Trials are kept under the logs, so a run that was stopped goes on. A full run writes tables and
     figures to results/ beside the items; `readme` makes the pages that show them.
     """
-    import_package(find_package(scripts))
+    sys.path.insert(0, str(checkout()))
     frame, pages = import_module(f"{_PACKAGE}.frame"), import_module(f"{_PACKAGE}.pages")
     if items == ("readme",):
         for path in pages.write_pages():
@@ -71,21 +67,12 @@ def reproduce(items: tuple[str, ...], scripts: Path | None, as_json: bool, **set
         click.echo(f"{result['item']}: {result['verdict']}")
 
 
-def find_package(scripts: Path | None) -> Path:
-    """Find the folder of the items, here or above: the installed package does not hold them."""
-    cwd = Path.cwd()
-    tried = [scripts] if scripts else [place / _PACKAGE for place in (cwd, *cwd.parents)]
-    for folder in tried:
-        if (folder / "paper_values.toml").is_file():
-            return folder.resolve()
+def checkout() -> Path:
+    """Find the folder that holds the items, here or above: the installed package does not."""
+    for folder in (Path.cwd(), *Path.cwd().parents):
+        if (folder / _PACKAGE / "paper_values.toml").is_file():
+            return folder
     raise click.UsageError(
-        f"No items of the paper in {tried[0]}; they are in the folder {_PACKAGE}/ of the source "
-        "code, not in the installed package: call this in a checkout, or give --scripts "
-        f"PATH/TO/{_PACKAGE}."
+        f"No items of the paper in {Path.cwd() / _PACKAGE}; they are in the folder {_PACKAGE}/ of "
+        "the source code, not in the installed package: call this in a checkout."
     )
-
-
-def import_package(folder: Path) -> None:
-    """Import the package of a checkout from its folder, wherever that is."""
-    sys.path.insert(0, str(folder.parent))
-    import_module(_PACKAGE)

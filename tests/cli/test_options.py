@@ -7,7 +7,6 @@ import pytest
 
 OFFLINE, ONLINE = ("run", "offline"), ("run", "online")
 ASK = ("ask", "heavy", "--object", "heavy_blue_beans")
-EXPORT = ("export", "a.pomdp", "--query", "heavy")
 WHOLE = [
     *((OFFLINE, name) for name in ("--attributes", "--trials", "--seed", "--jobs")),
     (ONLINE, "--repeats"),
@@ -15,7 +14,7 @@ WHOLE = [
     (("view", "a.mcap"), "--trial"),
 ]
 NO_WHOLE = ("", "x", "1.5", "-1", "9" * 20)
-FINITE = [(OFFLINE, "--reward"), (ONLINE, "--alpha"), (ONLINE, "--error"), (EXPORT, "--discount")]
+FINITE = [(OFFLINE, "--reward"), (ONLINE, "--alpha"), (ONLINE, "--error")]
 NO_FINITE = ("", "x", "nan", "inf", "-1", "0x10")
 NO_SPLIT = ("", "33", "1/2", "a/b/c", "0/1/1", "-1/1/1", "1.5/1/1")
 NO_CHANCE = ("", "grasp", "=0.5", "grasp=", "grasp=x", "grasp=nan", "grasp=1.5", "grasp=0")

@@ -5,11 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from meal_bayes.agents.knowledge import knowledge_without
-from meal_bayes.datasets import load_percepts, object_index
-from meal_bayes.domain import load_domain, read_query
+from meal_bayes.domain import load_domain
 from meal_bayes.learner.api import ask
-from meal_bayes.momdp import Objective, build_momdp, write_pomdp
 from meal_bayes.trial_log import check_log, write_trials
 
 OWN = ("--dataset", "kitchen.npz")
@@ -107,22 +104,6 @@ def test_a_torn_log_is_warned_of(run, trials):
     assert "Warning" in Path("report.html").read_text()
 
 
-def test_a_query_without_an_object_is_the_papers_problem(run):
-    result = run("export", "own.pomdp", "--query", "Is it heavy?", "--object", "heavy_blue_beans")
-    assert result.exit_code == 0
-    assert result.stdout.startswith("own.pomdp: 13 states, 15 actions, 4 observations, ")
-    assert "pomdpsol --timeout 5 --output own.policy own.pomdp" in result.stderr
-    table = load_percepts("roc36")
-    query, o = read_query("heavy", table.domain), object_index(table.objects, "heavy_blue_beans")
-    known = knowledge_without(table, o, object_level=False)
-    columns = [table.domain.attribute_index("heavy")]
-    confusion, precision = known.posterior.select(columns, exact=True)
-    goal = Objective(abstain=True)
-    momdp = build_momdp(table.domain, query, confusion, precision, objective=goal)
-    write_pomdp(momdp, "expected.pomdp")
-    assert Path("own.pomdp").read_bytes() == Path("expected.pomdp").read_bytes()
-
-
 def test_a_table_of_ones_own_is_counted_over_all_objects(run, table):
     """Its percepts are always right: two recordings of four objects a truth, +1 a cell."""
     result = run("export", "own.pomdp", "--dataset", "kitchen.npz", "--query", "full,red", "--json")
@@ -140,19 +121,9 @@ def _lines(start, name="own.pomdp"):
     return [line for line in Path(name).read_text().splitlines() if line.startswith(start)]
 
 
-def test_options_reach_the_file(run):
-    run("export", "a.txt", "--format", "pomdp", "--query", "heavy", "--discount", "0.9",
-        "--reward", "7")  # fmt: skip
-    assert _lines("discount", "a.txt") == ["discount: 0.9"]
-    assert {line.split()[-1] for line in _lines("R: a", "a.txt")} == {"7.0", "-7.0", "0.0"}
-    run("export", "b.pomdpx", "--query", "heavy", "--discount", "0.9")
-    assert "<Discount>0.9</Discount>" in Path("b.pomdpx").read_text()
-
-
 def test_what_cannot_be_exported_is_told(fails):
     assert "give --format" in fails("export", "own.txt", "--query", "heavy")
     assert "--query" in fails("export", "own.pomdp")
-    assert "Unknown object" in fails("export", "own.pomdp", "--query", "heavy", "--object", "x")
     many = ",".join(load_domain("cy101").attributes[:9])
     told = fails("export", "own.pomdp", "--dataset", "cy101", "--query", many)
     assert "9 attributes" in told

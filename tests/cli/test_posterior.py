@@ -3,12 +3,7 @@
 import json
 
 import arviz as az
-import numpy as np
 import pytest
-
-from meal_bayes.datasets import load_percepts
-from meal_bayes.perception import table_counts
-from meal_bayes.posterior import ConfusionPosterior
 
 FILES = {
     "forest.png", "posterior.nc", "predictive.png", "reliability_each.png",
@@ -45,20 +40,6 @@ def test_the_grid_writes_everything(run, tmp_path):
     assert all(0 < p < 1 for p in told["predictive_p"])
 
 
-@pytest.mark.long
-def test_a_held_out_object_is_not_learned_from(run):
-    """The rows are those that agents get when they are asked about the object."""
-    table = load_percepts("roc36")
-    name = table.objects[5]
-    told = json.loads(run(*GRID, "--held-out", name).stdout)
-    columns = [table.domain.attribute_index(one) for one in ("heavy", "beans")]
-    counts = table_counts(table, 5).counts[:, columns]
-    expected = ConfusionPosterior.from_objects(counts).mean[..., 1]  # (P,E,2)
-    sensing = [e for e, behavior in enumerate(table.domain.behaviors) if behavior.modalities]
-    found = np.array([[row["fpr"], row["tpr"]] for row in told["rows"]]).reshape(2, -1, 2)
-    np.testing.assert_allclose(found, expected[:, sensing], atol=0.01)
-
-
 def test_it_is_told_in_words(run):
     result = run("posterior", "--attributes", "heavy", "--draws", "150", "--levels", "4")
     for word in ("R-hat", "ESS bulk", "independent", "yes of true", "lift_slow", "ECE"):
@@ -90,7 +71,6 @@ def test_nuts_writes_the_same_files(run, tmp_path, table):
 @pytest.mark.parametrize(
     ("arguments", "found"),
     [
-        (("--held-out", "mug"), "mug"),
         (("--levels", "3"), "expected one of [2, 4, 8]"),
         (("--model", "crossed"), "--model crossed needs --method pymc"),
     ],

@@ -13,7 +13,7 @@ from click.testing import CliRunner
 
 import meal_bayes
 from meal_bayes.cli import main
-from meal_bayes.cli.reproduce import find_package
+from meal_bayes.cli.reproduce import checkout
 from meal_bayes.planners import POMCP, warm_up
 from paper_repro import frame, pages
 from paper_repro.statements import OUTCOMES, PROTOCOLS, UNDECIDED, verdict
@@ -64,9 +64,8 @@ def test_without_the_items_one_line_says_where_they_are(tmp_path):
     done = reproduce("table5", cwd=tmp_path)
     assert done.returncode == 2
     assert done.stderr.count("\n") == 1
-    assert "--scripts" in done.stderr
-    assert "checkout" in done.stderr
-    done = reproduce("table5", "--quick", "--scripts", FOLDER, cwd=tmp_path)
+    assert "call this in a checkout" in done.stderr
+    done = reproduce("table5", "--quick", "--logs", tmp_path)
     assert done.returncode == 0
     assert "reproduced (1 stands, 7 by construction)" in done.stdout
     assert "| shake | no | 0.060 | 0.059 |" in done.stdout
@@ -74,13 +73,13 @@ def test_without_the_items_one_line_says_where_they_are(tmp_path):
 
 def test_the_items_are_found_here_and_above(tmp_path, monkeypatch):
     monkeypatch.chdir(FOLDER / "items")
-    assert find_package(None) == FOLDER
+    assert checkout() == ROOT
     monkeypatch.chdir(tmp_path)
     with pytest.raises(click.UsageError, match="source code"):
-        find_package(None)
+        checkout()
     (tmp_path / "paper_repro").mkdir()  # a folder of that name is not enough
     with pytest.raises(click.UsageError):
-        find_package(None)
+        checkout()
 
 
 @pytest.fixture
