@@ -12,7 +12,7 @@ from meal_bayes.domain import Domain, Query
 from meal_bayes.momdp import MOMDP, Objective, build_momdp
 from meal_bayes.planners import Solver, warm_up
 
-TRUST = 0.99  # Pr(a label that a person gave is right)
+_TRUST = 0.99  # Pr(a label that a person gave is right)
 
 Rows = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64] | None]
 ObservationModel = Callable[[Knowledge, Sequence[int]], Rows]
@@ -80,7 +80,6 @@ class Agent:
         limit: ArrayLike = np.inf,
         reward: float | None = None,
         labels: NDArray[np.int8] | None = None,
-        trust: float = TRUST,
     ) -> MOMDP:
         """Build the query's MOMDP from what is known (Alg. 1, l. 1-4).
 
@@ -95,9 +94,7 @@ class Agent:
         reward : float | None
             r+ = -r-, the domain's by default.
         labels : NDArray[np.int8] | None
-            (N,) that people gave to this object before; -1 unknown.
-        trust : float
-            Pr(such a label is right).
+            (N,) that people gave to this object before, right in 99 of 100 cases; -1 unknown.
         """
         domain = knowledge.domain
         columns = domain.columns(query.attributes)
@@ -105,7 +102,7 @@ class Agent:
         confusion, precision, latent_classes = observation(knowledge, columns)
         prior = knowledge.base_rates[columns] if self.base_rates else np.full(len(query), 0.5)
         if labels is not None:
-            prior = np.where(labels < 0, prior, np.where(labels == 1, trust, 1.0 - trust))
+            prior = np.where(labels < 0, prior, np.where(labels == 1, _TRUST, 1.0 - _TRUST))
         loss = None if reward is None else -reward
         return build_momdp(
             domain, query, confusion, precision,

@@ -140,15 +140,6 @@ def _shares(text: str) -> tuple[int, ...]:
     )
 
 
-def _chance(text: str) -> tuple[str, float]:
-    """Read a behavior and its probability, such as grasp=0.5."""
-    name, _, number = text.rpartition("=")
-    with contextlib.suppress(ValueError):
-        if name.strip() and 0 < float(number) <= 1:
-            return name.strip(), float(number)
-    raise click.BadParameter(f"success is {text!r}; give it as grasp=0.5, above 0 and at most 1.")
-
-
 @run.command(short_help="Agents learn while they work, tested after every batch.")
 @opt.dataset_option
 @opt.option("--attributes", click.IntRange(1, opt.NAME_LIMIT), 1, "N", "Asked at a time.")
@@ -176,18 +167,6 @@ def _chance(text: str) -> tuple[str, float]:
     "--normalizer", click.Choice(["paper", "all"]), "paper", None,
     "Of Eq. 10: experience gathered in training, as in the paper, or in pretraining too.",
 )  # fmt: skip
-@opt.option(
-    "--feedback answers", click.Choice(["verdict", "all"]), "verdict", None,
-    "Whether the report was right, or the labels of all attributes asked.",
-)  # fmt: skip
-@opt.option(
-    "--error", click.FloatRange(0, 1, max_open=True), 0.0, None, "Probability of wrong feedback."
-)
-@opt.option(
-    "--success", _chance, None, "BEHAVIOR=P",
-    "True success probability of a behavior; the data set's by default.", multiple=True,
-)  # fmt: skip
-@click.option("--learn-success", is_flag=True, help="Let agents learn success probabilities.")
 @opt.seed_option()
 @opt.jobs_option
 @opt.cluster_option

@@ -2,7 +2,7 @@
 
 import heapq
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -145,19 +145,6 @@ class TransitionDiagram:
             if target and effect.probability > likeliest.get(effect.behavior, (0.0, ""))[0]:
                 likeliest[effect.behavior] = effect.probability, target
         return {name: target for name, (_, target) in likeliest.items()}
-
-    def succeeding(self, chance: Callable[[str, float], float]) -> "TransitionDiagram":
-        """Change how often behaviors succeed; the outcomes of a success stay as likely as before.
-
-        The chance is that of a behavior, and is given what it is now.
-        """
-        effects = []
-        for effect in self.effects:
-            before = self.success(effect)
-            after, probability = chance(effect.behavior, before), effect.probability
-            changed = replace(effect, probability=probability * after / before)
-            effects.append(effect if after == before else changed)
-        return replace(self, effects=tuple(effects))
 
     def cheapest_first(self, cost: Mapping[str, float], wanted: Set[str]) -> tuple[str, ...]:
         """Build a sequence of behaviors through the diagram that executes each wanted one.

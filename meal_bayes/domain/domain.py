@@ -295,9 +295,12 @@ def learn_success(domain: Domain, attempts: NDArray[np.int64]) -> Domain:
     attempts : NDArray[np.int64]
         (E,2) legal executions that failed, and that succeeded.
     """
-
-    def mean(behavior: str, prior: float) -> float:
-        failed, succeeded = attempts[domain.behavior_index(behavior)]
-        return float((_PRIOR * prior + succeeded) / (_PRIOR + failed + succeeded))
-
-    return replace(domain, diagram=domain.diagram.succeeding(mean))
+    effects = []
+    for effect in domain.diagram.effects:
+        failed, succeeded = attempts[domain.behavior_index(effect.behavior)]
+        before = domain.diagram.success(effect)
+        after = float((_PRIOR * before + succeeded) / (_PRIOR + failed + succeeded))
+        # outcomes of a success stay as likely as before
+        changed = replace(effect, probability=effect.probability * after / before)
+        effects.append(effect if after == before else changed)
+    return replace(domain, diagram=replace(domain.diagram, effects=tuple(effects)))

@@ -12,7 +12,6 @@ from meal_bayes.display import short_repr
 from meal_bayes.domain import unknown
 from meal_bayes.errors import SettingsError
 from meal_bayes.experiments.percepts import kept_table
-from meal_bayes.learner import Feedback
 from meal_bayes.learner.settings import LearnerSettings
 from meal_bayes.untrusted import LARGEST
 
@@ -25,7 +24,9 @@ DEFAULT_AGENTS = (
     "morc",
     "bayes",
 )
-_CHOICES = {"log": ("compact", "full"), "normalizer": ("paper", "all")}
+_CHOICES = {
+    "log": ("compact", "full"), "normalizer": ("paper", "all"), "answers": ("verdict", "joint"),
+}  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,8 +97,8 @@ class OnlineConfig:
         Names or values (see `as_agent`), made `Agent`s.
     batches, trials : int
         Of training, and trials in a batch.
-    repeats, first : int
-        Repeats are first .. first + repeats - 1.
+    repeats : int
+        Runs on other splits of the objects.
     seed : int
         Of all random streams.
     split : tuple[int, int, int] | tuple[tuple[str, ...], ...]
@@ -107,13 +108,8 @@ class OnlineConfig:
     alpha, beta : float | None
         Of morc_itrs; the agent's own by default.
     answers : str
-        Of `Feedback`.
-    error : float
-        Of `Feedback`.
-    success : tuple[tuple[str, float], ...]
-        True success probabilities, as pairs (behavior, probability).
-    learn_success : bool
-        Whether agents learn success probabilities.
+        "verdict", whether the report was right; or "joint", a verdict by which each attribute gets
+        the label of the whole query, as the authors' code has it.
     learning : tuple[tuple[str, Any], ...]
         Other settings of the learner, as pairs (field of `LearnerSettings`, value).
     percepts : str
@@ -139,15 +135,11 @@ class OnlineConfig:
     trials: int = 40
     repeats: int = 1
     seed: int = 0
-    first: int = 0
     split: tuple[int, int, int] | tuple[tuple[str, ...], ...] = (33, 33, 34)
     reward: float | None = None
     alpha: float | None = None
     beta: float | None = None
     answers: str = "verdict"
-    error: float = 0.0
-    success: tuple[tuple[str, float], ...] = ()
-    learn_success: bool = False
     learning: tuple[tuple[str, Any], ...] = ()
     percepts: str = "recorded"
     normalizer: str = "paper"
@@ -161,7 +153,6 @@ class OnlineConfig:
         for name in ("attributes", "batches", "trials", "repeats", "horizon"):
             if getattr(self, name) < 1:
                 raise SettingsError(f"{name} is {getattr(self, name)}; give at least 1.")
-        check_whole("first", self.first)
         sizes = [part if isinstance(part, int) else len(part) for part in self.split]
         if len(sizes) != 3 or min(sizes) < 1:
             raise SettingsError(f"split is {self.split}; give three shares, such as 33/33/34.")
@@ -172,7 +163,6 @@ class OnlineConfig:
             value = getattr(self, name)
             if value is not None and not 0 <= value <= LARGEST:
                 raise SettingsError(f"{name} is {value}; give a number from 0 to {LARGEST:g}.")
-        Feedback(self.answers, self.error)
         settings = [field.name for field in dataclasses.fields(LearnerSettings)]
         for name, _ in self.learning:
             if name not in settings:
@@ -181,8 +171,8 @@ class OnlineConfig:
 
     def as_dict(self) -> dict[str, object]:
         """Return plain values, for headers and JSON."""
-        pairs = {name: list(map(list, getattr(self, name))) for name in ("learning", "success")}
-        return {**_plain(self), "split": list(self.split), **pairs}
+        learning = list(map(list, self.learning))
+        return {**_plain(self), "split": list(self.split), "learning": learning}
 
 
 def _checked(agents: Iterable[Any], seed: int, reward: float | None) -> tuple[Agent, ...]:

@@ -8,19 +8,11 @@ from pathlib import Path
 from typing import Any
 
 from meal_bayes.agents import Agent, ITRSBonus
-from meal_bayes.agents.agent import TRUST
 from meal_bayes.datasets import Dataset, load_dataset, load_percepts
 from meal_bayes.datasets.sources import SOURCES
 from meal_bayes.domain import Query
 from meal_bayes.experiments.config import OnlineConfig
-from meal_bayes.experiments.protocol import (
-    ASKED,
-    Environment,
-    Protocol,
-    learnable,
-    restricted,
-    true_dynamics,
-)
+from meal_bayes.experiments.protocol import ASKED, Environment, Protocol, learnable, restricted
 from meal_bayes.experiments.store import (
     agent_digests,
     agent_folder,
@@ -47,7 +39,7 @@ class OnlineRun:
     def results(self) -> Iterator[BatchOutcomes]:
         """Yield the test results of every agent, repeat and batch, in order."""
         for agent in self.config.agents:
-            for repeat in _repeats(self.config):
+            for repeat in range(self.config.repeats):
                 unit = _unit(self.config, agent, repeat, self.folder)
                 cost = 0.0
                 for batch in range(self.config.batches + 1):
@@ -59,7 +51,7 @@ class OnlineRun:
     def training(self, agent: str) -> list[TrialOutcomes]:
         """Return the outcomes of an agent's training trials, in order, one entry a repeat."""
         (chosen,) = (value for value in self.config.agents if value.name == agent)
-        units = [_unit(self.config, chosen, k, self.folder) for k in _repeats(self.config)]
+        units = [_unit(self.config, chosen, k, self.folder) for k in range(self.config.repeats)]
         batches = range(1, self.config.batches + 1)
         return [
             TrialOutcomes.join([read_outcomes(unit.log(b, "train")) for b in batches])
@@ -181,19 +173,18 @@ def run_online(
         Called with (batches done, batches in all) after every trial, from processes once a second;
         from a cluster after a repeat of an agent.
     """
-    domain = _protocol(config, config.first).dataset.domain  # or say what is wrong
-    true_dynamics(domain, dict(config.success))  # the same
+    domain = _protocol(config, 0).dataset.domain  # or say what is wrong
     if config.reward is None:
         reward = _REWARD if domain.data in SOURCES else domain.report_reward
         config = dataclasses.replace(config, reward=reward)
     # What every unit depends on; repeats and agents name its folders.
-    shared = {k: v for k, v in config.as_dict().items() if k not in ("agents", "repeats", "first")}
+    shared = {k: v for k, v in config.as_dict().items() if k not in ("agents", "repeats")}
     shared["data"] = fingerprint(config.dataset, config.root)
     shared["sources"] = agent_digests(config.agents)
     folder = run_folder(logs, f"online-{domain.name}-n{config.attributes}", shared)
     units = [
         _unit(config, agent, repeat, folder.absolute(), fresh)  # a cluster's workers live elsewhere
-        for repeat in _repeats(config)
+        for repeat in range(config.repeats)
         for agent in config.agents
     ]
     run_units(
@@ -227,14 +218,10 @@ def run_online_until(
 
 def warm_up_online(config: OnlineConfig) -> None:
     """Compile the kernels that the agents need, once, before every process would."""
-    domain = _protocol(config, config.first).dataset.domain
+    domain = _protocol(config, 0).dataset.domain
     query = Query(domain.attributes[: config.attributes])
     for agent in config.agents:
         agent.warm_up(domain, query)
-
-
-def _repeats(config: OnlineConfig) -> range:
-    return range(config.first, config.first + config.repeats)
 
 
 @lru_cache(maxsize=2)
@@ -265,8 +252,7 @@ def _learner(unit: _Unit, protocol: Protocol) -> Learner:
     config, dataset, split = unit.config, protocol.dataset, protocol.split
     learner = Learner(
         dataset.domain, agent=unit.agent, seed=config.seed, reward=config.reward, refit_every=None,
-        learn_success=config.learn_success, horizon=config.horizon,
-        trust=min(TRUST, 1.0 - config.error), logs=None,
+        learn_success=False, horizon=config.horizon, logs=None,
     )  # fmt: skip
     counted = len(split.train) + len(split.pre) * (config.normalizer == "all")
     learner.fits.settings = dataclasses.replace(

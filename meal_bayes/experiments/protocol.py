@@ -1,7 +1,6 @@
 """The protocol of ONLINE-MEAL (Sect. 7.3): objects in three parts, tasks, robot and person."""
 
 import itertools
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -9,10 +8,10 @@ from numpy.typing import NDArray
 
 from meal_bayes.datasets import Dataset, PerceptTable
 from meal_bayes.datasets.training_set import ObjectSplit
-from meal_bayes.domain import Domain, Query, unknown
+from meal_bayes.domain import Query, unknown
 from meal_bayes.errors import SettingsError
 from meal_bayes.experiments.config import OnlineConfig
-from meal_bayes.learner import Feedback, Learner
+from meal_bayes.learner import Learner, implied
 from meal_bayes.learner.percepts import record_step
 from meal_bayes.perception.perceiver import answer
 from meal_bayes.robots import Boundary
@@ -179,15 +178,12 @@ class Protocol:
 
 
 class Environment:
-    """The environment of an online run: recordings, true dynamics, a person."""
+    """The environment of an online run: recordings, and a person who is told and asked."""
 
     def __init__(self, config: OnlineConfig, protocol: Protocol) -> None:
         self._config, self._data = config, protocol.dataset
-        domain = protocol.dataset.domain
-        rng = stream(config.seed, "world", domain.data, protocol.repeat)
+        rng = stream(config.seed, "world", self._data.domain.data, protocol.repeat)
         self._recordings = Recordings(protocol.dataset, rng)
-        self._dynamics = true_dynamics(domain, dict(config.success))
-        self._feedback = Feedback(config.answers, config.error)
 
     def test(self, learner: Learner, task: Task) -> Trial:
         """Run a test trial, on all recordings of the object."""
@@ -223,11 +219,14 @@ class Environment:
         return learner.ask(task, robot, truth=truth, learn=learn)
 
     def _tell(self, learner: Learner, trial: Trial) -> None:
+        """Tell a learner whether its report was right, if there is one."""
         self._recordings.use(trial)
-        rng = stream(self._config.seed, "feedback", *trial.task.key)
-        labels = self._feedback.labels(trial, rng)
-        pairs = zip(trial.task.query.attributes, labels.tolist(), strict=True)
-        learner.tell(trial, {name: None if value < 0 else value == 1 for name, value in pairs})
+        if trial.report is None or trial.success is None:
+            return
+        labels = implied(trial.report, right=trial.success)
+        if self._config.answers == "joint":
+            labels = np.where(labels < 0, labels, labels.min())
+        learner.tell(trial, dict(zip(trial.task.query.attributes, labels.tolist(), strict=True)))
 
     def _robot(self, task: Task, order: np.random.Generator | Order) -> RecordedRobot:
         seed, o = self._config.seed, task.object_index
@@ -239,13 +238,7 @@ class Environment:
             return dict(zip(task.query.attributes, (said == 1).tolist(), strict=True))
 
         return RecordedRobot(
-            self._dynamics, o, self._recordings.counts[o], order, stream(seed, "robot", *task.key),
-            self._data, repeats=self._config.percepts == "model", person=person,
+            self._data.domain, o, self._recordings.counts[o], order,
+            stream(seed, "robot", *task.key), self._data,
+            repeats=self._config.percepts == "model", person=person,
         )  # fmt: skip
-
-
-def true_dynamics(domain: Domain, success: Mapping[str, float]) -> Domain:
-    """Return the domain with other success probabilities."""
-    for name in success:
-        domain.behavior_index(name)  # or say what is wrong
-    return replace(domain, diagram=domain.diagram.succeeding(success.get))

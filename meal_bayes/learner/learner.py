@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from meal_bayes.agents import Agent, Knowledge, as_agent
-from meal_bayes.agents.agent import TRUST
 from meal_bayes.arrays import check_whole
 from meal_bayes.datasets import Dataset, PerceptTable, object_index
 from meal_bayes.domain import Domain, Query, load_domain
@@ -58,8 +57,6 @@ class Learner:
         Learn how often behaviors succeed, at every refit, or take it from the domain.
     horizon : float
         Queries to come, for which exploring is valued.
-    trust : float
-        Pr(a label of an object that is recognized is right).
     logs : str or path, optional
         Folder of the logs of trials with a robot; None logs nothing.
 
@@ -85,7 +82,6 @@ class Learner:
         refit_every: float | None = 0.2,
         learn_success: bool = True,
         horizon: float = 1000.0,
-        trust: float = TRUST,
         logs: str | Path | None = "logs",
     ) -> None:
         check_whole("seed", seed)
@@ -98,8 +94,7 @@ class Learner:
             reward=self.domain.report_reward if reward is None else reward,
             percepts=percepts,
         )
-        self.seed, self.reward = seed, reward
-        self.horizon, self.trust = horizon, trust
+        self.seed, self.reward, self.horizon = seed, reward, horizon
         self.logs = None if logs is None else Path(logs)
         self.experience = Experience(self.domain)
         self.fits = Fits(self.experience, settings, refit_every)

@@ -36,10 +36,10 @@ from meal_bayes.posterior import ConfusionPosterior
 from meal_bayes.posterior.trait import SharedTrait
 from meal_bayes.untrusted import UNREADABLE, read_array, read_member, read_meta, write_array
 
-_FORMAT = 6
+_FORMAT = 7
 _TEXT = "learner.json"
 _OPTIONS = ("seed", "reward", "percepts", "refit_every", "learn_success")
-_NUMBERS = ("seed", "reward", "horizon", "trust", "asked")
+_NUMBERS = ("seed", "reward", "horizon", "asked")
 _ROWS = {
     "instances": "<i8", "levels": "|i1", "labels": "|i1", "executions": "<i8", "feedback": "<i8",
     "known": "|i1",
@@ -152,7 +152,6 @@ def _learner(
         classifier=classifier,
         logs=logs,
         horizon=float(meta["horizon"]),
-        trust=float(meta["trust"]),
         **{name: meta[name] for name in _OPTIONS},
     )
     learner.asked = int(meta["asked"])

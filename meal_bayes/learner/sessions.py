@@ -265,7 +265,7 @@ def problem_of(
     """Build a query's MOMDP, about an object of which people gave labels (N,), if any."""
     return fit.agent.model(
         query, fit.knowledge, limit=np.minimum(limit, fit.limit), reward=learner.reward,
-        trust=learner.trust, labels=labels,
+        labels=labels,
     )  # fmt: skip
 
 

@@ -95,16 +95,14 @@ def test_a_second_call_computes_nothing_unless_fresh(run, words):
 
 def test_options_reach_the_run(run, words):
     options = (
-        "--attributes", "2", "--split", "1/1/2", "--alpha", "3", "--beta", "10", "--feedback",
-        "all", "--error", "0.1", "--success", "lift=0.5", "--learn-success", "--seed", "9",
+        "--attributes", "2", "--split", "1/1/2", "--alpha", "3", "--beta", "10", "--seed", "9",
         "--log", "full", "--agent", "morc_itrs", "--normalizer", "all",
     )  # fmt: skip
     told = json.loads(run(*words, *options, "--json").stdout)
     config = told["config"]
     expected = {
-        "attributes": 2, "split": [1, 1, 2], "alpha": 3.0, "beta": 10.0, "answers": "all",
-        "error": 0.1, "success": [["lift", 0.5]], "learn_success": True, "seed": 9, "log": "full",
-        "normalizer": "all", "agents": ["morc_itrs"],
+        "attributes": 2, "split": [1, 1, 2], "alpha": 3.0, "beta": 10.0, "seed": 9,
+        "log": "full", "normalizer": "all", "agents": ["morc_itrs"],
     }  # fmt: skip
     assert {name: config[name] for name in expected} == expected
     logs = [*Path("logs").rglob("*.mcap")]

@@ -14,15 +14,13 @@ WHOLE = [
     (("view", "a.mcap"), "--trial"),
 ]
 NO_WHOLE = ("", "x", "1.5", "-1", "9" * 20)
-FINITE = [(OFFLINE, "--reward"), (ONLINE, "--alpha"), (ONLINE, "--error")]
+FINITE = [(OFFLINE, "--reward"), (ONLINE, "--alpha")]
 NO_FINITE = ("", "x", "nan", "inf", "-1", "0x10")
 NO_SPLIT = ("", "33", "1/2", "a/b/c", "0/1/1", "-1/1/1", "1.5/1/1")
-NO_CHANCE = ("", "grasp", "=0.5", "grasp=", "grasp=x", "grasp=nan", "grasp=1.5", "grasp=0")
 CASES = [
     *((*pair, value) for pair, value in itertools.product(WHOLE, NO_WHOLE)),
     *((*pair, value) for pair, value in itertools.product(FINITE, NO_FINITE)),
     *((ONLINE, "--split", value) for value in NO_SPLIT),
-    *((ONLINE, "--success", value) for value in NO_CHANCE),
     (OFFLINE, "--percepts", "x"),
     *((OFFLINE, "--agent", value) for value in ("", ",,")),
     (ASK, "--agent", "bayes,"),

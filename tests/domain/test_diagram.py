@@ -103,22 +103,6 @@ def test_bad_states_are_refused(changes, says):
         diagram(Effect("a", "grasp", "b"), **changes)
 
 
-def test_outcomes_keep_their_fractions_when_success_changes():
-    push = (Effect("a", "push", "b", 0.5), Effect("a", "push", "a", 0.25))
-    before = TransitionDiagram(("a", "b", "term"), "a", (*push, LOOP))
-    asked = []
-
-    def chance(behavior, now):
-        asked.append((behavior, now))
-        return 0.3 if behavior == "push" else now
-
-    after = before.succeeding(chance)
-    assert [effect.probability for effect in after.effects] == pytest.approx([0.2, 0.1, 0.8])
-    assert asked == [("push", 0.75), ("push", 0.75), ("look", 0.8)]
-    assert after.effects[2] is before.effects[2]
-    assert before.effects[0].probability == 0.5
-
-
 @pytest.mark.parametrize("name", ["toy", "roc36", "cy101", "ispy32"])
 def test_each_sensing_behavior_is_executed_where_it_is_legal(name):
     domain = replace(load_domain(name), predefined=())

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from meal_bayes.datasets import load_dataset
-from meal_bayes.errors import DomainError, SettingsError
+from meal_bayes.errors import SettingsError
 from meal_bayes.experiments import OnlineConfig, run_online
 from meal_bayes.experiments.protocol import Environment, Protocol, Recordings
 from meal_bayes.learner import Learner
@@ -167,7 +167,7 @@ def test_two_processes_write_the_same_files(config, whole, tmp_path, contents):
 
 
 def test_agents_and_repeats_join_the_folder(finished, config, contents):
-    more = replace(config, agents=("iterative_random_legal",), first=1, repeats=1)
+    more = replace(config, agents=("iterative_random_legal",), repeats=1)
     before = contents(finished.folder)
     steps = []
     run = run_online(
@@ -176,7 +176,7 @@ def test_agents_and_repeats_join_the_folder(finished, config, contents):
     assert run.folder == finished.folder
     assert steps == [(3, 3)]
     assert contents(finished.folder) == before
-    assert [(r.agent, r.repeat) for r in run.results()] == [(AGENTS[0], 1)] * 3
+    assert [(r.agent, r.repeat) for r in run.results()] == [(AGENTS[0], 0)] * 3
 
 
 def test_compact_logs_hold_the_same_outcomes_and_go_on_to_the_same_end(
@@ -204,9 +204,7 @@ def test_every_setting_reaches_the_run(config, whole, tmp_path, contents):
     one = replace(config, agents=AGENTS[1:], repeats=1)
     changes = (
         {"attributes": 2}, {"seed": 4}, {"split": (1, 1, 2)}, {"reward": 50.0}, {"horizon": 10},
-        {"answers": "all"}, {"error": 0.3}, {"success": (("lift", 0.4),)},
-        {"answers": "joint"},
-        {"normalizer": "all"}, {"trials": 4},
+        {"answers": "joint"}, {"normalizer": "all"}, {"trials": 4},
     )  # fmt: skip
     folders = {}
     for change in changes:
@@ -301,8 +299,6 @@ def test_curious_agents_take_their_weights(config, tmp_path):
     ("wrong", "error", "message"),
     [
         ({"attributes": 3}, SettingsError, "attributes is 3; own has 2"),
-        ({"success": (("lfit", 0.5),)}, DomainError, "did you mean 'lift'"),
-        ({"success": (("lift", 1.5),)}, DomainError, "probability 1.5"),
         ({"root": None}, SettingsError, "give root="),
     ],
 )

@@ -1,17 +1,15 @@
 """The record: what was executed, and what was said, in any order; what nobody should say."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from meal_bayes.datasets import Instance, load_percepts, make_synthetic
+from meal_bayes.datasets import Instance, make_synthetic
 from meal_bayes.domain import load_domain
 from meal_bayes.errors import QueryError, SettingsError
 from meal_bayes.experiments.protocol import Recordings
-from meal_bayes.learner import Experience, Feedback, Learner
+from meal_bayes.learner import Experience, Learner, implied
 from meal_bayes.learner.experience import UNNUMBERED
 from meal_bayes.robots import Outcome
 
@@ -132,68 +130,20 @@ class TestRecordings:
                 assert sorted(recordings.supply(o)[e]) == list(range(count))
 
 
-@pytest.fixture(scope="module")
-def trial():
-    learner = Learner("roc36", agent="predefined", logs=None).fit(load_percepts("roc36"))
-    return learner.ask("heavy, blue", "heavy_blue_beans")
-
-
-class TestFeedback:
-    @staticmethod
-    def said(trial, report, truth, **options):
-        trial = replace(
-            trial,
-            report=None if report is None else np.array(report, bool),
-            truth=np.array(truth, bool),
-        )
-        return Feedback(**options).labels(trial, np.random.default_rng(0)).tolist()
-
-    @pytest.mark.parametrize(
-        ("report", "truth", "told"),
-        [
-            ([1], [1], [1]),
-            ([1], [0], [0]),
-            ([0], [1], [1]),
-            ([0], [0], [0]),
-            (None, [1], [-1]),
-            ([1, 0], [1, 0], [1, 0]),
-            ([1, 0], [1, 1], [-1, -1]),
-            ([0, 1], [1, 0], [-1, -1]),
-            (None, [1, 1], [-1, -1]),
-        ],
-    )
-    def test_a_verdict_teaches_what_it_implies(self, trial, report, truth, told):
-        assert self.said(trial, report, truth) == told
-
-    @pytest.mark.parametrize("report", [[1, 0], [0, 0], None])
-    def test_all_answers_teach_everything(self, trial, report):
-        assert self.said(trial, report, [0, 1], answers="all") == [0, 1]
-
-    @pytest.mark.statistical
-    @pytest.mark.parametrize("answers", ["verdict", "all"])
-    def test_people_err_as_often_as_said(self, trial, answers):
-        one = replace(trial, report=np.array([True]), truth=np.array([True]))
-        feedback, rng, n = Feedback(answers, 0.2), np.random.default_rng(1), 4000
-        wrong = sum(feedback.labels(one, rng)[0] == 0 for _ in range(n))
-        assert abs(wrong / n - 0.2) < 5 * np.sqrt(0.2 * 0.8 / n)
-
-    def test_an_erring_verdict_on_two_attributes_labels_the_wrong_report(self, trial):
-        two = replace(trial, report=np.array([True, False]), truth=np.array([True, True]))
-        feedback, rng = Feedback("verdict", 0.5), np.random.default_rng(1)
-        labels = {tuple(feedback.labels(two, rng).tolist()) for _ in range(50)}
-        assert labels == {(-1, -1), (1, 0)}
-
-    @pytest.mark.parametrize(
-        ("wrong", "message"),
-        [
-            ({"answers": "verdikt"}, "did you mean 'verdict'"),
-            ({"error": 1.0}, "give 0 to below 1"),
-            ({"error": float("nan")}, "give 0 to below 1"),
-        ],
-    )
-    def test_settings_are_checked(self, wrong, message):
-        with pytest.raises(SettingsError, match=message):
-            Feedback(**wrong)
+@pytest.mark.parametrize(
+    ("report", "truth", "told"),
+    [
+        ([1], [1], [1]),
+        ([1], [0], [0]),
+        ([0], [1], [1]),
+        ([0], [0], [0]),
+        ([1, 0], [1, 0], [1, 0]),
+        ([1, 0], [1, 1], [-1, -1]),
+        ([0, 1], [1, 0], [-1, -1]),
+    ],
+)
+def test_a_verdict_teaches_what_it_implies(report, truth, told):
+    assert implied(np.array(report, bool), right=report == truth).tolist() == told
 
 
 def test_another_value_of_a_group_replaces_the_earlier_one():
