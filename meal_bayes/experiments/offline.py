@@ -29,7 +29,7 @@ from meal_bayes.experiments.units import run_units, timed
 from meal_bayes.learner import Learner
 from meal_bayes.seeds import stream
 from meal_bayes.trial_log import TrialWriter, read_outcomes, read_seconds, read_trials
-from meal_bayes.trials import Task, Trial, TrialOutcomes, steps_frame, trials_frame
+from meal_bayes.trials import Task, Trial, TrialOutcomes, trials_frame
 
 UNIT = 100  # trials of one agent in a file
 _LISTED = 200_000  # (object, query) pairs up to which all are listed and shuffled
@@ -70,10 +70,6 @@ class OfflineRun:
     def to_frame(self) -> Any:
         """Return a pandas data frame, a row a trial; see `trials_frame`."""
         return trials_frame(self.trials())
-
-    def steps(self) -> Any:
-        """Return a pandas data frame, a row a step of every trial."""
-        return steps_frame(self.trials())
 
     __repr__ = short_repr
 

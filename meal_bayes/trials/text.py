@@ -1,19 +1,16 @@
-"""Trials as text: percepts, truths and verdicts by name, five lines, a table, data frames."""
+"""Trials as text: percepts, truths and verdicts by name; and as a data frame."""
 
 from collections.abc import Iterable, Sequence
-from html import escape
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes.display import bar_html, level_names, listed, percent, table_html
+from meal_bayes.display import level_names
 from meal_bayes.momdp import MOMDP
 from meal_bayes.planners import Decision
-
-if TYPE_CHECKING:
-    from meal_bayes.trials.outcomes import TrialOutcomes
-    from meal_bayes.trials.trial import Step, Trial
+from meal_bayes.trials.outcomes import TrialOutcomes
+from meal_bayes.trials.trial import Step, Trial
 
 UNKNOWN = "truth unknown"
 _SAME = 1e-9  # probabilities that differ by less are equal
@@ -51,7 +48,7 @@ def truth_text(
     return ", ".join([*known, "unknown"] if min(truth, default=0) < 0 else known)
 
 
-def verdict_text(trial: "Trial") -> str:
+def verdict_text(trial: Trial) -> str:
     """Return "right", "wrong", "abstained", "broken off", or "truth unknown"."""
     if trial.ended:
         return "broken off"
@@ -62,12 +59,7 @@ def verdict_text(trial: "Trial") -> str:
     return "right" if trial.success else "wrong"
 
 
-def warnings_of(trial: "Trial") -> list[str]:
-    """Return the warnings of a trial's steps, each once."""
-    return list(dict.fromkeys(step.warning for step in trial.steps if step.warning))
-
-
-def outcome_text(momdp: MOMDP, step: "Step") -> str:
+def outcome_text(momdp: MOMDP, step: Step) -> str:
     """Return what a behavior led to: whether it succeeded, the states, and why nothing came."""
     action, x, next_x = step.decision.action, step.x, step.next_x
     path = f"{momdp.x_names[x]} → {momdp.x_names[next_x]}"
@@ -87,7 +79,7 @@ def gap_text(decision: Decision) -> str:
     return "" if decision.gap is None else f"at most {decision.gap:.1f} below the best"
 
 
-def final_facts(trial: "Trial") -> dict[str, str]:
+def final_facts(trial: Trial) -> dict[str, str]:
     """Return the answer of a trial, its truth, the verdict where there is one, and the cost."""
     query = trial.task.query
     facts = {
@@ -104,7 +96,7 @@ def final_facts(trial: "Trial") -> dict[str, str]:
     return {**facts, "cost": f"{trial.cost:.1f} s{reward}"}
 
 
-def outcome_facts(outcomes: "TrialOutcomes", row: int) -> dict[str, str]:
+def outcome_facts(outcomes: TrialOutcomes, row: int) -> dict[str, str]:
     """Return question, object, agent, answer, truth and cost of one trial of many."""
     names = [name for name in outcomes.attribute[row] if name]
     report, truth = outcomes.report[row][: len(names)], outcomes.truth[row][: len(names)]
@@ -118,66 +110,7 @@ def outcome_facts(outcomes: "TrialOutcomes", row: int) -> dict[str, str]:
     }
 
 
-def trial_facts(trial: "Trial") -> tuple[str, dict[str, str]]:
-    """Return the title of a trial, and its report, belief, steps, cost and warnings."""
-    query, report = trial.task.query, "none"
-    if trial.report is not None:
-        known = {True: "right", False: "wrong", None: "truth not known"}[trial.success]
-        report = f"{query.report_name(trial.report)} ({known})"
-    beliefs = zip(query.attributes, trial.last_belief.positive, strict=True)
-    warned = warnings_of(trial)
-    actions = [trial.momdp.action_name(step.decision.action) for step in trial.steps]
-    asked = ", ".join(query.attributes)
-    return f"Trial of {trial.agent or 'an agent'}: is {trial.task.object_name} {asked}?", {
-        "report": report,
-        "belief": ", ".join(f"{name} {percent(value)}" for name, value in beliefs),
-        "steps": listed(actions, 12) or "none",
-        "cost": f"{trial.cost:.1f} s, reward {trial.reward:.1f}",
-        **({"warnings": listed(warned, 3)} if warned else {}),
-    }
-
-
-def trial_html(trial: "Trial") -> str:
-    """Return a trial as an HTML table: a row a step, a bar a belief."""
-    names, levels = trial.task.query.attributes, level_names(trial.momdp.levels)
-    header = ("", "action", "s", "percept", *(f"Pr({name})" for name in names))
-    rows = [("", "", "", "before", *map(bar_html, trial.first_belief.positive))]
-    for number, step in enumerate(trial.steps, start=1):
-        action, percept = trial.momdp.action_name(step.decision.action), ""
-        if step.observation is not None:
-            percept = ", ".join(levels[z] for z in step.observation)
-        cells = (str(number), escape(action), f"{step.cost:.1f}", escape(percept))
-        rows.append((*cells, *map(bar_html, step.belief.positive)))
-    title, facts = trial_facts(trial)
-    text = "; ".join(f"{escape(k)}: {escape(v)}" for k, v in facts.items() if k != "steps")
-    return f"{table_html(title, header, rows)}<p>{text}</p>"
-
-
-def trial_frame(trial: "Trial") -> Any:
-    """Return a trial as a pandas data frame, a row a step; percepts are missing where none came."""
-    import pandas as pd  # noqa: PLC0415  takes half a second
-
-    rows, momdp = [], trial.momdp
-    percepts = [f"percept_{name}" for name in trial.task.query.attributes]
-    beliefs = [f"belief_{name}" for name in trial.task.query.attributes]
-    for number, step in enumerate(trial.steps, start=1):
-        levels = [None] * len(percepts) if step.observation is None else step.observation.tolist()
-        rows.append({
-            "step": number,
-            "state": momdp.x_names[step.x],
-            "action": momdp.action_name(step.decision.action),
-            "next_state": momdp.x_names[step.next_x],
-            "cost_s": step.cost,
-            "reward": step.reward,
-            "gap": step.decision.gap,
-            **dict(zip(percepts, levels, strict=True)),
-            **dict(zip(beliefs, step.belief.positive.tolist(), strict=True)),
-            "warning": step.warning,
-        })  # fmt: skip
-    return pd.DataFrame(rows).astype(dict.fromkeys(percepts, "Int8") if rows else {})
-
-
-def trials_frame(trials: Iterable["Trial"]) -> Any:
+def trials_frame(trials: Iterable[Trial]) -> Any:
     """Return trials as a pandas data frame, a row a trial.
 
     Columns are agent, task, object, query, report, truth (the values named true, or missing),
@@ -202,20 +135,7 @@ def trials_frame(trials: Iterable["Trial"]) -> Any:
             "reward": trial.reward,
             "steps": len(trial.steps),
             "certainty": trial.last_belief.certainty,
-            "warnings": "; ".join(warnings_of(trial)),
+            "warnings": "; ".join(trial.warnings),
         })  # fmt: skip
     frame = pd.DataFrame(rows)
     return frame.astype({"success": "boolean"}) if rows else frame
-
-
-def steps_frame(trials: Iterable["Trial"]) -> Any:
-    """Return the steps of trials as a pandas data frame, a row a step; see `Trial.to_frame`."""
-    import pandas as pd  # noqa: PLC0415  takes half a second
-
-    frames = [
-        trial.to_frame().assign(
-            agent=trial.agent, task=trial.task.name, object=trial.task.object_name
-        )
-        for trial in trials
-    ]
-    return pd.concat(frames, ignore_index=True) if frames else pd.DataFrame()

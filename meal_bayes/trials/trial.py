@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, reduce
+from html import escape
 from operator import add
 from typing import Any
 
@@ -10,13 +11,20 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from meal_bayes.arrays import freeze, label_values, set_frozen
-from meal_bayes.display import facts_repr, short_repr
+from meal_bayes.display import (
+    bar_html,
+    facts_repr,
+    level_names,
+    listed,
+    percent,
+    short_repr,
+    table_html,
+)
 from meal_bayes.domain import Query
 from meal_bayes.errors import DataError, QueryError
 from meal_bayes.momdp import MOMDP, Belief
 from meal_bayes.planners import Decision
 from meal_bayes.seeds import stream
-from meal_bayes.trials.text import trial_facts, trial_frame, trial_html
 
 
 @dataclass(frozen=True, slots=True)
@@ -150,14 +158,62 @@ class Trial:
     __repr__ = facts_repr
 
     def _facts(self) -> tuple[str, dict[str, str]]:
-        return trial_facts(self)
+        names, report = self.task.query.attributes, "none"
+        if self.report is not None:
+            known = {True: "right", False: "wrong", None: "truth not known"}[self.success]
+            report = f"{self.task.query.report_name(self.report)} ({known})"
+        beliefs = zip(names, self.last_belief.positive, strict=True)
+        actions = [self.momdp.action_name(step.decision.action) for step in self.steps]
+        asked = f"is {self.task.object_name} {', '.join(names)}?"
+        return f"Trial of {self.agent or 'an agent'}: {asked}", {
+            "report": report,
+            "belief": ", ".join(f"{name} {percent(value)}" for name, value in beliefs),
+            "steps": listed(actions, 12) or "none",
+            "cost": f"{self.cost:.1f} s, reward {self.reward:.1f}",
+            **({"warnings": listed(self.warnings, 3)} if self.warnings else {}),
+        }
 
     def _repr_html_(self) -> str:
-        return trial_html(self)
+        """Return a table: a row a step, a bar a belief."""
+        names, levels = self.task.query.attributes, level_names(self.momdp.levels)
+        header = ("", "action", "s", "percept", *(f"Pr({name})" for name in names))
+        rows = [("", "", "", "before", *map(bar_html, self.first_belief.positive))]
+        for number, step in enumerate(self.steps, start=1):
+            action, percept = self.momdp.action_name(step.decision.action), ""
+            if step.observation is not None:
+                percept = ", ".join(levels[z] for z in step.observation)
+            cells = (str(number), escape(action), f"{step.cost:.1f}", escape(percept))
+            rows.append((*cells, *map(bar_html, step.belief.positive)))
+        title, facts = self._facts()
+        text = "; ".join(f"{escape(k)}: {escape(v)}" for k, v in facts.items() if k != "steps")
+        return f"{table_html(title, header, rows)}<p>{text}</p>"
 
     def to_frame(self) -> Any:
         """Return a pandas data frame, a row a step; percepts are missing where none came."""
-        return trial_frame(self)
+        import pandas as pd  # noqa: PLC0415  takes half a second
+
+        rows, names = [], self.task.query.attributes
+        percepts = [f"percept_{name}" for name in names]
+        for number, step in enumerate(self.steps, start=1):
+            levels = [None] * len(names) if step.observation is None else step.observation.tolist()
+            rows.append({
+                "step": number,
+                "state": self.momdp.x_names[step.x],
+                "action": self.momdp.action_name(step.decision.action),
+                "next_state": self.momdp.x_names[step.next_x],
+                "cost_s": step.cost,
+                "reward": step.reward,
+                "gap": step.decision.gap,
+                **dict(zip(percepts, levels, strict=True)),
+                **{f"belief_{n}": p for n, p in zip(names, step.belief.positive, strict=True)},
+                "warning": step.warning,
+            })  # fmt: skip
+        return pd.DataFrame(rows).astype(dict.fromkeys(percepts, "Int8") if rows else {})
+
+    @property
+    def warnings(self) -> list[str]:
+        """Warnings of the steps, each once."""
+        return list(dict.fromkeys(step.warning for step in self.steps if step.warning))
 
     @property
     def judged(self) -> bool:
