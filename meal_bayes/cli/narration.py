@@ -8,13 +8,7 @@ from rich.text import Text
 
 from meal_bayes.cli.console import label_text, print_facts
 from meal_bayes.display import best_options, percent
-from meal_bayes.trials.text import (
-    final_facts,
-    gap_text,
-    outcome_text,
-    percept_labels,
-    trial_facts,
-)
+from meal_bayes.trials.text import final_facts, gap_text, outcome_text, percept_labels
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -108,7 +102,7 @@ def _print_rows(console: Console, label: str, rows: "list[Text]") -> None:
 
 def print_answer(console: Console, trial: "Trial") -> None:
     """Print what a finished trial did and believed in the end, and its answer."""
-    _, facts = trial_facts(trial)
+    _, facts = trial._facts()
     names = ("steps", "belief", "warnings")
     print_facts(console, {k: facts[k] for k in names if k in facts}, warnings="yellow")
     _print_end(console, trial)
