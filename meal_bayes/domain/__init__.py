@@ -9,17 +9,6 @@ from meal_bayes.domain.query import Query, read_query
 from meal_bayes.domain.tables import domain_from_table, domain_names, domain_table, load_domain
 
 __all__ = [
-    "TERMINAL",
-    "Behavior",
-    "Domain",
-    "Effect",
-    "Query",
-    "TransitionDiagram",
-    "domain_from_table",
-    "domain_names",
-    "domain_table",
-    "learn_success",
-    "load_domain",
-    "read_query",
-    "unknown",
-]
+    "TERMINAL", "Behavior", "Domain", "Effect", "Query", "TransitionDiagram", "domain_from_table",
+    "domain_names", "domain_table", "learn_success", "load_domain", "read_query", "unknown",
+]  # fmt: skip

@@ -52,10 +52,7 @@ _DIAGRAM_KEYS = {"states": _LIST, "start": _TEXT, "effects": _ROWS, "illegal": _
 _BEHAVIOR_KEYS = {
     "name": _TEXT, "cost": _NUMBER, "modalities": _LIST, "answer_accuracy": _NUMBER,
 }  # fmt: skip
-_EFFECT_FIELDS = {
-    "from": "source", "do": "behavior", "to": "target", "probability": "probability",
-    "senses": "senses",
-}  # fmt: skip
+_FIELDS = {"from": "source", "do": "behavior", "to": "target"}  # of `Effect`; others as their keys
 _EFFECT_KEYS = {
     "from": _TEXT, "do": _TEXT, "to": _TEXT, "probability": _NUMBER, "senses": _FLAG,
 }  # fmt: skip
@@ -133,7 +130,7 @@ def domain_from_table(table: object) -> Domain:
         behaviors.append(Behavior(**_fields(where, row, _BEHAVIOR_KEYS, ("name", "cost"))))
     for row in diagram["effects"]:
         arrow = _fields(f"effect {row}", row, _EFFECT_KEYS, ("from", "do", "to"))
-        effects.append(Effect(**{_EFFECT_FIELDS[key]: value for key, value in arrow.items()}))
+        effects.append(Effect(**{_FIELDS.get(key, key): value for key, value in arrow.items()}))
     fields["behaviors"], diagram["effects"] = tuple(behaviors), tuple(effects)
     diagram["states"] += (TERMINAL,)
     fields.pop("note", None)
@@ -141,36 +138,23 @@ def domain_from_table(table: object) -> Domain:
 
 
 def domain_table(domain: Domain) -> dict[str, Any]:
-    """Return the table that `domain_from_table` reads back into an equal domain.
+    """Return the table, also as JSON, that `domain_from_table` reads back into an equal domain.
 
     >>> domain_from_table(domain_table(load_domain("toy"))) == load_domain("toy")
     True
     """
-    diagram = domain.diagram
-    return {
-        "name": domain.name,
-        "data": domain.data,
-        "attributes": list(domain.attributes),
-        "groups": {key: list(names) for key, names in domain.groups.items()},
-        "synonyms": dict(domain.synonyms),
-        "predefined": list(domain.predefined),
-        "report_reward": domain.report_reward,
-        "legal_budget": list(domain.legal_budget),
-        "asked_minimum": domain.asked_minimum,
-        "behaviors": [
-            {key: value for key, value in asdict(behavior).items() if value is not None}
-            for behavior in domain.behaviors
-        ],
-        "diagram": {
-            "states": list(diagram.states[:-1]),
-            "start": diagram.start,
-            "illegal": diagram.illegal,
-            "effects": [
-                {key: getattr(effect, field) for key, field in _EFFECT_FIELDS.items()}
-                for effect in diagram.effects
-            ],
-        },
-    }
+    table = asdict(domain)
+    table["behaviors"] = [
+        {key: value for key, value in row.items() if value is not None}
+        for row in table["behaviors"]
+    ]
+    diagram = table["diagram"]
+    diagram["states"] = diagram["states"][:-1]
+    diagram["effects"] = [
+        {key: effect[_FIELDS.get(key, key)] for key in _EFFECT_KEYS}
+        for effect in diagram["effects"]
+    ]
+    return table
 
 
 def _read(name: str | Path) -> dict[str, Any]:

@@ -14,16 +14,7 @@ from meal_bayes.experiments.offline import (
 from meal_bayes.experiments.online import OnlineRun, run_online, run_online_until, warm_up_online
 
 __all__ = [
-    "DEFAULT_AGENTS",
-    "OfflineConfig",
-    "OfflineRun",
-    "OnlineConfig",
-    "OnlineRun",
-    "askable",
-    "offline_tasks",
-    "run_offline",
-    "run_online",
-    "run_online_until",
-    "warm_up_offline",
+    "DEFAULT_AGENTS", "OfflineConfig", "OfflineRun", "OnlineConfig", "OnlineRun", "askable",
+    "offline_tasks", "run_offline", "run_online", "run_online_until", "warm_up_offline",
     "warm_up_online",
-]
+]  # fmt: skip

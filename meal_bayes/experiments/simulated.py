@@ -133,7 +133,7 @@ def to_dataset(domain: Domain, recorded: Sequence[Recorded]) -> Dataset:
             for entry in recorded
             if (rows := [row[context] for row in entry.recordings if context in row])
         }
-        for context in [(b.name, modality) for b in domain.behaviors for modality in b.modalities]
+        for context in domain.contexts
     }
     labels = {entry.name: attributes_of(entry.parameters) for entry in recorded}
     return Dataset.from_frames(domain, features, labels)

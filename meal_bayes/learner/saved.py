@@ -93,7 +93,7 @@ def save_learner(learner: Learner, path: Path) -> None:
             write_array(archive, name, getattr(experience, name).values)
         for name in ("objects", "trials"):
             archive.writestr(name, "\n".join(map(json.dumps, getattr(experience, name))))
-        for i, context in enumerate(_contexts(experience)):
+        for i, context in enumerate(experience.domain.contexts):
             if context in experience.features:
                 write_array(archive, f"features/{i}", experience.features[context].values)
         archive.writestr(_TEXT, json.dumps(meta, allow_nan=False))
@@ -165,7 +165,7 @@ def _read_experience(archive: zipfile.ZipFile, experience: Experience) -> None:
     objects = _read_lines(archive, "objects")
     trials = [tuple(key) for key in _read_lines(archive, "trials")]
     sizes = np.zeros(len(domain.behaviors), int)
-    for i, context in enumerate(_contexts(experience)):
+    for i, context in enumerate(domain.contexts):
         if f"features/{i}.npy" in archive.namelist():
             values = read_array(archive, f"features/{i}", "<f4", 2)
             if not np.isfinite(values).all():
@@ -193,10 +193,6 @@ def _read_experience(archive: zipfile.ZipFile, experience: Experience) -> None:
     if not unique or not all(isinstance(name, str) for name in objects):
         raise ValueError("objects or trials are named twice, or not by text")
     experience.restore(objects, trials, rows)
-
-
-def _contexts(experience: Experience) -> list[tuple[str, str]]:
-    return [(b.name, m) for b in experience.domain.behaviors for m in b.modalities]
 
 
 def _read_lines(archive: zipfile.ZipFile, name: str) -> list[Any]:
