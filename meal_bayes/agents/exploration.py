@@ -17,7 +17,7 @@ from scipy.optimize import nnls
 
 from meal_bayes.agents.knowledge import Knowledge
 from meal_bayes.domain import Query
-from meal_bayes.momdp import ITRS, MOMDP, Objective, build_momdp, observation_entropy, shape_reward
+from meal_bayes.momdp import MOMDP, Objective, build_momdp, observation_entropy, shape_reward
 from meal_bayes.planners import batched_value_iteration
 
 Array = NDArray[np.float64]
@@ -100,7 +100,10 @@ class ITRSBonus:
 
     def shape(self, momdp: MOMDP, progress: Progress) -> MOMDP:
         """Return the MOMDP with the shaped reward of Eq. 11."""
-        return _itrs(momdp, ITRS(self.alpha, self.beta, progress.unit), progress)
+        domain = progress.knowledge.domain
+        columns = domain.columns(momdp.query.attributes)
+        experience = progress.instances[columns] / progress.unit
+        return shape_reward(momdp, experience, self.alpha, self.beta, domain=domain)
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,7 +114,7 @@ class FittedITRSBonus:
 
     def shape(self, momdp: MOMDP, progress: Progress) -> MOMDP:
         """Return the MOMDP with the shaped reward of Eq. 11."""
-        return _itrs(momdp, fitted_weights(progress), progress)
+        return ITRSBonus(*fitted_weights(progress)).shape(momdp, progress)
 
 
 @dataclass(frozen=True, slots=True)
@@ -171,28 +174,21 @@ def first_percept_value(progress: Progress, columns: list[int]) -> Array:
     return np.asarray((_object_value(progress) * new).sum(axis=0))
 
 
-def fitted_weights(progress: Progress) -> ITRS:
+def fitted_weights(progress: Progress) -> tuple[float, float]:
     """Fit alpha and beta of Eq. 11 to the value of information, by nonnegative least squares.
 
     alpha Ent - beta IE, averaged over the truths, is fitted to the value of a first percept over
     all attributes and behaviors.
     """
-    knowledge, unit = progress.knowledge, progress.unit
+    knowledge = progress.knowledge
     domain, senses = knowledge.domain, _senses(knowledge)
     confusion, _ = knowledge.posterior.select(range(len(domain.attributes)), exact=True)
     momdp = build_momdp(domain, Query(domain.attributes), confusion, np.inf)
     entropy = observation_entropy(momdp).mean(axis=-1)[:, senses]  # (P,E)
     value = _object_value(progress)[:, senses]
-    ie = progress.instances[:, senses] / unit
+    ie = progress.instances[:, senses] / progress.unit
     (alpha, beta), _ = nnls(np.stack([entropy.ravel(), -ie.ravel()], axis=1), value.ravel())
-    return ITRS(float(alpha), float(beta), unit)
-
-
-def _itrs(momdp: MOMDP, weights: ITRS, progress: Progress) -> MOMDP:
-    domain = progress.knowledge.domain
-    columns = domain.columns(momdp.query.attributes)
-    experience = progress.instances[columns] / weights.delta
-    return shape_reward(momdp, experience, weights, domain=domain)
+    return float(alpha), float(beta)
 
 
 def _object_value(progress: Progress) -> Array:

@@ -15,14 +15,14 @@ from meal_bayes.momdp.belief import (
     report_value,
     update_belief,
 )
-from meal_bayes.momdp.build import ITRS, Objective, build_momdp, observation_entropy, shape_reward
+from meal_bayes.momdp.build import Objective, build_momdp, observation_entropy, shape_reward
 from meal_bayes.momdp.exchange import FlatPOMDP, flatten, percept_probabilities
 from meal_bayes.momdp.model import MOMDP
 from meal_bayes.momdp.solver_files import write_pomdp, write_pomdpx
 
 __all__ = [
-    "ITRS", "MOMDP", "Belief", "FlatPOMDP", "Objective", "Transition", "answer_value",
-    "belief_of", "best_answer", "best_report", "build_momdp", "flatten", "initial_belief",
+    "MOMDP", "Belief", "FlatPOMDP", "Objective", "Transition", "answer_value", "belief_of",
+    "best_answer", "best_report", "build_momdp", "flatten", "initial_belief",
     "observation_entropy", "percept_probabilities", "report_value", "shape_reward",
     "update_belief", "write_pomdp", "write_pomdpx",
 ]  # fmt: skip

@@ -133,29 +133,6 @@ def build_momdp(
     )
 
 
-@dataclass(frozen=True, slots=True)
-class ITRS:
-    """Weights of the shaping, fixed over a run; the published code uses alpha 6, beta 30.
-
-    Attributes
-    ----------
-    alpha : float
-        Reward for a bit of percept entropy.
-    beta : float
-        Reward subtracted for a unit of experience.
-    delta : float
-        Labelled instances that make one unit of experience (Eq. 10).
-    """
-
-    alpha: float
-    beta: float
-    delta: float
-
-    def __post_init__(self) -> None:
-        if not (self.alpha >= 0 and self.beta >= 0 and self.delta > 0):
-            raise SettingsError(f"Need alpha >= 0, beta >= 0 and delta > 0; found {self}.")
-
-
 def observation_entropy(momdp: MOMDP) -> NDArray[np.float64]:
     """Compute the entropy (N,E,2), bits, of a percept given the attribute's value (Eq. 9).
 
@@ -169,7 +146,9 @@ def observation_entropy(momdp: MOMDP) -> NDArray[np.float64]:
     return freeze(np.where(senses, entropy, 0.0))
 
 
-def shape_reward(momdp: MOMDP, experience: ArrayLike, itrs: ITRS, *, domain: Domain) -> MOMDP:
+def shape_reward(
+    momdp: MOMDP, experience: ArrayLike, alpha: float, beta: float, *, domain: Domain
+) -> MOMDP:
     """Add alpha Ent - beta IE to the reward of exploring (Eq. 11).
 
     Only behaviors with modalities are shaped, as the domain lists them: `ask` answers but gives no
@@ -181,12 +160,14 @@ def shape_reward(momdp: MOMDP, experience: ArrayLike, itrs: ITRS, *, domain: Dom
     momdp : MOMDP
         The unshaped MOMDP of the query.
     experience : ArrayLike
-        (N,E) IE of Eq. 10, instances over `itrs.delta`.
-    itrs : ITRS
-        The weights.
+        (N,E) IE of Eq. 10, labelled instances in units of delta.
+    alpha, beta : float
+        Reward for a bit of percept entropy, and subtracted for a unit of experience, s.
     domain : Domain
         The domain the MOMDP was built from.
     """
+    if not (alpha >= 0 and beta >= 0):
+        raise SettingsError(f"Need alpha >= 0 and beta >= 0; found {alpha} and {beta}.")
     shape = (len(momdp.query), momdp.n_behaviors)
     ie = np.asarray(experience, dtype=float)
     if ie.shape != shape or not (ie >= 0).all():
@@ -198,6 +179,6 @@ def shape_reward(momdp: MOMDP, experience: ArrayLike, itrs: ITRS, *, domain: Dom
         raise SettingsError(
             f"The MOMDP was not built from the domain {domain.name!r}; pass its own."
         )
-    bonus = itrs.alpha * observation_entropy(momdp) - itrs.beta * ie[..., None] / len(momdp.query)
+    bonus = alpha * observation_entropy(momdp) - beta * ie[..., None] / len(momdp.query)
     explores = np.array([bool(behavior.modalities) for behavior in domain.behaviors])
     return replace(momdp, bonus=np.where(explores[:, None], bonus, 0.0))

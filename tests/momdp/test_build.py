@@ -12,7 +12,6 @@ from scipy.stats import entropy
 from meal_bayes.domain import Query, load_domain
 from meal_bayes.errors import SettingsError
 from meal_bayes.momdp import (
-    ITRS,
     Objective,
     build_momdp,
     flatten,
@@ -155,7 +154,7 @@ def test_settings_that_do_not_fit_are_refused(options, says):
 ISPY32 = load_domain("ispy32")
 E = len(ISPY32.behaviors)
 QUERY = Query(("heavy", "yellow"))
-WEIGHTS = ITRS(alpha=6, beta=30, delta=100)
+WEIGHTS = 6, 30  # alpha, beta
 
 tables = hnp.arrays(float, (2, E, 2, 2), elements=st.floats(0.01, 1.0)).map(
     lambda a: a / a.sum(axis=-1, keepdims=True)
@@ -165,7 +164,7 @@ tables = hnp.arrays(float, (2, E, 2, 2), elements=st.floats(0.01, 1.0)).map(
 @given(tables, hnp.arrays(float, (2, E), elements=st.floats(0.0, 1.0)))
 def test_shaped_reward_is_equation_11(confusion, experience):
     momdp = build_momdp(ISPY32, QUERY, confusion)
-    shaped = flatten(shape_reward(momdp, experience, WEIGHTS, domain=ISPY32))
+    shaped = flatten(shape_reward(momdp, experience, *WEIGHTS, domain=ISPY32))
     plain = flatten(momdp)
     difference = (shaped.reward - plain.reward)[:-1].reshape(momdp.terminal, 4, -1)  # (X-1,Y,A)
     for e, behavior in enumerate(ISPY32.behaviors):
@@ -180,7 +179,7 @@ def test_shaped_reward_is_equation_11(confusion, experience):
 def test_ask_and_reinit_are_not_shaped():
     confusion = np.full((2, E, 2, 2), 0.5)
     shaped = shape_reward(
-        build_momdp(ISPY32, QUERY, confusion), np.ones((2, E)), WEIGHTS, domain=ISPY32
+        build_momdp(ISPY32, QUERY, confusion), np.ones((2, E)), *WEIGHTS, domain=ISPY32
     )
     for name in ("ask", "reinit"):
         assert not shaped.bonus[:, ISPY32.behavior_index(name)].any()
@@ -206,10 +205,8 @@ def test_latent_classes_are_mixed():
 def test_wrong_settings_are_refused():
     momdp = build_momdp(ISPY32, QUERY, np.full((2, E, 2, 2), 0.5))
     with pytest.raises(SettingsError, match="alpha >= 0"):
-        ITRS(-1, 0, 1)
-    with pytest.raises(SettingsError, match="delta > 0"):
-        ITRS(1, 0, 0)
+        shape_reward(momdp, np.zeros((2, E)), -1, 0, domain=ISPY32)
     with pytest.raises(SettingsError, match=rf"expected numbers >= 0 of shape \(2, {E}\)"):
-        shape_reward(momdp, np.zeros(E), WEIGHTS, domain=ISPY32)
+        shape_reward(momdp, np.zeros(E), *WEIGHTS, domain=ISPY32)
     with pytest.raises(SettingsError, match="not built from the domain 'roc36'"):
-        shape_reward(momdp, np.zeros((2, E)), WEIGHTS, domain=load_domain("roc36"))
+        shape_reward(momdp, np.zeros((2, E)), *WEIGHTS, domain=load_domain("roc36"))
