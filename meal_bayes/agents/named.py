@@ -14,8 +14,14 @@ from meal_bayes.errors import SettingsError
 from meal_bayes.planners import POMCP, Greedy, OpenLoop, Predefined, Random, RandomLegal, Solver
 
 
-def _random(domain: Domain, query: Query) -> Solver:
-    return Random()
+@dataclass(frozen=True, slots=True, eq=False)
+class _Always:
+    """The same solver for every query."""
+
+    planner: Solver
+
+    def __call__(self, domain: Domain, query: Query) -> Solver:
+        return self.planner
 
 
 def _random_legal(domain: Domain, query: Query) -> Solver:
@@ -32,49 +38,30 @@ def _predefined_plus(domain: Domain, query: Query) -> Solver:
     return Predefined(domain.default_sequence, persistent=True)
 
 
-def _greedy(domain: Domain, query: Query) -> Solver:
-    return Greedy()
-
-
-def _pomcp(domain: Domain, query: Query) -> Solver:
-    return POMCP()
-
-
-def _open_loop(domain: Domain, query: Query) -> Solver:
-    return OpenLoop()
-
-
 _LEGAL = Agent("random_legal", _random_legal)
 # The paper's: percepts independent given the truth (Eq. 8), uniform prior.
-_MORC = Agent("morc", _pomcp, abstain=True)
+_SEARCH = _Always(POMCP())
+_MORC = Agent("morc", _SEARCH, abstain=True)
 _ITERATIVE = replace(_MORC, name="iterative_morc")
 _ITRS = replace(_MORC, name="morc_itrs", exploration=ITRSBonus())
 # Ours: graded percepts, objects differ and may seem what they are not, prior from the training
 # objects, planning for the undiscounted reward that is reported, exploring for what it is worth.
 _BAYES = Agent(
-    "bayes",
-    _pomcp,
-    object_level=True,
-    shared_trait=True,
-    base_rates=True,
-    levels=4,
-    abstain=True,
-    discount=1.0,
-    exploration=InformationBonus(),
-    whiten=True,
-)
+    "bayes", _SEARCH, object_level=True, shared_trait=True, base_rates=True, levels=4,
+    abstain=True, discount=1.0, exploration=InformationBonus(), whiten=True,
+)  # fmt: skip
 
 AGENTS = {
     agent.name: agent
     for agent in (
-        Agent("random", _random),
+        Agent("random", _Always(Random())),
         _LEGAL,
         Agent("predefined", _predefined),
         Agent("predefined_plus", _predefined_plus),
-        Agent("greedy", _greedy),
+        Agent("greedy", _Always(Greedy())),
         _MORC,
         # The same with the cheapest planner: microseconds a decision, any number of attributes.
-        Agent("olfc", _open_loop, abstain=True),
+        Agent("olfc", _Always(OpenLoop()), abstain=True),
         _BAYES,
         # What they learn at work (Sect. 7.3) is all that sets the following apart offline.
         replace(_LEGAL, name="iterative_random_legal"),
@@ -95,16 +82,6 @@ def load_agent(name: str) -> Agent:
     if name not in AGENTS:
         raise SettingsError(unknown("agent", name, AGENTS))
     return AGENTS[name]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Always:
-    """The same solver for every query."""
-
-    planner: Solver
-
-    def __call__(self, domain: Domain, query: Query) -> Solver:
-        return self.planner
 
 
 def as_agent(value: object) -> Agent:
