@@ -27,7 +27,6 @@ from meal_bayes.errors import DataError, MealBayesError, SettingsError
 from meal_bayes.files import draft_of
 from meal_bayes.learner.experience import Experience, Rows
 from meal_bayes.learner.learner import Learner
-from meal_bayes.learner.settings import own_posterior
 from meal_bayes.perception import Perception
 from meal_bayes.perception.ensemble import BehaviorClassifier, KernelFit
 from meal_bayes.perception.recordings import FeatureSpace
@@ -38,8 +37,6 @@ from meal_bayes.untrusted import UNREADABLE, read_array, read_member, read_meta,
 
 _FORMAT = 7
 _TEXT = "learner.json"
-_OPTIONS = ("seed", "reward", "percepts", "refit_every", "learn_success")
-_NUMBERS = ("seed", "reward", "horizon", "asked")
 _ROWS = {
     "instances": "<i8", "levels": "|i1", "labels": "|i1", "executions": "<i8", "feedback": "<i8",
     "known": "|i1",
@@ -59,8 +56,7 @@ Json = Any
 def save_learner(learner: Learner, path: Path) -> None:
     """Write a learner; the file is there whole or not at all, and one that was there stays."""
     fits, experience, table = learner.fits, learner.experience, learner.table
-    settings = fits.settings
-    classifier = settings.classifier
+    settings, classifier = fits.settings, fits.settings.classifier
     with (
         draft_of(path) as draft,
         zipfile.ZipFile(draft, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive,
@@ -80,12 +76,15 @@ def save_learner(learner: Learner, path: Path) -> None:
             "domain": domain_table(learner.domain),
             "agent": learner.agent.name,
             "classifier": None if classifier is None else type(classifier).__name__,
-            "learn_success": settings.learn_success,
-            "percepts": settings.percepts,
+            "options": {
+                **{name: getattr(learner, name) for name in ("seed", "reward", "horizon")},
+                "learn_success": settings.learn_success,
+                "percepts": settings.percepts,
+                "refit_every": fits.refit_every,
+            },
             "posterior": pack(settings.posterior, keep),
-            "refit_every": fits.refit_every,
             "growth": fits.growth,
-            **{name: getattr(learner, name) for name in _NUMBERS},
+            "asked": learner.asked,
             "state": pack(fitted, keep),
             "table": pack(table, keep),
         }
@@ -93,7 +92,7 @@ def save_learner(learner: Learner, path: Path) -> None:
             write_array(archive, name, getattr(experience, name).values)
         for name in ("objects", "trials"):
             archive.writestr(name, "\n".join(map(json.dumps, getattr(experience, name))))
-        for i, context in enumerate(experience.domain.contexts):
+        for i, context in enumerate(learner.domain.contexts):
             if context in experience.features:
                 write_array(archive, f"features/{i}", experience.features[context].values)
         archive.writestr(_TEXT, json.dumps(meta, allow_nan=False))
@@ -109,12 +108,15 @@ def load_learner(
         with zipfile.ZipFile(path) as archive:
             read = partial(read_array, archive)
             meta = read_meta(read_member(archive, _TEXT), _FORMAT)
-            learner = _learner(meta, agent, classifier, logs)
+            domain = domain_from_table(meta["domain"])
             posterior, state, table = (
-                unpack(meta[name], read, learner.domain) for name in ("posterior", "state", "table")
+                unpack(meta[name], read, domain) for name in ("posterior", "state", "table")
             )
-            posterior = own_posterior(posterior, learner.domain, learner.agent)
-            learner.fits.settings = dataclasses.replace(learner.fits.settings, posterior=posterior)
+            learner = Learner(
+                domain, agent=_agent(meta, agent, classifier), classifier=classifier,
+                posterior=posterior, logs=logs, **meta["options"],
+            )  # fmt: skip
+            learner.asked = int(meta["asked"])
             _read_experience(archive, learner.experience)
             if table is not None:
                 return learner.fit(table)
@@ -132,67 +134,52 @@ def load_learner(
     return learner
 
 
-def _learner(
-    meta: dict[str, Any], agent: object, classifier: object, logs: str | Path | None
-) -> Learner:
-    name = meta["agent"]
+def _agent(meta: dict[str, Any], agent: object, classifier: object) -> object:
+    """Return who decides; raise where what the file does not hold was not given again."""
     if (classifier is None) != (meta["classifier"] is None):
         raise SettingsError(
             f"The learner perceives by {meta['classifier'] or 'our own classifiers'}; give the "
             "same as load(path, classifier=...)."
         )
+    name = meta["agent"]
     if agent is None and name not in AGENTS:
         raise SettingsError(
             f"The learner's agent {str(name)!r} is not one of the shipped ones; give it as "
             "load(path, agent=...)."
         )
-    learner = Learner(
-        domain_from_table(meta["domain"]),
-        agent=name if agent is None else agent,
-        classifier=classifier,
-        logs=logs,
-        horizon=float(meta["horizon"]),
-        **{name: meta[name] for name in _OPTIONS},
-    )
-    learner.asked = int(meta["asked"])
-    return learner
+    return name if agent is None else agent
 
 
 def _read_experience(archive: zipfile.ZipFile, experience: Experience) -> None:
     """Fill an empty record from a file, once every number in it is known to fit."""
     domain = experience.domain
     rows = {name: read_array(archive, name, dtype, 2) for name, dtype in _ROWS.items()}
-    objects = _read_lines(archive, "objects")
-    trials = [tuple(key) for key in _read_lines(archive, "trials")]
+    objects, trials = (_read_lines(archive, name) for name in ("objects", "trials"))
     sizes = np.zeros(len(domain.behaviors), int)
     for i, context in enumerate(domain.contexts):
         if f"features/{i}.npy" in archive.namelist():
             values = read_array(archive, f"features/{i}", "<f4", 2)
-            if not np.isfinite(values).all():
-                raise ValueError(f"features of {context} are not finite")
             sizes[domain.behavior_index(context[0])] = len(values)
             experience.features[context] = Rows(np.float32, values.shape[1])
             experience.features[context].extend(values)
     n, o, t = len(rows["instances"]), len(objects), len(trials)
     p, e = len(domain.attributes), len(domain.behaviors)
-    behaviors = rows["instances"][:, 1]
-    limits = {
-        "instances": ((0, o), (0, e), (0, 2**62), (-1, sizes[behaviors % e]), (0, 64)),
+    features = sizes[rows["instances"][:, 1] % e]  # of each instance's behavior
+    limits = {  # of each column
+        "instances": ((0, o), (0, e), (0, 2**62), (-1, features), (0, 64)),
         "executions": ((0, t), (0, e), (-1, n), (-1, 2)),
         "feedback": ((0, t), (0, o), (0, p), (-1, 2)),
-    }
+        "levels": ((-1, 64),) * p, "labels": ((-1, 2),) * p, "known": ((-1, 2),) * p,
+    }  # fmt: skip
     for name, columns in limits.items():
         for values, (least, end) in zip(rows[name].T, columns, strict=True):
             if ((values < least) | (values >= end)).any():
                 raise ValueError(f"{name} names what there is not")
-    for name, size, most in (("levels", n, 64), ("labels", n, 2), ("known", o, 2)):
-        values = rows[name]
-        if values.shape != (size, p) or ((values < -1) | (values >= most)).any():
-            raise ValueError(f"{name} has shape {values.shape}, or values that are none")
-    unique = len(set(objects)) == o and len(set(trials)) == t
-    if not unique or not all(isinstance(name, str) for name in objects):
-        raise ValueError("objects or trials are named twice, or not by text")
-    experience.restore(objects, trials, rows)
+    if [len(rows[name]) for name in ("levels", "labels", "known")] != [n, n, o]:
+        raise ValueError("percepts or labels do not fit instances and objects")
+    if len(set(objects)) != o or not all(isinstance(name, str) for name in objects):
+        raise ValueError("objects are named twice, or not by text")
+    experience.restore(objects, map(tuple, trials), rows)
 
 
 def _read_lines(archive: zipfile.ZipFile, name: str) -> list[Any]:
