@@ -80,7 +80,6 @@ def print_table(
     *,
     left: Collection[str] = (),
     narrow: bool = False,
-    caption: str = "",
 ) -> None:
     """Print a table of results, right-justified but for the first column and `left`.
 
@@ -89,7 +88,6 @@ def print_table(
     whole, so that 80 characters hold them.
     """
     table = Table(box=None, padding=(0, 1 if narrow else 2, 0, 0), header_style="bold")
-    table.caption = caption or None
     for number, name in enumerate(columns):
         justify: JustifyMethod = "left" if number == 0 or name in left else "right"
         table.add_column(name, justify=justify, no_wrap=narrow or number == 0, overflow="fold")

@@ -1,6 +1,5 @@
 """`meal-bayes run`: many trials, paired over agents, resumed where they stopped."""
 
-import contextlib
 import math
 from dataclasses import asdict
 from pathlib import Path
@@ -15,11 +14,9 @@ from meal_bayes.cli import options as opt
 from meal_bayes.cli.program import Section
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from meal_bayes.evaluation import SummaryRow
     from meal_bayes.evaluation.learning import LearningRow, LearningSummary
-    from meal_bayes.trials import BatchOutcomes, TrialOutcomes
+    from meal_bayes.trials import BatchOutcomes
 
 _AGAINST = "morc"  # the paper's agent, which the others are compared with
 _MEASURE = "reward"
@@ -129,17 +126,6 @@ def _signed(value: object) -> str:
     return f"{value:+.1f}" if isinstance(value, float) else "?"
 
 
-def _shares(text: str) -> tuple[int, ...]:
-    """Read three parts of the objects, such as 33/33/34."""
-    with contextlib.suppress(ValueError):
-        parts = tuple(map(int, text.split("/")))
-        if len(parts) == 3 and min(parts) > 0:
-            return parts
-    raise click.BadParameter(
-        f"split is {text!r}; give three whole numbers above 0, such as 33/33/34."
-    )
-
-
 @run.command(short_help="Agents learn while they work, tested after every batch.")
 @opt.dataset_option
 @opt.option("--attributes", click.IntRange(1, opt.NAME_LIMIT), 1, "N", "Asked at a time.")
@@ -158,8 +144,8 @@ def _shares(text: str) -> tuple[int, ...]:
     f"--repeats, {_MOST} by default.",
 )  # fmt: skip
 @opt.option(
-    "--split", _shares, "33/33/34", "A/B/C",
-    "Shares of objects known before, met in training, and tested on.",
+    "--split", opt.COUNT, (33, 33, 34), "A B C",
+    "Shares of objects known before, met in training, and tested on.", nargs=3,
 )  # fmt: skip
 @opt.option("--alpha", opt.AMOUNT, None, "A", "Of Eq. 11, s a bit; 6 by default.")
 @opt.option("--beta", opt.AMOUNT, None, "B", "Of Eq. 11, s; 30 by default.")
@@ -211,7 +197,7 @@ def online(
     else:
         _print_learning(rows, summary)
         if len(summary) > 1:
-            _print_differences(results, finished.training, summary)
+            _print_differences(results, summary)
     terminal.note(f"trials in {finished.folder}")
     terminal.note(f"learning curves: meal-bayes report {finished.folder} -o report.html")
 
@@ -236,38 +222,21 @@ def _print_learning(rows: "list[LearningRow]", summary: "list[LearningSummary]")
     terminal.output().print(Text(text, "dim"), end="")
 
 
-def _print_differences(
-    results: "list[BatchOutcomes]", training: "Callable[[str], list[TrialOutcomes]]",
-    summary: "list[LearningSummary]",
-) -> None:  # fmt: skip
-    """Print what agents have more than the first: reward, and training's successes (Eq. 7)."""
-    from meal_bayes.evaluation.learning import (
-        BUDGETS,
-        curves_of,
-        difference_at,
-        success_difference,
-    )
+def _print_differences(results: "list[BatchOutcomes]", summary: "list[LearningSummary]") -> None:
+    """Print how much more reward agents have than the first, over its hours and at some."""
+    from meal_bayes.evaluation.learning import BUDGETS, curves_of, difference_at
 
-    first, rewards, successes = summary[0], [], []
-    base, trained = curves_of(results, first.agent), training(first.agent)
+    first, rows = summary[0], []
+    base = curves_of(results, first.agent)
     for each in summary[1:]:
-        curves, trials = curves_of(results, each.agent), training(each.agent)
+        curves, area = curves_of(results, each.agent), each.area_reward_difference
         gains = (difference_at(curves, base, budget).estimate for budget in BUDGETS)
-        area = _with_reach(each.area_reward_difference, each.area_high)
-        after = f"{each.reward_after_difference:+.1f}"
-        rewards.append((each.agent, area, *(f"{gain:+.1f}" for gain in gains), after))
-        more = (success_difference(trials, trained, 3600 * hours) for hours in BUDGETS)
-        successes.append((each.agent, *(_with_reach(gain.estimate, gain.high) for gain in more)))
-    terminal.output().print()
+        reach = "" if math.isnan(each.area_high) else f" ±{each.area_high - area:.1f}"
+        differences = (*gains, each.reward_after_difference)
+        rows.append((each.agent, f"{area:+.1f}{reach}", *(f"{gain:+.1f}" for gain in differences)))
     at = (f"at {hours:g} h" for hours in BUDGETS)
     names = (f"reward less {first.agent}'s", f"first {first.area_hours:.1f} h", *at, "after")
-    caption = "±: half of the 95 % interval over splits"
-    terminal.print_table(names, rewards, narrow=True, caption=caption)
-    names = (f"successes less {first.agent}'s", *(f"in {hours:g} h" for hours in BUDGETS))
-    caption = "of training trials, none of those that pass the budget (Eq. 7)"
-    terminal.print_table(names, successes, narrow=True, caption=caption)
-
-
-def _with_reach(estimate: float, high: float) -> str:
-    reach = high - estimate
-    return f"{estimate:+.1f}" + ("" if math.isnan(reach) else f" ±{reach:.1f}")
+    console = terminal.output()
+    console.print()
+    terminal.print_table(names, rows, narrow=True)
+    console.print(Text("±: half of the 95 % interval over splits", "dim"))

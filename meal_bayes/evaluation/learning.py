@@ -2,7 +2,7 @@
 
 Agents are compared with the first one named, its curve and theirs paired repeat by repeat: by the
 area between the curves of mean test reward over the hours that the reference explores, at fixed
-budgets of hours, after the last batch, and by the successes within a budget (Eq. 7).
+budgets of hours, and after the last batch.
 """
 
 import dataclasses
@@ -18,7 +18,7 @@ from meal_bayes.errors import SettingsError
 from meal_bayes.evaluation.calibration import calibration_error, negative_log_likelihood
 from meal_bayes.evaluation.statistics import MASS, Interval, Measures, resampled, spent
 from meal_bayes.evaluation.summary import mean
-from meal_bayes.trials import BatchOutcomes, TrialOutcomes
+from meal_bayes.trials import BatchOutcomes
 
 Array = NDArray[np.float64]
 Curves = Mapping[int, Array]  # hours and mean test rewards (2,B) by repeat
@@ -143,20 +143,6 @@ def mean_until(hours: Array, values: Array, end: float) -> float:
         return float(values[0])
     points = np.append(hours[hours < end], end)
     return float(trapezoid(np.interp(points, hours, values), points) / end)
-
-
-def successes_within(outcomes: TrialOutcomes, budget: float) -> int:
-    """Count an agent's successes until a budget (s) is spent, in the order of trials (Eq. 7)."""
-    return int((outcomes.success[np.cumsum(outcomes.cost) <= budget] == 1).sum())
-
-
-def success_difference(
-    runs: Sequence[TrialOutcomes], base: Sequence[TrialOutcomes], budget: float
-) -> Interval:
-    """Compare two agents' successes in training within a budget (s, Eq. 7), paired by repeat."""
-    pairs = zip(runs, base, strict=True)
-    gains = [successes_within(a, budget) - successes_within(b, budget) for a, b in pairs]
-    return resampled(gains, RATIO).interval()
 
 
 def _difference(

@@ -48,16 +48,6 @@ class OnlineRun:
                     tests = read_outcomes(unit.log(batch, "test"))
                     yield BatchOutcomes(agent.name, repeat, batch, cost / 3600, tests)
 
-    def training(self, agent: str) -> list[TrialOutcomes]:
-        """Return the outcomes of an agent's training trials, in order, one entry a repeat."""
-        (chosen,) = (value for value in self.config.agents if value.name == agent)
-        units = [_unit(self.config, chosen, k, self.folder) for k in range(self.config.repeats)]
-        batches = range(1, self.config.batches + 1)
-        return [
-            TrialOutcomes.join([read_outcomes(unit.log(b, "train")) for b in batches])
-            for unit in units
-        ]
-
 
 @dataclass(frozen=True, slots=True)
 class _Unit:

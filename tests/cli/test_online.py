@@ -65,9 +65,8 @@ def test_the_table_fits_and_names_the_log(run, words):
 
 def test_differences_of_several_repeats_have_intervals(run, words):
     result = run(*words, "--agent", "bayes,iterative_morc", "--repeats", "2")
-    rows = [line for line in result.stdout.splitlines()[5:] if line.startswith("iterative")]
-    reward, successes = (row.count("±") + row.count("+-") for row in rows)
-    assert (reward, successes) == (1, 4)  # of the mean over hours; in each budget
+    (row,) = (line for line in result.stdout.splitlines()[5:] if line.startswith("iterative"))
+    assert row.count("±") + row.count("+-") == 1  # of the mean over hours
     assert "nan" not in result.stdout
 
 
@@ -95,7 +94,7 @@ def test_a_second_call_computes_nothing_unless_fresh(run, words):
 
 def test_options_reach_the_run(run, words):
     options = (
-        "--attributes", "2", "--split", "1/1/2", "--alpha", "3", "--beta", "10", "--seed", "9",
+        "--attributes", "2", "--split", "1", "1", "2", "--alpha", "3", "--beta", "10", "--seed", "9",
         "--log", "full", "--agent", "morc_itrs", "--normalizer", "all",
     )  # fmt: skip
     told = json.loads(run(*words, *options, "--json").stdout)

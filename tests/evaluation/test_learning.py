@@ -14,8 +14,6 @@ from meal_bayes.evaluation.learning import (
     difference_at,
     learning_rows,
     mean_until,
-    success_difference,
-    successes_within,
     summarize_learning,
 )
 from meal_bayes.trials import BatchOutcomes, TrialOutcomes
@@ -130,17 +128,6 @@ def test_a_run_is_decided_when_every_interval_excludes_0():
     assert decided([*curve("base", RISING), *better])
     assert not decided([*curve("base", RISING), *better, *same])
     assert not decided([*curve("base", RISING, repeats=1), *curve("b", (0.9,) * 6, repeats=1)])
-
-
-def test_successes_are_counted_until_the_budget_is_spent_and_compared_by_repeat():
-    some = outcomes_of([True, False, True, True], cost=10.0)
-    counts = [successes_within(some, budget) for budget in (0, 9.9, 10, 30, 35, 40, 1e9)]
-    assert counts == [0, 0, 1, 2, 2, 3, 3]
-    cheap, dear = (
-        [outcomes_of([True] * 8, cost=cost) for cost in costs] for costs in ((10, 20), (20, 40))
-    )
-    difference = success_difference(cheap, dear, 80.0)
-    assert difference.estimate == pytest.approx(((8 - 4) + (4 - 2)) / 2)
 
 
 def test_rows_measure_each_batch():

@@ -12,7 +12,7 @@ from meal_bayes.experiments.protocol import Environment, Protocol, Recordings
 from meal_bayes.learner import Learner
 from meal_bayes.robots.recorded import RecordedRobot
 from meal_bayes.seeds import stream
-from meal_bayes.trial_log import read_header, read_trials
+from meal_bayes.trial_log import read_header, read_outcomes, read_trials
 from meal_bayes.trials import TrialOutcomes
 
 AGENTS = ("iterative_random_legal", "bayes_memory")
@@ -273,7 +273,10 @@ def test_a_live_learner_in_the_protocol_s_order_makes_the_same_trials(config, tm
 def test_an_agent_that_another_trains_learns_from_its_trials(config, tmp_path):
     agents = ("iterative_morc", "iterative_morc_bayes", "bayes_no_bonus")
     run = run_online(replace(config, agents=agents, log="compact"), logs=tmp_path)
-    morc, taught, own = (run.training(agent) for agent in agents)
+    morc, taught, own = (
+        [read_outcomes(path) for path in sorted((run.folder / agent).rglob("*-train.mcap"))]
+        for agent in agents
+    )
     for one, other in zip(morc, taught, strict=True):
         np.testing.assert_array_equal(one.executed, other.executed)
         np.testing.assert_array_equal(one.cost, other.cost)
