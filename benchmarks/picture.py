@@ -46,7 +46,7 @@ def make_picture(log: Path, path: Path) -> None:
     with tempfile.TemporaryDirectory() as folder:
         recording = Path(folder) / "sample.rrd"
         write_recording(read_trials(log), recording, read_header(log), name=log.name, only=SHOWN)
-        picture, _ = take_picture(recording, row=len(trial.steps) - 1)
+        picture = take_picture(recording, row=len(trial.steps) - 1)
     path.parent.mkdir(exist_ok=True)
     Image.open(io.BytesIO(picture)).convert("RGB").quantize(COLORS).save(path, optimize=True)
     print(f"{path}: {path.stat().st_size:,} bytes")

@@ -2,7 +2,6 @@
 
 import os
 import platform
-import re
 import stat
 from collections.abc import Callable
 from importlib import import_module, metadata
@@ -38,7 +37,6 @@ def doctor(as_json: bool) -> None:
         "cache": lambda: _folder(user_cache_path("meal_bayes", appauthor=False)),
         "data": _data,
         "viewer": _viewer,
-        "settings": _settings,
     }
     facts = {}
     for name, check in checks.items():
@@ -103,10 +101,3 @@ def _viewer() -> str:
 
     drivers = [file.stem for folder in _DRIVERS for file in sorted(Path(folder).glob("*.json"))]
     return f"{viewer_program()}; Vulkan drivers: {', '.join(drivers) or 'none'}"
-
-
-def _settings() -> str:
-    """Return the environment variables of the program, without passwords in addresses."""
-    names = [n for n in sorted(os.environ) if n.startswith(("MEAL_BAYES_", "NUMBA_", "OMP_"))]
-    shown = {name: re.sub(r"//[^/@]*@", "//...@", os.environ[name]) for name in names}
-    return ", ".join(f"{name}={value}" for name, value in shown.items()) or "none"

@@ -14,7 +14,6 @@ from meal_bayes.cli.program import Section
 
 if TYPE_CHECKING:
     from meal_bayes.experiments.simulated import LiveTrial
-    from meal_bayes.learner import Learner
     from meal_bayes.robots.robot import Frame
 
 _BLOCK = 20  # trials of one point of the curve
@@ -174,7 +173,6 @@ def live(trials: int, agent: str, seed: int, logs: Path, as_json: bool) -> None:
     names = "trials", "agent", "accuracy", "s a trial", "robot errors"
     blocks = (done[start : start + _BLOCK] for start in range(0, len(done), _BLOCK))
     terminal.print_table(names, map(_point, blocks), left=("agent",))
-    _print_success(learner)
     terminal.note(f"every trial: meal-bayes log show {folder}")
 
 
@@ -186,19 +184,3 @@ def _point(block: "list[LiveTrial]") -> list[str]:
     agents = ", ".join(dict.fromkeys(one.agent for one in block))
     place = f"{block[0].number}-{block[-1].number}"
     return [place, agents, f"{right:.2f}", f"{cost:.1f}", str(len(block) - len(trials))]
-
-
-def _print_success(learner: "Learner") -> None:
-    """Print how often each behavior succeeded: in these trials, as learned, and of 300 objects."""
-    from meal_bayes.domain import learn_success
-
-    domain, attempts = learner.domain, learner.experience.attempts
-    learned, before = (
-        {effect.behavior: f"{diagram.success(effect):.3f}" for effect in diagram.effects}
-        for diagram in (learn_success(domain, attempts).diagram, domain.diagram)
-    )
-    rows = (
-        (name, str(failed + succeeded), str(succeeded), learned[name], before[name])
-        for name, (failed, succeeded) in zip(domain.behavior_names, attempts.tolist(), strict=True)
-    )
-    terminal.print_table(("behavior", "tried", "succeeded", "learned", "of 300 objects"), rows)

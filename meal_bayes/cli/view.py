@@ -1,6 +1,5 @@
 """`meal-bayes view`: trials step by step in rerun, live or from a log."""
 
-import contextlib
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -9,7 +8,7 @@ import click
 from meal_bayes.cache import temporary_folder
 from meal_bayes.cli.console import note, progress, say
 from meal_bayes.cli.options import FILE, MOST_TRIALS, option
-from meal_bayes.files import check_output, draft_of
+from meal_bayes.files import check_output, draft_of, write_whole
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -27,16 +26,15 @@ if TYPE_CHECKING:
     "Show only this trial step by step, counted from 0; all of them by default.",
 )  # fmt: skip
 @option("--save", FILE, None, "FILE.rrd", "Write the recording and open no viewer.")
-@option("--screenshot", FILE, None, "FILE.png", "Write a picture of the viewer and open no window.")
 @option(
-    "--step", click.IntRange(0, MOST_TRIALS), None, "S",
-    "Which row of the timeline the picture shows; the last behavior of the trial by default.",
+    "--screenshot", FILE, None, "FILE.png",
+    "Write a picture of the viewer at the last behavior, and open no window.",
 )  # fmt: skip
 @click.option("--web", is_flag=True, help="Serve a page for the browser, to this machine only.")
 @click.option("--live", is_flag=True, help="Follow a run that is still writing LOG.")
 def view(
-    log: Path, number: int | None, save: Path | None, screenshot: Path | None, step: int | None,
-    web: bool, live: bool,
+    log: Path, number: int | None, save: Path | None, screenshot: Path | None, web: bool,
+    live: bool,
 ) -> None:  # fmt: skip
     """Show the trials of LOG, a file or a run's folder, in the rerun viewer.
 
@@ -48,23 +46,22 @@ def view(
         raise click.UsageError("Give one of --save, --screenshot and --web.")
     if live and (number, save, screenshot) != (None, None, None):
         raise click.UsageError("--live goes with --web only; it shows every trial as it lands.")
-    if step is not None and screenshot is None:
-        raise click.UsageError("--step says which step a --screenshot shows.")
     if screenshot is not None and screenshot.suffix.lower() != ".png":
         raise click.UsageError(f"--screenshot {screenshot}: give a name that ends in .png.")
     from meal_bayes import viewer
     from meal_bayes.errors import OutputError
+    from meal_bayes.trial_log import Logs
     from meal_bayes.viewer.window import check_recording_name
 
     if save is not None:
         check_recording_name(save)
     if screenshot is not None:
         check_output(screenshot)
-    logs, total = (None, 0) if live else _open(log, number)
+    logs = None if live else Logs(log)
     if save is not None and logs is not None:
         try:
             with draft_of(save, inputs=logs.files) as draft:
-                trials, _ = _record(log, logs, draft, number, total)
+                trials, _ = _record(log, logs, draft, number)
         except RuntimeError as fault:  # the only kind that rerun knows
             raise OutputError(f"{save} cannot be written: {fault}; give another place.") from fault
         say(f"{save}: {trials} trials, {save.stat().st_size:,} bytes")
@@ -72,8 +69,8 @@ def view(
         with temporary_folder() as folder:
             # rerun shows the file's name
             recording = folder / f"{log.resolve().name.partition('.')[0]}.rrd"
-            _, last = _record(log, logs, recording, number, total)
-            viewer.take_picture(recording, screenshot, row=last if step is None else step)
+            _, last = _record(log, logs, recording, number)
+            write_whole(screenshot, viewer.take_picture(recording, row=last))
         say(f"{screenshot}: {screenshot.stat().st_size:,} bytes")
     else:  # a window or a page, to which trials are sent, so that no file remains
         with viewer.Viewer(web=web) as window:
@@ -83,26 +80,11 @@ def view(
             if logs is None:
                 _follow(log, window)
             else:
-                _record(log, logs, window.url, number, total)
+                _record(log, logs, window.url, number)
             window.wait()
 
 
-def _open(log: Path, number: int | None) -> "tuple[Logs, int]":
-    """Return the logs and how many trials they hold, 0 where one is damaged; or raise, first."""
-    from meal_bayes.errors import LogError, SettingsError
-    from meal_bayes.trial_log import Logs, log_info
-
-    logs, total = Logs(log), 0
-    with contextlib.suppress(LogError):  # a damaged one is counted while it is read
-        total = sum(log_info(file).trials for file in logs.files)
-    if number is not None and total and number >= total:
-        raise SettingsError(f"{log} holds {total} trials; give --trial 0 to {total - 1}.")
-    return logs, total
-
-
-def _record(
-    log: Path, logs: "Logs", to: "Target", number: int | None, total: int
-) -> tuple[int, int]:
+def _record(log: Path, logs: "Logs", to: "Target", number: int | None) -> tuple[int, int]:
     """Send the recording, and print what could not be read.
 
     Return how many trials were sent, and the row of the last behavior of the one shown first.
@@ -115,18 +97,18 @@ def _record(
     def entries() -> "Iterator[Trial | TrialOutcomes]":
         nonlocal sent, last
         for group in logs.groups():
+            advance(logs.files.index(group.file), len(logs.files))
             for entry in group.trials:
                 last = max(len(entry.steps) - 1, 0) if sent == (number or 0) else last
                 yield entry
                 sent += 1
-                advance(sent, total or sent + 1)
             if not group.trials:  # of a compact log
                 yield group.outcomes
                 sent += len(group.outcomes)
         if not sent:
             logs.complain_of_nothing()
 
-    with progress("reading", "trials") as advance:
+    with progress("reading", "files") as advance:
         trials = send_recording(entries(), to, logs.header, name=log.resolve().name, only=number)
     for problem in logs.problems:
         note(f"warning: {problem}; {trials} whole trials are shown")

@@ -15,13 +15,12 @@ import tempfile
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import IO, Any, NoReturn, Self, TypeVar
+from typing import IO, NoReturn, Self, TypeVar
 from urllib.parse import quote
 
 from rerun.experimental import ViewerClient
 
 from meal_bayes.errors import LogError, MealBayesError
-from meal_bayes.files import write_whole
 from meal_bayes.processes import start
 
 Result = TypeVar("Result")
@@ -142,26 +141,20 @@ class Viewer:
         raise ViewerError(f"The viewer cannot be controlled: {fault}.") from fault
 
 
-def take_picture(
-    recording: str | Path, path: str | Path | None = None, *, row: int = 0
-) -> tuple[bytes, Any]:
-    """Return a picture (PNG) of a recording in a viewer without a window, and the viewer's state.
+def take_picture(recording: str | Path, *, row: int = 0) -> bytes:
+    """Return a picture (PNG) of a recording at a row of the timeline `step`, without a window.
 
-    It shows a row of the timeline `step`, and is written to `path`, if any. A `ViewerError` is
-    raised where the viewer does not start (no Vulkan driver), or its picture never settles.
+    A `ViewerError` is raised where the viewer does not start (no Vulkan driver), or its picture
+    never settles.
     """
     with Viewer(headless=True) as viewer:
         client = viewer.client()
         try:
             client.open(str(Path(recording).resolve()))
             client.set_time("step", sequence=row, play_state="paused")
-            picture = _stable_picture(client, _NOTICE)
-            state = client.get_state()
+            return _stable_picture(client, _NOTICE)
         except ConnectionError as fault:
             viewer.explain(fault)
-    if path is not None:
-        write_whole(path, picture)
-    return picture, state
 
 
 def _stable_picture(client: ViewerClient, quiet: float) -> bytes:

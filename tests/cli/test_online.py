@@ -94,8 +94,8 @@ def test_a_second_call_computes_nothing_unless_fresh(run, words):
 
 def test_options_reach_the_run(run, words):
     options = (
-        "--attributes", "2", "--split", "1", "1", "2", "--alpha", "3", "--beta", "10", "--seed", "9",
-        "--log", "full", "--agent", "morc_itrs", "--normalizer", "all",
+        "--attributes", "2", "--split", "1", "1", "2", "--alpha", "3", "--beta", "10",
+        "--seed", "9", "--log", "full", "--agent", "morc_itrs", "--normalizer", "all",
     )  # fmt: skip
     told = json.loads(run(*words, *options, "--json").stdout)
     config = told["config"]

@@ -83,9 +83,6 @@ def test_live_shows_a_curve(run, sim):
     assert result.exit_code == 0
     assert "1-6" in result.stdout
     assert "bayes" in result.stdout
-    (look,) = [row for row in map(str.split, result.stdout.splitlines()) if row[:1] == ["look"]]
-    assert int(look[1]) >= int(look[2])
-    assert 0 < float(look[3]) <= 1
     assert len(list(Path("logs").glob("sim-live-bayes-seed0-*/*.mcap"))) == 6
 
 
