@@ -53,8 +53,8 @@ def show(file: Path, number: int) -> None:
     from meal_bayes.trial_log import Logs
     from meal_bayes.trials.text import outcome_facts
 
-    logs, before = Logs(file), 0
-    for group in logs.groups():
+    before = 0
+    for group in Logs(file).groups():
         row = number - before
         before += len(group.outcomes)
         if row >= len(group.outcomes):
@@ -68,8 +68,6 @@ def show(file: Path, number: int) -> None:
             console.print()
             print_trial(console, group.trials[row])
         return
-    if not before:
-        logs.complain_of_nothing()
     raise SettingsError(f"{file} holds {before} trials; give --trial 0 to {before - 1}.")
 
 

@@ -105,8 +105,6 @@ def _record(log: Path, logs: "Logs", to: "Target", number: int | None) -> tuple[
             if not group.trials:  # of a compact log
                 yield group.outcomes
                 sent += len(group.outcomes)
-        if not sent:
-            logs.complain_of_nothing()
 
     with progress("reading", "files") as advance:
         trials = send_recording(entries(), to, logs.header, name=log.resolve().name, only=number)

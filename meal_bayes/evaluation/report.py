@@ -81,8 +81,6 @@ def write_report(
         parts.append(group.outcomes)
         worst = worst_of(worst, group)
     outcomes = TrialOutcomes.join(parts)
-    if not len(outcomes):
-        logs.complain_of_nothing()
     write_whole(path, _page(outcomes, np.concatenate(batches), worst, logs), inputs=logs.files)
     return ReportInfo(path.stat().st_size, len(outcomes), outcomes.agents)
 

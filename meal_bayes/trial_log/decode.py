@@ -21,6 +21,7 @@ from meal_bayes.trials import Step, Task, Trial, TrialOutcomes
 from meal_bayes.trials.outcomes import INTEGERS, REALS, TEXTS
 from meal_bayes.untrusted import read_json
 
+NO_HEADER, NO_END = "the header of the run is missing", "the closing record is missing"
 UNFINISHED = "the log ends here"  # why a trial without an outcome was broken off
 
 
@@ -38,7 +39,7 @@ class TrialBuilder:
     form: str = schema.FULL
     header: dict[str, object] | None = None
     read: End = End()  # noqa: RUF009  immutable
-    _end: End | None = None  # as the writer counted
+    end: End | None = None  # as the writer counted
     _channels: dict[int, str] = field(default_factory=dict)
     _next: int = 0  # number of the next trial
     _momdps: dict[int, _Known] = field(default_factory=dict)
@@ -47,12 +48,16 @@ class TrialBuilder:
     def records(self, record: McapRecord) -> Iterator[Trial | TrialOutcomes]:
         """Read the next record; yield the trials, or the outcomes, that it completes."""
         if isinstance(record, Header):
-            self.form = form_of(record)
+            forms = {profile: form for form, profile in schema.PROFILES.items()}
+            if record.profile not in forms:
+                kind = f"({record.profile!r}, not of meal_bayes)"
+                raise LogCorruptError(f"an MCAP file of another kind {kind}")
+            self.form = forms[record.profile]
             # Without its first chunk the others still mean what this format says.
             names = (topic for topic, _, _ in schema.channels(self.form))
             self._channels = dict(enumerate(names, start=1))
         elif isinstance(record, Attachment) and record.name == schema.END:
-            self._end = decode_end(record.data)
+            self.end = _end(record.data)
         elif isinstance(record, Chunk):
             try:
                 self.limit -= record.uncompressed_size
@@ -69,7 +74,7 @@ class TrialBuilder:
     def add(self, topic: str, data: bytes) -> Trial | TrialOutcomes | None:
         """Add the next message; return the trial, or the outcomes, that it completes."""
         if topic == schema.RUN:
-            self.header = decode_header(data)
+            self.header = _header(data)
         elif topic == schema.MOMDPS:
             message = schema.MomdpMessage.FromString(data)
             self._momdps[message.id] = _Known(*_momdp(message), len(data))
@@ -95,15 +100,15 @@ class TrialBuilder:
     def check_end(self) -> None:
         """Compare with what the writer counted when it had written the last trial."""
         if self.header is None:
-            raise LogCorruptError("the header of the run is missing")
+            raise LogCorruptError(NO_HEADER)
         if self._open:
             steps = len(self._open) - 1
             raise LogCorruptError(f"a trial has no outcome; {steps} of its steps can be recovered")
-        if self._end is None:
-            raise LogCorruptError("the closing record of the writer is missing")
-        if self.read != self._end:
+        if self.end is None:
+            raise LogCorruptError(NO_END)
+        if self.read != self.end:
             raise LogCorruptError(
-                f"the trials are not those that were written ({self.read}, {self._end})"
+                f"the trials are not those that were written ({self.read}, {self.end})"
             )
 
     def unfinished(self) -> Trial | None:
@@ -177,15 +182,7 @@ class TrialBuilder:
         return trial
 
 
-def form_of(header: Header) -> str:
-    """Return the form that the header record of a file names."""
-    for form, profile in schema.PROFILES.items():
-        if header.profile == profile:
-            return form
-    raise LogCorruptError(f"an MCAP file of another kind ({header.profile!r}, not of meal_bayes)")
-
-
-def decode_end(data: bytes) -> End:
+def _end(data: bytes) -> End:
     """Read the closing record."""
     facts = read_json(data)
     types = {"trials": int, "steps": int, "cost": float}
@@ -194,7 +191,7 @@ def decode_end(data: bytes) -> End:
     return End(**facts)
 
 
-def decode_header(data: bytes) -> dict[str, object]:
+def _header(data: bytes) -> dict[str, object]:
     """Read the run message of a file of this format's version."""
     message = schema.RunMessage.FromString(data)
     header = read_json(message.header)

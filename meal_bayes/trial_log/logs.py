@@ -16,7 +16,7 @@ from meal_bayes.errors import LogCorruptError, LogError, LogVersionError
 from meal_bayes.trial_log.container import FAULTS, TORN, fault_text, read_records
 from meal_bayes.trial_log.decode import TrialBuilder
 from meal_bayes.trial_log.names import log_files, stem_of
-from meal_bayes.trial_log.reader import Scan, grouped, read_header, without_steps
+from meal_bayes.trial_log.reader import Scan, grouped, read_header
 from meal_bayes.trial_log.schema import ACTIVE, FULL, SUFFIX
 from meal_bayes.trials import Trial, TrialOutcomes
 
@@ -74,54 +74,30 @@ class Logs:
 
         Raises
         ------
+        LogCorruptError
+            There is not one trial that can be read, in files that are damaged.
         LogError
-            Files of several data sets, or of different runs with equal settings.
+            There is no trial in them, though they are sound; files of several data sets, or of
+            different runs with equal settings.
         LogVersionError
             A file of another format version.
         """
+        empty = True
         for file, header in self._distinct():
             scan = Scan(file, tolerant=True)
             for place, outcomes, trials in grouped(scan):
                 places = range(place, place + len(outcomes))
+                empty = False
                 yield Group(header, file, places, outcomes, trials)
             if file.name.endswith(ACTIVE):
                 why = f" ({scan.problems[0]})" if scan.problems else ""
                 self.problems.append(f"{file} was not finished by its writer{why}")
             else:
                 self.problems += [f"{file}: {problem}" for problem in scan.problems]
-
-    def trials(self) -> Iterator[Trial]:
-        """Yield the trials of all files; compact logs, which hold no steps, are noted.
-
-        Raises
-        ------
-        LogCorruptError
-            There is not one trial that can be read, in files that are damaged.
-        LogError
-            There is no trial in them, though they are sound; and as for `groups`.
-        LogVersionError
-            A file of another format version.
-        """
-        full, compact = False, list[Path]()
-        for group in self.groups():
-            yield from group.trials
-            if group.trials:
-                full = True
-            elif group.file not in compact:
-                compact.append(group.file)
-        if compact and not full:
-            raise LogError(without_steps(compact[0]))
-        if compact:
-            such = f"{len(compact)} compact logs, such as {compact[0]}"
-            self.problems.append(f"{such}, have no steps")
-        elif not full:
-            self.complain_of_nothing()
-
-    def complain_of_nothing(self) -> None:
-        """Raise the error of logs without a trial."""
-        if self.problems:
+        if empty and self.problems:
             raise LogCorruptError(f"Not one trial can be read: {self.problems[0]}.")
-        raise LogError(f"{self.files[0]} holds no trial yet.")
+        if empty:
+            raise LogError(f"{self.files[0]} holds no trial yet.")
 
     def _distinct(self) -> list[tuple[Path, dict[str, object]]]:
         """Return the files but for copies; check that they are of one data set, and of one run."""

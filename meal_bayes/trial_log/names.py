@@ -1,8 +1,7 @@
 """Names of log files: whole, being written, recovered.
 
 A log that is being written is a draft of a unique name, such as `run.w4711-a3f9c2.mcap.active` of
-`run.mcap`, so that no two processes ever write into one file. Drafts of earlier versions were
-called `run.mcap.active`.
+`run.mcap`, so that no two processes ever write into one file.
 """
 
 import contextlib
@@ -25,8 +24,8 @@ def new_draft(path: Path) -> Path:
 
 
 def timing_of(path: Path) -> Path:
-    """Name the table of seconds beside a log or a draft."""
-    return path.with_name(f"{_bare(path)}.timing.csv")
+    """Name the table of seconds beside a log."""
+    return path.with_suffix(".timing.csv")
 
 
 def recovered_name(path: Path) -> Path:
@@ -40,12 +39,12 @@ def stem_of(path: Path) -> str:
     >>> stem_of(Path("run.mcap")), stem_of(Path("run.w4711-a3f9c2.mcap.active"))
     ('run', 'run')
     """
-    return _ENDINGS.sub("", _bare(path), count=1)
+    return _ENDINGS.sub("", path.name.removesuffix(ACTIVE).removesuffix(SUFFIX), count=1)
 
 
 def drafts_of(path: Path) -> list[Path]:
     """Find the drafts of a log, the newest first."""
-    name = re.compile(rf"{re.escape(path.stem)}({_DRAFT})?{re.escape(SUFFIX + ACTIVE)}")
+    name = re.compile(rf"{re.escape(path.stem)}{_DRAFT}{re.escape(SUFFIX + ACTIVE)}")
     drafts = dict[Path, float]()
     for file in path.parent.iterdir() if path.parent.is_dir() else ():
         if name.fullmatch(file.name):
@@ -58,8 +57,6 @@ def remove_drafts(path: Path) -> None:
     """Remove the drafts of a log; no process may still be writing them."""
     for draft in drafts_of(path):
         draft.unlink(missing_ok=True)
-        if timing_of(draft) != timing_of(path):
-            timing_of(draft).unlink(missing_ok=True)
 
 
 def log_files(path: str | Path) -> list[Path]:
@@ -91,7 +88,3 @@ def log_files(path: str | Path) -> list[Path]:
     if not best:
         raise LogError(f"{path} holds no log (*{SUFFIX}).")
     return sorted(file for _, file in best.values())
-
-
-def _bare(path: Path) -> str:
-    return path.name.removesuffix(ACTIVE).removesuffix(SUFFIX)

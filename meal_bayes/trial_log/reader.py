@@ -8,13 +8,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
 
-from mcap.records import Attachment, Channel, Chunk, Header, Statistics
+from mcap.records import Channel, Chunk, Statistics
 from mcap.writer import MCAP0_MAGIC
 
 from meal_bayes.errors import LogCorruptError, LogError, LogVersionError
 from meal_bayes.trial_log import schema
-from meal_bayes.trial_log.container import FAULTS, chunk_messages, fault_text, read_records
-from meal_bayes.trial_log.decode import TrialBuilder, decode_end, decode_header, form_of
+from meal_bayes.trial_log.container import FAULTS, fault_text, read_records
+from meal_bayes.trial_log.decode import NO_END, NO_HEADER, TrialBuilder
 from meal_bayes.trial_log.names import drafts_of, log_files, recovered_name
 from meal_bayes.trial_log.writer import write_trials
 from meal_bayes.trials import Trial, TrialOutcomes
@@ -72,7 +72,10 @@ def read_trials(path: str | Path) -> Iterator[Trial]:
 def _trials(path: Path) -> Iterator[Trial]:
     for entry in Scan(path).entries():
         if isinstance(entry, TrialOutcomes):
-            raise LogError(without_steps(path))
+            raise LogError(
+                f"{path} is a compact log: outcomes without steps; see them with: "
+                f"meal-bayes report {path}"
+            )
         yield entry
 
 
@@ -99,31 +102,36 @@ def grouped(scan: "Scan") -> Iterator[tuple[int, TrialOutcomes, tuple[Trial, ...
 
 def read_header(path: str | Path) -> dict[str, object]:
     """Read what the run was (config, seed, versions), also from a torn file; errors as above."""
+    builder = TrialBuilder()
     with opened(find_log(path)) as file:
-        return _header(file)[1]
+        for record in read_records(file):
+            next(builder.records(record), None)  # it stands in a chunk of its own
+            if builder.header is not None:
+                return builder.header
+        raise LogCorruptError(NO_HEADER)
 
 
 def log_info(path: str | Path) -> LogInfo:
     """Read what a whole log holds; every byte is checked, no trial decoded; errors as above."""
-    path, end = find_log(path), None
+    path, builder = find_log(path), TrialBuilder()
     topics, counts = dict[int, str](), dict[int, int]()
     with opened(path) as file:
-        form, header = _header(file)
-        file.seek(0)
         for record in read_records(file):
-            if isinstance(record, Attachment) and record.name == schema.END:
-                end = decode_end(record.data)
-            elif isinstance(record, Channel):
+            if isinstance(record, Channel):
                 topics[record.id] = record.topic
             elif isinstance(record, Statistics):
                 counts = record.channel_message_counts
-        if end is None:
-            raise LogCorruptError("the closing record of the writer is missing")
+            elif not isinstance(record, Chunk) or builder.header is None:
+                next(builder.records(record), None)
+        end, header = builder.end, builder.header
+        if header is None or end is None:
+            raise LogCorruptError(NO_HEADER if header is None else NO_END)
         momdps = sum(n for number, n in counts.items() if topics[number] == schema.MOMDPS)
     size = path.stat().st_size
     return LogInfo(
-        path, size, schema.FORMAT_VERSION, form, **end._asdict(), momdps=momdps, header=header
-    )
+        path, size, schema.FORMAT_VERSION, builder.form, **end._asdict(), momdps=momdps,
+        header=header,
+    )  # fmt: skip
 
 
 class Scan:
@@ -239,13 +247,6 @@ def find_log(path: str | Path) -> Path:
     raise LogError(f"There is no log {path}; expected the name of a {schema.SUFFIX} file.")
 
 
-def without_steps(path: Path) -> str:
-    """Return why no trial can be shown of a compact log, and the way out."""
-    return (
-        f"{path} is a compact log: outcomes without steps; see them with: meal-bayes report {path}"
-    )
-
-
 def _whole(path: str | Path) -> Path:
     path = find_log(path)
     if path.name.endswith(schema.ACTIVE):
@@ -258,17 +259,3 @@ def _way_out(path: Path) -> str:
         if file.read(len(MCAP0_MAGIC)) != MCAP0_MAGIC:
             return f"expected a {schema.SUFFIX} file that meal_bayes wrote"
     return f"save its whole trials with: meal-bayes log recover {path}"
-
-
-def _header(file: BinaryIO) -> tuple[str, dict[str, object]]:
-    """Read the form of a log, and what the run was."""
-    form = schema.FULL
-    for record in read_records(file):
-        if isinstance(record, Header):
-            form = form_of(record)
-        elif isinstance(record, Chunk):
-            topic, data = next(chunk_messages(record, {}), ("", b""))
-            if topic == schema.RUN:
-                return form, decode_header(data)
-            break
-    raise LogCorruptError("the header of the run is missing")

@@ -11,13 +11,13 @@ import os
 import platform
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, BinaryIO, NamedTuple, Self, TextIO
+from typing import Any, BinaryIO, NamedTuple, Self
 
 import numpy as np
 from mcap.writer import Writer
 
 from meal_bayes.errors import LogError, SettingsError
-from meal_bayes.files import replace_whole
+from meal_bayes.files import replace_whole, write_whole
 from meal_bayes.trial_log import schema
 from meal_bayes.trial_log.encode import (
     End,
@@ -47,8 +47,8 @@ class TrialWriter:
     """Writes trials into one log, `path`, which exists only once the file is whole.
 
     Until then the file is a draft, `active_path`, of a name that no other writer has. Seconds of
-    wall-clock time go into `<stem>.timing.csv` beside the file, so that two equal runs write equal
-    logs. Where the `with` block ends by an exception, the draft stays.
+    wall-clock time go into `<stem>.timing.csv` beside the whole file, so that two equal runs write
+    equal logs. Where the `with` block ends by an exception, the draft stays.
 
     When `write` returns, the trial has left the process, and `salvage` reads it whatever happens
     next. It is a `Recorder` as well: a trial that comes step by step is on disk step by step.
@@ -75,7 +75,7 @@ class TrialWriter:
         self.header = {"versions": versions, **header}
         self._text = _json(self.header)
         self._file: BinaryIO | None = None
-        self._timing: TextIO | None = None
+        self._seconds: list[float | None] = []  # of each trial
         self.written = End()
         self.begun = False  # a trial was begun and has no end yet
         self._torn = False  # a write was broken off: what follows could not be read
@@ -108,22 +108,21 @@ class TrialWriter:
         with self._faults_named(), contextlib.ExitStack() as stack:
             stack.callback(setattr, self, "_file", None)
             stack.enter_context(self._file)
-            stack.callback(lambda: self._timing is None or self._timing.close())
             if whole:
                 end = _json(self.written._asdict()).encode()
                 self._mcap.add_attachment(0, 0, schema.END, "application/json", end)
                 self._mcap.finish()
         if whole:
+            timed = ((k, taken) for k, taken in enumerate(self._seconds) if taken is not None)
+            rows = [f"{number},{taken:.6f}\n" for number, taken in timed]
             with self._faults_named():
-                if self._timing is None:
-                    timing_of(self.path).unlink(missing_ok=True)
+                if rows:
+                    write_whole(timing_of(self.path), "".join(["trial,seconds\n", *rows]))
                 else:
-                    replace_whole(timing_of(self.active_path), timing_of(self.path))
+                    timing_of(self.path).unlink(missing_ok=True)
                 replace_whole(self.active_path, self.path)  # last: with it the log is there
 
-    def put(
-        self, packed: list[Packed], *, seconds: Sequence[float | None] = (), sync: bool = False
-    ) -> None:
+    def put(self, packed: list[Packed], *, sync: bool = False) -> None:
         """Write messages; when this returns they have left the process, or (sync) are on disk."""
         self.check_open()
         self._torn = True
@@ -131,13 +130,6 @@ class TrialWriter:
             for message in packed:
                 self._add(message)
             self._mcap.flush()
-            for number, taken in enumerate(seconds, start=self.written.trials):
-                if taken is not None:
-                    if self._timing is None:
-                        self._timing = timing_of(self.active_path).open("x", encoding="utf-8")
-                        self._timing.write("trial,seconds\n")
-                    self._timing.write(f"{number},{taken:.6f}\n")
-                    self._timing.flush()
             if sync and self._file is not None:
                 self._file.flush()
                 os.fsync(self._file.fileno())
@@ -186,8 +178,8 @@ class TrialWriter:
             full, and the trials before stay in the draft.
         """
         packed = self._pack(lambda: self._place(trial) + self._encoder.whole(trial))
-        self.put(packed, seconds=[seconds])
-        self._close(trial)
+        self.put(packed)
+        self._close(trial, seconds)
 
     def write_outcomes(self, outcomes: TrialOutcomes, seconds: Iterator[float | None]) -> None:
         """Append outcomes to a compact log, and the wall-clock seconds of each trial."""
@@ -196,7 +188,8 @@ class TrialWriter:
             packed = Packed(
                 schema.OUTCOMES, schema.log_time(number, 0), encode_outcomes(rows, number)
             )
-            self.put([packed], seconds=list(itertools.islice(seconds, len(rows))))
+            self.put([packed])
+            self._seconds += itertools.islice(seconds, len(rows))
             self.written = self.written.after(rows)
 
     def begin(self, trial: Trial) -> None:
@@ -243,9 +236,10 @@ class TrialWriter:
         self._encoder = TrialEncoder(number, known.number if known else self._momdps)
         return [] if known else [Packed(schema.MOMDPS, schema.log_time(number, 0), momdp)]
 
-    def _close(self, trial: Trial) -> None:
+    def _close(self, trial: Trial, seconds: float | None = None) -> None:
         """Count a trial, keep its MOMDP, and forget the oldest as the reader does."""
         self.written = self.written.after(trial)
+        self._seconds.append(seconds)
         self._last = trial
         if self._content not in self._known:
             self._known[self._content] = _Placed(self._momdps, self._momdp_size)

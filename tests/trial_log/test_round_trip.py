@@ -216,7 +216,7 @@ OLD = (1, 2, 3, 4)  # each with a file that was written by its code
 @pytest.mark.parametrize("version", OLD)
 @pytest.mark.parametrize(
     "read", [read_header, log_info, check_log, recover_log, lambda p: list(read_trials(p)),
-             lambda p: list(salvage(p)), lambda p: list(Logs(p).trials())]
+             lambda p: list(salvage(p)), lambda p: list(Logs(p).groups())]
 )  # fmt: skip
 def test_a_log_of_an_earlier_format_is_refused_in_one_clear_line(read, version):
     says = rf"format {version}, this meal_bayes reads format 5; .*again"
