@@ -15,10 +15,10 @@ from meal_bayes.agents.exploration import (
     information_value,
 )
 from meal_bayes.agents.knowledge import Knowledge, knowledge_without
-from meal_bayes.agents.named import AGENTS, as_agent, distinct, load_agent
+from meal_bayes.agents.named import AGENTS, as_agent, load_agent
 
 __all__ = [
     "AGENTS", "Agent", "ExplorationBonus", "FittedITRSBonus", "ITRSBonus", "InformationBonus",
-    "Knowledge", "NoBonus", "Progress", "as_agent", "distinct", "information_value",
-    "knowledge_without", "load_agent",
+    "Knowledge", "NoBonus", "Progress", "as_agent", "information_value", "knowledge_without",
+    "load_agent",
 ]  # fmt: skip

@@ -91,15 +91,10 @@ def knowledge_of(
     object_level : bool
         As in `knowledge_without`.
     """
-    rates = base_rates(labels)
+    # the posterior mean Pr(attribute)
+    rates = ((labels == 1).sum(axis=0) + 1) / ((labels >= 0).sum(axis=0) + 2)
     if not object_level:
         return Knowledge(domain, ConfusionPosterior.from_counts(counts), rates)
     posterior = ConfusionPosterior.from_objects(counts)
     shown = counts.counts.sum(axis=3)  # (O,P,E,K)
     return Knowledge(domain, posterior, rates, learn_trait(posterior, shown, labels, rates))
-
-
-def base_rates(labels: NDArray[np.int8]) -> NDArray[np.float64]:
-    """Return the posterior mean Pr(attribute), (P,), of labels (O,P) that are known (not -1)."""
-    positive, known = (labels == 1).sum(axis=0), (labels >= 0).sum(axis=0)
-    return np.asarray((positive + 1) / (known + 2))

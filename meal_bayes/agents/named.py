@@ -3,7 +3,7 @@
 Every agent runs offline (Sect. 7.2) and online (Sect. 7.3).
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import cast
 
@@ -114,15 +114,3 @@ def as_agent(value: object) -> Agent:
         f"An agent is a name, an Agent, or a planner with a method solve(momdp, rng); "
         f"found {named}."
     )
-
-
-def distinct(agents: Iterable[Agent]) -> tuple[Agent, ...]:
-    """Return the agents; `SettingsError` where two have one name, or there is none."""
-    named = tuple(agents)
-    names = [agent.name for agent in named]
-    for name in names:
-        if names.count(name) > 1:
-            raise SettingsError(f"Agent {name!r} is named twice; name each once.")
-    if not named:
-        raise SettingsError("No agent named; name at least one.")
-    return named

@@ -5,7 +5,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
-from meal_bayes.agents import Agent, as_agent, distinct
+from meal_bayes.agents import Agent, as_agent
 from meal_bayes.arrays import check_whole
 from meal_bayes.datasets import Dataset, PerceptTable
 from meal_bayes.display import short_repr
@@ -16,14 +16,8 @@ from meal_bayes.learner.settings import LearnerSettings
 from meal_bayes.untrusted import LARGEST
 
 DEFAULT_AGENTS = (
-    "random",
-    "random_legal",
-    "predefined",
-    "predefined_plus",
-    "greedy",
-    "morc",
-    "bayes",
-)
+    "random", "random_legal", "predefined", "predefined_plus", "greedy", "morc", "bayes",
+)  # fmt: skip
 _CHOICES = {
     "log": ("compact", "full"), "normalizer": ("paper", "all"), "answers": ("verdict", "joint"),
 }  # fmt: skip
@@ -180,7 +174,14 @@ def _checked(agents: Iterable[Any], seed: int, reward: float | None) -> tuple[Ag
     check_whole("seed", seed)
     if reward is not None:
         LearnerSettings(reward=reward)
-    return distinct(as_agent(value) for value in agents)
+    chosen = tuple(as_agent(value) for value in agents)
+    names = [agent.name for agent in chosen]
+    for name in names:
+        if names.count(name) > 1:
+            raise SettingsError(f"Agent {name!r} is named twice; name each once.")
+    if not chosen:
+        raise SettingsError("No agent named; name at least one.")
+    return chosen
 
 
 def _plain(config: OfflineConfig | OnlineConfig) -> dict[str, object]:

@@ -29,7 +29,7 @@ from meal_bayes.momdp import MOMDP
 from meal_bayes.planners import Policy, unvalued
 from meal_bayes.robots.recorded import RecordedRobot
 from meal_bayes.seeds import stream
-from meal_bayes.trials import Session, Streams, Task, Trial
+from meal_bayes.trials import Session, Task, Trial
 
 __all__ = ["ENVIRONMENTS", "MealEnv"]
 
@@ -181,7 +181,7 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
         if self._policy is None:
             fit = fit_of(learner, running.task, learn=False)
             _, self._policy = prepare(learner, fit, running.task, running.task.key)
-        return int(self._policy.decide(running.history, running.streams.planner).action)
+        return int(self._policy.decide(running.history, running.rng).action)
 
     def render(self) -> str | None:
         """Return the trial so far as text, in the mode "ansi"."""
@@ -216,8 +216,7 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
         self.close()
         robot = robot_of(learner, task, seed)
         session = commanded(
-            learner, fit_of(learner, task, learn=False), task,
-            Streams(seed, task.key, learner.agent.name), self._problems[key],
+            learner, fit_of(learner, task, learn=False), task, self._problems[key], seed=seed,
         )  # fmt: skip
         record(learner, session, task.name, task.key)
         self._begun, self._policy = (session.start(robot.start()), robot), None

@@ -18,7 +18,7 @@ from meal_bayes.learner.settings import LearnerSettings
 class Fits:
     """A `Fitted` of each agent that asked, or a `HeldOut` of each object, until all is made anew.
 
-    That is after `refit_every` labels, or (below 1) when labeled instances grew by such a fraction.
+    That is when labeled instances have grown by a fraction, `refit_every`.
     """
 
     def __init__(
@@ -28,7 +28,7 @@ class Fits:
             raise SettingsError(f"refit_every is {refit_every}; give a number above 0, or None.")
         self.experience, self.settings, self.refit_every = experience, settings, refit_every
         self.table: PerceptTable | None = None  # that is replayed, in place of the record
-        self.growth = [0, 0, 0]  # labeled instances at the last refit; since; and labels since
+        self.growth = [0, 0]  # labeled instances at the last refit, and since
         self._made: list[Fitted] = []
         self._held: dict[int, list[HeldOut]] = {}
 
@@ -40,7 +40,7 @@ class Fits:
         if not self._made:
             rows = np.arange(len(self.experience.instances))
             labels = self.experience.labels_of(rows, memory=agent.memory)
-            self.growth = [int((labels >= 0).sum()), 0, 0]
+            self.growth = [int((labels >= 0).sum()), 0]
         fit = Fitted(self.experience, agent, self.settings)
         fit.refit()
         self._made.append(fit)
@@ -83,13 +83,9 @@ class Fits:
             self.clear()
         self.update(rows)
 
-    def grow(self, instances: int, labels: int) -> None:
+    def grow(self, labeled: int) -> None:
         """Note what was labeled, and let everything be made anew where that is due."""
-        self.growth[1] += instances * labels
-        self.growth[2] += labels
-        before, grown, told = self.growth
-        if self.refit_every is None:
-            return
-        fraction = self.refit_every < 1
-        if told >= self.refit_every if not fraction else grown >= max(self.refit_every * before, 1):
+        self.growth[1] += labeled
+        before, grown = self.growth
+        if self.refit_every is not None and grown >= max(self.refit_every * before, 1):
             self.clear()

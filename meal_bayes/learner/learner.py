@@ -50,9 +50,9 @@ class Learner:
         r+ = -r- of a report; the domain's by default.
     percepts : str
         In replays: "recorded", or "model", drawn from the learned confusion matrices.
-    refit_every : int or float, optional
-        When everything is learned anew: after so many labels, or (a float below 1) when labeled
-        instances have grown by such a fraction; None: only when `refit` is called.
+    refit_every : float, optional
+        Everything is learned anew when labeled instances have grown by such a fraction; None: only
+        when `refit` is called.
     learn_success : bool
         Learn how often behaviors succeed, at every refit, or take it from the domain.
     horizon : float

@@ -82,7 +82,7 @@ def tell(learner: "Learner", trial: Trial | str, values: Mapping[str, bool | Non
                 record_step(experience, trial.task, trial.momdp, step)
     labels = replacing(labels, experience.labels_for([name])[0], learner.domain)
     fits.update(experience.label(key, name, labels))
-    fits.grow(len(experience.shown(key)), int((labels >= 0).sum()))
+    fits.grow(len(experience.shown(key)) * int((labels >= 0).sum()))
 
 
 def record_step(

@@ -31,7 +31,7 @@ from meal_bayes.robots.recorded import RecordedRobot, replayable
 from meal_bayes.seeds import stream
 from meal_bayes.trial_log import TrialWriter, read_header, remove_drafts, salvage
 from meal_bayes.trial_log.names import drafts_of, stem_of
-from meal_bayes.trials import FaultTolerant, Session, Streams, Task, Trial
+from meal_bayes.trials import FaultTolerant, Session, Task, Trial
 
 if TYPE_CHECKING:
     from meal_bayes.learner.learner import Learner
@@ -172,12 +172,13 @@ def session_of(
     if task.object_index < 0:  # recordings run out, the sensors of a robot fail
         usual = learner.domain.diagram.compile(learner.domain.behavior_names).transition
         policy = FaultTolerant(momdp, policy, partial(_solve, learner, fit, task, key), usual)
-    streams = Streams(learner.seed, key, learner.agent.name)
-    return commanded(learner, fit, task, streams, momdp, policy=policy, learn=learn, **options)
+    return commanded(
+        learner, fit, task, momdp, policy=policy, learn=learn, seed=learner.seed, key=key, **options
+    )
 
 
 def commanded(
-    learner: "Learner", fit: Fitted | HeldOut, task: Task, streams: Streams, momdp: MOMDP, *,
+    learner: "Learner", fit: Fitted | HeldOut, task: Task, momdp: MOMDP, *,
     policy: Policy | None = None, learn: bool = False, **options: Any,
 ) -> Session:  # fmt: skip
     """Return the session of a problem that a policy, or somebody else, decides.
@@ -198,8 +199,8 @@ def commanded(
             options |= {"on_step": witness.record, "on_end": witness.end}
     return Session(
         task, momdp, policy, Boundary(domain, object_index=o, sizes=learner.experience.sizes),
-        perceiver, streams, agent=learner.agent.name,
-        counts=fit.knowledge.posterior.counts[columns], **options,
+        perceiver, agent=learner.agent.name, counts=fit.knowledge.posterior.counts[columns],
+        **options,
     )  # fmt: skip
 
 

@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from meal_bayes.datasets import Dataset, PerceptTable
-from meal_bayes.domain import Domain, TransitionDiagram, unknown
-from meal_bayes.errors import SettingsError
+from meal_bayes.domain import Domain, TransitionDiagram
 from meal_bayes.robots.robot import Outcome
 
 Order = list[list[int]]  # (E,) lists of the recordings to come, the next one last
@@ -48,17 +47,11 @@ class RecordedRobot:
         repeats: bool = False,
         person: Callable[[float], Mapping[str, bool]] | None = None,
     ) -> None:
-        counts = np.broadcast_to(np.asarray(recordings, np.int64), (len(domain.behaviors),))
-        most = np.inf if dataset is None else dataset.recordings
-        if counts.min() < 0 or not 1 <= counts.max() <= most:
-            has = "1 or more" if dataset is None else f"1 to {dataset.recordings}"
-            raise SettingsError(f"recordings = {counts.max()}; expected {has}.")
         self._domain, self._dataset, self._object = domain, dataset, object_index
-        self._recordings, self._repeats = counts, repeats
-        self._order, self._failures, self._person = order, failures, person
+        self._recordings = np.broadcast_to(recordings, len(domain.behaviors))
+        self._repeats, self._person = repeats, person
+        self._order, self._failures = order, failures
         self._reach, self._shows = _compile(domain.diagram, domain.behavior_names)
-        self._x: int | None = None
-        self._left: Order = []
 
     @property
     def limit(self) -> NDArray[np.float64]:
@@ -70,7 +63,7 @@ class RecordedRobot:
         if isinstance(self._order, np.random.Generator):
             size = len(self._recordings), int(self._recordings.max())
             orders = self._order.random(size).argsort(axis=1).tolist()
-            self._left = [
+            self._left: Order = [
                 [recording for recording in order if recording < count]
                 for order, count in zip(orders, self._recordings.tolist(), strict=True)
             ]
@@ -84,7 +77,7 @@ class RecordedRobot:
     def execute(self, behavior: str) -> Outcome:
         """Execute a behavior; a success senses its next recording, if one is left."""
         e, shown, uniform = self._move(behavior)
-        outcome = Outcome(self._domain.diagram.states[self._x or 0])
+        outcome = Outcome(self._domain.diagram.states[self._x])
         if not shown:
             return outcome
         accuracy = self._domain.behaviors[e].answer_accuracy
@@ -107,10 +100,6 @@ class RecordedRobot:
 
     def _move(self, behavior: str) -> tuple[int, bool, float]:
         """Change x; return the behavior's place, whether it senses, and a uniform draw for it."""
-        if self._x is None:
-            raise SettingsError("The robot is in no trial yet; call start() first.")
-        if behavior not in self._executed:
-            raise SettingsError(unknown("behavior", behavior, self._executed))
         e = self._domain.behavior_index(behavior)
         block, place = divmod(self._executed[behavior], _BLOCK)
         while len(self._blocks) <= block:

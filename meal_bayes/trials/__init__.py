@@ -7,10 +7,10 @@ from meal_bayes.trials.faults import FaultTolerant
 from meal_bayes.trials.outcomes import BatchOutcomes, TrialOutcomes, Trials, task_key
 from meal_bayes.trials.session import Recorder, Session, run_trial
 from meal_bayes.trials.text import percept_labels, trials_frame, truth_text, verdict_text
-from meal_bayes.trials.trial import Step, Streams, Task, Trial, truth_of
+from meal_bayes.trials.trial import Step, Task, Trial, truth_of
 
 __all__ = [
-    "BatchOutcomes", "FaultTolerant", "Recorder", "Session", "Step", "Streams", "Task", "Trial",
+    "BatchOutcomes", "FaultTolerant", "Recorder", "Session", "Step", "Task", "Trial",
     "TrialOutcomes", "Trials", "percept_labels", "run_trial", "task_key", "trials_frame",
     "truth_of", "truth_text", "verdict_text",
 ]  # fmt: skip

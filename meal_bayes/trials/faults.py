@@ -15,26 +15,25 @@ _CHANCE = 0.05  # and the largest probability of them all by the diagram's own f
 
 
 def faults_of(
-    momdp: MOMDP, history: History, expected: NDArray[np.float64] | None = None
+    momdp: MOMDP, history: History, expected: NDArray[np.float64]
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """Find the behaviors whose latest executions yielded nothing, more often than chance allows.
 
     An execution of a behavior that senses yields nothing where no percept comes; of one that only
-    moves, where x stays. How often they fail by chance is `expected`, Pr(x' | x, behavior) (E,X,X),
-    the problem's by default. Returned are those that fail (E,), and which of these did not move
+    moves, where x stays. How often they fail by chance is `expected`, Pr(x' | x, behavior)
+    (E,X,X). Returned are those that fail (E,), and which of these did not move
     either (E,).
     """
-    transition = momdp.transition if expected is None else expected
     chance, count = np.ones(momdp.n_behaviors), np.zeros(momdp.n_behaviors, int)
     left = momdp.limit.copy()  # a robot that replays runs out of recordings
     still, x = np.ones(momdp.n_behaviors, bool), momdp.start
     for e, perceived, after in zip(history.actions, history.perceived, history.moved, strict=True):
-        percept = float(transition[e, x] @ momdp.observation_probability[e, x])
+        percept = float(expected[e, x] @ momdp.observation_probability[e, x])
         if perceived or (percept == 0 and after != x):
             chance[e], count[e], still[e] = 1.0, 0, True
             left[e] -= perceived
         elif left[e] > 0 or percept == 0:
-            chance[e] *= 1.0 - percept if percept else transition[e, x, x]
+            chance[e] *= 1.0 - percept if percept else expected[e, x, x]
             count[e] += 1
             still[e] &= after == x
         x = after
@@ -65,14 +64,14 @@ class FaultTolerant:
         Of the problem.
     solve : Callable[[MOMDP], Policy]
         Makes the policy of the problem without them.
-    expected : NDArray[np.float64] | None
+    expected : NDArray[np.float64]
         See `faults_of`.
     """
 
     momdp: MOMDP
     policy: Policy
     solve: Callable[[MOMDP], Policy]
-    expected: NDArray[np.float64] | None = None
+    expected: NDArray[np.float64]
     _failing: NDArray[np.bool_] = field(init=False)
 
     def __post_init__(self) -> None:

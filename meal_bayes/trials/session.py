@@ -19,7 +19,8 @@ from meal_bayes.perception import Perceiver
 from meal_bayes.planners import Decision, History, Policy, unvalued
 from meal_bayes.robots import Boundary, Outcome, Robot
 from meal_bayes.robots.robot import Execution
-from meal_bayes.trials.trial import Step, Streams, Task, Trial, truth_of
+from meal_bayes.seeds import stream
+from meal_bayes.trials.trial import Step, Task, Trial, truth_of
 
 MAX_STEPS = 100
 
@@ -59,10 +60,13 @@ class Session:
         Checks what the robot returns.
     perceiver : Perceiver
         Turns sensor data into percept levels.
-    streams : Streams
-        Random streams of the trial.
     agent : str
         Name of the agent.
+    seed : int
+        Names, with a key, the random stream of percepts that are drawn from tables, and with the
+        agent's name too that of the policy.
+    key : tuple[str | int, ...] | None
+        The task's by default.
     truth : Mapping[str, bool] | ArrayLike | None
         See `truth_of`; compared with the report only, neither policy nor belief sees it.
     counts : NDArray[np.float64] | None
@@ -84,9 +88,10 @@ class Session:
         policy: Policy | None,
         boundary: Boundary,
         perceiver: Perceiver,
-        streams: Streams,
         *,
         agent: str = "",
+        seed: int = 0,
+        key: tuple[str | int, ...] | None = None,
         truth: Mapping[str, bool] | ArrayLike | None = None,
         counts: NDArray[np.float64] | None = None,
         max_steps: int = MAX_STEPS,
@@ -104,7 +109,8 @@ class Session:
         self.report: NDArray[np.bool_] | None = None
         self.max_steps, self.max_cost = max_steps, np.inf if max_cost is None else max_cost
         self._policy, self._boundary, self._perceiver = policy, boundary, perceiver
-        self.streams, self._counts = streams, counts
+        self._counts, key = counts, task.key if key is None else key
+        self.rng, self._luck = stream(seed, "planner", agent, *key), stream(seed, "percepts", *key)
         self._truth, self._first = truth_of(task.query, truth), self.belief
         self._on_step, self._on_end = on_step, on_end
         self._recorder: Recorder | None = None
@@ -245,7 +251,7 @@ class Session:
         if self._policy is None or self.over:
             return
         self._at, momdp = "planner", self.momdp
-        decision, limit = self._policy.decide(self.history, self.streams.planner), ""
+        decision, limit = self._policy.decide(self.history, self.rng), ""
         if decision.action < momdp.n_behaviors:
             if self.history.cost + float(momdp.cost[decision.action]) > self.max_cost:
                 limit = f"max_cost = {self.max_cost:g} s"
@@ -294,7 +300,7 @@ class Session:
         """Return percept levels (N,), or None, and a warning."""
         query, answers = self.task.query, execution.answers
         if execution.instance is not None:
-            levels = self._perceiver.observe(execution.instance, query, self.streams.percepts)
+            levels = self._perceiver.observe(execution.instance, query, self._luck)
             return levels, execution.warning
         if answers is None:
             return None, execution.warning

@@ -1,8 +1,8 @@
 """Records of a trial: its task, its steps, what came of it."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from functools import cached_property, reduce
+from functools import reduce
 from html import escape
 from operator import add
 from typing import Any
@@ -24,7 +24,6 @@ from meal_bayes.domain import Query
 from meal_bayes.errors import DataError, QueryError
 from meal_bayes.momdp import MOMDP, Belief
 from meal_bayes.planners import Decision
-from meal_bayes.seeds import stream
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,33 +49,6 @@ class Task:
     object_index: int
     object_name: str
     key: tuple[str | int, ...]
-
-
-class Streams:
-    """The random streams of one trial, each made when it is first drawn from.
-
-    Parameters
-    ----------
-    seed : int
-        Names, with the key, the streams of the trial.
-    key : Sequence[str | int]
-        Of the task.
-    agent : str
-        Names, with these, the stream of the planner.
-    """
-
-    def __init__(self, seed: int, key: Sequence[str | int], agent: str) -> None:
-        self._seed, self._key, self._agent = seed, key, agent
-
-    @cached_property
-    def percepts(self) -> np.random.Generator:
-        """Of percepts that are drawn from tables; the same for every agent."""
-        return stream(self._seed, "percepts", *self._key)
-
-    @cached_property
-    def planner(self) -> np.random.Generator:
-        """Of the agent."""
-        return stream(self._seed, "planner", self._agent, *self._key)
 
 
 @dataclass(frozen=True, slots=True)

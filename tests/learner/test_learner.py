@@ -160,14 +160,6 @@ class TestRefitting:
         fresh = make.learner(dataset, make.agent("look", "lift", **make.ours))
         np.testing.assert_array_equal(alpha(learner), alpha(fresh))
 
-    def test_every_so_many_labels(self, dataset, make):
-        learner = make.learner(dataset, make.agent("look", **make.ours), refit_every=3)
-        for n in range(3):
-            trial = learner.ask("red", make.arm(seed=n))
-            before = learner.fitted(learner.agent)
-            learner.tell(trial, {"red": False})
-            assert (learner.fitted(learner.agent) is not before) == (n == 2)
-
     def test_when_labelled_instances_have_grown_by_a_fraction(self, dataset, make):
         learner = make.learner(dataset, make.agent("look", **make.ours), refit_every=0.05)
         fits = []

@@ -7,7 +7,6 @@ import pytest
 
 from meal_bayes.datasets import Dataset, make_synthetic
 from meal_bayes.domain import Domain, load_domain
-from meal_bayes.errors import SettingsError
 from meal_bayes.robots import Boundary
 from meal_bayes.robots.recorded import RecordedRobot
 from meal_bayes.robots.robot import Execution
@@ -204,24 +203,6 @@ def test_a_person_s_answer_has_no_features(make):
         assert execution.instance is not None
         assert execution.instance.features is None
         assert execution.instance.recording == -1
-
-
-def test_mistakes_are_told():
-    domain, rng = load_domain("toy"), np.random.default_rng(30)
-    robot = RecordedRobot(domain, 0, 2, rng, rng)
-    with pytest.raises(SettingsError, match="call start"):
-        robot.execute("look")
-    robot.start()
-    with pytest.raises(SettingsError, match="Unknown behavior 'lok': did you mean 'look'"):
-        robot.execute("lok")
-    data = dataset_of(domain)
-    for recordings, dataset, message in (
-        (0, data, f"expected 1 to {RECORDINGS}"),
-        (RECORDINGS + 1, data, f"expected 1 to {RECORDINGS}"),
-        (0, None, "expected 1 or more"),
-    ):
-        with pytest.raises(SettingsError, match=message):
-            RecordedRobot(domain, 0, recordings, rng, rng, dataset)
 
 
 def test_a_given_order_says_what_comes_next():

@@ -11,7 +11,7 @@ from meal_bayes.domain import Query, load_domain
 from meal_bayes.momdp import Objective, build_momdp, initial_belief
 from meal_bayes.planners import History
 from meal_bayes.robots import Boundary, Outcome
-from meal_bayes.trials import FaultTolerant, Session, Streams, Task, run_trial
+from meal_bayes.trials import FaultTolerant, Session, Task, run_trial
 from meal_bayes.trials.faults import faults_of
 
 DOMAIN = load_domain("ispy32")
@@ -54,10 +54,9 @@ def trial_of(name, robot, momdp):
     def solve(problem):
         return agent.solver(DOMAIN, momdp.query).solve(problem, np.random.default_rng(0))
 
-    policy = FaultTolerant(momdp, solve(momdp), solve)
+    policy = FaultTolerant(momdp, solve(momdp), solve, momdp.transition)
     session = Session(
-        task, momdp, policy, Boundary(DOMAIN), Undecided(), Streams(0, task.key, name),
-        truth=[True], max_steps=40,
+        task, momdp, policy, Boundary(DOMAIN), Undecided(), agent=name, truth=[True], max_steps=40
     )  # fmt: skip
     return run_trial(session, robot)
 
@@ -92,7 +91,7 @@ def test_a_robot_whose_recordings_run_out_is_sound():
     history, look = History(initial_belief(momdp)), DOMAIN.behavior_index("look")
     for perceived in (True, False, False, False):
         history = history.after(history.belief, look, perceived, 1.0)
-    assert not faults_of(momdp, history)[0].any()
+    assert not faults_of(momdp, history, momdp.transition)[0].any()
 
 
 def test_failures_that_chance_explains_are_repeated():
@@ -103,5 +102,5 @@ def test_failures_that_chance_explains_are_repeated():
     history, shake = History(initial_belief(momdp)), domain.behavior_index("shake")
     for _ in range(10):
         history = history.after(history.belief.at(4), shake, False, 1.0)
-    failing, _ = faults_of(momdp, history)
+    failing, _ = faults_of(momdp, history, momdp.transition)
     assert not failing.any()

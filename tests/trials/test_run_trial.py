@@ -11,7 +11,7 @@ from meal_bayes.momdp import Objective, Transition, build_momdp, initial_belief,
 from meal_bayes.planners import unvalued
 from meal_bayes.robots import Boundary, Outcome
 from meal_bayes.seeds import _words, stream
-from meal_bayes.trials import Session, Streams, Task, run_trial, truth_of
+from meal_bayes.trials import Session, Task, run_trial, truth_of
 
 REPORT = "report"  # of the most probable values
 
@@ -70,9 +70,8 @@ def trial_of(momdp, policy, outcomes=(), percepts=(), *, truth=(True, False), **
     task = Task("a task", momdp.query, 5, "object 5", ("test", 5))
     robot, eyes = ScriptedRobot(momdp.x_names, *outcomes), ScriptedPercepts(*percepts)
     domain = load_domain("toy" if "lift" in momdp.behavior_names else "roc36_published")
-    streams = Streams(0, task.key, "script")
     session = Session(
-        task, momdp, policy, Boundary(domain), eyes, streams, agent="script", truth=truth, **options
+        task, momdp, policy, Boundary(domain), eyes, agent="script", truth=truth, **options
     )
     trial = run_trial(session, robot)
     assert robot.started == 1
@@ -240,9 +239,9 @@ def test_streams_are_named_by_the_task_and_the_planner_s_by_the_agent_too():
     task = Task("a task", Query(("red",)), 0, "object", ("toy", 3))
     other = Task("another", Query(("red",)), 0, "object", ("toy", 4))
 
-    def draws(*arguments):
-        streams = Streams(arguments[0], arguments[1].key, arguments[2])
-        return [streams.percepts.random(), streams.planner.random()]
+    def draws(seed, task, agent):
+        session = Session(task, momdp_of(), None, None, None, agent=agent, seed=seed)
+        return [session._luck.random(), session.rng.random()]
 
     one = draws(1, task, "bayes")
     assert draws(1, task, "bayes") == one
