@@ -10,17 +10,17 @@ _NO_LEGEND = rrb.PlotLegend(visible=False)
 
 
 def blueprint(
-    *, single: bool, steps: bool, crowded: bool, run_first: bool, live: bool, robot: bool
+    *, single: bool, steps: bool, crowded: bool, live: bool, robot: bool
 ) -> rrb.Blueprint:
     """Return the layout of a recording.
 
     Plots show all of a `single` trial, else the rows around the cursor. The trials have a tab of
     their own if their `steps` are shown, with the `robot` in its own time, and a legend unless
-    attributes are `crowded`. The run's tab may be `run_first`; `live`, the newest row is followed.
+    attributes are `crowded`; `live`, the newest row is followed.
     """
     trial = [_trial(single=single, crowded=crowded, robot=robot)] if steps else []
     return rrb.Blueprint(
-        rrb.Tabs(*trial, _run(), active_tab=len(trial) if run_first else 0),
+        rrb.Tabs(*trial, _run(), active_tab=0),
         rrb.TopPanel(state="collapsed"),
         rrb.BlueprintPanel(state="collapsed"),
         rrb.SelectionPanel(state="collapsed"),
@@ -103,7 +103,6 @@ def _run() -> rrb.Vertical:
     plots = [
         (run_view.ACCURACY, "accuracy so far, band = one standard error", fraction),
         (run_view.COST, "mean cost so far, s, band = one standard error", None),
-        (run_view.CURVE, "learning curve: accuracy of the last 50 trials", fraction),
     ]
     views = [
         rrb.TimeSeriesView(origin=entity, name=name, axis_y=axis) for entity, name, axis in plots

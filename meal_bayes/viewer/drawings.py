@@ -3,7 +3,6 @@
 Boxes of graphs have positions of our own.
 """
 
-from collections import Counter
 from typing import NamedTuple
 
 import numpy as np
@@ -34,9 +33,9 @@ class Node(NamedTuple):
 
     name: str
     label: str
-    x: float
-    y: float
     color: Color
+    x: float = 0.0
+    y: float = 0.0
 
 
 class Graph(NamedTuple):
@@ -52,62 +51,43 @@ def box_size(label: str) -> tuple[float, float]:
     return _FRAME + _LETTER * max(map(len, lines)), _FRAME + _LINE * len(lines)
 
 
-def overlap(one: Node, other: Node) -> bool:
-    """Return whether the boxes of two nodes overlap."""
-    (w, h), (v, g) = box_size(one.label), box_size(other.label)
-    return abs(one.x - other.x) < (w + v) / 2 and abs(one.y - other.y) < (h + g) / 2
-
-
 class Diagram:
     """The transition diagram of a MOMDP: boxes for x and, between them, for behaviors."""
 
     def __init__(self, momdp: MOMDP) -> None:
         self._momdp = momdp
-        moves = dict[tuple[int, int], list[int]]()  # by (state, most probable next state)
+        self._moves: dict[tuple[int, int], str] = {}  # by state and behavior: name of the box
+        labels = dict[tuple[int, int], list[str]]()  # by state and most probable next state
         for state, action in np.argwhere(momdp.legal[: momdp.terminal]).tolist():
             target = int(momdp.transition[action, state].argmax())
-            moves.setdefault((state, target), []).append(action)
-        labels = {
-            pair: "\n".join(action_label(momdp, action) for action in actions)
-            for pair, actions in moves.items()
-        }
-        self._states = _place_states(momdp, labels)
-        self._behaviors = list[tuple[frozenset[int], Node]]()
-        edges = list[tuple[str, str]]()
-        for (source, target), label in labels.items():
-            start, end, name = self._states[source], self._states[target], f"{source}-{target}"
-            x, y = (start.x + end.x) / 2, (start.y + end.y) / 2
-            if source == target:  # above the state, and not beyond the first or last column
-                (w, h), (v, g) = box_size(start.label), box_size(label)
-                x += (v - w) / 2 * (-1 if start.x > 0 else 1)
-                y -= (h + g) / 2 + _COLUMN_GAP / 2
-            node = Node(name, label, x, y, DIM)
-            taken = [*self._states, *(other for _, other in self._behaviors)]
-            while any(overlap(node, other) for other in taken):  # moved down to a free place
-                node = node._replace(y=node.y + _LINE)
-            self._behaviors.append((frozenset(moves[source, target]), node))
-            edges += [(start.name, name), (name, end.name)]
-        self._edges = tuple(edges)
+            labels.setdefault((state, target), []).append(action_label(momdp, action))
+            self._moves[state, action] = f"{state}-{target}"
+        column = _columns(momdp, list(labels))
+        boxes = [(2 * column[x], Node(f"x{x}", n, GRAY)) for x, n in enumerate(momdp.x_names[:-1])]
+        boxes += [
+            (column[source] + column[target], Node(f"{source}-{target}", "\n".join(names), DIM))
+            for (source, target), names in labels.items()
+        ]
+        boxes.append((2 * max(column), Node(f"x{momdp.terminal}", "end: abstained", GRAY)))
+        self._nodes = _stacked(boxes)
+        self._edges = tuple(
+            edge
+            for source, target in labels
+            for edge in ((f"x{source}", f"{source}-{target}"), (f"{source}-{target}", f"x{target}"))
+        )
 
     def at(self, frame: TrialFrame) -> Graph:
         """Return it for a frame: where the robot is, where it was, which behavior it executed."""
         visited = {step.next_x for step in frame.trial.steps[: frame.number]}
-        visited |= {frame.trial.first_belief.x}
+        colors = {f"x{x}": SKY for x in visited | {frame.trial.first_belief.x}}
+        colors[f"x{frame.x}"] = ORANGE
+        if frame.step is not None:
+            colors[self._moves.get((frame.step.x, frame.step.decision.action), "")] = GREEN
+        nodes = [node._replace(color=colors.get(node.name, node.color)) for node in self._nodes]
         end = "end"
         if frame.x == self._momdp.terminal:
             end += ": abstained" if frame.trial.report is None else ": answered"
-        nodes = [
-            node._replace(
-                label=end if x == self._momdp.terminal else node.label,
-                color=ORANGE if x == frame.x else SKY if x in visited else GRAY,
-            )
-            for x, node in enumerate(self._states)
-        ]
-        done = -1 if frame.step is None else frame.step.decision.action
-        source = -1 if frame.step is None else frame.step.x
-        for actions, node in self._behaviors:
-            executed = done in actions and node.name.startswith(f"{source}-")
-            nodes.append(node._replace(color=GREEN if executed else DIM))
+        nodes[-1] = nodes[-1]._replace(label=end)  # the last state, in the last column
         return Graph(tuple(nodes), self._edges)
 
 
@@ -115,10 +95,10 @@ def search_tree(frame: TrialFrame) -> Graph:
     """Return the top of the tree behind a decision: actions, and what follows each percept."""
     step, momdp = frame.step, frame.trial.momdp
     if step is None:
-        return Graph((Node("root", "nothing is decided yet", 0, 0, GRAY),), ())
+        return Graph((Node("root", "nothing is decided yet", GRAY),), ())
     decision, chosen = step.decision, min(step.decision.action, momdp.n_behaviors)
     if not (actions := best_options(decision.values, chosen, _ACTIONS)):
-        return Graph((Node("root", "no search: a fixed rule", 0, 0, GRAY),), ())
+        return Graph((Node("root", "no search: a fixed rule", GRAY),), ())
     count = f"{decision.simulations} simulations" if decision.simulations else "one step ahead"
     root = f"{momdp.x_names[step.x]}\n{count}"
     labels = {}
@@ -145,32 +125,36 @@ def search_tree(frame: TrialFrame) -> Graph:
         top = y + (height - len(below) * row) / 2
         for number, text in enumerate(below):
             x = right + box_size(text)[0] / 2
-            nodes.append(Node(f"a{action}-{number}", text, x, top + (number + 0.5) * row, GRAY))
+            nodes.append(Node(f"a{action}-{number}", text, GRAY, x, top + (number + 0.5) * row))
             edges.append((f"a{action}", f"a{action}-{number}"))
         x, color = left + box_size(label)[0] / 2, ORANGE if action == chosen else SKY
-        nodes.append(Node(f"a{action}", label, x, y + height / 2, color))
+        nodes.append(Node(f"a{action}", label, color, x, y + height / 2))
         edges.append(("root", f"a{action}"))
         y += height
-    nodes.append(Node("root", root, box_size(root)[0] / 2, y / 2, GRAY))
+    nodes.append(Node("root", root, GRAY, box_size(root)[0] / 2, y / 2))
     return Graph(tuple(nodes), tuple(edges))
 
 
-def _place_states(momdp: MOMDP, moves: dict[tuple[int, int], str]) -> list[Node]:
-    """Return a node for every x, in the column of its distance from the start."""
-    labels = [*momdp.x_names[: momdp.terminal], "end: abstained"]
-    links = np.zeros((len(labels), len(labels)))
-    links[tuple(np.transpose(list(moves)))] = 1
+def _columns(momdp: MOMDP, moves: list[tuple[int, int]]) -> list[int]:
+    """Return the column of every x: its distance from the start, 0 where it is never reached."""
+    links = np.zeros((len(momdp.x_names), len(momdp.x_names)))
+    links[tuple(np.transpose(moves))] = 1
     depth = shortest_path(links, unweighted=True, indices=momdp.start)
-    depth[np.isinf(depth)] = 0  # what is never reached
-    depth[momdp.terminal] = depth.max()
-    between = [text for (source, target), text in moves.items() if source != target] or [""]
-    wide = max(box_size(label)[0] for label in labels[:-1]) + 2 * _COLUMN_GAP
-    wide += max(box_size(text)[0] for text in between)
-    high = max(box_size(text)[1] for text in between) + 2 * box_size("")[1]
-    nodes, used = list[Node](), Counter[int]()
-    for x, (label, column) in enumerate(zip(labels, depth.tolist(), strict=True)):
-        nodes.append(Node(f"x{x}", label, column * wide, used[column] * high, GRAY))
-        used[column] += 1
+    columns: list[int] = np.where(np.isinf(depth), 0, depth).astype(int).tolist()
+    return columns
+
+
+def _stacked(boxes: list[tuple[int, Node]]) -> list[Node]:
+    """Place boxes in their columns, one below the other."""
+    nodes, left = list[Node](), 0.0
+    for column in sorted({column for column, _ in boxes}):
+        members = [node for place, node in boxes if place == column]
+        sizes = [box_size(node.label) for node in members]
+        wide, top = max(width for width, _ in sizes), 0.0
+        for node, (_, height) in zip(members, sizes, strict=True):
+            nodes.append(node._replace(x=left + wide / 2, y=top + height / 2))
+            top += height + _COLUMN_GAP
+        left += wide + _COLUMN_GAP
     return nodes
 
 

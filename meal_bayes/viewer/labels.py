@@ -2,12 +2,10 @@
 
 from functools import lru_cache
 
-import numpy as np
-
 from meal_bayes.display import best_options, percent
 from meal_bayes.momdp import MOMDP
 from meal_bayes.planners import Decision
-from meal_bayes.trials import Trial, percept_labels, verdict_text
+from meal_bayes.trials import Trial, percept_labels
 from meal_bayes.trials.text import final_facts, gap_text, outcome_text
 from meal_bayes.viewer.recorder import TrialFrame
 
@@ -59,7 +57,8 @@ def narrate(frame: TrialFrame) -> str:
     rows = list(zip(trial.task.query.attributes, frame.positive.tolist(), percepts, strict=True))
     lines += [f"|{plain_text(name)}|{percent(p)}|{word}|" for name, p, word in rows[:_ATTRIBUTES]]
     if not frame.last:
-        best, sure = _report_text(trial, frame.belief.best_report), percent(frame.belief.certainty)
+        best = plain_text(trial.task.query.report_name(frame.belief.best_report))
+        sure = percent(frame.belief.certainty)
         return "\n".join([*lines, "", f"now it would answer **{best}** ({sure} sure)"])
     facts = {name: plain_text(text) for name, text in final_facts(trial).items()}
     verdict = {"right": "**right**; ", "wrong": "**WRONG**; "}.get(facts.get("verdict", ""), "")
@@ -101,20 +100,12 @@ def log_line(frame: TrialFrame) -> str:
     if step is None:
         return f"trial {frame.time.trial}: {question(trial)} {plain_text(trial.task.object_name)}"
     action = step.decision.action
-    if action == momdp.abstention:
-        return f"abstains, {trial.cost:g} s"
     if action >= momdp.n_behaviors:
-        verdict = verdict_text(trial).replace("wrong", "WRONG")
-        return f"answers {_report_text(trial, trial.report)}: {verdict}, {trial.cost:g} s"
-    percept = "nothing"
+        facts = final_facts(trial)
+        told = facts["answer"], facts.get("verdict", ""), facts["cost"]
+        return plain_text(", ".join(filter(None, told)))
+    percept = ""
     if step.observation is not None:
-        percept = ", ".join(percept_labels(momdp, action, step.observation))
-    path = f"{momdp.x_names[step.x]} → {momdp.x_names[step.next_x]}"
-    return (
-        f"{momdp.behavior_names[action]}, {path}, percept {percept}, H {frame.belief.entropy:.2f}"
-    )
-
-
-def _report_text(trial: Trial, values: np.ndarray | None) -> str:
-    """Return the values (N,) of a report by name, or "abstained"."""
-    return "abstained" if values is None else plain_text(trial.task.query.report_name(values))
+        percept = ", " + ", ".join(percept_labels(momdp, action, step.observation))
+    outcome = outcome_text(momdp, step)
+    return f"{momdp.behavior_names[action]} {outcome}{percept}, H {frame.belief.entropy:.2f}"

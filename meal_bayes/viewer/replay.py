@@ -86,12 +86,12 @@ class Replay:
         self._recorder.flush()
         self._stream.flush()
 
-    def send_layout(self, *, run_first: bool = False, live: bool = False) -> None:
-        """Send the layout that fits the trials so far, the run's tab in front where wanted."""
+    def send_layout(self, *, live: bool = False) -> None:
+        """Send the layout that fits the trials so far."""
         single = self._only is not None or (self.trials == 1 and not live)
         self._stream.send_blueprint(blueprint(
             single=single, steps=self._shows_steps, crowded=self._scene.crowded,
-            run_first=run_first, live=live, robot=self._shows_robot,
+            live=live, robot=self._shows_robot,
         ))  # fmt: skip
 
 
@@ -130,7 +130,6 @@ def send_recording(
     *,
     name: str = "run",
     only: int | None = None,
-    run_first: bool = False,
     frames: Sequence[Frame] = (),
 ) -> int:
     """Send trials to a file or a viewer, and return their number.
@@ -143,8 +142,6 @@ def send_recording(
         An .rrd file, or the address of a viewer (rerun+http://...).
     header, only
         As of `Replay`.
-    run_first : bool
-        Whether the run's tab is opened first.
     frames : Sequence[Frame]
         Of the robot in the first trial.
     """
@@ -156,7 +153,7 @@ def send_recording(
             else:
                 replay.add(trial, () if replay.trials else frames)
         replay.flush()
-        replay.send_layout(run_first=run_first)
+        replay.send_layout()
         return replay.trials
 
 

@@ -1,4 +1,4 @@
-"""The entities of a whole run: accuracy and cost so far, the learning curve, the worst trials."""
+"""The entities of a whole run: accuracy and cost so far, the worst trials, the settings."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -13,8 +13,7 @@ from meal_bayes.viewer.palette import series_color
 from meal_bayes.viewer.recorder import Recorder, Time, part
 
 FACTS, TABLE = "/run/facts", "/run/table"
-ACCURACY, COST, CURVE = "/run/accuracy", "/run/cost", "/run/learning"
-_WINDOW = 50  # trials of the learning curve's moving mean
+ACCURACY, COST = "/run/accuracy", "/run/cost"
 _WORST = 10  # trials that are listed
 _LONG = 300  # characters of a fact
 
@@ -31,7 +30,6 @@ class RunView:
         rows = ["|run||", "|---|---|"]
         for name, value in _flat(header).items():
             rows.append(f"|{plain_text(name)}|{plain_text(value)[:_LONG]}|")
-            recorder.stream.send_property(name, rr.AnyValues(value=value[:_LONG]))
         self._add_text(FACTS, rows)
 
     def add(self, outcomes: TrialOutcomes, times: Sequence[Time]) -> None:
@@ -66,7 +64,6 @@ class RunView:
             style = rr.Measurements.from_fields(names=shown, colors=color, widths=2)
             for plot in (ACCURACY, COST):
                 self._to.add_static(f"{plot}/{entity}", style)
-            self._to.add_line(f"{CURVE}/{entity}", shown, color)
         trials, judged = np.arange(1, len(rows) + 1), np.cumsum(outcomes.judged)
         right = np.cumsum(outcomes.success == 1)
         # Variances: of the posterior under Beta(1, 1), and of the mean of the costs.
@@ -75,7 +72,6 @@ class RunView:
         cost = np.cumsum(outcomes.cost) / trials
         spread = np.maximum(np.cumsum(outcomes.cost**2) / trials - cost**2, 0.0)
         cost_variance = spread / np.maximum(trials - 1, 1)
-        before = np.concatenate([np.zeros(1, int), right[outcomes.judged]])  # right of the first n
         for i in np.flatnonzero(rows >= self._sent):
             time = self._times[rows[i]]
             # Rounded, as a plot would show the noise of equal costs.
@@ -85,10 +81,6 @@ class RunView:
             for plot, (value, variance) in measures.items():
                 fields = {"values": [float(value)], "variances": [float(variance)]}
                 self._to.add(f"{plot}/{entity}", rr.Measurements, time, **fields)
-            if judged[i]:
-                first = max(judged[i] - _WINDOW, 0)
-                recent = (before[judged[i]] - before[first]) / (judged[i] - first)
-                self._to.add(f"{CURVE}/{entity}", rr.Scalars, time, scalars=[float(recent)])
         known = (
             f"{accuracy[-1]:.3f} ± {np.sqrt(accuracy_variance[-1]):.3f}" if judged[-1] else UNKNOWN
         )

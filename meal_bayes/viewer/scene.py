@@ -138,7 +138,7 @@ class Scene:
         self._to.add(f"{entity}/labels", rr.Points2D, time, **fields)
 
     def _graph(self, entity: str, graph: Graph, time: Time, *, arrows: bool = True) -> None:
-        names, labels, x, y, colors = map(list, zip(*graph.nodes, strict=True))
+        names, labels, colors, x, y = map(list, zip(*graph.nodes, strict=True))
         fields = {"positions": list(zip(x, y, strict=True)), "labels": labels, "colors": colors}
         self._to.add(f"{entity}/nodes", rr.GraphNodes, time, node_ids=names, **fields)
         if arrows:
