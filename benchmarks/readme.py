@@ -248,7 +248,7 @@ def _cells(row: Mapping[str, Any]) -> list[str]:
     """Return the measures of one agent as text."""
     return [
         row["agent"],
-        f"{_number(row['accuracy'], 3)} ± {_number(row['accuracy_se'], 3)}",
+        "{accuracy:.3f} [{accuracy_low:.3f}, {accuracy_high:.3f}]".format_map(row),
         f"{_number(row['cost_s'], 1)} ({_number(row['cost_sd'], 1)})",
         f"{_number(row['reward'], 1)} ± {_number(row['reward_se'], 1)}",
         _number(row["nll"], 3),

@@ -97,14 +97,15 @@ def offline(
 def _print_summary(rows: "list[SummaryRow]", paired: "list[dict[str, object]]") -> None:
     console = terminal.output()
     columns = {
-        "agent": "{agent}", "accuracy": "{accuracy:.3f} ±{accuracy_se:.3f}",
+        "agent": "{agent}",
+        "accuracy": "{accuracy:.3f} [{accuracy_low:.3f}, {accuracy_high:.3f}]",
         "cost, s": "{cost_s:.1f}", "reward": "{reward:.1f} ±{reward_se:.1f}", "NLL": "{nll:.3f}",
         "ECE": "{ece:.3f}", "abstained": "{abstained:.1%}",
     }  # fmt: skip
     terminal.print_table(columns, map(asdict, rows), narrow=True)
     text = (
-        f"{rows[0].trials} trials an agent; ± one standard error, objects drawn as "
-        "wholes; NLL and ECE of the final belief"
+        f"{rows[0].trials} trials an agent; [95 % interval], ± one standard error, objects drawn "
+        "as wholes; NLL and ECE of the final belief"
     )
     console.print(Text(text, "dim"))
     console.print()

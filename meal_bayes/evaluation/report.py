@@ -172,7 +172,8 @@ def _agents(
     cells: list[list[str | Section]] = [
         [row.agent or "agent",
          f"{row.trials:,}" + f", {row.trials - row.judged:,} {UNKNOWN}" * (row.trials > row.judged),
-         _number(row.accuracy, 3, row.accuracy_se, UNKNOWN),
+         UNKNOWN if math.isnan(row.accuracy) else
+         f"{row.accuracy:.3f} [{_number(row.accuracy_low, 3)}, {_number(row.accuracy_high, 3)}]",
          f"{row.cost_s:.1f} ({_number(row.cost_sd, 1)})",
          _number(row.reward, 1, row.reward_se, UNKNOWN),
          _number(row.nll, 3), _number(row.ece, 3), f"{_number(100 * row.abstained, 1)} %"]
@@ -200,8 +201,8 @@ def _agents(
     return {
         "title": "Agents",
         "text": "A trial counts as right when all its attributes are; one that abstained does not. "
-        "± is one standard error, objects drawn as wholes. NLL (nats) and ECE are of the final "
-        "belief. Bold: best accuracy, reward and NLL.",
+        "[95 % interval], ± one standard error, objects drawn as wholes. NLL (nats) and ECE are of "
+        "the final belief. Bold: best accuracy, reward and NLL.",
         "tables": [{"head": head, "rows": cells}, *_differences(rows, outcomes)],
         "figures": figures,
     }

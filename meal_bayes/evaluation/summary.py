@@ -43,6 +43,8 @@ class SummaryRow(Measures):
     judged: int  # of these, how many ended with a truth that is known
     accuracy: float  # fraction of the judged whose report was right in every attribute (Eq. 5)
     accuracy_se: float
+    accuracy_low: float  # 95 % interval, inside [0, 1]
+    accuracy_high: float
     cost_s: float  # mean of Eq. 6, of trials that came to their end; so are all measures below
     cost_sd: float  # standard deviation over trials
     reward: float  # mean, unshaped, undiscounted
@@ -80,7 +82,8 @@ class Summary(list[SummaryRow]):
     def __repr__(self) -> str:
         """Return a line an agent."""
         facts = {
-            row.agent: f"accuracy {row.accuracy:.3f} ± {row.accuracy_se:.3f}, "
+            row.agent: f"accuracy {row.accuracy:.3f} [{row.accuracy_low:.3f}, "
+            f"{row.accuracy_high:.3f}], "
             f"cost {row.cost_s:.1f} s, reward {row.reward:.1f} ± {row.reward_se:.1f}"
             for row in self
         }
@@ -162,7 +165,7 @@ def _row(agent: str, own: TrialOutcomes, seconds: float) -> SummaryRow:
         ece = calibration_error(positive, truth)
         calibrated = expected_calibration_error(positive, stream(0, "calibrated belief"))
     return SummaryRow(
-        agent, len(own), int(own.judged.sum()), accuracy.estimate, accuracy.se,
+        agent, len(own), int(own.judged.sum()), *accuracy,
         cost_s=float(cost.mean()) if len(cost) else math.nan,
         cost_sd=float(cost.std(ddof=1)) if len(cost) > 1 else math.nan,
         reward=reward.estimate, reward_se=reward.se,

@@ -130,7 +130,7 @@ def test_all_of_the_best_stand_in_bold_and_no_cost_does(page, trials):
     rows = summarize(trials)
     best = max(round(row.accuracy, 3) for row in rows)
     winners = sum(round(row.accuracy, 3) == best for row in rows)
-    assert sum(cell.startswith(f"{best:.3f} ±") for cell in bold) == winners * (winners < len(rows))
+    assert sum(cell.startswith(f"{best:.3f} [") for cell in bold) == winners * (winners < len(rows))
     assert not any("(" in cell for cell in bold)
     assert best_of([1.0, 2.0, 2.0, float("nan")]) == {1, 2}
     assert best_of([3.0, 3.0]) == best_of([float("nan"), 1.0]) == set()
