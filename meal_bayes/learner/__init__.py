@@ -8,5 +8,6 @@ from meal_bayes.learner.api import ask
 from meal_bayes.learner.experience import Experience
 from meal_bayes.learner.feedback import implied
 from meal_bayes.learner.learner import Learner
+from meal_bayes.learner.percepts import recall
 
-__all__ = ["Experience", "Learner", "ask", "implied"]
+__all__ = ["Experience", "Learner", "ask", "implied", "recall"]

@@ -1,6 +1,7 @@
 """Where percepts of a trial come from, and what of them is recorded."""
 
 from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,6 +14,7 @@ from meal_bayes.learner.experience import Experience
 from meal_bayes.learner.feedback import checked_labels, replacing
 from meal_bayes.learner.fitted import Fitted
 from meal_bayes.momdp import MOMDP
+from meal_bayes.trial_log import Logs
 from meal_bayes.trials import Step, Task, Trial
 
 if TYPE_CHECKING:
@@ -60,6 +62,36 @@ class Witness:
             self._learner.fits.update(self._learner.experience.shown(trial.task.key))
 
 
+def recall(learner: "Learner", *logs: str | Path) -> list[Trial]:
+    """Rebuild the experience of a learner from the logs of its robot's trials.
+
+    What was executed, whether it succeeded and what it showed of the attributes asked is in a log;
+    features and labels are not: labels can be told of the trials.
+    Trials that the learner has had, or with other levels than its agent's, are passed over.
+
+    Parameters
+    ----------
+    logs : str or Path
+        Files, or folders of them.
+
+    Returns
+    -------
+    trials : list[Trial]
+        That are experience now, in their order.
+    """
+    experience, recalled = learner.experience, list[Trial]()
+    with learner.lock:
+        for group in Logs(*logs).groups():
+            for trial in group.trials:
+                known = trial.task.key in experience.trials
+                if not known and trial.momdp.levels == learner.agent.levels:
+                    experience.trial(trial.task.key)
+                    record_trial(experience, trial)
+                    recalled.append(trial)
+        learner.refit()
+    return recalled
+
+
 def tell(learner: "Learner", trial: Trial | str, values: Mapping[str, bool | None]) -> None:
     """Add labels of a trial's object, and update what was fitted; see `Learner.tell`."""
     experience, fits = learner.experience, learner.fits
@@ -77,12 +109,17 @@ def tell(learner: "Learner", trial: Trial | str, values: Mapping[str, bool | Non
         perceived = any(step.observation is not None for step in trial.steps)
         if perceived and trial.momdp.levels != learner.agent.levels:
             raise SettingsError("The trial has other levels; give one of this learner's.")
-        for step in trial.steps:
-            if step.decision.action < trial.momdp.n_behaviors:
-                record_step(experience, trial.task, trial.momdp, step)
+        record_trial(experience, trial)
     labels = replacing(labels, experience.labels_for([name])[0], learner.domain)
     fits.update(experience.label(key, name, labels))
     fits.grow(len(experience.shown(key)) * int((labels >= 0).sum()))
+
+
+def record_trial(experience: Experience, trial: Trial) -> None:
+    """Record the steps of a trial of another learner's, with what they show of the percepts."""
+    for step in trial.steps:
+        if step.decision.action < trial.momdp.n_behaviors:
+            record_step(experience, trial.task, trial.momdp, step)
 
 
 def record_step(

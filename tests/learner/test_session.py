@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from meal_bayes.errors import LogError, SettingsError
-from meal_bayes.learner import Learner
+from meal_bayes.learner import Learner, recall
 from meal_bayes.robots import Outcome
 from meal_bayes.trial_log import Logs, check_log, read_trials, salvage
 from meal_bayes.trials import trials_frame
@@ -231,3 +231,24 @@ def test_a_trial_of_another_learner_keeps_its_own_percepts(dataset, make):
     (row,) = other.experience.shown(mine.task.key)
     assert other.experience.levels.values[row, 0] == mine.steps[0].observation[0]
     assert other.experience.instances.values[row, 3] == -1  # no features of another trial
+
+
+def test_the_experience_is_rebuilt_from_logs(dataset, make, tmp_path):
+    agent = make.agent(*PLAN, **make.ours)
+    first, again = make.learner(dataset, agent, logs=tmp_path), make.learner(dataset, agent)
+    names = ["mug", "cup 3", None, "mug"]
+    trials = [first.ask("red", make.arm(seed=n), object_name=name) for n, name in enumerate(names)]
+    recalled = recall(again, tmp_path)
+    assert [trial.task for trial in recalled] == [trial.task for trial in trials]
+    for learner, told in ((first, trials), (again, recalled)):
+        for number, trial in enumerate(told):
+            learner.tell(trial, {"red": number % 2 == 0})
+    one, other = first.experience, again.experience
+    for name in ("executions", "feedback", "known"):
+        np.testing.assert_array_equal(getattr(one, name).values, getattr(other, name).values)
+    np.testing.assert_array_equal(one.attempts, other.attempts)
+    np.testing.assert_array_equal(one.levels.values[:, 0], other.levels.values[:, 0])
+    for learner in (first, again):
+        alpha = learner.knowledge().posterior.concentration[0]
+        np.testing.assert_array_equal(alpha, first.knowledge().posterior.concentration[0])
+    assert recall(again, tmp_path) == []  # once
