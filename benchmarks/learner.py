@@ -28,7 +28,7 @@ from meal_bayes.seeds import stream
 WORDS = 30
 BAR = 5.0  # ms
 TRIALS, TESTS = 100, 100
-REFITS = (1, 0.1, 0.2, 0.5)  # after every label, or when labeled recordings grew by a part
+REFITS = (0.001, 0.1, 0.2, 0.5)  # parts by which labeled recordings grew; first: every label
 
 
 def milliseconds(work: Callable[[], object]) -> float:

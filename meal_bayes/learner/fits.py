@@ -1,18 +1,101 @@
 """What agents make of one record, or of a percept table without an object (Alg. 1)."""
 
+from collections import OrderedDict
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes.agents import Agent
+from meal_bayes.agents import Agent, Knowledge, Progress, information_value, knowledge_without
 from meal_bayes.datasets import PerceptTable
 from meal_bayes.errors import SettingsError
 from meal_bayes.learner.experience import Experience
-from meal_bayes.learner.fitted import Fitted, HeldOut
+from meal_bayes.learner.fitted import Fitted, progress_of, some_labels
 from meal_bayes.learner.settings import LearnerSettings
+from meal_bayes.perception import Perceiver, RecordedPercepts, SampledPercepts
+from meal_bayes.robots.recorded import replayable
+from meal_bayes.trials import Task
+
+_KEPT = 64  # policies; one over a grid of three attributes takes more than a megabyte
+
+
+class Recent(OrderedDict[Any, Any]):
+    """A dictionary of the entries that were used lately."""
+
+    def __getitem__(self, key: Any) -> Any:
+        self.move_to_end(key)
+        return super().__getitem__(key)
+
+    def __setitem__(self, key: Any, value: Any) -> None:
+        super().__setitem__(key, value)
+        if len(self) > _KEPT:
+            self.popitem(last=False)
+
+
+@dataclass(eq=False)
+class HeldOut:
+    """Knowledge of one agent about one object, of which neither recordings nor labels enter it."""
+
+    table: PerceptTable  # with labels that were told of objects that had none
+    agent: Agent
+    settings: LearnerSettings
+    object_index: int  # of the object that is left out
+    told: NDArray[np.int8]  # (P,) labels that people gave to it; -1 unknown
+    answering: Recent  # models and policies of queries about any object, without a bonus
+    exploring: Recent  # and with one
+
+    @cached_property
+    def knowledge(self) -> Knowledge:
+        """What is learned from all objects but this one."""
+        known = knowledge_without(
+            self.table, self.object_index, levels=self.agent.levels,
+            object_level=self.agent.object_level,
+        )  # fmt: skip
+        own = self.settings.posterior
+        return known if own is None else replace(known, posterior=own)
+
+    @property
+    def limit(self) -> NDArray[np.float64]:
+        """Percepts of each behavior that a trial can have, (E,)."""
+        counts = replayable(self.table)[self.object_index]
+        return np.where(self.settings.percepts == "recorded", counts, np.inf)
+
+    @cached_property
+    def perceiver(self) -> Perceiver:
+        """What shows percepts: classifiers that never saw the object, or the model itself."""
+        table = self.table
+        if self.settings.percepts == "recorded":
+            return RecordedPercepts(table, self.agent.levels)
+        every = range(len(table.domain.attributes))
+        confusion, _ = self.knowledge.posterior.select(every, exact=True)
+        return SampledPercepts(table.domain, table.labels, confusion)
+
+    @cached_property
+    def information(self) -> NDArray[np.float64]:
+        """Value of information (P,E), s a query."""
+        return information_value(
+            self.knowledge, reward=self.settings.reward, discount=self.agent.discount
+        )
+
+    def labels_of(self, task: Task) -> NDArray[np.int8] | None:
+        """Return the labels (N,) that were told of the object, if it is recognized by any."""
+        if not self.agent.memory:
+            return None
+        return some_labels(self.told[self.table.domain.columns(task.query.attributes)])
+
+    def progress(self, object_name: str | None, queries: float) -> Progress:
+        """Return what the other objects have shown so far, for a bonus."""
+        shown = replayable(self.table).copy()
+        shown[self.object_index] = 0
+        labelled = shown[..., None] * (self.table.labels >= 0)[:, None]
+        memory = self.agent.memory and object_name is not None
+        return progress_of(
+            self, labelled, labelled * self.settings.count_given, queries,
+            fresh=np.ones(labelled.shape[:0:-1], np.bool_), labeled=(self.told >= 0) & memory,
+        )  # fmt: skip
 
 
 class Fits:
@@ -29,13 +112,15 @@ class Fits:
         self.experience, self.settings, self.refit_every = experience, settings, refit_every
         self.table: PerceptTable | None = None  # that is replayed, in place of the record
         self.growth = [0, 0]  # labeled instances at the last refit, and since
-        self._made: list[Fitted] = []
+        self._made: list[tuple[Agent, Fitted]] = []
         self._held: dict[int, list[HeldOut]] = {}
+        self._labeled: tuple[PerceptTable, NDArray[np.int8]] | None = None  # by the record
+        self._recent = Recent(), Recent()
 
     def of(self, agent: Agent) -> Fitted:
         """Return what an agent makes of the record, made when it is first needed."""
-        for fit in self._made:
-            if fit.agent == agent:
+        for other, fit in self._made:
+            if other == agent:
                 return fit
         if not self._made:
             rows = np.arange(len(self.experience.instances))
@@ -43,7 +128,7 @@ class Fits:
             self.growth = [int((labels >= 0).sum()), 0]
         fit = Fitted(self.experience, agent, self.settings)
         fit.refit()
-        self._made.append(fit)
+        self._made.append((agent, fit))
         return fit
 
     def held_out(self, agent: Agent, o: int) -> HeldOut:
@@ -56,9 +141,12 @@ class Fits:
         for fit in self._held.setdefault(o, []):
             if fit.agent == agent:
                 return fit
-        told = self.experience.labels_for(table.objects)
-        labeled = replace(table, labels=np.where(table.labels < 0, told, table.labels))
-        fit = HeldOut(labeled, agent, self.settings, o, told[o])
+        if self._labeled is None:
+            told = self.experience.labels_for(table.objects)
+            labels = np.where(table.labels < 0, told, table.labels)
+            self._labeled = replace(table, labels=labels), told
+        labeled, told = self._labeled
+        fit = HeldOut(labeled, agent, self.settings, o, told[o], *self._recent)
         self._held[o].append(fit)
         return fit
 
@@ -66,20 +154,21 @@ class Fits:
         """Restore what an agent made of the record."""
         fit = Fitted(self.experience, agent, self.settings)
         fit.restore(state)
-        self._made, self.growth = [fit], growth
+        self._made, self.growth = [(agent, fit)], growth
 
     def clear(self) -> None:
         """Let everything be made anew when it is next needed."""
-        self._made, self._held = [], {}
+        self._made, self._held, self._labeled = [], {}, None
+        self._recent = Recent(), Recent()
 
     def update(self, rows: NDArray[np.intp]) -> None:
         """Count instances (k,) with the labels that they have now."""
-        for fit in self._made:
+        for _, fit in self._made:
             fit.update(rows)
 
     def withdraw(self, rows: NDArray[np.intp]) -> None:
         """Count instances (k,) of which labels were forgotten; refit where these were used."""
-        if any(fit.used(rows) for fit in self._made):
+        if any(fit.used(rows) for _, fit in self._made):
             self.clear()
         self.update(rows)
 

@@ -1,7 +1,5 @@
 """What one agent makes of the record: classifiers, tables, a posterior (Alg. 2, l. 6 and 18-23).
 
-Or of a percept table without an object (`HeldOut`, Alg. 1).
-
 `refit` learns everything anew: classifiers, how much objects differ, how their percepts err
 together. Between refits these are constant, and a label is a conjugate update by the percepts of
 objects that no classifier has seen.
@@ -10,14 +8,14 @@ objects that no classifier has seen.
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes.agents import Agent, Knowledge, Progress, information_value, knowledge_without
+from meal_bayes.agents import Agent, Knowledge, Progress, information_value
 from meal_bayes.agents.knowledge import knowledge_of
-from meal_bayes.datasets import PerceptTable, TrainingSet
+from meal_bayes.datasets import TrainingSet
 from meal_bayes.datasets.percepts import BIN_EDGES, levels_of, round_log_odds
 from meal_bayes.domain import Query, learn_success
 from meal_bayes.learner.experience import GIVEN, Experience, Rows
@@ -25,10 +23,8 @@ from meal_bayes.learner.settings import LearnerSettings
 from meal_bayes.momdp import MOMDP
 from meal_bayes.perception import (
     ConfusionCounts,
-    Perceiver,
     Perception,
     PerceptionSettings,
-    RecordedPercepts,
     SampledPercepts,
     fit_and_validate,
     fit_spaces,
@@ -36,11 +32,13 @@ from meal_bayes.perception import (
 )
 from meal_bayes.planners import Policy
 from meal_bayes.planners.pomcp.policy import POMCPPolicy
-from meal_bayes.robots.recorded import replayable
 from meal_bayes.trials import Task
 
+if TYPE_CHECKING:
+    from meal_bayes.learner.fits import HeldOut
+
 _SAME = 0.05  # success probabilities that differ by less are not planned with anew
-Asked = tuple[Query, bytes]  # and the percepts that a trial can have
+Asked = tuple[Query, bytes, int]  # percepts that a trial can have, and the id of its `Fitted`
 
 
 @dataclass(eq=False)
@@ -236,11 +234,7 @@ class Fitted:
 
     def restore(self, state: Mapping[str, Any]) -> None:
         """Restore a state that was saved; raise ValueError where it does not fit the record."""
-        (e, _), (_, p) = self.experience.attempts.shape, self.experience.tally.shape
-        for knowledge in (state["knowledge"], state["refitted"]):
-            shapes = knowledge.posterior.counts.shape, knowledge.base_rates.shape
-            if shapes != ((p, e, 2, self.agent.levels), (p,)):
-                raise ValueError("what was counted does not fit attributes, behaviors and levels")
+        self._check(state)
         self._begin(state["refitted"])
         self.perception, self.knowledge = state["perception"], state["knowledge"]
         self.seen = state["seen"]
@@ -248,73 +242,30 @@ class Fitted:
         self.counted.extend(state["counted"])
         self._succeed()
 
-
-@dataclass(eq=False)
-class HeldOut:
-    """Knowledge of one agent about one object, of which neither recordings nor labels enter it."""
-
-    table: PerceptTable  # with labels that were told of objects that had none
-    agent: Agent
-    settings: LearnerSettings
-    object_index: int  # of the object that is left out
-    told: NDArray[np.int8]  # (P,) labels that people gave to it; -1 unknown
-    # Models and policies of queries, without and with a bonus.
-    answering: dict[Asked, tuple[MOMDP, Policy]] = field(default_factory=dict)
-    exploring: dict[Asked, POMCPPolicy] = field(default_factory=dict)
-
-    @cached_property
-    def knowledge(self) -> Knowledge:
-        """What is learned from all objects but this one."""
-        known = knowledge_without(
-            self.table, self.object_index, levels=self.agent.levels,
-            object_level=self.agent.object_level,
-        )  # fmt: skip
-        own = self.settings.posterior
-        return known if own is None else replace(known, posterior=own)
-
-    @property
-    def limit(self) -> NDArray[np.float64]:
-        """Percepts of each behavior that a trial can have, (E,)."""
-        counts = replayable(self.table)[self.object_index]
-        return np.where(self.settings.percepts == "recorded", counts, np.inf)
-
-    @cached_property
-    def perceiver(self) -> Perceiver:
-        """What shows percepts: classifiers that never saw the object, or the model itself."""
-        table = self.table
-        if self.settings.percepts == "recorded":
-            return RecordedPercepts(table, self.agent.levels)
-        every = range(len(table.domain.attributes))
-        confusion, _ = self.knowledge.posterior.select(every, exact=True)
-        return SampledPercepts(table.domain, table.labels, confusion)
-
-    @cached_property
-    def information(self) -> NDArray[np.float64]:
-        """Value of information (P,E), s a query."""
-        return information_value(
-            self.knowledge, reward=self.settings.reward, discount=self.agent.discount
-        )
-
-    def labels_of(self, task: Task) -> NDArray[np.int8] | None:
-        """Return the labels (N,) that were told of the object, if it is recognized by any."""
-        if not self.agent.memory:
-            return None
-        return some_labels(self.told[self.table.domain.columns(task.query.attributes)])
-
-    def progress(self, object_name: str | None, queries: float) -> Progress:
-        """Return what the other objects have shown so far, for a bonus."""
-        shown = replayable(self.table).copy()
-        shown[self.object_index] = 0
-        labelled = shown[..., None] * (self.table.labels >= 0)[:, None]
-        memory = self.agent.memory and object_name is not None
-        return progress_of(
-            self, labelled, labelled * self.settings.count_given, queries,
-            fresh=np.ones(labelled.shape[:0:-1], np.bool_), labeled=(self.told >= 0) & memory,
-        )  # fmt: skip
+    def _check(self, state: Mapping[str, Any]) -> None:
+        """Check what others wrote."""
+        experience, k = self.experience, self.agent.levels
+        (e, _), (_, p) = experience.attempts.shape, experience.tally.shape
+        for knowledge in (state["knowledge"], state["refitted"]):
+            shapes = knowledge.posterior.counts.shape, knowledge.base_rates.shape
+            if shapes != ((p, e, 2, k), (p,)):
+                raise ValueError("what was counted does not fit attributes, behaviors and levels")
+        seen, levels, counted = (state[name] for name in ("seen", "levels", "counted"))
+        fits = seen.dtype == bool and seen.shape[1:] == (e, p)
+        if not fits or len(seen) > len(experience.objects) + 1:
+            raise ValueError("what classifiers have seen does not fit the objects")
+        for values, end in ((levels, k), (counted, 2)):
+            fits = values.shape == (len(levels), p) and len(levels) <= len(experience.instances)
+            if not fits or ((values < -1) | (values >= end)).any():
+                raise ValueError("percepts or their labels do not fit the instances")
+        for name, classifier in state["perception"].classifiers.items():
+            zeros = {m: np.zeros((1, experience.sizes[name, m])) for m in classifier.spaces}
+            if classifier.log_odds(zeros).shape != (1, p):
+                raise ValueError(f"the classifiers of {name} do not fit the attributes")
 
 
 def progress_of(
-    fit: Fitted | HeldOut, labelled: NDArray[np.int64], counted: NDArray[np.int64],
+    fit: "Fitted | HeldOut", labelled: NDArray[np.int64], counted: NDArray[np.int64],
     queries: float, *, fresh: NDArray[np.bool_], labeled: NDArray[np.bool_],
 ) -> Progress:  # fmt: skip
     """Return what has been learned so far, by labelled instances (O,E,P), and those counted."""

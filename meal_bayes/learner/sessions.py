@@ -20,7 +20,8 @@ from meal_bayes.domain import Query, read_query
 from meal_bayes.errors import LogError, SettingsError
 from meal_bayes.files import file_name
 from meal_bayes.learner.experience import Key
-from meal_bayes.learner.fitted import Fitted, HeldOut
+from meal_bayes.learner.fits import HeldOut
+from meal_bayes.learner.fitted import Fitted
 from meal_bayes.learner.percepts import Witness
 from meal_bayes.momdp import MOMDP
 from meal_bayes.perception import Perceiver
@@ -236,7 +237,7 @@ def prepare(
     def solve(momdp: MOMDP) -> Policy:
         return _solve(learner, fit, task, streams, momdp)
 
-    key = query, limits.tobytes()
+    key = query, limits.tobytes(), id(fit)
     if not explore or (isinstance(fit.agent.exploration, NoBonus) and labels is None):
         if key in fit.answering and labels is None:
             return fit.answering[key]
