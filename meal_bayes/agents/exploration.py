@@ -143,14 +143,14 @@ def information_value(knowledge: Knowledge, *, reward: float, discount: float) -
     weight = alpha.sum(axis=-1)  # (P,E,2)
     yes = alpha[..., half:].sum(axis=-1) / weight
     deviation = np.sqrt(yes * (1 - yes) / (weight + 1))
-    senses = _senses(knowledge)
-    believed = senses & (yes[..., 1] > yes[..., 0])
+    senses = domain.recorded
+    believed = np.isin(np.arange(len(domain.behaviors)), senses) & (yes[..., 1] > yes[..., 0])
     flat = yes.mean(axis=-1, keepdims=True)
     now = np.where(believed[..., None], yes, flat)  # (P,E,2)
     better = np.clip(now + deviation * np.array([-1.0, 1.0]), 0.01, 0.99)
     p, e = believed.shape
     rates = np.repeat(now[:, None], 1 + e, axis=1)  # (P,1+E,E,2), the first as it is
-    for behavior in np.flatnonzero(senses):
+    for behavior in senses:
         rates[:, 1 + behavior, behavior] = better[:, behavior]
     query = Query(domain.attributes[:1])
     momdp = build_momdp(
@@ -181,7 +181,7 @@ def fitted_weights(progress: Progress) -> tuple[float, float]:
     all attributes and behaviors.
     """
     knowledge = progress.knowledge
-    domain, senses = knowledge.domain, _senses(knowledge)
+    domain, senses = knowledge.domain, knowledge.domain.recorded
     confusion, _ = knowledge.posterior.select(range(len(domain.attributes)), exact=True)
     momdp = build_momdp(domain, Query(domain.attributes), confusion, np.inf)
     entropy = observation_entropy(momdp).mean(axis=-1)[:, senses]  # (P,E)
@@ -194,8 +194,3 @@ def fitted_weights(progress: Progress) -> tuple[float, float]:
 def _object_value(progress: Progress) -> Array:
     """Compute the value of one more object in each table, (P,E), s; it falls with their number."""
     return np.asarray(progress.queries * progress.valued() / (progress.objects + 1))
-
-
-def _senses(knowledge: Knowledge) -> NDArray[np.bool_]:
-    """Return which behaviors have modalities, (E,)."""
-    return np.array([bool(behavior.modalities) for behavior in knowledge.domain.behaviors])

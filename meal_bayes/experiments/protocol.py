@@ -70,7 +70,7 @@ class Recordings:
         absent = np.arange(r) >= self.counts[..., None]
         self._order = np.where(absent, np.inf, rng.random((o, e, r))).argsort(axis=-1)
         self._used = np.zeros((o, e), np.int64)
-        self._senses = [bool(behavior.modalities) for behavior in dataset.domain.behaviors]
+        self._senses = dataset.domain.recorded
 
     def supply(self, o: int) -> Order:
         """Return the recordings of an object yet to come, (E,) lists, the next one last."""
@@ -81,7 +81,7 @@ class Recordings:
         """Count the recordings that a trial was shown."""
         for step in trial.steps:
             e = step.decision.action
-            if step.observation is not None and self._senses[e]:
+            if step.observation is not None and e in self._senses:
                 self._used[trial.task.object_index, e] += 1
 
 

@@ -21,12 +21,7 @@ from meal_bayes.errors import RobotError
 from meal_bayes.experiments.parallel import in_parallel
 from meal_bayes.experiments.store import digest_of
 from meal_bayes.learner import Learner
-from meal_bayes.robots.simulated_arm import (
-    OnFrame,
-    SimulatedArm,
-    attributes_of,
-    draw_object,
-)
+from meal_bayes.robots.simulated_arm import OnFrame, SimulatedArm, attributes_of, draw_object
 from meal_bayes.robots.simulated_arm.arm import GRASPED, LEGAL, LIFTED, READY
 from meal_bayes.robots.simulated_arm.objects import ObjectParameters
 from meal_bayes.seeds import stream
@@ -149,11 +144,7 @@ def save_recordings(recorded: Sequence[Recorded], folder: Path) -> Path:
 
 
 def training_recordings(
-    objects: int = 30,
-    recordings: int = 3,
-    *,
-    jobs: int = 1,
-    progress: Progress = lambda *_: None,
+    objects: int = 30, recordings: int = 3, *, jobs: int = 1, progress: Progress = lambda *_: None
 ) -> Dataset:
     """Return the recordings of training objects.
 

@@ -17,43 +17,20 @@ _PERCEPTS = ("recorded", "model")
 
 @dataclass(frozen=True, slots=True)
 class LearnerSettings:
-    """How a learner learns, whoever its agent is.
+    """How a learner learns, whoever its agent is."""
 
-    Attributes
-    ----------
-    classifier : object
-        A scikit-learn classifier of one's own, or None: ours.
-    posterior : ConfusionPosterior or None
-        Of one's own, in place of what given recordings imply; what trials show is added to it.
-    by_object : bool
-        Cross-validate over objects; see `PerceptionSettings`.
-    learn_success : bool
-        Learn success probabilities, or take them from the domain.
-    reward : float
-        r+ = -r- that information is valued for.
-    unit : float or None
-        Labelled instances that make one unit of experience (Eq. 10); None: as many as every
-        object met would have with as many recordings of a behavior as the one with the most.
-    count_given : bool
-        Whether recordings that were given are experience (Eq. 10), beside those of trials.
-    shaped_answers : bool
-        Whether an ITRS shapes the rewards of trials that explore nothing, too.
-    drawn : NDArray[np.int8] | None
-        (O,P) labels of objects, by which percepts are drawn from the learned tables.
-    percepts : str
-        Of a percept table: "recorded", or "model", drawn from the learned confusion matrices.
-    """
-
-    classifier: object = None
-    posterior: ConfusionPosterior | None = None
-    by_object: bool = True
-    learn_success: bool = True
-    reward: float = 100.0
+    classifier: object = None  # of scikit-learn, in place of ours
+    posterior: ConfusionPosterior | None = None  # in place of what given recordings imply
+    by_object: bool = True  # cross-validate over objects; see `PerceptionSettings`
+    learn_success: bool = True  # or take success probabilities from the domain
+    reward: float = 100.0  # r+ = -r- that information is valued for
+    # Labelled instances that make one unit of experience (Eq. 10); None: as many as every object
+    # met would have with as many recordings of a behavior as the one with the most.
     unit: float | None = None
-    count_given: bool = True
-    shaped_answers: bool = False
-    drawn: NDArray[np.int8] | None = None
-    percepts: str = "recorded"
+    count_given: bool = True  # recordings that were given are experience, beside those of trials
+    shaped_answers: bool = False  # an ITRS shapes the rewards of trials that explore nothing, too
+    drawn: NDArray[np.int8] | None = None  # (O,P) labels, by which percepts are drawn from tables
+    percepts: str = "recorded"  # of a percept table; or "model", drawn from learned matrices
 
     def __post_init__(self) -> None:
         if self.percepts not in _PERCEPTS:

@@ -180,5 +180,6 @@ def shape_reward(
             f"The MOMDP was not built from the domain {domain.name!r}; pass its own."
         )
     bonus = alpha * observation_entropy(momdp) - beta * ie[..., None] / len(momdp.query)
-    explores = np.array([bool(behavior.modalities) for behavior in domain.behaviors])
-    return replace(momdp, bonus=np.where(explores[:, None], bonus, 0.0))
+    explored = np.zeros_like(bonus)
+    explored[:, domain.recorded] = bonus[:, domain.recorded]
+    return replace(momdp, bonus=explored)

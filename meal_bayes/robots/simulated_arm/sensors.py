@@ -156,10 +156,7 @@ def picture_features(scene: Scene, rng: np.random.Generator) -> dict[str, Floats
     mask = difference > _DIFFERENT
     rows, columns = mask.sum(axis=1) > 1, mask.sum(axis=0) > 1
     color = picture[mask].mean(axis=0) if mask.any() else np.zeros(3)
-    return {
-        "color": color,
-        "shape": np.array([rows.sum(), columns.sum(), mask.sum()], dtype=float),
-    }
+    return {"color": color, "shape": np.array([rows.sum(), columns.sum(), mask.sum()], dtype=float)}
 
 
 def frame_of(scene: Scene) -> Frame:
