@@ -31,14 +31,14 @@ def info(file: Path, as_json: bool) -> None:
     if as_json:
         _print_json(infos, file)
         return
-    size, trials, steps, momdps = (
-        sum(getattr(info, name) for info in infos) for name in ("size", "trials", "steps", "momdps")
+    size, trials, steps = (
+        sum(getattr(info, name) for info in infos) for name in ("size", "trials", "steps")
     )
     forms = ", ".join(dict.fromkeys(info.form for info in infos))
     files = f" ({len(infos)} files)" if file.is_dir() else ""
     facts = {
         "file": f"{file}{files}, {size:,} bytes, format {infos[0].format_version}, {forms}",
-        "holds": f"{trials} trials, {steps} steps, {momdps} MOMDPs",
+        "holds": f"{trials} trials, {steps} steps",
     }
     print_facts(output(), {**facts, **{k: _as_text(v) for k, v in infos[0].header.items()}})
 

@@ -8,14 +8,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
 
-from mcap.records import Channel, Chunk, Statistics
+from mcap.records import Chunk
 from mcap.writer import MCAP0_MAGIC
 
 from meal_bayes.errors import LogCorruptError, LogError, LogVersionError
 from meal_bayes.trial_log import schema
 from meal_bayes.trial_log.container import FAULTS, fault_text, read_records
 from meal_bayes.trial_log.decode import NO_END, NO_HEADER, TrialBuilder
-from meal_bayes.trial_log.names import drafts_of, log_files, recovered_name
+from meal_bayes.trial_log.names import log_files, recovered_name
 from meal_bayes.trial_log.writer import write_trials
 from meal_bayes.trials import Trial, TrialOutcomes
 
@@ -35,7 +35,6 @@ class LogInfo:
     trials: int
     steps: int
     cost: float  # s, of all trials
-    momdps: int
     header: dict[str, object]
 
 
@@ -114,24 +113,15 @@ def read_header(path: str | Path) -> dict[str, object]:
 def log_info(path: str | Path) -> LogInfo:
     """Read what a whole log holds; every byte is checked, no trial decoded; errors as above."""
     path, builder = find_log(path), TrialBuilder()
-    topics, counts = dict[int, str](), dict[int, int]()
     with opened(path) as file:
         for record in read_records(file):
-            if isinstance(record, Channel):
-                topics[record.id] = record.topic
-            elif isinstance(record, Statistics):
-                counts = record.channel_message_counts
-            elif not isinstance(record, Chunk) or builder.header is None:
+            if not isinstance(record, Chunk) or builder.header is None:
                 next(builder.records(record), None)
         end, header = builder.end, builder.header
         if header is None or end is None:
             raise LogCorruptError(NO_HEADER if header is None else NO_END)
-        momdps = sum(n for number, n in counts.items() if topics[number] == schema.MOMDPS)
     size = path.stat().st_size
-    return LogInfo(
-        path, size, schema.FORMAT_VERSION, builder.form, **end._asdict(), momdps=momdps,
-        header=header,
-    )  # fmt: skip
+    return LogInfo(path, size, schema.FORMAT_VERSION, builder.form, **end._asdict(), header=header)
 
 
 class Scan:
@@ -238,13 +228,10 @@ def opened(path: Path) -> Iterator[BinaryIO]:
 
 
 def find_log(path: str | Path) -> Path:
-    """Check that there is a file, and say where it may be."""
-    path = Path(path)
-    if path.is_file():
-        return path
-    for draft in drafts_of(path):
-        raise LogError(f"There is no {path}, but its unfinished {draft.name}; {_way_out(draft)}")
-    raise LogError(f"There is no log {path}; expected the name of a {schema.SUFFIX} file.")
+    """Return the log of a name, or its newest draft where that is all there is."""
+    if Path(path).is_dir():
+        raise LogError(f"{path} is a folder, and no log; name one of its files.")
+    return log_files(path)[0]
 
 
 def _whole(path: str | Path) -> Path:
