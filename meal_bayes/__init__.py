@@ -61,31 +61,11 @@ if TYPE_CHECKING:
     from meal_bayes.trials import Trial, run_trial
 
 __all__ = [
-    "POMCP",
-    "ConfusionPosterior",
-    "Dataset",
-    "Learner",
-    "MealBayesError",
-    "OfflineConfig",
-    "Outcome",
-    "Query",
-    "Trial",
-    "ask",
-    "build_momdp",
-    "build_percept_table",
-    "initial_belief",
-    "load_dataset",
-    "load_domain",
-    "load_percepts",
-    "read_query",
-    "read_trials",
-    "run_offline",
-    "run_trial",
-    "save_percepts",
-    "summarize",
-    "update_belief",
-    "write_trials",
-]
+    "POMCP", "ConfusionPosterior", "Dataset", "Learner", "MealBayesError", "OfflineConfig",
+    "Outcome", "Query", "Trial", "ask", "build_momdp", "build_percept_table", "initial_belief",
+    "load_dataset", "load_domain", "load_percepts", "read_query", "read_trials", "run_offline",
+    "run_trial", "save_percepts", "summarize", "update_belief", "write_trials",
+]  # fmt: skip
 
 _ROOMS = {
     "datasets": ("Dataset", "load_dataset", "load_percepts", "save_percepts"),

@@ -22,23 +22,7 @@ from meal_bayes.trial_log.schema import ACTIVE, FORMAT_VERSION
 from meal_bayes.trial_log.writer import TrialWriter, read_seconds, write_trials
 
 __all__ = [
-    "ACTIVE",
-    "FORMAT_VERSION",
-    "Follower",
-    "Group",
-    "LogInfo",
-    "LogReport",
-    "Logs",
-    "TrialWriter",
-    "check_log",
-    "log_files",
-    "log_info",
-    "read_header",
-    "read_outcomes",
-    "read_seconds",
-    "read_trials",
-    "recover_log",
-    "remove_drafts",
-    "salvage",
-    "write_trials",
-]
+    "ACTIVE", "FORMAT_VERSION", "Follower", "Group", "LogInfo", "LogReport", "Logs", "TrialWriter",
+    "check_log", "log_files", "log_info", "read_header", "read_outcomes", "read_seconds",
+    "read_trials", "recover_log", "remove_drafts", "salvage", "write_trials",
+]  # fmt: skip
