@@ -1,6 +1,5 @@
 """`meal-bayes ask`, `demo`: one question about one object; `memory`: the labels it received."""
 
-import contextlib
 import json
 import textwrap
 import time
@@ -182,15 +181,15 @@ def _prompt(text: str) -> bool | None:
     """Return a person's reply to a yes/no question on standard error; None where unknown."""
     replies = {"y": True, "yes": True, "n": False, "no": False, "": None, "skip": None}
     prompt = f"{terminal.printable(text)} [y/n, Enter: do not know]"
-    while True:
-        try:
-            reply: str = click.prompt(prompt, err=True, default="", show_default=False)
-        except click.Abort:
-            click.echo(err=True)
-            return None
-        with contextlib.suppress(KeyError):
-            return replies[reply.strip().lower()]
-        note(f"{reply!r} is not understood; type y or n")
+    kind = click.Choice(list(replies), case_sensitive=False)
+    try:
+        reply: str = click.prompt(
+            prompt, type=kind, default="", show_choices=False, show_default=False, err=True
+        )
+    except click.Abort:
+        click.echo(err=True)
+        return None
+    return replies[reply]
 
 
 @click.group(cls=Section)

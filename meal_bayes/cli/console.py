@@ -4,7 +4,6 @@ import contextlib
 import functools
 import json
 import textwrap
-import threading
 import time
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from typing import Any, NoReturn
@@ -27,7 +26,6 @@ from rich.text import Text
 _PICTURES, _CONTROLS = 0x2400, 0x20  # pictures of the control characters below it
 _NARROWEST, _USUAL = 20, 80  # columns
 _LABEL, _NARROW = 10, 20  # characters of a label, and the fewest of its text
-_PATIENCE = 2.0  # s until a wait is explained
 _EVERY = 15.0  # s between lines of progress without a terminal
 
 Advance = Callable[[float, int], None]  # called with (done, in all)
@@ -121,19 +119,6 @@ def label_text(label: str) -> Text:
 def note(text: str) -> None:
     """Print one line on standard error."""
     output(stderr=True).print(text, style="dim", soft_wrap=True)
-
-
-@contextlib.contextmanager
-def patience(text: str) -> Iterator[None]:
-    """Print a note if the block takes long, so that an error at once stands alone."""
-    timer = threading.Timer(_PATIENCE, note, (text,))
-    timer.daemon = True
-    timer.start()
-    try:
-        yield
-    finally:
-        timer.cancel()
-        timer.join()  # its note must not come when the streams are closed
 
 
 @contextlib.contextmanager

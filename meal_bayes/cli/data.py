@@ -67,7 +67,7 @@ def fetch(dataset: str) -> None:
     from meal_bayes import datasets
 
     total = len(datasets.registry(dataset))
-    with terminal.patience(f"fetching {total} files of {dataset} ..."):
+    with terminal.output(stderr=True).status(f"fetching {total} files of {dataset} ..."):
         folder = datasets.fetch(dataset)
     terminal.say(f"{dataset}: {total} files in {folder}")
 
@@ -133,7 +133,7 @@ def percepts(
             f"The package holds no table of {dataset!r} by {classifier or perception} to compare "
             "with; give --out FILE.npz to write the new one."
         )
-    with terminal.patience(f"reading the recordings of {dataset} ..."):
+    with terminal.output(stderr=True).status(f"reading the recordings of {dataset} ..."):
         recordings = load_dataset(dataset, root=root)
     missing = [] if shipped else recordings.missing()
     if missing:

@@ -108,10 +108,6 @@ def _print_summary(rows: "list[SummaryRow]", paired: "list[dict[str, object]]") 
         "as wholes; NLL and ECE of the final belief"
     )
     console.print(Text(text, "dim"))
-    console.print()
-    columns = {"final belief": "{agent}", "NLL": "{nll:.3f}", "Brier": "{brier:.3f}"}
-    columns |= {"ECE": "{ece:.3f}", "ECE if calibrated": "{ece_calibrated:.3f}"}
-    terminal.print_table(columns, map(asdict, rows))
     if paired:
         console.print()
         differences = (

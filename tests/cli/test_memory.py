@@ -58,7 +58,7 @@ def test_no_tells_the_opposite_of_one_attribute(ask, run):
 def test_y_and_n_are_enough_and_what_is_known_is_not_asked_again(ask, run):
     ask("Is it red?", "y\n")
     result = ask(BOTH, "maybe\nn\nn\n")
-    assert "'maybe' is not understood; type y or n" in result.stderr
+    assert "'maybe' is not one of 'y', 'yes', 'n'" in result.stderr
     assert "Is it full?" in result.stderr
     assert "Is it red?" not in result.stderr  # it was told
     assert remembered(run)[-1] == ("red_jar", {"full": False})
