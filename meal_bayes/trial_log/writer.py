@@ -9,7 +9,7 @@ import itertools
 import json
 import os
 import platform
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple, Self
 
@@ -142,7 +142,7 @@ class TrialWriter:
 
     @contextlib.contextmanager
     def _faults_named(self) -> Iterator[None]:
-        """Turn the system's errors into ours, which name the file."""
+        """Turn errors of system and trial into ours, which name the file or the trial."""
         try:
             yield
         except OSError as fault:
@@ -150,6 +150,9 @@ class TrialWriter:
             kept = f" ({trials} trials are kept in {self.active_path})" * (trials > 0)
             why = fault.strerror or fault
             raise LogError(f"{self.path} cannot be written: {why}{kept}.") from fault
+        except (SettingsError, TypeError, ValueError, OverflowError) as fault:
+            trial = self.written.trials  # which no message can hold
+            raise LogError(f"Trial {trial} cannot be logged: {fault}.") from fault
 
     def _describe(self) -> None:
         """Write what the run was: metadata and an attachment for other tools, /run for ours."""
@@ -177,7 +180,8 @@ class TrialWriter:
             The trial's arrays do not fit each other, and the file stays as it was; or the disk is
             full, and the trials before stay in the draft.
         """
-        packed = self._pack(lambda: self._place(trial) + self._encoder.whole(trial))
+        with self._faults_named():
+            packed = self._place(trial) + self._encoder.whole(trial)
         self.put(packed)
         self._close(trial, seconds)
 
@@ -194,27 +198,24 @@ class TrialWriter:
 
     def begin(self, trial: Trial) -> None:
         """Write the start of a trial to disk; its steps follow one by one, then its end."""
-        packed = self._pack(lambda: self._place(trial) + self._encoder.begin(trial))
+        with self._faults_named():
+            packed = self._place(trial) + self._encoder.begin(trial)
         self.begun = True
         self.put(packed, sync=True)
 
     def step(self, step: Step) -> None:
         """Write the next step of the trial that was begun to disk."""
-        self.put(self._pack(lambda: self._encoder.step(step)), sync=True)
+        with self._faults_named():
+            packed = self._encoder.step(step)
+        self.put(packed, sync=True)
 
     def end(self, trial: Trial) -> None:
         """Write the outcome of the trial that was begun to disk."""
-        self.put(self._pack(lambda: self._encoder.end(trial)), sync=True)
+        with self._faults_named():
+            packed = self._encoder.end(trial)
+        self.put(packed, sync=True)
         self.begun = False
         self._close(trial)
-
-    def _pack(self, messages: Callable[[], list[Packed]]) -> list[Packed]:
-        """Turn the errors of a trial that no message can hold into ours, with its number."""
-        try:
-            return messages()
-        except (SettingsError, TypeError, ValueError, OverflowError) as fault:
-            trial = self.written.trials
-            raise LogError(f"Trial {trial} cannot be logged: {fault}.") from fault
 
     def _place(self, trial: Trial) -> list[Packed]:
         """Create the encoder of the next trial, and pack its MOMDP where that is new."""
