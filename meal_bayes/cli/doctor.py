@@ -4,7 +4,7 @@ import os
 import platform
 import stat
 from collections.abc import Callable
-from importlib import import_module, metadata
+from importlib import metadata
 from pathlib import Path
 
 import click
@@ -14,12 +14,10 @@ import meal_bayes
 from meal_bayes.cli.console import output, print_facts, print_json
 from meal_bayes.cli.options import json_option
 
-_LIBRARIES = {  # and the modules that are loaded, as installed does not mean working
-    "numpy": "numpy", "scipy": "scipy", "numba": "numba", "scikit-learn": "sklearn", "pymc": "",
-    "arviz": "", "h5netcdf": "h5netcdf", "mcap": "mcap", "protobuf": "google.protobuf",
-    "zstandard": "zstandard", "rerun-sdk": "rerun", "matplotlib": "", "click": "", "rich": "",
-    "distributed": "", "mujoco": "", "gymnasium": "",
-}  # fmt: skip
+_LIBRARIES = (
+    "numpy", "scipy", "numba", "scikit-learn", "pymc", "arviz", "h5netcdf", "mcap", "protobuf",
+    "zstandard", "rerun-sdk", "matplotlib", "click", "rich", "distributed", "mujoco", "gymnasium",
+)  # fmt: skip
 _DRIVERS = ("/usr/share/vulkan/icd.d", "/etc/vulkan/icd.d", "/usr/local/share/vulkan/icd.d")
 
 
@@ -43,15 +41,12 @@ def doctor(as_json: bool) -> None:
         try:
             facts[name] = check()
         except Exception as fault:  # a broken part is what this command is for
-            facts[name] = f"broken: {_shortened(fault)}"
+            text = " ".join(str(fault).split())[:100]
+            facts[name] = f"broken: {type(fault).__name__}: {text}"
     if as_json:
         print_json(facts)
     else:
         print_facts(output(), facts)
-
-
-def _shortened(fault: Exception) -> str:
-    return f"{type(fault).__name__}: {' '.join(str(fault).split())[:100]}"
 
 
 def _system() -> str:
@@ -62,15 +57,9 @@ def _system() -> str:
 
 def _version(name: str) -> str:
     try:
-        version = metadata.version(name)
+        return metadata.version(name)
     except metadata.PackageNotFoundError:
         return "missing"
-    try:
-        if module := _LIBRARIES[name]:
-            import_module(module)
-    except Exception as fault:  # whatever a broken library raises
-        return f"{version} (does not load: {_shortened(fault)})"
-    return version
 
 
 def _folder(path: Path) -> str:

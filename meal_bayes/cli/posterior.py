@@ -16,7 +16,6 @@ if TYPE_CHECKING:
 
 _R_HAT = 1.01  # above it the chains do not agree
 _ESS = 400  # below it the figures are rough
-_SHOWN = 12  # pairs in the table
 _NAMED = 5  # surprising objects
 
 
@@ -72,12 +71,11 @@ def posterior(root: Path | None, out: Path | None, as_json: bool, **options: Any
     draws, statistics = _fit(counts, attributes, table.domain.behavior_names, prior, config)
     mean, *_ = rows_of(draws)
     yes = mean[..., levels // 2 :].sum(axis=-1)  # Pr(yes) of each row, (C*S,P,E,2)
-    rows = _rows(draws, yes)
     facts = _write(draws, statistics, yes, counts, prior, table.objects, config, folder)
     if as_json:
-        terminal.print_json({"config": config, **facts, "rows": rows, "out": str(folder)})
+        terminal.print_json({"config": config, **facts, "out": str(folder)})
         return
-    _print(facts, rows, sampled=bool(statistics))
+    _print(facts, sampled=bool(statistics))
     terminal.note(f"draws, summary and figures in {folder}")
 
 
@@ -174,41 +172,12 @@ def _write(
     }
 
 
-def _rows(draws: "xr.Dataset", yes: "NDArray[Any]") -> list[dict[str, Any]]:
-    """Return for each pair Pr(yes) of true and false objects, and how far objects differ."""
-    import numpy as np
-
-    ends = np.quantile(yes, [0.025, 0.975], axis=0)
-    mean, s = yes.mean(axis=0), draws["dispersion"].median(("chain", "draw")).values
-    attributes, behaviors = (draws[dim].values.tolist() for dim in ("attribute", "behavior"))
-    rows = []
-    for p, e in np.ndindex(mean.shape[:2]):
-        row: dict[str, Any] = {"attribute": attributes[p], "behavior": behaviors[e]}
-        for truth, name, of in ((1, "tpr", "true"), (0, "fpr", "false")):
-            row[name] = float(mean[p, e, truth])
-            row[f"{name}_interval"] = ends[:, p, e, truth].tolist()
-            row[f"s_{of}"] = float(s[p, e, truth])
-        rows.append(row)
-    return rows
-
-
-def _print(facts: dict[str, Any], rows: list[dict[str, Any]], *, sampled: bool) -> None:
+def _print(facts: dict[str, Any], *, sampled: bool) -> None:
     columns = {
         "variable": "{variable}", "entries": "{entries}", "R-hat": "{r_hat:.3f}",
         "ESS bulk": "{ess_bulk:.0f}", "ESS tail": "{ess_tail:.0f}",
     }  # fmt: skip
     terminal.print_table(columns, facts["convergence"])
-    terminal.output().print()
-    columns = {
-        "attribute": "{attribute}", "behavior": "{behavior}",
-        "yes of true": "{tpr:.2f} ({tpr_interval[0]:.2f} to {tpr_interval[1]:.2f})",
-        "yes of false": "{fpr:.2f} ({fpr_interval[0]:.2f} to {fpr_interval[1]:.2f})",
-        "s true": "{s_true:.1f}", "s false": "{s_false:.1f}",
-    }  # fmt: skip
-    pairs = sorted(rows, key=lambda row: row["fpr"] - row["tpr"])[:_SHOWN]
-    terminal.print_table(columns, pairs, left=("behavior",))
-    if len(rows) > _SHOWN:
-        terminal.note(f"{len(rows) - _SHOWN} more pairs say less; all of them with --json")
     p = facts["predictive_p"]
     scores = {
         name: "NLL {nll:.3f}, ECE {ece:.3f} ({ece_calibrated:.3f} if calibrated)".format(**quality)

@@ -90,8 +90,6 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
         Folder of the logs of episodes, if they are logged.
     """
 
-    metadata = {"render_modes": ["ansi"], "render_fps": 1}  # noqa: RUF012  Gymnasium's
-
     def __init__(
         self,
         dataset: str | Path | PerceptTable | None = None,
@@ -106,7 +104,6 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
         reward: float | None = None,
         max_steps: int = 100,
         logs: str | Path | None = None,
-        render_mode: str | None = None,
     ) -> None:
         if dataset is None:
             raise SettingsError("Give dataset=, a shipped name, or a percept table of your own.")
@@ -117,7 +114,7 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
         self.tasks = [task for task in every if task.object_name in names]
         if not self.tasks:
             raise SettingsError(f"None of the {trials} tasks is about {sorted(names)}; give more.")
-        self.render_mode, self._max_steps, self._scale = render_mode, max_steps, scale
+        self._max_steps, self._scale = max_steps, scale
         self._problems: dict[tuple[int, Query], MOMDP] = {}
         self._learner = Learner(
             table.domain, agent=chosen, seed=seed, percepts=percepts, reward=reward, logs=logs
@@ -182,10 +179,6 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
             fit = fit_of(learner, running.task, learn=False)
             _, self._policy = prepare(learner, fit, running.task, running.task.key)
         return int(self._policy.decide(running.history, running.rng).action)
-
-    def render(self) -> str | None:
-        """Return the trial so far as text, in the mode "ansi"."""
-        return repr(self.trial) if self.render_mode == "ansi" else None
 
     def close(self) -> None:
         """End the episode; one that is not over is logged as far as it went."""

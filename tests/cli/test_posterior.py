@@ -25,15 +25,9 @@ def test_the_grid_writes_everything(run, tmp_path):
     likelihood = az.from_netcdf(tmp_path / "fit" / "posterior.nc")["log_likelihood"]["yes"]
     assert likelihood.shape == (4, 200, 36 * 2)
     assert (tmp_path / "fit" / "summary.csv").read_text().count("\n") == 1 + 2 * 11 * 2 * 3
-    rows = {(row["attribute"], row["behavior"]): row for row in told["rows"]}
-    assert len(rows) == 2 * 11  # reinit does not sense
-    lifting = rows["heavy", "lift_slow"]
-    assert lifting["tpr"] > 0.9
-    assert lifting["fpr"] < 0.1
-    low, high = lifting["tpr_interval"]
-    assert low < lifting["tpr"] < high
-    entry = saved["mean"].sel(attribute="heavy", behavior="lift_slow", truth="true", level="yes")
-    assert float(entry.mean()) == pytest.approx(lifting["tpr"])
+    yes = saved["mean"].sel(attribute="heavy", behavior="lift_slow", level="yes")
+    assert float(yes.sel(truth="true").mean()) > 0.9
+    assert float(yes.sel(truth="false").mean()) < 0.1
     assert [one["variable"] for one in told["convergence"]] == ["mean", "dispersion"]
     assert told["divergences"] == 0
     assert told["belief"]["together"]["nll"] < told["belief"]["each"]["nll"] < 0.6
@@ -42,7 +36,7 @@ def test_the_grid_writes_everything(run, tmp_path):
 
 def test_it_is_told_in_words(run):
     result = run("posterior", "--attributes", "heavy", "--draws", "150", "--levels", "4")
-    for word in ("R-hat", "ESS bulk", "independent", "yes of true", "lift_slow", "ECE"):
+    for word in ("R-hat", "ESS bulk", "independent", "ECE"):
         assert word in result.stdout
     assert max(map(len, result.stdout.splitlines())) <= 80
     assert "draws, summary and figures in" in result.stderr
@@ -61,11 +55,11 @@ def test_nuts_writes_the_same_files(run, tmp_path, table):
     assert variables == {"mean", "dispersion", "mu", "tau"}
     assert told["divergences"] == 0
     assert told["misperception"] is None
-    rows = {(row["attribute"], row["behavior"]): row for row in told["rows"]}
-    assert rows["red", "look"]["tpr"] > 0.8
-    assert rows["red", "look"]["fpr"] < 0.2
     saved = az.from_netcdf(tmp_path / "fit" / "posterior.nc")
     assert "diverging" in saved["sample_stats"]
+    yes = saved["posterior"]["mean"].sel(attribute="red", behavior="look", level="yes")
+    assert float(yes.sel(truth="true").mean()) > 0.8
+    assert float(yes.sel(truth="false").mean()) < 0.2
 
 
 @pytest.mark.parametrize(

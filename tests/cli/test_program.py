@@ -6,7 +6,6 @@ import re
 import signal
 import subprocess
 import sys
-from importlib import import_module
 from pathlib import Path
 
 import click
@@ -172,19 +171,11 @@ def test_it_fits_on_a_screen_and_json_holds_the_same(run):
     assert not any(text.startswith("broken") for text in facts.values())
     for name in ("roc36", "ispy32", "cy101"):
         assert f"{name} 0 of {len(registry(name))} files" in facts["data"]
-    assert "does not load" not in facts["versions"]
 
 
 def test_a_broken_part_is_told_and_hides_no_other(run, monkeypatch):
-    def broken(name):
-        if name == "rerun":
-            raise ImportError("GLIBC_2.99 not found\nin this system")
-
-    doctor = import_module("meal_bayes.cli.doctor")  # in the package it is the command's name
-    monkeypatch.setattr(doctor, "import_module", broken)
     monkeypatch.setattr("meal_bayes.viewer.window.viewer_program", lambda: 1 / 0)
     facts = json.loads(run("doctor", "--json").stdout)
-    assert "does not load: ImportError: GLIBC_2.99 not found in this system" in facts["versions"]
     assert facts["viewer"].startswith("broken: ZeroDivisionError")
     assert facts["system"].startswith("Python 3")
 

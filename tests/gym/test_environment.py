@@ -16,8 +16,8 @@ from meal_bayes.trial_log import read_trials
 @pytest.mark.parametrize("name", ENVIRONMENTS)
 def test_gymnasium_finds_nothing_wrong(name):
     own = {"dataset": load_percepts("roc36"), "attributes": 1} if "Own" in name else {}
-    env = gymnasium.make(name, agent="greedy", trials=20, render_mode="ansi", **own).unwrapped
-    check_env(env, skip_render_check=False)
+    env = gymnasium.make(name, agent="greedy", trials=20, **own).unwrapped
+    check_env(env, skip_render_check=True)
     with pytest.raises(SettingsError, match="Give dataset="):
         gymnasium.make("meal_bayes/Own-v0")
 
