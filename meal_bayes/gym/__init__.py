@@ -211,7 +211,7 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
         session = commanded(
             learner, fit_of(learner, task, learn=False), task, self._problems[key], seed=seed,
         )  # fmt: skip
-        record(learner, session, task.name, task.key)
+        record(learner, session, task.name)
         self._begun, self._policy = (session.start(robot.start()), robot), None
         self._steps = 0
 

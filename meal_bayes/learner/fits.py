@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes.agents import Agent, Knowledge, Progress, information_value, knowledge_without
+from meal_bayes.agents import Agent, Knowledge, knowledge_without
 from meal_bayes.datasets import PerceptTable
 from meal_bayes.errors import SettingsError
 from meal_bayes.learner.experience import Experience
-from meal_bayes.learner.fitted import Fitted, progress_of, some_labels
+from meal_bayes.learner.fitted import Fitted, some_labels
 from meal_bayes.learner.settings import LearnerSettings
 from meal_bayes.perception import Perceiver, RecordedPercepts, SampledPercepts
 from meal_bayes.robots.recorded import replayable
@@ -44,8 +44,7 @@ class HeldOut:
     settings: LearnerSettings
     object_index: int  # of the object that is left out
     told: NDArray[np.int8]  # (P,) labels that people gave to it; -1 unknown
-    answering: Recent  # models and policies of queries about any object, without a bonus
-    exploring: Recent  # and with one
+    answering: Recent  # models and policies of queries about any object
 
     @cached_property
     def knowledge(self) -> Knowledge:
@@ -73,29 +72,11 @@ class HeldOut:
         confusion, _ = self.knowledge.posterior.select(every, exact=True)
         return SampledPercepts(table.domain, table.labels, confusion)
 
-    @cached_property
-    def information(self) -> NDArray[np.float64]:
-        """Value of information (P,E), s a query."""
-        return information_value(
-            self.knowledge, reward=self.settings.reward, discount=self.agent.discount
-        )
-
     def labels_of(self, task: Task) -> NDArray[np.int8] | None:
         """Return the labels (N,) that were told of the object, if it is recognized by any."""
         if not self.agent.memory:
             return None
         return some_labels(self.told[self.table.domain.columns(task.query.attributes)])
-
-    def progress(self, object_name: str | None, queries: float) -> Progress:
-        """Return what the other objects have shown so far, for a bonus."""
-        shown = replayable(self.table).copy()
-        shown[self.object_index] = 0
-        labelled = shown[..., None] * (self.table.labels >= 0)[:, None]
-        memory = self.agent.memory and object_name is not None
-        return progress_of(
-            self, labelled, labelled * self.settings.count_given, queries,
-            fresh=np.ones(labelled.shape[:0:-1], np.bool_), labeled=(self.told >= 0) & memory,
-        )  # fmt: skip
 
 
 class Fits:
@@ -112,15 +93,14 @@ class Fits:
         self.experience, self.settings, self.refit_every = experience, settings, refit_every
         self.table: PerceptTable | None = None  # that is replayed, in place of the record
         self.growth = [0, 0]  # labeled instances at the last refit, and since
-        self._made: list[tuple[Agent, Fitted]] = []
+        self._made: list[Fitted] = []
         self._held: dict[int, list[HeldOut]] = {}
-        self._labeled: tuple[PerceptTable, NDArray[np.int8]] | None = None  # by the record
-        self._recent = Recent(), Recent()
+        self._recent = Recent()
 
     def of(self, agent: Agent) -> Fitted:
         """Return what an agent makes of the record, made when it is first needed."""
-        for other, fit in self._made:
-            if other == agent:
+        for fit in self._made:
+            if fit.agent == agent:
                 return fit
         if not self._made:
             rows = np.arange(len(self.experience.instances))
@@ -128,7 +108,7 @@ class Fits:
             self.growth = [int((labels >= 0).sum()), 0]
         fit = Fitted(self.experience, agent, self.settings)
         fit.refit()
-        self._made.append((agent, fit))
+        self._made.append(fit)
         return fit
 
     def held_out(self, agent: Agent, o: int) -> HeldOut:
@@ -141,12 +121,9 @@ class Fits:
         for fit in self._held.setdefault(o, []):
             if fit.agent == agent:
                 return fit
-        if self._labeled is None:
-            told = self.experience.labels_for(table.objects)
-            labels = np.where(table.labels < 0, told, table.labels)
-            self._labeled = replace(table, labels=labels), told
-        labeled, told = self._labeled
-        fit = HeldOut(labeled, agent, self.settings, o, told[o], *self._recent)
+        told = self.experience.labels_for(table.objects)
+        labeled = replace(table, labels=np.where(table.labels < 0, told, table.labels))
+        fit = HeldOut(labeled, agent, self.settings, o, told[o], self._recent)
         self._held[o].append(fit)
         return fit
 
@@ -154,21 +131,20 @@ class Fits:
         """Restore what an agent made of the record."""
         fit = Fitted(self.experience, agent, self.settings)
         fit.restore(state)
-        self._made, self.growth = [(agent, fit)], growth
+        self._made, self.growth = [fit], growth
 
     def clear(self) -> None:
         """Let everything be made anew when it is next needed."""
-        self._made, self._held, self._labeled = [], {}, None
-        self._recent = Recent(), Recent()
+        self._made, self._held, self._recent = [], {}, Recent()
 
     def update(self, rows: NDArray[np.intp]) -> None:
         """Count instances (k,) with the labels that they have now."""
-        for _, fit in self._made:
+        for fit in self._made:
             fit.update(rows)
 
     def withdraw(self, rows: NDArray[np.intp]) -> None:
         """Count instances (k,) of which labels were forgotten; refit where these were used."""
-        if any(fit.used(rows) for _, fit in self._made):
+        if any(fit.used(rows) for fit in self._made):
             self.clear()
         self.update(rows)
 

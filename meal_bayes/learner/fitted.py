@@ -8,7 +8,7 @@ objects that no classifier has seen.
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,9 +33,6 @@ from meal_bayes.perception import (
 from meal_bayes.planners import Policy
 from meal_bayes.planners.pomcp.policy import POMCPPolicy
 from meal_bayes.trials import Task
-
-if TYPE_CHECKING:
-    from meal_bayes.learner.fits import HeldOut
 
 _SAME = 0.05  # success probabilities that differ by less are not planned with anew
 Asked = tuple[Query, bytes, int]  # percepts that a trial can have, and the id of its `Fitted`
@@ -207,19 +204,24 @@ class Fitted:
     def progress(self, object_name: str | None, queries: float) -> Progress:
         """Return what has been learned so far, for a bonus; without a name, of a new object."""
         experience, memory = self.experience, self.agent.memory
-        labelled = experience.labelled(memory=memory)
-        counted = labelled
+        labelled = counted = experience.labelled(memory=memory)
         if not self.settings.count_given:
             counted = experience.labelled(memory=memory, given=False)
-        o = experience.objects.get(object_name) if object_name is not None else None
+        o = None if object_name is None else experience.objects.get(object_name)
         e, p = labelled.shape[1:]
-        return progress_of(
-            self, labelled, counted, queries,
-            fresh=np.ones((p, e), bool) if o is None else labelled[o].T == 0,
-            labeled=experience.known.values[o] >= 0
-            if o is not None and memory
-            else np.zeros(p, bool),
-        )  # fmt: skip
+        fresh, labeled = np.ones((p, e), bool), np.zeros(p, bool)
+        if o is not None:
+            fresh, labeled = labelled[o].T == 0, (experience.known.values[o] >= 0) & memory
+        return Progress(
+            knowledge=self.knowledge,
+            valued=lambda: self.information,
+            queries=queries,
+            unit=self.settings.unit or max(1.0, float(counted.max(initial=0)) * len(counted)),
+            instances=counted.sum(axis=0).T,
+            objects=(labelled > 0).sum(axis=0).T,
+            fresh=fresh,
+            labeled=labeled,
+        )
 
     @property
     def state(self) -> dict[str, Any]:
@@ -263,23 +265,6 @@ class Fitted:
             zeros = {m: np.zeros((1, experience.sizes[name, m])) for m in classifier.spaces}
             if classifier.log_odds(zeros).shape != (1, p):
                 raise ValueError(f"the classifiers of {name} do not fit the attributes")
-
-
-def progress_of(
-    fit: "Fitted | HeldOut", labelled: NDArray[np.int64], counted: NDArray[np.int64],
-    queries: float, *, fresh: NDArray[np.bool_], labeled: NDArray[np.bool_],
-) -> Progress:  # fmt: skip
-    """Return what has been learned so far, by labelled instances (O,E,P), and those counted."""
-    return Progress(
-        knowledge=fit.knowledge,
-        valued=lambda: fit.information,
-        queries=queries,
-        unit=fit.settings.unit or max(1.0, float(counted.max(initial=0)) * len(counted)),
-        instances=counted.sum(axis=0).T,
-        objects=(labelled > 0).sum(axis=0).T,
-        fresh=fresh,
-        labeled=labeled,
-    )
 
 
 def some_labels(labels: NDArray[np.int8]) -> NDArray[np.int8] | None:

@@ -172,7 +172,7 @@ class Learner:
         *,
         truth: Mapping[str, bool] | ArrayLike | None = None,
         object_name: str | None = None,
-        learn: bool | None = None,
+        learn: bool = True,
         log: str | Path | None = None,
         key: str | int | None = None,
         **options: Any,
@@ -192,9 +192,9 @@ class Learner:
             {attribute: True or False} of what is known; compared with the report afterwards.
         object_name : str, optional
             An agent with `memory` recognizes it; by default it is a new object.
-        learn : bool, optional
+        learn : bool
             Whether the trial becomes experience, and explores for the queries to come; otherwise it
-            is a test. By default with a robot alone: what a table shows is experience already.
+            is a test, as are all replays of a percept table.
         log : str or Path, optional
             Of the trial (.mcap); one in the folder of logs by default.
         key : str or int, optional

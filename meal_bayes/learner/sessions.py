@@ -83,14 +83,13 @@ def open_session(
     """Return the session of a question, logged, but not started yet."""
     task, streams = task_of(learner, question, object_name, key)
     session = session_of(learner, task, streams, **options)
-    record(learner, session, question, streams, log)
+    record(learner, session, question, log)
     return session
 
 
 def record(
-    learner: "Learner", session: Session, question: Question, streams: Key,
-    log: str | Path | None = None,
-) -> None:  # fmt: skip
+    learner: "Learner", session: Session, question: Question, log: str | Path | None = None
+) -> None:
     """Log a session, in the folder of logs by default, if there is one."""
     if log is None and learner.logs is None:
         return
@@ -98,7 +97,7 @@ def record(
     config = {"command": "Learner.ask", "question": str(question), "agent": learner.agent.name}
     header = {
         "config": config, "seed": learner.seed, "data": learner.domain.data,
-        "streams": list(streams),
+        "streams": list(session.key),
     }  # fmt: skip
     session.record(LiveLog(place, header, session.task.object_name))
 
@@ -157,14 +156,11 @@ def robot_of(learner: "Learner", task: Task, seed: int | None = None) -> Recorde
 
 
 def session_of(
-    learner: "Learner", task: Task, key: Key, *, learn: bool | None = None,
+    learner: "Learner", task: Task, key: Key, *, learn: bool = True,
     limit: ArrayLike = np.inf, **options: Any,
 ) -> Session:  # fmt: skip
-    """Return the session of a task whose random streams `key` names.
-
-    What a percept table shows is experience already: there `learn` means to explore alone.
-    """
-    learn = learner.table is None if learn is None else learn
+    """Return the session of a task whose random streams `key` names; replays teach nothing."""
+    learn = learn and learner.table is None
     with learner.lock:
         fit = fit_of(learner, task, learn=learn)
         momdp, policy = prepare(learner, fit, task, key, limit, explore=learn)
@@ -231,6 +227,7 @@ def prepare(
     model = partial(problem_of, learner, fit, query, limits)
 
     def shaped(momdp: MOMDP, object_name: str | None = None) -> MOMDP:
+        assert isinstance(fit, Fitted)
         queries = learner.horizon * len(query) / len(learner.domain.attributes)
         return fit.agent.exploration.shape(momdp, fit.progress(object_name, queries))
 
@@ -238,7 +235,8 @@ def prepare(
         return _solve(learner, fit, task, streams, momdp)
 
     key = query, limits.tobytes(), id(fit)
-    if not explore or (isinstance(fit.agent.exploration, NoBonus) and labels is None):
+    answers = not explore or (isinstance(fit.agent.exploration, NoBonus) and labels is None)
+    if answers or isinstance(fit, HeldOut):
         if key in fit.answering and labels is None:
             return fit.answering[key]
         momdp = model(labels)

@@ -109,8 +109,9 @@ class Session:
         self.report: NDArray[np.bool_] | None = None
         self.max_steps, self.max_cost = max_steps, np.inf if max_cost is None else max_cost
         self._policy, self._boundary, self._perceiver = policy, boundary, perceiver
-        self._counts, key = counts, task.key if key is None else key
-        self.rng, self._luck = stream(seed, "planner", agent, *key), stream(seed, "percepts", *key)
+        self._counts, self.key = counts, task.key if key is None else key
+        self.rng = stream(seed, "planner", agent, *self.key)
+        self._luck = stream(seed, "percepts", *self.key)
         self._truth, self._first = truth_of(task.query, truth), self.belief
         self._on_step, self._on_end = on_step, on_end
         self._recorder: Recorder | None = None

@@ -135,7 +135,7 @@ def replays_of(table, agent):
     learner = Learner("roc36", agent=agent, logs=None).fit(table)
     name = table.objects[0]
     learner.tell(name, {"heavy": False, "blue": False})
-    return [learner.ask(q, name, learn=True, max_steps=3) for q in ("heavy", "blue")]
+    return [learner.ask(q, name, max_steps=3) for q in ("heavy", "blue")]
 
 
 def signature(trials):
@@ -164,7 +164,7 @@ def test_with_a_robot(dataset, make, field):
     assert one == again != other
 
 
-@pytest.mark.parametrize("field", sorted(set(CHANGES) - {"whiten"}))
+@pytest.mark.parametrize("field", sorted(set(CHANGES) - {"exploration", "trained_by", "whiten"}))
 def test_on_a_percept_table_whose_classifiers_are_fitted(field):
     ours, table = load_agent("bayes"), load_percepts("roc36")
     changed = dataclasses.replace(ours, **{field: CHANGES[field]})
