@@ -23,6 +23,12 @@ _CHOICES = {
 }  # fmt: skip
 
 
+def _as_dict(config: "OfflineConfig | OnlineConfig") -> dict[str, object]:
+    """Return plain values, for headers and JSON."""
+    fields = {field.name: getattr(config, field.name) for field in dataclasses.fields(config)}
+    return {**fields, "agents": [agent.name for agent in config.agents]}
+
+
 @dataclass(frozen=True, slots=True)
 class OfflineConfig:
     """Settings of an offline run.
@@ -59,6 +65,7 @@ class OfflineConfig:
     reward: float | None = None
 
     __repr__ = short_repr
+    as_dict = _as_dict
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "agents", _checked(self.agents, self.seed, self.reward))
@@ -69,10 +76,6 @@ class OfflineConfig:
                 f"dataset is {self.dataset!r:.40}; give the name of a data set, a percept table, "
                 "its path, or recordings (`load_dataset`, `Dataset.from_frames`)."
             )
-
-    def as_dict(self) -> dict[str, object]:
-        """Return plain values, for headers and JSON."""
-        return _plain(self)
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,6 +144,7 @@ class OnlineConfig:
     log: str = "compact"
 
     __repr__ = short_repr
+    as_dict = _as_dict
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "agents", _checked(self.agents, self.seed, self.reward))
@@ -163,11 +167,6 @@ class OnlineConfig:
                 raise SettingsError(unknown("setting of learners", name, settings))
         LearnerSettings(percepts=self.percepts)
 
-    def as_dict(self) -> dict[str, object]:
-        """Return plain values, for headers and JSON."""
-        learning = list(map(list, self.learning))
-        return {**_plain(self), "split": list(self.split), "learning": learning}
-
 
 def _checked(agents: Iterable[Any], seed: int, reward: float | None) -> tuple[Agent, ...]:
     """Return the agents of values; raise where they, seed or reward are none."""
@@ -182,8 +181,3 @@ def _checked(agents: Iterable[Any], seed: int, reward: float | None) -> tuple[Ag
     if not chosen:
         raise SettingsError("No agent named; name at least one.")
     return chosen
-
-
-def _plain(config: OfflineConfig | OnlineConfig) -> dict[str, object]:
-    fields = {field.name: getattr(config, field.name) for field in dataclasses.fields(config)}
-    return {**fields, "agents": [agent.name for agent in config.agents]}

@@ -84,18 +84,6 @@ def test_all_agents_meet_the_same_failures_and_recordings(table, make):
     assert compared > 200
 
 
-def test_recordings_come_once_each_and_then_none(table, make):
-    looking = make.learner(table, EAGER, 1)
-    for index in range(4):
-        trial = looking.ask(make.task(table, index))
-        percepts = [step.observation for step in trial.steps[:12]]
-        assert [p is not None for p in percepts] == [True] * 4 + [False] * 8
-        assert trial.cost == 12
-        recorded = table.levels_of(table.log_odds[index, :, 0, :2], 2)  # (R,N)
-        assert sorted(map(tuple, percepts[:4])) == sorted(map(tuple, recorded))
-        np.testing.assert_array_equal(trial.momdp.limit, 4)
-
-
 def misleading(table):
     """Make all recordings say yes, and the training side know the truth perfectly."""
     log_odds = np.where(np.isnan(table.log_odds), np.nan, 4.0)
