@@ -40,12 +40,7 @@ def _trial(*, single: bool, crowded: bool, robot: bool) -> rrb.Horizontal:
     text = rrb.Vertical(
         rrb.TextDocumentView(origin=scene.NARRATION, name="question and answer"),
         rrb.TextDocumentView(origin=scene.DECISION, name="why this action"),
-        rrb.TextLogView(
-            origin=scene.LOG, name="log",
-            columns=rrb.TextLogColumns(timeline_columns=["step"], text_log_columns=["body"]),
-        ),
-        row_shares=[4, 4, 3],
-    )  # fmt: skip
+    )
     belief = rrb.Vertical(
         rrb.Spatial2DView(origin=scene.BARS, name="belief now (orange: before the step)"),
         rrb.TimeSeriesView(

@@ -92,20 +92,3 @@ def explain_decision(frame: TrialFrame) -> str:
     searched = f"{decision.simulations} simulations" if decision.simulations else ""
     notes = ", ".join(filter(None, (searched, gap_text(decision))))
     return "\n".join(rows) + f"\n\n{notes}" * bool(notes)
-
-
-def log_line(frame: TrialFrame) -> str:
-    """Return a frame in one line."""
-    trial, step, momdp = frame.trial, frame.step, frame.trial.momdp
-    if step is None:
-        return f"trial {frame.time.trial}: {question(trial)} {plain_text(trial.task.object_name)}"
-    action = step.decision.action
-    if action >= momdp.n_behaviors:
-        facts = final_facts(trial)
-        told = facts["answer"], facts.get("verdict", ""), facts["cost"]
-        return plain_text(", ".join(filter(None, told)))
-    percept = ""
-    if step.observation is not None:
-        percept = ", " + ", ".join(percept_labels(momdp, action, step.observation))
-    outcome = outcome_text(momdp, step)
-    return f"{momdp.behavior_names[action]} {outcome}{percept}, H {frame.belief.entropy:.2f}"

@@ -3,7 +3,6 @@
 Of the robot there are boxes, balls, contact forces, and what its camera sees.
 """
 
-import textwrap
 from collections.abc import Iterable
 
 import numpy as np
@@ -13,11 +12,11 @@ from meal_bayes.momdp import MOMDP
 from meal_bayes.robots.robot import BALL, SHELL, SOLID, Frame
 from meal_bayes.trials import Trial, percept_labels
 from meal_bayes.viewer.drawings import Diagram, Graph, Matrices, Picture, belief_bars, search_tree
-from meal_bayes.viewer.labels import action_label, explain_decision, log_line, narrate, plain_text
+from meal_bayes.viewer.labels import action_label, explain_decision, narrate, plain_text
 from meal_bayes.viewer.palette import DIM, GRAY, ORANGE, RED, Color, level_color, series_color
 from meal_bayes.viewer.recorder import Recorder, Time, TrialFrame, part
 
-NARRATION, DECISION, LOG = "/narration", "/decision", "/log"
+NARRATION, DECISION = "/narration", "/decision"
 BARS, BELIEF, ENTROPY, COST = "/belief_now", "/belief", "/entropy", "/cost"
 VALUES, DIAGRAM, TREE, CONFUSION = "/expected_reward", "/diagram", "/search_tree", "/confusion"
 LANES = "/lanes"
@@ -25,7 +24,6 @@ ROBOT, CAMERA, FORCE = "/robot", "/camera", "/contact_force"
 _PERCEPTS = 6  # lanes
 _GAP = [float("nan")]
 _CROWD = 9  # attributes in a legend
-_LOG_WIDTH = 38  # characters of the log's column, whose lines the viewer does not wrap
 _MOMDPS = 256  # whose pictures are kept, as many as a log refers back to
 _BOXES = {SOLID: f"{ROBOT}/arm", SHELL: f"{ROBOT}/object"}
 _BALLS, _ARROWS = f"{ROBOT}/content", f"{ROBOT}/forces"
@@ -43,7 +41,6 @@ class Scene:
         self._attributes: list[str] = []
         self._lanes: dict[str, dict[str, Color]] = {}
         self._actions: dict[tuple[str, ...], str] = {}  # entity by names of behaviors
-        self._arrows: tuple[tuple[str, str], ...] | None = None  # of the diagram as it was sent
         for entity in (NARRATION, DECISION):
             recorder.add_static(entity, rr.TextDocument.from_fields(media_type="text/markdown"))
         for entity in (DIAGRAM, TREE):
@@ -65,11 +62,6 @@ class Scene:
         to, time = self._to, frame.time
         to.add(NARRATION, rr.TextDocument, time, text=[narrate(frame)])
         to.add(DECISION, rr.TextDocument, time, text=[explain_decision(frame)])
-        warned = frame.step is not None and frame.step.warning
-        failed = frame.last and (frame.trial.ended or frame.trial.success is False)
-        for line in textwrap.wrap(log_line(frame), _LOG_WIDTH):
-            level = "WARN" if warned or failed else "INFO"
-            to.add(LOG, rr.TextLog, time, text=[line], level=[level])
         to.add(ENTROPY, rr.Scalars, time, scalars=[frame.belief.entropy])
         to.add(COST, rr.Scalars, time, scalars=[frame.spent])
         for name, p in zip(frame.trial.task.query.attributes, frame.positive.tolist(), strict=True):
@@ -81,9 +73,7 @@ class Scene:
             self._value_row(frame.trial.momdp.behavior_names, values, errors, time)
         self._picture(BARS, belief_bars(frame), time)
         _, diagram, matrices = self._of(frame.trial)
-        drawn = diagram.at(frame)
-        self._graph(DIAGRAM, drawn, time, arrows=drawn.edges != self._arrows)
-        self._arrows = drawn.edges
+        self._graph(DIAGRAM, diagram.at(frame), time)
         self._graph(TREE, search_tree(frame), time)
         self._confusion(frame, matrices, time)
         self._lane_changes(frame, time)
@@ -137,12 +127,11 @@ class Scene:
         fields = {"positions": list(zip(x, y, strict=True)), "labels": labels, "colors": colors}
         self._to.add(f"{entity}/labels", rr.Points2D, time, **fields)
 
-    def _graph(self, entity: str, graph: Graph, time: Time, *, arrows: bool = True) -> None:
+    def _graph(self, entity: str, graph: Graph, time: Time) -> None:
         names, labels, colors, x, y = map(list, zip(*graph.nodes, strict=True))
         fields = {"positions": list(zip(x, y, strict=True)), "labels": labels, "colors": colors}
         self._to.add(f"{entity}/nodes", rr.GraphNodes, time, node_ids=names, **fields)
-        if arrows:
-            self._to.add(f"{entity}/nodes", rr.GraphEdges, time, edges=list(graph.edges))
+        self._to.add(f"{entity}/nodes", rr.GraphEdges, time, edges=list(graph.edges))
 
     def _confusion(self, frame: TrialFrame, matrices: Matrices, time: Time) -> None:
         """Add the matrices of the behavior; at a report, those of the one before stay."""

@@ -113,12 +113,6 @@ def test_lanes_words_and_graphs_tell_the_step(messages, recorded, trials):
         assert "now it would answer" in narration[start.trial, first][0]
 
 
-def test_log_lines_fit_their_column(messages, recorded):
-    rows = recorded["/log"]
-    assert len(set(rows["step"])) == sum(len(steps) + 1 for _, steps in messages)
-    assert 30 < max(len(text) for (text,) in rows["TextLog:text"]) <= 38
-
-
 def test_measures_of_the_run_count_every_trial(trials, recorded):
     agents = {trial.agent for trial in trials}
     (table,) = recorded["static /run/table"]["TextDocument:text"][-1]
