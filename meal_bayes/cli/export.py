@@ -5,8 +5,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from meal_bayes.cli.console import note, print_json, say
-from meal_bayes.cli.options import dataset_option, json_option, option, table_of
+from meal_bayes.cli.console import note, say
+from meal_bayes.cli.options import dataset_option, option, table_of
 
 if TYPE_CHECKING:
     from meal_bayes.datasets import PerceptTable
@@ -23,8 +23,7 @@ _FORMATS = ("pomdp", "pomdpx")
 )  # fmt: skip
 @dataset_option
 @option("--query", None, None, "A,B,...", "The attributes asked.", required=True)
-@json_option
-def export(file: Path, as_json: bool, **options: Any) -> None:
+def export(file: Path, **options: Any) -> None:
     """Write a query's decision problem to FILE (.pomdp or .pomdpx).
 
     It is the paper's (Eq. 8: percepts independent given the truth, uniform prior), with the
@@ -48,21 +47,10 @@ def export(file: Path, as_json: bool, **options: Any) -> None:
     momdp = build_momdp(table.domain, query, rows, precision, objective=Objective(abstain=True))
     write = write_pomdp if kind == "pomdp" else write_pomdpx
     write(momdp, file)
-    facts = {
-        "file": str(file),
-        "format": kind,
-        "attributes": list(momdp.query.attributes),
-        "states": momdp.n_states,
-        "actions": momdp.n_actions,
-        "observations": momdp.levels ** len(momdp.query) + (2 if kind == "pomdp" else 1),
-        "bytes": file.stat().st_size,
-    }
-    if as_json:
-        print_json(facts)
-        return
+    observations = momdp.levels ** len(momdp.query) + (2 if kind == "pomdp" else 1)
     say(
-        f"{file}: {facts['states']} states, {facts['actions']} actions, "
-        f"{facts['observations']} observations, {facts['bytes']:,} bytes"
+        f"{file}: {momdp.n_states} states, {momdp.n_actions} actions, {observations} observations, "
+        f"{file.stat().st_size:,} bytes"
     )
     note(f"solve it with SARSOP: pomdpsol --timeout 5 --output {file.stem}.policy {file.name}")
 

@@ -48,7 +48,10 @@ class End(NamedTuple):
 
 
 def encode_momdp(trial: Trial) -> bytes:
-    """Pack a trial's MOMDP and the counts behind it, without its number in the file."""
+    """Pack a trial's MOMDP and the counts behind it, without its number in the file.
+
+    Protobuf messages join by concatenation: the number goes before it, in a message of its own.
+    """
     momdp, query = trial.momdp, trial.momdp.query
     number_of = {i: number for number, group in enumerate(query.groups, start=1) for i in group}
     return _bytes(
@@ -62,12 +65,6 @@ def encode_momdp(trial: Trial) -> bytes:
             **{name: _values(getattr(momdp, name)) for name in schema.MOMDP_ARRAYS},
         )
     )
-
-
-def numbered(number: int, momdp: bytes) -> bytes:
-    """Add to a packed MOMDP its number in the file (protobuf messages join by concatenation)."""
-    prefix: bytes = schema.MomdpMessage(id=number).SerializeToString()
-    return prefix + momdp
 
 
 def encode_outcomes(outcomes: TrialOutcomes, first: int) -> bytes:

@@ -25,7 +25,6 @@ from meal_bayes.trial_log.encode import (
     TrialEncoder,
     encode_momdp,
     encode_outcomes,
-    numbered,
 )
 from meal_bayes.trial_log.names import new_draft, timing_of
 from meal_bayes.trial_log.schema import FORMAT_VERSION, SUFFIX
@@ -231,7 +230,7 @@ class TrialWriter:
             packed = encode_momdp(trial)
             self._content = hashlib.blake2b(packed, digest_size=16).digest()
             if self._content not in self._known:
-                momdp = numbered(self._momdps, packed)
+                momdp = schema.MomdpMessage(id=self._momdps).SerializeToString() + packed
         self._momdp_size = len(momdp)
         known = self._known.get(self._content)
         self._encoder = TrialEncoder(number, known.number if known else self._momdps)

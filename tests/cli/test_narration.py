@@ -10,7 +10,6 @@ from rich.console import Console
 
 from meal_bayes.cli.console import note, output, print_facts
 from meal_bayes.cli.narration import print_answer, print_trial
-from meal_bayes.display import best_options
 from meal_bayes.domain import Query, load_domain
 from meal_bayes.learner.api import ask
 from meal_bayes.momdp import build_momdp, initial_belief
@@ -62,14 +61,6 @@ def test_a_percept_without_information_says_nothing(momdp):
     silent = replace(momdp, confusion=rows)
     assert percept_labels(silent, 0, np.array([1, 0])) == ["yes", "says nothing"]
     assert percept_labels(silent, 1, np.array([1, 0])) == ["yes", "no"]
-
-
-def test_the_best_options_hold_the_chosen_one_and_the_report():
-    values = np.array([5.0, np.nan, 9.0, 7.0, 6.0, 1.0])
-    assert best_options(values, 0, 4) == [2, 3, 0, 5]
-    assert best_options(values, 2, 4) == [2, 3, 4, 5]
-    assert best_options(values, 5, 4) == [2, 3, 4, 5]
-    assert best_options(np.full(6, np.nan), 5, 4) == []
 
 
 @pytest.mark.parametrize("agent", ["greedy", "random"])

@@ -65,12 +65,12 @@ IDS = [" ".join(command[:2]) for command in COMMANDS]
     ],
 )
 def test_a_domain_with_recordings_is_a_data_set(run, kitchen, command):
-    result = run(*command, *OWN, "--json")
+    result = run(*command, *OWN)
     assert result.exit_code == 0, result.stderr
     if command[0] != "memory":
         (kept,) = (kitchen / "cache" / "percepts").glob("kitchen-default-*.npz")
         before = kept.stat().st_mtime_ns
-        again = run(*command, *OWN, "--json")
+        again = run(*command, *OWN)
         assert again.exit_code == 0
         assert kept.stat().st_mtime_ns == before  # computed once
 
