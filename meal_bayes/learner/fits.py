@@ -13,11 +13,10 @@ from meal_bayes.agents import Agent, Knowledge, knowledge_without
 from meal_bayes.datasets import PerceptTable
 from meal_bayes.errors import SettingsError
 from meal_bayes.learner.experience import Experience
-from meal_bayes.learner.fitted import Fitted, some_labels
+from meal_bayes.learner.fitted import Fitted
 from meal_bayes.learner.settings import LearnerSettings
 from meal_bayes.perception import Perceiver, RecordedPercepts, SampledPercepts
 from meal_bayes.robots.recorded import replayable
-from meal_bayes.trials import Task
 
 _KEPT = 64  # policies; one over a grid of three attributes takes more than a megabyte
 
@@ -43,7 +42,6 @@ class HeldOut:
     agent: Agent
     settings: LearnerSettings
     object_index: int  # of the object that is left out
-    told: NDArray[np.int8]  # (P,) labels that people gave to it; -1 unknown
     answering: Recent  # models and policies of queries about any object
 
     @cached_property
@@ -71,12 +69,6 @@ class HeldOut:
         every = range(len(table.domain.attributes))
         confusion, _ = self.knowledge.posterior.select(every, exact=True)
         return SampledPercepts(table.domain, table.labels, confusion)
-
-    def labels_of(self, task: Task) -> NDArray[np.int8] | None:
-        """Return the labels (N,) that were told of the object, if it is recognized by any."""
-        if not self.agent.memory:
-            return None
-        return some_labels(self.told[self.table.domain.columns(task.query.attributes)])
 
 
 class Fits:
@@ -123,7 +115,7 @@ class Fits:
                 return fit
         told = self.experience.labels_for(table.objects)
         labeled = replace(table, labels=np.where(table.labels < 0, told, table.labels))
-        fit = HeldOut(labeled, agent, self.settings, o, told[o], self._recent)
+        fit = HeldOut(labeled, agent, self.settings, o, self._recent)
         self._held[o].append(fit)
         return fit
 

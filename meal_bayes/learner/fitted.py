@@ -32,7 +32,6 @@ from meal_bayes.perception import (
 )
 from meal_bayes.planners import Policy
 from meal_bayes.planners.pomcp.policy import POMCPPolicy
-from meal_bayes.trials import Task
 
 _SAME = 0.05  # success probabilities that differ by less are not planned with anew
 Asked = tuple[Query, bytes, int]  # percepts that a trial can have, and the id of its `Fitted`
@@ -193,14 +192,6 @@ class Fitted:
         met = o < len(self.seen)
         return bool(self.seen[o[met], e[met]].any())
 
-    def labels_of(self, task: Task) -> NDArray[np.int8] | None:
-        """Return the labels (N,) of the task's object, -1 unknown, if it is recognized by any."""
-        o = self.experience.objects.get(task.object_name)
-        if o is None or not self.agent.memory:
-            return None
-        columns = self.experience.domain.columns(task.query.attributes)
-        return some_labels(self.experience.known.values[o, columns])
-
     def progress(self, object_name: str | None, queries: float) -> Progress:
         """Return what has been learned so far, for a bonus; without a name, of a new object."""
         experience, memory = self.experience, self.agent.memory
@@ -265,11 +256,6 @@ class Fitted:
             zeros = {m: np.zeros((1, experience.sizes[name, m])) for m in classifier.spaces}
             if classifier.log_odds(zeros).shape != (1, p):
                 raise ValueError(f"the classifiers of {name} do not fit the attributes")
-
-
-def some_labels(labels: NDArray[np.int8]) -> NDArray[np.int8] | None:
-    """Return labels, or None where none of them is known."""
-    return labels if (labels >= 0).any() else None
 
 
 def _some(gathered: TrainingSet, chosen: NDArray[np.bool_]) -> TrainingSet:

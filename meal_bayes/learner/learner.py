@@ -163,7 +163,8 @@ class Learner:
         task, _ = sessions.task_of(self, question, object_name)
         with self.lock:
             fit = sessions.fit_of(self, task, learn=False)
-            return sessions.problem_of(self, fit, task.query, labels=fit.labels_of(task))
+            labels = sessions.known_labels(self, fit.agent, task)
+            return sessions.problem_of(self, fit, task.query, labels=labels)
 
     def ask(
         self,

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from meal_bayes.agents import FittedITRSBonus, ITRSBonus, NoBonus
+from meal_bayes.agents import Agent, FittedITRSBonus, ITRSBonus, NoBonus
 from meal_bayes.datasets import object_index
 from meal_bayes.domain import Query, read_query
 from meal_bayes.errors import LogError, SettingsError
@@ -220,7 +220,7 @@ def prepare(
     `streams` names the planner's random stream, `limit` (E,) is how many percepts of each behavior
     a trial with a robot can have; to explore is to plan for queries to come as well.
     """
-    query, labels = task.query, fit.labels_of(task)
+    query, labels = task.query, known_labels(learner, fit.agent, task)
     if isinstance(fit, HeldOut):
         streams = task.object_name, *query.attributes
     limits = np.broadcast_to(np.minimum(limit, fit.limit), len(learner.domain.behaviors))
@@ -255,6 +255,13 @@ def prepare(
     if key not in fit.exploring:  # searches of equal queries share a plan library
         fit.exploring[key] = cast(POMCPPolicy, solve(shaped(model())))
     return momdp, fit.exploring[key].sharing_plans(momdp)
+
+
+def known_labels(learner: "Learner", agent: Agent, task: Task) -> NDArray[np.int8] | None:
+    """Return the labels (N,) that people gave to a task's object, if it is recognized by any."""
+    columns = learner.domain.columns(task.query.attributes)
+    labels = learner.experience.labels_for([task.object_name])[0, columns]
+    return labels if agent.memory and (labels >= 0).any() else None
 
 
 def problem_of(
