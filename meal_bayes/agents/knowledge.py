@@ -67,18 +67,10 @@ def knowledge_without(
 def knowledge_of(
     domain: Domain, counts: ConfusionCounts, labels: NDArray[np.int8], *, object_level: bool = True
 ) -> Knowledge:
-    """Learn from the percepts of training objects.
+    """Learn from percepts of held-out classifiers, and labels (O,P) of the objects; -1 unknown.
 
-    Parameters
-    ----------
-    domain : Domain
-        Of the attributes and behaviors.
-    counts : ConfusionCounts
-        Percepts of held-out classifiers.
-    labels : NDArray[np.int8]
-        (O,P) 1 true, 0 false, -1 unknown; of objects in no training set all unknown.
-    object_level : bool
-        As in `knowledge_without`.
+    Of objects in no training set all labels are unknown; `object_level` is as in
+    `knowledge_without`.
     """
     # the posterior mean Pr(attribute)
     rates = ((labels == 1).sum(axis=0) + 1) / ((labels >= 0).sum(axis=0) + 2)

@@ -54,24 +54,12 @@ def without(momdp: MOMDP, failing: NDArray[np.bool_], stuck: NDArray[np.bool_]) 
 
 @dataclass(slots=True)
 class FaultTolerant:
-    """A policy that is made anew, without them, when behaviors turn out to fail in a trial.
-
-    Attributes
-    ----------
-    momdp : MOMDP
-        The problem.
-    policy : Policy
-        Of the problem.
-    solve : Callable[[MOMDP], Policy]
-        Makes the policy of the problem without them.
-    expected : NDArray[np.float64]
-        See `faults_of`.
-    """
+    """A policy that is made anew, without them, when behaviors turn out to fail in a trial."""
 
     momdp: MOMDP
-    policy: Policy
-    solve: Callable[[MOMDP], Policy]
-    expected: NDArray[np.float64]
+    policy: Policy  # of this problem
+    solve: Callable[[MOMDP], Policy]  # makes the policy of the problem without them
+    expected: NDArray[np.float64]  # (E,X,X), see `faults_of`
     _failing: NDArray[np.bool_] = field(init=False)
 
     def __post_init__(self) -> None:
