@@ -94,7 +94,7 @@ def decisions(table: PerceptTable, held_out: int, prior: Array) -> Array:
     """
     ends = np.concatenate([[-LIMIT], table.edges, [LIMIT]])
     yes = np.clip((ends[1:] + prior[:, None]) / np.diff(ends), 0.0, 1.0)  # (P,L)
-    bins = by_truth(table.training_bins[held_out].astype(np.int64), table.labels).total()
+    bins = by_truth(table.training_bins[held_out].astype(np.int64), table.labels).sum(axis=0)
     split = [(bins * side[:, None, None, :]).sum(axis=-1) for side in (1 - yes, yes)]
     return np.stack(split, axis=-1)
 

@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 
 from meal_bayes.datasets import Dataset, TrainingSet
 from meal_bayes.datasets.percepts import BIN_EDGES, levels_of, round_log_odds
-from meal_bayes.perception import DEFAULT, ConfusionCounts, PerceptionSettings
+from meal_bayes.perception import DEFAULT, PerceptionSettings
 from meal_bayes.perception.confusion import by_truth
 from meal_bayes.perception.fitting import learned_widths, method_of
 from meal_bayes.perception.recordings import gather, groups_of, number_in_object
@@ -65,8 +65,8 @@ def base_rate_log_loss(labels: NDArray[np.int8]) -> Floats:
     return np.asarray(held_out_log_loss(nothing, labels)[0])
 
 
-def yes_counts(log_odds: NDArray[np.floating], labels: NDArray[np.int8]) -> ConfusionCounts:
-    """Count yes and no of held-out log-odds (O,R,E,P); NaN does not count."""
+def yes_counts(log_odds: NDArray[np.floating], labels: NDArray[np.int8]) -> NDArray[np.int64]:
+    """Count yes and no of held-out log-odds (O,R,E,P), (O,P,E,2,2); NaN does not count."""
     levels = levels_of(round_log_odds(log_odds), BIN_EDGES, 2)
     shown = np.stack([(levels == level) & np.isfinite(log_odds) for level in (0, 1)], axis=-1)
     return by_truth(shown.sum(axis=1).transpose(0, 2, 1, 3), labels)

@@ -42,7 +42,7 @@ def asked(dataset: Dataset) -> np.ndarray:
 def kappas(dataset: Dataset, log_odds: np.ndarray) -> np.ndarray:
     """Kappa of each asked attribute and sensing behavior, (P,E)."""
     sensing = [e for e, behavior in enumerate(dataset.domain.behaviors) if behavior.modalities]
-    kappa = cohens_kappa(yes_counts(log_odds, dataset.labels).total())
+    kappa = cohens_kappa(yes_counts(log_odds, dataset.labels).sum(axis=0))
     return kappa[np.ix_(asked(dataset), sensing)]
 
 

@@ -220,7 +220,7 @@ def agree(settings: argparse.Namespace) -> Iterator[Row]:
 
     for dataset in ("roc36", "ispy32", "cy101"):
         table, start = load_percepts(dataset), time.perf_counter()
-        counts = table_counts(table, 0).counts[:, :4, :4]
+        counts = table_counts(table, 0)[:, :4, :4]
         named = {
             "attributes": table.domain.attributes[:4],
             "behaviors": [behavior.name for behavior in table.domain.behaviors[:4]],

@@ -9,7 +9,7 @@ from meal_bayes.arrays import freeze, set_frozen
 from meal_bayes.datasets import PerceptTable
 from meal_bayes.display import short_repr
 from meal_bayes.domain import Domain
-from meal_bayes.perception import ConfusionCounts, table_counts
+from meal_bayes.perception import table_counts
 from meal_bayes.posterior import ConfusionPosterior
 from meal_bayes.posterior.trait import SharedTrait, learn_trait
 
@@ -65,11 +65,15 @@ def knowledge_without(
 
 
 def knowledge_of(
-    domain: Domain, counts: ConfusionCounts, labels: NDArray[np.int8], *, object_level: bool = True
+    domain: Domain,
+    counts: NDArray[np.int64],
+    labels: NDArray[np.int8],
+    *,
+    object_level: bool = True,
 ) -> Knowledge:
     """Learn from percepts of held-out classifiers, and labels (O,P) of the objects; -1 unknown.
 
-    Of objects in no training set all labels are unknown; `object_level` is as in
+    Counts are (O,P,E,2,K). Of objects in no training set all labels are unknown; `object_level` is as in
     `knowledge_without`.
     """
     # the posterior mean Pr(attribute)
@@ -77,5 +81,5 @@ def knowledge_of(
     if not object_level:
         return Knowledge(domain, ConfusionPosterior.from_counts(counts), rates)
     posterior = ConfusionPosterior.from_objects(counts)
-    shown = counts.counts.sum(axis=3)  # (O,P,E,K)
+    shown = counts.sum(axis=3)  # (O,P,E,K)
     return Knowledge(domain, posterior, rates, learn_trait(posterior, shown, labels, rates))

@@ -9,8 +9,9 @@ from meal_bayes.cli.console import note, say
 from meal_bayes.cli.options import dataset_option, option, table_of
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from meal_bayes.datasets import PerceptTable
-    from meal_bayes.perception import ConfusionCounts
 
 _FORMATS = ("pomdp", "pomdpx")
 
@@ -55,7 +56,7 @@ def export(file: Path, **options: Any) -> None:
     note(f"solve it with SARSOP: pomdpsol --timeout 5 --output {file.stem}.policy {file.name}")
 
 
-def percept_counts(table: "PerceptTable", levels: int) -> "ConfusionCounts":
+def percept_counts(table: "PerceptTable", levels: int) -> "NDArray[Any]":
     """Count each object's percepts by classifiers that never saw it."""
     import numpy as np
 

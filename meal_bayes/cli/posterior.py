@@ -63,7 +63,7 @@ def posterior(root: Path | None, out: Path | None, as_json: bool, **options: Any
     table, levels = load_percepts(dataset), config["levels"]
     names = opt.listed(config["attributes"]) if config["attributes"] else table.domain.attributes
     columns = sorted({*table.domain.columns(names)})
-    counts = percept_counts(table, levels).counts[:, columns]  # (O,P,E,2,K)
+    counts = percept_counts(table, levels)[:, columns]  # (O,P,E,2,K)
     name = f"{Path(dataset).stem}-{config['method']}-{config['model']}-{opt.digest(config)}"
     folder = check_folder(out or Path("posteriors") / name)
     prior = config["prior_scale"] * prior_of(counts[:, :, sensing(counts)])

@@ -22,7 +22,6 @@ from meal_bayes.learner.experience import GIVEN, Experience, Rows
 from meal_bayes.learner.settings import LearnerSettings
 from meal_bayes.momdp import MOMDP
 from meal_bayes.perception import (
-    ConfusionCounts,
     Perception,
     PerceptionSettings,
     SampledPercepts,
@@ -76,12 +75,12 @@ class Fitted:
         )
         labels = data.labels
         if not data.objects:  # nothing is known: one object of which nothing is
-            nothing = np.zeros((1, *counts.counts.shape[1:]), np.int64)
-            counts, labels = ConfusionCounts(nothing), np.full((1, nothing.shape[1]), -1, np.int8)
+            counts = np.zeros((1, *counts.shape[1:]), np.int64)
+            labels = np.full(counts.shape[:2], -1, np.int8)
         self.knowledge = knowledge_of(
             experience.domain, counts, labels, object_level=agent.object_level
         )
-        self.seen = np.zeros(counts.counts.shape[:3], np.bool_).transpose(0, 2, 1).copy()
+        self.seen = np.zeros(counts.shape[:3], np.bool_).transpose(0, 2, 1).copy()
         if settings.posterior is None:
             places = training.object, training.behavior
             np.logical_or.at(self.seen, places, training.labels >= 0)

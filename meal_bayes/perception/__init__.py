@@ -1,10 +1,10 @@
 """ACAC: recordings to percepts, percepts to confusion counts (Sect. 4).
 
 In: `Dataset` and the training set D, or a `PerceptTable`. Out: a `Perceiver` (what a behavior
-says of the queried attributes) and `ConfusionCounts` (what such percepts were worth, by object).
+says of the queried attributes) and confusion counts (what such percepts were worth, by object).
 """
 
-from meal_bayes.perception.confusion import ConfusionCounts, table_counts
+from meal_bayes.perception.confusion import table_counts
 from meal_bayes.perception.ensemble import Perception
 from meal_bayes.perception.fitting import fit_and_validate
 from meal_bayes.perception.perceiver import Perceiver, RecordedPercepts, SampledPercepts
@@ -21,7 +21,6 @@ from meal_bayes.perception.tables import build_percept_table
 __all__ = [
     "DEFAULT",
     "PAPER",
-    "ConfusionCounts",
     "Perceiver",
     "Perception",
     "PerceptionSettings",

@@ -19,7 +19,7 @@ from threadpoolctl import threadpool_limits
 from meal_bayes.datasets import Dataset, TrainingSet
 from meal_bayes.datasets.percepts import BIN_EDGES, levels_of, round_log_odds
 from meal_bayes.perception import stacked
-from meal_bayes.perception.confusion import ConfusionCounts, youden
+from meal_bayes.perception.confusion import youden
 from meal_bayes.perception.ensemble import BehaviorClassifier, BehaviorFit, Perception
 from meal_bayes.perception.leave_out import NOBODY, Problem, leave_out
 from meal_bayes.perception.recordings import BehaviorRecordings, Spaces, gather
@@ -48,7 +48,7 @@ def fit_and_validate(
     *,
     settings: PerceptionSettings = DEFAULT,
     spaces: Spaces | None = None,
-) -> tuple[Perception, ConfusionCounts]:
+) -> tuple[Perception, NDArray[np.int64]]:
     """Fit Psi of every behavior on the training set D, and cross-validate it.
 
     Cross-validation is nested over objects: for object o' both the classifiers and the rule that
@@ -72,8 +72,8 @@ def fit_and_validate(
     -------
     Perception
         Fitted to all of D.
-    ConfusionCounts
-        Percepts of each training object by classifiers that never saw it.
+    NDArray[np.int64]
+        (O,P,E,2,K) percepts of each training object by classifiers that never saw it.
     """
     domain, classifiers = dataset.domain, {}
     shape = len(dataset.objects), len(domain.attributes), len(domain.behaviors)
@@ -90,8 +90,7 @@ def fit_and_validate(
         wide = [space.widened(width) for space in recordings.compared]
         spaces_of = dict(zip(domain.behaviors[e].modalities, wide, strict=True))
         classifiers[domain.behaviors[e].name] = BehaviorClassifier(spaces_of, fit, used)
-    perception = Perception(domain, classifiers, dataset.labels, settings.levels)
-    return perception, ConfusionCounts(counts)
+    return Perception(domain, classifiers, dataset.labels, settings.levels), counts
 
 
 def _count(

@@ -152,7 +152,7 @@ def _neutralize(log_odds: Halves, bins: NDArray[np.uint8], labels: Any, groups: 
     """
     even = int(np.searchsorted(BIN_EDGES, 0.0))
     for group, counts in enumerate(bins):
-        uninformative = youden(by_truth(counts.astype(np.int64), labels).total()) <= 0  # (P,E)
+        uninformative = youden(by_truth(counts.astype(np.int64), labels).sum(axis=0)) <= 0  # (P,E)
         for o in np.flatnonzero(groups == group):
             computed = ~np.isnan(log_odds[o])
             log_odds[o][computed & uninformative.T] = 0.0

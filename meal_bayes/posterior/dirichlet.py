@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,9 +14,6 @@ from meal_bayes.domain import Domain
 from meal_bayes.errors import SettingsError
 from meal_bayes.perception.confusion import youden
 from meal_bayes.posterior.grid import PRIOR_WEIGHT, grid_posterior
-
-if TYPE_CHECKING:
-    from meal_bayes.perception.confusion import ConfusionCounts
 
 _DIMENSIONS = 4  # (P,E,2,K)
 
@@ -86,38 +83,34 @@ class ConfusionPosterior:
                 )
 
     @classmethod
-    def from_counts(
-        cls, counts: "ArrayLike | ConfusionCounts", *, prior: ArrayLike = PRIOR_WEIGHT
-    ) -> Self:
+    def from_counts(cls, counts: ArrayLike, *, prior: ArrayLike = PRIOR_WEIGHT) -> Self:
         """Build the paper's posterior: percepts are independent given the truth.
 
         Parameters
         ----------
-        counts : ArrayLike or ConfusionCounts
+        counts : ArrayLike
             (P,E,2,K), or object by object (O,P,E,2,K), which are then added.
         prior : ArrayLike
             Total weight of a row's flat prior, or Dirichlet parameters (P,E,2,K).
         """
-        array = _array(counts)
+        array = np.asarray(counts)
         total = freeze(array.sum(axis=0) if array.ndim > _DIMENSIONS else array)
         alpha = _prior(prior, total.shape)
         return cls(alpha, total, alpha + total, np.full(total.shape[:3], np.inf))
 
     @classmethod
-    def from_objects(
-        cls, counts: "ArrayLike | ConfusionCounts", *, prior: ArrayLike | None = None
-    ) -> Self:
+    def from_objects(cls, counts: ArrayLike, *, prior: ArrayLike | None = None) -> Self:
         """Build the object-level posterior.
 
         Parameters
         ----------
-        counts : ArrayLike or ConfusionCounts
+        counts : ArrayLike
             Object by object, (O,P,E,2,K).
         prior : ArrayLike, optional
             As in `from_counts`; by default one for each behavior and truth, learned from what its
             attributes have in common.
         """
-        array = _array(counts)
+        array = np.asarray(counts)
         if array.ndim != _DIMENSIONS + 1:
             raise SettingsError(
                 f"Counts have shape {array.shape}; "
@@ -251,10 +244,6 @@ class ConfusionPosterior:
         if exact:
             precision = np.full_like(precision, np.inf)
         return freeze(alpha / alpha.sum(axis=-1, keepdims=True)), freeze(precision)
-
-
-def _array(counts: "ArrayLike | ConfusionCounts") -> NDArray[np.int64]:
-    return np.asarray(getattr(counts, "counts", counts))
 
 
 def _prior(prior: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.float64]:

@@ -12,7 +12,7 @@ from meal_bayes.agents import knowledge_without
 from meal_bayes.datasets import TrainingSet, load_percepts
 from meal_bayes.errors import QueryError, SettingsError
 from meal_bayes.learner import Learner
-from meal_bayes.perception import ConfusionCounts, fit_and_validate
+from meal_bayes.perception import fit_and_validate
 from meal_bayes.posterior import ConfusionPosterior
 from meal_bayes.robots import Outcome
 
@@ -113,8 +113,7 @@ def test_eq_8_equals_a_fit_from_all_data(dataset, make):
                     row[p, step.decision.action, v, step.observation[p]] += 1
         rows.append(row)
     _, counts = fit_and_validate(dataset, TrainingSet.everything(dataset))
-    everything = ConfusionCounts(np.concatenate([counts.counts, rows]))
-    expected = ConfusionPosterior.from_counts(everything)
+    expected = ConfusionPosterior.from_counts(np.concatenate([counts, rows]))
     np.testing.assert_allclose(alpha(learner), expected.concentration, rtol=0, atol=1e-9)
 
 

@@ -113,7 +113,7 @@ def test_counts_are_those_of_every_object_that_is_left_out():
     counts = np.random.default_rng(0).integers(0, 1800, shape)
     changed = published.with_counts(table, counts)
     for held_out in (0, 17):
-        known = table_counts(changed, held_out, levels=2).counts.sum(axis=0)  # (P,E,2,K)
+        known = table_counts(changed, held_out, levels=2).sum(axis=0)  # (P,E,2,K)
         sensing = [bool(behavior.modalities) for behavior in table.domain.behaviors]
         np.testing.assert_array_equal(known[:, sensing], counts[:, sensing])
 

@@ -37,7 +37,7 @@ BY_HEART = KNeighborsClassifier(1)
 
 
 def kappa(counts):
-    return cohens_kappa(counts.total())[:, :2]  # of look and lift
+    return cohens_kappa(counts.sum(axis=0))[:, :2]  # of look and lift
 
 
 class Remembers(ClassifierMixin, BaseEstimator):
@@ -116,8 +116,8 @@ def test_what_was_fitted_perceives_as_its_counts_say(make):
     settings = with_classifier(LogisticRegression(), levels=4)
     training = TrainingSet.everything(dataset, range(1, len(dataset.objects)))
     perception, counts = fit_and_validate(dataset, training, settings=settings)
-    assert counts.counts[0].sum() == 0
-    assert counts.counts[1:].sum() == 19 * 2 * 2 * 2  # objects, recordings, behaviors, attributes
+    assert counts[0].sum() == 0
+    assert counts[1:].sum() == 19 * 2 * 2 * 2  # objects, recordings, behaviors, attributes
     query = Query(dataset.domain.attributes)
     instance = dataset.instance(0, "lift", 1)
     said = perception.observe(instance, query, np.random.default_rng(0))

@@ -38,14 +38,14 @@ def test_each_labelled_instance_is_one_count(make, settings, share, levels):
     dataset = make(1)
     training_set = some_rows(dataset, np.random.default_rng(4), share)
     counts = fit_and_validate(dataset, training_set, settings=replace(settings, levels=levels))[1]
-    assert counts.counts.shape == (10, 2, 4, 2, levels)
+    assert counts.shape == (10, 2, 4, 2, levels)
     expected = np.zeros((10, 2, 4, 2), int)
     for o, e, row in zip(
         training_set.object, training_set.behavior, training_set.labels, strict=True
     ):
         for p in np.flatnonzero(row >= 0):
             expected[o, p, e, row[p]] += 1
-    np.testing.assert_array_equal(counts.counts.sum(axis=-1), expected)
+    np.testing.assert_array_equal(counts.sum(axis=-1), expected)
 
 
 @SETTINGS
@@ -54,7 +54,7 @@ def test_separable_attributes_are_perceived_in_unseen_objects(make, settings):
     perception, counts = fit_and_validate(
         dataset, TrainingSet.everything(dataset, range(12)), settings=settings
     )
-    assert cohens_kappa(counts.total())[:, :2].max(axis=1).min() > 0.9
+    assert cohens_kappa(counts.sum(axis=0))[:, :2].max(axis=1).min() > 0.9
     said = np.array(
         [
             [perception.observe(dataset.instance(o, b, 0), BOTH, None) for b in ("look", "lift")]
@@ -90,7 +90,7 @@ def test_one_class_and_empty_training_sets_say_nothing(make, relabel):
     ):
         for settings in (DEFAULT, PAPER):
             perception, counts = fit_and_validate(data, training_set, settings=settings)
-            assert counts.counts[..., 1].sum() == 0  # always the level around even odds
+            assert counts[..., 1].sum() == 0  # always the level around even odds
             instance = data.instance(3, "look", 0)
             assert perception.log_odds(instance, BOTH).tolist() == [0, 0]
 
@@ -99,10 +99,10 @@ def test_percepts_without_positive_youden_are_at_even_odds_on_both_sides(make):
     for seed in range(4):
         dataset = make(seed, signal=0.0)
         perception, counts = fit_and_validate(dataset, TrainingSet.everything(dataset))
-        assert (youden(counts.total())[:, :2] >= 0).all()
+        assert (youden(counts.sum(axis=0))[:, :2] >= 0).all()
         for e, behavior in enumerate(("look", "lift")):
             silent = ~perception.classifiers[behavior].used
-            assert (counts.counts[:, silent, e, :, 1] == 0).all()
+            assert (counts[:, silent, e, :, 1] == 0).all()
             for o in range(10):
                 log_odds = perception.log_odds(dataset.instance(o, behavior, 0), BOTH)
                 assert (log_odds[silent] == 0).all()

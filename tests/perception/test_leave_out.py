@@ -189,7 +189,7 @@ def test_many_objects_are_told_apart_by_what_is_compared_with_landmarks(make, la
     settings = replace(DEFAULT, **ABOVE, landmarks=landmarks)
     training = TrainingSet.everything(dataset, range(30))
     perception, counts = fit_and_validate(dataset, training, settings=settings)
-    assert cohens_kappa(counts.total())[:, :2].max(axis=1).min() > 0.5
+    assert cohens_kappa(counts.sum(axis=0))[:, :2].max(axis=1).min() > 0.5
     rows = next(iter(perception.classifiers["lift"].spaces.values())).rows
     assert len(rows) == min(landmarks, 60)
 
@@ -197,11 +197,11 @@ def test_many_objects_are_told_apart_by_what_is_compared_with_landmarks(make, la
 def test_fitting_counts_recordings_and_a_table_objects_too(make):
     dataset, settings = make(2, objects=8, recordings=4), replace(DEFAULT, folds=3)
     training = TrainingSet.everything(dataset)
-    exact = fit_and_validate(dataset, training, settings=settings)[1].counts
+    exact = fit_and_validate(dataset, training, settings=settings)[1]
     for few in ({"exact_recordings": 30}, {"exact_objects": 7}):
         some = replace(settings, **few)
         assert build_percept_table(dataset, perception=some).groups.max() == 2
-        counts = fit_and_validate(dataset, training, settings=some)[1].counts
+        counts = fit_and_validate(dataset, training, settings=some)[1]
         assert np.array_equal(counts, exact) == ("exact_objects" in few)
 
 
@@ -240,7 +240,7 @@ def test_no_inverted_table_is_used(make):
         for seed in range(3):
             dataset = make(seed, objects=12, signal=0.0)  # features say nothing of the labels
             table = build_percept_table(dataset, perception=settings)
-            found += [youden(table_counts(table, o).total())[:, :2] for o in range(12)]
+            found += [youden(table_counts(table, o).sum(axis=0))[:, :2] for o in range(12)]
         return np.array(found)
 
     uncured = replace(DEFAULT, balanced=False, nonnegative=False, positive_youden_only=False)

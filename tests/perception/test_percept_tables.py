@@ -187,7 +187,7 @@ def test_permuted_labels_cannot_be_told_from_real_recordings(recordings, name):
     for seed in range(1 if name == "cy101" else 2):
         shuffled = permuted(dataset, np.random.default_rng(seed))
         counts = yes_counts(held_out_log_odds(shuffled), shuffled.labels)
-        kappa.append(cohens_kappa(counts.total())[np.ix_(asked, sensing)].mean())
+        kappa.append(cohens_kappa(counts.sum(axis=0))[np.ix_(asked, sensing)].mean())
     assert abs(np.mean(kappa)) < 0.03
 
 
@@ -220,7 +220,7 @@ def test_tables_hold_what_is_there(ragged, settings, tmp_path):
     shown = table.training_bins.sum(axis=-1)  # (O,O,P,E)
     expected = np.broadcast_to(ragged.recording_counts[None, :, None], shown.shape)
     np.testing.assert_array_equal(shown[others], expected[others])
-    assert table_counts(table, 0).counts[2, :, 0].sum() == 0
+    assert table_counts(table, 0)[2, :, 0].sum() == 0
     folds = build_percept_table(ragged, perception=replace(DEFAULT, exact_objects=6, folds=4))
     for written in (table, folds):
         save_percepts(written, tmp_path / "ragged.npz")
@@ -232,7 +232,7 @@ def test_tables_hold_what_is_there(ragged, settings, tmp_path):
 @SETTINGS
 def test_every_recording_that_is_there_counts_once(ragged, settings):
     counts = fit_and_validate(ragged, TrainingSet.everything(ragged), settings=settings)[1]
-    shown = counts.counts.sum(axis=(3, 4))  # (O,P,E)
+    shown = counts.sum(axis=(3, 4))  # (O,P,E)
     np.testing.assert_array_equal(shown, ragged.recording_counts[:, None].repeat(2, axis=1))
     finite = ~np.isnan(held_out_log_odds(ragged, settings=settings)).any(axis=-1)
     np.testing.assert_array_equal(finite.sum(axis=1), ragged.recording_counts)

@@ -35,12 +35,13 @@ def test_counts_and_prior_make_the_mean():
     np.testing.assert_allclose(posterior.mean[0, 0, 0], [13 / 20, 7 / 20])
 
 
-def test_whatever_holds_counts_is_taken():
-    class Holder:
-        counts = np.ones((4, *SHAPE), dtype=np.int64)
+def test_counts_of_objects_are_added():
+    counts = np.ones((4, *SHAPE), dtype=np.int64)
+    np.testing.assert_array_equal(ConfusionPosterior.from_counts(counts).counts, 4)
+    np.testing.assert_array_equal(ConfusionPosterior.from_objects(counts).counts, 4)
 
-    np.testing.assert_array_equal(ConfusionPosterior.from_counts(Holder()).counts, 4)
-    np.testing.assert_array_equal(ConfusionPosterior.from_objects(Holder()).counts, 4)
+
+def test_the_precision_of_a_row_is_at_most_that_of_either_source():
     assert float(row_precision(2, 20)) == 40 / 23
     assert float(row_precision(np.inf, 49.0)) == float(row_precision(49.0, np.inf)) == 49.0
 
