@@ -2,12 +2,12 @@
 
 import itertools
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from meal_bayes.datasets import Dataset, PerceptTable
-from meal_bayes.datasets.training_set import ObjectSplit
 from meal_bayes.domain import Query, unknown
 from meal_bayes.errors import SettingsError
 from meal_bayes.experiments.config import OnlineConfig
@@ -22,6 +22,7 @@ from meal_bayes.trials import Task, Trial
 ASKED = 10  # attributes of an online run
 _TESTS = 340  # test trials a batch, at most
 _POSITIVES = 3  # of every attribute in every part, where a split has them
+_TRIES = 10_000  # splits drawn for them
 
 
 def learnable(table: PerceptTable, count: int = ASKED) -> tuple[str, ...]:
@@ -85,6 +86,35 @@ class Recordings:
                 self._used[trial.task.object_index, e] += 1
 
 
+class ObjectSplit(NamedTuple):
+    """Obj^pre, Obj^train and Obj^test: disjoint sets of object indices, rising."""
+
+    pre: NDArray[np.intp]
+    train: NDArray[np.intp]
+    test: NDArray[np.intp]
+
+
+def _draw_split(dataset: Dataset, shares: NDArray[np.intp], seed: int, repeat: int) -> ObjectSplit:
+    """Draw parts of these shares, each with three positives of every attribute, or fewer."""
+    count, positive = len(dataset.objects), (dataset.labels == 1).astype(np.intp)
+    ends = np.round(np.cumsum(shares) / shares.sum() * count).astype(int)
+    starts = np.array([0, *ends[:-1]])
+    if (starts == ends).any():
+        raise SettingsError(
+            f"Split sizes {(ends - starts).tolist()} do not fit {count} objects; expected at least "
+            "one object in each part: give other shares, or more objects."
+        )
+    minimum = _POSITIVES
+    while True:  # none are in any split
+        rng = stream(seed, "split", dataset.domain.data, repeat, minimum)
+        possible = (positive.sum(axis=0) >= 3 * minimum).all()
+        for _ in range(_TRIES if possible else 0):
+            order = rng.permutation(count)
+            if np.add.reduceat(positive[order], starts).min(initial=minimum) >= minimum:
+                return ObjectSplit(*map(np.sort, np.split(order, ends[:2])))
+        minimum -= 1
+
+
 @dataclass(frozen=True, slots=True)
 class Protocol:
     """The tasks of one repeat, the same for every agent."""
@@ -114,18 +144,13 @@ class Protocol:
             for name in itertools.chain.from_iterable(shares):
                 if name not in index:
                     raise SettingsError(unknown("object", name, dataset.objects))
-            split = ObjectSplit(*(np.array([index[name] for name in part]) for part in shares))
+            split = ObjectSplit(
+                *(np.array(sorted(index[name] for name in part)) for part in shares)
+            )
+            if len(np.unique(np.concatenate(split))) < sum(map(len, split)):
+                raise SettingsError("An object is in two parts of the split; give it in one.")
         else:
-            ends = np.round(np.cumsum(shares) / sum(shares) * len(index)).astype(int)
-            sizes = np.diff([0, *ends]).tolist()
-            for minimum in range(_POSITIVES, -1, -1):
-                rng = stream(seed, "split", dataset.domain.data, repeat, minimum)
-                try:
-                    split = ObjectSplit.random(dataset, rng, sizes=sizes, minimum=minimum)
-                    break
-                except SettingsError:
-                    if minimum == 0:
-                        raise
+            split = _draw_split(dataset, np.array(shares), seed, repeat)
         protocol = cls(dataset, split, attributes, seed, repeat)
         for name, part in (("train", split.train), ("test", split.test)):
             if not protocol._pairs(part):

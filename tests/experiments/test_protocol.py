@@ -54,8 +54,11 @@ def test_a_split_may_be_named(dataset):
     found = protocol(dataset, shares=parts, repeat=3).split
     assert [list(part) for part in (found.pre, found.train)] == [[3, 4], [0, 1, 2]]
     assert len(found.test) == len(dataset.objects) - 5
-    with pytest.raises(SettingsError, match="Unknown object 'nothing'"):
-        protocol(dataset, shares=(("nothing",), *parts[1:]))
+    for wrong, message in (("nothing", "Unknown object 'nothing'"), (parts[1][0], "in two parts")):
+        with pytest.raises(SettingsError, match=message):
+            protocol(dataset, shares=((wrong,), *parts[1:]))
+    with pytest.raises(SettingsError, match=r"sizes \[0, 0, 30\] do not fit 30 objects"):
+        protocol(dataset, shares=(1, 1, 400))
 
 
 def test_seed_and_repeat_make_other_splits_and_the_same_makes_the_same(dataset):
