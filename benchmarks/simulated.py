@@ -23,6 +23,7 @@ from meal_bayes.evaluation.learning import LearningRow, learning_rows
 from meal_bayes.evaluation.statistics import clustered
 from meal_bayes.experiments import OnlineConfig, run_online
 from meal_bayes.experiments.parallel import in_parallel
+from meal_bayes.experiments.protocol import restricted
 from meal_bayes.experiments.simulated import (
     DOMAIN,
     ask_new,
@@ -158,8 +159,8 @@ def content(options: argparse.Namespace) -> dict[str, Any]:
             30, 2, options.seed, population="twins", alter=alter, jobs=options.jobs
         )
         made += [replace(one, name=f"{alter.__name__} {one.name}") for one in twins]
-    data = to_dataset(load_domain(DOMAIN), made)
-    table = build_percept_table(data, attributes=["full"])
+    data = restricted(to_dataset(load_domain(DOMAIN), made), ("full",))
+    table = build_percept_table(data)
     column = data.domain.attribute_index("full")
     truth = data.labels[:, column] == 1
     told = {}

@@ -42,6 +42,7 @@ from meal_bayes.perception.stacking import fit_stacker, fit_stackers
 Floats = NDArray[np.float64]
 Rows = NDArray[np.bool_]
 
+_BOX = 10.0  # C of the support vector machines
 _SEED = 0  # of estimators with random states that are not set
 _LOOSE = 1e-2  # decisions are calibrated, and a tighter fit takes up to forty times longer
 _SOFT = 1e-4  # ridge of the sigmoid's slope, for decisions that separate the classes
@@ -112,7 +113,7 @@ def _problem(recordings: BehaviorRecordings, settings: PerceptionSettings) -> Fo
         folds[known] = np.unique(objects[known], return_inverse=True)[1].ravel() % settings.folds
     data = recordings.labels == 1, objects, folds, units
     if settings.method == "paper":
-        machine = SVC(C=settings.box, kernel="precomputed", tol=_LOOSE)
+        machine = SVC(C=_BOX, kernel="precomputed", tol=_LOOSE)
         # Support vector machines train without the interpreter's lock; forests, below, set the
         # process's warning filters.
         threads = os.cpu_count() or 1

@@ -118,7 +118,7 @@ class Perception:
         set_frozen(self, labels=freeze(self.labels, np.int8))
 
     def log_odds(self, instance: Instance, query: Query) -> Floats:
-        """Return log-odds of "true", (N,); NaN where a person answers.
+        """Return log-odds of "true", (N,), of a behavior that senses.
 
         They are those of the behavior's modalities that the instance has; others are ignored.
 
@@ -128,8 +128,6 @@ class Perception:
             An instance without finite features of any of the behavior's modalities.
         """
         behavior = self.domain.behaviors[self.domain.behavior_index(instance.behavior)]
-        if behavior.answer_accuracy is not None:
-            return np.full(len(query), np.nan)
         classifier = self.classifiers.get(instance.behavior)
         if classifier is None:
             return np.zeros(len(query))

@@ -113,12 +113,12 @@ def learned_widths(
 ) -> tuple[float, Floats]:
     """Learn the factor of the kernels' widths, by all labels, and without each held object's, (H,).
 
-    Where the settings fix a width it is the factor; it is 1 where there is no RBF or no stacker.
+    Where the settings fix a width it is the factor; it is 1 of other methods than "stacked".
     Held are objects, or folds of them where there are many. `each` calls a function on every
     behavior, perhaps at once; results may come in any order.
     """
     groups = np.fromiter(held, np.int64)
-    fixed = settings.width if (settings.method, settings.kernel) == ("stacked", "rbf") else 1.0
+    fixed = settings.width if settings.method == "stacked" else 1.0
     if fixed is not None:
         return fixed, np.full(len(groups), fixed)
     pieces = list(enumerate(behaviors))

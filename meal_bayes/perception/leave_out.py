@@ -26,6 +26,7 @@ from meal_bayes.perception.stacking import fit_stackers, score_without
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
+RIDGE = 0.5  # on the stackers' slopes
 NOBODY = np.empty((1, 0), np.int64)  # one set, of no groups
 _JITTER = 1e-9  # on the landmarks' kernel, where two of them are alike
 
@@ -149,7 +150,7 @@ class LeftOut(NamedTuple):
 
 def stacker_options(settings: PerceptionSettings) -> tuple[float, bool, bool]:
     """Return ridge, nonnegative and balanced, as the kernels take them."""
-    return settings.ridge, settings.nonnegative, settings.balanced
+    return RIDGE, settings.nonnegative, settings.balanced
 
 
 def leave_out(

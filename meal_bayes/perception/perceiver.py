@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 
 from meal_bayes.arrays import freeze, set_frozen
 from meal_bayes.datasets import Instance
-from meal_bayes.datasets.percepts import PerceptTable, level_edges
+from meal_bayes.datasets.percepts import PerceptTable
 from meal_bayes.domain import Domain, Query
-from meal_bayes.errors import DataError, SettingsError
+from meal_bayes.errors import SettingsError
 
 
 class Perceiver(Protocol):
@@ -69,9 +69,6 @@ class RecordedPercepts:
     table: PerceptTable
     levels: int = 2
 
-    def __post_init__(self) -> None:
-        level_edges(self.table.edges, self.levels)
-
     def observe(
         self, instance: Instance, query: Query, rng: np.random.Generator
     ) -> NDArray[np.int8]:
@@ -80,7 +77,7 @@ class RecordedPercepts:
         Raises
         ------
         SettingsError
-            An attribute or object that was not scored.
+            A recording that was not scored.
         """
         table, domain = self.table, self.table.domain
         said = person_says(domain, table.labels, instance, query, self.levels, rng)
@@ -92,7 +89,7 @@ class RecordedPercepts:
             missing = np.array(query.attributes)[np.isnan(log_odds)].tolist()
             raise SettingsError(
                 f"No percepts of {missing} by {instance.behavior!r} were computed for object "
-                f"{instance.object_index}; build the table with these attributes and objects."
+                f"{instance.object_index}; build the table again."
             )
         return table.levels_of(log_odds, self.levels)
 
@@ -119,11 +116,6 @@ class SampledPercepts:
 
     def __post_init__(self) -> None:
         set_frozen(self, labels=freeze(self.labels, np.int8), confusion=freeze(self.confusion))
-        p, e = len(self.domain.attributes), len(self.domain.behaviors)
-        if self.confusion.ndim != 4 or self.confusion.shape[:3] != (p, e, 2):
-            raise DataError(
-                f"Confusion matrices have shape {self.confusion.shape}; expected ({p},{e},2,K)."
-            )
 
     def observe(
         self, instance: Instance, query: Query, rng: np.random.Generator

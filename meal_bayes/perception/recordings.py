@@ -275,7 +275,8 @@ def gather(
     are fitted to the training set.
     """
     if spaces is None:
-        spaces = fit_spaces(dataset, training_set, kernel=settings.kernel)
+        kernel = "polynomial" if settings.method == "paper" else "rbf"
+        spaces = fit_spaces(dataset, training_set, kernel=kernel)
     gathered = {}
     for e, behavior in enumerate(dataset.domain.behaviors):
         rows = np.flatnonzero(training_set.behavior == e)  # they are sorted by object

@@ -14,22 +14,17 @@ METHODS = ("stacked", "paper", "classifier")
 class PerceptionSettings:
     """How a behavior's percept is made from its modalities.
 
-    `joint` and the last five of the numbers and flags can be switched off for ablations.
+    `joint` and the last five flags can be switched off for ablations.
 
     Attributes
     ----------
     method : str
         "stacked"; "paper": support vector machines, weighted by Cohen's kappa; "classifier".
-    kernel : str
-        "rbf", exp(-d^2 / w^2), or "polynomial", degree 2.
     width : float | None
-        w in median distances; None: learned (1, 1.5 or 2).
+        "stacked" only: w of the kernels exp(-d^2 / w^2), in median distances; None: learned (1, 1.5
+        or 2).
     joint : bool
-        "stacked", RBF only: one more kernel, of all modalities at once.
-    noise : float
-        lambda of C = K + lambda I.
-    ridge : float
-        On the stacker's slopes.
+        "stacked" only: one more kernel, of all modalities at once.
     levels : int
         K of an observed percept: 2 yes or no, 4 graded.
     exact_objects, exact_recordings : int
@@ -41,8 +36,6 @@ class PerceptionSettings:
     folds : int
         "paper" and "classifier", and "stacked" above the exact sizes: groups of objects that are
         left out together, an object never split.
-    box : float
-        "paper" only: the support vector machine's C.
     by_object : bool
         Cross-validate over objects; False: over samples, as published.
     nested : bool
@@ -58,17 +51,13 @@ class PerceptionSettings:
     """
 
     method: str = "stacked"
-    kernel: str = "rbf"
     width: float | None = None
     joint: bool = True
-    noise: float = 0.15
-    ridge: float = 0.5
     levels: int = 2
     exact_objects: int = 128
     exact_recordings: int = 1500
     landmarks: int = 512
     folds: int = 10
-    box: float = 10.0
     by_object: bool = True
     nested: bool = True
     balanced: bool = True
@@ -77,10 +66,8 @@ class PerceptionSettings:
     classifier: Any = None
 
     def __post_init__(self) -> None:
-        kernels = ("rbf", "polynomial")
-        for name, known in (("method", METHODS), ("kernel", kernels)):
-            if getattr(self, name) not in known:
-                raise SettingsError(unknown(name, getattr(self, name), known))
+        if self.method not in METHODS:
+            raise SettingsError(unknown("method", self.method, METHODS))
         if (self.method == "classifier") != (self.classifier is not None):
             raise SettingsError("A classifier and the method 'classifier' go together; give both.")
         if isinstance(self.classifier, type):
@@ -95,13 +82,10 @@ class PerceptionSettings:
                 f"classifier is {type(self.classifier).__name__}; expected a scikit-learn "
                 "classifier: with fit, get_params, and predict_proba or decision_function."
             )
-        for name in ("noise", "ridge", "box", "width"):
-            if getattr(self, name) is not None and not getattr(self, name) > 0:
-                raise SettingsError(f"{name} is {getattr(self, name)}; give a number above 0.")
-        if self.width is not None and (self.method, self.kernel) != ("stacked", "rbf"):
-            raise SettingsError("Only the RBF of 'stacked' has a width; give width=None.")
-        if self.joint and (self.method, self.kernel) == ("stacked", "polynomial"):
-            raise SettingsError("Polynomial kernels have no joint one; give joint=False.")
+        if self.width is not None and not (self.width > 0 and self.method == "stacked"):
+            raise SettingsError(
+                f"width is {self.width}; give a number above 0 to 'stacked', and None to others."
+            )
         level_edges(BIN_EDGES, self.levels)
         least = {"folds": 2, "landmarks": 1, "exact_objects": 0, "exact_recordings": 0}
         for name, lowest in least.items():
@@ -110,7 +94,7 @@ class PerceptionSettings:
 
 
 DEFAULT = PerceptionSettings()
-PAPER = PerceptionSettings(method="paper", kernel="polynomial", joint=False, folds=5)
+PAPER = PerceptionSettings(method="paper", folds=5)
 
 
 def with_classifier(classifier: Any, **others: Any) -> PerceptionSettings:
@@ -130,8 +114,7 @@ def with_classifier(classifier: Any, **others: Any) -> PerceptionSettings:
     SettingsError
         What cannot be cloned, fitted, or asked for a decision.
     """
-    options = {"folds": 5, **others}
-    return PerceptionSettings(method="classifier", joint=False, classifier=classifier, **options)
+    return PerceptionSettings(**{"folds": 5, **others}, method="classifier", classifier=classifier)
 
 
 def named_settings(name: str) -> PerceptionSettings:

@@ -26,6 +26,8 @@ from meal_bayes.perception.settings import PerceptionSettings
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
+NOISE = 0.15  # lambda of C = K + lambda I
+
 
 class Stacker(NamedTuple):
     """A class-balanced logistic regression on M classifiers' decisions: `weights` (P,1+M)."""
@@ -65,13 +67,13 @@ def parts(
     for known, attributes in known_patterns(recordings.labels >= 0):
         rows = np.flatnonzero(known)
         rows = rows[np.argsort(groups[rows], kind="stable")]
-        truth, noise = recordings.labels[np.ix_(rows, attributes)] == 1, settings.noise
+        truth = recordings.labels[np.ix_(rows, attributes)] == 1
         columns = rows if landmarks is None else np.arange(len(landmarks))
         if landmarks is None:
-            problem = kernel_problem(kernels[:, rows][:, :, rows], truth, groups[rows], noise)
+            problem = kernel_problem(kernels[:, rows][:, :, rows], truth, groups[rows], NOISE)
         else:
             near, names = (kernels[:, rows], kernels[:, landmarks]), (groups[rows], objects[rows])
-            problem = landmark_problem(*near, truth, names, noise)
+            problem = landmark_problem(*near, truth, names, NOISE)
         yield Part(rows, attributes, columns, problem)
 
 

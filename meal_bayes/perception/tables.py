@@ -11,19 +11,16 @@ The methods "paper" and "classifier" leave folds of objects out at any size (see
 """
 
 import hashlib
-import inspect
-import sys
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable
 from dataclasses import fields
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from meal_bayes.datasets import Dataset, PerceptTable, TrainingSet, object_index
+from meal_bayes.datasets import Dataset, PerceptTable, TrainingSet
 from meal_bayes.datasets.percepts import BIN_EDGES, round_log_odds
 from meal_bayes.datasets.sources import SOURCES
 from meal_bayes.errors import SettingsError
@@ -45,8 +42,6 @@ def build_percept_table(
     *,
     perception: str | PerceptionSettings = "default",
     classifier: Any = None,
-    attributes: Iterable[str] | None = None,
-    objects: Iterable[str] | None = None,
     progress: Callable[[int, int], None] | None = None,
     each: Map = map,
 ) -> PerceptTable:
@@ -60,8 +55,6 @@ def build_percept_table(
         "default", "paper", or settings.
     classifier : Any
         Any scikit-learn classifier, in place of a method; see `with_classifier`.
-    attributes, objects : Iterable[str] | None
-        What to compute; all by default. The rest is NaN.
     progress : Callable[[int, int], None] | None
         Called with (behaviors done, behaviors in all).
     each : Map
@@ -75,25 +68,18 @@ def build_percept_table(
     if dataset.recordings > _MOST:
         raise SettingsError(f"{dataset.recordings} recordings of an object; give {_MOST} at most.")
     domain, n_objects = dataset.domain, len(dataset.objects)
-    columns = _positions("attributes", attributes, domain.attributes, domain.attribute_index)
-    held = _positions("objects", objects, dataset.objects, partial(object_index, dataset.objects))
     gathered = gather(dataset, TrainingSet.everything(dataset), settings, pairs=True)
     groups = groups_of(gathered.values(), n_objects, settings)
-    held_groups = np.unique(groups[held])
-    _, widths = learned_widths(gathered.values(), settings, held_groups, each)
+    names = np.unique(groups)
+    _, widths = learned_widths(gathered.values(), settings, names, each)
     shape = (dataset.recordings, len(domain.behaviors), len(domain.attributes))
     log_odds = np.full((n_objects, *shape), np.nan, np.float16)
     bins = np.zeros((groups.max() + 1, n_objects, *shape[:0:-1], len(BIN_EDGES) + 1), np.uint8)
-    some = {e: recordings.of(columns) for e, recordings in gathered.items()}
-    score = partial(
-        _score_behavior, held=held_groups, widths=widths, groups=groups, settings=settings
-    )
-    for done, (e, outputs, shown) in enumerate(each(score, some.items())):
-        recorded = gathered[e].objects
-        rows = np.flatnonzero(np.isin(recorded, held))
-        place = recorded[rows, None], number_in_object(recorded)[rows, None]
-        log_odds[:, :, e][*place, columns] = outputs[rows]
-        bins[:, :, :, e][np.ix_(held_groups, np.arange(n_objects), columns)] = shown
+    score = partial(_score_behavior, names=names, widths=widths, groups=groups, settings=settings)
+    for done, (e, outputs, shown) in enumerate(each(score, gathered.items())):
+        objects = gathered[e].objects
+        log_odds[objects, number_in_object(objects), e] = outputs
+        bins[names, :, :, e] = shown
         if progress is not None:
             progress(done + 1, len(gathered))
     if settings.positive_youden_only:
@@ -103,45 +89,36 @@ def build_percept_table(
     return PerceptTable(*known, log_odds, BIN_EDGES, bins, *origin, groups)
 
 
-def _positions(
-    what: str, names: Iterable[str] | None, known: Sequence[str], find: Callable[[str], int]
-) -> Ints:
-    positions = sorted({find(name) for name in (known if names is None else names)})
-    if not positions:
-        raise SettingsError(f"{what} is empty; name at least one, or leave it out for all.")
-    return np.array(positions)
-
-
 def _score_behavior(
     piece: tuple[int, BehaviorRecordings],
-    held: Ints,
+    names: Ints,
     widths: NDArray[np.float64],
     groups: Ints,
     settings: PerceptionSettings,
 ) -> tuple[int, Halves, NDArray[np.uint8]]:
-    """Score one behavior, given by its number and its recordings, at widths (H,) of the kernels.
+    """Score one behavior, given by its number and recordings, without each group, (G,) names.
 
-    Returns its number, the held-out outputs (n,p), and for each that is held out (H,) how often the
-    objects showed each fine bin, (H,O,p,L).
+    Widths (G,) are those of the kernels. Returns the number, the held-out outputs (n,P), and how
+    often the objects showed each fine bin without each group, (G,O,P,L).
     """
     index, recordings = piece
     n, n_attributes = recordings.labels.shape
     held_outputs = np.full((n, n_attributes), np.nan, np.float16)
-    shown = np.zeros((len(held), len(groups), n_attributes, len(BIN_EDGES) + 1), np.uint8)
-    names, starts = np.unique(recordings.objects, return_index=True)
+    shown = np.zeros((len(names), len(groups), n_attributes, len(BIN_EDGES) + 1), np.uint8)
+    objects, starts = np.unique(recordings.objects, return_index=True)
     with threadpool_limits(1):  # sums of many threads differ in their last bit from those of one
         for width in np.unique(widths):
             chosen = np.flatnonzero(widths == width)
-            rows = np.isin(groups[recordings.objects], held[chosen])
+            rows = np.isin(groups[recordings.objects], names[chosen])
             for _, attributes in known_patterns(recordings.labels >= 0):
                 part = recordings.of(attributes).widened(width)
-                log_odds, training = method_of(settings).outputs(part, held[chosen], settings)
+                log_odds, training = method_of(settings).outputs(part, names[chosen], settings)
                 held_outputs[np.ix_(rows, attributes)] = round_log_odds(log_odds)[rows]
                 bins = np.searchsorted(BIN_EDGES, round_log_odds(training))  # (h,n,a)
                 bins[np.isnan(training)] = -1
                 for level in range(len(BIN_EDGES) + 1):
                     counts = np.add.reduceat(bins == level, starts, axis=1, dtype=np.uint8)
-                    shown[..., level][np.ix_(chosen, names, attributes)] = counts
+                    shown[..., level][np.ix_(chosen, objects, attributes)] = counts
     return index, held_outputs, shown
 
 
@@ -182,14 +159,4 @@ def _provenance(dataset: Dataset, settings: PerceptionSettings) -> dict[str, str
         provenance["classifier"] = name
         parameters = sorted(classifier.get_params().items())
         provenance["classifier_parameters"] = ", ".join(f"{n}={v!r}" for n, v in parameters)
-        package = kind.__module__.partition(".")[0]
-        version = getattr(sys.modules.get(package), "__version__", None)
-        if isinstance(version, str):
-            provenance["classifier_package"] = f"{package} {version}"
-        else:
-            try:
-                source = hashlib.sha256(Path(inspect.getfile(kind)).read_bytes()).hexdigest()
-            except (OSError, TypeError):  # typed at a prompt
-                source = "unknown"
-            provenance["classifier_source_sha256"] = source
     return provenance

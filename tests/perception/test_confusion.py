@@ -8,7 +8,7 @@ from sklearn.metrics import cohen_kappa_score
 
 from meal_bayes.datasets import Instance
 from meal_bayes.domain import Query
-from meal_bayes.errors import DataError, SettingsError
+from meal_bayes.errors import SettingsError
 from meal_bayes.perception import RecordedPercepts, SampledPercepts, table_counts
 from meal_bayes.perception.confusion import cohens_kappa, youden
 from meal_bayes.perception.perceiver import answer
@@ -77,6 +77,8 @@ def test_recorded_percepts_are_looked_up_by_object_recording_and_behavior(small_
         expected = small_table.levels_of(small_table.log_odds[o, r, 1, [1, 0]], 2 + 2 * levels)
         shown = perceiver.observe(Instance(o, "lift", r), BOTH, rng)
         assert shown.tolist() == expected.tolist()
+    with pytest.raises(SettingsError, match=r"No percepts of \['heavy', 'red'\] by 'reinit'"):
+        perceiver.observe(Instance(0, "reinit", 0), BOTH, rng)
 
 
 @pytest.mark.statistical
@@ -113,10 +115,3 @@ def test_the_sampler_draws_from_the_row_of_the_truth(small_table, rng):
     for column, row in ((0, confusion[1, 1, 1]), (1, confusion[0, 1, 0])):
         share = np.bincount(drawn[:, column], minlength=4) / len(drawn)
         assert (np.abs(share - row) < 5 * np.sqrt(row * (1 - row) / len(drawn)) + 1e-9).all()
-
-
-def test_what_does_not_fit_a_perceiver_is_told(small_table):
-    with pytest.raises(SettingsError, match=r"3 levels; expected one of \[2, 4, 8\]"):
-        RecordedPercepts(small_table, 3)
-    with pytest.raises(DataError, match=r"expected \(2,4,2,K\)"):
-        SampledPercepts(small_table.domain, small_table.labels, np.full((2, 3, 2, 2), 0.5))

@@ -112,7 +112,6 @@ def test_a_person_is_asked_through_perception_too(make):
     dataset = make(7)
     perception = fit_and_validate(dataset, TrainingSet.everything(dataset))[0]
     instance = Instance(0, "ask", 0)
-    assert np.isnan(perception.log_odds(instance, BOTH)).all()
     said = [
         perception.observe(instance, BOTH, np.random.default_rng(seed)).tolist()
         for seed in range(60)
@@ -153,13 +152,10 @@ def test_a_sensor_that_never_varies_is_warned_of(make):
     ("change", "message"),
     [
         ({"method": "papr"}, "did you mean 'paper'"),
-        ({"kernel": "linear"}, "expected one of: rbf, polynomial"),
-        ({"noise": 0.0}, "noise is 0.0; give a number above 0"),
         ({"folds": 1}, "folds is 1; give at least 2"),
         ({"exact_objects": -1}, "exact_objects is -1"),
         ({"width": 0.0}, "width is 0"),
-        ({"width": 1.0, "kernel": "polynomial", "joint": False}, "RBF"),
-        ({"kernel": "polynomial"}, "give joint=False"),
+        ({"width": 1.0, "method": "paper"}, "width is 1.0; give .* None to others"),
         ({"levels": 3}, r"3 levels; expected one of \[2, 4, 8\]"),
     ],
 )

@@ -14,6 +14,7 @@ from meal_bayes.perception import DEFAULT, build_percept_table, fit_and_validate
 from meal_bayes.perception.confusion import cohens_kappa, youden
 from meal_bayes.perception.leave_out import (
     NOBODY,
+    RIDGE,
     each_group,
     kernel_problem,
     landmark_problem,
@@ -22,8 +23,7 @@ from meal_bayes.perception.leave_out import (
 from meal_bayes.perception.recordings import dealt
 from meal_bayes.perception.stacking import fit_stacker
 
-NOISE, RIDGE = 0.2, 0.5
-SETTINGS = replace(DEFAULT, noise=NOISE, ridge=RIDGE)
+NOISE = 0.2
 
 
 def some_problem(seed, sizes, modalities=2, attributes=2):
@@ -131,22 +131,22 @@ def test_the_stacker_is_the_optimum(seed, n, nonnegative):
 def test_log_odds_equal_everything_done_by_hand(left_out):
     grams, truth, objects = some_problem(3, [2, 1, 2, 3, 2, 2, 1])
     problem = kernel_problem(grams, truth, objects, NOISE)
-    (found,) = leave_out(problem, np.array([left_out]), SETTINGS).log_odds
+    (found,) = leave_out(problem, np.array([left_out]), DEFAULT).log_odds
     np.testing.assert_allclose(found, by_hand(grams, truth, objects, left_out), atol=1e-4)
 
 
 def test_a_warm_start_changes_nothing():
     grams, truth, objects = some_problem(5, [2] * 8)
     problem = kernel_problem(grams, truth, objects, NOISE)
-    warm = leave_out(problem, NOBODY, SETTINGS).weights[0]
-    cold = each_group(problem, SETTINGS)
-    np.testing.assert_allclose(each_group(problem, SETTINGS, warm), cold, atol=1e-6)
+    warm = leave_out(problem, NOBODY, DEFAULT).weights[0]
+    cold = each_group(problem, DEFAULT)
+    np.testing.assert_allclose(each_group(problem, DEFAULT, warm), cold, atol=1e-6)
 
 
 def test_one_class_left_says_nothing():
     grams, _, objects = some_problem(1, [2, 2, 2])
     truth = np.repeat([[True], [False], [False]], 2, axis=0)
-    outputs = each_group(kernel_problem(grams, truth, objects, NOISE), SETTINGS)
+    outputs = each_group(kernel_problem(grams, truth, objects, NOISE), DEFAULT)
     assert (outputs[objects == 0] == 0).all()  # without the only positive object
     assert np.isfinite(outputs).all()
 

@@ -9,19 +9,15 @@ from sklearn.naive_bayes import GaussianNB
 
 from meal_bayes.datasets import (
     Dataset,
-    Instance,
     TrainingSet,
     load_dataset,
     load_percepts,
     save_percepts,
 )
 from meal_bayes.datasets.percepts import BIN_EDGES, round_log_odds
-from meal_bayes.domain import Query
-from meal_bayes.errors import SettingsError
 from meal_bayes.perception import (
     DEFAULT,
     PAPER,
-    RecordedPercepts,
     build_percept_table,
     fit_and_validate,
     table_counts,
@@ -31,6 +27,7 @@ from meal_bayes.perception.confusion import cohens_kappa
 from meal_bayes.perception.fitting import learned_widths
 from meal_bayes.perception.leave_out import each_group, kernel_problem
 from meal_bayes.perception.recordings import dealt, gather
+from meal_bayes.perception.stacked import NOISE
 
 ALL = replace(DEFAULT, positive_youden_only=False)
 FEW = [DEFAULT, replace(PAPER, folds=4), with_classifier(GaussianNB(), folds=4)]
@@ -67,7 +64,7 @@ def test_the_training_side_is_that_of_a_robot_without_the_object(make):
     for held_out in range(8):
         rest = objects != held_out
         wide = gathered[1].widened(widths[held_out]).kernels(joint=True)[:, rest][:, :, rest]
-        problem = kernel_problem(wide, truth[rest], objects[rest], ALL.noise)
+        problem = kernel_problem(wide, truth[rest], objects[rest], NOISE)
         outputs = each_group(problem, ALL)
         for other in range(8):
             found = table.training_bins[held_out, other, :, 1]
@@ -121,30 +118,6 @@ def test_objects_with_unknown_labels_are_perceived_but_teach_nothing(make, relab
     np.testing.assert_array_equal(table.training_bins[:, :, 1], whole.training_bins[:, :, 1])
 
 
-@ANY_SIZE
-def test_a_part_of_the_table_is_the_same_as_in_the_whole(make, settings):
-    dataset = make(6, objects=14)
-    whole = build_percept_table(dataset, perception=settings)
-    steps = []
-    part = build_percept_table(
-        dataset,
-        perception=settings,
-        attributes=["heavy"],
-        objects=["object_03", "object_08"],
-        progress=lambda done, total: steps.append((done, total)),
-    )
-    assert steps == [(1, 2), (2, 2)]
-    held, groups = [2, 7], np.unique(whole.groups[[2, 7]])
-    np.testing.assert_allclose(part.log_odds[held, :, :, 1], whole.log_odds[held, :, :, 1])
-    bins = part.training_bins[groups, :, 1], whole.training_bins[groups, :, 1]
-    np.testing.assert_array_equal(*bins)
-    assert np.isnan(part.log_odds[..., 0]).all()
-    assert np.isnan(part.log_odds[0]).all()
-    assert part.training_bins.sum(axis=(1, 2, 3, 4)).nonzero()[0].tolist() == groups.tolist()
-    with pytest.raises(SettingsError, match=r"No percepts of \['red'\] by 'look'"):
-        RecordedPercepts(part).observe(Instance(2, "look", 0), Query(("heavy", "red")), None)
-
-
 def test_provenance_tells_how_the_table_was_made(make):
     first, again = (build_percept_table(make(7)).provenance for _ in range(2))
     other = build_percept_table(make(8), perception="paper").provenance
@@ -155,22 +128,18 @@ def test_provenance_tells_how_the_table_was_made(make):
     assert other["command"].endswith("--perception paper")
 
 
+@pytest.mark.long
 @pytest.mark.real_data
-@pytest.mark.parametrize(("name", "step"), [("roc36", 18), ("ispy32", 16), ("cy101", 50)])
-def test_shipped_tables_can_be_made_again(recordings, name, step):
+@pytest.mark.parametrize("name", ["roc36", "ispy32"])
+def test_shipped_tables_can_be_made_again(recordings, name):
     dataset, shipped = load_dataset(name, root=recordings), load_percepts(name)
-    objects = dataset.objects[::step]
-    attributes = dataset.domain.attributes[::7]
-    made = build_percept_table(dataset, objects=objects, attributes=attributes)
-    held, columns = np.arange(0, len(dataset.objects), step), np.arange(len(attributes)) * 7
+    made = build_percept_table(dataset)
     assert shipped.objects == dataset.objects
     np.testing.assert_array_equal(shipped.labels, dataset.labels)
-    found, expected = (
-        table.log_odds[held][..., columns].astype(float) for table in (made, shipped)
-    )
+    found, expected = made.log_odds.astype(float), shipped.log_odds.astype(float)
     np.testing.assert_allclose(found, expected, atol=1e-2)
-    found, expected = (table.training_bins[held][:, :, columns] for table in (made, shipped))
-    assert (found != expected).mean() < 1e-4  # an output on the very edge of a bin may fall over
+    differ = made.training_bins != shipped.training_bins
+    assert differ.mean() < 1e-4  # an output on the very edge of a bin may fall over
     assert made.provenance["recordings_sha256"] == shipped.provenance["recordings_sha256"]
     assert made.provenance["source"] == shipped.provenance["source"]
 
