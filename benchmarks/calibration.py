@@ -27,7 +27,6 @@ from meal_bayes.agents import knowledge_without
 from meal_bayes.datasets import PerceptTable, load_percepts
 from meal_bayes.datasets.percepts import LIMIT
 from meal_bayes.evaluation import (
-    bootstrap_interval,
     brier,
     calibration_error,
     expected_calibration_error,
@@ -176,6 +175,9 @@ def score(
     positive: Array, truth: NDArray[np.bool_], objects: NDArray[np.int64]
 ) -> dict[str, float]:
     """Measure beliefs."""
+    # in a checkout of the whole repository
+    from paper_repro.statements import bootstrap_interval  # noqa: PLC0415
+
     nll = bootstrap_interval(
         negative_log_likelihood(positive, truth), objects, stream(0, "calibration"), draws=SETS
     )

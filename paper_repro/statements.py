@@ -7,16 +7,20 @@ under one protocol are a family: each is judged at its level by Holm [Holm1979].
 
 import dataclasses
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from fnmatch import fnmatch
 from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
+from scipy.optimize import brentq
+from scipy.special import ndtri, stdtr, stdtrit
 
-from meal_bayes.evaluation import Effect, clustered, holm, paired_fractions
+from meal_bayes.evaluation import Effect, Interval, clustered, paired_fractions
 from meal_bayes.evaluation.statistics import MASS
+
+Array = NDArray[np.float64]
 
 STANDS, FALLS, UNDECIDED, CONSTRUCTED = OUTCOMES = (
     "stands",
@@ -25,7 +29,83 @@ STANDS, FALLS, UNDECIDED, CONSTRUCTED = OUTCOMES = (
     "by construction",
 )
 _LEVEL = 1 - MASS
+_TINY = 1e-9  # a level below all that are asked for, where Student's will do
+_POWER = 0.8  # with which further units are to decide
 THEIRS, RECORDED, OURS = PROTOCOLS = ("theirs", "recorded", "ours")
+
+
+def level_above(effect: Effect, bound: float) -> float:
+    """Return the smallest level at which an effect's two-sided interval lies above a bound."""
+    distance, se = effect.estimate - bound, effect.se
+    if effect.fraction and 0 < bound < 1:
+        se = math.sqrt(bound * (1 - bound) / effect.cases)
+    if math.isinf(bound):
+        return 0.0 if bound < 0 else 2.0
+    if effect.sides is not None and distance > 0 and effect.interval(1 - _TINY).low <= bound:
+        return float(brentq(lambda level: effect.interval(1 - level).low - bound, _TINY, 1.0))
+    if not se > 0:
+        return 2.0 if math.isnan(se) or distance <= 0 else 0.0
+    return 2 * float(stdtr(max(effect.units - 1, 1), -distance / se))
+
+
+def level_below(effect: Effect, bound: float) -> float:
+    """Return the smallest level at which an effect's two-sided interval lies below a bound."""
+    if effect.fraction:
+        return level_above(dataclasses.replace(effect, estimate=1 - effect.estimate), 1 - bound)
+    sides = effect.sides and effect.sides[::-1]
+    return level_above(dataclasses.replace(effect, estimate=-effect.estimate, sides=sides), -bound)
+
+
+def needed(effect: Effect, bound: float, level: float) -> int | None:
+    """Return the units that decide on which side of a bound an effect is, at 80 % power.
+
+    None where no number would, as the difference is nothing or the fixed part is too much.
+    """
+    distance = abs(effect.estimate - bound)
+    if not (effect.se > 0 and distance > 0):
+        return None
+    units = 1000.0
+    for _ in range(20):  # Student's t is that of the units it calls for
+        reach = stdtrit(max(units - 1, effect.units, 1), 1 - level / 2) + ndtri(_POWER)
+        wanted = float((distance / reach) ** 2) - effect.fixed
+        if wanted <= 0:
+            return None
+        units = effect.units * (effect.se**2 - effect.fixed) / wanted
+    return max(math.ceil(units), effect.units + 1)
+
+
+def holm(levels: ArrayLike, level: float = _LEVEL) -> Array:
+    """Return the level of each test of a family, so that it has a false one at `level` [Holm1979].
+
+    >>> holm([0.04, 0.001, 0.02], 0.05).round(4).tolist()  # of their smallest levels
+    [0.05, 0.0167, 0.025]
+    """
+    p = np.asarray(levels, float)
+    order = np.argsort(p, kind="stable")
+    adjusted = level / np.arange(len(p), 0, -1)  # by rank
+    failed = np.flatnonzero(p[order] > adjusted)
+    if len(failed):  # no test behind the first that fails has a level of its own
+        adjusted[failed[0] :] = adjusted[failed[0]]
+    return adjusted[np.argsort(order)]
+
+
+def bootstrap_interval(
+    values: ArrayLike,
+    clusters: ArrayLike,
+    rng: np.random.Generator,
+    *,
+    statistic: Callable[[Array], float] = np.mean,
+    draws: int = 2000,
+) -> Interval:
+    """Compute the 95 % percentile interval of a statistic of (n, ...), drawing clusters again."""
+    x, index = np.asarray(values, float), np.unique(clusters, return_inverse=True)[1]
+    members = [x[index == c] for c in range(index.max() + 1)]
+    drawn = np.empty(draws)
+    for i in range(draws):
+        chosen = rng.integers(len(members), size=len(members))
+        drawn[i] = statistic(np.concatenate([members[c] for c in chosen]))
+    low, high = np.quantile(drawn, [0.5 - MASS / 2, 0.5 + MASS / 2])
+    return Interval(float(statistic(x)), float(drawn.std(ddof=1)), float(low), float(high))
 
 
 class Part(NamedTuple):
@@ -39,14 +119,14 @@ class Part(NamedTuple):
     @property
     def inside(self) -> float:
         """The smallest level at which its interval lies inside."""
-        return max(self.effect.level_above(self.low), self.effect.level_below(self.high))
+        return max(level_above(self.effect, self.low), level_below(self.effect, self.high))
 
     @property
     def outside(self) -> float:
         """The smallest level at which its interval lies outside."""
         return min(
-            self.effect.level_below(self.low) if self.low > -math.inf else 2.0,
-            self.effect.level_above(self.high) if self.high < math.inf else 2.0,
+            level_below(self.effect, self.low) if self.low > -math.inf else 2.0,
+            level_above(self.effect, self.high) if self.high < math.inf else 2.0,
         )
 
     @property
@@ -61,7 +141,8 @@ class Part(NamedTuple):
     def needed(self, level: float) -> int | None:
         """Return the units that would decide it at 80 % power; None where no number would."""
         ends = [end for end in (self.low, self.high) if math.isfinite(end)]
-        return self.effect.needed(min(ends, key=lambda end: abs(self.effect.estimate - end)), level)
+        nearest = min(ends, key=lambda end: abs(self.effect.estimate - end))
+        return needed(self.effect, nearest, level)
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -111,12 +192,12 @@ class Evidence:
             level /= len(self.parts)
         rule = part.rule + (f", and {len(self.parts) - 1} more" if len(self.parts) > 1 else "")
         stands = inside <= level
-        needed = None if stands else part.needed(level)
+        units = None if stands else part.needed(level)
         return {
             "outcome": STANDS if stands else UNDECIDED,
             "rule": rule,
             **_told(part.effect, level),
-            "needed": f"{needed} {part.effect.unit}" if needed else None,
+            "needed": f"{units} {part.effect.unit}" if units else None,
         }
 
 

@@ -14,9 +14,7 @@ from meal_bayes.evaluation.outcome_model import compare_outcomes
 from meal_bayes.evaluation.statistics import (
     Effect,
     Interval,
-    bootstrap_interval,
     clustered,
-    holm,
     paired_fractions,
     resampled,
 )
@@ -24,13 +22,12 @@ from meal_bayes.evaluation.summary import (
     SummaryRow,
     compare,
     difference,
-    mean,
     mean_effect,
     summarize,
 )
 
 __all__ = [
-    "Effect", "Interval", "SummaryRow", "bootstrap_interval", "brier", "calibration_error",
-    "clustered", "compare", "compare_outcomes", "difference", "expected_calibration_error", "holm",
-    "mean", "mean_effect", "negative_log_likelihood", "paired_fractions", "resampled", "summarize",
+    "Effect", "Interval", "SummaryRow", "brier", "calibration_error",
+    "clustered", "compare", "compare_outcomes", "difference", "expected_calibration_error",
+    "mean_effect", "negative_log_likelihood", "paired_fractions", "resampled", "summarize",
 ]  # fmt: skip

@@ -7,6 +7,7 @@ from meal_bayes.errors import SettingsError
 
 Array = NDArray[np.float64]
 
+BINS = 10  # equal ones, of beliefs
 CLIP = 1e-6  # of beliefs, in the logarithm
 
 
@@ -30,32 +31,32 @@ def brier(positive: ArrayLike, truth: ArrayLike) -> Array:
     return np.asarray((b - v) ** 2)
 
 
-def calibration_error(positive: ArrayLike, truth: ArrayLike, *, bins: int = 10) -> float:
-    """Compute the ECE: mean |mean belief - fraction true| over equal bins, weighted by their size.
+def calibration_error(positive: ArrayLike, truth: ArrayLike) -> float:
+    """Compute the ECE: mean |mean belief - fraction true| over ten bins, weighted by their size.
 
     >>> calibration_error([0.9, 0.9, 0.1, 0.1], [True, True, False, True])
     0.25
     """
     b, v = checked_cases(positive, truth)
-    return float(np.abs(np.bincount(bins_of(b, bins), b - v)).sum() / len(b))
+    return float(np.abs(np.bincount(bins_of(b), b - v)).sum() / len(b))
 
 
 def expected_calibration_error(
-    positive: ArrayLike, rng: np.random.Generator, *, bins: int = 10, draws: int = 200
+    positive: ArrayLike, rng: np.random.Generator, *, draws: int = 200
 ) -> float:
     """Estimate by simulation the mean ECE of calibrated beliefs of these values.
 
     With few cases it is above 0; only an ECE above it shows miscalibration.
     """
     b = np.asarray(positive, float)
-    member = np.eye(bins)[bins_of(b, bins)]  # (n,bins)
+    member = np.eye(BINS)[bins_of(b)]  # (n,bins)
     gaps = [(b - (rng.random(len(b)) < b)) @ member for _ in range(draws)]
     return float(np.abs(gaps).sum(axis=1).mean() / len(b))
 
 
-def bins_of(b: Array, bins: int) -> NDArray[np.intp]:
-    """Return the bin of each belief (n,) among equal ones."""
-    return np.minimum((b * bins).astype(np.intp), bins - 1)
+def bins_of(b: Array) -> NDArray[np.intp]:
+    """Return the bin of each belief (n,)."""
+    return np.minimum((b * BINS).astype(np.intp), BINS - 1)
 
 
 def checked_cases(positive: ArrayLike, truth: ArrayLike) -> tuple[Array, NDArray[np.bool_]]:

@@ -17,7 +17,7 @@ from scipy.integrate import trapezoid
 from meal_bayes.errors import SettingsError
 from meal_bayes.evaluation.calibration import calibration_error, negative_log_likelihood
 from meal_bayes.evaluation.statistics import MASS, Interval, Measures, resampled, spent
-from meal_bayes.evaluation.summary import mean
+from meal_bayes.evaluation.summary import mean_effect
 from meal_bayes.trials import BatchOutcomes
 
 Array = NDArray[np.float64]
@@ -69,7 +69,7 @@ def learning_rows(results: Iterable[BatchOutcomes]) -> list[LearningRow]:
     rows = []
     for agent, repeat, batch, hours, outcomes in results:
         positive, truth = outcomes.beliefs()
-        accuracy = mean(outcomes, "success")
+        accuracy = mean_effect(outcomes, "success")
         rows.append(LearningRow(
             agent, repeat, batch, hours, accuracy=accuracy.estimate, accuracy_se=accuracy.se,
             reward=float(outcomes.reward.mean()), test_cost_s=float(outcomes.cost.mean()),

@@ -2,13 +2,12 @@
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import cycle
-from typing import Any, NamedTuple, TypeVar
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from meal_bayes.display import level_names
-from meal_bayes.evaluation.calibration import bins_of, checked_cases
+from meal_bayes.evaluation.calibration import BINS, bins_of, checked_cases
 from meal_bayes.evaluation.canvas import (
     COLORS,
     GRAY,
@@ -25,8 +24,6 @@ Entry = TypeVar("Entry")
 
 _MANY = 25  # points on a line, beyond which they get no markers
 _FEW = 3  # lines that leave room for a legend between them
-_LETTERS = 48  # that fit side by side under bars
-_CELLS = 64  # of an image, beyond which its numbers are small
 _TRUTHS = (("false", "s"), ("true", "o"))  # and their markers
 _MOST, _ROW = 40, 0.19  # rows that fit a page; inches of a row
 _WIDE = 4.0  # costs with a larger ratio of the largest to the median are drawn on a log scale
@@ -62,47 +59,8 @@ def learning_curve(series: Sequence[Series], *, ax: Axes | None = None) -> Axes:
     return ax
 
 
-def bars(
-    groups: Mapping[str, Sequence[Interval]],
-    names: Sequence[str],
-    *,
-    y_label: str,
-    fraction: bool = False,
-    ax: Axes | None = None,
-) -> Axes:
-    """Draw estimates with their intervals as bars side by side (as Fig. 8).
-
-    Groups hold for each color an interval for each of the names under the bars; one group stands
-    without a legend. Of a `fraction` y goes from 0 to 1.
-    """
-    with axes_to_draw(ax) as to:
-        width, single = 0.8 / max(len(groups), 1), len(groups) == 1
-        place = np.arange(len(names))
-        for number, (group, intervals) in enumerate(groups.items()):
-            x = place + (number - (len(groups) - 1) / 2) * width
-            colors = [COLORS[i % len(COLORS)] for i in place] if single else COLORS[number % 8]
-            heights = [interval.estimate for interval in intervals]
-            to.bar(x, heights, width * 0.9, color=colors, label=None if single else group)
-            to.errorbar(
-                x, heights, _reach(intervals), fmt="none", ecolor="#222222", elinewidth=1.1,
-                capsize=2.5,
-            )  # fmt: skip
-        turned: dict[str, Any] = {"rotation": 30, "ha": "right", "rotation_mode": "anchor"}
-        to.set_xticks(place, names, **turned if sum(map(len, names)) > _LETTERS else {})
-        name_axes(to, "", y_label, grid="y")
-        if fraction:
-            to.set_ylim(0, 1.04)
-        legend(to, len(groups), above=True)  # bars fill their axes
-        return to
-
-
 def reliability_diagram(
-    positive: ArrayLike,
-    truth: ArrayLike,
-    *,
-    bins: int = 10,
-    small: bool = False,
-    ax: Axes | None = None,
+    positive: ArrayLike, truth: ArrayLike, *, small: bool = False, ax: Axes | None = None
 ) -> Axes:
     """Draw the fraction of true attributes over the belief, with Wilson's 95 % intervals.
 
@@ -110,74 +68,24 @@ def reliability_diagram(
     `small` one, of several side by side, has no legend.
     """
     b, true = checked_cases(positive, truth)
-    index = bins_of(b, bins)
-    n, hits = np.bincount(index, minlength=bins), np.bincount(index[true], minlength=bins)
+    index = bins_of(b)
+    n, hits = np.bincount(index, minlength=BINS), np.bincount(index[true], minlength=BINS)
     filled = np.flatnonzero(n)
     width, height = (2.1, 2.1) if small else (3.4, 3.9)
     with axes_to_draw(ax, width=width, height=height) as to:
-        edges = np.arange(bins) / bins
-        to.bar(edges, n / len(b), 1 / bins, align="edge", color="#E3E3E3", label="beliefs")
+        edges = np.arange(BINS) / BINS
+        to.bar(edges, n / len(b), 1 / BINS, align="edge", color="#E3E3E3", label="beliefs")
         to.plot([0, 1], [0, 1], color=GRAY, lw=1, ls="--", label="calibrated")
         intervals = [wilson_interval(int(hits[i]), int(n[i])) for i in filled]
         mean = np.array([b[index == i].mean() for i in filled])
         to.errorbar(
-            mean, hits[filled] / n[filled], _reach(intervals), fmt="o", ms=4.5, color=COLORS[0],
+            mean, hits[filled] / n[filled], reach(intervals), fmt="o", ms=4.5, color=COLORS[0],
             capsize=2, elinewidth=1, label="true",
         )  # fmt: skip
         name_axes(to, "belief", "fraction true")
         to.set(xlim=(-0.05, 1.05), ylim=(-0.05, 1.05), aspect="equal")
         legend(to, 0 if small else 3, above=True)
         return to
-
-
-def heat_map(
-    values: ArrayLike,
-    x: Sequence[object],
-    y: Sequence[object],
-    *,
-    labels: tuple[str, str, str],
-    digits: int = 2,
-    limits: tuple[float, float] | None = None,
-    height: float = 2.9,
-    ax: Axes | None = None,
-) -> Axes:
-    """Draw a table (len(y), len(x)) as colors with its numbers in them (as Fig. 12).
-
-    `labels` are those of x, y and the values; `limits` the values of the darkest and the lightest
-    color, the table's own by default.
-    """
-    table = np.asarray(values, float)
-    with axes_to_draw(ax, height=height) as to:
-        low, high = limits or (None, None)
-        image = to.imshow(table, cmap="viridis", origin="lower", aspect="auto", vmin=low, vmax=high)
-        dark, small = image.get_clim(), 8 if table.size <= _CELLS else 6
-        for (row, column), value in np.ndenumerate(table):
-            if np.isfinite(value):
-                light = value < dark[0] + 0.6 * (dark[1] - dark[0])
-                to.text(column, row, f"{value:.{digits}f}", ha="center", va="center",
-                        color="white" if light else "black", fontsize=small)  # fmt: skip
-        to.set_xticks(range(len(x)), [str(name) for name in x])
-        to.set_yticks(range(len(y)), [str(name) for name in y])
-        to.set(xlabel=labels[0], ylabel=labels[1])
-        to.figure.colorbar(image, ax=to, label=labels[2])
-        return to
-
-
-def confusion_matrices(
-    confusion: ArrayLike, attributes: Sequence[str], *, title: str = "", ax: Axes | None = None
-) -> Axes:
-    """Draw one behavior's matrices (N,2,K), rows = truth."""
-    table = np.asarray(confusion, float)
-    n, _, k = table.shape
-    names = [f"{word}{name}" for name in attributes for word in ("not ", "")]
-    to = heat_map(
-        table.reshape(2 * n, k), level_names(k), names, labels=("percept", "truth", "probability"),
-        limits=(0.0, 1.0), height=1.2 + n, ax=ax,
-    )  # fmt: skip
-    to.invert_yaxis()  # the first attribute above
-    to.set_title(title)
-    to.hlines(np.arange(1, n) * 2 - 0.5, -0.5, k - 0.5, color="white", lw=3)
-    return to
 
 
 def belief_trace(trial: Trial, *, ax: Axes | None = None) -> Axes:
@@ -221,7 +129,7 @@ def accuracy_and_cost(
     with axes_to_draw(ax) as to:
         for color, marker, (agent, (accuracy, cost)) in _styled(points.items()):
             to.errorbar(
-                cost.estimate, accuracy.estimate, xerr=_reach([cost]), yerr=_reach([accuracy]),
+                cost.estimate, accuracy.estimate, xerr=reach([cost]), yerr=reach([accuracy]),
                 fmt=marker, color=color, ms=5.5, elinewidth=1.1, capsize=2.5, label=agent,
             )  # fmt: skip
         name_axes(to, "mean cost of a trial, s", "accuracy")
@@ -314,7 +222,7 @@ def _scale_costs(ax: Axes, means: Sequence[float]) -> None:
     ax.set_xlim(left=0)
 
 
-def _reach(intervals: Sequence[Interval]) -> NDArray[np.float64]:
+def reach(intervals: Sequence[Interval]) -> NDArray[np.float64]:
     """Return how far intervals go below and above their estimates, (2,n); 0 where unknown."""
     middle, _, low, high = np.transpose(intervals)
     return np.asarray(np.nan_to_num(np.clip([middle - low, high - middle], 0, None)))

@@ -22,7 +22,7 @@ from meal_bayes.errors import SettingsError
 from meal_bayes.evaluation import plots
 from meal_bayes.evaluation.canvas import render
 from meal_bayes.evaluation.statistics import wilson_interval
-from meal_bayes.evaluation.summary import SummaryRow, compare, mean, summarize
+from meal_bayes.evaluation.summary import SummaryRow, compare, mean_effect, summarize
 from meal_bayes.files import check_output, write_whole
 from meal_bayes.trial_log import Group, Logs
 from meal_bayes.trials import Trial, TrialOutcomes, percept_labels
@@ -190,7 +190,10 @@ def _agents(
             cells[place][column] = {"text": cells[place][column], "best": True}
     figures = []
     if max(map(len, agents.values())) > 1:
-        points = {name: (mean(own, "success"), mean(own, "cost")) for name, own in agents.items()}
+        points = {
+            name: (mean_effect(own, "success").interval(), mean_effect(own, "cost").interval())
+            for name, own in agents.items()
+        }
         known = {name: both for name, both in points.items() if not math.isnan(both[0].estimate)}
         if known:
             caption = "Accuracy over mean cost with 95 % intervals; objects are clusters."

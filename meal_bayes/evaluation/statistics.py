@@ -7,15 +7,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import ndtri, stdtr, stdtrit
+from scipy.special import stdtrit
 
 from meal_bayes.errors import SettingsError
 
 Array = NDArray[np.float64]
 
 MASS = 0.95  # of intervals, on all pages
-_TINY = 1e-9  # a level below all that are asked for, where Student's will do
-_POWER = 0.8  # with which further units are to decide
 
 
 class Interval(NamedTuple):
@@ -47,7 +45,7 @@ class Measures:
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Effect:
-    """An estimate that can be tested against any bound, at any level.
+    """An estimate that has an interval at any level.
 
     Attributes
     ----------
@@ -94,52 +92,14 @@ class Effect:
         if not self.fraction:
             reach = self.se * t
             return Interval(self.estimate, self.se, self.estimate - reach, self.estimate + reach)
-        p, n = self.estimate, self._cases
+        p, n = self.estimate, self.cases
         middle, width = p + t * t / (2 * n), t * math.sqrt(p * (1 - p) / n + t * t / (4 * n * n))
         ends = np.clip(np.array([middle - width, middle + width]) / (1 + t * t / n), 0.0, 1.0)
         return Interval(p, self.se, *ends.tolist())
 
-    def level_above(self, bound: float) -> float:
-        """Return the smallest level at which the two-sided interval lies above a bound."""
-        distance, se = self.estimate - bound, self.se
-        if self.fraction and 0 < bound < 1:
-            se = math.sqrt(bound * (1 - bound) / self._cases)
-        if math.isinf(bound):
-            return 0.0 if bound < 0 else 2.0
-        if self.sides is not None and distance > 0 and self.interval(1 - _TINY).low <= bound:
-            from scipy.optimize import brentq  # noqa: PLC0415  takes a tenth of a second
-
-            return float(brentq(lambda level: self.interval(1 - level).low - bound, _TINY, 1.0))
-        if not se > 0:
-            return 2.0 if math.isnan(se) or distance <= 0 else 0.0
-        return 2 * float(stdtr(max(self.units - 1, 1), -distance / se))
-
-    def level_below(self, bound: float) -> float:
-        """Return the smallest level at which the two-sided interval lies below a bound."""
-        if self.fraction:
-            return dataclasses.replace(self, estimate=1 - self.estimate).level_above(1 - bound)
-        sides = self.sides and self.sides[::-1]
-        return dataclasses.replace(self, estimate=-self.estimate, sides=sides).level_above(-bound)
-
-    def needed(self, bound: float, level: float) -> int | None:
-        """Return the units that decide on which side of a bound it is, at 80 % power.
-
-        None where no number would, as the difference is nothing or the fixed part is too much.
-        """
-        distance = abs(self.estimate - bound)
-        if not (self.se > 0 and distance > 0):
-            return None
-        units = 1000.0
-        for _ in range(20):  # Student's t is that of the units it calls for
-            reach = stdtrit(max(units - 1, self.units, 1), 1 - level / 2) + ndtri(_POWER)
-            wanted = float((distance / reach) ** 2) - self.fixed
-            if wanted <= 0:
-                return None
-            units = self.units * (self.se**2 - self.fixed) / wanted
-        return max(math.ceil(units), self.units + 1)
-
     @property
-    def _cases(self) -> float:
+    def cases(self) -> float:
+        """Independent cases of a fraction with its standard error."""
         p = self.estimate
         return p * (1 - p) / self.se**2 if self.se > 0 and 0 < p < 1 else max(self.units, 1.0)
 
@@ -199,21 +159,6 @@ def resampled(values: ArrayLike, ratio: float) -> Effect:
     )  # fmt: skip
 
 
-def holm(levels: ArrayLike, level: float = 1 - MASS) -> Array:
-    """Return the level of each test of a family, so that it has a false one at `level` [Holm1979].
-
-    >>> holm([0.04, 0.001, 0.02], 0.05).round(4).tolist()  # of their smallest levels
-    [0.05, 0.0167, 0.025]
-    """
-    p = np.asarray(levels, float)
-    order = np.argsort(p, kind="stable")
-    adjusted = level / np.arange(len(p), 0, -1)  # by rank
-    failed = np.flatnonzero(p[order] > adjusted)
-    if len(failed):  # no test behind the first that fails has a level of its own
-        adjusted[failed[0] :] = adjusted[failed[0]]
-    return adjusted[np.argsort(order)]
-
-
 def spent(look: int, level: float = 1 - MASS) -> float:
     """Return the level of a look at growing data: looks 1, 2, ... spend 1/2, 1/4, ... of it.
 
@@ -222,33 +167,13 @@ def spent(look: int, level: float = 1 - MASS) -> float:
     return level * 0.5**look
 
 
-def bootstrap_interval(
-    values: ArrayLike,
-    clusters: ArrayLike,
-    rng: np.random.Generator,
-    *,
-    statistic: Callable[[Array], float] = np.mean,
-    draws: int = 2000,
-    mass: float = 0.95,
-) -> Interval:
-    """Compute the percentile interval of a statistic of (n, ...) values, drawing clusters again."""
-    x, index = _clusters(values, clusters)
-    members = [x[index == c] for c in range(index.max() + 1)]
-    drawn = np.empty(draws)
-    for i in range(draws):
-        chosen = rng.integers(len(members), size=len(members))
-        drawn[i] = statistic(np.concatenate([members[c] for c in chosen]))
-    low, high = np.quantile(drawn, [0.5 - mass / 2, 0.5 + mass / 2])
-    return Interval(float(statistic(x)), float(drawn.std(ddof=1)), float(low), float(high))
-
-
-def wilson_interval(hits: int, n: int, *, mass: float = 0.95) -> Interval:
-    """Compute Wilson's interval of a fraction of independent cases."""
+def wilson_interval(hits: int, n: int) -> Interval:
+    """Compute Wilson's 95 % interval of a fraction of independent cases."""
     from scipy.stats import binomtest  # noqa: PLC0415  takes a third of a second
 
     if not 0 <= hits <= n or n == 0:
         raise SettingsError(f"{hits} hits of {n}; expected 0 <= hits <= n and n > 0.")
-    low, high = binomtest(hits, n).proportion_ci(mass, method="wilson")
+    low, high = binomtest(hits, n).proportion_ci(MASS, method="wilson")
     fraction = hits / n
     return Interval(fraction, math.sqrt(fraction * (1 - fraction) / n), float(low), float(high))
 

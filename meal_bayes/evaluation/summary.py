@@ -109,16 +109,11 @@ def summarize(trials: Trials, *, seconds: Mapping[str, float] | None = None) -> 
     return Summary(rows, outcomes)
 
 
-def mean(trials: Trials, measure: str) -> Interval:
-    """Compute the mean of a measure, objects as clusters; NaN where no trial has it.
-
-    The measure is "reward", "cost", "success" or "abstained".
-    """
-    return mean_effect(TrialOutcomes.of(trials), measure).interval()
-
-
 def mean_effect(outcomes: TrialOutcomes, measure: str) -> Effect:
-    """Estimate the mean of a measure, as `mean`; intervals of proportions stay inside [0, 1]."""
+    """Estimate the mean of a measure, objects as clusters; NaN where no trial has it.
+
+    The measure is "reward", "cost", or "success" or "abstained", whose intervals stay in [0, 1].
+    """
     values, fraction = measured(outcomes, measure), measure in _FRACTIONS
     known = ~np.isnan(values)
     if not known.any():
@@ -136,7 +131,7 @@ def compare(trials: Trials, first: str, second: str, *, measure: str = "reward")
 def difference(first: TrialOutcomes, second: TrialOutcomes, *, measure: str = "reward") -> Effect:
     """Estimate the mean of first - second, clustered by object, over the tasks that both have.
 
-    Trials, a row a task each, are paired by the keys of their tasks. The measure is as of `mean`.
+    Trials, a row a task each, are paired by the keys of tasks; measures are those of `mean_effect`.
     """
     place = {key: row for row, key in enumerate(second.key.tolist())}
     left = np.array([row for row, key in enumerate(first.key.tolist()) if key in place], int)
@@ -156,7 +151,7 @@ def difference(first: TrialOutcomes, second: TrialOutcomes, *, measure: str = "r
 
 def _row(agent: str, own: TrialOutcomes, seconds: float) -> SummaryRow:
     both, cost = own.judged & own.answered, own.cost[own.ended == ""]
-    reward, accuracy = mean(own, "reward"), mean(own, "success")
+    reward, accuracy = mean_effect(own, "reward"), mean_effect(own, "success")
     positive, truth = own.beliefs()
     nll = squared = ece = calibrated = math.nan
     if len(truth):
@@ -170,7 +165,7 @@ def _row(agent: str, own: TrialOutcomes, seconds: float) -> SummaryRow:
         cost_sd=float(cost.std(ddof=1)) if len(cost) > 1 else math.nan,
         reward=reward.estimate, reward_se=reward.se,
         nll=nll, brier=squared, ece=ece, ece_calibrated=calibrated,
-        abstained=mean(own, "abstained").estimate,
+        abstained=mean_effect(own, "abstained").estimate,
         answered_accuracy=float(own.success[both].mean()) if both.any() else math.nan,
         seconds=seconds,
     )  # fmt: skip

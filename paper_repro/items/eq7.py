@@ -5,13 +5,13 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes.evaluation import Effect, bootstrap_interval, canvas, plots
+from meal_bayes.evaluation import Effect, canvas, plots
 from meal_bayes.seeds import stream
 from meal_bayes.trials import TrialOutcomes
 from paper_repro.frame import Cell, Result, Setting, Table, asked
 from paper_repro.offline import AGAINST, Runs, run_agent
 from paper_repro.published import plotted_ispy32, table_path
-from paper_repro.statements import THEIRS, Evidence, best
+from paper_repro.statements import THEIRS, Evidence, best, bootstrap_interval
 
 BASELINES = ("random", "random_legal", "predefined", "predefined_plus")
 BUDGETS = (600.0, 1800.0, 3600.0, 7200.0)  # s

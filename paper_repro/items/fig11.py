@@ -6,7 +6,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes.evaluation import clustered, plots
+from meal_bayes.evaluation import clustered
+from paper_repro.figures import bars
 from paper_repro.frame import Cell, Result, Setting, Table, paper_values
 from paper_repro.online import ATTRIBUTES, BEST, PAPERS, REPEATS, Curves, mean_of, run_curves
 from paper_repro.statements import Evidence, above, below, every
@@ -44,7 +45,7 @@ def run(setting: Setting) -> Result:
         }
         rows += [(protocol, NAMES[p], *(cells[a][i] for a in PAPERS)) for i, p in enumerate(order)]
         groups = {a: [one.interval() for one in cells[a]] for a in PAPERS}
-        ax = plots.bars(groups, [NAMES[p] for p in order], y_label="accuracy", fraction=True)
+        ax = bars(groups, [NAMES[p] for p in order], y_label="accuracy", fraction=True)
         ax.tick_params(axis="x", rotation=45)
         figures[f"_{protocol}"] = ax
         often = (wins(scores) >= paper["wins"]).mean()

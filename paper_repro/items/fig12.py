@@ -6,7 +6,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes.evaluation import plots
+from paper_repro.figures import heat_map
 from paper_repro.frame import Cell, Result, Setting, Table
 from paper_repro.online import BEST, Curves, mean_of, run_curves
 from paper_repro.statements import RECORDED, Evidence, above, below, every
@@ -46,7 +46,7 @@ def run(setting: Setting) -> Result:
     ])  # fmt: skip
     limits = (float(means.min()), float(means.max()))
     for moment, of in zip(MOMENTS, np.moveaxis(means, 2, 0), strict=True):
-        figures[f"_{moment}"] = plots.heat_map(
+        figures[f"_{moment}"] = heat_map(
             of, alphas, betas, labels=("alpha, s a bit", "beta, s", f"accuracy, {moment}"),
             digits=3, limits=limits,
         )  # fmt: skip

@@ -6,11 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meal_bayes.datasets import PerceptTable
-from meal_bayes.evaluation import Effect, bootstrap_interval, plots
+from meal_bayes.evaluation import Effect
 from meal_bayes.experiments.percepts import percepts_for
 from meal_bayes.seeds import stream
+from paper_repro.figures import confusion_matrices
 from paper_repro.frame import Cell, Result, Setting, Table, paper_values
-from paper_repro.statements import RECORDED, THEIRS, Evidence, above, every
+from paper_repro.statements import RECORDED, THEIRS, Evidence, above, bootstrap_interval, every
 
 BEHAVIOR = "shake"
 CLASSIFIERS = {RECORDED: "default", THEIRS: "paper"}
@@ -36,7 +37,7 @@ def run(setting: Setting) -> Result:
             (attribute, name, *matrix.ravel().tolist(), value)
             for attribute, matrix, value in zip(order, matrices, shown[protocol], strict=True)
         ]
-        figures["" if name == "default" else f"_{name}"] = plots.confusion_matrices(
+        figures["" if name == "default" else f"_{name}"] = confusion_matrices(
             matrices, order, title=f"{BEHAVIOR}, {name} classifiers"
         )
         evidence[protocol] = {f"{' > '.join(order)} in kappa": judge(counts, order)}

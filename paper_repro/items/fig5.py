@@ -4,7 +4,7 @@ import numpy as np
 
 from meal_bayes import Query, build_momdp, load_domain
 from meal_bayes.domain import Domain
-from paper_repro.diagrams import transition_diagram
+from paper_repro.figures import transition_diagram
 from paper_repro.frame import Cell, Result, Setting, Table, paper_values
 from paper_repro.statements import THEIRS, Evidence, constructed
 

@@ -2,8 +2,9 @@
 
 from collections.abc import Callable, Mapping
 
-from meal_bayes.evaluation import canvas, difference, mean_effect, plots
+from meal_bayes.evaluation import canvas, difference, mean_effect
 from meal_bayes.trials import TrialOutcomes
+from paper_repro.figures import bars
 from paper_repro.frame import Cell, Result, Setting, Table, asked, paper_values
 from paper_repro.offline import AGAINST, OWN, Runs, our_lead, paired_table, run_agent
 from paper_repro.published import plotted_ispy32
@@ -122,7 +123,7 @@ def figure(runs: Mapping[int, Runs], measure: str) -> canvas.Axes:
         agent: [mean_effect(run[agent], measure).interval() for run in runs.values()]
         for agent in AGENTS
     }
-    return plots.bars(groups, [asked(n) for n in runs], y_label=MEASURES[measure])
+    return bars(groups, [asked(n) for n in runs], y_label=MEASURES[measure])
 
 
 def _effects(runs: Mapping[str, Mapping[int, Runs]]) -> dict[str, str]:

@@ -7,8 +7,9 @@ import numpy as np
 
 from meal_bayes import OfflineConfig, read_trials, run_offline
 from meal_bayes.datasets import PerceptTable, load_percepts, save_percepts
-from meal_bayes.evaluation import Effect, Interval, clustered, difference, mean_effect, plots
+from meal_bayes.evaluation import Effect, Interval, clustered, difference, mean_effect
 from meal_bayes.planners import Factored
+from paper_repro.figures import bars
 from paper_repro.frame import Cell, Result, Setting, Table, paper_values
 from paper_repro.offline import AGAINST, OWN, run_agent
 from paper_repro.statements import RECORDED
@@ -38,7 +39,7 @@ def run(setting: Setting) -> Result:
     trials = setting.trials_of(TRIALS, 6)
     reward = paper_values("offline_reward")
     rows: list[tuple[Cell, ...]] = []
-    bars: dict[str, list[Interval]] = {name: [] for name in BARS}
+    groups: dict[str, list[Interval]] = {name: [] for name in BARS}
     told: dict[str, list[float]] = {"more data": [], "better plans": [], "better sensors": []}
     panels = () if setting.as_published else setting.choose(PANELS, PANELS[3:4])
     for dataset, n in panels:
@@ -54,7 +55,7 @@ def run(setting: Setting) -> Result:
                            se=float(np.hypot(best.se, gap.se))),
                    Effect(ideal, 0.0, 1))  # fmt: skip
         for name, height in zip(BARS, heights, strict=True):
-            bars[name].append(height.interval())
+            groups[name].append(height.interval())
         data = difference(informed, runs[OWN])
         sensors = ideal - heights[3].estimate
         rows.append((dataset, n, *heights[:3], data, gap, sensors))
@@ -63,7 +64,7 @@ def run(setting: Setting) -> Result:
     figures = {}
     if rows:
         names = [f"{dataset.upper()}, {n}" for dataset, n in panels]
-        figures[""] = plots.bars(bars, names, y_label="reward")
+        figures[""] = bars(groups, names, y_label="reward")
     ranges = [f"{name} ({min(v):.0f} to {max(v):.0f})" for name, v in told.items() if v]
     columns = ("data set", "attributes", *list(BARS)[:3], "true Θ adds, paired",
                "the best plan adds, at most", "left for sensors")  # fmt: skip

@@ -21,16 +21,11 @@ def trial():
 
 
 def every_figure(trial):
-    table = trial.momdp.confusion[:, 2, :2]
     half = Interval(0.5, 0.1, 0.3, 0.7)
     positive = np.linspace(0, 1, 60)
     yield plots.lines(TWO, x_label="cost, s", y_label="accuracy")
     yield plots.learning_curve(TWO)
-    yield plots.bars({"": [half] * 3}, ["x", "y", "z"], y_label="accuracy", fraction=True)
-    yield plots.bars({"N = 1": [half], "N = 2": [half]}, ["x"], y_label="cost, s")
     yield plots.reliability_diagram(positive, positive > 0.5)
-    yield plots.heat_map(np.eye(3), [1, 2, 3], [4, 5, 6], labels=("a", "b", "accuracy"))
-    yield plots.confusion_matrices(table, ["heavy", "beans"], title="lift")
     yield plots.belief_trace(trial)
     yield plots.cost_distribution({"a": [1.0, 5.0, 5.0], "b": [2.0]})
     yield plots.accuracy_and_cost({"a": (half, Interval(4.0, 1.0, 2.0, 6.0)), "b": (half, half)})
@@ -62,17 +57,6 @@ def test_lines_and_bands_are_the_numbers():
     assert ax.get_legend() is not None
 
 
-def test_bars_and_their_intervals_are_the_numbers():
-    found = [Interval(0.4, 0.1, 0.2, 0.5), Interval(0.9, 0.02, 0.85, 1.0)]
-    ax = plots.bars({"": found}, ["a", "b"], y_label="accuracy")
-    assert [patch.get_height() for patch in ax.patches] == [0.4, 0.9]
-    (ends,) = [c.get_segments() for c in ax.collections]
-    assert np.allclose([end[:, 1] for end in ends], [(0.2, 0.5), (0.85, 1.0)])
-    ax = plots.bars({"x": found, "y": found}, ["a", "b"], y_label="accuracy", fraction=True)
-    ax.figure.canvas.draw()
-    assert ax.get_legend().get_window_extent().y0 >= ax.bbox.y1  # it covers no bar
-
-
 def test_the_reliability_diagram_counts():
     positive = np.array([0.05] * 10 + [0.95] * 20)
     truth = np.array([True] + [False] * 9 + [True] * 15 + [False] * 5)
@@ -83,19 +67,6 @@ def test_the_reliability_diagram_counts():
     assert columns == pytest.approx([1 / 3, *[0] * 8, 2 / 3])
     (ends,) = [c.get_segments() for c in ax.collections]
     assert np.allclose(ends[0][:, 1], wilson_interval(1, 10)[2:])
-
-
-def test_numbers_stand_in_the_maps():
-    table = np.array([[0.25, 0.5], [0.75, np.nan]])
-    labels = ("a", "b", "accuracy")
-    ax = plots.heat_map(table, [1, 2], [3, 4], labels=labels)
-    assert [text.get_text() for text in ax.texts] == ["0.25", "0.50", "0.75"]
-    assert ax.images[0].get_clim() == (0.25, 0.75)
-    rows = np.array([[[0.9, 0.1], [0.2, 0.8]]])
-    ax = plots.confusion_matrices(rows, ["red"])
-    assert [text.get_text() for text in ax.texts][:2] == ["0.90", "0.10"]
-    assert ax.images[0].get_clim() == (0.0, 1.0)
-    assert [label.get_text() for label in ax.get_yticklabels()] == ["not red", "red"]
 
 
 def test_the_trace_is_the_trials_beliefs(trial):

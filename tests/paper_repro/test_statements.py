@@ -1,11 +1,12 @@
 """The rules by which a statement stands, falls, or is undecided."""
 
 import doctest
+from functools import partial
 
 import numpy as np
 import pytest
 
-from meal_bayes.evaluation import Effect
+from meal_bayes.evaluation import Effect, clustered, paired_fractions, resampled
 from paper_repro import frame, statements
 from paper_repro.statements import (
     CONSTRUCTED,
@@ -18,11 +19,16 @@ from paper_repro.statements import (
     above,
     below,
     best,
+    bootstrap_interval,
     change_of_means,
     constructed,
     every,
     fact,
+    holm,
     judged,
+    level_above,
+    level_below,
+    needed,
     placed,
     verdict,
     within,
@@ -152,3 +158,50 @@ def test_runs_that_share_no_object_leave_a_change_undecided():
     change = change_of_means([1, 0], [3, 4], [1], [5], fraction=True)
     shown = judged({"theirs": {"it rises": above(change, 0, of="rise")}}, ["it rises"], "here")
     assert "undecided" in repr(shown)
+
+
+@pytest.mark.parametrize("fraction", [False, True])
+def test_a_level_is_where_the_interval_meets_the_bound(fraction):
+    rng = np.random.default_rng(1)
+    found = clustered(rng.random(40) < 0.7, np.arange(40) // 2, fraction=fraction)
+    _, _, low, high = found.interval(0.9)
+    assert level_above(found, low) == pytest.approx(0.1)
+    assert level_below(found, high) == pytest.approx(0.1)
+    assert level_above(found, high) > 1
+
+
+def test_a_level_of_a_difference_of_fractions_is_too():
+    rng, objects = np.random.default_rng(0), np.repeat(np.arange(36), 10)
+    gain = (rng.random(360) < 0.3).astype(float) - (rng.random(360) < 0.1)
+    found = paired_fractions(gain, partial(clustered, clusters=objects))
+    for level in (level_above(found, 0.1), level_below(found, 0.3)):
+        assert min(abs(e - b) for e in found.interval(1 - level)[2:] for b in (0.1, 0.3)) < 1e-6
+    assert level_above(found, 0.5) > 1
+
+
+def test_needed_units_decide_at_80_percent_power():
+    found, rng = clustered([0.5, 1.5, -0.5, 2.5], range(4)), np.random.default_rng(2)
+    units = needed(found, 0.0, 0.05)
+    draws = rng.normal(found.estimate, found.se * 2, (400, units))
+    decided = [level_above(clustered(one, range(units)), 0.0) < 0.05 for one in draws]
+    assert 0.7 < np.mean(decided) < 0.95
+    assert needed(resampled([0.0, 2.0, 1.0, 1.5], 0.5), 0.0, 0.05) is None  # by more splits
+    assert needed(resampled([9.0, 11.0, 10.0, 10.5], 0.5), 7.0, 0.05) > 4
+
+
+def test_holm_keeps_the_level_of_a_family():
+    rng = np.random.default_rng(3)
+    levels = rng.random((20_000, 10))  # no effect: levels are uniform
+    false = [(one <= holm(one)).any() for one in levels]
+    assert np.mean(false) <= 0.055
+
+
+def test_bootstrap_of_a_mean_agrees_with_the_clustered_error():
+    rng = np.random.default_rng(1)
+    clusters = np.repeat(np.arange(40), 5)
+    x = np.repeat(rng.normal(size=40), 5) + rng.normal(size=200)
+    found = bootstrap_interval(x, clusters, rng)
+    assert found[:2] == pytest.approx((x.mean(), clustered(x, clusters).se), rel=0.1)
+    assert found.low < found.estimate < found.high
+    median = bootstrap_interval(x, clusters, rng, statistic=np.median, draws=200)
+    assert median.estimate == np.median(x)
