@@ -63,15 +63,16 @@ def posterior(root: Path | None, out: Path | None, as_json: bool, **options: Any
     table, levels = load_percepts(dataset), config["levels"]
     names = opt.listed(config["attributes"]) if config["attributes"] else table.domain.attributes
     columns = sorted({*table.domain.columns(names)})
-    counts = percept_counts(table, levels)[:, columns]  # (O,P,E,2,K)
+    counts = percept_counts(table, levels)[:, columns]  # (O,P,E',2,K)
+    percepts = counts[:, :, sensing(counts)]  # (O,P,E,2,K)
     name = f"{Path(dataset).stem}-{config['method']}-{config['model']}-{opt.digest(config)}"
     folder = check_folder(out or Path("posteriors") / name)
-    prior = config["prior_scale"] * prior_of(counts[:, :, sensing(counts)])
+    prior = config["prior_scale"] * prior_of(percepts)
     attributes = [table.domain.attributes[p] for p in columns]
     draws, statistics = _fit(counts, attributes, table.domain.behavior_names, prior, config)
     mean, *_ = rows_of(draws)
     yes = mean[..., levels // 2 :].sum(axis=-1)  # Pr(yes) of each row, (C*S,P,E,2)
-    facts = _write(draws, statistics, yes, counts, prior, table.objects, config, folder)
+    facts = _write(draws, statistics, yes, percepts, prior, table.objects, config, folder)
     if as_json:
         terminal.print_json({"config": config, **facts, "out": str(folder)})
         return
@@ -86,7 +87,7 @@ def _fit(
     """Return the draws, and the sampler's statistics, which the grid has none of."""
     import xarray as xr
 
-    from meal_bayes.posterior import draw_grid
+    from meal_bayes.posterior.draws import draw_grid
     from meal_bayes.seeds import stream
 
     named: dict[str, Any] = {"attributes": attributes, "behaviors": behaviors, "prior": prior}
@@ -115,7 +116,7 @@ def _write(
     from meal_bayes.evaluation import calibration, canvas, plots
     from meal_bayes.files import write_whole
     from meal_bayes.posterior import checks, idata
-    from meal_bayes.posterior.draws import ROW, draw_prior, log_prior, sensing
+    from meal_bayes.posterior.draws import ROW, draw_prior, log_prior
     from meal_bayes.seeds import stream
 
     seed = config["seed"]
@@ -125,7 +126,7 @@ def _write(
     beliefs = checks.beliefs_without_itself(draws, counts)
     units = checks.units_of(counts, objects, attributes)
     shown = xr.DataArray(
-        counts[:, :, sensing(counts)],
+        counts,
         {"object": list(objects)} | {dim: draws[dim].values for dim in (*ROW, "level")},
     )
     groups = {

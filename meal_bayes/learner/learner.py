@@ -43,7 +43,7 @@ class Learner:
         A scikit-learn classifier of one's own, in place of ours: see
         `meal_bayes.perception.with_classifier`.
     posterior : str, Path, InferenceData, DataTree or ConfusionPosterior, optional
-        Of the confusion matrices, learned elsewhere (see `ConfusionPosterior.from_idata`) without
+        Of the confusion matrices, learned elsewhere (see `posterior.draws.posterior_from`) without
         the objects that are asked about, in place of the one that `fit` would learn.
     reward : float, optional
         r+ = -r- of a report; the domain's by default.

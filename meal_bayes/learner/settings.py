@@ -46,7 +46,9 @@ def own_posterior(posterior: object, domain: Domain, agent: Agent) -> ConfusionP
     if posterior is None:
         return None
     if not isinstance(posterior, ConfusionPosterior):
-        posterior = ConfusionPosterior.from_idata(posterior, domain)
+        from meal_bayes.posterior.draws import posterior_from  # noqa: PLC0415  loads xarray
+
+        posterior = posterior_from(posterior, domain)
     shape = posterior.counts.shape
     expected = (len(domain.attributes), len(domain.behaviors), 2, agent.levels)
     if shape != expected:

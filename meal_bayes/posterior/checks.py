@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import expit, gammaln, logsumexp
 
 from meal_bayes.perception.confusion import youden
-from meal_bayes.posterior.draws import replicate, rows_of, sensing
+from meal_bayes.posterior.draws import replicate, rows_of
 
 Array = NDArray[np.float64]
 Beliefs = dict[str, tuple[Array, NDArray[np.bool_]]]  # Pr(true), beside the truth
@@ -37,16 +37,15 @@ def predictive_check(
 ) -> Prediction:
     """Compare the numbers of "yes" of each object with those predicted of new objects.
 
-    The draws come from counts (O,P,E',2,K); `size` replicates are drawn. Pairs with Youden's J <= 0
+    The draws come from counts (O,P,E,2,K); `size` replicates are drawn. Pairs with Youden's J <= 0
     are left out.
     """
-    array = np.asarray(counts)
-    sensed = array[:, :, sensing(array)]
+    sensed = np.asarray(counts)
     number = sensed.sum(axis=-1)
     n = int(np.bincount(number[number > 0]).argmax())
     positive = youden(sensed.sum(axis=0).astype(float)) > 0  # (P,E)
     full = (number == n) & positive[..., None]  # (O,P,E,2)
-    replicates = replicate(draws, array, rng, size=size)
+    replicates = replicate(draws, sensed, rng, size=size)
     observed, variance = _yes(sensed, full, n)
     predicted, variances = zip(*(_yes(percepts, full, n) for percepts in replicates), strict=True)
     p_values = (np.array(variances) >= variance).mean(axis=0)
@@ -72,10 +71,9 @@ def beliefs_without_itself(draws: xr.Dataset, counts: ArrayLike, *, size: int = 
     Draws are weighted by 1 / Pr(the object's percepts | truth, draw), which removes the object from
     the posterior, up to the error of importance sampling: it is largest for objects that surprise a
     small data set. The prior is the base rate of the others. Pairs with Youden's J <= 0 are left
-    out. Of the draws, which come from counts (O,P,E',2,K), `size` are taken evenly.
+    out. Of the draws, which come from counts (O,P,E,2,K), `size` are taken evenly.
     """
-    array = np.asarray(counts)
-    sensed = array[:, :, sensing(array)]
+    sensed = np.asarray(counts)
     by_truth = np.asarray(sensed.any(axis=(2, 4)))  # (O,P,2)
     shown = sensed.sum(axis=3).astype(float)  # (O,P,E,K)
     mean, s, epsilon = rows_of(draws)
@@ -127,9 +125,8 @@ class Units(NamedTuple):
 
 
 def units_of(counts: ArrayLike, objects: Sequence[str], attributes: Sequence[str]) -> Units:
-    """List the units of counts (O,P,E',2,K)."""
-    array = np.asarray(counts)
-    sensed = array[:, :, sensing(array)]
+    """List the units of counts (O,P,E,2,K)."""
+    sensed = np.asarray(counts)
     by_truth = np.asarray(sensed.any(axis=(2, 4)))  # (O,P,2)
     o, p = np.nonzero(by_truth.any(axis=-1))
     names = [f"{objects[i]}: {attributes[j]}" for i, j in zip(o.tolist(), p.tolist(), strict=True)]

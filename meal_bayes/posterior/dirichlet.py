@@ -2,15 +2,13 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from meal_bayes.arrays import freeze, set_frozen
 from meal_bayes.display import best_html, short_repr
-from meal_bayes.domain import Domain
 from meal_bayes.errors import SettingsError
 from meal_bayes.perception.confusion import youden
 from meal_bayes.posterior.grid import PRIOR_WEIGHT, grid_posterior
@@ -42,8 +40,6 @@ class ConfusionPosterior:
 
     Attributes
     ----------
-    prior : NDArray[np.float64]
-        (P,E,2,K) Dirichlet parameters before any percept.
     counts : NDArray[np.float64]
         (P,E,2,K) percepts of labelled instances, as they were counted.
     concentration : NDArray[np.float64]
@@ -57,7 +53,6 @@ class ConfusionPosterior:
     [[0.75, 0.25], [0.167, 0.833]]
     """
 
-    prior: NDArray[np.float64]
     counts: NDArray[np.float64]
     concentration: NDArray[np.float64]
     dispersion: NDArray[np.float64]
@@ -65,7 +60,7 @@ class ConfusionPosterior:
     __repr__ = short_repr
 
     def __post_init__(self) -> None:
-        for name in ("prior", "counts", "concentration", "dispersion"):
+        for name in ("counts", "concentration", "dispersion"):
             set_frozen(self, **{name: freeze(getattr(self, name))})
         shape = self.counts.shape
         if len(shape) != _DIMENSIONS or shape[2] != 2:
@@ -74,7 +69,7 @@ class ConfusionPosterior:
             )
         if not (self.counts >= 0).all():
             raise SettingsError("Confusion counts must be numbers >= 0.")
-        for name in ("prior", "concentration", "dispersion"):
+        for name in ("concentration", "dispersion"):
             values, expected = getattr(self, name), shape[:3] if name == "dispersion" else shape
             if values.shape != expected or not (values > 0).all():
                 raise SettingsError(
@@ -95,8 +90,8 @@ class ConfusionPosterior:
         """
         array = np.asarray(counts)
         total = freeze(array.sum(axis=0) if array.ndim > _DIMENSIONS else array)
-        alpha = _prior(prior, total.shape)
-        return cls(alpha, total, alpha + total, np.full(total.shape[:3], np.inf))
+        concentration = total + _prior(prior, total.shape)
+        return cls(total, concentration, np.full(total.shape[:3], np.inf))
 
     @classmethod
     def from_objects(cls, counts: ArrayLike, *, prior: ArrayLike | None = None) -> Self:
@@ -120,40 +115,8 @@ class ConfusionPosterior:
         alpha = None if prior is None else _prior(prior, total.shape)
         rows, alpha, _, mean, s = grid_posterior(array, alpha)
         weight = (alpha + rows.effective(s)).sum(axis=-1, keepdims=True)
-        shape = total.shape
-        concentration = (weight * mean).reshape(shape)
-        return cls(alpha.reshape(shape), total, concentration, s.reshape(shape[:3]))
-
-    @classmethod
-    def from_idata(cls, idata: Any, domain: Domain) -> "ConfusionPosterior":
-        """Summarize a posterior of NUTS or of the grid for agents, in the order of a domain.
-
-        Parameters
-        ----------
-        idata : str, Path, InferenceData or DataTree
-            The file posterior.nc of `meal-bayes posterior`, what ArviZ reads from it, or a model of
-            one's own (see `Draws.from_idata`) with the percept counts (object, attribute, behavior,
-            truth, level) among its observed data.
-        domain : Domain
-            Every attribute of it must have been fitted.
-
-        Returns
-        -------
-        ConfusionPosterior
-            Of all attributes and behaviors of the domain.
-
-        Raises
-        ------
-        DataError
-            Draws or counts that are not there, or not of this domain.
-        """
-        from meal_bayes.posterior.draws import posterior_from  # noqa: PLC0415  it needs us
-
-        if isinstance(idata, str | Path):
-            from meal_bayes.posterior.idata import load_netcdf  # noqa: PLC0415  imports ArviZ
-
-            idata = load_netcdf(idata)
-        return posterior_from(idata, domain)
+        concentration = (weight * mean).reshape(total.shape)
+        return cls(total, concentration, s.reshape(total.shape[:3]))
 
     @property
     def mean(self) -> NDArray[np.float64]:
@@ -211,7 +174,7 @@ class ConfusionPosterior:
                 needed = f"counts >= 0 of shape {self.counts.shape}"
                 raise SettingsError(f"An update needs {needed}, found {shown.shape}.")
         concentration = self.concentration + (self._effective(new) - self._effective(old))
-        return type(self)(self.prior, self.counts + (new - old), concentration, self.dispersion)
+        return type(self)(self.counts + (new - old), concentration, self.dispersion)
 
     def _effective(self, counts: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the independent percepts that those of one object are worth."""
@@ -248,4 +211,6 @@ class ConfusionPosterior:
 
 def _prior(prior: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.float64]:
     alpha = np.asarray(prior, dtype=float)
+    if not (alpha > 0).all():
+        raise SettingsError(f"The prior must be above 0; found {alpha.min()}.")
     return np.broadcast_to(alpha if alpha.ndim else alpha / shape[-1], shape)

@@ -8,6 +8,7 @@ the same functions summarize them as a `ConfusionPosterior`, and predict new per
 
 from collections.abc import Sequence
 from itertools import compress
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -62,39 +63,6 @@ def rows_of(draws: xr.Dataset) -> tuple[Array, Array, Array]:
     return mean.reshape(-1, *mean.shape[2:]), s.reshape(-1, *s.shape[2:]), epsilon.ravel()
 
 
-def draws_in(idata: Any) -> xr.Dataset:
-    """Read the draws of an InferenceData or DataTree, by the names of its coordinates.
-
-    It is made by `to_idata`, or by a model of one's own: its group posterior has the variables
-    named above; truths are named "false" and "true", levels as `level_names` has them. The order of
-    dimensions and names is free. A `DataError` where there are no such variables, names or values.
-    """
-    try:
-        posterior = idata["posterior"]
-        levels = list(level_names(posterior["mean"].sizes["level"]))
-        mean = posterior["mean"].transpose("chain", "draw", *ROW, "level")
-        mean = mean.sel(truth=list(TRUTHS), level=levels)
-        along = {dim: mean[dim].values for dim in ROW}
-        dispersion = posterior["dispersion"].transpose("chain", "draw", *ROW).sel(along)
-    except (KeyError, ValueError, AttributeError, TypeError) as fault:
-        raise DataError(
-            f"This holds no posterior of confusion matrices ({fault}); expected `mean` "
-            "(chain, draw, attribute, behavior, truth, level) and `dispersion` with truths "
-            "'false', 'true' and our names of levels; make one with `meal-bayes posterior`, or "
-            "fit_hierarchical and to_idata."
-        ) from None
-    m, s = mean.values, dispersion.values
-    epsilon = posterior["misperception"].values if "misperception" in posterior else None
-    if not ((m >= 0).all() and np.allclose(m.sum(axis=-1), 1.0, atol=1e-6)):
-        raise DataError("Rows of `mean` must be probabilities that sum to 1 over the levels.")
-    if not (s > 0).all():  # nor NaN
-        raise DataError("`dispersion` must be above 0 everywhere; inf: objects are alike.")
-    if epsilon is not None and not ((epsilon >= 0) & (epsilon <= 1)).all():
-        raise DataError("`misperception` must be a probability.")
-    attributes, behaviors = (list(map(str, along[dim])) for dim in ROW[:2])
-    return draws_of(attributes, behaviors, m, s, epsilon)
-
-
 def summarize_draws(draws: xr.Dataset, counts: ArrayLike) -> ConfusionPosterior:
     """Summarize draws for agents, given the counts (O,P,E',2,K) that they were drawn from.
 
@@ -115,17 +83,58 @@ def summarize_draws(draws: xr.Dataset, counts: ArrayLike) -> ConfusionPosterior:
     concentration, dispersion = whole.concentration.copy(), whole.dispersion.copy()
     concentration[:, columns] = weight[..., None] * center
     dispersion[:, columns] = ratio / (1 - ratio)
-    return ConfusionPosterior(whole.prior, whole.counts, concentration, dispersion)
+    return ConfusionPosterior(whole.counts, concentration, dispersion)
 
 
 def posterior_from(idata: Any, domain: Domain) -> ConfusionPosterior:
-    """Summarize a posterior in the order of a domain; see `ConfusionPosterior.from_idata`."""
-    draws = draws_in(idata)
-    attributes, sensors = draws["attribute"].values.tolist(), draws["behavior"].values.tolist()
+    """Summarize a posterior of NUTS or of the grid for agents, in the order of a domain.
+
+    Parameters
+    ----------
+    idata : str, Path, InferenceData or DataTree
+        The file posterior.nc of `meal-bayes posterior`, what ArviZ reads from it, or a model of
+        one's own: its group posterior has the variables named above, its observed data the percept
+        counts (object, attribute, behavior, truth, level). Truths are named "false" and "true",
+        levels as `level_names` has them; the order of dimensions and names is free.
+    domain : Domain
+        Every attribute of it must have been fitted.
+
+    Raises
+    ------
+    DataError
+        Draws or counts that are not there, mean nothing, or are not of this domain.
+    """
+    if isinstance(idata, str | Path):
+        from meal_bayes.posterior.idata import load_netcdf  # noqa: PLC0415  imports ArviZ
+
+        idata = load_netcdf(idata)
+    try:
+        posterior = idata["posterior"]
+        names = {"truth": list(TRUTHS)}
+        names["level"] = list(level_names(posterior["mean"].sizes["level"]))
+        mean = posterior["mean"].transpose("chain", "draw", *ROW, "level").sel(names)
+        along = {dim: mean[dim].values for dim in ROW}
+        dispersion = posterior["dispersion"].transpose("chain", "draw", *ROW).sel(along)
+    except (KeyError, ValueError, AttributeError, TypeError) as fault:
+        raise DataError(
+            f"This holds no posterior of confusion matrices ({fault}); expected `mean` "
+            "(chain, draw, attribute, behavior, truth, level) and `dispersion` with truths "
+            "'false', 'true' and our names of levels; make one with `meal-bayes posterior`, or "
+            "fit_hierarchical and to_idata."
+        ) from None
+    m, s = mean.values, dispersion.values
+    epsilon = posterior["misperception"].values if "misperception" in posterior else None
+    if not ((m >= 0).all() and np.allclose(m.sum(axis=-1), 1.0, atol=1e-6)):
+        raise DataError("Rows of `mean` must be probabilities that sum to 1 over the levels.")
+    if not (s > 0).all():  # nor NaN
+        raise DataError("`dispersion` must be above 0 everywhere; inf: objects are alike.")
+    if epsilon is not None and not ((epsilon >= 0) & (epsilon <= 1)).all():
+        raise DataError("`misperception` must be a probability.")
+    attributes, sensors = (list(map(str, along[dim])) for dim in ROW[:2])
+    draws = draws_of(attributes, sensors, m, s, epsilon)
     try:
         group = "observed_data" if "counts" in idata["observed_data"] else "constant_data"
-        observed = idata[group]["counts"].transpose("object", *ROW, "level")
-        observed = observed.sel({"truth": list(TRUTHS), "level": draws["level"].values})
+        observed = idata[group]["counts"].transpose("object", *ROW, "level").sel(names)
     except (KeyError, ValueError, AttributeError) as fault:
         raise DataError(
             f"The posterior comes without the percepts it was drawn from ({fault}); give "
@@ -284,12 +293,11 @@ def replicate(
     """Draw percepts of new objects as many as were seen, (size,O,P,E,2,K).
 
     Each replicate takes one draw of the rows (evenly from all), then an own row
-    theta ~ Dirichlet(s m) for each object, then as many percepts as counts (O,P,E',2,K) hold of
-    each truth; with a misperception, an object shows the other truth's row with that probability,
+    theta ~ Dirichlet(s m) for each object, then as many percepts as counts (O,P,E,2,K) hold of each
+    truth; with a misperception, an object shows the other truth's row with that probability,
     in all its behaviors alike.
     """
-    array = np.asarray(counts)
-    percepts = array[:, :, sensing(array)]
+    percepts = np.asarray(counts)
     number = percepts.sum(axis=-1)  # (O,P,E,2)
     mean, s, epsilon = rows_of(draws)
     replicates = np.empty((size, *percepts.shape), dtype=np.int64)

@@ -18,7 +18,7 @@ HELD_OUT = 3
 def numbers(knowledge):
     """All that is known, in one vector."""
     posterior = knowledge.posterior
-    parts = [posterior.mean, posterior.precision, posterior.counts, posterior.prior]
+    parts = [posterior.mean, posterior.precision, posterior.counts]
     spread = 0.0 if knowledge.trait is None else knowledge.trait.sd
     rest = [knowledge.base_rates, [spread]]
     return np.concatenate([np.ravel(part) for part in (*parts, *rest)])

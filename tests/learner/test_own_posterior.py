@@ -13,8 +13,7 @@ from meal_bayes.datasets import load_percepts
 from meal_bayes.errors import SettingsError
 from meal_bayes.learner import Learner
 from meal_bayes.planners import Predefined
-from meal_bayes.posterior import ConfusionPosterior
-from meal_bayes.posterior.draws import draw_grid
+from meal_bayes.posterior.draws import draw_grid, posterior_from
 from meal_bayes.posterior.idata import save_netcdf, to_idata
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -48,7 +47,7 @@ class TestAPosteriorOfOnesOwn:
     def test_is_what_the_agent_believes_and_labeled_trials_are_added(self, dataset, make):
         idata = drawn(dataset, 4, 8)
         learner = make.learner(dataset, posterior=idata)
-        own = ConfusionPosterior.from_idata(idata, dataset.domain)
+        own = posterior_from(idata, dataset.domain)
         np.testing.assert_array_equal(learner.knowledge().posterior.mean, own.mean)
         trial = learner.ask("red", make.arm())
         learner.tell(trial, {"red": True})

@@ -155,7 +155,7 @@ def test_exact_selection_is_the_papers_equation_8():
         (lambda: ConfusionPosterior.from_objects(np.full((2, *SHAPE), 0.5)), "whole numbers"),
         (lambda: ConfusionPosterior.from_counts(np.ones(SHAPE)).update(np.ones(3)), "update needs"),
         (
-            lambda: ConfusionPosterior(*np.ones((3, *SHAPE)), np.ones(2)),
+            lambda: ConfusionPosterior(*np.ones((2, *SHAPE)), np.ones(2)),
             "dispersion must be above 0 and of shape",
         ),
     ],

@@ -6,9 +6,17 @@ from scipy.stats import dirichlet, dirichlet_multinomial
 
 from meal_bayes.domain import load_domain
 from meal_bayes.errors import DataError
-from meal_bayes.posterior import ConfusionPosterior, draw_grid, idata
+from meal_bayes.posterior import idata
 from meal_bayes.posterior.checks import pointwise_log_likelihood, predict_yes, units_of
-from meal_bayes.posterior.draws import draw_prior, draws_of, log_prior, rows_of, summarize_draws
+from meal_bayes.posterior.draws import (
+    draw_grid,
+    draw_prior,
+    draws_of,
+    log_prior,
+    posterior_from,
+    rows_of,
+    summarize_draws,
+)
 from meal_bayes.posterior.grid import DISPERSIONS
 
 
@@ -93,22 +101,22 @@ def test_a_posterior_read_back_is_the_agents(fitted, tmp_path):
     domain, counts, draws = fitted
     expected = summarize_draws(draws, counts)
     idata.save_netcdf(grouped(counts[:, :, :2], draws), tmp_path / "p.nc")
-    found = ConfusionPosterior.from_idata(tmp_path / "p.nc", domain)
-    for name in ("prior", "counts", "concentration", "dispersion"):
+    found = posterior_from(tmp_path / "p.nc", domain)
+    for name in ("counts", "concentration", "dispersion"):
         np.testing.assert_allclose(getattr(found, name), getattr(expected, name))
 
 
 def test_names_count_and_not_the_order(fitted):
     domain, counts, draws = fitted
     made = grouped(counts[:, :, :2], draws)
-    expected = ConfusionPosterior.from_idata(made, domain)
+    expected = posterior_from(made, domain)
     turned = {"truth": ["true", "false"], "level": ["yes", "no"], "attribute": ["heavy", "red"]}
     groups = {
         group: xr.Dataset(made[group].data_vars).sel(turned).transpose(..., "truth", "behavior")
         for group in ("posterior", "observed_data")
     }
-    found = ConfusionPosterior.from_idata(groups, domain)
-    for name in ("prior", "counts", "concentration", "dispersion"):
+    found = posterior_from(groups, domain)
+    for name in ("counts", "concentration", "dispersion"):
         np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))
 
 
@@ -128,31 +136,31 @@ def test_rows_that_mean_nothing_are_refused(fitted, variable, change, says):
     posterior = {name: made["posterior"][name] for name in ("mean", "dispersion")}
     groups = {"posterior": {**posterior, variable: change(posterior[variable])}}
     with pytest.raises(DataError, match=says):
-        ConfusionPosterior.from_idata({**groups, "observed_data": made["observed_data"]}, domain)
+        posterior_from({**groups, "observed_data": made["observed_data"]}, domain)
 
 
 def test_a_file_that_is_none_is_told(fitted, tmp_path):
     (tmp_path / "p.nc").write_text("no netCDF")
     for name in ("p.nc", "q.nc"):
         with pytest.raises(DataError, match="is no posterior in netCDF"):
-            ConfusionPosterior.from_idata(tmp_path / name, fitted[0])
+            posterior_from(tmp_path / name, fitted[0])
 
 
 def test_what_is_no_posterior_is_told(fitted):
     domain, counts, draws = fitted
     with pytest.raises(DataError, match="holds no posterior of confusion matrices"):
-        ConfusionPosterior.from_idata({}, domain)
+        posterior_from({}, domain)
     with pytest.raises(DataError, match="without the percepts it was drawn from"):
-        ConfusionPosterior.from_idata(idata.to_idata(draws), domain)
+        posterior_from(idata.to_idata(draws), domain)
     part = grouped(counts[:, :1, :2], draws.sel(attribute=["red"]))
     with pytest.raises(DataError, match="Unknown attribute 'heavy'"):
-        ConfusionPosterior.from_idata(part, domain)
+        posterior_from(part, domain)
 
 
 @pytest.mark.filterwarnings("ignore:Estimated shape parameter")  # of six objects
 def test_log_likelihood_is_that_of_each_object(fitted):
     _, counts, draws = fitted
-    units = units_of(counts, [str(o) for o in range(6)], draws["attribute"].values)
+    units = units_of(counts[:, :, :2], [str(o) for o in range(6)], draws["attribute"].values)
     values = pointwise_log_likelihood(draws, units)["yes"]
     assert values.shape == (4, 100, 12)
     (mean, s, _), expected = rows_of(draws), 0.0
@@ -171,7 +179,7 @@ def test_predicted_percepts_vary_as_objects_do(fitted):
     """In n percepts of a row with dispersion s, n m (1 - m) (s + n) / (s + 1) is the variance."""
     _, counts, draws = fitted
     same = draws.isel(draw=[0]).isel(draw=np.zeros(5000, int), chain=[0])
-    units = units_of(counts, [str(o) for o in range(6)], draws["attribute"].values)
+    units = units_of(counts[:, :, :2], [str(o) for o in range(6)], draws["attribute"].values)
     yes = predict_yes(same, units, np.random.default_rng(0))["yes"][0]
     mean, s, _ = (values[0] for values in rows_of(same))
     u = units.names.index("2: heavy")
