@@ -28,7 +28,7 @@ def held_out_log_odds(dataset: Dataset, *, settings: PerceptionSettings = DEFAUL
     for width in np.unique(widths):
         held = (widths == width)[groups]
         for e, recordings in gathered.items():
-            nested = method_of(settings).fit(recordings.widened(width), settings).nested
+            _, nested = method_of(settings).fit(recordings.widened(width), settings)
             rows = held[recordings.objects]
             place = recordings.objects[rows], number_in_object(recordings.objects)[rows]
             outputs[:, :, e][place] = nested[rows]

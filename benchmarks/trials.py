@@ -109,7 +109,8 @@ def part(name: str, folder: Path) -> dict[str, float]:
         written = (folder / "run.rrd").stat().st_size
     else:
         run = folder / "run" if (folder / "run").is_dir() else log
-        written = write_report(Logs(run), folder / "report.html").size
+        write_report(Logs(run), folder / "report.html")
+        written = (folder / "report.html").stat().st_size
     return {
         "cpu_s": time.process_time() - start,
         "wall_s": time.perf_counter() - wall,

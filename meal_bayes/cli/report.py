@@ -20,12 +20,12 @@ def report(logs: tuple[Path, ...], out: Path) -> None:
 
     files = Logs(*logs)
     with progress("reading", "files") as advance:
-        written = write_report(files, out, on_progress=advance)
+        outcomes = write_report(files, out, on_progress=advance)
     for problem in files.problems:
         note(f"warning: {problem}; the report counts the whole trials")
-    trials, agents = written.trials, len(written.agents)
+    trials, agents = len(outcomes), len(outcomes.agents)
     counted = f"{trials} trial{'s' * (trials != 1)} of {agents} agent{'s' * (agents != 1)}"
-    say(f"{out}: {counted}, {written.size:,} bytes")
+    say(f"{out}: {counted}, {out.stat().st_size:,} bytes")
 
 
 @click.command(short_help="Compare agents by a hierarchical model of their outcomes.")

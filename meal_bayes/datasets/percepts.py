@@ -70,12 +70,6 @@ def round_log_odds(log_odds: ArrayLike) -> NDArray[np.float16]:
     return np.clip(np.asarray(log_odds, dtype=np.float64), -LIMIT, LIMIT).astype(np.float16)
 
 
-_KINDS = {
-    "labels": np.int8, "log_odds": np.float16, "edges": np.float64, "training_bins": np.uint8,
-    "recording_counts": np.int64, "groups": np.int64,
-}  # fmt: skip
-
-
 @dataclass(frozen=True, slots=True)
 class PerceptTable:
     """Held-out percepts of a data set, and the training-side counts for each held-out object.
@@ -136,7 +130,8 @@ class PerceptTable:
             counts = np.zeros((o, e), np.int64)
             counts[:, self.domain.recorded] = r
             set_frozen(self, recording_counts=counts)
-        for name, kind in _KINDS.items():
+        for name in ("labels", "log_odds", "edges", "training_bins", *_OPTIONAL):
+            kind = np.int64 if name in _OPTIONAL else np.dtype(_MEMBERS[name][0])
             set_frozen(self, **{name: freeze(getattr(self, name), kind)})
         expected = {
             "labels": (o, p),

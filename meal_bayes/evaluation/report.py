@@ -50,18 +50,10 @@ class Worst(NamedTuple):
     badness: float
 
 
-class ReportInfo(NamedTuple):
-    """What a report was made of; its size in bytes."""
-
-    size: int
-    trials: int
-    agents: tuple[str, ...]
-
-
 def write_report(
     logs: Logs, path: str | Path, *, on_progress: Callable[[int, int], None] | None = None
-) -> ReportInfo:
-    """Read logs as far as they can be read and write one self-contained HTML page.
+) -> TrialOutcomes:
+    """Read logs as far as they can be read, write one self-contained HTML page, return outcomes.
 
     They are of one data set, as objects are the clusters of standard errors; a `LogError` where not
     one trial can be read. `on_progress` is called with (files done, files in all).
@@ -82,7 +74,7 @@ def write_report(
         worst = worst_of(worst, group)
     outcomes = TrialOutcomes.join(parts)
     write_whole(path, _page(outcomes, np.concatenate(batches), worst, logs), inputs=logs.files)
-    return ReportInfo(path.stat().st_size, len(outcomes), outcomes.agents)
+    return outcomes
 
 
 def worst_of(worst: Sequence[Worst], group: Group) -> list[Worst]:

@@ -20,11 +20,10 @@ from meal_bayes.errors import DataError, SettingsError
 from meal_bayes.experiments.store import digest_of, fingerprint
 from meal_bayes.files import file_name
 from meal_bayes.perception import build_percept_table
+from meal_bayes.perception.settings import NAMED
 from meal_bayes.version import package_version
 
 log = logging.getLogger("meal_bayes.experiments")
-
-_PERCEPTIONS = ("default", "paper")
 
 
 def percepts_for(
@@ -41,8 +40,8 @@ def percepts_for(
     its recordings as root, or of a table (.npz). The method is "default", or "paper" for that of
     Sect. 4.2. While a table is computed, `on_progress` is called with behaviors done and in all.
     """
-    if perception not in _PERCEPTIONS:
-        raise SettingsError(unknown("perception", perception, _PERCEPTIONS))
+    if perception not in NAMED:
+        raise SettingsError(unknown("perception", perception, NAMED))
     domain = domain_of(dataset)
     path = table_path(dataset, perception, root=root)
     if path is None:

@@ -13,7 +13,6 @@ from meal_bayes.perception.settings import (
     DEFAULT,
     PAPER,
     PerceptionSettings,
-    named_settings,
     with_classifier,
 )
 from meal_bayes.perception.tables import build_percept_table
@@ -29,7 +28,6 @@ __all__ = [
     "build_percept_table",
     "fit_and_validate",
     "fit_spaces",
-    "named_settings",
     "table_counts",
     "with_classifier",
 ]

@@ -61,7 +61,7 @@ class ClassifierFit(NamedTuple):
 
     parts: tuple[Part, ...]
     paper: bool
-    nested: Floats
+    n_attributes: int
 
     def scored(self, spaces: Sequence[FeatureSpace], rows: Sequence[Floats | None]) -> Floats:
         """Return log-odds of "true", (B,P); a missing modality has its mean features."""
@@ -73,20 +73,22 @@ class ClassifierFit(NamedTuple):
         else:
             features = [np.zeros((n, len(s.varying))) if v is None else v for s, v in pairs]
             inputs = [np.hstack(features)]
-        log_odds = np.zeros((n, self.nested.shape[1]))
+        log_odds = np.zeros((n, self.n_attributes))
         for attributes, machines, pool in self.parts:
             log_odds[:, attributes] = pool.log_odds(machines.decide(inputs))
         return log_odds
 
 
-def fit(recordings: BehaviorRecordings, settings: PerceptionSettings) -> ClassifierFit:
+def fit(
+    recordings: BehaviorRecordings, settings: PerceptionSettings
+) -> tuple[ClassifierFit, Floats]:
     """Fit one behavior; as `stacked.fit`, nested outputs by folds."""
     nested, parts = np.full(recordings.labels.shape, np.nan), []
     for _, attributes in known_patterns(recordings.labels >= 0):
         problem = _problem(recordings.of(attributes), settings)
         nested[:, attributes], pool = nested_outputs(problem)
         parts.append(Part(attributes, problem.train(problem.known), pool))
-    return ClassifierFit(tuple(parts), settings.method == "paper", nested)
+    return ClassifierFit(tuple(parts), settings.method == "paper", len(nested.T)), nested
 
 
 def outputs(

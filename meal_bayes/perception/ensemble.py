@@ -29,12 +29,7 @@ class Pool(Protocol):
 
 
 class BehaviorFit(Protocol):
-    """A behavior fitted to n recordings."""
-
-    @property
-    def nested(self) -> Floats:
-        """Log-odds (n,P) by classifiers that never saw the object, NaN where it has no label."""
-        ...
+    """A behavior fitted to recordings."""
 
     def scored(self, spaces: Sequence[FeatureSpace], rows: Rows) -> Floats:
         """Return log-odds of "true", (B,P)."""
@@ -49,7 +44,6 @@ class KernelFit(NamedTuple):
 
     dual: Floats
     pool: Pool
-    nested: Floats
 
     def scored(self, spaces: Sequence[FeatureSpace], rows: Rows) -> Floats:
         """Return log-odds of "true", (B,P); the joint kernel is that of the modalities there."""

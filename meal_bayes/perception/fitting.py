@@ -20,7 +20,7 @@ from meal_bayes.datasets import Dataset, TrainingSet
 from meal_bayes.datasets.percepts import BIN_EDGES, levels_of, round_log_odds
 from meal_bayes.perception import stacked
 from meal_bayes.perception.confusion import youden
-from meal_bayes.perception.ensemble import BehaviorClassifier, BehaviorFit, Perception
+from meal_bayes.perception.ensemble import BehaviorClassifier, Perception
 from meal_bayes.perception.leave_out import NOBODY, Problem, leave_out
 from meal_bayes.perception.recordings import BehaviorRecordings, Spaces, gather
 from meal_bayes.perception.settings import DEFAULT, PerceptionSettings
@@ -81,12 +81,12 @@ def fit_and_validate(
     gathered = gather(dataset, training_set, settings, spaces)
     width, _ = learned_widths(gathered.values(), settings)
     for e, recordings in gathered.items():
-        fit: BehaviorFit = method_of(settings).fit(recordings.widened(width), settings)
+        fit, nested = method_of(settings).fit(recordings.widened(width), settings)
         used = np.ones(shape[1], np.bool_)
         if settings.positive_youden_only:
-            used = youden(_count(recordings, fit.nested, 2, len(counts)).sum(axis=0)) > 0
-        nested = np.where(used, fit.nested, 0.0)
-        counts[:, :, e] = _count(recordings, nested, settings.levels, len(counts))
+            used = youden(_count(recordings, nested, 2, len(counts)).sum(axis=0)) > 0
+        shown = np.where(used, nested, 0.0)
+        counts[:, :, e] = _count(recordings, shown, settings.levels, len(counts))
         wide = [space.widened(width) for space in recordings.compared]
         spaces_of = dict(zip(domain.behaviors[e].modalities, wide, strict=True))
         classifiers[domain.behaviors[e].name] = BehaviorClassifier(spaces_of, fit, used)

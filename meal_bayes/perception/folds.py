@@ -6,7 +6,7 @@ saw neither. So each set of at most three folds is left out once: with five, 25 
 every object's percept table.
 """
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property
@@ -39,24 +39,6 @@ class Machines(NamedTuple):
 
     estimators: tuple[tuple[Any, ...], ...]
     columns: Rows | slice
-
-    @classmethod
-    def trained(
-        cls, estimator: Any, inputs: Iterable[Floats], truth: Rows, rows: Rows
-    ) -> "Machines":
-        """Train clones of an estimator on some rows (n,) of inputs (n,d), by truth (n,P)."""
-        pairwise = getattr(estimator, "kernel", None) == "precomputed"
-        columns = rows if pairwise else slice(None)
-        fitted = tuple(
-            tuple(
-                clone(estimator).fit(values[rows][:, columns], labels)
-                if 0 < labels.sum() < len(labels)
-                else None
-                for labels in truth[rows].T.astype(int)
-            )
-            for values in inputs
-        )
-        return cls(fitted, columns)
 
     def decide(self, inputs: Sequence[Floats | None]) -> Floats:
         """Return decisions (B,M,P) on inputs (B,d): 0 where a class was missing, NaN of None."""
@@ -117,8 +99,19 @@ class FoldProblem:
         return list(map(int, np.unique(self.folds[self.known])))
 
     def train(self, rows: Rows) -> Machines:
-        """Train on some rows, by their labels alone."""
-        return Machines.trained(self.estimator, self.inputs, self.truth, rows)
+        """Train clones of the estimator on some rows, by their labels alone."""
+        pairwise = getattr(self.estimator, "kernel", None) == "precomputed"
+        columns = rows if pairwise else slice(None)
+        fitted = tuple(
+            tuple(
+                clone(self.estimator).fit(values[rows][:, columns], labels)
+                if 0 < labels.sum() < len(labels)
+                else None
+                for labels in self.truth[rows].T.astype(int)
+            )
+            for values in self.inputs
+        )
+        return Machines(fitted, columns)
 
     def decide(self, trained_on: Rows, rows: Rows) -> Floats:
         """Train on some rows, and decide on others, (B,M,P)."""

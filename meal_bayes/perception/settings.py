@@ -95,6 +95,7 @@ class PerceptionSettings:
 
 DEFAULT = PerceptionSettings()
 PAPER = PerceptionSettings(method="paper", folds=5)
+NAMED = {"default": DEFAULT, "paper": PAPER}
 
 
 def with_classifier(classifier: Any, **others: Any) -> PerceptionSettings:
@@ -115,11 +116,3 @@ def with_classifier(classifier: Any, **others: Any) -> PerceptionSettings:
         What cannot be cloned, fitted, or asked for a decision.
     """
     return PerceptionSettings(**{"folds": 5, **others}, method="classifier", classifier=classifier)
-
-
-def named_settings(name: str) -> PerceptionSettings:
-    """Return the settings of this name: "default" or "paper"."""
-    known = {"default": DEFAULT, "paper": PAPER}
-    if name not in known:
-        raise SettingsError(unknown("perception", name, known))
-    return known[name]

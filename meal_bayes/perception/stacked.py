@@ -77,8 +77,8 @@ def parts(
         yield Part(rows, attributes, columns, problem)
 
 
-def fit(recordings: BehaviorRecordings, settings: PerceptionSettings) -> KernelFit:
-    """Fit one behavior: its classifiers, their stackers, and the nested outputs.
+def fit(recordings: BehaviorRecordings, settings: PerceptionSettings) -> tuple[KernelFit, Floats]:
+    """Fit one behavior: its classifiers and their stackers; and its nested outputs, (n,P).
 
     The nested output on a recording comes from classifiers and stackers that never saw its object;
     it is NaN where the label is unknown.
@@ -93,7 +93,7 @@ def fit(recordings: BehaviorRecordings, settings: PerceptionSettings) -> KernelF
         weights[attributes] = leave_out(problem, NOBODY, settings).weights[0]
         nested[np.ix_(part.rows, attributes)] = each_group(problem, settings, weights[attributes])
         dual[np.ix_(np.arange(n_kernels), attributes, part.columns)] = problem.duals
-    return KernelFit(dual, Stacker(weights), nested)
+    return KernelFit(dual, Stacker(weights)), nested
 
 
 def outputs(

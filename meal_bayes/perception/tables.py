@@ -23,12 +23,13 @@ from threadpoolctl import threadpool_limits
 from meal_bayes.datasets import Dataset, PerceptTable, TrainingSet
 from meal_bayes.datasets.percepts import BIN_EDGES, round_log_odds
 from meal_bayes.datasets.sources import SOURCES
+from meal_bayes.domain import unknown
 from meal_bayes.errors import SettingsError
 from meal_bayes.perception.confusion import by_truth, youden
 from meal_bayes.perception.fitting import Map, learned_widths, method_of
 from meal_bayes.perception.leave_out import known_patterns
 from meal_bayes.perception.recordings import BehaviorRecordings, gather, groups_of, number_in_object
-from meal_bayes.perception.settings import PerceptionSettings, named_settings, with_classifier
+from meal_bayes.perception.settings import NAMED, PerceptionSettings, with_classifier
 from meal_bayes.version import package_version
 
 Halves = NDArray[np.float16]
@@ -64,7 +65,9 @@ def build_percept_table(
         if perception != "default":
             raise SettingsError("Give perception or a classifier, not both (see with_classifier).")
         perception = with_classifier(classifier)
-    settings = named_settings(perception) if isinstance(perception, str) else perception
+    if isinstance(perception, str) and perception not in NAMED:
+        raise SettingsError(unknown("perception", perception, NAMED))
+    settings = NAMED[perception] if isinstance(perception, str) else perception
     if dataset.recordings > _MOST:
         raise SettingsError(f"{dataset.recordings} recordings of an object; give {_MOST} at most.")
     domain, n_objects = dataset.domain, len(dataset.objects)

@@ -31,7 +31,7 @@ from meal_bayes.perception import (
 )
 from meal_bayes.perception.classifier import KappaPool, fit_sigmoid
 from meal_bayes.perception.confusion import cohens_kappa
-from meal_bayes.perception.folds import Machines
+from meal_bayes.perception.folds import FoldProblem
 
 BY_HEART = KNeighborsClassifier(1)
 
@@ -63,7 +63,8 @@ class Undecided(Remembers):
 def test_no_output_comes_from_a_classifier_that_saw_the_row(make):
     dataset = make(3, objects=12)
     every, truth = np.ones(3, bool), np.array([[True], [False], [True]])
-    spy = Machines.trained(Remembers(), [np.eye(3)], truth, every)
+    own = np.arange(3)
+    spy = FoldProblem(np.eye(3)[None], truth, own, own, own, Remembers(), None).train(every)
     assert spy.decide([np.eye(3)])[:, 0, 0].tolist() == [1.0, -1.0, 1.0]  # the spy would tell
     settings = with_classifier(Remembers(), positive_youden_only=False)
     table = build_percept_table(dataset, perception=settings)

@@ -124,8 +124,8 @@ class TestCompactLogs:
 
     def test_both_forms_make_a_report_of_all_trials(self, trials, compact, tmp_path):
         write_trials(tmp_path / "b.mcap", trials, header={"seed": 4})
-        info = write_report(Logs(tmp_path), tmp_path / "r.html")
-        assert info.trials == 21 * len(trials)
+        joined = write_report(Logs(tmp_path), tmp_path / "r.html")
+        assert len(joined) == 21 * len(trials)
         assert "holds no steps" in (tmp_path / "r.html").read_text()
 
 
