@@ -33,14 +33,13 @@ from scipy.optimize import minimize_scalar
 
 from meal_bayes.arrays import freeze, set_frozen
 from meal_bayes.display import short_repr
-from meal_bayes.errors import SettingsError
 from meal_bayes.posterior.dirichlet import ConfusionPosterior
 from meal_bayes.seeds import stream
 
 Array = NDArray[np.float64]
 Floating = NDArray[np.floating[Any]]
 
-POINTS = 9  # M
+_POINTS = 9  # M
 TYPICAL = 0.5  # sigma where nothing can be learned
 _REACH = 2.0  # the grid ends this many sigma beyond +-1
 _WITHIN = 0.5  # precision of rows given the trait, in units of that given the truth
@@ -74,13 +73,9 @@ class SharedTrait:
         set_frozen(self, points=freeze(self.points), latent_classes=freeze(self.latent_classes))
 
     @classmethod
-    def of_sd(cls, sd: float, points: int = POINTS) -> "SharedTrait":
+    def of_sd(cls, sd: float) -> "SharedTrait":
         """Build the grid for a standard deviation above 0."""
-        if not sd > 0 or points < 2:
-            raise SettingsError(
-                f"A trait needs a standard deviation above 0 and 2 points; found {sd} and {points}."
-            )
-        t = np.linspace(-1.0, 1.0, points) * (1.0 + _REACH * sd)
+        t = np.linspace(-1.0, 1.0, _POINTS) * (1.0 + _REACH * sd)
         density = -0.5 * ((t - np.array([[-1.0], [1.0]])) / sd) ** 2
         classes = np.exp(density - density.max(axis=1, keepdims=True))
         return cls(float(sd), t, classes / classes.sum(axis=1, keepdims=True))

@@ -12,7 +12,7 @@ from meal_bayes.datasets import load_percepts
 from meal_bayes.errors import DataError, MealBayesError, OutputError, SettingsError
 from meal_bayes.learner import Learner
 
-STATE = ("prior", "counts", "concentration", "dispersion")
+STATE = ("counts", "concentration", "dispersion")
 
 
 def same(one, other):

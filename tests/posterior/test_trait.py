@@ -8,7 +8,6 @@ from scipy.special import betaln
 
 from meal_bayes.agents import knowledge_without
 from meal_bayes.datasets.percepts import load_percepts
-from meal_bayes.errors import SettingsError
 from meal_bayes.perception import table_counts
 from meal_bayes.posterior import ConfusionPosterior
 from meal_bayes.posterior.checks import log_likelihood
@@ -127,12 +126,6 @@ def test_a_typical_sd_is_used_where_nothing_can_be_learned():
     assert learned(truth, np.zeros_like(levels))[1].sd == 0.5
     flat = np.ones_like(levels)
     assert learned(truth, flat)[1].sd == 0.5
-
-
-@pytest.mark.parametrize(("sd", "points"), [(0.0, 9), (-1.0, 9), (np.nan, 9), (0.5, 1)])
-def test_a_trait_needs_a_standard_deviation_and_points(sd, points):
-    with pytest.raises(SettingsError, match="a standard deviation above 0"):
-        SharedTrait.of_sd(sd, points)
 
 
 def repeats_nll(posteriors, table, columns, exact):
