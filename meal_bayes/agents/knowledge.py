@@ -73,8 +73,8 @@ def knowledge_of(
 ) -> Knowledge:
     """Learn from percepts of held-out classifiers, and labels (O,P) of the objects; -1 unknown.
 
-    Counts are (O,P,E,2,K). Of objects in no training set all labels are unknown; `object_level` is as in
-    `knowledge_without`.
+    Counts are (O,P,E,2,K). Of objects in no training set all labels are unknown; `object_level` is
+    as in `knowledge_without`.
     """
     # the posterior mean Pr(attribute)
     rates = ((labels == 1).sum(axis=0) + 1) / ((labels >= 0).sum(axis=0) + 2)

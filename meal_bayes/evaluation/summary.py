@@ -160,7 +160,7 @@ def _row(agent: str, own: TrialOutcomes, seconds: float) -> SummaryRow:
         ece = calibration_error(positive, truth)
         calibrated = expected_calibration_error(positive, stream(0, "calibrated belief"))
     return SummaryRow(
-        agent, len(own), int(own.judged.sum()), *accuracy,
+        agent, len(own), int(own.judged.sum()), *accuracy.interval(),
         cost_s=float(cost.mean()) if len(cost) else math.nan,
         cost_sd=float(cost.std(ddof=1)) if len(cost) > 1 else math.nan,
         reward=reward.estimate, reward_se=reward.se,
