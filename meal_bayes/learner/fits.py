@@ -1,6 +1,5 @@
 """What agents make of one record, or of a percept table without an object (Alg. 1)."""
 
-from collections import OrderedDict
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -18,21 +17,6 @@ from meal_bayes.learner.settings import LearnerSettings
 from meal_bayes.perception import Perceiver, RecordedPercepts, SampledPercepts
 from meal_bayes.robots.recorded import replayable
 
-_KEPT = 64  # policies; one over a grid of three attributes takes more than a megabyte
-
-
-class Recent(OrderedDict[Any, Any]):
-    """A dictionary of the entries that were used lately."""
-
-    def __getitem__(self, key: Any) -> Any:
-        self.move_to_end(key)
-        return super().__getitem__(key)
-
-    def __setitem__(self, key: Any, value: Any) -> None:
-        super().__setitem__(key, value)
-        if len(self) > _KEPT:
-            self.popitem(last=False)
-
 
 @dataclass(eq=False)
 class HeldOut:
@@ -42,7 +26,6 @@ class HeldOut:
     agent: Agent
     settings: LearnerSettings
     object_index: int  # of the object that is left out
-    answering: Recent  # models and policies of queries about any object
 
     @cached_property
     def knowledge(self) -> Knowledge:
@@ -87,7 +70,6 @@ class Fits:
         self.growth = [0, 0]  # labeled instances at the last refit, and since
         self._made: list[Fitted] = []
         self._held: dict[int, list[HeldOut]] = {}
-        self._recent = Recent()
 
     def of(self, agent: Agent) -> Fitted:
         """Return what an agent makes of the record, made when it is first needed."""
@@ -115,7 +97,7 @@ class Fits:
                 return fit
         told = self.experience.labels_for(table.objects)
         labeled = replace(table, labels=np.where(table.labels < 0, told, table.labels))
-        fit = HeldOut(labeled, agent, self.settings, o, self._recent)
+        fit = HeldOut(labeled, agent, self.settings, o)
         self._held[o].append(fit)
         return fit
 
@@ -127,7 +109,7 @@ class Fits:
 
     def clear(self) -> None:
         """Let everything be made anew when it is next needed."""
-        self._made, self._held, self._recent = [], {}, Recent()
+        self._made, self._held = [], {}
 
     def update(self, rows: NDArray[np.intp]) -> None:
         """Count instances (k,) with the labels that they have now."""

@@ -33,7 +33,7 @@ from meal_bayes.planners import Policy
 from meal_bayes.planners.pomcp.policy import POMCPPolicy
 
 _SAME = 0.05  # success probabilities that differ by less are not planned with anew
-Asked = tuple[Query, bytes, int]  # percepts that a trial can have, and the id of its `Fitted`
+Asked = tuple[Query, bytes]  # and the percepts that a trial can have
 
 
 @dataclass(eq=False)

@@ -221,34 +221,29 @@ def prepare(
     a trial with a robot can have; to explore is to plan for queries to come as well.
     """
     query, labels = task.query, known_labels(learner, fit.agent, task)
-    if isinstance(fit, HeldOut):
-        streams = task.object_name, *query.attributes
     limits = np.broadcast_to(np.minimum(limit, fit.limit), len(learner.domain.behaviors))
     model = partial(problem_of, learner, fit, query, limits)
+    if isinstance(fit, HeldOut):
+        momdp = model(labels)
+        return momdp, _solve(learner, fit, task, (task.object_name, *query.attributes), momdp)
+    solve = partial(_solve, learner, fit, task, streams)
+    fitted, exploration, key = fit, fit.agent.exploration, (query, limits.tobytes())
 
     def shaped(momdp: MOMDP, object_name: str | None = None) -> MOMDP:
-        assert isinstance(fit, Fitted)
         queries = learner.horizon * len(query) / len(learner.domain.attributes)
-        return fit.agent.exploration.shape(momdp, fit.progress(object_name, queries))
+        return exploration.shape(momdp, fitted.progress(object_name, queries))
 
-    def solve(momdp: MOMDP) -> Policy:
-        return _solve(learner, fit, task, streams, momdp)
-
-    key = query, limits.tobytes(), id(fit)
-    answers = not explore or (isinstance(fit.agent.exploration, NoBonus) and labels is None)
-    if answers or isinstance(fit, HeldOut):
+    if not explore or (isinstance(exploration, NoBonus) and labels is None):
         if key in fit.answering and labels is None:
             return fit.answering[key]
         momdp = model(labels)
-        itrs = isinstance(fit.agent.exploration, ITRSBonus | FittedITRSBonus)
-        if fit.settings.shaped_answers and itrs:
+        if fit.settings.shaped_answers and isinstance(exploration, ITRSBonus | FittedITRSBonus):
             momdp = shaped(momdp)
         policy = solve(momdp)
-        if labels is not None or not getattr(policy, "deterministic", False):
-            return momdp, policy
-        # until the posterior moves
-        fit.answering[key] = momdp, policy if isinstance(fit, HeldOut) else Remembering(policy)
-        return fit.answering[key]
+        if labels is None and getattr(policy, "deterministic", False):
+            fit.answering[key] = momdp, Remembering(policy)  # until the posterior moves
+            return fit.answering[key]
+        return momdp, policy
     momdp = shaped(model(labels), task.object_name)
     if not isinstance(_solver(fit, query), POMCP):
         return momdp, solve(momdp)
