@@ -58,14 +58,14 @@ def things(trial):
     table, domain = load_percepts("cy101"), load_domain("toy")
     dataset = make_synthetic(domain, objects=40, recordings=3, rng=np.random.default_rng(0))
     everything = TrainingSet.everything(dataset)
-    perception, counts = fit_and_validate(dataset, everything)
+    perception, _ = fit_and_validate(dataset, everything)
     roc36 = load_percepts("roc36")
     known = knowledge_without(roc36, 0)
     learner = Learner("roc36", agent="bayes", logs=None).fit(roc36)
     return [
         trial, trial.momdp, trial.last_belief, trial.task, trial.steps[0], trial.task.query,
         trial.steps[0].decision, table, table.domain, load_domain("ispy32").diagram, dataset,
-        dataset.instance(0, "look", 0), everything, perception, counts, learner.agent,
+        dataset.instance(0, "look", 0), everything, perception, learner.agent,
         learner, known, known.posterior, known.trait,
         OfflineConfig("roc36"), summarize([trial]), summarize([trial])[0], load_domain("ispy32"),
     ]  # fmt: skip
