@@ -7,6 +7,7 @@ python benchmarks/simulated.py [--part answers|labels|content|live|population ..
 import argparse
 import tempfile
 import time
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
@@ -28,7 +29,6 @@ from meal_bayes.experiments.simulated import (
     DOMAIN,
     ask_new,
     learn_live,
-    outcomes_of,
     record_objects,
     save_recordings,
     to_dataset,
@@ -223,7 +223,7 @@ def population(options: argparse.Namespace) -> dict[str, Any]:
         options.crowd, RECORDINGS, options.seed, population="population", jobs=options.jobs
     )
     cpu = time.process_time() - begun  # of this process
-    happened = outcomes_of(made)
+    happened = sum((entry.happened for entry in made), Counter())
     with tempfile.TemporaryDirectory() as folder:
         path = save_recordings(made, Path(folder) / "recordings")
         config = OnlineConfig(

@@ -2,7 +2,6 @@
 
 import os
 import re
-from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -40,7 +39,7 @@ def record(objects: int, recordings: int, out: Path, seed: int, jobs: int) -> No
 
     What fails is tried again; an object that slips again and again has fewer recordings.
     """
-    from meal_bayes.experiments.simulated import outcomes_of, record_objects, save_recordings
+    from meal_bayes.experiments.simulated import record_objects, save_recordings
 
     if out.is_dir() and any(out.iterdir()):
         raise click.UsageError(f"--out {out} holds files already; name a new folder.")
@@ -48,15 +47,6 @@ def record(objects: int, recordings: int, out: Path, seed: int, jobs: int) -> No
         made = record_objects(objects, recordings, seed, jobs=jobs, progress=advance)
     path = save_recordings(made, out)
     click.echo(f"{out}: {objects} objects, up to {recordings} recordings of each behavior")
-    happened = outcomes_of(made)
-    tried = Counter[tuple[str, str]]()
-    for (state, behavior, _), count in happened.items():
-        tried[state, behavior] += count
-    rows = (
-        (behavior, state, after, str(count), f"{count / tried[state, behavior]:.3f}")
-        for (state, behavior, after), count in sorted(happened.items())
-    )
-    terminal.print_table(("behavior", "from", "to", "times", "fraction"), rows, left=("from", "to"))
     terminal.note(
         "make percepts of them with: meal-bayes data percepts "
         f"--dataset {path} --root {out} --out {out}/percepts.npz"

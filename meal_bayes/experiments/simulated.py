@@ -115,11 +115,6 @@ def record_objects(
     return sorted(done, key=lambda recorded: recorded.name)
 
 
-def outcomes_of(recorded: Sequence[Recorded]) -> Happened:
-    """Sum the outcomes of each behavior."""
-    return sum((entry.happened for entry in recorded), Happened())
-
-
 def to_dataset(domain: Domain, recorded: Sequence[Recorded]) -> Dataset:
     """Join the recordings of objects, labeled by what their parameters make true."""
     features = {

@@ -80,12 +80,12 @@ class Diagram:
         """Return it for a frame: where the robot is, where it was, which behavior it executed."""
         visited = {step.next_x for step in frame.trial.steps[: frame.number]}
         colors = {f"x{x}": SKY for x in visited | {frame.trial.first_belief.x}}
-        colors[f"x{frame.x}"] = ORANGE
+        colors[f"x{frame.belief.x}"] = ORANGE
         if frame.step is not None:
             colors[self._moves.get((frame.step.x, frame.step.decision.action), "")] = GREEN
         nodes = [node._replace(color=colors.get(node.name, node.color)) for node in self._nodes]
         end = "end"
-        if frame.x == self._momdp.terminal:
+        if frame.belief.x == self._momdp.terminal:
             end += ": abstained" if frame.trial.report is None else ": answered"
         nodes[-1] = nodes[-1]._replace(label=end)  # the last state, in the last column
         return Graph(tuple(nodes), self._edges)
@@ -180,7 +180,7 @@ def belief_bars(frame: TrialFrame) -> Picture:
     pixels = np.zeros((len(names) * _LANE, _BAR, 4), np.uint8)
     labels = []
     for i, name in enumerate(names):
-        now, before = float(frame.positive[i]), float(frame.before[i])
+        now, before = float(frame.belief.positive[i]), float(frame.before[i])
         top = i * _LANE + (_LANE - _THICK) // 2
         color = GREEN if now > 0.5 else SKY
         lane = np.tile(np.array(_BACK, float), (_BAR, 1))

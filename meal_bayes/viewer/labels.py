@@ -54,7 +54,9 @@ def narrate(frame: TrialFrame) -> str:
         if step.observation is not None:
             percepts = percept_labels(momdp, action, step.observation)
     lines += ["", "|attribute|belief|percept|", "|---|---|---|"]
-    rows = list(zip(trial.task.query.attributes, frame.positive.tolist(), percepts, strict=True))
+    rows = list(
+        zip(trial.task.query.attributes, frame.belief.positive.tolist(), percepts, strict=True)
+    )
     lines += [f"|{plain_text(name)}|{percent(p)}|{word}|" for name, p, word in rows[:_ATTRIBUTES]]
     if not frame.last:
         best = plain_text(trial.task.query.report_name(frame.belief.best_report))

@@ -37,8 +37,6 @@ class TrialFrame(NamedTuple):
     number: int  # 0 before any behavior, whose `step` is None; i after the i-th step
     step: Step | None
     before: NDArray[np.float64]  # (N,) Pr(attribute is true) before the step
-    positive: NDArray[np.float64]  # (N,) after it
-    x: int  # index of the robot's state after the step
     spent: float  # s, cost of the trial so far
 
     @property
@@ -66,14 +64,13 @@ class Clock:
     def frames(self, number: int, trial: Trial) -> Iterator[TrialFrame]:
         """Yield the rows of the next trial, whose position in the log is `number`."""
         start, spent, before = self.seconds, 0.0, trial.first_belief.positive
-        time, x = Time(number, self.row, start), trial.first_belief.x
-        yield TrialFrame(time, trial, 0, None, before, before, x, spent)
+        yield TrialFrame(Time(number, self.row, start), trial, 0, None, before, spent)
         for index, step in enumerate(trial.steps, start=1):
             self.row += 1
-            time, after = Time(number, self.row, start + spent), step.belief.positive
+            time = Time(number, self.row, start + spent)
             spent += step.cost
-            yield TrialFrame(time, trial, index, step, before, after, step.next_x, spent)
-            before = after
+            yield TrialFrame(time, trial, index, step, before, spent)
+            before = step.belief.positive
         self.row += 2
         self.seconds = start + spent
 

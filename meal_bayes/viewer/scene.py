@@ -64,7 +64,9 @@ class Scene:
         to.add(DECISION, rr.TextDocument, time, text=[explain_decision(frame)])
         to.add(ENTROPY, rr.Scalars, time, scalars=[frame.belief.entropy])
         to.add(COST, rr.Scalars, time, scalars=[frame.spent])
-        for name, p in zip(frame.trial.task.query.attributes, frame.positive.tolist(), strict=True):
+        for name, p in zip(
+            frame.trial.task.query.attributes, frame.belief.positive.tolist(), strict=True
+        ):
             to.add(self._belief(name), rr.Scalars, time, scalars=[p])
         if frame.step is not None:  # the report first, where a legend begins
             decision = frame.step.decision
@@ -145,7 +147,7 @@ class Scene:
 
     def _lane_changes(self, frame: TrialFrame, time: Time) -> None:
         trial, step, momdp = frame.trial, frame.step, frame.trial.momdp
-        self._lane("x", momdp.x_names[frame.x], (DIM, GRAY)[frame.x % 2], time)
+        self._lane("x", momdp.x_names[frame.belief.x], (DIM, GRAY)[frame.belief.x % 2], time)
         if step is None:
             return
         action = step.decision.action

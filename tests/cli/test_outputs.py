@@ -6,7 +6,7 @@ import pytest
 
 from meal_bayes.domain import load_domain
 from meal_bayes.learner.api import ask
-from meal_bayes.trial_log import check_log, write_trials
+from meal_bayes.trial_log import write_trials
 
 OWN = ("--dataset", "kitchen.npz")
 
@@ -30,14 +30,11 @@ def test_a_report_does_not_replace_its_logs(log, fails):
     assert log.read_bytes() == before[:300]
 
 
-def test_an_export_does_not_replace_its_table_or_a_device(table, fails):
+def test_an_export_does_not_replace_its_table(table, fails):
     before = Path("kitchen.npz").read_bytes()
     words = ("--query", "red", "--format", "pomdp", *OWN)
     assert "is what is read" in fails("export", "kitchen.npz", *words)
     assert Path("kitchen.npz").read_bytes() == before
-    for device in ("/dev/null", "/dev/full"):
-        assert "is a device" in fails("export", device, *words)
-        assert Path(device).is_char_device()
 
 
 @pytest.mark.parametrize(
@@ -63,19 +60,6 @@ def test_the_place_is_tried_before_the_work(log, fails, monkeypatch, words, work
     monkeypatch.setattr(work, lambda *given, **named: worked.append(given))
     assert "cannot be written: " in fails(*(word.format(log=log) for word in words))
     assert worked == []
-
-
-def test_a_failed_report_leaves_the_earlier_one(log, run, fails, monkeypatch):
-    run("report", log, "-o", "page.html")
-    before = Path("page.html").read_bytes()
-
-    def full(descriptor):
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr("os.fsync", full)
-    assert "page.html cannot be written: No space left" in fails("report", log, "-o", "page.html")
-    assert Path("page.html").read_bytes() == before
-    assert check_log(log).whole
 
 
 def test_one_page_of_several_logs(run, fails):

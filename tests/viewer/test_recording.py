@@ -346,7 +346,7 @@ def test_the_diagram_shows_where_the_robot_is_and_what_it_did(trials):
     diagram = Diagram(trial.momdp)
     for frame in Clock().frames(0, trial):
         colors = {node.name: node.color for node in diagram.at(frame).nodes}
-        assert [name for name, color in colors.items() if color == ORANGE] == [f"x{frame.x}"]
+        assert [name for name, color in colors.items() if color == ORANGE] == [f"x{frame.belief.x}"]
         done = [node.label for node in diagram.at(frame).nodes if node.color == GREEN]
         behavior = frame.step is not None and frame.step.decision.action < trial.momdp.n_behaviors
         if behavior and trial.momdp.legal[frame.step.x, frame.step.decision.action]:
