@@ -1,14 +1,17 @@
 """`meal-bayes log`: contents, check and recovery of trial logs."""
 
-import dataclasses
+from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import click
 
 from meal_bayes.cli.console import output, print_facts, print_json, say
 from meal_bayes.cli.options import FILE, MOST_TRIALS, json_option, option
 from meal_bayes.cli.program import Section
+
+if TYPE_CHECKING:
+    from meal_bayes.trial_log import LogInfo
 
 _UNSOUND = 1  # exit code of `check` for a log with problems
 
@@ -25,19 +28,18 @@ def log() -> None:
 @json_option
 def info(file: Path, as_json: bool) -> None:
     """Show what whole logs hold, of a file or a run's folder, and the configuration of the run."""
-    from meal_bayes.trial_log import log_files, log_info
+    from meal_bayes.trial_log import FORMAT_VERSION, log_files, log_info
 
     infos = list(map(log_info, log_files(file)))
     if as_json:
         _print_json(infos, file)
         return
-    size, trials, steps = (
-        sum(getattr(info, name) for info in infos) for name in ("size", "trials", "steps")
-    )
+    size = sum(info.path.stat().st_size for info in infos)
+    trials, steps = (sum(getattr(info, name) for info in infos) for name in ("trials", "steps"))
     forms = ", ".join(dict.fromkeys(info.form for info in infos))
     files = f" ({len(infos)} files)" if file.is_dir() else ""
     facts = {
-        "file": f"{file}{files}, {size:,} bytes, format {infos[0].format_version}, {forms}",
+        "file": f"{file}{files}, {size:,} bytes, format {FORMAT_VERSION}, {forms}",
         "holds": f"{trials} trials, {steps} steps",
     }
     print_facts(output(), {**facts, **{k: _as_text(v) for k, v in infos[0].header.items()}})
@@ -110,9 +112,9 @@ def recover(file: Path, out: Path | None, as_json: bool) -> None:
     say(f"{saved.path}: {saved.trials} whole trials saved")
 
 
-def _print_json(logs: list[Any], path: Path) -> None:
+def _print_json(logs: "list[LogInfo]", path: Path) -> None:
     """Print the facts of one log, or of a folder's logs."""
-    facts = [dataclasses.asdict(log) | {"path": str(log.path)} for log in logs]
+    facts = [asdict(log) | {"path": str(log.path), "whole": log.whole} for log in logs]
     print_json({"files": facts} if path.is_dir() else facts[0])
 
 

@@ -37,20 +37,18 @@ def report(logs: tuple[Path, ...], out: Path) -> None:
     "--margin", click.FloatRange(0, min_open=True), None, "M",
     "Of practical equivalence; .02 of accuracy, 2 s of cost, 10 of reward by default.",
 )  # fmt: skip
-@option("-o --out", FILE, None, "FILE.png", "Draw the effects.")
 @seed_option()
 @json_option
 def compare(
-    logs: tuple[Path, ...], measure: str, reference: str | None, margin: float | None,
-    out: Path | None, seed: int, as_json: bool,
+    logs: tuple[Path, ...], measure: str, reference: str | None, margin: float | None, seed: int,
+    as_json: bool,
 ) -> None:  # fmt: skip
     """Compare the agents in LOGS, files or runs' folders, on the tasks that they were given.
 
     Effects are shrunk towards each other; `ahead` is the probability of being better than the
     reference, `equivalent` that of differing by less than the margin.
     """
-    from meal_bayes.evaluation.canvas import save
-    from meal_bayes.evaluation.outcome_model import compare_outcomes, plot_effects
+    from meal_bayes.evaluation.outcome_model import compare_outcomes
     from meal_bayes.trial_log import Logs
     from meal_bayes.trials import TrialOutcomes
 
@@ -64,8 +62,6 @@ def compare(
         TrialOutcomes.join(parts), measure=measure, reference=reference, repeats=again,
         margin=margin, seed=seed,
     )  # fmt: skip
-    if out is not None:
-        save(plot_effects(rows), out)
     if as_json:
         print_json({"effects": [row.as_dict() for row in rows]})
         return

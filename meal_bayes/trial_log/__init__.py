@@ -9,7 +9,6 @@ from meal_bayes.trial_log.logs import Follower, Group, Logs
 from meal_bayes.trial_log.names import log_files, remove_drafts
 from meal_bayes.trial_log.reader import (
     LogInfo,
-    LogReport,
     check_log,
     log_info,
     read_header,
@@ -22,7 +21,7 @@ from meal_bayes.trial_log.schema import ACTIVE, FORMAT_VERSION
 from meal_bayes.trial_log.writer import TrialWriter, read_seconds, write_trials
 
 __all__ = [
-    "ACTIVE", "FORMAT_VERSION", "Follower", "Group", "LogInfo", "LogReport", "Logs", "TrialWriter",
+    "ACTIVE", "FORMAT_VERSION", "Follower", "Group", "LogInfo", "Logs", "TrialWriter",
     "check_log", "log_files", "log_info", "read_header", "read_outcomes", "read_seconds",
     "read_trials", "recover_log", "remove_drafts", "salvage", "write_trials",
 ]  # fmt: skip

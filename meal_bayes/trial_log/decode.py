@@ -198,14 +198,10 @@ def _header(data: bytes) -> dict[str, object]:
     if not isinstance(header, dict):
         raise LogCorruptError("the header is no table of names and values")
     if message.format_version != schema.FORMAT_VERSION:
-        versions = header.get("versions")
-        writer = versions.get("meal_bayes") if isinstance(versions, dict) else None
-        # The version alone is no advice: one that is not released yet may have had several formats.
-        by = f" (meal_bayes {writer})" if isinstance(writer, str) else ""
         raise LogVersionError(
             f"written in log format {message.format_version}, this meal_bayes reads format "
             f"{schema.FORMAT_VERSION}; run its configuration again, or read it with the code that "
-            f"wrote it{by}"
+            "wrote it"
         )
     return header
 

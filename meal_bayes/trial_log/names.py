@@ -13,9 +13,9 @@ from pathlib import Path
 from meal_bayes.errors import LogError
 from meal_bayes.trial_log.schema import ACTIVE, SUFFIX
 
-_RECOVERED = ".recovered"
+RECOVERED = ".recovered"
 _DRAFT = r"\.w\d+-[0-9a-f]{6}"
-_ENDINGS = re.compile(rf"({_DRAFT})?({re.escape(_RECOVERED)})?$")
+_ENDINGS = re.compile(rf"({_DRAFT})?({re.escape(RECOVERED)})?$")
 
 
 def new_draft(path: Path) -> Path:
@@ -26,11 +26,6 @@ def new_draft(path: Path) -> Path:
 def timing_of(path: Path) -> Path:
     """Name the table of seconds beside a log."""
     return path.with_suffix(".timing.csv")
-
-
-def recovered_name(path: Path) -> Path:
-    """Name the file that a torn log or draft is recovered into."""
-    return path.with_name(f"{stem_of(path)}{_RECOVERED}{SUFFIX}")
 
 
 def stem_of(path: Path) -> str:
@@ -79,7 +74,7 @@ def log_files(path: str | Path) -> list[Path]:
     best = dict[Path, tuple[tuple[int, int], Path]]()  # of each log
     for file in path.rglob(f"*{SUFFIX}*"):
         if file.name.endswith((SUFFIX, SUFFIX + ACTIVE)) and file.is_file():
-            recovered = file.name.endswith(_RECOVERED + SUFFIX)
+            recovered = file.name.endswith(RECOVERED + SUFFIX)
             kind = 0 if recovered else 1 if file.name.endswith(ACTIVE) else 2
             with contextlib.suppress(FileNotFoundError):  # it has got its name meanwhile
                 rank = (kind, file.stat().st_size), file

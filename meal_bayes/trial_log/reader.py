@@ -15,7 +15,7 @@ from meal_bayes.errors import LogCorruptError, LogError, LogVersionError
 from meal_bayes.trial_log import schema
 from meal_bayes.trial_log.container import FAULTS, fault_text, read_records
 from meal_bayes.trial_log.decode import NO_END, NO_HEADER, TrialBuilder
-from meal_bayes.trial_log.names import log_files, recovered_name
+from meal_bayes.trial_log.names import RECOVERED, log_files, stem_of
 from meal_bayes.trial_log.writer import write_trials
 from meal_bayes.trials import Trial, TrialOutcomes
 
@@ -26,27 +26,20 @@ GROUP = 100  # trials whose outcomes are computed at a time
 
 @dataclass(frozen=True, slots=True)
 class LogInfo:
-    """What a whole log holds, read without its trials."""
+    """What can be read of a log."""
 
     path: Path
-    size: int  # bytes
-    format_version: int
     form: str  # "full" or "compact"
     trials: int
     steps: int
     cost: float  # s, of all trials
     header: dict[str, object]
+    problems: tuple[str, ...] = ()
 
-
-@dataclass(frozen=True, slots=True)
-class LogReport:
-    """Result of a check."""
-
-    path: Path
-    trials: int  # that can be read back
-    steps: int  # of those
-    whole: bool  # nothing is missing, nothing was changed
-    problems: tuple[str, ...]
+    @property
+    def whole(self) -> bool:
+        """Whether nothing is missing, and nothing was changed."""
+        return not self.problems
 
 
 def read_trials(path: str | Path) -> Iterator[Trial]:
@@ -120,8 +113,7 @@ def log_info(path: str | Path) -> LogInfo:
         end, header = builder.end, builder.header
         if header is None or end is None:
             raise LogCorruptError(NO_HEADER if header is None else NO_END)
-    size = path.stat().st_size
-    return LogInfo(path, size, schema.FORMAT_VERSION, builder.form, **end._asdict(), header=header)
+    return LogInfo(path, builder.form, **end._asdict(), header=header)
 
 
 class Scan:
@@ -169,13 +161,13 @@ class Scan:
                 self.problems.append(fault_text(fault))
 
 
-def check_log(path: str | Path) -> LogReport:
+def check_log(path: str | Path) -> LogInfo:
     """Read a file to its end and report its contents and faults; damage does not raise."""
     scan = Scan(find_log(path), tolerant=True)
     for _ in scan.entries():
         pass
-    read = scan.builder.read
-    return LogReport(scan.path, read.trials, read.steps, not scan.problems, tuple(scan.problems))
+    read, header, form = scan.builder.read, scan.builder.header or {}, scan.builder.form
+    return LogInfo(scan.path, form, **read._asdict(), header=header, problems=tuple(scan.problems))
 
 
 def salvage(path: str | Path) -> Iterator[Trial | TrialOutcomes]:
@@ -201,7 +193,8 @@ def recover_log(path: str | Path, out: str | Path | None = None) -> Path:
         `out` exists; and as for `salvage`.
     """
     scan = Scan(find_log(path), tolerant=True)
-    out = recovered_name(scan.path) if out is None else Path(out)
+    beside = scan.path.with_name(f"{stem_of(scan.path)}{RECOVERED}{schema.SUFFIX}")
+    out = beside if out is None else Path(out)
     if out.exists():
         raise LogError(f"{out} exists already; remove it or name another file to recover into.")
     trials = scan.salvage()

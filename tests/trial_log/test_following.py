@@ -16,7 +16,7 @@ from meal_bayes.trial_log import (
     write_trials,
     writer,
 )
-from meal_bayes.trial_log.names import drafts_of, recovered_name, stem_of, timing_of
+from meal_bayes.trial_log.names import drafts_of, stem_of, timing_of
 
 
 def trials_of(logs):
@@ -214,7 +214,6 @@ def test_drafts_have_names_of_their_own(make, tmp_path):
             log.write(*make.trials(1), seconds=1.0)
         assert set(drafts_of(path)) == {one.active_path, other.active_path}
         assert stem_of(one.active_path) == "a [1]"
-        assert recovered_name(other.active_path) == tmp_path / "a [1].recovered.mcap"
     assert sorted(p.name for p in tmp_path.iterdir()) == ["a [1].mcap", "a [1].timing.csv"]
 
 
