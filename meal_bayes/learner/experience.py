@@ -76,6 +76,8 @@ class Experience:
         Rows (r,D) of each (behavior, modality).
     known : Rows (O,P)
         Labels of objects, the latest of each; -1 unknown.
+    tally : NDArray[np.int64]
+        (2,P) objects known to be false, and true.
     attempts : NDArray[np.int64]
         (E,2) executions that failed, and that succeeded.
     """
@@ -89,8 +91,10 @@ class Experience:
         self.executions, self.feedback = Rows(int, 4), Rows(int, 4)
         self.features: dict[Context, Rows] = {}
         self.known = Rows(np.int8, p)
-        self.attempts = np.zeros((e, 2), np.int64)
+        self.tally, self.attempts = np.zeros((2, p), np.int64), np.zeros((e, 2), np.int64)
         self._places: dict[tuple[int, int, int], int] = {}  # (object, behavior, recording)
+        self._shown: dict[int, list[int]] = {}  # instances of each trial
+        self._gathered: dict[int, list[int]] = {}  # and of each object
 
     def __repr__(self) -> str:
         """Return how much there is."""
@@ -119,8 +123,8 @@ class Experience:
                 if behavior.modalities and (number, e, r) not in self._places
             ]
             self.labels.values[fresh] = dataset.labels[o]
-            known = dataset.labels[o] >= 0
-            self.known.values[number, known] = dataset.labels[o, known]
+            columns = np.flatnonzero(dataset.labels[o] >= 0)
+            self._know(number, columns, dataset.labels[o, columns])
 
     def execute(
         self, trial: Key, object_name: str, behavior: int, *, success: int,
@@ -142,7 +146,7 @@ class Experience:
         number, place = self.trial(trial), -1
         if levels is not None:
             o = self.object(object_name)
-            r = UNNUMBERED + len(self.gathered(o))
+            r = UNNUMBERED + len(self._gathered.get(o, ()))
             if instance is not None and instance.object_index >= 0:
                 r = instance.recording
             place = self._places.get((o, behavior, r), -1)
@@ -150,6 +154,7 @@ class Experience:
                 features = None if instance is None else instance.features
                 place = self._instance(o, behavior, r, features, k)
             self.levels.values[place] = levels
+            self._shown.setdefault(number, []).append(place)
         self.executions.append((number, behavior, place, success))
         if success >= 0:
             self.attempts[behavior, success] += 1
@@ -163,7 +168,7 @@ class Experience:
             self.feedback.append((number, o, p, labels[p]))
         shown = self.shown(trial)
         self.labels.values[shown[:, None], columns] = labels[columns]
-        self.known.values[o, columns] = labels[columns]
+        self._know(o, columns, labels[columns])
         return self.gathered(o) if changed else shown
 
     def forget(self, trial: Key) -> NDArray[np.intp]:
@@ -174,18 +179,11 @@ class Experience:
         for o, p in dict.fromkeys(map(tuple, own[:, 1:3].tolist())):
             self.feedback.append((number, o, p, -1))
             latest = self._latest(o, p)
-            self.known.values[o, p] = next(reversed(latest.values()), -1)
-            executions = self.executions.values
-            for place in self.shown(trial):
-                showed = executions[executions[:, 2] == place, 0].tolist()
-                labeled = [latest[t] for t in showed if t in latest]
-                self.labels.values[place, p] = labeled[-1] if labeled else -1
+            self._know(o, np.array([p]), np.array([next(reversed(latest.values()), -1)], np.int8))
+            for place in self._shown.get(number, ()):
+                others = [t for t, shown in self._shown.items() if place in shown and t in latest]
+                self.labels.values[place, p] = latest[others[-1]] if others else -1
         return self.gathered(int(own[0, 1]) if len(own) else -1)
-
-    @property
-    def tally(self) -> NDArray[np.int64]:
-        """Objects known to be false, and true, (2,P)."""
-        return np.array([(self.known.values == value).sum(axis=0) for value in (0, 1)])
 
     @property
     def sizes(self) -> dict[Context, int]:
@@ -194,22 +192,22 @@ class Experience:
 
     def labels_for(self, names: Iterable[str]) -> Labels:
         """Return the labels (O,P) of objects by name; -1 unknown."""
-        known = np.pad(self.known.values, ((0, 1), (0, 0)), constant_values=-1)
-        return known[[self.objects.get(name, -1) for name in names]]
+        nothing = np.full(self.tally.shape[1], -1, np.int8)
+        known = self.known.values
+        return np.array([known[self.objects[n]] if n in self.objects else nothing for n in names])
 
     def executions_of(self, trial: Key) -> int:
         """Count the executions of a trial."""
-        return int((self.executions.values[:, 0] == self.trials.get(trial, -1)).sum())
+        number = self.trials.get(trial, -1)
+        return int((self.executions.values[:, 0] == number).sum()) if number >= 0 else 0
 
     def shown(self, trial: Key) -> NDArray[np.intp]:
         """Return the instances of a trial."""
-        rows = self.executions.values
-        of_trial = (rows[:, 0] == self.trials.get(trial, -1)) & (rows[:, 2] >= 0)
-        return np.asarray(rows[of_trial, 2])
+        return np.array(self._shown.get(self.trials.get(trial, -1), ()), np.intp)
 
     def gathered(self, o: int) -> NDArray[np.intp]:
         """Return the instances of an object, by its number."""
-        return np.flatnonzero(self.instances.values[:, 0] == o)
+        return np.array(self._gathered.get(o, ()), np.intp)
 
     def labels_by(self, trial: Key) -> dict[str, bool]:
         """Return the labels that were given in a trial, by attribute."""
@@ -231,7 +229,7 @@ class Experience:
         """
         instances = self.instances.values
         rows = np.arange(len(instances)) if given else np.flatnonzero(instances[:, 4] != GIVEN)
-        counts = np.zeros((len(self.objects), len(self.attempts), self.labels.values.shape[1]), int)
+        counts = np.zeros((len(self.objects), *self.attempts.shape[:1], self.tally.shape[1]), int)
         labels = self.labels_of(rows, memory=memory) >= 0
         np.add.at(counts, (instances[rows, 0], instances[rows, 1]), labels)
         return counts
@@ -288,7 +286,18 @@ class Experience:
         self.labels.append(nothing)
         place = self.instances.append((o, behavior, recording, row, k))
         self._places[o, behavior, recording] = place
+        self._gathered.setdefault(o, []).append(place)
         return place
+
+    def _know(self, o: int, columns: NDArray[np.intp], values: Labels) -> None:
+        """Set labels of an object, and count objects."""
+        for p, value in zip(columns.tolist(), values.tolist(), strict=True):
+            before = int(self.known.values[o, p])
+            if before >= 0:
+                self.tally[before, p] -= 1
+            if value >= 0:
+                self.tally[value, p] += 1
+            self.known.values[o, p] = value
 
     def _latest(self, o: int, p: int) -> dict[int, int]:
         """Return the label that each trial gives to an attribute of an object, in order."""
@@ -308,7 +317,20 @@ class Experience:
         self.trials = {key: t for t, key in enumerate(trials)}
         for name, values in rows.items():
             getattr(self, name).extend(values)
-        places = self.instances.values[:, :3].tolist()
-        self._places = {(o, e, r): n for n, (o, e, r) in enumerate(places)}
-        known = self.executions.values[self.executions.values[:, 3] >= 0]
+        instances, executions = self.instances.values, self.executions.values
+        self._places = {(o, e, r): n for n, (o, e, r) in enumerate(instances[:, :3].tolist())}
+        self._gathered = _grouped(instances[:, 0], np.arange(len(instances)))
+        perceived = executions[executions[:, 2] >= 0]
+        self._shown = _grouped(perceived[:, 0], perceived[:, 2])
+        known = executions[executions[:, 3] >= 0]
         np.add.at(self.attempts, (known[:, 1], known[:, 3]), 1)
+        for value in (0, 1):
+            self.tally[value] = (self.known.values == value).sum(axis=0)
+
+
+def _grouped(keys: NDArray[np.int64], values: NDArray[np.int64]) -> dict[int, list[int]]:
+    """Return the values of each key, in order."""
+    groups: dict[int, list[int]] = {}
+    for key, value in zip(keys.tolist(), values.tolist(), strict=True):
+        groups.setdefault(key, []).append(value)
+    return groups

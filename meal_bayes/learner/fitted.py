@@ -107,8 +107,7 @@ class Fitted:
             posterior = self.knowledge.posterior.update(after, before)
             self.knowledge = replace(self.knowledge, posterior=posterior)
             moved |= (before != after).any(axis=(1, 2, 3))
-        tally = experience.tally
-        rates = (tally[1] + 1) / (tally.sum(axis=0) + 2)
+        rates = (experience.tally[1] + 1) / (experience.tally.sum(axis=0) + 2)
         if self.agent.base_rates:
             moved |= rates != self.knowledge.base_rates
         self.knowledge = replace(self.knowledge, base_rates=rates)

@@ -72,6 +72,9 @@ def test_d_holds_what_was_shown_with_its_labels(trials, memory, forgotten):
         labels = experience.known.values[o]
         own = {p: v for p, v in enumerate(labels.tolist()) if v >= 0}
         assert own == known.get(DATASET.objects.index(name), {})
+    for value in (0, 1):
+        count = (experience.known.values == value).sum(axis=0)
+        np.testing.assert_array_equal(experience.tally[value], count)
     counts = experience.labelled(memory=memory)
     assert counts.sum() == sum(len(labels) for labels in expected.values())
     for (behavior, modality), values in dataset.features.items():

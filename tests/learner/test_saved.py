@@ -59,6 +59,7 @@ def test_everything_comes_back(taught, saved, dataset, agent, make):
         np.testing.assert_array_equal(*found)
     assert again.experience.trials == learner.experience.trials
     assert again.experience.objects == learner.experience.objects
+    np.testing.assert_array_equal(again.experience.tally, learner.experience.tally)
     np.testing.assert_array_equal(again.experience.attempts, learner.experience.attempts)
     asked = [one.ask("red", make.arm(seed=9), learn=False, key=9) for one in (learner, again)]
     np.testing.assert_array_equal(asked[0].last_belief.log_prob, asked[1].last_belief.log_prob)
