@@ -157,13 +157,19 @@ def _number(value: float, digits: int, se: float = math.nan, unknown: str = "-")
     return unknown if math.isnan(value) else f"{value:.{digits}f}{error}"
 
 
+def _counted(row: SummaryRow, broken: int) -> str:
+    """Return how many trials there are, and how many of them are not judged, and why."""
+    facts = {UNKNOWN: row.trials - row.judged - broken, "broken off": broken}
+    return f"{row.trials:,}" + "".join(f", {n:,} {why}" for why, n in facts.items() if n)
+
+
 def _agents(
     rows: list[SummaryRow], agents: Mapping[str, TrialOutcomes], outcomes: TrialOutcomes
 ) -> Section:
     head = ["agent", "trials", "accuracy", "cost, s (sd)", "reward", "NLL", "ECE", "abstained"]
     cells: list[list[str | Section]] = [
         [row.agent or "agent",
-         f"{row.trials:,}" + f", {row.trials - row.judged:,} {UNKNOWN}" * (row.trials > row.judged),
+         _counted(row, int((agents[row.agent or "agent"].ended != "").sum())),
          UNKNOWN if math.isnan(row.accuracy) else
          f"{row.accuracy:.3f} [{_number(row.accuracy_low, 3)}, {_number(row.accuracy_high, 3)}]",
          f"{row.cost_s:.1f} ({_number(row.cost_sd, 1)})",

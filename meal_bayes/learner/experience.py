@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from meal_bayes.datasets import Dataset, Instance, TrainingSet
 from meal_bayes.domain import Domain
+from meal_bayes.errors import DataError
 
 Key = tuple[str | int, ...]
 Labels = NDArray[np.int8]
@@ -19,6 +20,11 @@ Context = tuple[str, str]  # (behavior, modality)
 
 GIVEN = 0  # in place of the levels of its percepts: the instance was not gathered in a trial
 UNNUMBERED = 1 << 20  # recordings of a robot's own, after those that a data set numbers
+
+
+def told(name: str) -> Key:
+    """Return what stands for a trial where labels are told of an object by its name."""
+    return ("told", name)
 
 
 class Rows:
@@ -98,7 +104,8 @@ class Experience:
 
     def __repr__(self) -> str:
         """Return how much there is."""
-        labels = int((self.feedback.values[:, 3] >= 0).sum())
+        latest = {tuple(row[:3]): row[3] for row in self.feedback.values.tolist()}
+        labels = sum(value >= 0 for value in latest.values())
         return f"{len(self.instances)} recordings of {len(self.objects)} objects, {labels} labels"
 
     def object(self, name: str) -> int:
@@ -114,6 +121,8 @@ class Experience:
 
     def give(self, dataset: Dataset) -> None:
         """Add the recordings and labels of a data set; those that are there are not added again."""
+        for context, values in dataset.features.items():
+            self._check_size(context, values.shape[-1])
         for o, name in enumerate(dataset.objects):
             number = self.object(name)
             fresh = [
@@ -166,23 +175,37 @@ class Experience:
         changed = (self.known.values[o, columns] != labels[columns]).any()
         for p in columns:
             self.feedback.append((number, o, p, labels[p]))
-        shown = self.shown(trial)
+        shown = self.gathered(o) if trial == told(object_name) else self.shown(trial)
         self.labels.values[shown[:, None], columns] = labels[columns]
         self._know(o, columns, labels[columns])
         return self.gathered(o) if changed else shown
 
+    def complete(self, trial: Key) -> None:
+        """Give labels that were told during a trial to what it has shown since."""
+        for name, value in self.labels_by(trial).items():
+            self.labels.values[self.shown(trial), self.domain.attribute_index(name)] = value
+
     def forget(self, trial: Key) -> NDArray[np.intp]:
         """Withdraw the labels of a trial; return the instances as `label` does."""
-        number = self.trials[trial]
+        number, shown, names = self.trials[trial], self.shown(trial), list(self.objects)
         rows = self.feedback.values
         own = rows[(rows[:, 0] == number) & (rows[:, 3] >= 0)]
         for o, p in dict.fromkeys(map(tuple, own[:, 1:3].tolist())):
             self.feedback.append((number, o, p, -1))
             latest = self._latest(o, p)
-            self._know(o, np.array([p]), np.array([next(reversed(latest.values()), -1)], np.int8))
-            for place in self._shown.get(number, ()):
-                others = [t for t, shown in self._shown.items() if place in shown and t in latest]
-                self.labels.values[place, p] = latest[others[-1]] if others else -1
+            # What was given holds again, as recordings that the trial did not show have it.
+            is_given = self.instances.values[:, 4] == GIVEN
+            given = [i for i in self.gathered(o) if is_given[i] and i not in shown]
+            before = int(self.labels.values[given[0], p]) if given else -1
+            value = next(reversed(latest.values()), before)
+            self._know(o, np.array([p]), np.array([value], np.int8))
+            named = self.trials.get(told(names[o]))
+            for i in shown:
+                others = [t for t in latest if t == named or i in self._shown.get(t, ())]
+                rest = before if is_given[i] else -1
+                self.labels.values[i, p] = latest[others[-1]] if others else rest
+        for o in dict.fromkeys(own[:, 1].tolist()):
+            self._agree(o)
         return self.gathered(int(own[0, 1]) if len(own) else -1)
 
     @property
@@ -277,6 +300,8 @@ class Experience:
         """
         spec, row = self.domain.behaviors[behavior], -1
         if features and all(modality in features for modality in spec.modalities):
+            for modality in spec.modalities:  # all of them, before any is kept
+                self._check_size((spec.name, modality), len(features[modality]))
             for modality in spec.modalities:
                 values = features[modality]
                 empty = Rows(np.float32, len(values))
@@ -288,6 +313,23 @@ class Experience:
         self._places[o, behavior, recording] = place
         self._gathered.setdefault(o, []).append(place)
         return place
+
+    def _agree(self, o: int) -> None:
+        """Leave the value of a group that was told last, where two of an object are true."""
+        for values in self.domain.groups.values():
+            columns = np.array(self.domain.columns(values))
+            true = columns[self.known.values[o, columns] == 1]
+            if len(true) > 1:
+                rows = self.feedback.values
+                said = (rows[:, 1] == o) & (rows[:, 3] == 1)
+                last = [np.flatnonzero(said & (rows[:, 2] == p)).max(initial=-1) for p in true]
+                self._know(o, np.delete(true, np.argmax(last)), np.zeros(len(true) - 1, np.int8))
+
+    def _check_size(self, context: Context, size: int) -> None:
+        """Check the number of features of a behavior's modality against those that came before."""
+        before = self.sizes.get(context, size)
+        if size != before:
+            raise DataError(f"{' '.join(context)}: {size} features, where {before} came before.")
 
     def _know(self, o: int, columns: NDArray[np.intp], values: Labels) -> None:
         """Set labels of an object, and count objects."""

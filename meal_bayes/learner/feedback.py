@@ -35,12 +35,20 @@ def checked_labels(values: Mapping[str, bool | None], domain: Domain) -> NDArray
 
 
 def replacing(
-    labels: NDArray[np.int8], known: NDArray[np.int8], domain: Domain
+    labels: NDArray[np.int8], known: NDArray[np.int8], domain: Domain, name: str
 ) -> NDArray[np.int8]:
-    """Add to labels (P,) that no other value of a group is true, where `known` (P,) says so."""
+    """Add to labels (P,) of an object that no other value of a group is true, where it was `known`.
+
+    Raises
+    ------
+    SettingsError
+        Then no value of a group would be true.
+    """
     after = labels.copy()
-    for group in domain.groups.values():
-        columns = np.array(domain.columns(group))
+    for group, values in domain.groups.items():
+        columns = np.array(domain.columns(values))
         if (labels[columns] == 1).any():
             after[columns[(labels[columns] < 0) & (known[columns] == 1)]] = 0
+        if (np.where(after[columns] < 0, known[columns], after[columns]) == 0).all():
+            raise SettingsError(f"Then {name!r} would have no {group!r}; say which it has.")
     return after

@@ -1,5 +1,6 @@
 """The `Learner`: an agent and its experience; asked questions, updated by feedback, and saved."""
 
+import math
 import threading
 from collections.abc import Mapping
 from pathlib import Path
@@ -22,6 +23,7 @@ from meal_bayes.learner.sessions import Question
 from meal_bayes.learner.settings import LearnerSettings, check_data, own_posterior
 from meal_bayes.momdp import MOMDP
 from meal_bayes.robots import Robot
+from meal_bayes.robots.recorded import RecordedRobot
 from meal_bayes.trials import Session, Trial, run_trial
 
 
@@ -93,7 +95,10 @@ class Learner:
             reward=self.domain.report_reward if reward is None else reward,
             percepts=percepts,
         )
-        self.seed, self.reward, self.horizon = seed, reward, horizon
+        if not (math.isfinite(horizon) and horizon >= 0):
+            raise SettingsError(f"horizon is {horizon}; give queries to come, 0 or more.")
+        self.seed, self.horizon = int(seed), float(horizon)
+        self.reward = None if reward is None else float(reward)
         self.logs = None if logs is None else Path(logs)
         self.experience = Experience(self.domain)
         self.fits = Fits(self.experience, settings, refit_every)
@@ -217,7 +222,7 @@ class Learner:
         sessions.check_robot(self, robot)
         session = sessions.open_session(
             self, question, object_name, key=key, log=log, truth=truth, learn=learn,
-            limit=getattr(robot, "limit", np.inf), **options,
+            limit=robot.limit if isinstance(robot, RecordedRobot) else np.inf, **options,
         )  # fmt: skip
         return run_trial(session, sessions.robot_of(self, session.task) if robot is None else robot)
 
@@ -237,8 +242,9 @@ class Learner:
         **options
             All others are as for `ask`.
         """
-        session = sessions.open_session(self, question, object_name, **options)
-        return session.start(self.domain.diagram.start if state is None else state)
+        state = self.domain.diagram.start if state is None else state
+        session = sessions.open_session(self, question, object_name, state=state, **options)
+        return session.start(state)
 
     def resume(self, log: str | Path) -> Session:
         """Go on with a trial whose process ended in the middle of it, from its log.
@@ -257,8 +263,9 @@ class Learner:
             The log holds no trial that is under way, or not of this learner's.
         """
         before, path, header = sessions.interrupted(Path(log))
-        streams, start = tuple(header["streams"]), self.domain.diagram.start
-        session = sessions.session_of(self, before.task, streams, truth=before.truth)
+        streams, begun = tuple(header["streams"]), dict(header["begun"])
+        start = begun.pop("state", None) or self.domain.diagram.start
+        session = sessions.session_of(self, before.task, streams, truth=before.truth, **begun)
         session.start(before.momdp.x_names[before.steps[0].x] if before.steps else start)
         session.repeat(before.steps)
         session.record(sessions.LiveLog(path, header))

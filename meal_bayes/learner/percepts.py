@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from meal_bayes.datasets import Instance, object_index
 from meal_bayes.domain import Query
 from meal_bayes.errors import SettingsError
-from meal_bayes.learner.experience import Experience
+from meal_bayes.learner.experience import Experience, told
 from meal_bayes.learner.feedback import checked_labels, replacing
 from meal_bayes.learner.fitted import Fitted
 from meal_bayes.momdp import MOMDP
@@ -58,8 +58,10 @@ class Witness:
 
     def end(self, trial: Trial) -> None:
         """Learn from the trial: labels of an object that is recognized are known already."""
+        experience, key = self._learner.experience, trial.task.key
         with self._learner.lock:
-            self._learner.fits.update(self._learner.experience.shown(trial.task.key))
+            experience.complete(key)
+            self._learner.fits.update(experience.shown(key))
 
 
 def recall(learner: "Learner", *logs: str | Path) -> list[Trial]:
@@ -85,7 +87,6 @@ def recall(learner: "Learner", *logs: str | Path) -> list[Trial]:
             for trial in group.trials:
                 known = trial.task.key in experience.trials
                 if not known and trial.momdp.levels == learner.agent.levels:
-                    experience.trial(trial.task.key)
                     record_trial(experience, trial)
                     recalled.append(trial)
         learner.refit()
@@ -101,7 +102,7 @@ def tell(learner: "Learner", trial: Trial | str, values: Mapping[str, bool | Non
     name = trial.task.object_name if isinstance(trial, Trial) else trial
     if not isinstance(name, str):
         raise SettingsError(f"Labels are of a trial or an object's name; found {name!r:.60}.")
-    key = trial.task.key if isinstance(trial, Trial) else ("told", name)
+    key = trial.task.key if isinstance(trial, Trial) else told(name)
     if learner.table is not None:
         object_index(learner.table.objects, name)
         fits.clear()
@@ -110,13 +111,20 @@ def tell(learner: "Learner", trial: Trial | str, values: Mapping[str, bool | Non
         if perceived and trial.momdp.levels != learner.agent.levels:
             raise SettingsError("The trial has other levels; give one of this learner's.")
         record_trial(experience, trial)
-    labels = replacing(labels, experience.labels_for([name])[0], learner.domain)
+    labels = replacing(labels, experience.labels_for([name])[0], learner.domain, name)
     fits.update(experience.label(key, name, labels))
     fits.grow(len(experience.shown(key)) * int((labels >= 0).sum()))
 
 
 def record_trial(experience: Experience, trial: Trial) -> None:
     """Record the steps of a trial of another learner's, with what they show of the percepts."""
+    theirs, own = trial.momdp.behavior_names, experience.domain.behavior_names
+    if theirs != own:
+        raise SettingsError(
+            f"The trial {trial.task.name!r} has the behaviors {', '.join(theirs)}; this learner's "
+            f"domain has {', '.join(own)}. Load the domain of that trial."
+        )
+    experience.trial(trial.task.key)
     for step in trial.steps:
         if step.decision.action < trial.momdp.n_behaviors:
             record_step(experience, trial.task, trial.momdp, step)
@@ -140,7 +148,9 @@ def record_step(
     before = step.belief.percept_counts[0, e].sum() - shows
     success = -1
     if momdp.legal[step.x, e] and before < momdp.limit[e]:
-        success = int(shows or step.next_x != step.x)
+        # Where the diagram does not lead, it was not meant to go.
+        meant = momdp.transition[e, step.x, step.next_x] > 0
+        success = int(shows or (step.next_x != step.x and meant))
     experience.execute(
         task.key, task.object_name, e, success=success, instance=instance,
         levels=levels, k=momdp.levels,

@@ -71,26 +71,28 @@ def interrupted(log: Path) -> tuple[Trial, Path, dict[str, Any]]:
     draft = next((path for path in [log, *drafts_of(log)] if path.is_file()), log)
     header, trials = read_header(draft), list(salvage(draft))
     last = trials[-1] if trials else None
-    if not isinstance(last, Trial) or not last.ended or not isinstance(header.get("streams"), list):
+    if not isinstance(last, Trial) or not last.ended or not isinstance(header.get("begun"), dict):
         raise LogError(f"{draft} holds no trial that was broken off; there is nothing to resume.")
     return last, draft.with_name(stem_of(draft) + ".mcap"), header
 
 
 def open_session(
     learner: "Learner", question: Question, object_name: str | None, *,
-    key: str | int | None = None, log: str | Path | None = None, **options: Any,
+    key: str | int | None = None, log: str | Path | None = None, state: str | None = None,
+    **options: Any,
 ) -> Session:  # fmt: skip
     """Return the session of a question, logged, but not started yet."""
     task, streams = task_of(learner, question, object_name, key)
     session = session_of(learner, task, streams, **options)
-    record(learner, session, question, log)
+    record(learner, session, question, log, learn=options.get("learn"), state=state)
     return session
 
 
 def record(
-    learner: "Learner", session: Session, question: Question, log: str | Path | None = None
-) -> None:
-    """Log a session, in the folder of logs by default, if there is one."""
+    learner: "Learner", session: Session, question: Question, log: str | Path | None = None,
+    **begun: Any,
+) -> None:  # fmt: skip
+    """Log a session, in the folder of logs by default, if there is one; with how it was begun."""
     if log is None and learner.logs is None:
         return
     place = Path(learner.logs or "") / file_name(learner.domain.name) if log is None else Path(log)
@@ -98,6 +100,7 @@ def record(
     header = {
         "config": config, "seed": learner.seed, "data": learner.domain.data,
         "streams": list(session.key),
+        "begun": {**begun, "max_steps": int(session.max_steps), "max_cost": session.max_cost},
     }  # fmt: skip
     session.record(LiveLog(place, header, session.task.object_name))
 
@@ -194,10 +197,10 @@ def commanded(
         perceiver = witness = Witness(learner, task, momdp, fit, options.get("on_step"))
         if learn:
             options |= {"on_step": witness.record, "on_end": witness.end}
+    boundary = Boundary(domain, object_index=o, sizes=lambda: learner.experience.sizes)
     return Session(
-        task, momdp, policy, Boundary(domain, object_index=o, sizes=learner.experience.sizes),
-        perceiver, agent=learner.agent.name, counts=fit.knowledge.posterior.counts[columns],
-        **options,
+        task, momdp, policy, boundary, perceiver, agent=learner.agent.name,
+        counts=fit.knowledge.posterior.counts[columns], **options,
     )  # fmt: skip
 
 

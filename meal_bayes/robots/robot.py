@@ -5,7 +5,7 @@ for the viewer.
 """
 
 import warnings
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
@@ -19,7 +19,6 @@ from meal_bayes.errors import RobotError
 
 Features = dict[str, NDArray[np.float32]]
 Sizes = Mapping[tuple[str, str], int]  # (behavior, modality) -> D
-_NONE: Sizes = {}
 SOLID, SHELL, BALL = range(3)
 
 
@@ -81,13 +80,15 @@ class Boundary:
     """What a robot returns, checked: every outcome fits the domain, and has indices for names.
 
     A state that the domain does not know raises `RobotError`. A modality that is missing, of
-    another size than those learned from (`sizes`, where known), or not of finite numbers is left
+    another size than those learned from (`sizes()`, where known), or not of finite numbers is left
     out, with a warning; the percept is made from the others, and where there are none the trial
     goes on without. Modalities that the behavior does not have are left aside. The object has its
     index in the data set, or -1 where nothing is recorded of it.
     """
 
-    def __init__(self, domain: Domain, *, object_index: int = -1, sizes: Sizes = _NONE) -> None:
+    def __init__(
+        self, domain: Domain, *, object_index: int = -1, sizes: Callable[[], Sizes] = dict
+    ) -> None:
         self._domain, self._object, self._sizes = domain, object_index, sizes
         self._x = {name: x for x, name in enumerate(domain.diagram.states)}
         self._n_sensed, self._warned = 0, set[str]()
@@ -172,7 +173,7 @@ class Boundary:
             values = real_values(sensed[modality])
         except (TypeError, ValueError, OverflowError) as fault:
             raise _NoPercept(f"{modality} does not hold numbers") from fault
-        size = self._sizes.get((behavior, modality), values.size)
+        size = self._sizes().get((behavior, modality), values.size)
         if values.shape != (size,):
             raise _NoPercept(f"{modality} has shape {values.shape}, expected ({size},)")
         if not np.isfinite(values).all():

@@ -107,7 +107,7 @@ class Session:
         self.history = History(self.belief)
         self.steps: list[Step] = []
         self.report: NDArray[np.bool_] | None = None
-        self.max_steps, self.max_cost = max_steps, np.inf if max_cost is None else max_cost
+        self.max_steps, self.max_cost = max_steps, max_cost
         self._policy, self._boundary, self._perceiver = policy, boundary, perceiver
         self._counts, self.key = counts, task.key if key is None else key
         self.rng = stream(seed, "planner", agent, *self.key)
@@ -182,10 +182,13 @@ class Session:
         self._at, action = "robot", self._decision.action
         execution = self._boundary.execute(action, outcome)
         self._at, x, cost = "perceiver", self.belief.x, float(self.momdp.cost[action])
+        if execution.next_x == x and not self.momdp.observation_probability[action, x, x]:
+            sensed = execution.instance is not None or execution.answers is not None
+            execution = Execution(x, warning="it failed: what it sensed is left aside" * sensed)
         percept, warning = self._perceive(execution)
         transition = Transition(action, execution.next_x, percept)
         after = update_belief(self.belief, self.momdp, transition)
-        decision, next_x = self._decision, execution.next_x
+        decision, next_x, self._decision = self._decision, execution.next_x, None
         self._append(Step(x, decision, next_x, percept, cost, -cost, after, warning))
         self._decide()
 
@@ -254,7 +257,8 @@ class Session:
         self._at, momdp = "planner", self.momdp
         decision, limit = self._policy.decide(self.history, self.rng), ""
         if decision.action < momdp.n_behaviors:
-            if self.history.cost + float(momdp.cost[decision.action]) > self.max_cost:
+            cost = self.history.cost + float(momdp.cost[decision.action])
+            if self.max_cost is not None and cost > self.max_cost:
                 limit = f"max_cost = {self.max_cost:g} s"
             if len(self.steps) >= self.max_steps:
                 limit = f"max_steps = {self.max_steps}"

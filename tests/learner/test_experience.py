@@ -156,6 +156,26 @@ def test_another_value_of_a_group_replaces_the_earlier_one():
     assert (known["rice"], known["beans"]) == (0, 1)
 
 
+def test_no_label_leaves_a_group_without_a_value_or_with_two():
+    learner = Learner("roc36", agent="greedy", logs=None)
+    values = learner.domain.groups["content"]
+    for name in values[:-1]:
+        learner.tell("jar", {name: False})
+    with pytest.raises(SettingsError, match="'jar' would have no 'content'"):
+        learner.tell("jar", {values[-1]: False})
+    experience = learner.experience
+    for number, name in enumerate(values[:3]):
+        label = np.full(len(learner.domain.attributes), -1, np.int8)
+        label[learner.domain.attribute_index(name)] = 1
+        for other in values[:number][-1:]:  # the last one, as it was true
+            label[learner.domain.attribute_index(other)] = 0
+        experience.label((number,), "can", label)
+    experience.forget((1,))  # by which the first value was not true
+    columns = list(learner.domain.columns(values[:3]))
+    assert experience.labels_for(["can"])[0, columns].tolist() == [0, 0, 1]
+    learner.refit()
+
+
 class Arm:
     def start(self):
         return "x0"

@@ -1,5 +1,6 @@
 """Trials with a live robot: what is wrong is no percept, and no step is ever lost."""
 
+import dataclasses
 import math
 import os
 import re
@@ -13,8 +14,9 @@ import pytest
 
 from meal_bayes.datasets import Dataset
 from meal_bayes.domain import domain_from_table
-from meal_bayes.errors import LogError, RobotError
+from meal_bayes.errors import DataError, LogError, RobotError, SettingsError
 from meal_bayes.evaluation import summarize
+from meal_bayes.learner import Learner
 from meal_bayes.robots import Boundary, Outcome
 from meal_bayes.trial_log import check_log, read_trials, recover_log, salvage
 
@@ -254,3 +256,77 @@ def test_a_folder_that_cannot_be_made_is_told(dataset, make, tmp_path):
     learner = make.learner(dataset, logs=tmp_path)
     with pytest.raises(LogError, match=r"kitchen.* cannot be written"):
         learner.begin("red")
+
+
+def test_what_is_sensed_in_a_motion_that_failed_is_left_aside(dataset, make):
+    learner = make.learner(dataset)
+    with pytest.warns(UserWarning, match="yielded nothing several times"):
+        trial = learner.ask("full", Faulty(Outcome("table", {"force": [5.5]})), learn=True)
+    lifts = [step for step in trial.steps if step.decision.action == 1]
+    assert 2 <= len(lifts) <= 3
+    assert {step.warning for step in lifts} == {"it failed: what it sensed is left aside"}
+    assert learner.experience.attempts[1].tolist() == [len(lifts), 0]
+
+
+def test_a_way_that_the_diagram_does_not_have_is_no_success(dataset, make):
+    learner = make.learner(dataset, make.agent("look", **make.ours))
+    learner.ask("red", Faulty(Outcome("held")))
+    assert learner.experience.attempts[0].tolist() == [1, 0]
+
+
+def test_labels_reach_what_a_trial_shows_before_and_after_them(dataset, make):
+    learner = make.learner(dataset, make.agent("look", "look", **make.ours))
+    arm, session = make.arm(red=True), learner.begin("red", object_name="mug")
+    session.observe(Outcome(arm.start(), arm.execute("look").features))
+    learner.tell(session.trial, {"red": True})
+    session.observe(arm.execute("look"))
+    rows = learner.experience.shown(session.task.key)
+    assert learner.experience.labels.values[rows, 0].tolist() == [1, 1]
+    learner.tell("mug", {"full": True})  # by its name: all that it has shown
+    assert learner.experience.labels.values[rows, 1].tolist() == [1, 1]
+
+
+def test_to_forget_a_word_restores_the_label_of_the_data(dataset, make):
+    learner = make.learner(dataset, make.agent("look", **make.ours))
+    before = learner.experience.labels_for(["cup 1"]).tolist()
+    trial = learner.ask("red", make.arm(), object_name="cup 1")
+    learner.tell(trial, {"red": False})
+    assert learner.experience.labels_for(["cup 1"]).tolist() != before
+    assert repr(learner.experience).endswith(" 1 labels")
+    learner.tell(trial, {"red": False})
+    assert repr(learner.experience).endswith(" 1 labels")
+    learner.forget(trial)
+    assert learner.experience.labels_for(["cup 1"]).tolist() == before
+
+
+def test_sizes_are_those_of_the_first_features_whoever_gave_them(dataset, make):
+    learner = make.learner(dataset, make.agent("look", **make.ours))
+    empty = Learner(dataset.domain, agent=learner.agent, logs=None)
+    sessions = [empty.begin("red") for _ in range(2)]
+    sessions[0].observe(Outcome("table", {"color": GOOD}))
+    sessions[1].observe(Outcome("table", {"color": [9.0]}))
+    assert sessions[1].trial.steps[0].observation is None
+    narrow = {context: values[..., :1] for context, values in dataset.features.items()}
+    with pytest.raises(DataError, match="look color: 1 features, where 3 came before"):
+        learner.fit(dataclasses.replace(dataset, features=narrow))
+
+
+def test_trials_of_other_behaviors_are_refused(dataset, make):
+    trial = make.learner(dataset, make.agent("look", **make.ours)).ask("red", make.arm())
+    table = make.kitchen | {"behaviors": make.kitchen["behaviors"][::-1]}
+    other = Learner(domain_from_table(table), agent=make.agent("look", **make.ours), logs=None)
+    with pytest.raises(SettingsError, match="has the behaviors look, lift, reset"):
+        other.tell(trial, {"red": True})
+    assert len(other.experience.executions) == 0
+
+
+def test_an_outcome_counts_once_where_a_callback_raises(dataset, make):
+    def broken(step):
+        raise OSError
+
+    learner = make.learner(dataset, make.agent("look", "look", **make.ours))
+    session = learner.begin("red", on_step=broken)
+    for fault in (OSError, SettingsError):
+        with pytest.raises(fault):
+            session.observe(Outcome("table", {"color": GOOD}))
+    assert len(session.steps) == 1

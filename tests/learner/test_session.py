@@ -169,6 +169,22 @@ def test_a_restart_with_other_knowledge_is_refused(dataset, make, tmp_path):
     session.cancel()
 
 
+def test_a_restart_knows_how_the_trial_was_begun(dataset, make, tmp_path):
+    agent = make.agent("reset", *PLAN, **make.ours)
+    learner = make.learner(dataset, agent, logs=tmp_path)
+    first = learner.begin("red", state="held", max_steps=2, max_cost=2.0, learn=False)
+    (draft,) = (tmp_path / "kitchen").glob("*.active")
+    recorded = len(learner.experience.instances)
+    second = make.learner(dataset, agent, logs=tmp_path).resume(draft)
+    assert second.behavior == "reset"  # as on the table it is not allowed
+    arm = make.arm()
+    arm.state = "held"
+    trial = drive(second, arm)
+    assert trial.steps[-1].warning == "the best answer when max_steps = 2 was reached"
+    assert len(learner.experience.instances) == recorded
+    first._recorder._file.close()
+
+
 def test_eight_threads_disturb_nothing(dataset, make, tmp_path):
     learner = make.learner(dataset, logs=tmp_path)
     plain = make.learner(dataset)
