@@ -1,6 +1,5 @@
 """Agents given as values, in processes and after an edit, and what their digest covers."""
 
-import dataclasses
 import importlib
 import json
 import os
@@ -54,19 +53,6 @@ def test_on_the_command_line(module, tmp_path, monkeypatch):
         assert "Traceback" not in done.output
 
 
-def flat(knowledge, columns):
-    """An observation model by which percepts tell nothing."""
-    confusion, precision = knowledge.posterior.select(columns, exact=True)
-    return np.full_like(confusion, 1 / confusion.shape[-1]), precision, None
-
-
-def test_an_observation_model_is_a_value(tmp_path):
-    deaf = dataclasses.replace(AGENTS["predefined"], name="deaf", observation_model=flat)
-    run = run_offline(OfflineConfig("cy101", 1, 4, (deaf,)), logs=tmp_path)
-    for trial in run.trials():
-        np.testing.assert_allclose(trial.last_belief.positive, 0.5)
-
-
 def test_online_runs_take_them_too(own_data, module, tmp_path, contents):
     looker = module(2).Looker()
     config = OnlineConfig(
@@ -90,8 +76,6 @@ def test_what_an_agent_is():
     for wrong in (7, None, object()):
         with pytest.raises(SettingsError, match="a planner with a method solve"):
             as_agent(wrong)
-    with pytest.raises(SettingsError, match="named twice"):
-        OfflineConfig("roc36", agents=(solver, solver))
     assert isinstance(OfflineConfig("roc36", agents=("bayes",)).agents[0], Agent)
 
 

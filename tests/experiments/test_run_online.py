@@ -161,12 +161,6 @@ def test_a_run_that_stops_goes_on_to_the_same_end(
     assert not list(run.folder.rglob("*.active"))
 
 
-@pytest.mark.long
-def test_two_processes_write_the_same_files(config, whole, tmp_path, contents):
-    run = run_online(config, logs=tmp_path, jobs=2)
-    assert contents(run.folder) == whole
-
-
 def test_agents_and_repeats_join_the_folder(finished, config, contents):
     more = replace(config, agents=("iterative_random_legal",), repeats=1)
     before = contents(finished.folder)

@@ -1,6 +1,5 @@
 """Sessions: a trial driven from outside, from threads and asyncio, across restarts."""
 
-import asyncio
 import threading
 from concurrent.futures import ThreadPoolExecutor
 
@@ -211,23 +210,6 @@ def test_a_session_begun_in_one_thread_goes_on_in_another(learner, make):
         thread.start()
         thread.join()
     assert session.report is not None
-
-
-def test_fifty_coroutines_take_turns(dataset, make):
-    learner, plain = make.learner(dataset), make.learner(dataset)
-
-    async def one(k):
-        session, arm = learner.begin("red", key=k), started(make.arm(seed=k))
-        while session.behavior is not None:
-            await asyncio.sleep(0)  # the arm moves
-            session.observe(arm.execute(session.behavior))
-        return session.trial
-
-    async def every():
-        return await asyncio.gather(*map(one, range(50)))
-
-    for k, trial in enumerate(asyncio.run(every())):
-        assert_same(trial, plain.ask("red", make.arm(seed=k), key=k))
 
 
 def test_two_sessions_have_no_object_and_no_trial_in_common(dataset, make, tmp_path):
