@@ -52,7 +52,7 @@ class TestRunningAgain:
     def test_only_what_is_missing_or_unfinished_is_run(self, finished, contents):
         before, lost = contents(finished.folder), finished.paths[1]
         times = {path: path.stat().st_mtime_ns for path in finished.paths if path != lost}
-        torn = lost.with_name(lost.name + ".active")
+        torn = lost.with_name(f"{lost.stem}.w1-abcdef.mcap.active")
         torn.write_bytes(lost.read_bytes()[:5000])
         lost.unlink()
         steps = []
