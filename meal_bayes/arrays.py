@@ -1,4 +1,4 @@
-"""Read-only arrays, and checks of values that others give.
+"""Read-only arrays, arrays that grow, and checks of values that others give.
 
 Every array field of a public type goes through `freeze` at birth.
 """
@@ -90,3 +90,35 @@ def real_values(values: ArrayLike) -> NDArray[np.float32]:
         raise ValueError(f"found {name}; expected real numbers")
     with np.errstate(over="ignore"):  # to infinity, which callers refuse
         return array.astype(np.float32)
+
+
+class Rows:
+    """An array that grows at its end, at constant cost; `width` is that of its further axes."""
+
+    def __init__(self, dtype: type, *width: int) -> None:
+        self._held: NDArray[Any] = np.empty((8, *width), dtype)
+        self._count = 0
+
+    def __len__(self) -> int:
+        return self._count
+
+    @property
+    def values(self) -> NDArray[Any]:
+        """The rows so far, (n, ...)."""
+        return self._held[: self._count]
+
+    def extend(self, rows: Any) -> None:
+        """Append rows (m, ...)."""
+        needed = self._count + len(rows)
+        if needed > len(self._held):
+            size = max(needed, 2 * len(self._held)), *self._held.shape[1:]
+            larger = np.empty(size, self._held.dtype)
+            larger[: self._count] = self.values
+            self._held = larger
+        self._held[self._count : needed] = rows
+        self._count = needed
+
+    def append(self, row: Any) -> int:
+        """Append a row, and return its number."""
+        self.extend(np.asarray(row, self._held.dtype)[None])
+        return self._count - 1

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from meal_bayes.arrays import Rows
 from meal_bayes.datasets import Dataset, Instance, TrainingSet
 from meal_bayes.domain import Domain
 from meal_bayes.errors import DataError
@@ -25,38 +26,6 @@ UNNUMBERED = 1 << 20  # recordings of a robot's own, after those that a data set
 def told(name: str) -> Key:
     """Return what stands for a trial where labels are told of an object by its name."""
     return ("told", name)
-
-
-class Rows:
-    """An array that grows at its end, at constant cost; `width` is that of its further axes."""
-
-    def __init__(self, dtype: type, *width: int) -> None:
-        self._held: NDArray[Any] = np.empty((8, *width), dtype)
-        self._count = 0
-
-    def __len__(self) -> int:
-        return self._count
-
-    @property
-    def values(self) -> NDArray[Any]:
-        """The rows so far, (n, ...)."""
-        return self._held[: self._count]
-
-    def extend(self, rows: Any) -> None:
-        """Append rows (m, ...)."""
-        needed = self._count + len(rows)
-        if needed > len(self._held):
-            size = max(needed, 2 * len(self._held)), *self._held.shape[1:]
-            larger = np.empty(size, self._held.dtype)
-            larger[: self._count] = self.values
-            self._held = larger
-        self._held[self._count : needed] = rows
-        self._count = needed
-
-    def append(self, row: Any) -> int:
-        """Append a row, and return its number."""
-        self.extend(np.asarray(row, self._held.dtype)[None])
-        return self._count - 1
 
 
 class Experience:

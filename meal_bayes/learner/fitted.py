@@ -15,10 +15,11 @@ from numpy.typing import NDArray
 
 from meal_bayes.agents import Agent, Knowledge, Progress, information_value
 from meal_bayes.agents.knowledge import knowledge_of
+from meal_bayes.arrays import Rows
 from meal_bayes.datasets import TrainingSet
 from meal_bayes.datasets.percepts import BIN_EDGES, levels_of, round_log_odds
 from meal_bayes.domain import Query, learn_success
-from meal_bayes.learner.experience import GIVEN, Experience, Rows
+from meal_bayes.learner.experience import GIVEN, Experience
 from meal_bayes.learner.settings import LearnerSettings
 from meal_bayes.momdp import MOMDP
 from meal_bayes.perception import (

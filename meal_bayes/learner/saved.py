@@ -21,11 +21,12 @@ from numpy.typing import NDArray
 
 from meal_bayes.agents import Knowledge
 from meal_bayes.agents.named import AGENTS
+from meal_bayes.arrays import Rows
 from meal_bayes.datasets import PerceptTable
 from meal_bayes.domain import Domain, domain_from_table, domain_table
 from meal_bayes.errors import DataError, MealBayesError, SettingsError
 from meal_bayes.files import draft_of
-from meal_bayes.learner.experience import Experience, Rows
+from meal_bayes.learner.experience import Experience
 from meal_bayes.learner.learner import Learner
 from meal_bayes.perception import Perception
 from meal_bayes.perception.ensemble import BehaviorClassifier, KernelFit
