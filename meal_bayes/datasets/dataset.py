@@ -164,10 +164,8 @@ class Dataset:
     def _facts(self) -> tuple[str, dict[str, str]]:
         counts = self.recording_counts[:, self.domain.recorded]
         sizes = [values.shape[2] for values in self.features.values()]
-        known = {
-            name: int((self.labels == v).sum())
-            for name, v in (("true", 1), ("false", 0), ("unknown", -1))
-        }
+        values = {"true": 1, "false": 0, "unknown": -1}
+        known = (f"{(self.labels == value).sum()} {name}" for name, value in values.items())
         ragged = (counts < self.recordings).any()
         number = f"{counts.min()} to {self.recordings}" if ragged else f"{self.recordings}"
         return f"Dataset {self.domain.name}", {
@@ -175,7 +173,7 @@ class Dataset:
             "behaviors": f"{counts.shape[1]} that sense, {number} recordings of each",
             "features": f"{len(sizes)} contexts of {min(sizes)} to {max(sizes)}",
             "attributes": f"{len(self.domain.attributes)}: {listed(self.domain.attributes)}",
-            "labels": ", ".join(f"{number} {name}" for name, number in known.items()),
+            "labels": ", ".join(known),
         }
 
     @property

@@ -166,13 +166,9 @@ def load_cy101(domain: Domain, folder: Path) -> Dataset:
 
 
 def _features(
-    domain: Domain,
-    objects: Sequence[str],
-    files: Path,
-    key_columns: Sequence[str],
-    recordings: int,
-    keyed: Callable[[Context, FeatureRows], FeatureRows],
-) -> dict[Context, NDArray[np.float32]]:
+    domain: Domain, objects: Sequence[str], files: Path, key_columns: Sequence[str],
+    recordings: int, keyed: Callable[[Context, FeatureRows], FeatureRows],
+) -> dict[Context, NDArray[np.float32]]:  # fmt: skip
     """Read and join the files of a domain; `keyed` gives rows the keys (object, recording)."""
     paths = ((context, files.with_name(files.name.format(*context))) for context in domain.contexts)
     contexts = ((context, keyed(context, read_features(p, key_columns))) for context, p in paths)

@@ -76,12 +76,9 @@ def kernel_problem(grams: Floats, truth: NDArray[np.bool_], groups: Ints, noise:
 
 
 def landmark_problem(
-    kernels: Floats,
-    landmarks: Floats,
-    truth: NDArray[np.bool_],
-    groups: tuple[Ints, Ints],
+    kernels: Floats, landmarks: Floats, truth: NDArray[np.bool_], groups: tuple[Ints, Ints],
     noise: float,
-) -> Problem:
+) -> Problem:  # fmt: skip
     """Build the normal equations of recordings that are compared with landmarks; groups are folds.
 
     Kernels (M,n,m) are of recordings with landmarks, `landmarks` (M,m,m) those of landmarks with

@@ -38,13 +38,9 @@ def answer(
 
 
 def person_says(
-    domain: Domain,
-    labels: NDArray[np.int8],
-    instance: Instance,
-    query: Query,
-    levels: int,
+    domain: Domain, labels: NDArray[np.int8], instance: Instance, query: Query, levels: int,
     rng: np.random.Generator,
-) -> NDArray[np.int8] | None:
+) -> NDArray[np.int8] | None:  # fmt: skip
     """Draw the answer of a person who knows labels (O,P); None of behaviors that do not ask."""
     accuracy = domain.behaviors[domain.behavior_index(instance.behavior)].answer_accuracy
     if accuracy is None:

@@ -77,15 +77,9 @@ def _objective(
 
 @partial(_kernel, fastmath=True)
 def _derivatives(
-    theta: Floats,
-    features: Floats,
-    target: Floats,
-    weight: Floats,
-    ridge: float,
-    rate: Floats,
-    gradient: Floats,
-    hessian: Floats,
-) -> None:
+    theta: Floats, features: Floats, target: Floats, weight: Floats, ridge: float, rate: Floats,
+    gradient: Floats, hessian: Floats,
+) -> None:  # fmt: skip
     """Compute gradient and Hessian (lower triangle) of the objective, in place."""
     n_features, n = features.shape
     scratch = np.empty((2, n))  # residuals w (p - y) and curvatures w p (1 - p)
@@ -196,14 +190,9 @@ def _weigh(target: Floats, base: Floats, balanced: bool, weight: Floats) -> bool
 
 @partial(_kernel, fastmath=True)
 def _leave_set(
-    inverse: Floats,
-    dual: Floats,
-    target: Floats,
-    rows: Ints,
-    held: Floats,
-    across: Floats,
+    inverse: Floats, dual: Floats, target: Floats, rows: Ints, held: Floats, across: Floats,
     known: Floats,
-) -> None:
+) -> None:  # fmt: skip
     """Score the rows of S by classifiers without S, and prepare the rest.
 
     Leaving G out, the decision on G is y_G - inv(C^-1[G,G]) (C^-1 y)_G. Writes `held` (P,q), and
@@ -237,15 +226,9 @@ def _leave_set(
 
 @partial(_kernel, fastmath=True)
 def _score_others(
-    inverse: Floats,
-    dual: Floats,
-    target: Floats,
-    starts: Ints,
-    out: Ints,
-    across: Floats,
-    known: Floats,
-    decisions: Floats,
-) -> None:
+    inverse: Floats, dual: Floats, target: Floats, starts: Ints, out: Ints, across: Floats,
+    known: Floats, decisions: Floats,
+) -> None:  # fmt: skip
     """Score every other object k without S and k, `decisions` (P,n); 0 on S itself.
 
     The formula of `_leave_set` for G = S + {k}, solved for k's part by a Schur complement, as S is
@@ -280,15 +263,9 @@ def _score_others(
 
 @_kernel
 def score_without(
-    left_out: Ints,
-    inverses: Floats,
-    duals: Floats,
-    targets: Floats,
-    starts: Ints,
-    nested: bool,
-    held: Floats,
-    decisions: Floats,
-) -> None:
+    left_out: Ints, inverses: Floats, duals: Floats, targets: Floats, starts: Ints, nested: bool,
+    held: Floats, decisions: Floats,
+) -> None:  # fmt: skip
     """Decide by classifiers that never saw S: on S itself, and on each other object k.
 
     S are the objects `left_out` (s,). `inverses` (M,n,n) and `duals` (M,P,n) are C^-1 and C^-1 y of
@@ -316,15 +293,9 @@ def score_without(
 
 @_kernel
 def fit_stackers(
-    base: Floats,
-    decisions: Floats,
-    targets: Floats,
-    ridge: float,
-    nonnegative: bool,
-    balanced: bool,
-    weights: Floats,
-    losses: Floats,
-) -> None:
+    base: Floats, decisions: Floats, targets: Floats, ridge: float, nonnegative: bool,
+    balanced: bool, weights: Floats, losses: Floats,
+) -> None:  # fmt: skip
     """Fit one stacker an attribute on decisions (M,P,n) on recordings of weight `base` (n,).
 
     What is left out has the weight 0. Newton's method starts from `weights` (P,1+M), intercept and
