@@ -141,11 +141,7 @@ class ConfusionPosterior:
 
     @property
     def informative(self) -> NDArray[np.bool_]:
-        """Whether TPR - FPR > 0, (P,E), in the percepts counted and in the mean.
-
-        Leaving an object out lowers the base rate of its class, so an uninformative classifier
-        votes against the held-out label: a negative difference is an artifact.
-        """
+        """Whether TPR - FPR > 0 (see `perception.confusion.youden`) in counts and mean, (P,E)."""
         return freeze((youden(self.counts) > 0) & (youden(self.mean) > 0), np.bool_)
 
     def update(self, counts: ArrayLike, before: ArrayLike | None = None) -> Self:

@@ -61,7 +61,6 @@ def test_wilson_holds_the_fraction(n, data):
     [
         (lambda: clustered([1, 2], [1]), "one for each"),
         (lambda: clustered([], []), "one for each"),
-        (lambda: wilson_interval(3, 2), "3 hits of 2"),
     ],
 )
 def test_wrong_input_teaches(call, says):
