@@ -42,7 +42,7 @@ def test_an_export_does_not_replace_its_table(table, fails):
     [
         (("report", "{log}", "-o", "file/a.html"), "meal_bayes.evaluation.report.worst_of"),
         (("export", "file/a.pomdp", "--query", "red", *OWN), "meal_bayes.datasets.load_percepts"),
-        (("posterior", "--out", "file/p", *OWN), "meal_bayes.posterior.draw_grid"),
+        (("posterior", "--out", "file/p", *OWN), "meal_bayes.posterior.draws.draw_grid"),
         (("data", "percepts", "--dataset", "kitchen.toml", "--root", ".", "--out", "file/a.npz"),
          "meal_bayes.perception.build_percept_table"),
         (("ask", "Is it red?", "--object", "red_mug", "--logs", "file/logs", *OWN),
