@@ -80,10 +80,6 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
         or names. Percepts of an object never come from classifiers that learned from it.
     scale : float
         Factor of all rewards.
-    percepts : str
-        "recorded", or "model": drawn from the learned confusion matrices.
-    reward : float | None
-        r, the domain's by default.
     max_steps : int
         Behaviors after which an episode is truncated.
     logs : str | Path | None
@@ -100,8 +96,6 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
         trials: int = 400,
         objects: str | Sequence[str] = "all",
         scale: float = 1.0,
-        percepts: str = "recorded",
-        reward: float | None = None,
         max_steps: int = 100,
         logs: str | Path | None = None,
     ) -> None:
@@ -116,9 +110,7 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
             raise SettingsError(f"None of the {trials} tasks is about {sorted(names)}; give more.")
         self._max_steps, self._scale = max_steps, scale
         self._problems: dict[tuple[int, Query], MOMDP] = {}
-        self._learner = Learner(
-            table.domain, agent=chosen, seed=seed, percepts=percepts, reward=reward, logs=logs
-        ).fit(table)
+        self._learner = Learner(table.domain, agent=chosen, seed=seed, logs=logs).fit(table)
         self._begun: tuple[Session, RecordedRobot] | None = None
         self._policy: Policy | None = None
         self._steps = 0

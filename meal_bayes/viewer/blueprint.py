@@ -83,12 +83,7 @@ def _robot() -> rrb.Vertical:
             origin=scene.ROBOT, name="the robot (red: contact forces)",
             line_grid=rrb.LineGrid3D(visible=False), eye_controls=eye,
         ),
-        rrb.Horizontal(
-            rrb.Spatial2DView(origin=scene.CAMERA, name="the robot's camera"),
-            rrb.TimeSeriesView(
-                origin=scene.FORCE, name="contact force, N", plot_legend=_NO_LEGEND
-            ),
-        ),
+        rrb.Spatial2DView(origin=scene.CAMERA, name="the robot's camera"),
         row_shares=[3, 1],
     )  # fmt: skip
 

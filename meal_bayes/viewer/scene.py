@@ -20,7 +20,7 @@ NARRATION, DECISION = "/narration", "/decision"
 BARS, BELIEF, ENTROPY, COST = "/belief_now", "/belief", "/entropy", "/cost"
 VALUES, DIAGRAM, TREE, CONFUSION = "/expected_reward", "/diagram", "/search_tree", "/confusion"
 LANES = "/lanes"
-ROBOT, CAMERA, FORCE = "/robot", "/camera", "/contact_force"
+ROBOT, CAMERA = "/robot", "/camera"
 _PERCEPTS = 6  # lanes
 _GAP = [float("nan")]
 _CROWD = 9  # attributes in a legend
@@ -209,7 +209,6 @@ def _add_static(to: Recorder, frame: Frame) -> None:
         to.add_static(_BALLS, points)
     to.add_static(_ARROWS, rr.Arrows3D.from_fields(colors=_RED, radii=2 * _LINE))
     to.add_static(ROBOT, rr.ViewCoordinates.RIGHT_HAND_Z_UP)
-    to.add_static(FORCE, rr.SeriesLines(names="largest contact force, N", colors=_RED, widths=2))
 
 
 def _add_frame(to: Recorder, frame: Frame, time: Time) -> None:
@@ -222,6 +221,4 @@ def _add_frame(to: Recorder, frame: Frame, time: Time) -> None:
         to.add(_BALLS, rr.Points3D, time, positions=frame.centers[balls].tolist())
     vectors = (_METERS_PER_NEWTON * frame.forces).tolist()
     to.add(_ARROWS, rr.Arrows3D, time, origins=frame.contacts.tolist(), vectors=vectors)
-    largest = np.linalg.norm(frame.forces, axis=1).max(initial=0.0)
-    to.add(FORCE, rr.Scalars, time, scalars=[float(largest)])
     to.add_image(CAMERA, (255 * frame.picture).astype(np.uint8), time)

@@ -286,7 +286,7 @@ def watched(trials, read_back, tmp_path_factory):
 
 def test_every_frame_is_in_the_row_of_its_step(watched):
     trial, frames, rows = watched
-    load = rows["/contact_force"]
+    load = rows["/robot/forces"]
     ends = np.cumsum([step.cost for step in trial.steps])
     assert len(load["step"]) == len(frames)
     for one, step in zip(frames, load["step"], strict=True):
@@ -301,9 +301,6 @@ def test_bodies_and_forces_are_the_frames(watched):
     for one, boxes, points in zip(frames, shells, balls, strict=True):
         np.testing.assert_allclose(boxes, one.centers[one.shapes == SHELL])
         np.testing.assert_allclose(points, one.centers[one.shapes == BALL])
-    strength = rows["/contact_force"]["Scalars:scalars"]
-    assert strength[0] == [0.0]
-    assert strength[1] == pytest.approx([4.0])
     assert len(rows["/robot/forces"]["Arrows3D:vectors"][1]) == 2
 
 
