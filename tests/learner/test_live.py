@@ -286,6 +286,20 @@ def test_labels_reach_what_a_trial_shows_before_and_after_them(dataset, make):
     assert learner.experience.labels.values[rows, 1].tolist() == [1, 1]
 
 
+def test_labels_by_name_teach_as_those_of_trials_do(dataset, make):
+    beliefs = []
+    for by_name in (False, True):
+        learner = Learner(dataset.domain, agent=make.agent("look", **make.ours), logs=None)
+        for number in range(12):
+            name, red = f"cup {number}", number % 2 == 0
+            trial = learner.ask("red", make.arm(red=red, seed=number), object_name=name)
+            learner.tell(name if by_name else trial, {"red": red})
+        test = learner.ask("red", make.arm(red=True, seed=99), learn=False)
+        beliefs.append(test.last_belief.positive)
+    np.testing.assert_array_equal(*beliefs)
+    assert beliefs[0][0] > 0.6
+
+
 def test_to_forget_a_word_restores_the_label_of_the_data(dataset, make):
     learner = make.learner(dataset, make.agent("look", **make.ours))
     before = learner.experience.labels_for(["cup 1"]).tolist()
