@@ -16,8 +16,6 @@ from meal_bayes.errors import OutputError
 from meal_bayes.files import check_folder, check_output, draft_of, write_whole
 from meal_bayes.untrusted import DEPTH_LIMIT, JSON_LIMIT, read_bytes, read_json
 
-LOG = b"\x89MCAP0\r\n and more"
-
 
 @contextlib.contextmanager
 def small_disk(size):
@@ -100,14 +98,6 @@ def test_inputs_are_not_replaced(tmp_path, way):
         with pytest.raises(OutputError, match="is what is read"):
             call(out, **content, inputs=[read])
     assert read.read_text() == "precious"
-
-
-def test_logs_are_not_replaced(tmp_path):
-    log = tmp_path / "page.html"  # whatever it is called
-    log.write_bytes(LOG)
-    with pytest.raises(OutputError, match="is a trial log"):
-        write_whole(log, "page")
-    assert log.read_bytes() == LOG
 
 
 @pytest.mark.parametrize("path", ["/dev/null", "/dev/full", "pipe", "folder"])
@@ -202,11 +192,7 @@ def test_what_may_never_end_is_not_read(tmp_path):
 @pytest.mark.parametrize(
     ("text", "shown"),
     [
-        ("mug", "mug"),
-        (
-            "m\N{LATIN SMALL LETTER U WITH DIAERESIS}g\nline",
-            "m\N{LATIN SMALL LETTER U WITH DIAERESIS}g\nline",
-        ),
+        ("Größe\nline", "Größe\nline"),
         ("\x1b[2J", "\N{SYMBOL FOR ESCAPE}[2J"),
         (
             "\a\r\t\0",
