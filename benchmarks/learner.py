@@ -15,6 +15,7 @@ the trials on the way, by `refit_every`; seeds (1,2,...) draw objects, questions
 import itertools
 import time
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 from measuring import options_of, show
@@ -81,6 +82,11 @@ def measure(name: str) -> dict[str, object]:
     }
 
 
+def answers(truth: dict[str, bool], rng: np.random.Generator, accuracy: float) -> dict[str, bool]:
+    """Return what a person says who is right with such an accuracy."""
+    return {name: bool(rng.random() < accuracy) == value for name, value in truth.items()}
+
+
 def refits(name: str, seed: int, refit_every: float) -> dict[str, object]:
     """Measure a learner that begins with nothing and fits anew so often."""
     dataset = load_dataset(name)
@@ -95,9 +101,12 @@ def refits(name: str, seed: int, refit_every: float) -> dict[str, object]:
         o = int(part[n % len(part)])
         p = int(rng.choice(np.flatnonzero(dataset.labels[o] >= 0)))
         value = bool(dataset.labels[o, p])
-        luck = (stream(seed, "refits", n, part) for part in ("order", "failures"))
-        robot = RecordedRobot(domain, o, replayable(dataset)[o], *luck, dataset)
         truth, learns = {domain.attributes[p]: value}, n < TRIALS
+        luck = (stream(seed, "refits", n, part) for part in ("order", "failures"))
+        robot = RecordedRobot(
+            domain, o, replayable(dataset)[o], *luck, dataset,
+            person=partial(answers, truth, stream(seed, "refits", n, "errors")),
+        )  # fmt: skip
         trial = learner.ask(
             list(truth), robot, truth=truth, object_name=dataset.objects[o], learn=learns
         )
