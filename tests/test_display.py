@@ -83,10 +83,18 @@ def test_main_objects_show_themselves_in_a_few_lines(things):
         assert Outline(thing._repr_html_()).count["table"] == 1
 
 
-def test_a_posterior_shows_the_best_behavior_of_each_attribute():
+def test_a_learner_shows_what_it_has_learned():
     table = load_percepts("roc36")
-    page = Outline(knowledge_without(table, 0).posterior._repr_html_())
-    assert page.count["tr"] == page.count["b"] == 1 + len(table.domain.attributes)
+    replays = Learner("roc36", agent="greedy", logs=None).fit(table)
+    assert table._repr_html_() in replays._repr_html_()
+    page = Outline(replays.knowledge(table.objects[0])._repr_html_())
+    assert page.count["tr"] == 1 + len(table.domain.attributes)
+    assert page.count["b"] == 1 + len(table.domain.attributes)  # a best behavior of each
+    alone = Outline(replays.knowledge(table.objects[0]).posterior._repr_html_())
+    assert (alone.count["tr"], alone.count["b"]) == (page.count["tr"], page.count["b"])
+    nothing = Outline(Learner("toy", logs=None)._repr_html_())
+    assert "0 recordings of 0 objects" in nothing.text
+    assert nothing.count["tr"] == 1 + len(load_domain("toy").attributes)
 
 
 def test_a_trial_is_a_table_with_a_bar_a_belief(trial):

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from meal_bayes.arrays import freeze, set_frozen
 from meal_bayes.datasets import PerceptTable
-from meal_bayes.display import short_repr
+from meal_bayes.display import best_html, percent, short_repr
 from meal_bayes.domain import Domain
 from meal_bayes.perception import table_counts
 from meal_bayes.posterior import ConfusionPosterior
@@ -39,6 +39,13 @@ class Knowledge:
 
     def __post_init__(self) -> None:
         set_frozen(self, base_rates=freeze(self.base_rates))
+
+    def _repr_html_(self) -> str:
+        """Return what each behavior tells of each attribute, TPR - FPR of the mean, as HTML."""
+        names = zip(self.domain.attributes, map(percent, self.base_rates), strict=True)
+        header = ("attribute", "Pr", *self.domain.behavior_names)
+        title = f"{self.domain.name}: TPR - FPR of each behavior that was perceived"
+        return best_html(title, header, names, self.posterior.youden)
 
 
 def knowledge_without(

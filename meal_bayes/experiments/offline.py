@@ -71,6 +71,20 @@ class OfflineRun:
         """Return a pandas data frame, a row a trial; see `trials_frame`."""
         return trials_frame(self.trials())
 
+    def steps(self) -> Any:
+        """Return a pandas data frame, a row a step of every trial; see `Trial.to_frame`."""
+        import pandas as pd  # noqa: PLC0415  takes half a second
+
+        return pd.concat(
+            [
+                trial.to_frame().assign(
+                    agent=trial.agent, task=trial.task.name, object=trial.task.object_name
+                )
+                for trial in self.trials()
+            ],
+            ignore_index=True,
+        )
+
     __repr__ = short_repr
 
     def _repr_html_(self) -> str:

@@ -3,6 +3,7 @@
 import math
 import threading
 from collections.abc import Mapping
+from html import escape
 from pathlib import Path
 from typing import Any, Self
 
@@ -107,6 +108,11 @@ class Learner:
     def __repr__(self) -> str:
         data = f"{self.experience!r}" if self.table is None else "a percept table"
         return f"Learner({self.domain.name}, agent {self.agent.name}, {data})"
+
+    def _repr_html_(self) -> str:
+        """Return what it has learned, or the percept table that it replays, as HTML."""
+        shown = self.knowledge() if self.table is None else self.table
+        return f"<p>{escape(repr(self))}</p>{shown._repr_html_()}"
 
     @property
     def agent(self) -> Agent:
