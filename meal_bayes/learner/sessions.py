@@ -84,7 +84,7 @@ def open_session(
     """Return the session of a question, logged, but not started yet."""
     task, streams = task_of(learner, question, object_name, key)
     session = session_of(learner, task, streams, **options)
-    record(learner, session, question, log, learn=options.get("learn"), state=state)
+    record(learner, session, question, log, learn=options.get("learn", True), state=state)
     return session
 
 
