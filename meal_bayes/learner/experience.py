@@ -144,7 +144,7 @@ class Experience:
         changed = (self.known.values[o, columns] != labels[columns]).any()
         for p in columns:
             self.feedback.append((number, o, p, labels[p]))
-        shown = self.gathered(o) if trial == told(object_name) else self.shown(trial)
+        shown = self.shown(trial)
         self.labels.values[shown[:, None], columns] = labels[columns]
         self._know(o, columns, labels[columns])
         return self.gathered(o) if changed else shown
@@ -157,21 +157,20 @@ class Experience:
     def forget(self, trial: Key) -> NDArray[np.intp]:
         """Withdraw the labels of a trial; return the instances as `label` does."""
         number, shown, names = self.trials[trial], self.shown(trial), list(self.objects)
-        rows = self.feedback.values
+        rows, instances = self.feedback.values, self.instances.values
         own = rows[(rows[:, 0] == number) & (rows[:, 3] >= 0)]
         for o, p in dict.fromkeys(map(tuple, own[:, 1:3].tolist())):
             self.feedback.append((number, o, p, -1))
             latest = self._latest(o, p)
             # What was given holds again, as recordings that the trial did not show have it.
-            is_given = self.instances.values[:, 4] == GIVEN
-            given = [i for i in self.gathered(o) if is_given[i] and i not in shown]
+            given = [i for i in self.gathered(o) if instances[i, 4] == GIVEN and i not in shown]
             before = int(self.labels.values[given[0], p]) if given else -1
             value = next(reversed(latest.values()), before)
             self._know(o, np.array([p]), np.array([value], np.int8))
             named = self.trials.get(told(names[o]))
             for i in shown:
                 others = [t for t in latest if t == named or i in self._shown.get(t, ())]
-                rest = before if is_given[i] else -1
+                rest = before if instances[i, 4] == GIVEN else -1
                 self.labels.values[i, p] = latest[others[-1]] if others else rest
         for o in dict.fromkeys(own[:, 1].tolist()):
             self._agree(o)
@@ -194,7 +193,10 @@ class Experience:
         return int((self.executions.values[:, 0] == number).sum()) if number >= 0 else 0
 
     def shown(self, trial: Key) -> NDArray[np.intp]:
-        """Return the instances of a trial."""
+        """Return the instances of a trial; where labels are told of an object, all of its own."""
+        name = str(trial[-1])
+        if trial == told(name):
+            return self.gathered(self.objects.get(name, -1))
         return np.array(self._shown.get(self.trials.get(trial, -1), ()), np.intp)
 
     def gathered(self, o: int) -> NDArray[np.intp]:
@@ -296,7 +298,7 @@ class Experience:
 
     def _check_size(self, context: Context, size: int) -> None:
         """Check the number of features of a behavior's modality against those that came before."""
-        before = self.sizes.get(context, size)
+        before = self.features[context].values.shape[1] if context in self.features else size
         if size != before:
             raise DataError(f"{' '.join(context)}: {size} features, where {before} came before.")
 

@@ -112,10 +112,8 @@ def tell(learner: "Learner", trial: Trial | str, values: Mapping[str, bool | Non
             raise SettingsError("The trial has other levels; give one of this learner's.")
         record_trial(experience, trial)
     labels = replacing(labels, experience.labels_for([name])[0], learner.domain, name)
-    rows = experience.label(key, name, labels)
-    fits.update(rows)
-    shown = experience.shown(key) if isinstance(trial, Trial) else rows
-    fits.grow(len(shown) * int((labels >= 0).sum()))
+    fits.update(experience.label(key, name, labels))
+    fits.grow(len(experience.shown(key)) * int((labels >= 0).sum()))
 
 
 def record_trial(experience: Experience, trial: Trial) -> None:

@@ -156,10 +156,13 @@ def _read_experience(archive: zipfile.ZipFile, experience: Experience) -> None:
     domain = experience.domain
     rows = {name: read_array(archive, name, dtype, 2) for name, dtype in _ROWS.items()}
     objects, trials = (_read_lines(archive, name) for name in ("objects", "trials"))
+    trials = [tuple(key) for key in trials]
     sizes = np.zeros(len(domain.behaviors), int)
     for i, context in enumerate(domain.contexts):
         if f"features/{i}.npy" in archive.namelist():
             values = read_array(archive, f"features/{i}", "<f4", 2)
+            if not np.isfinite(values).all():
+                raise ValueError(f"features of {context} are not finite")
             sizes[domain.behavior_index(context[0])] = len(values)
             experience.features[context] = Rows(np.float32, values.shape[1])
             experience.features[context].extend(values)
@@ -178,9 +181,10 @@ def _read_experience(archive: zipfile.ZipFile, experience: Experience) -> None:
                 raise ValueError(f"{name} names what there is not")
     if [len(rows[name]) for name in ("levels", "labels", "known")] != [n, n, o]:
         raise ValueError("percepts or labels do not fit instances and objects")
-    if len(set(objects)) != o or not all(isinstance(name, str) for name in objects):
-        raise ValueError("objects are named twice, or not by text")
-    experience.restore(objects, map(tuple, trials), rows)
+    unique = len(set(objects)) == o and len(set(trials)) == t
+    if not unique or not all(isinstance(name, str) for name in objects):
+        raise ValueError("objects or trials are named twice, or not by text")
+    experience.restore(objects, trials, rows)
 
 
 def _read_lines(archive: zipfile.ZipFile, name: str) -> list[Any]:

@@ -6,6 +6,7 @@ loop (`run_trial`), a callback, another thread. Between two steps nothing runs.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import cached_property
 from pathlib import Path
 from typing import Protocol, Self
 
@@ -109,15 +110,23 @@ class Session:
         self.report: NDArray[np.bool_] | None = None
         self.max_steps, self.max_cost = max_steps, max_cost
         self._policy, self._boundary, self._perceiver = policy, boundary, perceiver
-        self._counts, self.key = counts, task.key if key is None else key
-        self.rng = stream(seed, "planner", agent, *self.key)
-        self._luck = stream(seed, "percepts", *self.key)
+        self._counts, self._seed, self.key = counts, seed, task.key if key is None else key
         self._truth, self._first = truth_of(task.query, truth), self.belief
         self._on_step, self._on_end = on_step, on_end
         self._recorder: Recorder | None = None
         self._decision: Decision | None = None  # whose outcome is waited for
         self._at = "robot"  # which part runs, for `Trial.ended`
         self._ended: str | None = None
+
+    @cached_property
+    def rng(self) -> np.random.Generator:
+        """Random stream of the policy; made when it is first used."""
+        return stream(self._seed, "planner", self.agent, *self.key)
+
+    @cached_property
+    def _luck(self) -> np.random.Generator:
+        """Random stream of percepts that are drawn from tables; the same for every agent."""
+        return stream(self._seed, "percepts", *self.key)
 
     def record(self, recorder: Recorder) -> None:
         """Record what there is of the trial, and every step before the next behavior is named."""

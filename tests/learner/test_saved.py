@@ -186,6 +186,9 @@ HOSTILE = {
     "an object less": lambda members: members.update({"objects": b'"cup 0"'}),
     "an object twice": lambda members: members.update({"objects": b"\n".join([b'"a"'] * 14)}),
     "a number for an object": lambda members: members.update({"objects": b"7"}),
+    "a trial twice": lambda members: members.update(
+        {"trials": b"\n".join([members["trials"]] * 2)}
+    ),
     "keys that are none": lambda members: members.update({"trials": b"{}"}),
     "seed": text(options={"seed": "x"}),
     "reward": text(options={"reward": [1]}),
@@ -199,6 +202,7 @@ HOSTILE = {
     "an instance that is not there": entry("executions", 2, 9999),
     "an attribute that is not there": entry("feedback", 2, 9),
     "a trial that is not there": entry("feedback", 0, 9),
+    "features that are no numbers": array("features/0", lambda values: values.fill(np.nan)),
     "another class": state(lambda found: found["perception"].update({"class": "system"})),
     "no perception": state(lambda found: found.pop("perception")),
     "no classifiers": state(lambda found: found["perception"]["fields"].pop("classifiers")),
