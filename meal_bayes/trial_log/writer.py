@@ -80,8 +80,8 @@ class TrialWriter:
         self._torn = False  # a write was broken off: what follows could not be read
         self._momdps = 0
         self._known: dict[bytes, _Placed] = {}  # by content, the newest MOMDP_MEMORY
-        self._last: Trial | None = None
-        self._content = b""  # a digest of its MOMDP and counts
+        self._last: Trial | None = None  # that was packed with a MOMDP of its own
+        self._momdp = self._content = b""  # its MOMDP and counts, and a digest of them
 
     def __enter__(self) -> Self:
         with self._faults_named():
@@ -97,7 +97,16 @@ class TrialWriter:
                 )
                 for topic, name, data in schema.channels(self._form)
             }
-            self._describe()
+            flat = {
+                name: value if isinstance(value, str) else _json(value)
+                for name, value in sorted(self.header.items())
+            }
+            # What the run was: metadata and an attachment for other tools, /run for ours.
+            self._mcap.add_metadata("run", {"format_version": str(FORMAT_VERSION), **flat})
+            config = _json(self.header.get("config", self.header))
+            self._mcap.add_attachment(0, 0, "config.json", "application/json", config.encode())
+        run = schema.RunMessage(format_version=FORMAT_VERSION, header=self._text)
+        self.put([Packed(schema.RUN, 0, run.SerializeToString())])
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
@@ -126,8 +135,13 @@ class TrialWriter:
         self.check_open()
         self._torn = True
         with self._faults_named():
-            for message in packed:
-                self._add(message)
+            for topic, time, data in packed:
+                channel = self._channels[topic]
+                self._mcap.add_message(channel, log_time=time, publish_time=time, data=data)
+                if topic == schema.MOMDPS:  # the oldest are forgotten as the reader does
+                    self._known[self._content] = _Placed(self._momdps, len(data))
+                    self._momdps += 1
+                    schema.forget_oldest(self._known)
             self._mcap.flush()
             if sync and self._file is not None:
                 self._file.flush()
@@ -153,23 +167,6 @@ class TrialWriter:
             trial = self.written.trials  # which no message can hold
             raise LogError(f"Trial {trial} cannot be logged: {fault}.") from fault
 
-    def _describe(self) -> None:
-        """Write what the run was: metadata and an attachment for other tools, /run for ours."""
-        flat = {
-            name: value if isinstance(value, str) else _json(value)
-            for name, value in sorted(self.header.items())
-        }
-        self._mcap.add_metadata("run", {"format_version": str(FORMAT_VERSION), **flat})
-        config = _json(self.header.get("config", self.header))
-        self._mcap.add_attachment(0, 0, "config.json", "application/json", config.encode())
-        run = schema.RunMessage(format_version=FORMAT_VERSION, header=self._text)
-        self._add(Packed(schema.RUN, 0, run.SerializeToString()))
-        self._mcap.flush()
-
-    def _add(self, message: Packed) -> None:
-        topic, time, data = message
-        self._mcap.add_message(self._channels[topic], log_time=time, publish_time=time, data=data)
-
     def write(self, trial: Trial, *, seconds: float | None = None) -> None:
         """Append one trial, and to the timing table the wall-clock seconds it took.
 
@@ -182,7 +179,8 @@ class TrialWriter:
         with self._faults_named():
             packed = self._place(trial) + self._encoder.whole(trial)
         self.put(packed)
-        self._close(trial, seconds)
+        self.written = self.written.after(trial)
+        self._seconds.append(seconds)
 
     def write_outcomes(self, outcomes: TrialOutcomes, seconds: Iterator[float | None]) -> None:
         """Append outcomes to a compact log, and the wall-clock seconds of each trial."""
@@ -214,37 +212,28 @@ class TrialWriter:
             packed = self._encoder.end(trial)
         self.put(packed, sync=True)
         self.begun = False
-        self._close(trial)
+        self.written = self.written.after(trial)
+        self._seconds.append(None)
 
     def _place(self, trial: Trial) -> list[Packed]:
         """Create the encoder of the next trial, and pack its MOMDP where that is new."""
         self.check_open()
         if self.begun:
             raise LogError(f"{self.path} is not open for another trial: one has no end yet.")
-        number, momdp, last = self.written.trials, b"", self._last
+        last = self._last
         if (
             last is None
             or last.momdp is not trial.momdp
             or not np.array_equal(last.counts, trial.counts)  # type: ignore[arg-type]  # or None
         ):
-            packed = encode_momdp(trial)
-            self._content = hashlib.blake2b(packed, digest_size=16).digest()
-            if self._content not in self._known:
-                momdp = schema.MomdpMessage(id=self._momdps).SerializeToString() + packed
-        self._momdp_size = len(momdp)
-        known = self._known.get(self._content)
+            self._last, self._momdp = trial, encode_momdp(trial)
+            self._content = hashlib.blake2b(self._momdp, digest_size=16).digest()
+        number, known = self.written.trials, self._known.get(self._content)
         self._encoder = TrialEncoder(number, known.number if known else self._momdps)
-        return [] if known else [Packed(schema.MOMDPS, schema.log_time(number, 0), momdp)]
-
-    def _close(self, trial: Trial, seconds: float | None = None) -> None:
-        """Count a trial, keep its MOMDP, and forget the oldest as the reader does."""
-        self.written = self.written.after(trial)
-        self._seconds.append(seconds)
-        self._last = trial
-        if self._content not in self._known:
-            self._known[self._content] = _Placed(self._momdps, self._momdp_size)
-            self._momdps += 1
-            schema.forget_oldest(self._known)
+        if known is not None:
+            return []
+        momdp = schema.MomdpMessage(id=self._momdps).SerializeToString() + self._momdp
+        return [Packed(schema.MOMDPS, schema.log_time(number, 0), momdp)]
 
 
 def write_trials(

@@ -194,7 +194,11 @@ def test_a_trial_that_does_not_fit_is_refused_and_the_log_stays_good(make, tmp_p
             with pytest.raises(LogError, match="Trial 0 cannot be logged"):
                 log.write(trial)
         log.write(good)
-    assert make.equal(good, next(read_trials(path)))
+        other = make.trials(1, 9)[0]
+        with pytest.raises(LogError, match="Trial 1 cannot be logged"):
+            log.write(dataclasses.replace(other, steps=(bad[2],)))
+        log.write(good)
+    assert all(make.equal(good, back) for back in read_trials(path))
     assert check_log(path).whole
 
 
