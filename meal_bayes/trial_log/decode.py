@@ -113,9 +113,7 @@ class TrialBuilder:
 
     def unfinished(self) -> Trial | None:
         """Return the trial under way as far as it went, with `ended`; None where there is none."""
-        if not self._open:
-            return None
-        return self._trial(schema.OutcomeMessage(ended=UNFINISHED))
+        return self._trial(schema.OutcomeMessage(ended=UNFINISHED)) if self._open else None
 
     def _finish(self, data: bytes) -> tuple[int, Trial]:
         if not self._open:

@@ -100,8 +100,8 @@ class TrialEncoder:
     def begin(self, trial: Trial) -> list[Packed]:
         """Pack the start of a trial; its steps come later."""
         task, first = trial.task, trial.first_belief
-        self._check(start_misfits(trial), first, trial.momdp)
         self._trial, self._before = trial, first
+        self._check(start_misfits(trial), first)
         start = schema.TrialMessage(
             trial=self._number,
             momdp=self._momdp,
@@ -120,7 +120,7 @@ class TrialEncoder:
         """Pack the next step with a line of text."""
         momdp, index, decision = self._trial.momdp, self._steps, step.decision
         self._steps, self._edges = index + 1, self._edges + len(decision.tree)
-        self._check(step_misfits(step, momdp, index), step.belief, momdp)
+        self._check(step_misfits(step, momdp, index), step.belief)
         # Percept counts stand in the file only where they do not follow from action and percept.
         change, action = step.belief.percept_counts - self._before.percept_counts, decision.action
         if step.observation is not None and action < momdp.n_behaviors:
@@ -153,7 +153,8 @@ class TrialEncoder:
 
     def end(self, trial: Trial) -> list[Packed]:
         """Pack the outcome."""
-        self._check(report_misfits(trial))
+        report = _shape_misfits(report=(trial.report, (len(trial.momdp.query),)))
+        self._check(report, trial.last_belief)
         outcome = schema.OutcomeMessage(
             trial=self._number,
             steps=len(trial.steps),
@@ -172,18 +173,16 @@ class TrialEncoder:
             packed += self.step(step)
         return packed + self.end(trial)
 
-    def _check(
-        self, misfits: Iterator[str], belief: Belief | None = None, momdp: MOMDP | None = None
-    ) -> None:
+    def _check(self, misfits: Iterator[str], belief: Belief) -> None:
         """Raise the first misfit, or what is beyond the limits or no reader would compute."""
         problem = next(misfits, "")
-        if self._edges > schema.EDGE_LIMIT:
-            problem = f"its search trees have more than {schema.EDGE_LIMIT} edges"
-        if belief is not None and momdp is not None and not problem:
-            if (1 + self._steps) * belief.percept_counts.size > schema.COUNT_LIMIT:
+        if not problem:
+            computed = log_odds(self._trial.momdp, belief.log_prob)
+            if self._edges > schema.EDGE_LIMIT:
+                problem = f"its search trees have more than {schema.EDGE_LIMIT} edges"
+            elif (1 + self._steps) * belief.percept_counts.size > schema.COUNT_LIMIT:
                 problem = f"its beliefs count more than {schema.COUNT_LIMIT} percepts"
-            computed = log_odds(momdp, belief.log_prob)
-            if not np.array_equal(belief.log_odds, computed, equal_nan=True):
+            elif not np.array_equal(belief.log_odds, computed, equal_nan=True):
                 problem = "a belief has other log-odds than its log-probabilities make"
         if problem:
             raise LogError(f"Trial {self._number} cannot be logged: {problem}.")
@@ -263,28 +262,25 @@ def judgment(trial: Trial) -> int:
 def misfits(trial: Trial) -> Iterator[str]:
     """Yield what in a trial does not fit its MOMDP."""
     yield from start_misfits(trial)
-    yield from report_misfits(trial)
     for index, step in enumerate(trial.steps):
         yield from step_misfits(step, trial.momdp, index)
 
 
-def report_misfits(trial: Trial) -> Iterator[str]:
-    """Yield what does not fit of a trial's report."""
-    return _shape_misfits(report=(trial.report, (len(trial.momdp.query),)))
-
-
 def start_misfits(trial: Trial) -> Iterator[str]:
-    """Yield what does not fit before the first step."""
+    """Yield what does not fit in a trial, but for its steps."""
     momdp = trial.momdp
     n, e = len(momdp.query), momdp.n_behaviors
     if (most := max(n, e, len(momdp.x_names))) > schema.NAME_LIMIT:
         yield f"the MOMDP has {most} attributes, behaviors or x, more than {schema.NAME_LIMIT}"
     if trial.task.query != momdp.query:
         yield f"the task asks {trial.task.query}, its MOMDP {momdp.query}"
-    yield from _shape_misfits(truth=(trial.truth, (n,)))  # there may be millions
+    yield from _shape_misfits(
+        truth=(trial.truth, (n,)),
+        counts=(trial.counts, (n, e, 2, momdp.levels)),
+        report=(trial.report, (n,)),
+    )
     if not np.isin(trial.truth, (-1, 0, 1)).all():
         yield f"truth is {trial.truth.tolist()}, expected {n} of 1, 0 and -1"
-    yield from _shape_misfits(counts=(trial.counts, (n, e, 2, momdp.levels)))
     if trial.counts is not None and not np.isfinite(trial.counts).all():
         yield "counts are not finite"
     yield from _belief_misfits(trial.first_belief, momdp)

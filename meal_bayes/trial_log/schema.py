@@ -93,11 +93,8 @@ def _file_of(package: str, name: str, fields: str) -> descriptor_pb2.FileDescrip
     message = file.message_type.add(name=name)
     for number, entry in enumerate(fields.split(), start=1):
         field, kind = entry.split(":")
-        added = message.field.add(
-            name=field,
-            number=number,
-            label=types.LABEL_REPEATED if kind.endswith("*") else types.LABEL_OPTIONAL,
-        )
+        label = types.LABEL_REPEATED if kind.endswith("*") else types.LABEL_OPTIONAL
+        added = message.field.add(name=field, number=number, label=label)
         if kind == "time":
             file.dependency.append(timestamp_pb2.DESCRIPTOR.name)
             added.type, added.type_name = types.TYPE_MESSAGE, ".google.protobuf.Timestamp"
