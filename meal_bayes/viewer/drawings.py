@@ -62,7 +62,11 @@ class Diagram:
             target = int(momdp.transition[action, state].argmax())
             labels.setdefault((state, target), []).append(action_label(momdp, action))
             self._moves[state, action] = f"{state}-{target}"
-        column = _columns(momdp, list(labels))
+        # The column of every x is its distance from the start, 0 where it is never reached.
+        links = np.zeros((momdp.terminal + 1, momdp.terminal + 1))
+        links[tuple(np.transpose(list(labels)))] = 1
+        depth = shortest_path(links, unweighted=True, indices=momdp.start)
+        column = np.where(np.isinf(depth), 0, depth).astype(int).tolist()
         boxes = [(2 * column[x], Node(f"x{x}", n, GRAY)) for x, n in enumerate(momdp.x_names[:-1])]
         boxes += [
             (column[source] + column[target], Node(f"{source}-{target}", "\n".join(names), DIM))
@@ -133,15 +137,6 @@ def search_tree(frame: TrialFrame) -> Graph:
         y += height
     nodes.append(Node("root", root, GRAY, box_size(root)[0] / 2, y / 2))
     return Graph(tuple(nodes), tuple(edges))
-
-
-def _columns(momdp: MOMDP, moves: list[tuple[int, int]]) -> list[int]:
-    """Return the column of every x: its distance from the start, 0 where it is never reached."""
-    links = np.zeros((len(momdp.x_names), len(momdp.x_names)))
-    links[tuple(np.transpose(moves))] = 1
-    depth = shortest_path(links, unweighted=True, indices=momdp.start)
-    columns: list[int] = np.where(np.isinf(depth), 0, depth).astype(int).tolist()
-    return columns
 
 
 def _stacked(boxes: list[tuple[int, Node]]) -> list[Node]:

@@ -5,7 +5,7 @@ from functools import lru_cache
 from meal_bayes.display import best_options, percent
 from meal_bayes.momdp import MOMDP
 from meal_bayes.planners import Decision
-from meal_bayes.trials import Trial, percept_labels
+from meal_bayes.trials import percept_labels
 from meal_bayes.trials.text import final_facts, gap_text, outcome_text
 from meal_bayes.viewer.recorder import TrialFrame
 
@@ -18,11 +18,6 @@ _SHOWN_ERROR = 0.05  # errors below it would print as 0.0
 def plain_text(text: str) -> str:
     """Remove from a name the characters that Markdown would interpret."""
     return "".join(" " if sign in "\\`*<>[]()|#!\n\r\t$" else sign for sign in text).strip()
-
-
-def question(trial: Trial) -> str:
-    """Return the question of a trial."""
-    return " and ".join(map(plain_text, trial.task.query.attributes)) + "?"
 
 
 def action_label(momdp: MOMDP, action: int) -> str:
@@ -39,8 +34,9 @@ def option_label(momdp: MOMDP, decision: Decision, option: int) -> str:
 def narrate(frame: TrialFrame) -> str:
     """Return the text of a frame: question, step, outcome, beliefs, answer."""
     trial, momdp, step = frame.trial, frame.trial.momdp, frame.step
+    names = list(map(plain_text, trial.task.query.attributes))
     about = f"{plain_text(trial.task.object_name)} · agent {plain_text(trial.agent)}"
-    lines, percepts = [f"### {question(trial)}", about, ""], [""] * len(trial.task.query)
+    lines, percepts = [f"### {' and '.join(names)}?", about, ""], [""] * len(names)
     if step is None:
         lines.append(f"**trial {frame.time.trial}, before any behavior**")
     else:
@@ -54,10 +50,8 @@ def narrate(frame: TrialFrame) -> str:
         if step.observation is not None:
             percepts = percept_labels(momdp, action, step.observation)
     lines += ["", "|attribute|belief|percept|", "|---|---|---|"]
-    rows = list(
-        zip(trial.task.query.attributes, frame.belief.positive.tolist(), percepts, strict=True)
-    )
-    lines += [f"|{plain_text(name)}|{percent(p)}|{word}|" for name, p, word in rows[:_ATTRIBUTES]]
+    rows = list(zip(names, frame.belief.positive, percepts, strict=True))
+    lines += [f"|{name}|{percent(p)}|{word}|" for name, p, word in rows[:_ATTRIBUTES]]
     if not frame.last:
         best = plain_text(trial.task.query.report_name(frame.belief.best_report))
         sure = percent(frame.belief.certainty)

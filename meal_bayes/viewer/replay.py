@@ -54,7 +54,7 @@ class Replay:
         """Add the next trial, with the frames of its robot, if there are any."""
         number, self.trials = self.trials, self.trials + 1
         clock = self._clock
-        time = Time(number, clock.row, clock.seconds)
+        start = time = Time(number, clock.row, clock.seconds)
         if self._only is None or self._only == number:
             self._shows_steps = True
             for frame in clock.frames(number, trial):
@@ -62,7 +62,7 @@ class Replay:
                 time = frame.time
             self._scene.close(trial, Time(number, clock.row - 1, clock.seconds))
             if frames:
-                add_robot(self._recorder, trial, frames, number=number)
+                add_robot(self._recorder, trial, frames, start)
                 self._shows_robot = True
         self._run.add(TrialOutcomes.of([trial]), [time])
         if self.trials % _BATCH == 0:

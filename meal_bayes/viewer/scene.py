@@ -3,7 +3,7 @@
 Of the robot there are boxes, balls, contact forces, and what its camera sees.
 """
 
-from collections.abc import Iterable
+from collections.abc import Sequence
 
 import numpy as np
 import rerun as rr
@@ -82,9 +82,7 @@ class Scene:
 
     def close(self, trial: Trial, time: Time) -> None:
         """End a trial in the free row behind it, where lines break and lanes end."""
-        for name in trial.task.query.attributes:
-            self._to.add(self._belief(name), rr.Scalars, time, scalars=_GAP)
-        for entity in (ENTROPY, COST):
+        for entity in (*map(self._belief, trial.task.query.attributes), ENTROPY, COST):
             self._to.add(entity, rr.Scalars, time, scalars=_GAP)
         actions = trial.momdp.n_behaviors + 1
         self._value_row(trial.momdp.behavior_names, _GAP * actions, [0.0] * actions, time)
@@ -178,17 +176,27 @@ class Scene:
         return [f"percept_{i + 1}" for i in range(min(len(trial.truth), _PERCEPTS))]
 
 
-def add_robot(to: Recorder, trial: Trial, frames: Iterable[Frame], *, number: int = 0) -> None:
-    """Add the frames of a trial, the `number`-th of its log, each in the row of its step.
+def add_robot(to: Recorder, trial: Trial, frames: Sequence[Frame], start: Time) -> None:
+    """Add the frames of a trial that begins in a row, each in the row of its step.
 
     Steps end when as many seconds have passed as they cost.
     """
+    _add_static(to, frames[0])
     ends = np.cumsum([step.cost for step in trial.steps])
-    for index, frame in enumerate(frames):
-        if index == 0:
-            _add_static(to, frame)
+    for frame in frames:
         row = int(np.searchsorted(ends, frame.seconds - 1e-6)) + (frame.seconds > 0)
-        _add_frame(to, frame, Time(number, min(row, len(ends)), frame.seconds))
+        place = start.step + min(row, len(ends))
+        time = Time(start.trial, place, start.sim_time + frame.seconds)
+        for shape, entity in _BOXES.items():
+            mask = frame.shapes == shape
+            centers, quaternions = frame.centers[mask].tolist(), frame.quaternions[mask].tolist()
+            to.add(entity, rr.Boxes3D, time, centers=centers, quaternions=quaternions)
+        balls = frame.shapes == BALL
+        if balls.any():
+            to.add(_BALLS, rr.Points3D, time, positions=frame.centers[balls].tolist())
+        vectors = (_METERS_PER_NEWTON * frame.forces).tolist()
+        to.add(_ARROWS, rr.Arrows3D, time, origins=frame.contacts.tolist(), vectors=vectors)
+        to.add_image(CAMERA, (255 * frame.picture).astype(np.uint8), time)
 
 
 def _add_static(to: Recorder, frame: Frame) -> None:
@@ -209,16 +217,3 @@ def _add_static(to: Recorder, frame: Frame) -> None:
         to.add_static(_BALLS, points)
     to.add_static(_ARROWS, rr.Arrows3D.from_fields(colors=_RED, radii=2 * _LINE))
     to.add_static(ROBOT, rr.ViewCoordinates.RIGHT_HAND_Z_UP)
-
-
-def _add_frame(to: Recorder, frame: Frame, time: Time) -> None:
-    for shape, entity in _BOXES.items():
-        mask = frame.shapes == shape
-        centers, quaternions = frame.centers[mask].tolist(), frame.quaternions[mask].tolist()
-        to.add(entity, rr.Boxes3D, time, centers=centers, quaternions=quaternions)
-    balls = frame.shapes == BALL
-    if balls.any():
-        to.add(_BALLS, rr.Points3D, time, positions=frame.centers[balls].tolist())
-    vectors = (_METERS_PER_NEWTON * frame.forces).tolist()
-    to.add(_ARROWS, rr.Arrows3D, time, origins=frame.contacts.tolist(), vectors=vectors)
-    to.add_image(CAMERA, (255 * frame.picture).astype(np.uint8), time)
