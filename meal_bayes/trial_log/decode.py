@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import islice
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from mcap.records import Attachment, Chunk, Header, McapRecord
@@ -25,12 +25,6 @@ NO_HEADER, NO_END = "the header of the run is missing", "the closing record is m
 UNFINISHED = "the log ends here"  # why a trial without an outcome was broken off
 
 
-class _Known(NamedTuple):
-    momdp: MOMDP
-    counts: NDArray[np.float64] | None  # behind its rows
-    size: int  # bytes of its message
-
-
 @dataclass
 class TrialBuilder:
     """Assembles trials from the records of a file, and counts what they hold."""
@@ -42,7 +36,7 @@ class TrialBuilder:
     end: End | None = None  # as the writer counted
     _channels: dict[int, str] = field(default_factory=dict)
     _next: int = 0  # number of the next trial
-    _momdps: dict[int, _Known] = field(default_factory=dict)
+    _momdps: dict[int, schema.Known] = field(default_factory=dict)
     _open: list[bytes] = field(default_factory=list)  # start and steps of the trial under way
 
     def records(self, record: McapRecord) -> Iterator[Trial | TrialOutcomes]:
@@ -77,7 +71,7 @@ class TrialBuilder:
             self.header = _header(data)
         elif topic == schema.MOMDPS:
             message = schema.MomdpMessage.FromString(data)
-            self._momdps[message.id] = _Known(*_momdp(message), len(data))
+            self._momdps[message.id] = schema.Known(_momdp(message), len(data))
             schema.forget_oldest(self._momdps)
         elif topic in (schema.TRIAL, schema.STEP):
             if bool(self._open) == (topic == schema.TRIAL):
@@ -135,7 +129,7 @@ class TrialBuilder:
         begin = schema.TrialMessage.FromString(self._open[0])
         if begin.momdp not in self._momdps:
             raise LogCorruptError(f"trial {begin.trial} refers to a MOMDP that is not there")
-        momdp, row_counts, _ = self._momdps[begin.momdp]
+        momdp, row_counts = self._momdps[begin.momdp].value
         counts = np.zeros((len(momdp.query), momdp.n_behaviors, momdp.levels), int)
         if counts.size * len(self._open) > schema.COUNT_LIMIT:
             raise LogCorruptError(

@@ -6,7 +6,7 @@ the old version would go wrong.
 """
 
 from collections.abc import Iterator
-from typing import Any
+from typing import Any, NamedTuple
 
 from google.protobuf import descriptor_pb2, descriptor_pool, message_factory, timestamp_pb2
 
@@ -149,8 +149,15 @@ def log_time(trial: int, step: int) -> int:
     return (trial * _TRIAL_SPAN + min(step, _TRIAL_SPAN - 1)) * _SECOND
 
 
-def forget_oldest(momdps: dict[Any, Any]) -> None:
-    """Forget the oldest MOMDPs, each with its `size`, beyond what a trial may refer back to."""
+class Known(NamedTuple):
+    """What reader or writer knows of a MOMDP in the file, and the bytes of its message."""
+
+    value: Any
+    size: int
+
+
+def forget_oldest(momdps: dict[Any, Known]) -> None:
+    """Forget the oldest MOMDPs, beyond what a trial may refer back to."""
     sizes = [known.size for known in momdps.values()]
     while len(sizes) > 1 and (len(sizes) > MOMDP_MEMORY or sum(sizes) > MOMDP_BYTES):
         del momdps[next(iter(momdps))], sizes[0]

@@ -11,7 +11,7 @@ import os
 import platform
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, BinaryIO, NamedTuple, Self
+from typing import Any, BinaryIO, Self
 
 import numpy as np
 from mcap.writer import Writer
@@ -33,13 +33,6 @@ from meal_bayes.untrusted import read_json
 from meal_bayes.version import package_version
 
 ROWS = 250  # trials in a message of the compact form
-
-
-class _Placed(NamedTuple):
-    """A MOMDP of the file."""
-
-    number: int
-    size: int  # bytes of its message
 
 
 class TrialWriter:
@@ -79,7 +72,7 @@ class TrialWriter:
         self.begun = False  # a trial was begun and has no end yet
         self._torn = False  # a write was broken off: what follows could not be read
         self._momdps = 0
-        self._known: dict[bytes, _Placed] = {}  # by content, the newest MOMDP_MEMORY
+        self._known: dict[bytes, schema.Known] = {}  # numbers in the file, by content
         self._last: Trial | None = None  # that was packed with a MOMDP of its own
         self._momdp = self._content = b""  # its MOMDP and counts, and a digest of them
 
@@ -139,7 +132,7 @@ class TrialWriter:
                 channel = self._channels[topic]
                 self._mcap.add_message(channel, log_time=time, publish_time=time, data=data)
                 if topic == schema.MOMDPS:  # the oldest are forgotten as the reader does
-                    self._known[self._content] = _Placed(self._momdps, len(data))
+                    self._known[self._content] = schema.Known(self._momdps, len(data))
                     self._momdps += 1
                     schema.forget_oldest(self._known)
             self._mcap.flush()
@@ -229,7 +222,7 @@ class TrialWriter:
             self._last, self._momdp = trial, encode_momdp(trial)
             self._content = hashlib.blake2b(self._momdp, digest_size=16).digest()
         number, known = self.written.trials, self._known.get(self._content)
-        self._encoder = TrialEncoder(number, known.number if known else self._momdps)
+        self._encoder = TrialEncoder(number, known.value if known else self._momdps)
         if known is not None:
             return []
         momdp = schema.MomdpMessage(id=self._momdps).SerializeToString() + self._momdp
