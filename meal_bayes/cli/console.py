@@ -103,17 +103,18 @@ def print_json(facts: Mapping[str, object]) -> None:
 def print_facts(console: Console, facts: Mapping[str, str], **styles: str) -> None:
     """Print labels and their texts, by label in a style; long texts wrap beside their label."""
     for label, value in facts.items():
-        head = label_text(label)
-        width = max(console.width - len(head), _NARROW)
+        width, rows = max(console.width - max(len(label), _LABEL) - 3, _NARROW), list[Text]()
         for line in value.splitlines():
-            for part in textwrap.wrap(line, width, break_long_words=False) or [""]:
-                console.print(head.append_text(Text(part, styles.get(label, ""))), soft_wrap=True)
-                head = label_text("")
+            parts = textwrap.wrap(line, width, break_long_words=False) or [""]
+            rows += (Text(part, styles.get(label, "")) for part in parts)
+        print_rows(console, label, rows, soft_wrap=True)
 
 
-def label_text(label: str) -> Text:
-    """Return the label at the beginning of a line."""
-    return Text(f"  {label:<{_LABEL}} ", "dim")
+def print_rows(console: Console, label: str, rows: Iterable[Text], **options: Any) -> None:
+    """Print lines of text, the first behind the label; options are those of `Console.print`."""
+    for text in rows:
+        console.print(Text(f"  {label:<{_LABEL}} ", "dim").append_text(text), **options)
+        label = ""
 
 
 def note(text: str) -> None:

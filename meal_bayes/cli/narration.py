@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 from rich.console import Console
 from rich.text import Text
 
-from meal_bayes.cli.console import label_text, print_facts
+from meal_bayes.cli.console import print_facts, print_rows
 from meal_bayes.display import best_options, percent
 from meal_bayes.trials.text import final_facts, gap_text, outcome_text, percept_labels
 
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 _BAR = 30  # characters
 _OPTIONS = 4  # actions that are compared
 _SHOWN_ERROR = 0.05  # errors below it would print as 0.0
+_CUT: dict[str, Any] = {"no_wrap": True, "overflow": "ellipsis"}  # lines that do not wrap
 
 
 def print_trial(console: Console, trial: "Trial") -> None:
@@ -78,7 +79,7 @@ def _print_values(console: Console, momdp: "MOMDP", step: "Step", *, heads: bool
         rows.append(Text(line.rstrip(), "bold" if option == chosen else ""))
     if gap := gap_text(decision):
         rows.append(Text(f"  {gap}", "dim"))
-    _print_rows(console, "why", rows)
+    print_rows(console, "why", rows, **_CUT)
     return True
 
 
@@ -91,13 +92,7 @@ def _print_belief(
         line.append("█" * full, "green" if p > 0.5 else "yellow")  # green is reported
         line.append("░" * (_BAR - full), "dim")
         rows.append(line.append(f" {percent(p):>7}"))
-    _print_rows(console, "belief", rows)
-
-
-def _print_rows(console: Console, label: str, rows: "list[Text]") -> None:
-    for text in rows:
-        console.print(label_text(label).append_text(text), no_wrap=True, overflow="ellipsis")
-        label = ""
+    print_rows(console, "belief", rows, **_CUT)
 
 
 def print_answer(console: Console, trial: "Trial") -> None:
