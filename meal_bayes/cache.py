@@ -57,13 +57,6 @@ def scratch_folder(name: str) -> Path:
 
 
 @contextlib.contextmanager
-def temporary_folder() -> Iterator[Path]:
-    """Yield a folder for files of the block, which goes with it."""
-    with tempfile.TemporaryDirectory(prefix="meal_bayes-") as name:
-        yield Path(name)
-
-
-@contextlib.contextmanager
 def writable_caches() -> Iterator[None]:
     """Set a writable cache for libraries that are imported in the block and require one.
 

@@ -6,13 +6,13 @@ import subprocess
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from xml.etree import ElementTree
 
 import numpy as np
 from numpy.typing import NDArray
 
 from meal_bayes.arrays import freeze, set_frozen
-from meal_bayes.cache import temporary_folder
 from meal_bayes.errors import DataError, SettingsError
 from meal_bayes.momdp import MOMDP, answer_value, initial_belief, write_pomdpx
 from meal_bayes.planners import Decision, History
@@ -57,7 +57,8 @@ class Sarsop:
         program = _find(self.program)
         if momdp.discount >= 1:
             raise SettingsError("SARSOP needs a discount below 1; the paper's is 0.99.")
-        with temporary_folder() as folder:
+        with TemporaryDirectory(prefix="meal_bayes-") as name:
+            folder = Path(name)
             write_pomdpx(momdp, folder / "problem.pomdpx")
             command = [
                 program, "--timeout", f"{self.seconds:g}", "--precision", f"{self.precision:g}",

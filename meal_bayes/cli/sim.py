@@ -3,6 +3,7 @@
 import os
 import re
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -72,7 +73,6 @@ def ask(question: str, view: bool, save: Path | None, as_json: bool, **options: 
     object that nobody recorded: it decides, the arm executes, until it can report. The trial is
     logged step by step.
     """
-    from meal_bayes.cache import temporary_folder
     from meal_bayes.cli.narration import print_answer, trial_json
     from meal_bayes.errors import RobotError
     from meal_bayes.experiments import simulated
@@ -110,9 +110,9 @@ def ask(question: str, view: bool, save: Path | None, as_json: bool, **options: 
     else:
         print_answer(terminal.output(), trial)
         terminal.note(f"every decision and its reasons: meal-bayes log show {log}")
-    with temporary_folder() as folder:
+    with TemporaryDirectory(prefix="meal_bayes-") as folder:
         if watched:
-            path = recording or folder / "sim.rrd"
+            path = recording or Path(folder, "sim.rrd")
             path.parent.mkdir(parents=True, exist_ok=True)
             write_recording([trial], path, {"config": {"command": "sim ask"}}, frames=frames)
             terminal.note(f"{path}: {len(frames)} frames, {path.stat().st_size:,} bytes")

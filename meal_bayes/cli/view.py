@@ -1,11 +1,11 @@
 """`meal-bayes view`: trials step by step in rerun, live or from a log."""
 
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
 import click
 
-from meal_bayes.cache import temporary_folder
 from meal_bayes.cli.console import note, progress, say
 from meal_bayes.cli.options import FILE, MOST_TRIALS, option
 from meal_bayes.files import check_output, draft_of, write_whole
@@ -66,9 +66,9 @@ def view(
             raise OutputError(f"{save} cannot be written: {fault}; give another place.") from fault
         say(f"{save}: {trials} trials, {save.stat().st_size:,} bytes")
     elif screenshot is not None and logs is not None:
-        with temporary_folder() as folder:
+        with TemporaryDirectory(prefix="meal_bayes-") as folder:
             # rerun shows the file's name
-            recording = folder / f"{log.resolve().name.partition('.')[0]}.rrd"
+            recording = Path(folder, f"{log.resolve().name.partition('.')[0]}.rrd")
             _, last = _record(log, logs, recording, number)
             write_whole(screenshot, viewer.take_picture(recording, row=last))
         say(f"{screenshot}: {screenshot.stat().st_size:,} bytes")
@@ -92,19 +92,17 @@ def _record(log: Path, logs: "Logs", to: "Target", number: int | None) -> tuple[
     from meal_bayes.errors import SettingsError
     from meal_bayes.viewer import send_recording
 
-    sent = last = 0
+    last = 0
 
     def entries() -> "Iterator[Trial | TrialOutcomes]":
-        nonlocal sent, last
+        nonlocal last
+        place = number or 0
         for group in logs.groups():
             advance(logs.files.index(group.file), len(logs.files))
-            for entry in group.trials:
-                last = max(len(entry.steps) - 1, 0) if sent == (number or 0) else last
-                yield entry
-                sent += 1
-            if not group.trials:  # of a compact log
-                yield group.outcomes
-                sent += len(group.outcomes)
+            if 0 <= place < len(group.trials):
+                last = max(len(group.trials[place].steps) - 1, 0)
+            place -= len(group.outcomes)
+            yield from group.trials or [group.outcomes]  # which a compact log consists of
 
     with progress("reading", "files") as advance:
         trials = send_recording(entries(), to, logs.header, name=log.resolve().name, only=number)

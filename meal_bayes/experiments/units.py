@@ -15,12 +15,12 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Protocol
 
 import numpy as np
 from filelock import FileLock, Timeout
 
-from meal_bayes.cache import temporary_folder
 from meal_bayes.errors import SettingsError
 from meal_bayes.experiments.parallel import in_parallel
 from meal_bayes.files import check_folder
@@ -81,8 +81,8 @@ def run_units(
         check_folder(folder)
     warm_up()
     announced = set[str]()
-    with temporary_folder() as folder:
-        file = folder / "parts"
+    with TemporaryDirectory(prefix="meal_bayes-") as name:
+        file = Path(name, "parts")
         parts = np.memmap(file, float, "w+", shape=len(todo))  # done of each unit under way
 
         def look() -> None:
