@@ -65,6 +65,17 @@ def base_rate_log_loss(labels: NDArray[np.int8]) -> Floats:
     return np.asarray(held_out_log_loss(nothing, labels)[0])
 
 
+def cohens_kappa(table: NDArray[np.number]) -> Floats:
+    """Return Cohen's kappa (...) of counts (...,2,2) [truth, yes]; 0 where it is undefined."""
+    number = table.sum(axis=-1)
+    everything = np.maximum(number.sum(axis=-1), 1)
+    agree = (table[..., 1, 1] + table[..., 0, 0]) / everything
+    p_yes, p_true = table[..., 1].sum(axis=-1) / everything, number[..., 1] / everything
+    chance = p_yes * p_true + (1 - p_yes) * (1 - p_true)
+    defined = (number.min(axis=-1) > 0) & (chance < 1)
+    return np.where(defined, (agree - chance) / np.where(chance < 1, 1 - chance, 1), 0.0)
+
+
 def yes_counts(log_odds: NDArray[np.floating], labels: NDArray[np.int8]) -> NDArray[np.int64]:
     """Count yes and no of held-out log-odds (O,R,E,P), (O,P,E,2,2); NaN does not count."""
     levels = levels_of(round_log_odds(log_odds), BIN_EDGES, 2)

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from held_out import (
     base_rate_log_loss,
+    cohens_kappa,
     held_out_log_loss,
     held_out_log_odds,
     permuted,
@@ -26,7 +27,6 @@ from measuring import options_of, show
 
 from meal_bayes.datasets import Dataset, load_dataset
 from meal_bayes.perception import PAPER, build_percept_table, with_classifier
-from meal_bayes.perception.confusion import cohens_kappa
 from meal_bayes.perception.settings import DEFAULT, PerceptionSettings
 from meal_bayes.seeds import stream
 

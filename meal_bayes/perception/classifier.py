@@ -24,7 +24,6 @@ from sklearn.base import clone
 from sklearn.svm import SVC
 
 from meal_bayes.datasets.percepts import THRESHOLD
-from meal_bayes.perception.confusion import cohens_kappa
 from meal_bayes.perception.ensemble import Pool
 from meal_bayes.perception.folds import (
     UNKNOWN,
@@ -167,8 +166,9 @@ class KappaPool(NamedTuple):
             if labels.any() and not labels.all():
                 offset, slope = sigmoid[m, p] = fit_sigmoid(decisions[:, m, p], labels)
                 yes = offset + slope * decisions[:, m, p] > THRESHOLD
-                table = np.histogram2d(labels, yes, bins=2, range=[[0, 1], [0, 1]])[0]
-                weights[m, p] = np.maximum(cohens_kappa(table), 0.0)
+                agree, p_yes, p_true = (yes == labels).mean(), yes.mean(), labels.mean()
+                chance = p_yes * p_true + (1 - p_yes) * (1 - p_true)
+                weights[m, p] = max((agree - chance) / (1 - chance), 0.0)
         return cls(sigmoid, weights)
 
     def log_odds(self, decisions: Floats) -> Floats:

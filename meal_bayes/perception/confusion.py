@@ -12,17 +12,6 @@ from numpy.typing import NDArray
 from meal_bayes.datasets.percepts import PerceptTable
 
 
-def cohens_kappa(table: NDArray[Any]) -> NDArray[np.float64]:
-    """Return Cohen's kappa (...) of counts (...,2,2) [truth, yes]; 0 where it is undefined."""
-    number = table.sum(axis=-1)
-    everything = np.maximum(number.sum(axis=-1), 1)
-    agree = (table[..., 1, 1] + table[..., 0, 0]) / everything
-    p_yes, p_true = table[..., 1].sum(axis=-1) / everything, number[..., 1] / everything
-    chance = p_yes * p_true + (1 - p_yes) * (1 - p_true)
-    defined = (number.min(axis=-1) > 0) & (chance < 1)
-    return np.where(defined, (agree - chance) / np.where(chance < 1, 1 - chance, 1), 0.0)
-
-
 def by_truth(levels: NDArray[np.int64], labels: NDArray[np.int8]) -> NDArray[np.int64]:
     """Assign level counts (O,P,E,K) to the rows of the objects' known labels (O,P)."""
     rows = np.stack([labels == 0, labels == 1], axis=-1)  # (O,P,2)

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from held_out import held_out_log_odds, permuted, yes_counts
+from held_out import cohens_kappa, held_out_log_odds, permuted, yes_counts
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import minimize
@@ -30,7 +30,6 @@ from meal_bayes.perception import (
     with_classifier,
 )
 from meal_bayes.perception.classifier import KappaPool, fit_sigmoid
-from meal_bayes.perception.confusion import cohens_kappa
 from meal_bayes.perception.folds import FoldProblem
 
 BY_HEART = KNeighborsClassifier(1)

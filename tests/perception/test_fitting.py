@@ -2,7 +2,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from held_out import held_out_log_odds
+from held_out import cohens_kappa, held_out_log_odds
 from sklearn.naive_bayes import GaussianNB
 
 from meal_bayes.datasets import Dataset, Instance, TrainingSet
@@ -15,7 +15,7 @@ from meal_bayes.perception import (
     fit_and_validate,
     with_classifier,
 )
-from meal_bayes.perception.confusion import cohens_kappa, youden
+from meal_bayes.perception.confusion import youden
 
 BOTH = Query(("red", "heavy"))
 SETTINGS = pytest.mark.parametrize("settings", [DEFAULT, PAPER], ids=["default", "paper"])

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from held_out import cohens_kappa
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import minimize
@@ -11,7 +12,7 @@ from scipy.optimize import minimize
 from meal_bayes.datasets import TrainingSet
 from meal_bayes.datasets.percepts import BIN_EDGES, THRESHOLD, levels_of, round_log_odds
 from meal_bayes.perception import DEFAULT, build_percept_table, fit_and_validate, table_counts
-from meal_bayes.perception.confusion import cohens_kappa, youden
+from meal_bayes.perception.confusion import youden
 from meal_bayes.perception.leave_out import (
     NOBODY,
     RIDGE,

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from held_out import held_out_log_odds, permuted, yes_counts
+from held_out import cohens_kappa, held_out_log_odds, permuted, yes_counts
 from sklearn.naive_bayes import GaussianNB
 
 from meal_bayes.datasets import (
@@ -23,7 +23,6 @@ from meal_bayes.perception import (
     table_counts,
     with_classifier,
 )
-from meal_bayes.perception.confusion import cohens_kappa
 from meal_bayes.perception.fitting import learned_widths
 from meal_bayes.perception.leave_out import each_group, kernel_problem
 from meal_bayes.perception.recordings import dealt, gather
