@@ -157,8 +157,6 @@ def table_outputs(
         inside = problem.folds == h  # o's fellows are scored without the fold, as is all else
         side[inside] = held_outputs[inside]
         training[np.isin(held, problem.units[inside])] = side
-    for index, unit in enumerate(held):
-        training[index, problem.units == unit] = np.nan
     if by_object:
         scored = np.intersect1d(held, problem.objects[problem.known])
         pools = {h: _pool(problem, decisions, frozenset([h])) for h in problem.names}

@@ -103,7 +103,7 @@ def outputs(
 
     Held (H,) are objects, or folds of them where there are many (see `dealt`). Returns the outputs
     (n,P) on what is held out, and for each of it those on the others, (H,n,P), NaN where none was
-    computed.
+    computed; on itself they mean nothing.
     """
     kernels = recordings.kernels(joint=settings.joint)
     (part,) = parts(recordings, kernels, settings, by_object=True)
@@ -118,16 +118,10 @@ def outputs(
     pairs = pairs[np.isin(problem.groups[pairs], held).any(axis=1)]
     both = leave_out(problem, pairs, settings, weights).log_odds
     rows = [part.rows[start:end] for start, end in pairwise(problem.starts)]
-    place = {name: h for h, name in enumerate(held.tolist())}
-    places = [place.get(name) for name in problem.groups.tolist()]  # among what is held out
     for (first, second), scores in zip(pairs.tolist(), both, strict=True):
-        sides = np.split(scores.T, [len(rows[first])])
-        for out, other, side in ((first, second, 1), (second, first, 0)):
-            if places[out] is not None:
-                training[places[out], rows[other]] = sides[side]
-    for out, absent in zip(places, rows, strict=True):
-        if out is not None:
-            training[out, absent] = np.nan
+        of_first, of_second = np.split(scores.T, [len(rows[first])])
+        training[np.ix_(held == problem.groups[first], rows[second])] = of_second
+        training[np.ix_(held == problem.groups[second], rows[first])] = of_first
     unknown = np.setdiff1d(np.arange(len(held_outputs)), part.rows)
     across = kernels[:, unknown][:, :, part.columns]
     decisions = np.einsum("mbn,mpn->bmp", across, problem.duals)

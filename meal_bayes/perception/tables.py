@@ -113,6 +113,7 @@ def _score_behavior(
             for _, attributes in known_patterns(recordings.labels >= 0):
                 part = recordings.of(attributes).widened(width)
                 log_odds, training = method_of(settings).outputs(part, names[chosen], settings)
+                training[names[chosen][:, None] == groups[recordings.objects]] = np.nan
                 held_outputs[np.ix_(rows, attributes)] = round_log_odds(log_odds)[rows]
                 bins = np.searchsorted(BIN_EDGES, round_log_odds(training))  # (h,n,a)
                 bins[np.isnan(training)] = -1
