@@ -110,8 +110,8 @@ def posterior_from(idata: Any, domain: Domain) -> ConfusionPosterior:
         idata = load_netcdf(idata)
     try:
         posterior = idata["posterior"]
-        names = {"truth": list(TRUTHS)}
-        names["level"] = list(level_names(posterior["mean"].sizes["level"]))
+        levels = level_names(posterior["mean"].sizes["level"])
+        names = {"truth": list(TRUTHS), "level": list(levels)}
         mean = posterior["mean"].transpose("chain", "draw", *ROW, "level").sel(names)
         along = {dim: mean[dim].values for dim in ROW}
         dispersion = posterior["dispersion"].transpose("chain", "draw", *ROW).sel(along)
@@ -148,15 +148,13 @@ def posterior_from(idata: Any, domain: Domain) -> ConfusionPosterior:
             raise DataError(f"The domain: {unknown('behavior', name, domain.behavior_names)}")
     behaviors = [name for name in domain.behavior_names if name in sensors]
     try:
-        percepts = observed.sel(attribute=list(domain.attributes), behavior=behaviors).values
+        percepts = observed.sel(attribute=list(domain.attributes), behavior=behaviors)
     except KeyError as fault:
         raise DataError(f"The percept counts lack what was drawn: {fault}.") from None
     if not ((percepts >= 0) & (percepts % 1 == 0)).all():
         raise DataError("Percept counts must be whole numbers >= 0.")
-    shape = (*percepts.shape[:2], len(domain.behaviors), *percepts.shape[3:])
-    counts = np.zeros(shape, np.int64)
-    counts[:, :, [domain.behavior_index(name) for name in behaviors]] = percepts
-    shown = list(compress(behaviors, sensing(percepts)))
+    counts = percepts.reindex(behavior=list(domain.behavior_names), fill_value=0).values.astype(int)
+    shown = list(compress(domain.behavior_names, sensing(counts)))
     return summarize_draws(draws.sel(attribute=list(domain.attributes), behavior=shown), counts)
 
 
