@@ -3,8 +3,11 @@
 Every array field of a public type goes through `freeze` at birth.
 """
 
+import dataclasses
+from functools import cache
 from numbers import Real
-from typing import Any
+from types import UnionType
+from typing import Any, get_args, get_origin
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -32,6 +35,34 @@ def set_frozen(instance: object, **fields: Any) -> None:
     """Set fields of a frozen dataclass inside its own `__post_init__`."""
     for name, value in fields.items():
         object.__setattr__(instance, name, value)
+
+
+def freeze_arrays(instance: Any) -> None:
+    """Freeze the arrays of a dataclass, in the types of its annotations; None stays None."""
+    for name, dtype in _array_fields(instance.__class__):
+        if (values := getattr(instance, name)) is not None:
+            object.__setattr__(instance, name, freeze(values, dtype))
+
+
+@cache
+def _array_fields(kind: type[Any]) -> list[tuple[str, Any]]:
+    """Return name and dtype of the fields that are given and are `NDArray[dtype]`, perhaps None."""
+    arrays = []
+    for field in filter(lambda field: field.init, dataclasses.fields(kind)):
+        hint = get_args(field.type)[0] if isinstance(field.type, UnionType) else field.type
+        if get_origin(hint) is np.ndarray:
+            arrays.append((field.name, get_args(get_args(hint)[1])[0]))
+    return arrays
+
+
+class FrozenArrays:
+    """A dataclass whose arrays are frozen at birth."""
+
+    __slots__ = ()
+
+    def __post_init__(self) -> None:
+        """Freeze the arrays."""
+        freeze_arrays(self)
 
 
 _LABELS = {1: 1, 0: 0, -1: -1, None: -1, "": -1}  # True is 1, and 1.0 too

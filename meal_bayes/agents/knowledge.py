@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes.arrays import freeze, set_frozen
+from meal_bayes.arrays import FrozenArrays
 from meal_bayes.datasets import PerceptTable
 from meal_bayes.display import best_html, percent, short_repr
 from meal_bayes.domain import Domain
@@ -15,7 +15,7 @@ from meal_bayes.posterior.trait import SharedTrait, learn_trait
 
 
 @dataclass(frozen=True, slots=True)
-class Knowledge:
+class Knowledge(FrozenArrays):
     """Confusion posterior and base rates, learned without the object at hand.
 
     Attributes
@@ -36,9 +36,6 @@ class Knowledge:
     trait: SharedTrait | None = None
 
     __repr__ = short_repr
-
-    def __post_init__(self) -> None:
-        set_frozen(self, base_rates=freeze(self.base_rates))
 
     def _repr_html_(self) -> str:
         """Return what each behavior tells of each attribute, TPR - FPR of the mean, as HTML."""

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from meal_bayes.arrays import freeze, label_values, set_frozen
+from meal_bayes.arrays import freeze, freeze_arrays, label_values, set_frozen
 from meal_bayes.display import facts_html, facts_repr, listed
 from meal_bayes.domain import (
     Domain,
@@ -130,9 +130,7 @@ class PerceptTable:
             counts = np.zeros((o, e), np.int64)
             counts[:, self.domain.recorded] = r
             set_frozen(self, recording_counts=counts)
-        for name in ("labels", "log_odds", "edges", "training_bins", *_OPTIONAL):
-            kind = np.int64 if name in _OPTIONAL else np.dtype(_MEMBERS[name][0])
-            set_frozen(self, **{name: freeze(getattr(self, name), kind)})
+        freeze_arrays(self)
         expected = {
             "labels": (o, p),
             "log_odds": (o, r, e, p),

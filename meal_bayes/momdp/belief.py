@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes.arrays import freeze, set_frozen
+from meal_bayes.arrays import FrozenArrays, freeze
 from meal_bayes.display import bar_html, card, listed, table_html
 from meal_bayes.errors import ImpossibleObservation, SettingsError
 from meal_bayes.momdp.model import MOMDP
@@ -44,7 +44,7 @@ class Transition(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class Belief:
+class Belief(FrozenArrays):
     """The information state: x, the evidence on each attribute, and the percepts of this trial.
 
     Attributes
@@ -66,14 +66,6 @@ class Belief:
     percept_counts: NDArray[np.int64]
     log_odds: NDArray[np.float64]
     groups: tuple[tuple[int, ...], ...] = ()
-
-    def __post_init__(self) -> None:
-        set_frozen(
-            self,
-            log_prob=freeze(self.log_prob),
-            percept_counts=freeze(self.percept_counts, np.int64),
-            log_odds=freeze(self.log_odds),
-        )
 
     def __repr__(self) -> str:
         """Return the belief in three lines."""

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes.arrays import freeze, set_frozen
+from meal_bayes.arrays import FrozenArrays
 from meal_bayes.errors import SettingsError
 from meal_bayes.momdp.belief import initial_belief
 from meal_bayes.momdp.model import MOMDP
@@ -80,7 +80,7 @@ def _check_size(momdp: MOMDP, size: float, largest: float) -> None:
 
 
 @dataclass(frozen=True, slots=True)
-class FlatPOMDP:
+class FlatPOMDP(FrozenArrays):
     """A POMDP of dense arrays; of a MOMDP: state x * Y + y, then `term`; "none" is the last z.
 
     What generic solvers cannot hold is left out: percepts never run out (`limit`). They know no
@@ -110,10 +110,6 @@ class FlatPOMDP:
     reward: NDArray[np.float64]
     start: NDArray[np.float64]
     discount: float
-
-    def __post_init__(self) -> None:
-        for name in ("transition", "observation", "reward", "start"):
-            set_frozen(self, **{name: freeze(getattr(self, name))})
 
 
 def flatten(momdp: MOMDP) -> FlatPOMDP:

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes.arrays import freeze, set_frozen
+from meal_bayes.arrays import freeze, freeze_arrays, set_frozen
 from meal_bayes.display import facts_html, facts_repr, listed
 from meal_bayes.domain import Query
 from meal_bayes.errors import SettingsError
@@ -84,12 +84,7 @@ class MOMDP:
     __repr__, _repr_html_ = facts_repr, facts_html
 
     def __post_init__(self) -> None:
-        for name in (
-            "transition", "observation_probability", "confusion", "precision", "prior",
-            "latent_classes", "cost", "bonus", "limit",
-        ):  # fmt: skip
-            set_frozen(self, **{name: freeze(getattr(self, name))})
-        set_frozen(self, legal=freeze(self.legal, np.bool_))
+        freeze_arrays(self)
         self._check()
         set_frozen(self, log_truth=freeze(self._log_truth()))
 

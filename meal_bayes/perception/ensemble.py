@@ -7,7 +7,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes.arrays import freeze, set_frozen
+from meal_bayes.arrays import FrozenArrays
 from meal_bayes.datasets import Instance
 from meal_bayes.datasets.percepts import BIN_EDGES, levels_of, round_log_odds
 from meal_bayes.display import short_repr
@@ -59,7 +59,7 @@ class KernelFit(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class BehaviorClassifier:
+class BehaviorClassifier(FrozenArrays):
     """Psi(f_a, .): a fitted behavior, the spaces of its modalities, and which attributes are used.
 
     Where they are not, (P,), log-odds are 0.
@@ -71,9 +71,6 @@ class BehaviorClassifier:
 
     __repr__ = short_repr
 
-    def __post_init__(self) -> None:
-        set_frozen(self, used=freeze(self.used, np.bool_))
-
     def log_odds(self, features: Mapping[str, NDArray[np.floating]]) -> Floats:
         """Return log-odds of all attributes, (B,P), of raw features {modality: (B,D)}."""
         rows = [
@@ -84,7 +81,7 @@ class BehaviorClassifier:
 
 
 @dataclass(frozen=True, slots=True)
-class Perception:
+class Perception(FrozenArrays):
     """The fitted Psi of all behaviors; a `Perceiver`.
 
     Percepts of a behavior without an instance in the training set are at even odds.
@@ -107,9 +104,6 @@ class Perception:
     levels: int = 2
 
     __repr__ = short_repr
-
-    def __post_init__(self) -> None:
-        set_frozen(self, labels=freeze(self.labels, np.int8))
 
     def log_odds(self, instance: Instance, query: Query) -> Floats:
         """Return log-odds of "true", (N,), of a behavior that senses.

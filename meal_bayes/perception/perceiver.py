@@ -6,7 +6,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes.arrays import freeze, set_frozen
+from meal_bayes.arrays import FrozenArrays
 from meal_bayes.datasets import Instance
 from meal_bayes.datasets.percepts import PerceptTable
 from meal_bayes.domain import Domain, Query
@@ -91,7 +91,7 @@ class RecordedPercepts:
 
 
 @dataclass(frozen=True, slots=True)
-class SampledPercepts:
+class SampledPercepts(FrozenArrays):
     """Percepts drawn from the confusion matrices themselves.
 
     The authors' published simulator does so; accuracies obtained from it do not test the model.
@@ -109,9 +109,6 @@ class SampledPercepts:
     domain: Domain
     labels: NDArray[np.int8]
     confusion: NDArray[np.float64]
-
-    def __post_init__(self) -> None:
-        set_frozen(self, labels=freeze(self.labels, np.int8), confusion=freeze(self.confusion))
 
     def observe(
         self, instance: Instance, query: Query, rng: np.random.Generator

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes.arrays import freeze, set_frozen
+from meal_bayes.arrays import FrozenArrays
 from meal_bayes.datasets import Dataset, TrainingSet
 from meal_bayes.display import short_repr
 from meal_bayes.perception.settings import PerceptionSettings
@@ -26,7 +26,7 @@ Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
-class FeatureSpace:
+class FeatureSpace(FrozenArrays):
     """Standardized recordings and the kernel between them, without labels.
 
     Features are squashed by sign(x) log(1 + |x|), as audio and haptics span decades, then
@@ -45,12 +45,6 @@ class FeatureSpace:
     kernel: str
     width: float
     mix: Floats | None = None
-
-    def __post_init__(self) -> None:
-        set_frozen(self, varying=freeze(self.varying, np.int64))
-        for name in ("center", "scale", "rows", "mix"):
-            if getattr(self, name) is not None:
-                set_frozen(self, **{name: freeze(getattr(self, name))})
 
     def standardize(self, features: NDArray[np.floating]) -> Floats:
         """Transform raw features (B,D) to this space, (B,d)."""
@@ -147,7 +141,7 @@ Spaces = Mapping[tuple[str, str], FeatureSpace]  # (behavior, modality) -> rows 
 
 
 @dataclass(frozen=True, slots=True)
-class BehaviorRecordings:
+class BehaviorRecordings(FrozenArrays):
     """Recordings of one behavior, sorted by object and recording.
 
     Objects (n,) rise; labels (n,P) are 1 true, 0 false, -1 unknown; spaces (M,) are those of the
@@ -163,10 +157,6 @@ class BehaviorRecordings:
     width: float = 1.0
 
     __repr__ = short_repr
-
-    def __post_init__(self) -> None:
-        objects, labels = freeze(self.objects, np.int64), freeze(self.labels, np.int8)
-        set_frozen(self, objects=objects, labels=labels)
 
     @property
     def large(self) -> bool:

@@ -7,7 +7,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes.arrays import freeze, set_frozen
+from meal_bayes.arrays import FrozenArrays
 from meal_bayes.momdp import MOMDP, Belief, answer_value, best_answer
 from meal_bayes.seeds import stream
 
@@ -40,7 +40,7 @@ class TreeEdge(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class Decision:
+class Decision(FrozenArrays):
     """A chosen action with its evidence.
 
     Attributes
@@ -72,16 +72,6 @@ class Decision:
     simulations: int = 0
     sampled_rows: NDArray[np.float64] | None = None
     gap: float | None = None
-
-    def __post_init__(self) -> None:
-        set_frozen(
-            self,
-            values=freeze(self.values),
-            value_se=freeze(self.value_se),
-            visits=freeze(self.visits, np.int64),
-        )
-        if self.sampled_rows is not None:
-            set_frozen(self, sampled_rows=freeze(self.sampled_rows))
 
     @classmethod
     def exact(cls, action: int, values: NDArray[np.float64]) -> "Decision":

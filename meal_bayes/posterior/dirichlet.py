@@ -7,7 +7,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from meal_bayes.arrays import freeze, set_frozen
+from meal_bayes.arrays import freeze, freeze_arrays
 from meal_bayes.display import best_html, short_repr
 from meal_bayes.errors import SettingsError
 from meal_bayes.perception.confusion import youden
@@ -60,8 +60,7 @@ class ConfusionPosterior:
     __repr__ = short_repr
 
     def __post_init__(self) -> None:
-        for name in ("counts", "concentration", "dispersion"):
-            set_frozen(self, **{name: freeze(getattr(self, name))})
+        freeze_arrays(self)
         shape = self.counts.shape
         if len(shape) != _DIMENSIONS or shape[2] != 2:
             raise SettingsError(

@@ -31,7 +31,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import minimize_scalar
 
-from meal_bayes.arrays import freeze, set_frozen
+from meal_bayes.arrays import FrozenArrays, freeze
 from meal_bayes.display import short_repr
 from meal_bayes.posterior.dirichlet import ConfusionPosterior
 from meal_bayes.seeds import stream
@@ -52,7 +52,7 @@ _TINY = 1e-300
 
 
 @dataclass(frozen=True, slots=True)
-class SharedTrait:
+class SharedTrait(FrozenArrays):
     """The distribution of objects' traits given the truth.
 
     Sigma is `sd`, of traits about the truth's +-1; points (M,) are t, rising, and latent classes
@@ -68,9 +68,6 @@ class SharedTrait:
     latent_classes: Array
 
     __repr__ = short_repr
-
-    def __post_init__(self) -> None:
-        set_frozen(self, points=freeze(self.points), latent_classes=freeze(self.latent_classes))
 
     @classmethod
     def of_sd(cls, sd: float) -> "SharedTrait":

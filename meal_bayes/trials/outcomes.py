@@ -9,7 +9,7 @@ from typing import Any, NamedTuple, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes.arrays import freeze, set_frozen
+from meal_bayes.arrays import freeze_arrays
 from meal_bayes.errors import SettingsError
 from meal_bayes.trials.trial import Trial
 
@@ -91,8 +91,7 @@ class TrialOutcomes:
     failed: NDArray[np.int64]
 
     def __post_init__(self) -> None:
-        for name, kind in _TYPES.items():
-            set_frozen(self, **{name: freeze(getattr(self, name), kind)})
+        freeze_arrays(self)
         self._check()
 
     def __len__(self) -> int:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from meal_bayes.arrays import freeze, label_values, set_frozen
+from meal_bayes.arrays import FrozenArrays, label_values
 from meal_bayes.display import (
     bar_html,
     facts_repr,
@@ -85,7 +85,7 @@ class Step:
 
 
 @dataclass(frozen=True, slots=True)
-class Trial:
+class Trial(FrozenArrays):
     """The paper's xi, with its beliefs and decisions.
 
     Attributes
@@ -119,13 +119,6 @@ class Trial:
     report: NDArray[np.bool_] | None
     ended: str = ""
     counts: NDArray[np.float64] | None = None
-
-    def __post_init__(self) -> None:
-        set_frozen(self, truth=freeze(self.truth, np.int8))
-        if self.counts is not None:
-            set_frozen(self, counts=freeze(self.counts))
-        if self.report is not None:
-            set_frozen(self, report=freeze(self.report, np.bool_))
 
     __repr__ = facts_repr
 
