@@ -38,7 +38,18 @@ def check_output(path: str | Path, *, inputs: Iterable[str | Path] = ()) -> Path
     named = Path(path)
     target = Path(os.path.realpath(named))
     with _with_path(named):
-        _check_replaced(named, target, inputs)
+        for read in map(Path, inputs):
+            linked = target.exists() and read.exists() and read.samefile(target)  # by a hard link
+            if linked or target == Path(os.path.realpath(read)):
+                raise OutputError(f"{named} is what is read; give the output another name.")
+        if target.is_dir():
+            raise OutputError(f"{named} is a folder; give the name of a file.")
+        if target.is_file():
+            with target.open("rb") as file:
+                if file.read(len(_LOG_MAGIC)) == _LOG_MAGIC:
+                    raise OutputError(f"{named} is a trial log, which stays; give another name.")
+        elif target.exists():
+            raise OutputError(f"{named} is a device or a pipe; give the name of a regular file.")
         check_folder(target.parent)
     return target
 
@@ -89,23 +100,6 @@ def replace_whole(draft: Path, target: Path) -> None:
     draft.replace(target)
     with contextlib.suppress(OSError):  # not every file system syncs folders
         _sync(target.parent)
-
-
-def _check_replaced(named: Path, target: Path, inputs: Iterable[str | Path]) -> None:
-    """Refuse to replace what is no output."""
-    for read in map(Path, inputs):
-        linked = target.exists() and read.exists() and read.samefile(target)  # by a hard link
-        if linked or target == Path(os.path.realpath(read)):
-            raise OutputError(f"{named} is what is read; give the output another name.")
-    if not target.exists():
-        return
-    if target.is_dir():
-        raise OutputError(f"{named} is a folder; give the name of a file.")
-    if not target.is_file():
-        raise OutputError(f"{named} is a device or a pipe; give the name of a regular file.")
-    with target.open("rb") as file:
-        if file.read(len(_LOG_MAGIC)) == _LOG_MAGIC:
-            raise OutputError(f"{named} is a trial log, which stays; give another name.")
 
 
 @contextlib.contextmanager

@@ -272,9 +272,7 @@ def unknown(kind: str, name: str, known: Iterable[str]) -> str:
     names = list(known)
     near = difflib.get_close_matches(name, names, n=3, cutoff=0.5)
     hint = f"did you mean {' or '.join(map(repr, near))}? " if near else ""
-    more = f", ... ({len(names)} in all)" if len(names) > _SHOWN else ""
-    shown = ", ".join(names[:_SHOWN]) + more
-    return f"Unknown {kind} {name!r}: {hint}expected one of: {shown}."
+    return f"Unknown {kind} {name!r}: {hint}expected one of: {listed(names, _SHOWN)}."
 
 
 def _check_unique(kind: str, names: tuple[str, ...]) -> None:
