@@ -154,11 +154,9 @@ class TrialBuilder:
             belief = steps[-1].belief
         trial = Trial(
             task=Task(
-                name=begin.name,
                 query=replace(momdp.query, attributes=tuple(begin.attributes)),
-                object_index=begin.object_index,
-                object_name=begin.object_name,
                 key=tuple(key),
+                **{name: getattr(begin, name) for name in schema.TASK_VALUES},
             ),
             agent=begin.agent,
             momdp=momdp,

@@ -106,12 +106,10 @@ class TrialEncoder:
             trial=self._number,
             momdp=self._momdp,
             agent=trial.agent,
-            name=task.name,
             attributes=task.query.attributes,
-            object_index=task.object_index,
-            object_name=task.object_name,
             key=task_key(task.key),
             truth=trial.truth.tolist(),
+            **{name: getattr(task, name) for name in schema.TASK_VALUES},
             **_belief(first, replayed=not first.percept_counts.any()),
         )
         return self._packed((schema.TRIAL, 0, start))

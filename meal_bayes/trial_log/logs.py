@@ -63,10 +63,11 @@ class Logs:
 
     @cached_property
     def _headers(self) -> list[dict[str, object]]:
-        headers: list[dict[str, object]] = [{} for _ in self.files]
-        for file, header in zip(self.files, headers, strict=True):
+        headers = list[dict[str, object]]()
+        for file in self.files:
+            headers.append({})
             with contextlib.suppress(LogCorruptError):
-                header.update(read_header(file))
+                headers[-1] = read_header(file)
         return headers
 
     def groups(self) -> Iterator[Group]:

@@ -75,6 +75,7 @@ MOMDP_ARRAYS = {
     "precision": "nec", "prior": "n", "latent_classes": "n2c", "cost": "e", "bonus": "ne2",
     "limit": "e",
 }  # fmt: skip
+TASK_VALUES = ("name", "object_index", "object_name")  # by the names of `Task`
 STEP_VALUES = ("x", "next_x", "cost", "reward", "warning")  # by the names of `Step`
 DECISION_ARRAYS = {"values": float, "value_se": float, "visits": int}
 MOMDP_NUMBERS = ("start", "correct", "incorrect", "discount", "abstain")

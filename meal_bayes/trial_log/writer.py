@@ -19,13 +19,7 @@ from mcap.writer import Writer
 from meal_bayes.errors import LogError, SettingsError
 from meal_bayes.files import replace_whole, write_whole
 from meal_bayes.trial_log import schema
-from meal_bayes.trial_log.encode import (
-    End,
-    Packed,
-    TrialEncoder,
-    encode_momdp,
-    encode_outcomes,
-)
+from meal_bayes.trial_log.encode import End, Packed, TrialEncoder, encode_momdp, encode_outcomes
 from meal_bayes.trial_log.names import new_draft, timing_of
 from meal_bayes.trial_log.schema import FORMAT_VERSION, SUFFIX
 from meal_bayes.trials import Step, Trial, TrialOutcomes
