@@ -126,8 +126,7 @@ def _write(
     beliefs = checks.beliefs_without_itself(draws, counts)
     units = checks.units_of(counts, objects, attributes)
     shown = xr.DataArray(
-        counts,
-        {"object": list(objects)} | {dim: draws[dim].values for dim in (*ROW, "level")},
+        counts, {"object": list(objects)} | {dim: draws[dim].values for dim in (*ROW, "level")}
     )
     groups = {
         "observed_data": xr.Dataset({"yes": units.yes}),

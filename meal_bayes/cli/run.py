@@ -61,7 +61,7 @@ def offline(
     An interrupted run continues when the same command is given again.
     """
     from meal_bayes import experiments
-    from meal_bayes.evaluation import compare, summarize
+    from meal_bayes.evaluation import summarize
     from meal_bayes.evaluation.statistics import plain
     from meal_bayes.experiments.percepts import percepts_for
 
@@ -78,13 +78,13 @@ def offline(
     how |= {"logs": logs, "jobs": jobs, "cluster": cluster, "fresh": fresh}
     with terminal.resumed("trials") as advance:
         finished = experiments.run_offline(config, on_progress=advance, **how)
-    outcomes = finished.outcomes()
-    rows = summarize(outcomes, seconds=finished.seconds)
+    rows = summarize(finished)
+    agents = rows.outcomes.agents
     paired = [
         {"agent": name, "against": _AGAINST, "measure": _MEASURE}
-        | plain(compare(outcomes, name, _AGAINST, measure=_MEASURE)._asdict())
-        for name in outcomes.agents
-        if _AGAINST in outcomes.agents and name != _AGAINST
+        | plain(rows.compare(name, _AGAINST, measure=_MEASURE)._asdict())
+        for name in agents
+        if _AGAINST in agents and name != _AGAINST
     ]
     if as_json:
         facts = {"rows": [row.as_dict() for row in rows], "paired": paired}

@@ -113,7 +113,6 @@ def ask(question: str, view: bool, save: Path | None, as_json: bool, **options: 
     with TemporaryDirectory(prefix="meal_bayes-") as folder:
         if watched:
             path = recording or Path(folder, "sim.rrd")
-            path.parent.mkdir(parents=True, exist_ok=True)
             write_recording([trial], path, {"config": {"command": "sim ask"}}, frames=frames)
             terminal.note(f"{path}: {len(frames)} frames, {path.stat().st_size:,} bytes")
         if view:

@@ -1,7 +1,7 @@
 """`meal-bayes view`: trials step by step in rerun, live or from a log."""
 
+import tempfile
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
 import click
@@ -66,7 +66,7 @@ def view(
             raise OutputError(f"{save} cannot be written: {fault}; give another place.") from fault
         say(f"{save}: {trials} trials, {save.stat().st_size:,} bytes")
     elif screenshot is not None and logs is not None:
-        with TemporaryDirectory(prefix="meal_bayes-") as folder:
+        with tempfile.TemporaryDirectory(prefix="meal_bayes-") as folder:
             # rerun shows the file's name
             recording = Path(folder, f"{log.resolve().name.partition('.')[0]}.rrd")
             _, last = _record(log, logs, recording, number)

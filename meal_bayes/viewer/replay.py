@@ -132,14 +132,12 @@ def send_recording(
     only: int | None = None,
     frames: Sequence[Frame] = (),
 ) -> int:
-    """Send trials to a file or a viewer, and return their number.
+    """Send trials to an .rrd file or the address of a viewer, and return their number.
 
     Parameters
     ----------
     trials : Iterable[Trial | TrialOutcomes]
         Outcomes, of which a compact log consists, are shown in the run's plots only.
-    to : Target
-        An .rrd file, or the address of a viewer (rerun+http://...).
     header, only
         As of `Replay`.
     frames : Sequence[Frame]
@@ -164,14 +162,12 @@ def follow(
     watching: Callable[[], bool],
     on_trials: Callable[[int], None] | None = None,
 ) -> Follower:
-    """Send the trials of a growing log, or of all logs of a folder, to a viewer.
+    """Send the trials of a growing log, or of all logs of a folder, to a viewer (or a file).
 
     Parameters
     ----------
     path : str | Path
         File (also under the name it has while it is written) or folder; it may still be to come.
-    to : Target
-        An .rrd file, or the address of a viewer.
     watching : Callable[[], bool]
         Polled; following ends when it returns False, or when all files have ended.
     on_trials : Callable[[int], None] | None
