@@ -12,18 +12,7 @@ from meal_bayes.datasets.synthetic import make_synthetic
 from meal_bayes.datasets.training_set import TrainingSet
 
 __all__ = [
-    "Dataset",
-    "Instance",
-    "PerceptTable",
-    "TrainingSet",
-    "cache_folder",
-    "fetch",
-    "load_dataset",
-    "load_percepts",
-    "make_synthetic",
-    "object_index",
-    "registry",
-    "save_csv_folder",
-    "save_percepts",
-    "verify",
-]
+    "Dataset", "Instance", "PerceptTable", "TrainingSet", "cache_folder", "fetch", "load_dataset",
+    "load_percepts", "make_synthetic", "object_index", "registry", "save_csv_folder",
+    "save_percepts", "verify",
+]  # fmt: skip

@@ -18,13 +18,7 @@ from meal_bayes.evaluation.statistics import (
     paired_fractions,
     resampled,
 )
-from meal_bayes.evaluation.summary import (
-    SummaryRow,
-    compare,
-    difference,
-    mean_effect,
-    summarize,
-)
+from meal_bayes.evaluation.summary import SummaryRow, compare, difference, mean_effect, summarize
 
 __all__ = [
     "Effect", "Interval", "SummaryRow", "brier", "calibration_error",

@@ -17,13 +17,7 @@ from meal_bayes.evaluation.calibration import (
     expected_calibration_error,
     negative_log_likelihood,
 )
-from meal_bayes.evaluation.statistics import (
-    Effect,
-    Interval,
-    Measures,
-    clustered,
-    paired_fractions,
-)
+from meal_bayes.evaluation.statistics import Effect, Interval, Measures, clustered, paired_fractions
 from meal_bayes.seeds import stream
 from meal_bayes.trials import TrialOutcomes, Trials
 

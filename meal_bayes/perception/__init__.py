@@ -9,25 +9,11 @@ from meal_bayes.perception.ensemble import Perception
 from meal_bayes.perception.fitting import fit_and_validate
 from meal_bayes.perception.perceiver import Perceiver, RecordedPercepts, SampledPercepts
 from meal_bayes.perception.recordings import fit_spaces
-from meal_bayes.perception.settings import (
-    DEFAULT,
-    PAPER,
-    PerceptionSettings,
-    with_classifier,
-)
+from meal_bayes.perception.settings import DEFAULT, PAPER, PerceptionSettings, with_classifier
 from meal_bayes.perception.tables import build_percept_table
 
 __all__ = [
-    "DEFAULT",
-    "PAPER",
-    "Perceiver",
-    "Perception",
-    "PerceptionSettings",
-    "RecordedPercepts",
-    "SampledPercepts",
-    "build_percept_table",
-    "fit_and_validate",
-    "fit_spaces",
-    "table_counts",
+    "DEFAULT", "PAPER", "Perceiver", "Perception", "PerceptionSettings", "RecordedPercepts",
+    "SampledPercepts", "build_percept_table", "fit_and_validate", "fit_spaces", "table_counts",
     "with_classifier",
-]
+]  # fmt: skip

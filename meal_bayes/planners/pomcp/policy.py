@@ -33,13 +33,7 @@ from meal_bayes.planners.open_loop.library import diagram_of, plan_library, reta
 from meal_bayes.planners.open_loop.policy import OpenLoopPolicy
 from meal_bayes.planners.open_loop.values import Plans, plan_values
 from meal_bayes.planners.pomcp.search import ENUMERATE, LeafEvaluator, search
-from meal_bayes.planners.pomcp.tree import (
-    KEPT,
-    make_sampled,
-    make_tree,
-    standard_errors,
-    top_edges,
-)
+from meal_bayes.planners.pomcp.tree import KEPT, make_sampled, make_tree, standard_errors, top_edges
 from meal_bayes.planners.rollout import simulate
 from meal_bayes.planners.solver import Decision, History, choose, no_errors
 
