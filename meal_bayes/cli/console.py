@@ -9,16 +9,8 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, S
 from typing import Any, NoReturn
 
 import click
+import rich.progress
 from rich.console import Console, ConsoleOptions, JustifyMethod, RenderableType
-from rich.progress import (
-    BarColumn,
-    MofNCompleteColumn,
-    Progress,
-    SpinnerColumn,
-    TextColumn,
-    TimeElapsedColumn,
-    TimeRemainingColumn,
-)
 from rich.segment import Segment
 from rich.table import Table
 from rich.text import Text
@@ -127,15 +119,15 @@ def progress(what: str, unit: str) -> Iterator[Advance]:
     """Show fraction done, time passed and time left: a bar on a terminal, else lines."""
     console, start = output(stderr=True), time.monotonic()
     # On no terminal rich prints nothing before the end; then a line tells from time to time.
-    bars = Progress(
-        SpinnerColumn("line"),  # moves while a long unit does not
-        TextColumn("{task.description}", markup=False),
-        BarColumn(bar_width=None),
-        MofNCompleteColumn(),
-        TextColumn(f"{unit},"),
-        TimeElapsedColumn(),
-        TimeRemainingColumn(),
-        TextColumn("left"),
+    bars = rich.progress.Progress(
+        rich.progress.SpinnerColumn("line"),  # moves while a long unit does not
+        rich.progress.TextColumn("{task.description}", markup=False),
+        rich.progress.BarColumn(bar_width=None),
+        rich.progress.MofNCompleteColumn(),
+        rich.progress.TextColumn(f"{unit},"),
+        rich.progress.TimeElapsedColumn(),
+        rich.progress.TimeRemainingColumn(),
+        rich.progress.TextColumn("left"),
         console=console, transient=True, expand=True, disable=not console.is_terminal,
     )  # fmt: skip
     task, first, last = bars.add_task(printable(what), total=None), None, start
