@@ -91,11 +91,10 @@ class Boundary:
     ) -> None:
         self._domain, self._object, self._sizes = domain, object_index, sizes
         self._x = {name: x for x, name in enumerate(domain.diagram.states)}
-        self._n_sensed, self._warned = 0, set[str]()
+        self._warned = set[str]()
 
     def start(self, state: object) -> int:
         """Return the index of x0, where a robot starts a trial; a `RobotError` if unknown."""
-        self._n_sensed = 0
         return self._index(state, "start()")
 
     def execute(self, behavior: int, outcome: object) -> Execution:
@@ -108,9 +107,7 @@ class Boundary:
             )
         next_x = self._index(outcome.state, f"execute({spec.name!r})")
         try:
-            if spec.answer_accuracy is not None:
-                return self._asked(spec, outcome, next_x)
-            return self._sensed(spec, outcome, next_x)
+            return self._perceived(spec, outcome, next_x)
         except _NoPercept as fault:
             return Execution(next_x, warning=f"no percept of {spec.name}: {fault}")
 
@@ -120,38 +117,25 @@ class Boundary:
         message = unknown("state", str(state), self._x)
         raise RobotError(f"{where} of the robot came to a state that is not known. {message}")
 
-    def _asked(self, spec: Behavior, outcome: Outcome, next_x: int) -> Execution:
+    def _perceived(self, spec: Behavior, outcome: Outcome, next_x: int) -> Execution:
+        accuracy, recording, features, warning = spec.answer_accuracy, outcome.recording, None, ""
+        if accuracy is None and outcome.answers is not None:
+            raise _NoPercept("it does not ask, but came with answers")
         if outcome.features is not None:
-            raise _NoPercept("it asks a person; give answers, not features")
-        if outcome.recording is not None:
-            return Execution(next_x, Instance(self._object, spec.name, outcome.recording))
+            if accuracy is not None:
+                raise _NoPercept("it asks a person; give answers, not features")
+            features, warning = self._features(spec, outcome.features)
+        if features is not None or recording is not None:
+            number = -1 if recording is None else recording  # what a sensor gives has none
+            instance = Instance(self._object, spec.name, number, features)
+            return Execution(next_x, instance, warning=warning)
         for name, value in (outcome.answers or {}).items():
             if name not in self._domain.attributes or not isinstance(value, bool | np.bool_):
                 raise _NoPercept(f"the answer {name!r}: {value!r} is not True or False")
         return Execution(next_x, answers=outcome.answers)
 
-    def _sensed(self, spec: Behavior, outcome: Outcome, next_x: int) -> Execution:
-        if outcome.answers is not None:
-            raise _NoPercept("it does not ask, but came with answers")
-        features, faults = None, list[str]()
-        if outcome.features is not None:
-            features, faults = self._features(spec, outcome.features)
-        recording, warning = outcome.recording, ""
-        if recording is None:
-            if features is None:
-                return Execution(next_x)
-            recording, self._n_sensed = self._n_sensed, self._n_sensed + 1
-        if faults:
-            used = ", ".join(features or ())
-            warning = f"percept of {spec.name} by {used} alone: {'; '.join(faults)}"
-            if spec.name not in self._warned:  # a person sees it once a trial
-                warnings.warn(warning, stacklevel=2)
-                self._warned.add(spec.name)
-        instance = Instance(self._object, spec.name, recording, features)
-        return Execution(next_x, instance, warning=warning)
-
-    def _features(self, spec: Behavior, sensed: object) -> tuple[Features, list[str]]:
-        """Return the valid features, and what is wrong with the others."""
+    def _features(self, spec: Behavior, sensed: object) -> tuple[Features, str]:
+        """Return the valid features, and a warning of what is wrong with the others."""
         if not isinstance(sensed, Mapping):
             raise _NoPercept(f"features are {type(sensed).__name__}, not {{modality: numbers}}")
         features, faults = Features(), list[str]()
@@ -162,7 +146,13 @@ class Boundary:
                 faults.append(str(fault))
         if not features:
             raise _NoPercept("; ".join(faults) or "it has no modalities")
-        return features, faults
+        if not faults:
+            return features, ""
+        warning = f"percept of {spec.name} by {', '.join(features)} alone: {'; '.join(faults)}"
+        if spec.name not in self._warned:  # a person sees it once a trial
+            warnings.warn(warning, stacklevel=2)
+            self._warned.add(spec.name)
+        return features, warning
 
     def _checked(
         self, behavior: str, modality: str, sensed: Mapping[str, ArrayLike]
