@@ -6,8 +6,7 @@ happens, and a confusion posterior that is updated by feedback.
 
 from meal_bayes.learner.api import ask
 from meal_bayes.learner.experience import Experience
-from meal_bayes.learner.feedback import implied
 from meal_bayes.learner.learner import Learner
-from meal_bayes.learner.percepts import recall
+from meal_bayes.learner.percepts import implied, recall
 
 __all__ = ["Experience", "Learner", "ask", "implied", "recall"]

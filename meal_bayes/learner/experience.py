@@ -189,8 +189,7 @@ class Experience:
 
     def executions_of(self, trial: Key) -> int:
         """Count the executions of a trial."""
-        number = self.trials.get(trial, -1)
-        return int((self.executions.values[:, 0] == number).sum()) if number >= 0 else 0
+        return int((self.executions.values[:, 0] == self.trials.get(trial, -1)).sum())
 
     def shown(self, trial: Key) -> NDArray[np.intp]:
         """Return the instances of a trial; where labels are told of an object, all of its own."""
@@ -244,9 +243,8 @@ class Experience:
         rows = np.flatnonzero(instances[:, 3] >= 0)
         rows = rows[np.lexsort(instances[rows, 2::-1].T)]  # by object, behavior, recording
         o, e = instances[rows, :2].T.astype(np.int32)
-        first = np.r_[True, (np.diff(o) != 0) | (np.diff(e) != 0)][: len(rows)]
-        start = np.maximum.accumulate(np.where(first, np.arange(len(rows)), 0))
-        r = (np.arange(len(rows)) - start).astype(np.int32)
+        place = o * len(self.domain.behaviors) + e
+        r = (np.arange(len(rows)) - np.searchsorted(place, place)).astype(np.int32)
         most = int(r.max(initial=0)) + 1
         features = {}
         for b, behavior in enumerate(self.domain.behaviors):
