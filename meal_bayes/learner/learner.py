@@ -20,6 +20,7 @@ from meal_bayes.learner.experience import Experience
 from meal_bayes.learner.fits import Fits
 from meal_bayes.learner.fitted import Fitted
 from meal_bayes.learner.percepts import tell
+from meal_bayes.learner.saved import load_learner, save_learner
 from meal_bayes.learner.sessions import Question
 from meal_bayes.learner.settings import LearnerSettings, check_data, own_posterior
 from meal_bayes.momdp import MOMDP
@@ -312,8 +313,6 @@ class Learner:
 
     def save(self, path: str | Path) -> None:
         """Write everything into one file, for `load`; the file is there whole or not at all."""
-        from meal_bayes.learner.saved import save_learner  # noqa: PLC0415
-
         with self.lock:
             save_learner(self, Path(path))
 
@@ -342,6 +341,4 @@ class Learner:
         DataError
             A file that is not a learner, is torn, or of another version.
         """
-        from meal_bayes.learner.saved import load_learner  # noqa: PLC0415
-
-        return load_learner(Path(path), agent=agent, classifier=classifier, logs=logs)
+        return load_learner(cls, Path(path), agent=agent, classifier=classifier, logs=logs)

@@ -14,7 +14,7 @@ from collections.abc import Callable, Mapping
 from functools import partial
 from itertools import count
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +27,6 @@ from meal_bayes.domain import Domain, domain_from_table, domain_table
 from meal_bayes.errors import DataError, MealBayesError, SettingsError
 from meal_bayes.files import draft_of
 from meal_bayes.learner.experience import Experience
-from meal_bayes.learner.learner import Learner
 from meal_bayes.perception import Perception
 from meal_bayes.perception.ensemble import BehaviorClassifier, KernelFit
 from meal_bayes.perception.recordings import FeatureSpace
@@ -35,6 +34,9 @@ from meal_bayes.perception.stacked import Stacker
 from meal_bayes.posterior import ConfusionPosterior
 from meal_bayes.posterior.trait import SharedTrait
 from meal_bayes.untrusted import UNREADABLE, read_array, read_member, read_meta, write_array
+
+if TYPE_CHECKING:
+    from meal_bayes.learner.learner import Learner
 
 _FORMAT = 8
 _TEXT = "learner.json"
@@ -54,7 +56,7 @@ _DTYPES = ("<f8", "<f4", "<f2", "<i8", "|i1", "|u1", "|b1")
 Json = Any
 
 
-def save_learner(learner: Learner, path: Path) -> None:
+def save_learner(learner: "Learner", path: Path) -> None:
     """Write a learner; the file is there whole or not at all, and one that was there stays."""
     fits, experience, table = learner.fits, learner.experience, learner.table
     settings, classifier = fits.settings, fits.settings.classifier
@@ -100,9 +102,9 @@ def save_learner(learner: Learner, path: Path) -> None:
 
 
 def load_learner(
-    path: Path, *, agent: object, classifier: object, logs: str | Path | None
-) -> Learner:
-    """Read a learner; raise as `Learner.load` does."""
+    kind: "type[Learner]", path: Path, *, agent: object, classifier: object, **options: Any
+) -> "Learner":
+    """Read a learner of a kind; raise as `Learner.load` does."""
     if not path.is_file():
         raise DataError(f"No file {path}; give the path of a learner that save() wrote.")
     try:
@@ -113,9 +115,9 @@ def load_learner(
             posterior, state, table = (
                 unpack(meta[name], read, domain) for name in ("posterior", "state", "table")
             )
-            learner = Learner(
+            learner = kind(
                 domain, agent=_agent(meta, agent, classifier), classifier=classifier,
-                posterior=posterior, logs=logs, **meta["options"],
+                posterior=posterior, **meta["options"], **options,
             )  # fmt: skip
             learner.asked = int(meta["asked"])
             _read_experience(archive, learner.experience)
