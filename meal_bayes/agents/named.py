@@ -5,6 +5,7 @@ Every agent runs offline (Sect. 7.2) and online (Sect. 7.3).
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import cast
 
 from meal_bayes.agents.agent import Agent
@@ -30,12 +31,8 @@ def _random_legal(domain: Domain, query: Query) -> Solver:
     return RandomLegal(budget, tuple(asks))  # the paper's explores, and asks nobody
 
 
-def _predefined(domain: Domain, query: Query) -> Solver:
-    return Predefined(domain.default_sequence)
-
-
-def _predefined_plus(domain: Domain, query: Query) -> Solver:
-    return Predefined(domain.default_sequence, persistent=True)
+def _predefined(domain: Domain, query: Query, persistent: bool = False) -> Solver:
+    return Predefined(domain.default_sequence, persistent=persistent)
 
 
 _LEGAL = Agent("random_legal", _random_legal)
@@ -57,7 +54,7 @@ AGENTS = {
         Agent("random", _Always(Random())),
         _LEGAL,
         Agent("predefined", _predefined),
-        Agent("predefined_plus", _predefined_plus),
+        Agent("predefined_plus", partial(_predefined, persistent=True)),
         Agent("greedy", _Always(Greedy())),
         _MORC,
         # The same with the cheapest planner: microseconds a decision, any number of attributes.
