@@ -14,7 +14,6 @@ NUTS (PyMC) takes seconds for thousands of trials.
 
 import dataclasses
 import math
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -22,7 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import expit
 
 from meal_bayes.errors import SettingsError
-from meal_bayes.evaluation.statistics import MASS, Interval, Measures
+from meal_bayes.evaluation.statistics import MASS, Measures
 from meal_bayes.evaluation.summary import measured
 from meal_bayes.seeds import stream
 from meal_bayes.trials import TrialOutcomes, Trials
@@ -225,30 +224,3 @@ def population_means(cells: Cells, posterior: dict[str, Array]) -> tuple[Array, 
         variance = sum(posterior[f"spread of {name}"] ** 2 for name in drawn if name in cells.terms)
         eta = expit(eta / np.sqrt(1.0 + _LOGISTIC * np.asarray(variance, float))[..., None, None])
     return eta, queries, index.ravel()
-
-
-def plot_effects(
-    rows: Sequence[AgentEffect], ax: Any = None, *, intervals: Sequence[Interval] = ()
-) -> Any:
-    """Plot effects with their credible intervals and the region of practical equivalence.
-
-    Other intervals of the same differences are drawn below them.
-    """
-    from meal_bayes.evaluation.canvas import axes_to_draw  # noqa: PLC0415  loads Matplotlib
-
-    with axes_to_draw(ax, height=1.2 + 0.3 * len(rows)) as to:
-        place = np.arange(len(rows))[::-1]
-        effect = np.array([row.effect for row in rows])
-        reach = np.abs(np.array([[row.low, row.high] for row in rows]).T - effect)
-        to.axvspan(-rows[0].margin, rows[0].margin, color="0.9")
-        to.axvline(0.0, color="0.5", lw=0.8)
-        to.errorbar(effect, place, xerr=reach, fmt="o", ms=4, lw=1.2)
-        if intervals:
-            plain, _, low, high = np.array(intervals).T
-            to.errorbar(plain, place - 0.25, xerr=[plain - low, high - plain], fmt="x", ms=4,
-                        color="0.45", lw=0.9)  # fmt: skip
-        else:
-            to.plot([row.plain for row in rows], place, "x", color="0.4", ms=5)
-        to.set_yticks(place, [f"{row.agent}, Pr {row.ahead:.2f}" for row in rows])
-        to.set_xlabel(f"{rows[0].measure} less {rows[0].reference}'s")
-        return to

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from meal_bayes.evaluation import Effect, canvas, compare_outcomes, difference, resampled
-from meal_bayes.evaluation.outcome_model import MARGINS, AgentEffect, plot_effects
+from meal_bayes.evaluation.outcome_model import MARGINS, AgentEffect
 from meal_bayes.trials import TrialOutcomes
 from paper_repro.frame import Cell, Result, Setting, Table, asked, paper_values
 from paper_repro.items.fig8 import AGENTS
@@ -111,7 +111,20 @@ def draw(pairs: dict[str, Pairs]) -> canvas.Axes:
         ax.remove()
         axes: list[canvas.Axes] = list(figure.subplots(1, len(pairs), squeeze=False)[0])
     for to, (title, group) in zip(axes, pairs.items(), strict=True):
-        named = [replace(row, agent=f"{row.attributes}: {row.agent}") for row, _ in group]
-        plot_effects(named, to, intervals=[plain.interval() for _, plain in group])
+        place, margin = np.arange(len(group))[::-1], group[0][0].margin
+        model = np.array([(row.effect, row.low, row.high) for row, _ in group])
+        plain = np.array([each.interval() for _, each in group])[:, [0, 2, 3]]
+        with canvas.axes_to_draw(to):
+            to.axvspan(-margin, margin, color="0.9")
+            to.axvline(0.0, color="0.5", lw=0.8)
+            for below, fmt, lw, color, drawn in ((0.0, "o", 1.2, "C0", model),
+                                                 (0.25, "x", 0.9, "0.45", plain)):  # fmt: skip
+                reach = np.abs(drawn[:, 1:].T - drawn[:, 0])
+                to.errorbar(
+                    drawn[:, 0], place - below, xerr=reach, fmt=fmt, ms=4, lw=lw, color=color
+                )
+            names = [f"{row.attributes}: {row.agent}, Pr {row.ahead:.2f}" for row, _ in group]
+            to.set_yticks(place, names)
+            to.set_xlabel(f"{group[0][0].measure} less {group[0][0].reference}'s")
         to.set_title(title)
     return axes[0]

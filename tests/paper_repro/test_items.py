@@ -6,8 +6,11 @@ import numpy as np
 import pytest
 
 from meal_bayes.datasets import load_percepts
+from meal_bayes.evaluation import Effect
+from meal_bayes.evaluation.outcome_model import AgentEffect
 from paper_repro import frame, online
 from paper_repro.items import eq7, fig4, fig8, fig9, fig10, fig11, fig12, losses, risk, table3
+from paper_repro.items.hierarchical import draw
 from paper_repro.items.table4 import judge as judge_table_4
 from paper_repro.items.table5 import predicted
 from paper_repro.online import Curves
@@ -249,3 +252,11 @@ def test_true_theta_counts_the_object_at_hand(tmp_path):
         shown = informed.training_levels(4, 2)[other, p, :-1, 1]  # reinit shows nothing
         np.testing.assert_array_equal(shown, yes[:-1, p])
     assert losses.cheapest_percept(table) == 0.5
+
+
+def test_effects_are_drawn_with_both_intervals():
+    effect = AgentEffect("bayes", "morc", "success", 9, 0.1, 0.08, 0.01, 0.2, 0.9, 0.1, 0.02, "red")
+    ax = draw({"Fig. 8": [(effect, Effect(0.1, 0.05, 9))]})
+    assert ax.get_xlabel() == "success less morc's"
+    assert [label.get_text() for label in ax.get_yticklabels()] == ["red: bayes, Pr 0.90"]
+    assert [drawn[0].get_xdata()[0] for drawn in ax.containers] == [0.08, 0.1]
