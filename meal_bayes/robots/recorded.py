@@ -76,14 +76,19 @@ class RecordedRobot:
 
     def execute(self, behavior: str) -> Outcome:
         """Execute a behavior; a success senses its next recording, if one is left."""
-        e, shown, uniform = self._move(behavior)
+        e = self._domain.behavior_index(behavior)
+        spec, (block, place) = self._domain.behaviors[e], divmod(self._executed[behavior], _BLOCK)
+        while len(self._blocks) <= block:
+            self._blocks.append(self._failures.random((len(self._executed), _BLOCK, 3)))
+        self._executed[behavior] += 1
+        moved, shown, uniform = self._blocks[block][e, place].tolist()
+        x, self._x = self._x, bisect.bisect_right(self._reach[e][self._x], moved)
         outcome = Outcome(self._domain.diagram.states[self._x])
-        if not shown:
+        if not spec.senses or shown >= self._shows[e][x][self._x]:
             return outcome
-        accuracy = self._domain.behaviors[e].answer_accuracy
-        if not self._domain.behaviors[e].modalities:
-            if self._person is not None and accuracy is not None:
-                return Outcome(outcome.state, answers=self._person(accuracy))
+        if not spec.modalities:
+            if self._person is not None and spec.answer_accuracy is not None:
+                return Outcome(outcome.state, answers=self._person(spec.answer_accuracy))
             return Outcome(outcome.state, recording=ANSWERED)
         if self._repeats and not isinstance(self._order, np.random.Generator):
             self._left[e].insert(0, recording := self._left[e].pop())  # in their order, for ever
@@ -97,18 +102,6 @@ class RecordedRobot:
             return Outcome(outcome.state, recording=recording)
         instance = self._dataset.instance(self._object, behavior, recording)
         return Outcome(outcome.state, instance.features, recording=recording)
-
-    def _move(self, behavior: str) -> tuple[int, bool, float]:
-        """Change x; return the behavior's place, whether it senses, and a uniform draw for it."""
-        e = self._domain.behavior_index(behavior)
-        block, place = divmod(self._executed[behavior], _BLOCK)
-        while len(self._blocks) <= block:
-            self._blocks.append(self._failures.random((len(self._executed), _BLOCK, 3)))
-        self._executed[behavior] += 1
-        moved, shown, uniform = self._blocks[block][e, place].tolist()
-        x, self._x = self._x, bisect.bisect_right(self._reach[e][self._x], moved)
-        senses = self._domain.behaviors[e].senses and shown < self._shows[e][x][self._x]
-        return e, senses, uniform
 
 
 @lru_cache(maxsize=16)
