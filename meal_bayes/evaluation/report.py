@@ -101,9 +101,7 @@ def _page(outcomes: TrialOutcomes, batches: Numbers, worst: Sequence[Worst], log
     agents = {name or "agent": outcomes.of_agent(name) for name in outcomes.agents}
     sections = list[Section]()
     if logs.problems:
-        text = "Some of the logs are damaged or unfinished; this page shows their whole trials."
-        problems = {"problems": logs.problems, "kind": "warning"}
-        sections.append({"title": "Warning", "text": text, **problems})
+        sections.append({"title": "Warning", "problems": logs.problems, "kind": "warning"})
     if len(outcomes) > 1:
         rows = summarize(outcomes)
         sections += [
@@ -113,18 +111,15 @@ def _page(outcomes: TrialOutcomes, batches: Numbers, worst: Sequence[Worst], log
             _attributes(agents),
             _behaviors(agents),
         ]
-    trials: Section = {"title": "The trial"}
-    if len(outcomes) > 1:
-        text = "Those with the lowest reward; of equals, where the belief was nearest to certain."
-        trials = {"title": "The worst trials", "text": text}
-    trials["parts"] = [_trial(bad) | {"opened": i < _OPENED} for i, bad in enumerate(worst)]
+    title = "The worst trials" if len(outcomes) > 1 else "The trial"
+    parts = [_trial(bad) | {"opened": i < _OPENED} for i, bad in enumerate(worst)]
     header = json.dumps(logs.header, indent=2, sort_keys=True, ensure_ascii=False)
     files = [[str(file), f"{file.stat().st_size:,}"] for file in logs.files]
     run = [
         {"title": "Configuration and versions", "code": header},
         {"title": "Logs", "tables": [{"head": ["file", "bytes"], "rows": files}]},
     ]
-    sections += [trials, {"title": "The run", "parts": run}]
+    sections += [{"title": title, "parts": parts}, {"title": "The run", "parts": run}]
     config = logs.header.get("config")
     name = config.get("dataset") if isinstance(config, dict) else None
     source = logs.files[0].name
@@ -201,9 +196,6 @@ def _agents(
         figures.append((plots.cost_distribution(costs), caption))
     return {
         "title": "Agents",
-        "text": "A trial counts as right when all its attributes are; one that abstained does not. "
-        "[95 % interval], ± one standard error, objects drawn as wholes. NLL (nats) and ECE are of "
-        "the final belief. Bold: best accuracy, reward and NLL.",
         "tables": [{"head": head, "rows": cells}, *_differences(rows, outcomes)],
         "figures": figures,
     }
@@ -264,13 +256,7 @@ def _calibration(rows: list[SummaryRow], outcomes: TrialOutcomes) -> Section:
             drawn = plots.reliability_diagram(positive, truth, small=True)
             caption = f"{row.agent}: ECE {row.ece:.3f}, if calibrated {row.ece_calibrated:.3f}"
             figures.append((drawn, caption))
-    text = (
-        "Of all attributes with a final belief of 80 %, 80 % should be true: points on the "
-        "diagonal. Bars are 95 % intervals, gray columns the fraction of beliefs in each bin. "
-        "The second number of a caption is the expected calibration error (ECE) that calibrated "
-        "beliefs of the same values would show."
-    )
-    return {"title": "Calibration", "text": text, "figures": figures, "kind": "small"}
+    return {"title": "Calibration", "figures": figures, "kind": "small"}
 
 
 def _attributes(agents: Mapping[str, TrialOutcomes]) -> Section:
@@ -287,9 +273,8 @@ def _attributes(agents: Mapping[str, TrialOutcomes]) -> Section:
             fraction = answered[attribute] / max(asked[attribute], 1)
             row.append({"text": f"{fraction:.3f}", "bar": fraction} if asked[attribute] else "-")
         cells.append(row)
-    text = "Fraction of right answers in each attribute; an agent that abstained was not right."
     table = {"head": ["attribute", "asked", *agents], "rows": cells}
-    return {"title": "Attributes", "text": text, "tables": [table]}
+    return {"title": "Attributes", "tables": [table]}
 
 
 def _behaviors(agents: Mapping[str, TrialOutcomes]) -> Section:
@@ -302,12 +287,7 @@ def _behaviors(agents: Mapping[str, TrialOutcomes]) -> Section:
             text = f"{done:,} ({failed[column] / max(done, 1):.0%})"
             row.append({"text": text, "bar": bar} if done else "-")
         cells.append(row)
-    text = (
-        "Executions, and in brackets how many of them were without a percept. A bar is the "
-        "behavior's fraction of all that the agent executed."
-    )
-    table = {"head": ["behavior", *agents], "rows": cells}
-    return {"title": "Behaviors", "text": text, "tables": [table]}
+    return {"title": "Behaviors", "tables": [{"head": ["behavior", *agents], "rows": cells}]}
 
 
 def _trial(worst: Worst) -> Section:
