@@ -24,8 +24,6 @@ class Agent:
 
     Attributes
     ----------
-    name : str
-        Of the agent.
     solver : Callable[[Domain, Query], Solver]
         Makes the planner of a query.
     object_level : bool
@@ -85,8 +83,6 @@ class Agent:
 
         Parameters
         ----------
-        query : Query
-            What is asked.
         knowledge : Knowledge
             Learned without the object at hand.
         limit : ArrayLike

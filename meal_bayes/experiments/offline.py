@@ -43,12 +43,8 @@ class OfflineRun:
 
     Attributes
     ----------
-    config : OfflineConfig
-        Of the run.
-    folder : Path
-        Of its logs.
     paths : tuple[Path, ...]
-        Of each log.
+        Of the logs, agent by agent.
     seconds : dict[str, float]
         That its trials took to compute, by agent; nan where a timing table was removed.
     """
