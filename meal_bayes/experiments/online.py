@@ -224,17 +224,13 @@ def _loaded(name: str, root: str | None, content: str) -> Dataset:
 
 def _protocol(config: OnlineConfig, repeat: int) -> Protocol:
     data = config.dataset, config.root, fingerprint(config.dataset, config.root)
-    return _drawn(data, config.attributes, config.seed, repeat, config.split)
+    settings = {"attributes": config.attributes, "seed": config.seed, "shares": config.split}
+    return _drawn(*data, repeat=repeat, **settings)
 
 
 @lru_cache(maxsize=2)
-def _drawn(
-    data: tuple[str, str | None, str], attributes: int, seed: int, repeat: int,
-    shares: tuple[int, int, int] | tuple[tuple[str, ...], ...],
-) -> Protocol:  # fmt: skip
-    return Protocol.of(
-        _loaded(*data), attributes=attributes, seed=seed, repeat=repeat, shares=shares
-    )
+def _drawn(name: str, root: str | None, content: str, **settings: Any) -> Protocol:
+    return Protocol.of(_loaded(name, root, content), **settings)
 
 
 def _learner(unit: _Unit, protocol: Protocol) -> Learner:

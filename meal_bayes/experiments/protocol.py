@@ -7,8 +7,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes.datasets import Dataset, PerceptTable
-from meal_bayes.domain import Query, unknown
+from meal_bayes.datasets import Dataset, PerceptTable, object_index
+from meal_bayes.domain import Query
 from meal_bayes.errors import SettingsError
 from meal_bayes.experiments.config import OnlineConfig
 from meal_bayes.learner import Learner, implied
@@ -139,18 +139,13 @@ class Protocol:
                 f"attributes is {attributes}; {dataset.domain.name} has "
                 f"{len(dataset.domain.attributes)}, give a number from 1 to that."
             )
-        index = {name: o for o, name in enumerate(dataset.objects)}
-        if not isinstance(shares[0], int):
-            for name in itertools.chain.from_iterable(shares):
-                if name not in index:
-                    raise SettingsError(unknown("object", name, dataset.objects))
-            split = ObjectSplit(
-                *(np.array(sorted(index[name] for name in part)) for part in shares)
-            )
+        if isinstance(shares[0], int):
+            split = _draw_split(dataset, np.array(shares), seed, repeat)
+        else:
+            parts = ([object_index(dataset.objects, name) for name in part] for part in shares)
+            split = ObjectSplit(*(np.sort(part) for part in parts))
             if len(np.unique(np.concatenate(split))) < sum(map(len, split)):
                 raise SettingsError("An object is in two parts of the split; give it in one.")
-        else:
-            split = _draw_split(dataset, np.array(shares), seed, repeat)
         protocol = cls(dataset, split, attributes, seed, repeat)
         for name, part in (("train", split.train), ("test", split.test)):
             if not protocol._pairs(part):
@@ -213,12 +208,11 @@ class Environment:
     def test(self, learner: Learner, task: Task) -> Trial:
         """Run a test trial, on all recordings of the object."""
         order = stream(self._config.seed, "recordings", *task.key)
-        return self._ask(learner, task, self._robot(task, order), learn=False)
+        return self._ask(learner, task, order, learn=False)
 
     def train(self, learner: Learner, task: Task) -> Trial:
         """Run a training trial, and learn from its feedback before the next (Alg. 2, l. 5-23)."""
-        robot = self._robot(task, self._recordings.supply(task.object_index))
-        trial = self._ask(learner, task, robot, learn=True)
+        trial = self._ask(learner, task, self._recordings.supply(task.object_index), learn=True)
         self._tell(learner, trial)
         return trial
 
@@ -227,7 +221,7 @@ class Environment:
         task, domain = trial.task, self._data.domain
         robot = self._robot(task, self._recordings.supply(task.object_index))
         boundary = Boundary(domain, object_index=task.object_index)
-        boundary.start(robot.start())
+        robot.start()
         for step in trial.steps:
             e, shown = step.decision.action, None
             if e >= trial.momdp.n_behaviors:
@@ -238,10 +232,12 @@ class Environment:
             record_step(learner.experience, task, trial.momdp, step, shown)
         self._tell(learner, trial)
 
-    def _ask(self, learner: Learner, task: Task, robot: RecordedRobot, *, learn: bool) -> Trial:
+    def _ask(
+        self, learner: Learner, task: Task, order: np.random.Generator | Order, *, learn: bool
+    ) -> Trial:
         columns = self._data.domain.columns(task.query.attributes)
         truth = self._data.labels[task.object_index, columns]
-        return learner.ask(task, robot, truth=truth, learn=learn)
+        return learner.ask(task, self._robot(task, order), truth=truth, learn=learn)
 
     def _tell(self, learner: Learner, trial: Trial) -> None:
         """Tell a learner whether its report was right, if there is one."""

@@ -245,18 +245,14 @@ class Experience:
         o, e = instances[rows, :2].T.astype(np.int32)
         place = o * len(self.domain.behaviors) + e
         r = (np.arange(len(rows)) - np.searchsorted(place, place)).astype(np.int32)
-        most = int(r.max(initial=0)) + 1
-        features = {}
-        for b, behavior in enumerate(self.domain.behaviors):
-            for modality in behavior.modalities:
-                kept = self.features.get((behavior.name, modality), Rows(np.float32, 1)).values
-                values = np.full((len(self.objects), most, kept.shape[1]), np.nan, np.float32)
-                own = e == b
-                values[o[own], r[own]] = kept[instances[rows[own], 3]]
-                features[behavior.name, modality] = values
-        dataset = Dataset(
-            self.domain, tuple(self.objects), features, self.known.values, partial=True
-        )
+        objects, most, features = tuple(self.objects), int(r.max(initial=0)) + 1, {}
+        for context in self.domain.contexts:
+            perceived = self.features.get(context, Rows(np.float32, 1)).values
+            values = np.full((len(objects), most, perceived.shape[1]), np.nan, np.float32)
+            own = e == self.domain.behavior_index(context[0])
+            values[o[own], r[own]] = perceived[instances[rows[own], 3]]
+            features[context] = values
+        dataset = Dataset(self.domain, objects, features, self.known.values, partial=True)
         return dataset, rows, TrainingSet(o, e, r, self.labels_of(rows, memory=memory))
 
     def _instance(
