@@ -77,27 +77,28 @@ class TransitionDiagram:
     __repr__ = short_repr
 
     def __post_init__(self) -> None:
+        if fault := next(self._faults(), None):
+            raise DomainError(fault)
+
+    def _faults(self) -> Iterator[str]:
+        states = list(self.states[:-1])
         if self.illegal not in ("terminate", "stay"):
-            raise DomainError(f"illegal = {self.illegal!r}; expected 'terminate' or 'stay'.")
+            yield f"illegal = {self.illegal!r}; expected 'terminate' or 'stay'."
         if len(set(self.states)) != len(self.states) or self.states[-1:] != (TERMINAL,):
-            raise DomainError(
-                f"States {list(self.states)} must be distinct, with {TERMINAL!r} as the last."
-            )
-        if self.start not in self.states[:-1]:
-            raise DomainError(
-                f"start = {self.start!r} is none of the states {list(self.states[:-1])}."
-            )
+            yield f"States {list(self.states)} must be distinct, with {TERMINAL!r} as the last."
+        if self.start not in states:
+            yield f"start = {self.start!r} is none of the states {states}."
         outgoing: dict[tuple[str, str], dict[str, float]] = {}
         targets: dict[str, set[str]] = {}
         for effect in self.effects:
             for role, name in (("from", effect.source), ("to", effect.target)):
-                if name not in (*self.states[:-1], ANY_STATE):
-                    raise DomainError(
+                if name not in (*states, ANY_STATE):
+                    yield (
                         f"An effect of {effect.behavior!r} goes {role} {name!r}; "
-                        f"expected one of {list(self.states[:-1])}."
+                        f"expected one of {states}."
                     )
             if not 0.0 < effect.probability <= 1.0:
-                raise DomainError(
+                yield (
                     f"{effect.behavior!r} in {effect.source!r} has probability "
                     f"{effect.probability:g}; expected a number above 0 and at most 1."
                 )
@@ -105,19 +106,18 @@ class TransitionDiagram:
                 outcomes = outgoing.setdefault((source, effect.behavior), {})
                 if target in outcomes:
                     arrow = f"{source} --{effect.behavior}--> {target}"
-                    raise DomainError(f"The arrow {arrow} is listed twice; keep one.")
+                    yield f"The arrow {arrow} is listed twice; keep one."
                 outcomes[target] = effect.probability
                 targets.setdefault(source, set()).add(target)
         for (source, behavior), outcomes in outgoing.items():
             if (total := sum(outcomes.values())) > 1 + 1e-9:
-                raise DomainError(
+                yield (
                     f"{behavior!r} in {source!r} has outcomes of total probability {total:g}; "
                     "lower them so that they add to at most 1."
                 )
         reached = closure(self.start, lambda state: targets.get(state, ()))
-        lost = [repr(state) for state in self.states[:-1] if state not in reached]
-        if lost:
-            raise DomainError(
+        if lost := [repr(state) for state in states if state not in reached]:
+            yield (
                 f"No behavior ever leads from {self.start!r} to {', '.join(lost)}; "
                 "add an effect that does, or remove the state."
             )

@@ -3,7 +3,7 @@
 import difflib
 import math
 import unicodedata
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -103,64 +103,57 @@ class Domain:
     def __post_init__(self) -> None:
         if not self.data:
             object.__setattr__(self, "data", self.name)
+        if fault := next(self._faults(), None):
+            raise DomainError(fault)
+        _ = self.words
+
+    def _faults(self) -> Iterator[str]:
         if not 0 <= self.report_reward <= LARGEST:
-            raise DomainError(
-                f"report_reward is {self.report_reward}; give a number from 0 to {LARGEST:g}."
-            )
+            yield f"report_reward is {self.report_reward}; give a number from 0 to {LARGEST:g}."
         if not self.legal_budget or not all(0 <= s < math.inf for s in self.legal_budget):
-            raise DomainError(
+            yield (
                 f"legal_budget is {list(self.legal_budget)}; give at least one finite number of "
                 "seconds, 0 or more, or leave it out."
             )
-        _check_unique("attribute", self.attributes)
-        _check_unique("behavior", self.behavior_names)
-        self._check_behaviors()
-        self._check_words()
-
-    def _check_behaviors(self) -> None:
+        for kind, names in (("attribute", self.attributes), ("behavior", self.behavior_names)):
+            if not names:
+                yield f"A domain needs at least one {kind}."
+            for name in names:
+                if names.count(name) > 1:
+                    yield f"The {kind} {name!r} is listed twice; names must be unique."
         for behavior in self.behaviors:
-            name, accuracy = behavior.name, behavior.answer_accuracy
-            if not 0 <= behavior.cost <= LARGEST:
-                raise DomainError(
-                    f"Behavior {name!r} costs {behavior.cost}; give its seconds, 0 to {LARGEST:g}."
-                )
+            name, cost, accuracy = behavior.name, behavior.cost, behavior.answer_accuracy
+            if not 0 <= cost <= LARGEST:
+                yield f"Behavior {name!r} costs {cost}; give its seconds, 0 to {LARGEST:g}."
             if accuracy is not None and not 0 < accuracy <= 1:
-                raise DomainError(
+                yield (
                     f"Behavior {name!r} has answer_accuracy {accuracy}; "
                     "expected a number above 0 and at most 1."
                 )
-        used, names = {effect.behavior for effect in self.diagram.effects}, {*self.behavior_names}
-        for name in sorted(used - names):
-            raise DomainError(
+        used, behaviors = {row.behavior for row in self.diagram.effects}, {*self.behavior_names}
+        for name in sorted(used - behaviors):
+            yield (
                 f"The diagram uses behavior {name!r}, which has no entry (with its cost) "
                 f"among the behaviors {list(self.behavior_names)}."
             )
-        for name in sorted(names - used):
-            raise DomainError(
-                f"Behavior {name!r} is legal in no state; add an effect or remove it."
-            )
+        for name in sorted(behaviors - used):
+            yield f"Behavior {name!r} is legal in no state; add an effect or remove it."
         if not any(behavior.senses for behavior in self.behaviors):
-            raise DomainError(
-                "No behavior tells anything; give one its `modalities`, or `answer_accuracy`."
-            )
-        for name in sorted({*self.predefined} - names):
-            raise DomainError(f"The predefined sequence names {name!r}, which is no behavior.")
-
-    def _check_words(self) -> None:
+            yield "No behavior tells anything; give one its `modalities`, or `answer_accuracy`."
+        for name in sorted({*self.predefined} - behaviors):
+            yield f"The predefined sequence names {name!r}, which is no behavior."
         grouped = [name for members in self.groups.values() for name in members]
-        for name in sorted({*self.synonyms.values(), *grouped}):
-            if name not in self.attributes:
-                raise DomainError(f"Groups or synonyms name {name!r}, which is no attribute.")
+        for name in sorted({*self.synonyms.values(), *grouped} - {*self.attributes}):
+            yield f"Groups or synonyms name {name!r}, which is no attribute."
         for group, members in self.groups.items():
             if len(members) < 2 or any(grouped.count(name) > 1 for name in members):
-                raise DomainError(
+                yield (
                     f"The group {group!r} is {list(members)}; give two or more attributes, each "
                     "once and in no other group."
                 )
         for name in self.attributes:
             if "," in name:
-                raise DomainError(f"The attribute {name!r} holds a comma, which parts attributes.")
-        _ = self.words
+                yield f"The attribute {name!r} holds a comma, which parts attributes."
 
     @property
     def words(self) -> dict[str, str]:
@@ -267,14 +260,6 @@ def unknown(kind: str, name: str, known: Iterable[str]) -> str:
     near = difflib.get_close_matches(name, names, n=3, cutoff=0.5)
     hint = f"did you mean {' or '.join(map(repr, near))}? " if near else ""
     return f"Unknown {kind} {name!r}: {hint}expected one of: {listed(names, _SHOWN)}."
-
-
-def _check_unique(kind: str, names: tuple[str, ...]) -> None:
-    if not names:
-        raise DomainError(f"A domain needs at least one {kind}.")
-    for name in names:
-        if names.count(name) > 1:
-            raise DomainError(f"The {kind} {name!r} is listed twice; names must be unique.")
 
 
 def learn_success(domain: Domain, attempts: NDArray[np.int64]) -> Domain:
