@@ -40,7 +40,7 @@ class OnlineRun:
         """Yield the test results of every agent, repeat and batch, in order."""
         for agent in self.config.agents:
             for repeat in range(self.config.repeats):
-                unit = _unit(self.config, agent, repeat, self.folder)
+                unit = _Unit(dataclasses.replace(self.config, agents=(agent,)), repeat, self.folder)
                 cost = 0.0
                 for batch in range(self.config.batches + 1):
                     if batch:
@@ -131,12 +131,6 @@ class _Unit:
                 log.write(trial, seconds=taken)
 
 
-def _unit(
-    config: OnlineConfig, agent: Agent, repeat: int, folder: Path, fresh: bool = False
-) -> _Unit:
-    return _Unit(dataclasses.replace(config, agents=(agent,)), repeat, folder, fresh)
-
-
 def run_online(
     config: OnlineConfig,
     *,
@@ -172,8 +166,9 @@ def run_online(
     shared["data"] = fingerprint(config.dataset, config.root)
     shared["sources"] = agent_digests(config.agents)
     folder = run_folder(logs, f"online-{domain.name}-n{config.attributes}", shared)
+    place = folder.absolute()  # a cluster's workers live elsewhere
     units = [
-        _unit(config, agent, repeat, folder.absolute(), fresh)  # a cluster's workers live elsewhere
+        _Unit(dataclasses.replace(config, agents=(agent,)), repeat, place, fresh)
         for repeat in range(config.repeats)
         for agent in config.agents
     ]

@@ -51,8 +51,7 @@ def percepts_for(
             return load_percepts(path, domain=domain)
         except DataError as fault:
             log.warning("%s; it is computed again", fault)
-    mine = dataset.endswith(".toml")
-    recordings = load_dataset(dataset, root=root) if mine else load_dataset(domain.data)
+    recordings = load_dataset(dataset if dataset.endswith(".toml") else domain.data, root=root)
     (on_note or log.info)(
         f"computing the {perception} percepts of {domain.name} from its recordings, once; "
         f"kept in {path}"
@@ -84,16 +83,14 @@ def table_path(
     if dataset.endswith(".npz"):
         if root is not None:
             raise SettingsError(f"{dataset} is a percept table already; leave root out.")
-        if perception == "default":
-            return None
-        # The method comes first.
-        method = load_percepts(dataset).provenance.get("perception", "").split(" ")[0]
-        if f"={perception}," not in method:
-            raise SettingsError(
-                f"{dataset} is a percept table of another method; leave perception out, or make "
-                "another with `meal-bayes data percepts --dataset DOMAIN.toml --root FOLDER "
-                f"--perception {perception}`."
-            )
+        if perception != "default":  # the method comes first
+            method = load_percepts(dataset).provenance.get("perception", "").split(" ")[0]
+            if f"={perception}," not in method:
+                raise SettingsError(
+                    f"{dataset} is a percept table of another method; leave perception out, or "
+                    "make another with `meal-bayes data percepts --dataset DOMAIN.toml --root "
+                    f"FOLDER --perception {perception}`."
+                )
         return None
     domain, mine = load_domain(dataset), dataset.endswith(".toml")
     if root is not None and not mine:
