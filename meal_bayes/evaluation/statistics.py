@@ -112,7 +112,10 @@ def clustered(values: ArrayLike, clusters: ArrayLike, *, fraction: bool = False)
     >>> round(clustered([1, 0, 1, 1], [0, 1, 2, 3]).se, 3)
     0.25
     """
-    x, index = _clusters(values, clusters)
+    x = np.asarray(values, float)
+    _, index = np.unique(np.asarray(clusters), return_inverse=True)
+    if len(x) != len(index) or len(x) == 0:
+        raise SettingsError(f"{len(x)} values and {len(index)} cluster names; give one for each.")
     sums = np.bincount(index, x - x.mean())
     n = len(sums)
     se = math.sqrt(n / (n - 1) * (sums**2).sum()) / len(x) if n > 1 else math.nan
@@ -174,12 +177,3 @@ def wilson_interval(hits: int, n: int) -> Interval:
     low, high = binomtest(hits, n).proportion_ci(MASS, method="wilson")
     fraction = hits / n
     return Interval(fraction, math.sqrt(fraction * (1 - fraction) / n), float(low), float(high))
-
-
-def _clusters(values: ArrayLike, clusters: ArrayLike) -> tuple[Array, NDArray[np.intp]]:
-    """Return values (n, ...) and the number of the cluster of each, (n,)."""
-    x = np.asarray(values, float)
-    _, index = np.unique(np.asarray(clusters), return_inverse=True)
-    if len(x) != len(index) or len(x) == 0:
-        raise SettingsError(f"{len(x)} values and {len(index)} cluster names; give one for each.")
-    return x, index

@@ -227,16 +227,6 @@ class Fitted:
 
     def restore(self, state: Mapping[str, Any]) -> None:
         """Restore a state that was saved; raise ValueError where it does not fit the record."""
-        self._check(state)
-        self._begin(state["refitted"])
-        self.perception, self.knowledge = state["perception"], state["knowledge"]
-        self.seen = state["seen"]
-        self.levels.extend(state["levels"])
-        self.counted.extend(state["counted"])
-        self._succeed()
-
-    def _check(self, state: Mapping[str, Any]) -> None:
-        """Check what others wrote."""
         experience, k = self.experience, self.agent.levels
         (e, _), (_, p) = experience.attempts.shape, experience.tally.shape
         for knowledge in (state["knowledge"], state["refitted"]):
@@ -255,6 +245,12 @@ class Fitted:
             zeros = {m: np.zeros((1, experience.sizes[name, m])) for m in classifier.spaces}
             if classifier.log_odds(zeros).shape != (1, p):
                 raise ValueError(f"the classifiers of {name} do not fit the attributes")
+        self._begin(state["refitted"])
+        self.perception, self.knowledge = state["perception"], state["knowledge"]
+        self.seen = state["seen"]
+        self.levels.extend(state["levels"])
+        self.counted.extend(state["counted"])
+        self._succeed()
 
 
 def _some(gathered: TrainingSet, chosen: NDArray[np.bool_]) -> TrainingSet:

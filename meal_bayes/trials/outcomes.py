@@ -92,7 +92,33 @@ class TrialOutcomes:
 
     def __post_init__(self) -> None:
         freeze_arrays(self)
-        self._check()
+        size = {"n": len(self), "e": len(self.behaviors)}
+        size["q"] = self.attribute.shape[1] if self.attribute.ndim == 2 else -1
+        for name, shape in _SHAPES.items():
+            expected = tuple(size[letter] for letter in shape)
+            if getattr(self, name).shape != expected:
+                raise SettingsError(
+                    f"{name} has shape {getattr(self, name).shape}, expected {expected}."
+                )
+        asked = self.attribute != ""
+        answered = self.report >= 0
+        wrong = {
+            "truth": ~np.isin(self.truth, (-1, 0, 1)) | ((self.truth >= 0) & ~asked),
+            "report": ~np.isin(self.report, (-1, 0, 1))
+            | (answered != (asked & answered.any(axis=1, keepdims=True))),
+            "positive": np.where(asked, ~((self.positive >= 0) & (self.positive <= 1)),
+                                 ~np.isnan(self.positive)),
+            "cost": ~np.isfinite(self.cost),
+            "reward": np.isinf(self.reward),
+            "steps": self.steps < self.executed.sum(axis=1),
+            "executed": self.executed < self.failed,
+            "failed": self.failed < 0,
+            "object_index": self.object_index < -1,
+        }  # fmt: skip
+        for name, places in wrong.items():
+            if places.any():
+                row = int(np.argwhere(places)[0][0])
+                raise SettingsError(f"{name} of row {row} is {getattr(self, name)[row]}.")
 
     def __len__(self) -> int:
         return len(self.agent)
@@ -174,35 +200,6 @@ class TrialOutcomes:
         """Return final beliefs and known truths of the trials that came to their end, (M,) each."""
         known = (self.truth >= 0) & (self.ended == "")[:, None]
         return self.positive[known], self.truth[known] == 1
-
-    def _check(self) -> None:
-        size = {"n": len(self), "e": len(self.behaviors)}
-        size["q"] = self.attribute.shape[1] if self.attribute.ndim == 2 else -1
-        for name, shape in _SHAPES.items():
-            expected = tuple(size[letter] for letter in shape)
-            if getattr(self, name).shape != expected:
-                raise SettingsError(
-                    f"{name} has shape {getattr(self, name).shape}, expected {expected}."
-                )
-        asked = self.attribute != ""
-        answered = self.report >= 0
-        wrong = {
-            "truth": ~np.isin(self.truth, (-1, 0, 1)) | ((self.truth >= 0) & ~asked),
-            "report": ~np.isin(self.report, (-1, 0, 1))
-            | (answered != (asked & answered.any(axis=1, keepdims=True))),
-            "positive": np.where(asked, ~((self.positive >= 0) & (self.positive <= 1)),
-                                 ~np.isnan(self.positive)),
-            "cost": ~np.isfinite(self.cost),
-            "reward": np.isinf(self.reward),
-            "steps": self.steps < self.executed.sum(axis=1),
-            "executed": self.executed < self.failed,
-            "failed": self.failed < 0,
-            "object_index": self.object_index < -1,
-        }  # fmt: skip
-        for name, places in wrong.items():
-            if places.any():
-                row = int(np.argwhere(places)[0][0])
-                raise SettingsError(f"{name} of row {row} is {getattr(self, name)[row]}.")
 
 
 class BatchOutcomes(NamedTuple):
