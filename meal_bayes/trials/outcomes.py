@@ -24,11 +24,10 @@ INTEGERS = {
 }  # fmt: skip
 REALS = {"positive": "nq", "cost": "n", "reward": "n"}
 _SHAPES = TEXTS | INTEGERS | REALS
-_TYPES: dict[str, Any] = {
-    **dict.fromkeys(TEXTS, object), **dict.fromkeys(INTEGERS, np.int64),
-    **dict.fromkeys(REALS, np.float64), "truth": np.int8, "report": np.int8,
+_PADDING: dict[str, Any] = {  # in the types of the columns
+    "attribute": np.array("", object), "truth": np.int8(-1), "report": np.int8(-1),
+    "positive": np.nan,
 }  # fmt: skip
-_PADDING: dict[str, Any] = {"attribute": "", "truth": -1, "report": -1, "positive": np.nan}
 
 
 @runtime_checkable
@@ -151,7 +150,7 @@ class TrialOutcomes:
                 whole[name] = list(chain.from_iterable(columns[name] for _, columns in parts))
                 continue
             fill = _PADDING.get(name, 0)
-            whole[name] = np.full((n, q if shape == "nq" else len(behaviors)), fill, _TYPES[name])
+            whole[name] = np.full((n, q if shape == "nq" else len(behaviors)), fill)
             row = 0
             for (names, columns), (rows, width) in zip(parts, sizes, strict=True):
                 chosen = [place[b] for b in names] if shape == "ne" else slice(width)
