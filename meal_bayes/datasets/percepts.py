@@ -80,8 +80,6 @@ class PerceptTable:
 
     Attributes
     ----------
-    domain : Domain
-        Behaviors and attributes.
     objects : tuple[str, ...]
         (O,) names.
     labels : NDArray[np.int8]

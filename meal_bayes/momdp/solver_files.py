@@ -34,8 +34,6 @@ def write_pomdp(momdp: MOMDP, path: str | Path) -> None:
 
     Parameters
     ----------
-    momdp : MOMDP
-        The problem.
     path : str | Path
         Missing folders are made, a file of that name is replaced.
 

@@ -88,14 +88,10 @@ class Perception(FrozenArrays):
 
     Attributes
     ----------
-    domain : Domain
-        Behaviors and attributes.
     classifiers : Mapping[str, BehaviorClassifier]
         By behavior.
     labels : NDArray[np.int8]
         (O,P) from which a person answers; nothing else uses them.
-    levels : int
-        K of its percepts.
     """
 
     domain: Domain

@@ -58,8 +58,6 @@ class RecordedPercepts:
     ----------
     table : PerceptTable
         Outputs of the classifiers, and what a person knows who is asked.
-    levels : int
-        K.
     """
 
     table: PerceptTable
@@ -98,8 +96,6 @@ class SampledPercepts(FrozenArrays):
 
     Attributes
     ----------
-    domain : Domain
-        Behaviors and attributes.
     labels : NDArray[np.int8]
         (O,P) 1 true, 0 false, -1 unknown.
     confusion : NDArray[np.float64]

@@ -50,8 +50,6 @@ def build_percept_table(
 
     Parameters
     ----------
-    dataset : Dataset
-        Recordings and labels.
     perception : str | PerceptionSettings
         "default", "paper", or settings.
     classifier : Any
