@@ -28,7 +28,7 @@ from meal_bayes.errors import DataError, MealBayesError, SettingsError
 from meal_bayes.files import draft_of
 from meal_bayes.learner.experience import Experience
 from meal_bayes.perception import Perception
-from meal_bayes.perception.ensemble import BehaviorClassifier, KernelFit
+from meal_bayes.perception.perceiver import BehaviorClassifier, KernelFit
 from meal_bayes.perception.recordings import FeatureSpace
 from meal_bayes.perception.stacked import Stacker
 from meal_bayes.posterior import ConfusionPosterior

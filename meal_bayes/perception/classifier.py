@@ -24,7 +24,6 @@ from sklearn.base import clone
 from sklearn.svm import SVC
 
 from meal_bayes.datasets.percepts import THRESHOLD
-from meal_bayes.perception.ensemble import Pool
 from meal_bayes.perception.folds import (
     UNKNOWN,
     FoldProblem,
@@ -33,6 +32,7 @@ from meal_bayes.perception.folds import (
     table_outputs,
 )
 from meal_bayes.perception.leave_out import known_patterns, stacker_options
+from meal_bayes.perception.perceiver import Pool
 from meal_bayes.perception.recordings import BehaviorRecordings, FeatureSpace, dealt
 from meal_bayes.perception.settings import PerceptionSettings
 from meal_bayes.perception.stacked import Stacker

@@ -20,8 +20,8 @@ from meal_bayes.datasets import Dataset, TrainingSet
 from meal_bayes.datasets.percepts import BIN_EDGES, levels_of, round_log_odds
 from meal_bayes.perception import stacked
 from meal_bayes.perception.confusion import youden
-from meal_bayes.perception.ensemble import BehaviorClassifier, Perception
 from meal_bayes.perception.leave_out import NOBODY, Problem, leave_out
+from meal_bayes.perception.perceiver import BehaviorClassifier, Perception
 from meal_bayes.perception.recordings import BehaviorRecordings, Spaces, gather
 from meal_bayes.perception.settings import DEFAULT, PerceptionSettings
 from meal_bayes.perception.stacked import parts

@@ -19,7 +19,7 @@ from scipy.special import logit
 from sklearn.base import clone
 
 from meal_bayes.errors import DataError
-from meal_bayes.perception.ensemble import Pool
+from meal_bayes.perception.perceiver import Pool
 
 Floats = NDArray[np.float64]
 Rows = NDArray[np.bool_]  # (n,)

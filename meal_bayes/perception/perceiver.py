@@ -1,16 +1,25 @@
-"""Perceivers: what an executed behavior shows; scored recordings, draws, a person's answers."""
+"""Perceivers: what an executed behavior shows, by classifiers, scored recordings or draws.
 
+Behaviors that ask are answered by a person, who knows the labels.
+"""
+
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from meal_bayes.arrays import FrozenArrays
 from meal_bayes.datasets import Instance
-from meal_bayes.datasets.percepts import PerceptTable
+from meal_bayes.datasets.percepts import BIN_EDGES, PerceptTable, levels_of, round_log_odds
+from meal_bayes.display import short_repr
 from meal_bayes.domain import Domain, Query
-from meal_bayes.errors import SettingsError
+from meal_bayes.errors import DataError, SettingsError
+from meal_bayes.perception.recordings import FeatureSpace, joint_kernel
+
+Floats = NDArray[np.float64]
+Rows = Sequence[Floats | None]  # each modality's standardized rows (B,d); None: it is missing
 
 
 class Perceiver(Protocol):
@@ -120,3 +129,121 @@ class SampledPercepts(FrozenArrays):
         truth = np.where(labels < 0, rng.integers(2, size=len(labels)), labels)
         edges = np.cumsum(self.confusion[columns, behavior, truth], axis=-1)[:, :-1]
         return np.asarray((rng.random((len(edges), 1)) >= edges).sum(axis=-1), np.int8)
+
+
+class Pool(Protocol):
+    """Combination of the modalities' decisions."""
+
+    def log_odds(self, decisions: Floats) -> Floats:
+        """Return log-odds of "true", (B,P), from decisions (B,M,P), NaN of a missing modality."""
+        ...
+
+
+class BehaviorFit(Protocol):
+    """A behavior fitted to recordings."""
+
+    def scored(self, spaces: Sequence[FeatureSpace], rows: Rows) -> Floats:
+        """Return log-odds of "true", (B,P)."""
+        ...
+
+
+class KernelFit(NamedTuple):
+    """A classifier for each of M kernels (of the modalities, perhaps a joint one), and their pool.
+
+    `dual` (M,P,m) is the weight of each recording, or landmark, in the classifiers' decisions.
+    """
+
+    dual: Floats
+    pool: Pool
+
+    def scored(self, spaces: Sequence[FeatureSpace], rows: Rows) -> Floats:
+        """Return log-odds of "true", (B,P); the joint kernel is that of the modalities there."""
+        known = [(m, values) for m, values in enumerate(rows) if values is not None]
+        kernels = np.stack([spaces[m].similarity(values) for m, values in known])
+        present = [m for m, _ in known]
+        if len(self.dual) > len(spaces):
+            kernels = np.concatenate([kernels, joint_kernel(kernels)[None]])
+            present.append(len(spaces))
+        decisions = np.full((len(self.dual), kernels.shape[1], self.dual.shape[1]), np.nan)
+        decisions[present] = kernels @ self.dual[present].transpose(0, 2, 1)
+        return self.pool.log_odds(decisions.transpose(1, 0, 2))
+
+
+@dataclass(frozen=True, slots=True)
+class BehaviorClassifier(FrozenArrays):
+    """Psi(f_a, .): a fitted behavior, the spaces of its modalities, and which attributes are used.
+
+    Where they are not, (P,), log-odds are 0.
+    """
+
+    spaces: Mapping[str, FeatureSpace]
+    fit: BehaviorFit
+    used: NDArray[np.bool_]
+
+    __repr__ = short_repr
+
+    def log_odds(self, features: Mapping[str, NDArray[np.floating]]) -> Floats:
+        """Return log-odds of all attributes, (B,P), of raw features {modality: (B,D)}."""
+        rows = [
+            space.standardize(features[modality]) if modality in features else None
+            for modality, space in self.spaces.items()
+        ]
+        return np.where(self.used, self.fit.scored(list(self.spaces.values()), rows), 0.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Perception(FrozenArrays):
+    """The fitted Psi of all behaviors; a `Perceiver`.
+
+    Percepts of a behavior without an instance in the training set are at even odds.
+
+    Attributes
+    ----------
+    classifiers : Mapping[str, BehaviorClassifier]
+        By behavior.
+    labels : NDArray[np.int8]
+        (O,P) from which a person answers; nothing else uses them.
+    """
+
+    domain: Domain
+    classifiers: Mapping[str, BehaviorClassifier]
+    labels: NDArray[np.int8]
+    levels: int = 2
+
+    __repr__ = short_repr
+
+    def log_odds(self, instance: Instance, query: Query) -> Floats:
+        """Return log-odds of "true", (N,), of a behavior that senses.
+
+        They are those of the behavior's modalities that the instance has; others are ignored.
+
+        Raises
+        ------
+        DataError
+            An instance without finite features of any of the behavior's modalities.
+        """
+        behavior = self.domain.behaviors[self.domain.behavior_index(instance.behavior)]
+        classifier = self.classifiers.get(instance.behavior)
+        if classifier is None:
+            return np.zeros(len(query))
+        features = {
+            name: np.asarray(values)[None]
+            for name, values in (instance.features or {}).items()
+            if name in behavior.modalities and np.isfinite(values).all()
+        }
+        if not features:
+            raise DataError(
+                f"An instance of {instance.behavior!r} has finite features of none of "
+                f"{list(behavior.modalities)}; one is enough."
+            )
+        columns = self.domain.columns(query.attributes)
+        return round_log_odds(classifier.log_odds(features)[0, columns]).astype(np.float64)
+
+    def observe(
+        self, instance: Instance, query: Query, rng: np.random.Generator
+    ) -> NDArray[np.int8]:
+        """Return percept levels of the queried attributes, (N,), or a person's answer."""
+        said = person_says(self.domain, self.labels, instance, query, self.levels, rng)
+        if said is not None:
+            return said
+        return levels_of(self.log_odds(instance, query), BIN_EDGES, self.levels)

@@ -10,7 +10,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes.perception.ensemble import KernelFit
 from meal_bayes.perception.leave_out import (
     NOBODY,
     Problem,
@@ -20,6 +19,7 @@ from meal_bayes.perception.leave_out import (
     landmark_problem,
     leave_out,
 )
+from meal_bayes.perception.perceiver import KernelFit
 from meal_bayes.perception.recordings import BehaviorRecordings, dealt
 from meal_bayes.perception.settings import PerceptionSettings
 
