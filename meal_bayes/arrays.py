@@ -14,6 +14,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from meal_bayes.errors import DataError, SettingsError
 
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Bools = NDArray[np.bool_]
+
 
 def freeze(values: ArrayLike, dtype: Any = np.float64) -> NDArray[Any]:
     """Copy into a contiguous array that cannot be written to; one that is frozen is not copied.

@@ -18,11 +18,11 @@ from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import expit, logit
 from sklearn.base import clone
 from sklearn.svm import SVC
 
+from meal_bayes.arrays import Bools, Floats, Ints
 from meal_bayes.datasets.percepts import THRESHOLD
 from meal_bayes.perception.folds import (
     UNKNOWN,
@@ -38,9 +38,6 @@ from meal_bayes.perception.settings import PerceptionSettings
 from meal_bayes.perception.stacked import Stacker
 from meal_bayes.perception.stacking import fit_stacker, fit_stackers
 
-Floats = NDArray[np.float64]
-Rows = NDArray[np.bool_]
-
 _BOX = 10.0  # C of the support vector machines
 _SEED = 0  # of estimators with random states that are not set
 _LOOSE = 1e-2  # decisions are calibrated, and a tighter fit takes up to forty times longer
@@ -50,7 +47,7 @@ _SOFT = 1e-4  # ridge of the sigmoid's slope, for decisions that separate the cl
 class Part(NamedTuple):
     """Attributes (a,) whose labels are known together, their machines and pool."""
 
-    attributes: NDArray[np.int64]
+    attributes: Ints
     machines: Machines
     pool: Pool
 
@@ -91,7 +88,7 @@ def fit(
 
 
 def outputs(
-    recordings: BehaviorRecordings, held: NDArray[np.int64], settings: PerceptionSettings
+    recordings: BehaviorRecordings, held: Ints, settings: PerceptionSettings
 ) -> tuple[Floats, Floats]:
     """Score one behavior for the percept tables; as `stacked.outputs`, by folds of objects.
 
@@ -132,7 +129,7 @@ def repeatable(classifier: Any) -> Any:
 
 
 def _fit_stacker(
-    decisions: Floats, truth: Rows, objects: NDArray[np.int64], settings: PerceptionSettings
+    decisions: Floats, truth: Bools, objects: Ints, settings: PerceptionSettings
 ) -> Stacker:
     """Calibrate decisions (r,1,P), each in units of its standard deviation: all share a ridge."""
     n_attributes = truth.shape[1]
@@ -157,7 +154,7 @@ class KappaPool(NamedTuple):
     weights: Floats
 
     @classmethod
-    def fitted(cls, decisions: Floats, truth: Rows, objects: NDArray[np.int64]) -> "KappaPool":
+    def fitted(cls, decisions: Floats, truth: Bools, objects: Ints) -> "KappaPool":
         """Fit sigmoids and weights to out-of-fold decisions (r,M,P)."""
         sigmoid = np.zeros((*decisions.shape[1:], 2))
         weights = np.zeros(decisions.shape[1:])
@@ -185,7 +182,7 @@ class KappaPool(NamedTuple):
         return np.asarray(logit(np.clip(pooled, 1e-9, 1 - 1e-9)))
 
 
-def fit_sigmoid(decisions: Floats, truth: Rows) -> Floats:
+def fit_sigmoid(decisions: Floats, truth: Bools) -> Floats:
     """Fit offset and slope of Pr(true | decision), with Platt's softened targets [Platt1999]."""
     positive, number = int(truth.sum()), len(truth)
     soft = np.where(truth, (positive + 1) / (positive + 2), 1 / (number - positive + 2))

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
+from meal_bayes.arrays import Floats, Ints
 from meal_bayes.datasets import Dataset, TrainingSet
 from meal_bayes.datasets.percepts import BIN_EDGES, levels_of, round_log_odds
 from meal_bayes.perception import stacked
@@ -26,8 +27,6 @@ from meal_bayes.perception.recordings import BehaviorRecordings, Spaces, gather
 from meal_bayes.perception.settings import DEFAULT, PerceptionSettings
 from meal_bayes.perception.stacked import parts
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 Map = Callable[[Callable[[Any], Any], Iterable[Any]], Iterable[Any]]  # as `map`, in any order
 
 WIDTHS = (1.0, 1.5, 2.0)  # in median distances
@@ -87,9 +86,7 @@ def fit_and_validate(
     return Perception(domain, classifiers, dataset.labels, settings.levels), counts
 
 
-def _count(
-    recordings: BehaviorRecordings, nested: Floats, levels: int, n_objects: int
-) -> NDArray[np.int64]:
+def _count(recordings: BehaviorRecordings, nested: Floats, levels: int, n_objects: int) -> Ints:
     """Count the levels of nested outputs (n,P) by object and truth, (O,P,2,K)."""
     shown = levels_of(round_log_odds(nested), BIN_EDGES, levels)
     counts = np.zeros((n_objects, nested.shape[1], 2, levels), np.int64)

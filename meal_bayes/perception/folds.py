@@ -14,16 +14,13 @@ from itertools import combinations
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import logit
 from sklearn.base import clone
 
+from meal_bayes.arrays import Bools, Floats, Ints
 from meal_bayes.errors import DataError
 from meal_bayes.perception.perceiver import Pool
 
-Floats = NDArray[np.float64]
-Rows = NDArray[np.bool_]  # (n,)
-Folds = NDArray[np.int64]  # (n,)
 Decisions = Mapping[frozenset[int], Floats]  # folds left out -> (n,M,P) of their rows
 
 _SURE = 1e-3  # probabilities stay this far from 0 and 1: 50 trees that agree are not certain
@@ -38,7 +35,7 @@ class Machines(NamedTuple):
     """
 
     estimators: tuple[tuple[Any, ...], ...]
-    columns: Rows | slice
+    columns: Bools | slice
 
     def decide(self, inputs: Sequence[Floats | None]) -> Floats:
         """Return decisions (B,M,P) on inputs (B,d): 0 where a class was missing, NaN of None."""
@@ -80,17 +77,17 @@ class FoldProblem:
     """
 
     inputs: Floats
-    truth: Rows
-    objects: NDArray[np.int64]
-    folds: Folds
-    units: Folds
+    truth: Bools
+    objects: Ints
+    folds: Ints
+    units: Ints
     estimator: Any
-    fit_pool: Callable[[Floats, Rows, NDArray[np.int64]], Pool]
+    fit_pool: Callable[[Floats, Bools, Ints], Pool]
     threads: int = 1
 
     @cached_property
-    def known(self) -> Rows:
-        """Rows that may be trained on."""
+    def known(self) -> Bools:
+        """Bools that may be trained on."""
         return np.asarray(self.folds != UNKNOWN)
 
     @cached_property
@@ -98,7 +95,7 @@ class FoldProblem:
         """The folds."""
         return list(map(int, np.unique(self.folds[self.known])))
 
-    def train(self, rows: Rows) -> Machines:
+    def train(self, rows: Bools) -> Machines:
         """Train clones of the estimator on some rows, by their labels alone."""
         pairwise = getattr(self.estimator, "kernel", None) == "precomputed"
         columns = rows if pairwise else slice(None)
@@ -113,7 +110,7 @@ class FoldProblem:
         )
         return Machines(fitted, columns)
 
-    def decide(self, trained_on: Rows, rows: Rows) -> Floats:
+    def decide(self, trained_on: Bools, rows: Bools) -> Floats:
         """Train on some rows, and decide on others, (B,M,P)."""
         return self.train(trained_on).decide([values[rows] for values in self.inputs])
 
@@ -142,7 +139,7 @@ def nested_outputs(problem: FoldProblem) -> tuple[Floats, Pool]:
 
 
 def table_outputs(
-    problem: FoldProblem, held: NDArray[np.int64], *, by_object: bool = False
+    problem: FoldProblem, held: Ints, *, by_object: bool = False
 ) -> tuple[Floats, Floats]:
     """Score one behavior for the percept tables; returns as `stacked.outputs` does.
 

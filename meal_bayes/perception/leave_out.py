@@ -17,14 +17,11 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve, solve_triangular
 
+from meal_bayes.arrays import Bools, Floats, Ints
 from meal_bayes.perception.settings import PerceptionSettings
 from meal_bayes.perception.stacking import fit_stackers, score_without
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 RIDGE = 0.5  # on the stackers' slopes
 NOBODY = np.empty((1, 0), np.int64)  # one set, of no groups
@@ -57,7 +54,7 @@ class Problem:
         return np.concatenate([NOBODY[0], *ranges])
 
 
-def kernel_problem(grams: Floats, truth: NDArray[np.bool_], groups: Ints, noise: float) -> Problem:
+def kernel_problem(grams: Floats, truth: Bools, groups: Ints, noise: float) -> Problem:
     """Invert C of each modality: grams (M,n,n), truth (n,P), groups (n,) rising."""
     names, starts, sizes = np.unique(groups, return_index=True, return_counts=True)
     starts = np.append(starts, len(groups))
@@ -76,7 +73,7 @@ def kernel_problem(grams: Floats, truth: NDArray[np.bool_], groups: Ints, noise:
 
 
 def landmark_problem(
-    kernels: Floats, landmarks: Floats, truth: NDArray[np.bool_], groups: tuple[Ints, Ints],
+    kernels: Floats, landmarks: Floats, truth: Bools, groups: tuple[Ints, Ints],
     noise: float,
 ) -> Problem:  # fmt: skip
     """Build the normal equations of recordings that are compared with landmarks; groups are folds.
@@ -182,7 +179,7 @@ def each_group(
     return np.concatenate(leave_out(problem, sets, settings, warm).log_odds, axis=1).T
 
 
-def known_patterns(known: NDArray[np.bool_]) -> Iterator[tuple[NDArray[np.bool_], Ints]]:
+def known_patterns(known: Bools) -> Iterator[tuple[Bools, Ints]]:
     """Group attributes by the rows whose label is known: (rows (n,), attributes) of `known` (n,P).
 
     Attributes of one group share their classifiers; where all labels are known there is one group.

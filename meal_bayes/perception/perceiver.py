@@ -10,7 +10,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes.arrays import FrozenArrays
+from meal_bayes.arrays import Bools, Floats, FrozenArrays
 from meal_bayes.datasets import Instance
 from meal_bayes.datasets.percepts import BIN_EDGES, PerceptTable, levels_of, round_log_odds
 from meal_bayes.display import short_repr
@@ -18,7 +18,6 @@ from meal_bayes.domain import Domain, Query
 from meal_bayes.errors import DataError, SettingsError
 from meal_bayes.perception.recordings import FeatureSpace, joint_kernel
 
-Floats = NDArray[np.float64]
 Rows = Sequence[Floats | None]  # each modality's standardized rows (B,d); None: it is missing
 
 
@@ -178,7 +177,7 @@ class BehaviorClassifier(FrozenArrays):
 
     spaces: Mapping[str, FeatureSpace]
     fit: BehaviorFit
-    used: NDArray[np.bool_]
+    used: Bools
 
     __repr__ = short_repr
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes.arrays import FrozenArrays
+from meal_bayes.arrays import Floats, FrozenArrays, Ints
 from meal_bayes.datasets import Dataset, TrainingSet
 from meal_bayes.display import short_repr
 from meal_bayes.perception.settings import PerceptionSettings
@@ -21,8 +21,6 @@ _WITHIN = 0.3  # e of the whitening, in units of a feature's variance; .03 to .3
 _CONSTANT = 1e-9  # standard deviation, relative to the largest value, of a feature that is dropped
 _COMPARED = 2048  # recordings whose distances are compared for a median
 _SEED = 0  # of the order in which neighbors are dealt to folds
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,7 +36,7 @@ class FeatureSpace(FrozenArrays):
     times a learned factor.
     """
 
-    varying: NDArray[np.int64]
+    varying: Ints
     center: Floats
     scale: Floats
     rows: Floats
@@ -150,10 +148,10 @@ class BehaviorRecordings(FrozenArrays):
     by the factor `width`.
     """
 
-    objects: NDArray[np.int64]
+    objects: Ints
     labels: NDArray[np.int8]
     spaces: tuple[FeatureSpace, ...]
-    landmarks: NDArray[np.int64] | None = None
+    landmarks: Ints | None = None
     width: float = 1.0
 
     __repr__ = short_repr
@@ -170,7 +168,7 @@ class BehaviorRecordings(FrozenArrays):
             return self.spaces
         return tuple(space.at(self.landmarks) for space in self.spaces)
 
-    def kernels(self, *, joint: bool = False) -> NDArray[np.float64]:
+    def kernels(self, *, joint: bool = False) -> Floats:
         """Compute the kernels (M,n,m) with what recordings are compared with.
 
         With `joint`, the kernel of all modalities at once is one more; a single one is its own.
@@ -192,12 +190,12 @@ class BehaviorRecordings(FrozenArrays):
         return replace(self, width=factor * self.width)
 
 
-def number_in_object(objects: NDArray[np.int64]) -> NDArray[np.int64]:
+def number_in_object(objects: Ints) -> Ints:
     """Return the number of each row (n,) within its object, from 0; objects rise."""
     return np.arange(len(objects)) - np.searchsorted(objects, objects)
 
 
-def dealt(names: NDArray[np.integer], folds: int) -> NDArray[np.int64]:
+def dealt(names: NDArray[np.integer], folds: int) -> Ints:
     """Return the fold of each name (n,), a number from 0.
 
     As neighbors are alike, `folds` of them in a row are in as many folds; in which order is drawn,
@@ -214,7 +212,7 @@ def dealt(names: NDArray[np.integer], folds: int) -> NDArray[np.int64]:
 
 def groups_of(
     behaviors: Iterable[BehaviorRecordings], objects: int, settings: PerceptionSettings
-) -> NDArray[np.int64]:
+) -> Ints:
     """Return what each object (O,) is left out with: itself, or a fold where there are many."""
     names = np.arange(objects)
     many = any(recordings.large for recordings in behaviors)

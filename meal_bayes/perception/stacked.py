@@ -8,8 +8,8 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from meal_bayes.arrays import Floats, Ints
 from meal_bayes.perception.leave_out import (
     NOBODY,
     Problem,
@@ -22,9 +22,6 @@ from meal_bayes.perception.leave_out import (
 from meal_bayes.perception.perceiver import KernelFit
 from meal_bayes.perception.recordings import BehaviorRecordings, dealt
 from meal_bayes.perception.settings import PerceptionSettings
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 NOISE = 0.15  # lambda of C = K + lambda I
 

@@ -10,16 +10,14 @@ S = {o, o'} the training-side outputs of the tables for o and for o'.
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
+from meal_bayes.arrays import Floats, Ints
 from meal_bayes.cache import compile_kernel
 
 _TOLERANCE = 1e-9  # of the projected gradient, in units of total weight
 _MAX_ITERATIONS = 60
 _JITTER = 1e-12  # keeps the Hessian invertible where all decisions agree
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 _kernel = partial(compile_kernel, nogil=True, error_model="numpy")
 
 

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
+from meal_bayes.arrays import Ints
 from meal_bayes.datasets import Dataset, PerceptTable, TrainingSet
 from meal_bayes.datasets.percepts import BIN_EDGES, round_log_odds
 from meal_bayes.datasets.sources import SOURCES
@@ -33,7 +34,6 @@ from meal_bayes.perception.settings import NAMED, PerceptionSettings, with_class
 from meal_bayes.version import package_version
 
 Halves = NDArray[np.float16]
-Ints = NDArray[np.int64]
 
 _MOST = 255  # recordings of an object and behavior that a bin can count
 

@@ -13,11 +13,11 @@ import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import expit, gammaln, logsumexp
 
+from meal_bayes.arrays import Bools, Floats, Ints
 from meal_bayes.perception.confusion import youden
 from meal_bayes.posterior.draws import replicate, rows_of
 
-Array = NDArray[np.float64]
-Beliefs = dict[str, tuple[Array, NDArray[np.bool_]]]  # Pr(true), beside the truth
+Beliefs = dict[str, tuple[Floats, Bools]]  # Pr(true), beside the truth
 
 
 class Prediction(NamedTuple):
@@ -27,9 +27,9 @@ class Prediction(NamedTuple):
     replicates (S,2,n+1); and the fraction (2,) of replicates that vary at least as much.
     """
 
-    observed: NDArray[np.int64]
-    predicted: NDArray[np.int64]
-    p_values: Array
+    observed: Ints
+    predicted: Ints
+    p_values: Floats
 
 
 def predictive_check(
@@ -52,9 +52,7 @@ def predictive_check(
     return Prediction(observed, np.stack(predicted), p_values)
 
 
-def _yes(
-    counts: NDArray[np.int64], full: NDArray[np.bool_], n: int
-) -> tuple[NDArray[np.int64], Array]:
+def _yes(counts: Ints, full: Bools, n: int) -> tuple[Ints, Floats]:
     """Count (2,n+1) objects by truth and number of yes, and their variance (2,) within rows."""
     yes = counts[..., counts.shape[-1] // 2 :].sum(axis=-1)  # (O,P,E,2)
     table = np.stack([np.bincount(yes[..., t][full[..., t]], minlength=n + 1) for t in (0, 1)])
@@ -95,7 +93,7 @@ def beliefs_without_itself(draws: xr.Dataset, counts: ArrayLike, *, size: int = 
     }
 
 
-def _log_ratio(scores: Array, truth: NDArray[np.bool_], epsilon: Array) -> Array:
+def _log_ratio(scores: Floats, truth: Bools, epsilon: Floats) -> Floats:
     """Compute the log likelihood ratio of the truths without the object; scores (S,2,...)."""
     mixed = epsilon.reshape(-1, *(1 for _ in scores.shape[1:]))
     with np.errstate(divide="ignore"):
@@ -115,7 +113,7 @@ class Units(NamedTuple):
     names: list[str]
     attribute: NDArray[np.intp]
     truth: NDArray[np.intp]
-    counts: NDArray[np.int64]
+    counts: Ints
 
     @property
     def yes(self) -> xr.DataArray:
@@ -179,9 +177,7 @@ def _by_unit(values: ArrayLike, draws: xr.Dataset, units: Units) -> xr.Dataset:
     return xr.Dataset({"yes": (dims, np.reshape(values, shape))}, coords)
 
 
-def log_likelihood(
-    counts: NDArray[np.float64], mean: NDArray[np.float64], precision: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def log_likelihood(counts: Floats, mean: Floats, precision: Floats) -> Floats:
     """Compute the log-probability (...,P,E) of a sequence of percepts with counts (...,P,E,K).
 
     Dirichlet-multinomial with rows `mean` (P,E,K) and `precision` (P,E), or what broadcasts with

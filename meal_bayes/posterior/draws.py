@@ -13,10 +13,11 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.interpolate import CubicSpline
 from scipy.special import expit, gammaln, log_softmax, logsumexp, softmax
 
+from meal_bayes.arrays import Bools, Floats, Ints
 from meal_bayes.display import level_names
 from meal_bayes.domain import Domain, unknown
 from meal_bayes.errors import DataError, SettingsError
@@ -28,8 +29,6 @@ from meal_bayes.posterior.grid import (
     hyperparameters,
     quadrature,
 )
-
-Array = NDArray[np.float64]
 
 TRUTHS = ("false", "true")
 ROW = ("attribute", "behavior", "truth")
@@ -56,7 +55,7 @@ def draws_of(
     return xr.Dataset(variables, coords)
 
 
-def rows_of(draws: xr.Dataset) -> tuple[Array, Array, Array]:
+def rows_of(draws: xr.Dataset) -> tuple[Floats, Floats, Floats]:
     """Return m (C*S,P,E,2,K), s (C*S,P,E,2) and epsilon (C*S,), 0 without one, chain by chain."""
     mean, s = np.maximum(draws["mean"].values, _FLOOR), draws["dispersion"].values
     epsilon = draws["misperception"].values if "misperception" in draws else np.zeros(s.shape[:2])
@@ -158,14 +157,14 @@ def posterior_from(idata: Any, domain: Domain) -> ConfusionPosterior:
     return summarize_draws(draws.sel(attribute=list(domain.attributes), behavior=shown), counts)
 
 
-def sensing(counts: ArrayLike) -> NDArray[np.bool_]:
+def sensing(counts: ArrayLike) -> Bools:
     """Return which behaviors (E',) of counts (O,P,E',2,K) have a percept."""
     return np.asarray(np.asarray(counts).any(axis=(0, 1, 3, 4)))
 
 
 def sensed(
     counts: ArrayLike, attributes: Sequence[str], behaviors: Sequence[str]
-) -> tuple[NDArray[np.int64], tuple[str, ...], tuple[str, ...]]:
+) -> tuple[Ints, tuple[str, ...], tuple[str, ...]]:
     """Check counts (O,P,E',2,K) and names; keep the behaviors that sense."""
     array = np.asarray(counts)
     if array.ndim != _DIMENSIONS or array.shape[1:3] != (len(attributes), len(behaviors)):
@@ -222,8 +221,8 @@ def draw_grid(
 
 
 def _two_levels(
-    rows: RowStatistics, alpha: Array, r: int, steps: NDArray[np.int64], rng: np.random.Generator
-) -> Array:
+    rows: RowStatistics, alpha: Floats, r: int, steps: Ints, rng: np.random.Generator
+) -> Floats:
     """Draw m (S,2) of row r given the steps (S,) of s on the grid, by the inverse of its CDF."""
     nodes, log_width = quadrature(rows.largest)
     i, t = np.arange(rows.tails.shape[-1]), np.linspace(-1.0, 1.0, nodes.shape[1])
@@ -285,7 +284,7 @@ def log_prior(draws: xr.Dataset, prior: ArrayLike) -> xr.Dataset:
 
 def replicate(
     draws: xr.Dataset, counts: ArrayLike, rng: np.random.Generator, *, size: int = 200
-) -> NDArray[np.int64]:
+) -> Ints:
     """Draw percepts of new objects as many as were seen, (size,O,P,E,2,K).
 
     Each replicate takes one draw of the rows (evenly from all), then an own row
@@ -305,7 +304,7 @@ def replicate(
     return replicates
 
 
-def draw_dirichlet(rng: np.random.Generator, alpha: Array) -> Array:
+def draw_dirichlet(rng: np.random.Generator, alpha: Floats) -> Floats:
     """Draw one point from each Dirichlet distribution of parameters (...,K)."""
     gamma = np.maximum(rng.standard_gamma(alpha), np.finfo(float).tiny)
     return np.asarray(gamma / gamma.sum(axis=-1, keepdims=True))

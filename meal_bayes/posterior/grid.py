@@ -26,13 +26,12 @@ an object predict its percepts best (ROC36 and ISPY32 32, CY101 128, flat around
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.special import expit, gammaln
 
+from meal_bayes.arrays import Bools, Floats, Ints
 from meal_bayes.errors import SettingsError
 from meal_bayes.perception.confusion import youden
-
-Array = NDArray[np.float64]
 
 DISPERSIONS = np.geomspace(0.05, 1000.0, 29)  # s; at 1000 ten percepts are as good as independent
 TAUS = np.array([0.25, 0.5, 1.0, 2.0])  # of ln s over attributes, half-normal(1) a priori
@@ -52,13 +51,13 @@ class RowStatistics(NamedTuple):
     (S,U,K) the counts of the objects of each size.
     """
 
-    tails: Array
-    sums: Array
-    sizes: Array
-    totals: Array
+    tails: Floats
+    sums: Floats
+    sizes: Floats
+    totals: Floats
 
     @classmethod
-    def of(cls, counts: NDArray[np.int64]) -> "RowStatistics":
+    def of(cls, counts: Ints) -> "RowStatistics":
         """Summarize the percepts of objects in each row, (S,O,K)."""
         n = counts.sum(axis=-1)  # (S,O)
         sizes = np.unique(n[n > 0])
@@ -72,7 +71,7 @@ class RowStatistics(NamedTuple):
         """The most percepts of a row."""
         return float(self.totals.sum(axis=(1, 2)).max())
 
-    def effective(self, s: Array) -> Array:
+    def effective(self, s: Floats) -> Floats:
         """Weight the counts by s (S,...), (S,...,K): n of one object are worth n(s+1)/(n+s)."""
         each = (s[..., None] + 1) / (self.sizes + s[..., None])  # (S,...,U)
         return np.asarray(np.einsum("s...u,suk->s...k", each, self.totals))
@@ -81,12 +80,12 @@ class RowStatistics(NamedTuple):
 class Profile(NamedTuple):
     """What S rows say at each of G dispersions: evidence, E m, and E[1 - sum_k m_k^2]."""
 
-    log_evidence: Array
-    mean: Array
-    diversity: Array
+    log_evidence: Floats
+    mean: Floats
+    diversity: Floats
 
 
-def integrate(rows: RowStatistics, alpha: Array) -> Profile:
+def integrate(rows: RowStatistics, alpha: Floats) -> Profile:
     """Integrate m of two levels out at every s, under Dirichlet priors (S,2)."""
     m, log_width = quadrature(rows.largest)
     shape = len(DISPERSIONS), m.shape[1]
@@ -115,7 +114,7 @@ def integrate(rows: RowStatistics, alpha: Array) -> Profile:
     return Profile(peak + np.log(norm), mean, diversity)
 
 
-def approximate(rows: RowStatistics, alpha: Array) -> Profile:
+def approximate(rows: RowStatistics, alpha: Floats) -> Profile:
     """Replace m given s by a Dirichlet about the effective counts, under priors (S,K).
 
     The evidence of s is likelihood x prior / posterior of m, at the posterior's mean. Levels come
@@ -139,7 +138,7 @@ def approximate(rows: RowStatistics, alpha: Array) -> Profile:
     return Profile(score, mean.transpose(1, 2, 0), diversity)
 
 
-def quadrature(largest: float) -> tuple[Array, Array]:
+def quadrature(largest: float) -> tuple[Floats, Floats]:
     """Return points (m, 1 - m) (2,M) for a sum over m, and the logarithms (M,) of their widths.
 
     Widths are in log-odds, which are spaced as a sinh: close in the middle, where rows of `largest`
@@ -153,7 +152,7 @@ def quadrature(largest: float) -> tuple[Array, Array]:
     return expit(np.stack([-log_odds, log_odds])), np.log(np.cosh(t))
 
 
-def pool(log_evidence: Array, votes: NDArray[np.bool_]) -> Array:
+def pool(log_evidence: Floats, votes: Bools) -> Floats:
     """Return the posterior over dispersions, (...,P,E,2,G), the attributes of a behavior pooled.
 
     Votes (...,P,E) tell whether a pair's rows inform about mu and tau.
@@ -170,7 +169,7 @@ def pool(log_evidence: Array, votes: NDArray[np.bool_]) -> Array:
     return np.asarray(weight / weight.sum(axis=-1, keepdims=True))
 
 
-def hyperparameters() -> tuple[Array, Array]:
+def hyperparameters() -> tuple[Floats, Floats]:
     """Return Pr(s | mu, tau) (Q,G) of every mu and tau, and ln of their prior (Q,) + a constant."""
     log_s = np.log(DISPERSIONS)
     mus, taus = (a.ravel() for a in np.meshgrid(log_s, TAUS, indexing="ij"))
@@ -178,7 +177,7 @@ def hyperparameters() -> tuple[Array, Array]:
     return density / density.sum(axis=1, keepdims=True), -0.5 * taus**2
 
 
-def _tails(counts: NDArray[np.int64]) -> Array:
+def _tails(counts: Ints) -> Floats:
     top = max(int(counts.max()), 1)
     return np.stack([(counts > i).sum(axis=1) for i in range(top)], axis=-1).astype(float)
 
@@ -191,10 +190,10 @@ class GridPosterior(NamedTuple):
     """
 
     rows: RowStatistics
-    alpha: Array
-    prob: Array
-    mean: Array
-    dispersion: Array
+    alpha: Floats
+    prob: Floats
+    mean: Floats
+    dispersion: Floats
 
 
 def grid_posterior(counts: ArrayLike, prior: ArrayLike | None = None) -> GridPosterior:
@@ -210,12 +209,12 @@ def grid_posterior(counts: ArrayLike, prior: ArrayLike | None = None) -> GridPos
     return _posterior(rows, alpha, profile, votes)
 
 
-def prior_of(counts: ArrayLike, prior: ArrayLike | None = None) -> Array:
+def prior_of(counts: ArrayLike, prior: ArrayLike | None = None) -> Floats:
     """Return the Dirichlet parameters of m, (...,P,E,2,K), given or learned."""
     return _prior(*_rows(counts), prior)
 
 
-def _rows(counts: ArrayLike) -> tuple[RowStatistics, NDArray[np.bool_]]:
+def _rows(counts: ArrayLike) -> tuple[RowStatistics, Bools]:
     """Summarize the rows of counts (...,O,P,E,2,K), and which pairs inform of others (...,P,E)."""
     per_object = np.moveaxis(np.asarray(counts), -5, -2)  # (...,P,E,2,O,K)
     if per_object.size == 0 or (per_object < 0).any() or (per_object % 1).any():
@@ -227,7 +226,7 @@ def _rows(counts: ArrayLike) -> tuple[RowStatistics, NDArray[np.bool_]]:
     return rows, youden(totals) > 0
 
 
-def _prior(rows: RowStatistics, votes: NDArray[np.bool_], prior: ArrayLike | None) -> Array:
+def _prior(rows: RowStatistics, votes: Bools, prior: ArrayLike | None) -> Floats:
     """Learn the prior of m from the rows, their dispersions found under a flat one, or take it."""
     levels = rows.totals.shape[-1]
     if prior is None:
@@ -238,9 +237,7 @@ def _prior(rows: RowStatistics, votes: NDArray[np.bool_], prior: ArrayLike | Non
     return np.broadcast_to(np.asarray(prior, float), (*votes.shape, 2, levels))
 
 
-def _posterior(
-    rows: RowStatistics, alpha: Array, profile: Profile, votes: NDArray[np.bool_]
-) -> GridPosterior:
+def _posterior(rows: RowStatistics, alpha: Floats, profile: Profile, votes: Bools) -> GridPosterior:
     """Pool the attributes of each behavior; votes (...,P,E)."""
     log_evidence = profile.log_evidence.reshape(*votes.shape, 2, -1)
     prob = pool(log_evidence, votes).reshape(profile.log_evidence.shape)  # (S,G)
@@ -251,7 +248,7 @@ def _posterior(
     return GridPosterior(rows, alpha, prob, mean, s)
 
 
-def _common_prior(effective: Array, votes: NDArray[np.bool_]) -> Array:
+def _common_prior(effective: Floats, votes: Bools) -> Floats:
     """Learn the Dirichlet prior of a behavior's mean rows, (...,1,E,2,K), from effective counts.
 
     Its mean is that of the attributes' rows and of one flat row; its weight maximizes the
@@ -270,7 +267,7 @@ def _common_prior(effective: Array, votes: NDArray[np.bool_]) -> Array:
     return np.asarray(_WEIGHTS[score.argmax(axis=-1)][..., None] * mean)
 
 
-def _graded_prior(effective: Array, votes: NDArray[np.bool_]) -> Array:
+def _graded_prior(effective: Floats, votes: Bools) -> Floats:
     """Compute the Dirichlet prior of graded rows, (...,P,E,2,K), from effective counts.
 
     With q the balanced mean of a pair's two rows and r_k the ratio in which true and false objects

@@ -31,12 +31,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import minimize_scalar
 
-from meal_bayes.arrays import FrozenArrays, freeze
+from meal_bayes.arrays import Bools, Floats, FrozenArrays, freeze
 from meal_bayes.display import short_repr
 from meal_bayes.posterior.dirichlet import ConfusionPosterior
 from meal_bayes.seeds import stream
 
-Array = NDArray[np.float64]
 Floating = NDArray[np.floating[Any]]
 
 _POINTS = 9  # M
@@ -64,8 +63,8 @@ class SharedTrait(FrozenArrays):
     """
 
     sd: float
-    points: Array
-    latent_classes: Array
+    points: Floats
+    latent_classes: Floats
 
     __repr__ = short_repr
 
@@ -79,7 +78,7 @@ class SharedTrait(FrozenArrays):
 
     def select(
         self, confusion: ArrayLike, precision: ArrayLike, *, rounds: int = _ROUNDS
-    ) -> tuple[Array, Array]:
+    ) -> tuple[Floats, Floats]:
         """Convert rows given the truth (...,2,K), of precision (...,2), to rows given the trait.
 
         Rows are above 0, a precision of inf is known exactly; the results are (...,M,K) and
@@ -124,7 +123,7 @@ class _Evidence:
 
     def __init__(
         self, posterior: ConfusionPosterior, counts: NDArray[np.intp], truth: NDArray[np.int8],
-        base_rates: Array,
+        base_rates: Floats,
     ) -> None:  # fmt: skip
         attribute, behavior = np.nonzero(posterior.informative)  # (V,); A attributes have a pair
         confusion, precision = posterior.select(range(truth.shape[1]))
@@ -173,14 +172,14 @@ class _Evidence:
         return loss + 0.5 * trait.sd**2 / self.known
 
 
-def _by_pair(one_hot: NDArray[np.bool_]) -> NDArray[np.float32]:
+def _by_pair(one_hot: Bools) -> NDArray[np.float32]:
     """Move the objects of (O,V,...) last: sums over traits are then over an outer axis, fast."""
     return one_hot.reshape(*one_hot.shape[:2], -1).transpose(1, 2, 0).astype(np.float32, order="C")
 
 
 def _loss(
     log_likelihood: NDArray[np.float32], log_classes: NDArray[np.float32],
-    prior: NDArray[np.float32], sign: NDArray[np.float32], weight: Array,
+    prior: NDArray[np.float32], sign: NDArray[np.float32], weight: Floats,
 ) -> float:  # fmt: skip
     """Sum the weighted -ln Pr(truth | percepts) of log-likelihoods (B,M,O).
 
@@ -203,7 +202,7 @@ def truth_evidence(log_likelihood: Floating, log_classes: Floating) -> Floating:
     return np.asarray(each[..., 1] - each[..., 0])
 
 
-def _rows(confusion: Array, trait: SharedTrait, rounds: int) -> Array:
+def _rows(confusion: Floats, trait: SharedTrait, rounds: int) -> Floats:
     """Find the rows (...,M,K), exponential in the trait, whose mixtures (...,2,K) are given.
 
     Levels come first meanwhile: to sum over a first axis is fast, over a short last one slow.
