@@ -73,8 +73,7 @@ def save_csv_folder(dataset: Dataset, folder: Path) -> None:
 
 
 def _read_labels(path: Path, domain: Domain) -> tuple[tuple[str, ...], NDArray[np.int8]]:
-    (place, header), *rows = read_rows(path)
-    where = f"{path}, {place}"
+    (where, header), *rows = read_rows(path)
     if header[0] != "object":
         expected = f"object,{','.join(domain.attributes[:3])},..."
         repair = "write it so (commas, not semicolons)"
@@ -85,8 +84,7 @@ def _read_labels(path: Path, domain: Domain) -> tuple[tuple[str, ...], NDArray[n
             columns = f"{header.count(attribute)} columns {attribute!r}"
             raise fault(where, columns, "one", f"add or rename one ({hint})")
     labels: dict[str, list[int]] = {}
-    for place, cells in rows:
-        where = f"{path}, {place}"
+    for where, cells in rows:
         if len(cells) != len(header):
             expected = f"{len(header)} as in the header"
             repair = "leave unknown values empty: a,1,,0"
@@ -128,7 +126,7 @@ def read_text(path: Path) -> str:
 
 
 def read_rows(path: Path) -> Iterator[tuple[str, list[str]]]:
-    """Yield the place, such as "line 1", and the stripped cells of every row that is not empty."""
+    """Yield the place, "FILE, line 1", and the stripped cells of every row that is not empty."""
     for number, line in enumerate(read_text(path).split("\n"), start=1):
         if not line.strip():
             continue
@@ -136,7 +134,7 @@ def read_rows(path: Path) -> Iterator[tuple[str, list[str]]]:
             cells = next(csv.reader([line.strip()], strict=True))
         except csv.Error:  # an open quote, or 200,000 signs: one cell, which the caller refuses
             cells = [line]
-        yield f"line {number}", [cell.strip() for cell in cells]
+        yield f"{path}, line {number}", [cell.strip() for cell in cells]
 
 
 def read_features(path: Path, key_columns: Sequence[str], *, header: bool = False) -> FeatureRows:
@@ -147,8 +145,7 @@ def read_features(path: Path, key_columns: Sequence[str], *, header: bool = Fals
     """
     count, width = len(key_columns), 0
     places, keys, values = list[str](), list[tuple[str, ...]](), list[list[float]]()
-    for place, cells in read_rows(path):
-        where = f"{path}, {place}"
+    for where, cells in read_rows(path):
         if header and not width:
             width = len(cells)
             if cells[:count] != list(key_columns) or width <= count:
@@ -162,7 +159,7 @@ def read_features(path: Path, key_columns: Sequence[str], *, header: bool = Fals
             found = f"a row of {len(cells)} columns (too {side})"
             expected = f"{width} ({', '.join(key_columns)} and the features, separated by commas)"
             raise fault(where, found, expected, "restore or remove the row")
-        places.append(place)
+        places.append(where)
         keys.append(tuple(cells[:count]))
         values.append(_numbers(where, cells, count))
     if not values:

@@ -22,17 +22,13 @@ _Parts = tuple[tuple[str, ...], dict[Context, NDArray[np.float32]], NDArray[np.i
 class FeatureRows(NamedTuple):
     """Rows of one context: values (n,D), their keys (object, recording), and where they stand.
 
-    The source is a file, or what else the rows stand in; a place is such as "line 3".
+    The source is a file, or what else the rows stand in; a place is such as "FILE, line 3".
     """
 
     source: str
     places: Sequence[str]
     keys: Sequence[tuple[str, ...]]
     values: NDArray[np.floating]
-
-    def fault(self, row: int, found: str, expected: str, repair: str) -> DataError:
-        """Return the error of one row."""
-        return fault(f"{self.source}, {self.places[row]}", found, expected, repair)
 
 
 def fault(where: str, found: str, expected: str, repair: str) -> DataError:
@@ -86,11 +82,11 @@ def _rows(values: Any, objects: Sequence[str], context: Context) -> FeatureRows:
                 f"{source}: found recordings of {sorted(sizes)} features; give one size."
             )
         table = np.concatenate([np.empty((0, *(sizes or {1}))), *filter(len, parts.values())])
-    rows = FeatureRows(source, [f"row {n}" for n in range(1, len(keys) + 1)], keys, table)
+    places = [f"{source}, row {n}" for n in range(1, len(keys) + 1)]
     for row in np.flatnonzero(~np.isfinite(table).all(axis=1)):
         found = f"NaN or infinity in recording {keys[row][1]} of {keys[row][0]}"
-        raise rows.fault(int(row), found, "finite numbers", "leave the recording out")
-    return rows
+        raise fault(places[row], found, "finite numbers", "leave the recording out")
+    return FeatureRows(source, places, keys, table)
 
 
 def _numbers(rows: Any, source: str) -> NDArray[np.float32]:
@@ -161,14 +157,15 @@ def join_features(
             by_behavior[context[0]] = order
         for key in sorted(row_of.keys() - set(order), key=row_of.__getitem__):
             known = [recording for name, recording in order if name == key[0]]
+            found, where = f"recording {key[1]!r} of {key[0]}", rows.places[row_of[key]]
             expected = f"one of {', '.join(known) or 'none'}"
-            repair = "correct the number or remove the row"
-            raise rows.fault(row_of[key], f"recording {key[1]!r} of {key[0]}", expected, repair)
+            raise fault(where, found, expected, "correct the number or remove the row")
         for name, recording in order:
             if (name, recording) not in row_of:
-                last = f"{rows.places[-1]} (its last)" if rows.places else "without rows"
+                empty = f"{rows.source}, without rows"
+                last = f"{rows.places[-1]} (its last)" if rows.places else empty
                 raise DataError(
-                    f"{rows.source}, {last}: found no row of recording {recording} of {name}; "
+                    f"{last}: found no row of recording {recording} of {name}; "
                     f"expected {[known for known, _ in order].count(name)} of it, as in the other "
                     "features of this behavior; add the row, or remove the recording from all."
                 )
@@ -190,10 +187,10 @@ def _row_of(rows: FeatureRows, objects: Mapping[str, int]) -> dict[Context, int]
         if name not in objects:
             hint = unknown("object", name, objects).removesuffix(".")
             expected = "an object of the list"
-            raise rows.fault(row, f"object {name!r}", expected, f"correct it ({hint})")
+            raise fault(rows.places[row], f"object {name!r}", expected, f"correct it ({hint})")
         if (name, recording) in row_of:
-            before = rows.places[row_of[name, recording]]
+            before = rows.places[row_of[name, recording]].removeprefix(f"{rows.source}, ")
             found = f"recording {recording} of {name} again, after {before}"
-            raise rows.fault(row, found, "each recording once", "remove one of the rows")
+            raise fault(rows.places[row], found, "each recording once", "remove one of the rows")
         row_of[name, recording] = row
     return row_of

@@ -57,8 +57,8 @@ def load_roc36(domain: Domain, folder: Path) -> Dataset:
       held-out ones too, without labels.
     """
     words: dict[str, list[str]] = {}
-    for place, cells in read_rows(folder / "objects.txt"):
-        name, where = ",".join(cells), f"{folder / 'objects.txt'}, {place}"
+    for where, cells in read_rows(folder / "objects.txt"):
+        name = ",".join(cells)
         if len(name.split("_")) != 3:
             raise fault(where, f"{name!r}", "weight_color_content", "restore the name")
         if name in words:
@@ -90,10 +90,9 @@ def load_ispy32(domain: Domain, folder: Path) -> Dataset:
     * Kept as they are: objects 22 and 24 are both heavy and light.
     """
     names: dict[str, str] = {}  # by number
-    for place, cells in read_rows(folder / "object_list.csv"):
+    for where, cells in read_rows(folder / "object_list.csv"):
         number = str(len(names) + 1)
         if cells[1:] != [number]:
-            where = f"{folder / 'object_list.csv'}, {place}"
             raise fault(where, f"{','.join(cells)[:60]!r}", f"name,{number}", "restore the row")
         names[cells[1]] = cells[0]
     objects = tuple(names.values())
@@ -133,15 +132,15 @@ def load_cy101(domain: Domain, folder: Path) -> Dataset:
     objects = tuple(name for name in listed if name != "no_object")
     path = folder / "cy101_labels.csv"
     words: dict[str, set[str]] = {}
-    for place, cells in read_rows(path):
+    for where, cells in read_rows(path):
         if cells == ["object", "words"]:
             continue
         if len(cells) != 2:  # object, words
             expected = 'object,"word, word, ..."'
-            raise fault(f"{path}, {place}", f"{len(cells)} columns", expected, "quote the words")
+            raise fault(where, f"{len(cells)} columns", expected, "quote the words")
         name = cells[0]
         if name in words:
-            raise fault(f"{path}, {place}", f"{name!r} again", "each object once", "remove one")
+            raise fault(where, f"{name!r} again", "each object once", "remove one")
         words[name] = {word.strip() for word in cells[1].split(", ")} - {""}
     for name in objects:
         if name not in words:
@@ -155,7 +154,7 @@ def load_cy101(domain: Domain, folder: Path) -> Dataset:
             return rows._replace(keys=keys)
         low = rows.values < -_OVERFLOW / 2
         for row, column in np.argwhere(low):
-            where = f"{Path(rows.source).name}, {rows.places[row]}, feature {column + 1}"
+            where = f"{Path(rows.places[row]).name}, feature {column + 1}"
             log.info("cy101: added 2^31 to the count of %s in %s", rows.keys[row][0], where)
         values = np.where(low, rows.values + _OVERFLOW, rows.values)
         return rows._replace(keys=keys, values=values)
