@@ -17,6 +17,7 @@ from meal_bayes.errors import DataError, SettingsError
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
+Levels = NDArray[np.int8]  # of percepts, 0 to K-1
 
 
 def freeze(values: ArrayLike, dtype: Any = np.float64) -> NDArray[Any]:

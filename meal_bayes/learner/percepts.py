@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes.arrays import label_values
+from meal_bayes.arrays import Levels, label_values
 from meal_bayes.datasets import Instance, object_index
 from meal_bayes.domain import Domain, Query
 from meal_bayes.errors import DataError, SettingsError
@@ -34,9 +34,7 @@ class Witness:
         self._last: tuple[Instance, NDArray[np.int8]] | None = None
         self._known = learner.experience.executions_of(task.key)  # before a restart
 
-    def observe(
-        self, instance: Instance, query: Query, rng: np.random.Generator
-    ) -> NDArray[np.int8]:
+    def observe(self, instance: Instance, query: Query, rng: np.random.Generator) -> Levels:
         """Return percept levels of the queried attributes, (N,)."""
         levels = self._fit.perception.observe(instance, self._every, rng)
         self._last = instance, levels

@@ -10,7 +10,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes.arrays import Bools, Floats, FrozenArrays
+from meal_bayes.arrays import Bools, Floats, FrozenArrays, Levels
 from meal_bayes.datasets import Instance
 from meal_bayes.datasets.percepts import BIN_EDGES, PerceptTable, levels_of, round_log_odds
 from meal_bayes.display import short_repr
@@ -24,9 +24,7 @@ Rows = Sequence[Floats | None]  # each modality's standardized rows (B,d); None:
 class Perceiver(Protocol):
     """Source of the percepts of an executed behavior."""
 
-    def observe(
-        self, instance: Instance, query: Query, rng: np.random.Generator
-    ) -> NDArray[np.int8]:
+    def observe(self, instance: Instance, query: Query, rng: np.random.Generator) -> Levels:
         """Return percept levels (N,) of the queried attributes, from 0 (no) to K-1 (yes)."""
         ...
 
@@ -71,9 +69,7 @@ class RecordedPercepts:
     table: PerceptTable
     levels: int = 2
 
-    def observe(
-        self, instance: Instance, query: Query, rng: np.random.Generator
-    ) -> NDArray[np.int8]:
+    def observe(self, instance: Instance, query: Query, rng: np.random.Generator) -> Levels:
         """Return the levels of the outputs, or a person's answer, (N,).
 
         Raises
@@ -114,9 +110,7 @@ class SampledPercepts(FrozenArrays):
     labels: NDArray[np.int8]
     confusion: NDArray[np.float64]
 
-    def observe(
-        self, instance: Instance, query: Query, rng: np.random.Generator
-    ) -> NDArray[np.int8]:
+    def observe(self, instance: Instance, query: Query, rng: np.random.Generator) -> Levels:
         """Draw each level from the row of the true value (of a coin if unknown), or an answer."""
         levels = self.confusion.shape[-1]
         said = person_says(self.domain, self.labels, instance, query, levels, rng)
@@ -238,9 +232,7 @@ class Perception(FrozenArrays):
         columns = self.domain.columns(query.attributes)
         return round_log_odds(classifier.log_odds(features)[0, columns]).astype(np.float64)
 
-    def observe(
-        self, instance: Instance, query: Query, rng: np.random.Generator
-    ) -> NDArray[np.int8]:
+    def observe(self, instance: Instance, query: Query, rng: np.random.Generator) -> Levels:
         """Return percept levels of the queried attributes, (N,), or a person's answer."""
         said = person_says(self.domain, self.labels, instance, query, self.levels, rng)
         if said is not None:

@@ -22,9 +22,10 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.special import gammaln
 
+from meal_bayes.arrays import Ints
 from meal_bayes.cache import scratch_folder, writable_caches
 from meal_bayes.display import level_names
 from meal_bayes.errors import SettingsError
@@ -133,7 +134,7 @@ def fit_hierarchical(
 
 
 def build_model(
-    counts: NDArray[np.int64],
+    counts: Ints,
     attributes: Sequence[str],
     behaviors: Sequence[str],
     *,
@@ -161,7 +162,7 @@ def build_model(
     return built
 
 
-def _same(counts: NDArray[np.int64], prior: ArrayLike | None) -> tuple[Any, Any]:
+def _same(counts: Ints, prior: ArrayLike | None) -> tuple[Any, Any]:
     """Build the grid's hierarchy, s and m continuous; tau is one of the grid's, summed out."""
     alpha = prior_of(counts, prior)
     votes = youden(counts.sum(axis=0).astype(float)) > 0  # the others do not inform about mu
@@ -219,7 +220,7 @@ def _effects(name: str, inner: tuple[str, ...]) -> Any:
     return total
 
 
-def _patterns(counts: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def _patterns(counts: Ints) -> tuple[Ints, Ints]:
     """Find the distinct (p, e, counts) (U,2+K), and which one each object showed, (O,P,E).
 
     An object without a percept in a row has pattern U, one past the last.
@@ -233,7 +234,7 @@ def _patterns(counts: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.
     return patterns, pattern_of
 
 
-def _score(patterns: NDArray[np.int64], mean: Any, s: Any) -> Any:
+def _score(patterns: Ints, mean: Any, s: Any) -> Any:
     """Compute the log-probability (U,2) of each pattern under the row of each truth."""
     p, e, k = patterns[:, 0], patterns[:, 1], patterns[:, 2:]
     n = k.sum(axis=-1)
@@ -251,9 +252,7 @@ def _rising(x: Any, most: int) -> Any:
     return pt.concatenate([pt.zeros_like(x)[..., None], pt.cumsum(steps, axis=-1)], axis=-1)
 
 
-def _shared_class(
-    counts: NDArray[np.int64], pattern_of: NDArray[np.int64], scores: Any, epsilon: Any
-) -> Any:
+def _shared_class(counts: Ints, pattern_of: Ints, scores: Any, epsilon: Any) -> Any:
     """Sum over what each object seems to be, which all its behaviors share."""
     by_truth = np.asarray(counts.any(axis=(2, 4)))  # (O,P,2)
     o, p = np.nonzero(by_truth.any(axis=-1))
