@@ -70,9 +70,7 @@ def _rows(values: Any, objects: Sequence[str], context: Context) -> FeatureRows:
                     f"{source}: found those of {len(values)} objects; expected {len(objects)}, in "
                     "the order of `objects`."
                 )
-            named = (
-                (name, _numbers(part, source)) for name, part in zip(objects, values, strict=True)
-            )
+            named = zip(objects, (_numbers(part, source) for part in values), strict=True)
             values = {name: part[~np.isnan(part).all(axis=1)] for name, part in named}
         parts = {str(name): _numbers(part, source) for name, part in values.items()}
         keys = [(name, str(r)) for name, part in parts.items() for r in range(1, len(part) + 1)]
