@@ -31,7 +31,7 @@ class Perceiver(Protocol):
 
 def answer(
     labels: NDArray[np.int8], accuracy: float, levels: int, rng: np.random.Generator
-) -> NDArray[np.int8]:
+) -> Levels:
     """Draw a person's answer on N attributes, each right with `accuracy`.
 
     Yes and no are the two extreme levels. Unknown attributes (label -1) are answered by a fair
@@ -46,14 +46,13 @@ def answer(
 def person_says(
     domain: Domain, labels: NDArray[np.int8], instance: Instance, query: Query, levels: int,
     rng: np.random.Generator,
-) -> NDArray[np.int8] | None:  # fmt: skip
+) -> Levels | None:  # fmt: skip
     """Draw the answer of a person who knows labels (O,P); None of behaviors that do not ask."""
     accuracy = domain.behaviors[domain.behavior_index(instance.behavior)].answer_accuracy
     if accuracy is None:
         return None
-    return answer(
-        labels[instance.object_index, domain.columns(query.attributes)], accuracy, levels, rng
-    )
+    known = labels[instance.object_index, domain.columns(query.attributes)]
+    return answer(known, accuracy, levels, rng)
 
 
 @dataclass(frozen=True, slots=True)
