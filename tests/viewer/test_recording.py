@@ -1,7 +1,6 @@
-"""What the viewer gets of a trial: entities and rows; diagrams in which no two boxes overlap."""
+"""What the viewer gets of a trial: entities and rows."""
 
 import dataclasses
-import itertools
 import random
 import threading
 import warnings
@@ -14,17 +13,12 @@ from mcap.reader import make_reader
 from rerun.chunk import RrdReader
 
 from meal_bayes.cli import main
-from meal_bayes.domain import Query, load_domain
-from meal_bayes.momdp import build_momdp
-from meal_bayes.planners import Decision, TreeEdge
+from meal_bayes.domain import Query
 from meal_bayes.robots.robot import BALL, SHELL, SOLID, Frame
 from meal_bayes.trial_log import TrialWriter, read_trials, write_trials
 from meal_bayes.trial_log.schema import StepMessage, TrialMessage
 from meal_bayes.trials import Task, TrialOutcomes
 from meal_bayes.viewer import replay, write_recording
-from meal_bayes.viewer.drawings import Diagram, box_size, search_tree
-from meal_bayes.viewer.palette import GREEN, ORANGE
-from meal_bayes.viewer.recorder import Clock
 
 TIMELINES = {"trial", "step", "sim_time"}
 
@@ -307,74 +301,3 @@ def test_bodies_and_forces_are_the_frames(watched):
 def test_a_trial_without_frames_shows_no_robot(trials, read_back, tmp_path):
     write_recording([trials[0]], tmp_path / "plain.rrd", {})
     assert not any(entity.startswith("/robot") for entity in read_back(tmp_path / "plain.rrd"))
-
-
-def momdp_of(name):
-    domain = load_domain(name)
-    query = Query(domain.attributes[:1])
-    rows = np.full((1, len(domain.behaviors), 2, 2), 0.5)
-    return build_momdp(domain, query, rows)
-
-
-def apart(nodes):
-    for one, other in itertools.combinations(nodes, 2):
-        (w, h), (v, g) = box_size(one.label), box_size(other.label)
-        assert abs(one.x - other.x) >= (w + v) / 2 or abs(one.y - other.y) >= (h + g) / 2
-
-
-@pytest.mark.parametrize(
-    "name", ["roc36", "roc36_published", "ispy32", "cy101", "simulated_arm", "toy"]
-)
-def test_the_diagram_shows_every_x_and_every_legal_behavior(name, trials):
-    momdp = momdp_of(name)
-    frame = next(Clock().frames(0, trials[0]))
-    graph = Diagram(momdp).at(frame)
-    apart(graph.nodes)
-    labels = "\n".join(node.label for node in graph.nodes).split("\n")
-    assert set(momdp.x_names[:-1]) <= set(labels)
-    legal = {momdp.behavior_names[a] for a in range(momdp.n_behaviors) if momdp.legal[:-1, a].any()}
-    assert legal <= set(labels)
-    names = {node.name for node in graph.nodes}
-    assert {end for edge in graph.edges for end in edge} <= names
-
-
-def test_the_diagram_shows_where_the_robot_is_and_what_it_did(trials):
-    trial = trials[0]
-    diagram = Diagram(trial.momdp)
-    for frame in Clock().frames(0, trial):
-        colors = {node.name: node.color for node in diagram.at(frame).nodes}
-        assert [name for name, color in colors.items() if color == ORANGE] == [f"x{frame.belief.x}"]
-        done = [node.label for node in diagram.at(frame).nodes if node.color == GREEN]
-        behavior = frame.step is not None and frame.step.decision.action < trial.momdp.n_behaviors
-        if behavior and trial.momdp.legal[frame.step.x, frame.step.decision.action]:
-            (label,) = done
-            assert trial.momdp.behavior_names[frame.step.decision.action] in label
-
-
-def decided(trial, values, tree):
-    """Return a frame whose decision has these values and this tree."""
-    frame = list(Clock().frames(0, trial))[1]
-    n = len(values)
-    decision = Decision(3, values, np.zeros(n), np.zeros(n, int), tree, 100)
-    step = type(frame.step)(0, decision, 1, None, 1.0, -1.0, trial.last_belief)
-    return frame._replace(step=step)
-
-
-def test_the_tree_shows_the_most_visited_below_the_best_actions(trials):
-    trial = trials[0]
-    e = trial.momdp.n_behaviors
-    values = np.full(e + 1, np.nan)
-    values[[0, 3, e]] = 5.0, 9.0, 7.0
-    tree = (
-        TreeEdge(1, -1, 0, (), 10, 5.0),
-        TreeEdge(1, -1, 3, (), 90, 9.0),
-        *(TreeEdge(2, 1, 4, (z, 0), 10 * z, float(z)) for z in range(4)),
-        TreeEdge(2, 0, e, (), 7, 1.0),
-    )
-    graph = search_tree(decided(trial, values, tree))
-    labels = {node.name: node.label for node in graph.nodes}
-    assert labels["root"].endswith("100 simulations")
-    assert {name for name in labels if "-" not in name} == {"root", "a0", "a3", f"a{e}"}
-    assert labels["a3-0"].endswith("3.0 · 30")  # the most visited first
-    assert [node.name for node in graph.nodes if node.color == ORANGE] == ["a3"]
-    apart(graph.nodes)
