@@ -116,7 +116,10 @@ def note(text: str) -> None:
 
 @contextlib.contextmanager
 def progress(what: str, unit: str) -> Iterator[Advance]:
-    """Show fraction done, time passed and time left: a bar on a terminal, else lines."""
+    """Show fraction done, time passed and time left: a bar on a terminal, else lines.
+
+    One after another, several runs may advance it: each begins with what it found done.
+    """
     console, start = output(stderr=True), time.monotonic()
     # On no terminal rich prints nothing before the end; then a line tells from time to time.
     bars = rich.progress.Progress(
@@ -130,15 +133,16 @@ def progress(what: str, unit: str) -> Iterator[Advance]:
         rich.progress.TextColumn("left"),
         console=console, transient=True, expand=True, disable=not console.is_terminal,
     )  # fmt: skip
-    task, first, last = bars.add_task(printable(what), total=None), None, start
+    task, first, before, last = bars.add_task(printable(what), total=None), 0.0, np.inf, start
 
     def advance(done: float, total: int) -> None:
-        nonlocal first, last
-        if first is None:  # what was there before must not count as speed
-            first = done
-            bars.reset(task, completed=int(done), total=total)
-        bars.update(task, completed=done, total=total)
+        nonlocal start, first, before, last
         now = time.monotonic()
+        if done < before:  # a run begins; what was there must not count as speed
+            start, first = now, done
+            bars.reset(task, completed=int(done), total=total)
+        before = done
+        bars.update(task, completed=done, total=total)
         if bars.disable and now - last >= _EVERY and first < done < total:
             last = now
             left = (now - start) / (done - first) * (total - done)

@@ -37,8 +37,8 @@ has its two panels, and with one attribute the split of the published code, of w
 curve is the one run: percepts are drawn from the learned tables, which are cross-validated over
 samples, tests are shaped, two attributes share a label, and objects are split 15, 40 and 45; what
 else the code does (ERRATA.md) is not in it: agents learn after each trial here, after each batch
-there (Alg. 2). Our agent stands in the tables of one attribute with a memory, and with other
-bonuses too: Eq. 11's (`bayes_itrs`), and none."""
+there (Alg. 2). Our agent stands in the tables with other bonuses too: Eq. 11's (`bayes_itrs`), and
+none; with one attribute also with a memory."""
 SHOWS = """The paper draws accuracy over accumulated hours of exploration, six panels: CY101, ROC36
 and ISPY32 with one and two attributes, Iterative Random Legal, Iterative MORC and MORC-ITRS, the
 last on top along the whole curve. The panels below have the same axes and order."""
@@ -62,7 +62,7 @@ def run(setting: Setting) -> Result:
             if setting.only not in title:
                 evidence[protocol] |= dict.fromkeys(texts(title))
                 continue
-            ours = () if theirs else (*OURS, *BONUSES) if n == 1 else OURS[:1]
+            ours = () if theirs else (*(OURS if n == 1 else OURS[:1]), *BONUSES)
             panel = {
                 agent: run_curves(setting, dataset, n, agent, repeats, protocol)
                 for agent in (*PAPERS, *ours)
