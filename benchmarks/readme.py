@@ -185,7 +185,7 @@ def demo_block() -> str:
 def online_block(summary: list[dict[str, Any]]) -> str:
     """Build the table of agents that learn from the summary of their run."""
     head = [
-        "agent", "accuracy", "reward", "ECE", "area: reward less the first's (90 %)",
+        "agent", "accuracy", "reward", "ECE", "area: reward less the first's (95 %)",
         "reward less the first's",
     ]  # fmt: skip
     lines = [f"Of `{ONLINE}`:", "", _row(head), _row(["---", *["--:"] * (len(head) - 1)])]

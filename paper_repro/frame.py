@@ -92,6 +92,7 @@ class Result:
     sentence : what came of it, one sentence to quote.
     tables : of its numbers.
     evidence : of what the paper says of it, by protocol and text; None where it is not run.
+    size : how many trials or repeats its numbers are of.
     notes : for readers.
     figures : by what their files' names end in after the item.
     shows : what the paper describes, beside the figures.
@@ -102,6 +103,7 @@ class Result:
     sentence: str
     tables: tuple[Table, ...]
     evidence: Mapping[str, Mapping[str, Evidence | None]]
+    size: str = ""
     notes: tuple[str, ...] = ()
     figures: Mapping[str, canvas.Axes] = dataclasses.field(default_factory=dict)
     shows: str = ""
@@ -171,6 +173,7 @@ def facts(item: str, result: Result, setting: Setting) -> dict[str, Any]:
         "seed": setting.seed,
         "verdict": verdict(statements),
         "sentence": " ".join(result.sentence.split()),
+        "size": result.size,
         "tables": [plain(table._asdict()) for table in result.tables],
         "statements": plain(statements),
         "notes": [" ".join(note.split()) for note in result.notes],

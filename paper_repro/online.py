@@ -19,7 +19,7 @@ from paper_repro.statements import THEIRS
 LEGAL, BASE, BEST = PAPERS = ("iterative_random_legal", "iterative_morc", "morc_itrs")
 OURS = ("bayes", "bayes_memory")
 # Repeats split the same objects: J of them leave (1/J + .52) of the variance, as a third tests and
-# two thirds teach. 10 make the 95 % interval 13 % wider than 20 do, 5 half as wide again.
+# two thirds teach. 10 make the 95 % interval 13 % wider than 20 do, 5 nearly half as wide again.
 REPEATS = 10
 THIRDS = (33, 33, 34)  # of the objects: pretraining, training, test
 VARIANTS: dict[str, Any] = {  # what the published code does otherwise than the paper
@@ -132,7 +132,7 @@ def paired(first: Array, second: Array, ratio: float) -> Effect:
     return resampled(first[:number] - second[:number], ratio)
 
 
-def mean_of(values: Array, ratio: float = 0.5, *, fraction: bool = False) -> Effect:
+def mean_of(values: Array, ratio: float, *, fraction: bool = False) -> Effect:
     """Estimate a mean over the repeats (S,) that have one; of a fraction inside [0, 1]."""
     return replace(resampled(values[~np.isnan(values)], ratio), fraction=fraction)
 

@@ -56,6 +56,21 @@ def table_path(
     return str(path)
 
 
+def published_roc36(
+    setting: Setting, matrices: str, diagram: str = "roc36_published"
+) -> tuple[str, str]:
+    """Return ROC36 by published counts, reinit for 0 s as in Table 3: by a diagram, and by none.
+
+    By none every action is legal everywhere, as for the published Random and Predefined Plus.
+    """
+    table = table_path(
+        setting, "roc36", name=f"roc36_table3_{matrices}_{diagram}", domain=diagram,
+        matrices=matrices, costs={"reinit": 0.0},
+    )  # fmt: skip
+    name = f"roc36_every_{matrices}"
+    return table, table_path(setting, "roc36", name=name, domain=EVERY_ACTION, matrices=matrices)
+
+
 def plotted_ispy32(setting: Setting, n: int, *, whole: bool = False) -> str:
     """Return ISPY32 under the settings that the plotted files' names tell, at N attributes.
 

@@ -35,7 +35,10 @@ THEIRS, RECORDED, OURS = PROTOCOLS = ("theirs", "recorded", "ours")
 
 
 def level_above(effect: Effect, bound: float) -> float:
-    """Return the smallest level at which an effect's two-sided interval lies above a bound."""
+    """Return the smallest level at which an effect's two-sided interval lies above a bound.
+
+    Above 1 is none: also where all values are equal, so that nothing tells how they would spread.
+    """
     distance, se = effect.estimate - bound, effect.se
     if effect.fraction and 0 < bound < 1:
         se = math.sqrt(bound * (1 - bound) / effect.cases)
@@ -44,7 +47,7 @@ def level_above(effect: Effect, bound: float) -> float:
     if effect.sides is not None and distance > 0 and effect.interval(1 - _TINY).low <= bound:
         return float(brentq(lambda level: effect.interval(1 - level).low - bound, _TINY, 1.0))
     if not se > 0:
-        return 2.0 if math.isnan(se) or distance <= 0 else 0.0
+        return 2.0
     return 2 * float(stdtr(max(effect.units - 1, 1), -distance / se))
 
 
@@ -57,12 +60,13 @@ def level_below(effect: Effect, bound: float) -> float:
 
 
 def needed(effect: Effect, bound: float, level: float) -> int | None:
-    """Return the units that decide on which side of a bound an effect is, at 80 % power.
+    """Return the splits that decide on which side of a bound an effect is, at 80 % power.
 
-    None where no number would, as the difference is nothing or the fixed part is too much.
+    None where no number would, as the difference is nothing or the fixed part is too much, and
+    where only more objects would, which nobody can draw.
     """
     distance = abs(effect.estimate - bound)
-    if not (effect.se > 0 and distance > 0):
+    if effect.unit != "splits" or not (effect.se > 0 and distance > 0):
         return None
     units = 1000.0
     for _ in range(20):  # Student's t is that of the units it calls for
@@ -139,7 +143,7 @@ class Part(NamedTuple):
         return f"{self.of} is in [{self.low:.5g}, {self.high:.5g}]"
 
     def needed(self, level: float) -> int | None:
-        """Return the units that would decide it at 80 % power; None where no number would."""
+        """Return the splits that would decide it at 80 % power; None where no number would."""
         ends = [end for end in (self.low, self.high) if math.isfinite(end)]
         nearest = min(ends, key=lambda end: abs(self.effect.estimate - end))
         return needed(self.effect, nearest, level)
@@ -178,15 +182,16 @@ class Evidence:
         """Judge it at a level; the part that decides it, or keeps it open, is shown."""
         if not self.parts:
             facts: dict[str, Any] = dict.fromkeys(
-                ("estimate", "interval", "units", "level", "needed")
+                ("estimate", "interval", "units", "level", "needed", "smallest")
             )
-            facts |= {"outcome": self.outcome, "rule": self.rule, "method": "a fact"}
-            return facts | (_told(self.shown, _LEVEL) if self.shown else {})
+            facts |= {"outcome": self.outcome, "rule": self.rule, "method": "a fact", "parts": 0}
+            return facts | _told(self.shown, _LEVEL)
         inside, outside = self._inside, self._outside
+        tested = {"parts": len(self.parts), "smallest": self.level}
         if outside <= level and outside < inside:
             part = min(self.parts, key=lambda part: part.outside)
             told = _told(part.effect, level / len(self.parts))
-            return {"outcome": FALLS, "rule": part.rule, **told, "needed": None}
+            return {"outcome": FALLS, "rule": part.rule, **told, **tested, "needed": None}
         part = max(self.parts, key=lambda part: part.inside)
         if part.outside <= level:  # a statement of many parts falls at a part's own level alone
             level /= len(self.parts)
@@ -197,6 +202,7 @@ class Evidence:
             "outcome": STANDS if stands else UNDECIDED,
             "rule": rule,
             **_told(part.effect, level),
+            **tested,
             "needed": f"{units} {part.effect.unit}" if units else None,
         }
 
@@ -243,9 +249,10 @@ def constructed(rule: str) -> Evidence:
 
 
 def placed(values: ArrayLike, printed: float, *, of: str) -> Evidence:
-    """Judge one trial of the paper: it stands if another split might as well have given it.
+    """Judge one trial or split of the paper by the 95 % prediction interval of one more of ours.
 
-    The printed value lies inside the 95 % prediction interval of one more split, or it falls.
+    It falls outside, and stays undecided inside: a single one contradicts or does not, it proves
+    nothing.
     """
     x = np.asarray(values, float)
     x = x[~np.isnan(x)]
@@ -253,8 +260,9 @@ def placed(values: ArrayLike, printed: float, *, of: str) -> Evidence:
     one = Effect(float(x.mean()) if len(x) else math.nan, spread, len(x), unit="splits",
                  method="prediction interval of one split")  # fmt: skip
     _, _, low, high = one.interval(1 - _LEVEL)
-    outcome = UNDECIDED if math.isnan(low) else STANDS if low <= printed <= high else FALLS
-    return Evidence(outcome=outcome, rule=f"{printed:.3g} is one of our splits' {of}", shown=one)
+    outcome = FALLS if printed < low or printed > high else UNDECIDED
+    rule = f"{printed:.3g} is what one more of our splits might give as {of}"
+    return Evidence(outcome=outcome, rule=rule, shown=one)
 
 
 def change_of_means(
@@ -304,17 +312,20 @@ def verdict(statements: Sequence[Mapping[str, Any]]) -> str:
     """Return the verdict on an item: that of its central statements, with its counts.
 
     A statement is judged on recordings; a printed number under the paper's own settings alone.
+    Where all that is decided is arithmetic on what the paper prints, the word is "consistent".
 
-    >>> verdict([{"text": "a", "protocol": "recorded", "central": True, "outcome": "stands"}])
+    >>> one = {"text": "a", "protocol": "recorded", "central": True, "method": "Student's t"}
+    >>> verdict([one | {"outcome": "stands"}])
     'reproduced (1 stands)'
     """
     recorded = {one["text"] for one in statements if one["protocol"] == RECORDED}
-    deciding = [
-        one["outcome"]
+    central = [
+        one
         for one in statements
         if one["central"] and (one["protocol"] == RECORDED or one["text"] not in recorded)
         and one["protocol"] != OURS
     ]  # fmt: skip
+    deciding = [one["outcome"] for one in central]
     number = {outcome: deciding.count(outcome) for outcome in OUTCOMES}
     told = ", ".join(_counted(n, outcome) for outcome, n in number.items() if n)
     if told and None in deciding:
@@ -329,14 +340,22 @@ def verdict(statements: Sequence[Mapping[str, Any]]) -> str:
         word = "undecided" if not number[STANDS] else "reproduced in part"
     else:
         word = "reproduced" if number[STANDS] else CONSTRUCTED
+    checked = [one["method"] == "a fact" for one in central if one["outcome"] in {STANDS, FALLS}]
+    if checked and all(checked):  # arithmetic on printed numbers, no run of anybody's
+        word = {"reproduced": "consistent", "not reproduced": "not consistent"}.get(word, word)
     return f"{word} ({told})" if told else word
 
 
-def _told(effect: Effect, level: float) -> dict[str, Any]:
+def _told(effect: Effect | None, level: float) -> dict[str, Any]:
+    """Return what an interval is made of: of a fraction its cases, of two its gains and losses."""
+    if effect is None:
+        return {"error": None, "cases": None, "sides": None}
     _, _, low, high = effect.interval(1 - level)
     return {
         "method": effect.method, "estimate": effect.estimate, "interval": [low, high],
-        "units": f"{effect.units} {effect.unit}", "level": level,
+        "units": f"{effect.units} {effect.unit}", "level": level, "error": effect.se,
+        "cases": effect.cases if effect.fraction else None,
+        "sides": [[one.estimate, one.cases] for one in effect.sides] if effect.sides else None,
     }  # fmt: skip
 
 

@@ -3,6 +3,7 @@
 import contextlib
 import functools
 import json
+import math
 import textwrap
 import time
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
@@ -133,7 +134,7 @@ def progress(what: str, unit: str) -> Iterator[Advance]:
         rich.progress.TextColumn("left"),
         console=console, transient=True, expand=True, disable=not console.is_terminal,
     )  # fmt: skip
-    task, first, before, last = bars.add_task(printable(what), total=None), 0.0, np.inf, start
+    task, first, before, last = bars.add_task(printable(what), total=None), 0.0, math.inf, start
 
     def advance(done: float, total: int) -> None:
         nonlocal start, first, before, last

@@ -21,7 +21,7 @@ def run(setting: Setting) -> Result:
     lead = paired(*area(second, first, "reward"), first.ratio)
     rows: list[tuple[Cell, ...]] = []
     for name, curves, less in zip(READINGS, (first, second), (None, lead), strict=True):
-        last = (mean_of(values[:, -1]) for values in (curves.hours, curves.reward))
+        last = (mean_of(values[:, -1], first.ratio) for values in (curves.hours, curves.reward))
         rows.append((name, READINGS[name], len(curves), *last, less))
     sentence = (
         "Counting pretraining too changes MORC-ITRS's reward over its hours of exploration on "
@@ -33,6 +33,7 @@ def run(setting: Setting) -> Result:
         sentence=sentence,
         tables=(Table("readings", columns, tuple(rows)),),
         evidence={},
+        size=f"{len(first)} repeats.",
         notes=(NOTE,),
         effects={"24": sentence},
     )

@@ -52,6 +52,7 @@ def run(setting: Setting) -> Result:
         sentence=f"{len(effects)} of the published code's departures are measured one at a time.",
         tables=(Table("MORC", COLUMNS, tuple(rows)),),
         evidence={},
+        size=f"{count} trials a row.",
         notes=(
             "The departures are listed in ERRATA.md. Rewards are those of each run's own size.",
         ),

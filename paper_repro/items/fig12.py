@@ -34,12 +34,12 @@ def run(setting: Setting) -> Result:
         name: run_curves(setting, "cy101", 1, BEST, repeats, alpha=float(a), beta=float(b))
         for name, (a, b) in pairs.items()
     }
-    evidence = judge({name: one.accuracy for name, one in runs.items()})
-    runs["own, own"] = run_curves(setting, "cy101", 1, AUTO, repeats)
+    runs["own, own"] = own = run_curves(setting, "cy101", 1, AUTO, repeats)
+    grid = {name: runs[name].accuracy for name in pairs}
     moments = {name: _moments(one.accuracy) for name, one in runs.items()}
     rows: list[tuple[Cell, ...]] = [
-        (*name.split(", "), repeats, *(mean_of(one, fraction=True) for one in own))
-        for name, own in moments.items()
+        (*name.split(", "), repeats, *(mean_of(one, own.ratio, fraction=True) for one in values))
+        for name, values in moments.items()
     ]
     means = np.array([
         [[values.mean() for values in moments[f"{a}, {b}"]] for a in alphas] for b in betas
@@ -56,14 +56,15 @@ def run(setting: Setting) -> Result:
         sentence=sentence,
         tables=(Table("accuracy of MORC-ITRS", ("alpha", "beta", "repeats", *MOMENTS),
                       tuple(rows)),),
-        evidence={RECORDED: evidence},
+        evidence={RECORDED: judge(grid, own.ratio)},
+        size=f"{repeats} repeats of each pair.",
         notes=(NOTE,),
         figures=figures,
         shows=SHOWS,
     )  # fmt: skip
 
 
-def judge(grid: Grid) -> dict[str, Evidence | None]:
+def judge(grid: Grid, ratio: float) -> dict[str, Evidence | None]:
     """Judge the statements from the accuracy of every pair of weights, (S,B) each."""
 
     def over(axis: int, wanted: tuple[int, ...]) -> NDArray[np.float64]:
@@ -78,13 +79,13 @@ def judge(grid: Grid) -> dict[str, Evidence | None]:
     rises = {name: _moments(values) for name, values in grid.items()}
     return {
         "a beta in the middle is best":
-        every([above(mean_of(found), 0, of=f"accuracy less that at beta {b}")
+        every([above(mean_of(found, ratio), 0, of=f"accuracy less that at beta {b}")
                for b, found in ends.items()]),
         "a small alpha is higher in the beginning and improves less than the largest":
-        every([above(mean_of(small[0] - large[0]), 0, of=f"early, less that at {ALPHAS[-1]}"),
-               below(mean_of(rise), 0, of=f"rise less that at {ALPHAS[-1]}")]),
+        every([above(mean_of(small[0] - large[0], ratio), 0, of=f"early, less at {ALPHAS[-1]}"),
+               below(mean_of(rise, ratio), 0, of=f"rise less that at {ALPHAS[-1]}")]),
         "accuracy rises from early to late everywhere":
-        every([above(mean_of(own[2] - own[0]), 0, of=f"rise at ({name})")
+        every([above(mean_of(own[2] - own[0], ratio), 0, of=f"rise at ({name})")
                for name, own in rises.items()]),
     }  # fmt: skip
 

@@ -24,17 +24,20 @@ IRRELEVANT, RELEVANT = (0, 1, 2, 3, 4, 5), 2
 TRIALS = 60  # the paper has 200; one of seven attributes plans for some ten seconds of CPU
 MEASURES = ("reward", "cost", "success")
 LABELS = {"reward": "reward", "cost": "cost, s", "success": "accuracy, relevant ones"}
-EACH, WHOLE = "each attribute of an answer is right with .65", "the whole answer is, as published"
-SHORT = {EACH: "each right with .65", WHOLE: "the whole answer is"}
+EACH, WHOLE = "each attribute right with .65", "the whole answer right with .65, as published"
+SHORT = {EACH: "theirs, each attribute right with .65", WHOLE: "theirs, the whole answer right"}
 NOTE = """One super MOMDP has all attributes in its state and in its reports, whose reward is for
 the whole truth vector, as the name of the plotted file says (the active line of the published code
 compares the queried values only). The first ones are relevant, and accuracy is theirs. Under
 `theirs` asking costs 100 s and is right with .65, by two models: of each attribute, and of the
 whole answer, as in the published code, where irrelevant attributes make a person more reliable in
-each. On recordings a person is right with .7 in each. A MOMDP of the relevant attributes alone
-(Alg. 1, l. 2) is a level line by construction. The point of most cost is found by looking at all,
-which makes its rise and fall look larger than they are. The planner is our tree search; item
-`pomdpsol` has the paper's own solver."""
+each. ISPY32's matrices were not published, so that percepts are drawn from tables of our
+classifiers. On recordings a person is right with .7 in each; there the printed rewards are not
+judged. A MOMDP of the relevant attributes alone (Alg. 1, l. 2) is a level line by construction.
+Whether cost rises and falls again is judged at one irrelevant attribute, the first step, and not
+where it is largest, which nobody knows without looking. Changes are means over the objects that
+both points have, each object alike, so that they differ from those of the table's rows. The planner
+is our tree search; item `pomdpsol` has the paper's own solver."""
 SHOWS = """The paper draws reward, cost and success over 0 to 5 irrelevant attributes: reward falls
 from above 150 to below 25, cost first rises and then falls as the planner gives up."""
 
@@ -58,7 +61,7 @@ def run(setting: Setting) -> Result:
             for k in numbers
         }
         level = "with the relevant attributes alone reward is level"
-        evidence[RECORDED] = {**judge(runs[RECORDED]),
+        evidence[RECORDED] = {**judge_shape(runs[RECORDED]),
                               level: constructed("irrelevant attributes never enter")}  # fmt: skip
     rows: list[tuple[Cell, ...]] = [
         (kind, int(k), 6 * 2 ** (RELEVANT + int(k)) + 1, *(measure(one, m) for m in MEASURES),
@@ -76,18 +79,32 @@ def run(setting: Setting) -> Result:
         tables=(Table("super MOMDPs", ("percepts", "irrelevant", "states",
                                        *LABELS.values(), "abstained"), tuple(rows)),),
         evidence=evidence,
+        size=f"{trials} trials a row; the paper has 200.",
         notes=(NOTE,),
         figures={f"_{m}": figure(runs, numbers, m) for m in MEASURES},
         shows=SHOWS,
+        effects={"25": "Reward of MORC on ISPY32, " + " against ".join(
+            f"{runs[kind][str(numbers[-1])].reward.mean():.0f} ({kind})" for kind in (WHOLE, EACH)
+        ) + f", 2 relevant attributes and {numbers[-1]} others"},
     )  # fmt: skip
 
 
 def judge(runs: Runs) -> dict[str, Evidence | None]:
-    """Judge where the curve begins and ends, and that exploring grows before it is given up."""
+    """Judge where the curve begins and ends, and its shape."""
     paper, points = paper_values("fig9"), list(runs)
-    first, last = runs[points[0]], runs[points[-1]]
-    peak = max((runs[point] for point in points), key=lambda run: float(run.cost.mean()))
+    first, last = (mean_effect(runs[points[end]], "reward") for end in (0, -1))
     high, low = paper["first_reward_above"], paper["last_reward_below"]
+    return {
+        f"reward starts above {high:g}": above(first, high, of="reward"),
+        f"reward ends below {low:g}": below(last, low, of="reward"),
+        **judge_shape(runs),
+    }
+
+
+def judge_shape(runs: Runs) -> dict[str, Evidence | None]:
+    """Judge that exploring grows with the first irrelevant attribute, and is given up at last."""
+    points = list(runs)
+    first, step, last = (runs[points[place]] for place in (0, 1, -1))
 
     def rise(after: TrialOutcomes, before: TrialOutcomes, name: str) -> Effect:
         values = [getattr(run, name) for run in (after, before)]
@@ -96,14 +113,12 @@ def judge(runs: Runs) -> dict[str, Evidence | None]:
     gives_up = change_of_means(~last.answered, last.object_index, ~first.answered,
                                first.object_index, fraction=True)  # fmt: skip
     return {
-        f"reward starts above {high:g}": above(mean_effect(first, "reward"), high, of="reward"),
-        f"reward ends below {low:g}": below(mean_effect(last, "reward"), low, of="reward"),
         "with more irrelevant attributes it explores more": above(
-            rise(peak, first, "cost"), 0, of="most cost less the first, s"
+            rise(step, first, "cost"), 0, of="cost at the second point less the first, s"
         ),
-        "then it gives up: it abstains more, and explores less than at most": every([
+        "then it gives up: it abstains more, and explores less": every([
             above(gives_up, 0, of="rise of abstaining"),
-            above(rise(peak, last, "cost"), 0, of="most cost less the last, s"),
+            above(rise(step, last, "cost"), 0, of="cost at the second point less the last, s"),
         ]),
     }  # fmt: skip
 

@@ -90,6 +90,7 @@ def run(setting: Setting) -> Result:
         f"model, {', '.join(told) or 'not computed here'}.",
         tables=(Table("accuracy on recordings", COLUMNS, tuple(cells)),),
         evidence={},
+        size=f"{setting.trials_of(OFFLINE_TRIALS, 6)} trials an agent offline, {repeats} repeats.",
         notes=(NOTE.format(hours=hours, margin=MARGINS["success"]),),
         figures={"": draw({figure: group for figure, group in pairs.items() if group})},
         shows=SHOWS,

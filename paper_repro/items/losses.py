@@ -28,10 +28,11 @@ other objects and from the object at hand as well (its percepts are counted in p
 another object with the same label): more data would bring no more than that, were objects alike.
 *The best plan*: percepts are drawn from MORC's own tables, where an upper bound of the optimum is
 certified (factored value iteration, undiscounted); bound less reward is the most that any planner
-adds there, and is added to the bar before. A gap below 0 is luck: {bounded} trials without one
-wrong report earn more than the bound, which expects some, and their standard error knows of none.
-*Perfect percepts* are by construction: a first look that is never wrong. What is left between the
-last two bars is for better sensors."""
+adds there, and is added to the bar before. A gap below 0 is luck, and counts as none: {bounded}
+trials without one wrong report earn more than the bound, which expects some, and their standard
+error knows of none. *Perfect percepts* are by construction: a first look that is never wrong. What
+is left between the last two bars is for better sensors. The sentence's ranges are those of the
+estimates, whose standard errors stand in the table."""
 
 
 def run(setting: Setting) -> Result:
@@ -50,17 +51,17 @@ def run(setting: Setting) -> Result:
         gap, cheapest = planning_gap(setting, dataset, n, trials), cheapest_percept(table)
         ideal = reward - cheapest
         best = mean_effect(informed, "reward")
+        planned = replace(best, estimate=best.estimate + max(gap.estimate, 0.0),
+                          se=float(np.hypot(best.se, gap.se)))  # fmt: skip
         heights = (mean_effect(runs[AGAINST], "reward"), mean_effect(runs[OWN], "reward"), best,
-                   replace(best, estimate=best.estimate + gap.estimate,
-                           se=float(np.hypot(best.se, gap.se))),
-                   Effect(ideal, 0.0, 1))  # fmt: skip
+                   planned, Effect(ideal, 0.0, 1))  # fmt: skip
         for name, height in zip(BARS, heights, strict=True):
             groups[name].append(height.interval())
         data = difference(informed, runs[OWN])
-        sensors = ideal - heights[3].estimate
+        sensors = replace(planned, estimate=ideal - planned.estimate)
         rows.append((dataset, n, *heights[:3], data, gap, sensors))
-        for name, value in zip(told, (data.estimate, max(gap.estimate, 0.0), sensors), strict=True):
-            told[name].append(value)
+        for name, effect in zip(told, (data, gap, sensors), strict=True):
+            told[name].append(max(effect.estimate, 0.0))
     figures = {}
     if rows:
         names = [f"{dataset.upper()}, {n}" for dataset, n in panels]
@@ -74,6 +75,7 @@ def run(setting: Setting) -> Result:
         if rows else "It is not run here.",
         tables=(Table("reward", columns, tuple(rows)),) if rows else (),
         evidence={},
+        size=f"{trials} trials a row.",
         notes=(NOTE.format(bounded=BOUNDED),),
         figures=figures,
         shows="; ".join(f"*{name}*: {text}" for name, text in BARS.items()) + ".",

@@ -13,7 +13,8 @@ TRIALS = 400
 NOTE = """A report is worth the reward where it is right and loses as much where it is wrong. The
 paper says that a very large success bonus makes the robot risk seeking, and a very large penalty
 risk averse; here both grow together, so that neither is judged. That the robot explores longer is
-ours to state. The same queries at every size."""
+ours to state. The same queries at every size. Under `theirs` percepts are drawn from tables of our
+classifiers."""
 
 
 def run(setting: Setting) -> Result:
@@ -38,10 +39,12 @@ def run(setting: Setting) -> Result:
         title=f"MORC on {PLACE.upper()}, {N} attributes, under rewards of several sizes",
         sentence=f"From a reward of {rewards[0]:g} to one of {rewards[-1]:g} MORC's exploration "
         f"changes, {'; '.join(told)}.",
-        tables=(Table("rewards", ("percepts", "reward", *MEASURES, "abstained"), tuple(rows)),),
+        size=f"{trials} trials a row.",
+        tables=(Table("rewards", ("percepts", "a report is worth", *MEASURES, "abstained"),
+                      tuple(rows)),),
         evidence={protocol: judge(run) for protocol, run in runs.items()},
         notes=(NOTE,),
-    )
+    )  # fmt: skip
 
 
 def judge(runs: Runs) -> dict[str, Evidence | None]:

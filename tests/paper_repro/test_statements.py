@@ -1,6 +1,7 @@
 """The rules by which a statement stands, falls, or is undecided."""
 
 import doctest
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -35,7 +36,8 @@ from paper_repro.statements import (
 )
 
 KEYS = {"text", "where", "protocol", "central", "looks", "outcome", "rule", "method", "estimate",
-        "interval", "units", "level", "needed"}  # fmt: skip
+        "interval", "units", "level", "needed", "smallest", "parts", "error", "cases",
+        "sides"}  # fmt: skip
 
 
 def effect(mean, se=0.5, **options):
@@ -69,9 +71,10 @@ def test_a_number_stands_within_its_margin(mean, kind):
     assert outcome(within(effect(mean, 0.3), 0.2, 2.0)) == kind
 
 
-def test_what_would_decide_is_told_in_units():
-    told = above(effect(0.5), 0).judge(0.05)
-    assert told["needed"].endswith(" objects")
+def test_what_would_decide_is_told_in_splits():
+    assert above(effect(0.5), 0).judge(0.05)["needed"] is None  # nobody can draw objects
+    told = above(effect(0.5, unit="splits"), 0).judge(0.05)
+    assert told["needed"].endswith(" splits")
     assert int(told["needed"].split()[0]) > 20
     fixed = above(effect(0.5, fixed=0.2, unit="splits"), 0).judge(0.05)
     assert fixed["needed"] is None  # more splits are not more objects
@@ -123,15 +126,22 @@ def test_every_statement_is_written_with_all_that_it_rests_on():
     assert {row["looks"] for row in rows} == {1}
 
 
-@pytest.mark.parametrize(("printed", "kind"), [(4.5, STANDS), (40.0, FALLS)])
-def test_a_single_trial_is_judged_by_its_place(printed, kind):
+@pytest.mark.parametrize(("printed", "kind"), [(4.5, UNDECIDED), (40.0, FALLS)])
+def test_a_single_trial_falls_or_proves_nothing(printed, kind):
     found = placed([*range(10), np.nan], printed, of="x")
     assert found.outcome == kind
     assert outcome(placed([1.0], printed, of="x")) == UNDECIDED
 
 
-def row(text, protocol, kind, *, central=True):
-    return {"text": text, "protocol": protocol, "outcome": kind, "central": central}
+def test_an_interval_without_width_decides_nothing():
+    nobody = clustered(np.zeros(20), range(20))
+    assert outcome(below(nobody, 25)) == UNDECIDED
+    assert outcome(below(clustered(np.zeros(20), range(20), fraction=True), 0.5)) == STANDS
+
+
+def row(text, protocol, kind, *, central=True, method="Student's t"):
+    return {"text": text, "protocol": protocol, "outcome": kind, "central": central,
+            "method": method}  # fmt: skip
 
 
 @pytest.mark.parametrize(
@@ -144,6 +154,9 @@ def row(text, protocol, kind, *, central=True):
         ([row("a", RECORDED, UNDECIDED)], "undecided"),
         ([row("a", RECORDED, STANDS), row("b", RECORDED, FALLS, central=False)], "reproduced (1"),
         ([row("a", RECORDED, CONSTRUCTED)], "by construction (1 by construction)"),
+        ([row("a", THEIRS, STANDS, method="a fact")], "consistent (1 stands)"),
+        ([row("a", THEIRS, FALLS, method="a fact")], "not consistent (1 falls)"),
+        ([row("a", THEIRS, STANDS), row("b", THEIRS, STANDS, method="a fact")], "reproduced (2"),
         ([row("a", RECORDED, None)], "not run"),
         ([row("a", RECORDED, STANDS), row("b", RECORDED, None)], "run in part (1 stands, 1 not"),
         ([row("a", OURS, FALLS)], "nothing to judge"),
@@ -181,6 +194,7 @@ def test_a_level_of_a_difference_of_fractions_is_too():
 
 def test_needed_units_decide_at_80_percent_power():
     found, rng = clustered([0.5, 1.5, -0.5, 2.5], range(4)), np.random.default_rng(2)
+    found = replace(found, unit="splits")
     units = needed(found, 0.0, 0.05)
     draws = rng.normal(found.estimate, found.se * 2, (400, units))
     decided = [level_above(clustered(one, range(units)), 0.0) < 0.05 for one in draws]
