@@ -60,7 +60,10 @@ second.
 - All statements of an item in one column are a family, judged at 95 % by Holm's levels; the
   interval that is shown is that of its level.
 - The verdict of an item is that of its central statements, on recordings where they are judged
-  there, else in the first column. `paper_values.toml` names them.
+  there, else in the first column; `paper_values.toml` names them. *Reproduced*: all that can be
+  evidence stand; *in part*: some do; *not reproduced*: some fall and none stands; *undecided*:
+  none is decided. Minutes are those of computing, of one process, on a machine with other work, of
+  all trials that an item rests on; items share trials.
 
 ## When the rules were made
 

@@ -331,7 +331,8 @@ def verdict(statements: Sequence[Mapping[str, Any]]) -> str:
     if told and None in deciding:
         told += f", {deciding.count(None)} not run"
     if not deciding:
-        return "nothing to judge"
+        theirs = any(one["protocol"] != OURS for one in statements)
+        return "nothing central" if theirs else "nothing to judge"
     if number[FALLS]:
         word = "not reproduced" if not number[STANDS] else "reproduced in part"
     elif None in deciding:

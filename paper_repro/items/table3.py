@@ -23,7 +23,7 @@ PLUS, ALL = "predefined_plus", "predefined_plus, all eleven"  # through the diag
 TRIALS = 400  # the paper's
 DIAGRAMS = {"the code's diagram": "roc36_published", "Fig. 5's diagram": "roc36"}
 SETTINGS = tuple((m, d) for m in ("train5", "train12") for d in DIAGRAMS)
-COLUMNS = ("attributes", "agent", "percepts", "accuracy", "abstained", "cost, s", "its sd")
+COLUMNS = ("attributes", "agent", "percepts", "accuracy", "cost, s", "its sd")
 NOTE = """Under `theirs` percepts are drawn from the confusion counts that were published with
 ROC36's simulator, which loads train5; reinit costs nothing, as in Table 3. Random draws from all
 actions there, illegal ones and `ask` (40 s) too; as it sees no percepts, the matrices are nothing
@@ -146,13 +146,12 @@ def _paper_name(name: str) -> str:
 
 def _printed(n: int, agent: str) -> tuple[Cell, ...]:
     printed = paper_values("table3")[str(n)][agent]
-    return n, agent, "the paper", printed["accuracy"], None, printed["cost"], printed["sd"]
+    return n, agent, "the paper", printed["accuracy"], printed["cost"], printed["sd"]
 
 
 def _row(n: int, name: str, percepts: str, own: TrialOutcomes) -> tuple[Cell, ...]:
     spread = float(own.cost.std(ddof=1)) if len(own) > 1 else None
-    means = (mean_effect(own, measure) for measure in ("success", "abstained", "cost"))
-    return n, name, percepts, *means, spread
+    return n, name, percepts, mean_effect(own, "success"), mean_effect(own, "cost"), spread
 
 
 def _sentence(*, theirs_2: dict[str, Any], theirs_3: dict[str, Any], recorded: Any) -> str:
@@ -160,7 +159,7 @@ def _sentence(*, theirs_2: dict[str, Any], theirs_3: dict[str, Any], recorded: A
     told = [
         f"MORC's printed {paper[str(n)][AGAINST]['accuracy']:.3f} at "
         f"{paper[str(n)][AGAINST]['cost']:.1f} s ({asked(n)}) is missed by {one['accuracy']:+.3f} "
-        f"and {one['cost']:+.1f} s in the nearest of four settings, {one['setting']}"
+        f"and {one['cost']:+.1f} s in the nearest of four settings {one['setting']}"
         for n, one in ((2, theirs_2), (3, theirs_3))
     ]
     for name, own in recorded.items():

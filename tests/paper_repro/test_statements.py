@@ -160,6 +160,7 @@ def row(text, protocol, kind, *, central=True, method="Student's t"):
         ([row("a", RECORDED, None)], "not run"),
         ([row("a", RECORDED, STANDS), row("b", RECORDED, None)], "run in part (1 stands, 1 not"),
         ([row("a", OURS, FALLS)], "nothing to judge"),
+        ([row("a", RECORDED, FALLS, central=False)], "nothing central"),
         ([], "nothing to judge"),
     ],
 )
