@@ -24,6 +24,8 @@ class Agent:
 
     Attributes
     ----------
+    name : str
+        Of the agent.
     solver : Callable[[Domain, Query], Solver]
         Makes the planner of a query.
     object_level : bool
@@ -83,6 +85,8 @@ class Agent:
 
         Parameters
         ----------
+        query : Query
+            What is asked.
         knowledge : Knowledge
             Learned without the object at hand.
         limit : ArrayLike

@@ -20,6 +20,10 @@ class Knowledge(FrozenArrays):
 
     Attributes
     ----------
+    domain : Domain
+        Of the attributes and behaviors.
+    posterior : ConfusionPosterior
+        Of the confusion matrices.
     base_rates : NDArray[np.float64]
         (P,) (n+ + 1) / (n + 2) of the training objects.
     trait : SharedTrait | None

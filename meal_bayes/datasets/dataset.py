@@ -23,6 +23,8 @@ class Instance:
     ----------
     object_index : int
         Position of the object in its data set.
+    behavior : str
+        Name of the behavior.
     recording : int
         Which of the object's recordings, from 0.
     features : Mapping[str, NDArray[np.float32]] | None
@@ -46,6 +48,8 @@ class Dataset:
 
     Attributes
     ----------
+    domain : Domain
+        Behaviors and attributes.
     objects : tuple[str, ...]
         (O,) names.
     features : Mapping[tuple[str, str], NDArray[np.float32]]
@@ -137,6 +141,8 @@ class Dataset:
 
         Parameters
         ----------
+        domain : Domain
+            Behaviors and attributes.
         features : Mapping[tuple[str, str], Any]
             (behavior, modality) -> one of: a frame with a column ``object``, perhaps ``recording``,
             and one column a feature; a dictionary from the object to its (R,D) recordings; an array

@@ -80,6 +80,8 @@ class PerceptTable:
 
     Attributes
     ----------
+    domain : Domain
+        Behaviors and attributes.
     objects : tuple[str, ...]
         (O,) names.
     labels : NDArray[np.int8]

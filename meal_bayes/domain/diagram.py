@@ -24,6 +24,8 @@ class Effect:
     ----------
     source, target : str
         A state, or "*": for every state but `term`, and for the source itself.
+    behavior : str
+        Name of the behavior.
     probability : float
         Pr(target | source, behavior).
     senses : bool
@@ -58,6 +60,10 @@ class TransitionDiagram:
     ----------
     states : tuple[str, ...]
         (X,) names, the last is "term".
+    start : str
+        State at the start of a trial.
+    effects : tuple[Effect, ...]
+        The arrows.
     illegal : str
         What an illegal behavior would do, "terminate" or "stay". None is ever commanded; but where
         they stay, as in the published ROC36, no agent abstains.

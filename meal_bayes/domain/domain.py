@@ -25,6 +25,8 @@ class Behavior:
 
     Attributes
     ----------
+    name : str
+        As in the diagram.
     cost : float
         Of one execution, s.
     modalities : tuple[str, ...]
@@ -50,10 +52,14 @@ class Domain:
 
     Attributes
     ----------
+    name : str
+        Of the domain.
     attributes : tuple[str, ...]
         (P,) what can be asked.
     behaviors : tuple[Behavior, ...]
         (E,) what the robot can do.
+    diagram : TransitionDiagram
+        Where behaviors lead.
     data : str
         The data set whose recordings fit this domain; by default the one of its name.
     groups : Mapping[str, tuple[str, ...]]

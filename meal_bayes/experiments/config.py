@@ -86,14 +86,18 @@ class OnlineConfig:
     ----------
     dataset : str
         A shipped domain, or the path of one's own (TOML).
-    attributes, agents, seed : Any
-        As of `OfflineConfig`.
+    attributes : int
+        N, asked at a time.
     root : str | None
         Folder of the recordings; of public ones, found or downloaded.
+    agents : tuple[Any, ...]
+        Names or values (see `as_agent`), made `Agent`s.
     batches, trials : int
         Of training, and trials in a batch.
     repeats : int
         Runs on other splits of the objects.
+    seed : int
+        Of all random streams.
     split : tuple[int, int, int] | tuple[tuple[str, ...], ...]
         Shares of objects for pretraining, training, tests; or their names, in three tuples.
     reward : float | None

@@ -43,8 +43,12 @@ class OfflineRun:
 
     Attributes
     ----------
+    config : OfflineConfig
+        Of the run.
+    folder : Path
+        Of its logs.
     paths : tuple[Path, ...]
-        Of the logs, agent by agent.
+        Of each log.
     seconds : dict[str, float]
         That its trials took to compute, by agent; nan where a timing table was removed.
     """

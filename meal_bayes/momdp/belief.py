@@ -190,6 +190,10 @@ def update_belief(belief: Belief, momdp: MOMDP, transition: Transition) -> Belie
 
     Parameters
     ----------
+    belief : Belief
+        The belief before the action.
+    momdp : MOMDP
+        The query's MOMDP.
     transition : Transition
         The action, the next x, and the percept levels; "none" changes x only.
 

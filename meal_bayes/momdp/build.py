@@ -55,6 +55,10 @@ def build_momdp(
 
     Parameters
     ----------
+    domain : Domain
+        Behaviors, costs, diagram.
+    query : Query
+        The N attributes asked.
     confusion : ArrayLike
         (N,E,C,K) mean confusion matrices of the latent classes, C = 2 (the truth) in the paper.
         Rows of behaviors that answer are replaced: each attribute is right with the stated
@@ -153,12 +157,14 @@ def shape_reward(
 
     Parameters
     ----------
+    momdp : MOMDP
+        The unshaped MOMDP of the query.
     experience : ArrayLike
         (N,E) IE of Eq. 10, labelled instances in units of delta.
     alpha, beta : float
         Reward for a bit of percept entropy, and subtracted for a unit of experience, s.
     domain : Domain
-        Of which the MOMDP was built.
+        The domain the MOMDP was built from.
     """
     if not (alpha >= 0 and beta >= 0):
         raise SettingsError(f"Need alpha >= 0 and beta >= 0; found {alpha} and {beta}.")

@@ -34,6 +34,8 @@ def write_pomdp(momdp: MOMDP, path: str | Path) -> None:
 
     Parameters
     ----------
+    momdp : MOMDP
+        The problem.
     path : str | Path
         Missing folders are made, a file of that name is replaced.
 

@@ -58,6 +58,12 @@ def fit_and_validate(
 
     Parameters
     ----------
+    dataset : Dataset
+        Features and labels.
+    training_set : TrainingSet
+        The recordings of D.
+    settings : PerceptionSettings
+        The method.
     spaces : Spaces, optional
         Of `fit_spaces`, fitted before; by default they are fitted to D.
 

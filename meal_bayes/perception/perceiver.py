@@ -63,6 +63,8 @@ class RecordedPercepts:
     ----------
     table : PerceptTable
         Outputs of the classifiers, and what a person knows who is asked.
+    levels : int
+        K.
     """
 
     table: PerceptTable
@@ -99,6 +101,8 @@ class SampledPercepts(FrozenArrays):
 
     Attributes
     ----------
+    domain : Domain
+        Behaviors and attributes.
     labels : NDArray[np.int8]
         (O,P) 1 true, 0 false, -1 unknown.
     confusion : NDArray[np.float64]
@@ -191,10 +195,14 @@ class Perception(FrozenArrays):
 
     Attributes
     ----------
+    domain : Domain
+        Behaviors and attributes.
     classifiers : Mapping[str, BehaviorClassifier]
         By behavior.
     labels : NDArray[np.int8]
         (O,P) from which a person answers; nothing else uses them.
+    levels : int
+        K of its percepts.
     """
 
     domain: Domain

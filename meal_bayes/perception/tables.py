@@ -50,6 +50,8 @@ def build_percept_table(
 
     Parameters
     ----------
+    dataset : Dataset
+        Recordings and labels.
     perception : str | PerceptionSettings
         "default", "paper", or settings.
     classifier : Any

@@ -196,12 +196,14 @@ def draw_grid(
     ----------
     counts : ArrayLike
         (O,P,E',2,K) percepts of each object.
+    rng : np.random.Generator
+        Source of the draws.
     attributes, behaviors : Sequence[str]
         Their names, (P,) and (E',).
     prior : ArrayLike, optional
         As of `ConfusionPosterior.from_objects`, (P,E,2,K).
-    draws : int
-        Of each chain.
+    draws, chains : int
+        Draws of each chain, and chains.
     """
     percepts, names, sensors = sensed(counts, attributes, behaviors)
     *row, levels = percepts.shape[1:]

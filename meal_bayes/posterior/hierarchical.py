@@ -101,6 +101,8 @@ def fit_hierarchical(
     prior : ArrayLike, optional
         Of m in "same", (P,E,2,K) for the behaviors that sense or what broadcasts to it; what the
         grid learned by default.
+    sampling : Sampling, optional
+        How NUTS samples.
     progress : Callable[[int, int], None], optional
         Called with (steps done, steps in all).
 

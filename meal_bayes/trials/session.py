@@ -53,12 +53,16 @@ class Session:
     ----------
     task : Task
         What is asked, of which object.
+    momdp : MOMDP
+        The decision problem.
     policy : Policy | None
         Decides; None where somebody else commands, by `command`.
     boundary : Boundary
         Checks what the robot returns.
     perceiver : Perceiver
         Turns sensor data into percept levels.
+    agent : str
+        Name of the agent.
     seed : int
         Names, with a key, the random stream of percepts that are drawn from tables, and with the
         agent's name too that of the policy.

@@ -32,8 +32,14 @@ class Task:
 
     Attributes
     ----------
+    name : str
+        Of the task.
+    query : Query
+        What is asked.
     object_index : int
         In the data set; -1: an object of which nothing is recorded.
+    object_name : str
+        The object's name.
     key : tuple[str | int, ...]
         Names every random stream of the trial.
     """
@@ -88,8 +94,12 @@ class Trial(FrozenArrays):
         What is asked, of which object.
     agent : str
         Name of the agent.
+    momdp : MOMDP
+        The decision problem.
     first_belief : Belief
         Before the first step.
+    steps : tuple[Step, ...]
+        In order.
     truth : NDArray[np.int8]
         (N,) 1 true, 0 false, -1 not known.
     report : NDArray[np.bool_] | None
@@ -208,6 +218,8 @@ def truth_of(query: Query, truth: Mapping[str, bool] | ArrayLike | None) -> NDAr
 
     Parameters
     ----------
+    query : Query
+        What is asked.
     truth : Mapping[str, bool] | ArrayLike | None
         By attribute, or (N,) in the query's order; None where nothing is known.
 
