@@ -33,8 +33,14 @@ def ask(
         `save_percepts`, or a percept table.
     object : str
         The object's name.
-    agent, seed, percepts, reward : Any
-        As of `Learner`.
+    agent : object
+        A name, an `Agent`, or a planner: see `meal_bayes.agents.as_agent`.
+    seed : int
+        Of failures, of the recordings' order, and of planning.
+    percepts : str
+        "recorded", or "model": drawn from the learned confusion matrices.
+    reward : float | None
+        r+ = -r-, the domain's by default.
     on_step : Callable[[Step], None] | None
         Called after every step.
     log : str | Path | None
