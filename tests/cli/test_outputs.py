@@ -1,9 +1,11 @@
 """What a command writes, reports and problems: never over what it reads, tried before the work."""
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
+from meal_bayes.cli import console
 from meal_bayes.domain import load_domain
 from meal_bayes.learner.api import ask
 from meal_bayes.trial_log import write_trials
@@ -110,3 +112,13 @@ def test_what_cannot_be_exported_is_told(fails):
     told = fails("export", "own.pomdp", "--dataset", "cy101", "--query", many)
     assert "9 attributes" in told
     assert not list(Path.cwd().iterdir())
+
+
+def test_the_time_left_is_that_of_the_run_under_way(monkeypatch, capsys):
+    """Several runs advance one line: what the earlier took is no measure of the next."""
+    clock = iter([0.0, 0.0, 900.0, 900.0, 920.0])
+    monkeypatch.setattr(console, "time", SimpleNamespace(monotonic=lambda: next(clock)))
+    with console.progress("item", "trials") as advance:
+        for done in (0, 110, 10, 60):  # of the second run ten trials were there already
+            advance(done, 110)
+    assert capsys.readouterr().err == "item: 60/110 trials, 20 s left\n"
