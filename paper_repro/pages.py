@@ -132,7 +132,9 @@ def result_page(found: Mapping[str, Any]) -> str:
         lines.append(_row(["---", *["--:"] * (len(table["columns"]) - 1)]))
         lines += [*(_row([_text(cell) for cell in row]) for row in table["rows"]), ""]
     lines += [found["shows"], ""] if found["shows"] and found["figures"] else []
-    lines += [*(f"![{name}]({name})" for name in found["figures"]), ""] if found["figures"] else []
+    for name in found["figures"]:
+        lines.append(f"![{name.removesuffix('.png').replace('_', ', ')}]({name})")
+    lines += [""] if found["figures"] else []
     return "\n".join([*lines, *(f"{note}\n" for note in found["notes"])]).rstrip()
 
 
