@@ -185,13 +185,12 @@ def demo_block() -> str:
 def online_block(summary: list[dict[str, Any]]) -> str:
     """Build the table of agents that learn from the summary of their run."""
     head = [
-        "agent", "accuracy", "reward", "ECE", "area: reward less the first's (95 %)",
+        "agent", "accuracy", "reward", "ECE", "area: reward less the first's",
         "reward less the first's",
     ]  # fmt: skip
     lines = [f"Of `{ONLINE}`:", "", _row(head), _row(["---", *["--:"] * (len(head) - 1)])]
     for row in summary:
-        low, high = _number(row["area_low"], 1), _number(row["area_high"], 1)
-        area = f"{_number(row['area_reward_difference'], 1)} ({low} to {high})"
+        area = _number(row["area_reward_difference"], 1)
         cells = [row["agent"], _number(row["accuracy_after"], 3), _number(row["reward_after"], 1)]
         cells += [_number(row["ece_after"], 3), area, _number(row["reward_after_difference"], 1)]
         lines.append(_row(cells))

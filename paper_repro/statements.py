@@ -348,7 +348,7 @@ def verdict(statements: Sequence[Mapping[str, Any]]) -> str:
 
 
 def _told(effect: Effect | None, level: float) -> dict[str, Any]:
-    """Return what an interval is made of: of a fraction its cases, of two its gains and losses."""
+    """Return what an interval is made of: of a fraction its cases, of a difference two sides."""
     if effect is None:
         return {"error": None, "cases": None, "sides": None}
     _, _, low, high = effect.interval(1 - level)

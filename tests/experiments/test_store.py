@@ -122,7 +122,7 @@ def computed(tmp_path, monkeypatch):
         return replace(load_percepts("roc36"), provenance={"made": str(len(calls))})
 
     monkeypatch.setenv("MEAL_BAYES_DATA_DIR", str(tmp_path / "cache"))
-    monkeypatch.setattr(percepts, "load_dataset", lambda data: f"recordings of {data}")
+    monkeypatch.setattr(percepts, "load_dataset", lambda data, root: f"recordings of {data}")
     monkeypatch.setattr(percepts, "build_percept_table", build)
     return calls
 

@@ -67,7 +67,7 @@ def test_without_the_items_one_line_says_where_they_are(tmp_path):
     assert "call this in a checkout" in done.stderr
     done = reproduce("table5", "--quick", "--logs", tmp_path)
     assert done.returncode == 0
-    assert "reproduced (1 stands, 7 by construction)" in done.stdout
+    assert "consistent (1 stands, 7 by construction)" in done.stdout
     assert "| shake | no | 0.060 | 0.059 |" in done.stdout
 
 
