@@ -139,7 +139,7 @@ def progress(what: str, unit: str) -> Iterator[Advance]:
     def advance(done: float, total: int) -> None:
         nonlocal start, first, before, last
         now = time.monotonic()
-        if done < before:  # a run begins; what was there must not count as speed
+        if done < before - 1:  # a run begins; what was there must not count as speed
             start, first = now, done
             bars.reset(task, completed=int(done), total=total)
         before = done
