@@ -89,7 +89,7 @@ def run(setting: Setting) -> Result:
             sides = area(panel[BEST], panel[BASE], "accuracy")
             lead = paired(*sides, ratio)
             if theirs:
-                told.append(f"{lead.estimate:+.3f} as published ({title}), of which "
+                told.append(f"{lead.estimate:+.3f} as published ({title}), after "
                             f"{start.estimate:+.3f} before it explores")  # fmt: skip
             else:
                 leads.append(lead.estimate)
