@@ -134,7 +134,9 @@ def paired(first: Array, second: Array, ratio: float) -> Effect:
 
 def mean_of(values: Array, ratio: float, *, fraction: bool = False) -> Effect:
     """Estimate a mean over the repeats (S,) that have one; of a fraction inside [0, 1]."""
-    return replace(resampled(values[~np.isnan(values)], ratio), fraction=fraction)
+    effect = resampled(values[~np.isnan(values)], ratio)
+    method = "Wilson's, corrected resampled" if fraction else effect.method
+    return replace(effect, fraction=fraction, method=method)
 
 
 def accuracy_curve(curves: Curves, name: str) -> plots.Series:
