@@ -24,6 +24,7 @@ from measuring import options_of, show
 from numpy.typing import NDArray
 
 from meal_bayes.agents import knowledge_without
+from meal_bayes.arrays import Floats
 from meal_bayes.datasets import PerceptTable, load_percepts
 from meal_bayes.datasets.percepts import LIMIT
 from meal_bayes.evaluation import (
@@ -39,8 +40,6 @@ from meal_bayes.posterior.checks import log_likelihood
 from meal_bayes.posterior.trait import learn_trait, truth_evidence
 from meal_bayes.seeds import stream
 
-Array = NDArray[np.float64]
-
 DEFAULT = "shared trait"
 LEVELS = {"counts": 2, "object level": 2, "graded": 4, DEFAULT: 4}
 USEFUL = 0.2  # TPR - FPR of the pairs that count
@@ -50,15 +49,15 @@ SETS = 500  # bootstrap draws
 class Model(NamedTuple):
     """An observation model without one object: P attributes, E behaviors, C latent classes."""
 
-    confusion: Array  # (P,E,C,K)
-    precision: Array  # (P,E,C)
-    latent_classes: Array  # (2,C) Pr(class | truth)
+    confusion: Floats  # (P,E,C,K)
+    precision: Floats  # (P,E,C)
+    latent_classes: Floats  # (2,C) Pr(class | truth)
 
 
 class Fold(NamedTuple):
     """What is known without one object."""
 
-    prior: Array  # (P,) log-odds
+    prior: Floats  # (P,) log-odds
     useful: NDArray[np.bool_]  # (P,E)
     models: dict[str, Model]
 
@@ -86,7 +85,7 @@ def folds(table: PerceptTable, columns: list[int]) -> Iterator[Fold]:
         yield Fold(prior[columns], useful, models)
 
 
-def decisions(table: PerceptTable, held_out: int, prior: Array) -> Array:
+def decisions(table: PerceptTable, held_out: int, prior: Floats) -> Floats:
     """Count what would be decided of the training objects, (P,E,2,2) by truth and decision.
 
     Of the fine bin that holds the threshold, the share beyond it; outer bins reach to the limit.
@@ -98,7 +97,7 @@ def decisions(table: PerceptTable, held_out: int, prior: Array) -> Array:
     return np.stack(split, axis=-1)
 
 
-def log_odds(model: Model, shown: NDArray[np.int64], prior: Array, used: Array | None) -> Array:
+def log_odds(model: Model, shown: NDArray[np.int64], prior: Floats, used: Floats | None) -> Floats:
     """Belief after percepts (S,P,E,K): of each behavior, (S,P,E), or of those used, (S,P)."""
     counts = shown.astype(float)
     seen = np.stack(
@@ -157,7 +156,7 @@ def measure(name: str) -> tuple[list[dict[str, Any]], float]:
 def beliefs(
     table: PerceptTable, columns: list[int], fold: Fold, model: str, held_out: int,
     sets: list[NDArray[np.int64]], kind: str,
-) -> tuple[Array, NDArray[np.bool_]]:  # fmt: skip
+) -> tuple[Floats, NDArray[np.bool_]]:  # fmt: skip
     """Beliefs (n,) in what a held-out object is, and its truth, after each set of recordings."""
     outputs = table.log_odds[held_out][..., columns].astype(float)  # (R,E,P)
     seen = table.levels_of(np.nan_to_num(outputs), LEVELS[model]).transpose(0, 2, 1)
@@ -172,11 +171,11 @@ def beliefs(
 
 
 def score(
-    positive: Array, truth: NDArray[np.bool_], objects: NDArray[np.int64]
+    positive: Floats, truth: NDArray[np.bool_], objects: NDArray[np.int64]
 ) -> dict[str, float]:
     """Measure beliefs."""
     # in a checkout of the whole repository
-    from paper_repro.statements import bootstrap_interval  # noqa: PLC0415
+    from paper_repro.inference import bootstrap_interval  # noqa: PLC0415
 
     nll = bootstrap_interval(
         negative_log_likelihood(positive, truth), objects, stream(0, "calibration"), draws=SETS

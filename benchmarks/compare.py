@@ -122,7 +122,7 @@ def main() -> None:
                 _row(f"{measure}: the interval contains the truth", world, method, hits, width)
             )
     # in a checkout of the whole repository
-    from paper_repro.statements import holm, level_above, level_below  # noqa: PLC0415
+    from paper_repro.inference import holm, level_above, level_below  # noqa: PLC0415
 
     for world, taught in WORLDS.items():
         false = []

@@ -11,11 +11,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import chdtrc
 
+from meal_bayes.arrays import Floats
 from meal_bayes.errors import SettingsError
 from meal_bayes.posterior.draws import draw_dirichlet
 from meal_bayes.posterior.grid import DISPERSIONS, TAUS
-
-Array = NDArray[np.float64]
 
 
 class Simulation(NamedTuple):
@@ -28,8 +27,8 @@ class Simulation(NamedTuple):
     counts : (O,P,E,2,K).
     """
 
-    mean: Array
-    dispersion: Array
+    mean: Floats
+    dispersion: Floats
     counts: NDArray[np.int64]
 
 
@@ -99,7 +98,7 @@ def uniformity(ranks: ArrayLike, draws: int, *, bins: int = 20) -> float:
 
 def coverage(
     truth: ArrayLike, draws: ArrayLike, masses: Sequence[float] = (0.5, 0.8, 0.95)
-) -> Array:
+) -> Floats:
     """Return the fraction of true values (...) in the equal-tailed intervals of draws (L,...)."""
     true, drawn = np.asarray(truth, float), np.asarray(draws, float)
     tails = [(0.5 - mass / 2, 0.5 + mass / 2) for mass in masses]

@@ -5,9 +5,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from meal_bayes.agents import load_agent
+from meal_bayes.arrays import Floats
 from meal_bayes.domain import load_domain
 from meal_bayes.evaluation import Effect, plots, resampled
 from meal_bayes.experiments import OnlineConfig, run_online
@@ -30,7 +30,6 @@ VARIANTS: dict[str, Any] = {  # what the published code does otherwise than the 
 PUBLISHED = (15, 40, 45)  # in the published code, which has CY101 alone
 ATTRIBUTES = {"cy101": load_domain("cy101").attributes}
 
-Array = NDArray[np.float64]
 Split = tuple[int, int, int] | tuple[tuple[str, ...], ...]
 
 
@@ -48,10 +47,10 @@ class Curves:
     tests : (S,B) outcomes of the test trials.
     """
 
-    hours: Array
-    accuracy: Array
-    reward: Array
-    by_attribute: Array
+    hours: Floats
+    accuracy: Floats
+    reward: Floats
+    by_attribute: Floats
     training: tuple[tuple[Path, ...], ...]
     ratio: float = 0.5
     tests: tuple[tuple[TrialOutcomes, ...], ...] = ()
@@ -121,18 +120,18 @@ def run_curves(
     return Curves(hours, accuracy, reward, table[..., 3:], logs, ratio, by_split)
 
 
-def at_hours(hours: Array, values: Array, when: float) -> Array:
+def at_hours(hours: Floats, values: Floats, when: float) -> Floats:
     """Read curves (S,B) at some hours, (S,); beyond its end a curve keeps its last value."""
     return np.array([np.interp(when, x, y) for x, y in zip(hours, values, strict=True)])
 
 
-def paired(first: Array, second: Array, ratio: float) -> Effect:
+def paired(first: Floats, second: Floats, ratio: float) -> Effect:
     """Estimate first - second over the repeats (S,) that both have, splits of the same objects."""
     number = min(len(first), len(second))
     return resampled(first[:number] - second[:number], ratio)
 
 
-def mean_of(values: Array, ratio: float, *, fraction: bool = False) -> Effect:
+def mean_of(values: Floats, ratio: float, *, fraction: bool = False) -> Effect:
     """Estimate a mean over the repeats (S,) that have one; of a fraction inside [0, 1]."""
     effect = resampled(values[~np.isnan(values)], ratio)
     method = "Wilson's, corrected resampled" if fraction else effect.method

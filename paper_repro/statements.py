@@ -7,20 +7,15 @@ under one protocol are a family: each is judged at its level by Holm [Holm1979].
 
 import dataclasses
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from fnmatch import fnmatch
-from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
-from scipy.optimize import brentq
-from scipy.special import ndtri, stdtr, stdtrit
+from numpy.typing import ArrayLike
 
-from meal_bayes.evaluation import Effect, Interval, clustered, paired_fractions
-from meal_bayes.evaluation.statistics import MASS
-
-Array = NDArray[np.float64]
+from meal_bayes.evaluation import Effect
+from paper_repro.inference import LEVEL, holm, level_above, level_below, needed
 
 STANDS, FALLS, UNDECIDED, CONSTRUCTED = OUTCOMES = (
     "stands",
@@ -28,88 +23,7 @@ STANDS, FALLS, UNDECIDED, CONSTRUCTED = OUTCOMES = (
     "undecided",
     "by construction",
 )
-_LEVEL = 1 - MASS
-_TINY = 1e-9  # a level below all that are asked for, where Student's will do
-_POWER = 0.8  # with which further units are to decide
 THEIRS, RECORDED, OURS = PROTOCOLS = ("theirs", "recorded", "ours")
-
-
-def level_above(effect: Effect, bound: float) -> float:
-    """Return the smallest level at which an effect's two-sided interval lies above a bound.
-
-    Above 1 is none: also where all values are equal, so that nothing tells how they would spread.
-    """
-    distance, se = effect.estimate - bound, effect.se
-    if effect.fraction and 0 < bound < 1:
-        se = math.sqrt(bound * (1 - bound) / effect.cases)
-    if math.isinf(bound):
-        return 0.0 if bound < 0 else 2.0
-    if effect.sides is not None and distance > 0 and effect.interval(1 - _TINY).low <= bound:
-        return float(brentq(lambda level: effect.interval(1 - level).low - bound, _TINY, 1.0))
-    if not se > 0:
-        return 2.0
-    return 2 * float(stdtr(max(effect.units - 1, 1), -distance / se))
-
-
-def level_below(effect: Effect, bound: float) -> float:
-    """Return the smallest level at which an effect's two-sided interval lies below a bound."""
-    if effect.fraction:
-        return level_above(dataclasses.replace(effect, estimate=1 - effect.estimate), 1 - bound)
-    sides = effect.sides and effect.sides[::-1]
-    return level_above(dataclasses.replace(effect, estimate=-effect.estimate, sides=sides), -bound)
-
-
-def needed(effect: Effect, bound: float, level: float) -> int | None:
-    """Return the splits that decide on which side of a bound an effect is, at 80 % power.
-
-    None where no number would, as the difference is nothing or the fixed part is too much, and
-    where only more objects would, which nobody can draw.
-    """
-    distance = abs(effect.estimate - bound)
-    if effect.unit != "splits" or not (effect.se > 0 and distance > 0):
-        return None
-    units = 1000.0
-    for _ in range(20):  # Student's t is that of the units it calls for
-        reach = stdtrit(max(units - 1, effect.units, 1), 1 - level / 2) + ndtri(_POWER)
-        wanted = float((distance / reach) ** 2) - effect.fixed
-        if wanted <= 0:
-            return None
-        units = effect.units * (effect.se**2 - effect.fixed) / wanted
-    return max(math.ceil(units), effect.units + 1)
-
-
-def holm(levels: ArrayLike, level: float = _LEVEL) -> Array:
-    """Return the level of each test of a family, so that it has a false one at `level` [Holm1979].
-
-    >>> holm([0.04, 0.001, 0.02], 0.05).round(4).tolist()  # of their smallest levels
-    [0.05, 0.0167, 0.025]
-    """
-    p = np.asarray(levels, float)
-    order = np.argsort(p, kind="stable")
-    adjusted = level / np.arange(len(p), 0, -1)  # by rank
-    failed = np.flatnonzero(p[order] > adjusted)
-    if len(failed):  # no test behind the first that fails has a level of its own
-        adjusted[failed[0] :] = adjusted[failed[0]]
-    return adjusted[np.argsort(order)]
-
-
-def bootstrap_interval(
-    values: ArrayLike,
-    clusters: ArrayLike,
-    rng: np.random.Generator,
-    *,
-    statistic: Callable[[Array], float] = np.mean,
-    draws: int = 2000,
-) -> Interval:
-    """Compute the 95 % percentile interval of a statistic of (n, ...), drawing clusters again."""
-    x, index = np.asarray(values, float), np.unique(clusters, return_inverse=True)[1]
-    members = [x[index == c] for c in range(index.max() + 1)]
-    drawn = np.empty(draws)
-    for i in range(draws):
-        chosen = rng.integers(len(members), size=len(members))
-        drawn[i] = statistic(np.concatenate([members[c] for c in chosen]))
-    low, high = np.quantile(drawn, [0.5 - MASS / 2, 0.5 + MASS / 2])
-    return Interval(float(statistic(x)), float(drawn.std(ddof=1)), float(low), float(high))
 
 
 class Part(NamedTuple):
@@ -185,7 +99,7 @@ class Evidence:
                 ("estimate", "interval", "units", "level", "needed", "smallest")
             )
             facts |= {"outcome": self.outcome, "rule": self.rule, "method": "a fact", "parts": 0}
-            return facts | _told(self.shown, _LEVEL)
+            return facts | _told(self.shown, LEVEL)
         inside, outside = self._inside, self._outside
         tested = {"parts": len(self.parts), "smallest": self.level}
         if outside <= level and outside < inside:
@@ -259,27 +173,10 @@ def placed(values: ArrayLike, printed: float, *, of: str) -> Evidence:
     spread = float(x.std(ddof=1)) * math.sqrt(1 + 1 / len(x)) if len(x) > 1 else math.nan
     one = Effect(float(x.mean()) if len(x) else math.nan, spread, len(x), unit="splits",
                  method="prediction interval of one split")  # fmt: skip
-    _, _, low, high = one.interval(1 - _LEVEL)
+    _, _, low, high = one.interval(1 - LEVEL)
     outcome = FALLS if printed < low or printed > high else UNDECIDED
     rule = f"{printed:.3g} is what one more of our splits might give as {of}"
     return Evidence(outcome=outcome, rule=rule, shown=one)
-
-
-def change_of_means(
-    first: ArrayLike, first_clusters: ArrayLike, second: ArrayLike, second_clusters: ArrayLike,
-    *, fraction: bool = False,
-) -> Effect:  # fmt: skip
-    """Estimate the mean of first - second where the tasks differ; clusters in both are paired."""
-    sides = []
-    for values, clusters in ((first, first_clusters), (second, second_clusters)):
-        x, names = np.asarray(values, float), np.asarray(clusters)
-        sides.append({name: x[names == name].mean() for name in np.unique(names)})
-    shared = sorted(set(sides[0]) & set(sides[1]))
-    if not shared:
-        return Effect(math.nan, math.nan, 0)
-    estimate = partial(clustered, clusters=shared)
-    changes = [sides[0][name] - sides[1][name] for name in shared]
-    return paired_fractions(changes, estimate) if fraction else estimate(changes)
 
 
 def judged(

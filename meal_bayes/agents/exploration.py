@@ -16,11 +16,10 @@ from numpy.typing import NDArray
 from scipy.optimize import nnls
 
 from meal_bayes.agents.knowledge import Knowledge
+from meal_bayes.arrays import Floats
 from meal_bayes.domain import Query
 from meal_bayes.momdp import MOMDP, Objective, build_momdp, observation_entropy, shape_reward
 from meal_bayes.planners import batched_value_iteration
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,7 +30,7 @@ class Progress:
     ----------
     knowledge : Knowledge
         So far.
-    valued : Callable[[], Array]
+    valued : Callable[[], Floats]
         Returns (P,E) `information_value` at the last refit, s a query.
     queries : float
         About each attribute, to come.
@@ -48,7 +47,7 @@ class Progress:
     """
 
     knowledge: Knowledge
-    valued: Callable[[], Array]
+    valued: Callable[[], Floats]
     queries: float
     unit: float
     instances: NDArray[np.int64]
@@ -132,7 +131,7 @@ class InformationBonus:
         return replace(momdp, bonus=bonus)
 
 
-def information_value(knowledge: Knowledge, *, reward: float, discount: float) -> Array:
+def information_value(knowledge: Knowledge, *, reward: float, discount: float) -> Floats:
     """Compute what one query about an attribute gains where a table is better known, (P,E), s.
 
     The gain of the optimal value when the rates of yes percepts of (attribute, behavior) are each
@@ -162,7 +161,7 @@ def information_value(knowledge: Knowledge, *, reward: float, discount: float) -
     return np.asarray(np.maximum(values[:, 1:] - values[:, :1], 0.0))
 
 
-def first_percept_value(progress: Progress, columns: list[int]) -> Array:
+def first_percept_value(progress: Progress, columns: list[int]) -> Floats:
     """Compute the value of a first percept of each behavior to the queries to come, (E,), s.
 
     It counts for the queried attributes and, with memory, for those labeled before. (For those
@@ -191,6 +190,6 @@ def fitted_weights(progress: Progress) -> tuple[float, float]:
     return float(alpha), float(beta)
 
 
-def _object_value(progress: Progress) -> Array:
+def _object_value(progress: Progress) -> Floats:
     """Compute the value of one more object in each table, (P,E), s; it falls with their number."""
     return np.asarray(progress.queries * progress.valued() / (progress.objects + 1))

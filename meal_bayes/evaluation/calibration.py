@@ -3,15 +3,14 @@
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from meal_bayes.arrays import Floats
 from meal_bayes.errors import SettingsError
-
-Array = NDArray[np.float64]
 
 BINS = 10  # equal ones, of beliefs
 CLIP = 1e-6  # of beliefs, in the logarithm
 
 
-def negative_log_likelihood(positive: ArrayLike, truth: ArrayLike) -> Array:
+def negative_log_likelihood(positive: ArrayLike, truth: ArrayLike) -> Floats:
     """Compute -ln Pr(truth) of each case, (n,), nats; beliefs are clipped to [1e-6, 1 - 1e-6].
 
     >>> negative_log_likelihood([0.75, 0.5], [True, False]).round(3).tolist()
@@ -21,7 +20,7 @@ def negative_log_likelihood(positive: ArrayLike, truth: ArrayLike) -> Array:
     return np.asarray(-np.log(np.clip(np.where(v, b, 1 - b), CLIP, 1 - CLIP)))
 
 
-def brier(positive: ArrayLike, truth: ArrayLike) -> Array:
+def brier(positive: ArrayLike, truth: ArrayLike) -> Floats:
     """Compute the squared error of the belief of each case, (n,).
 
     >>> brier([0.75, 0.5], [True, False]).tolist()
@@ -54,12 +53,12 @@ def expected_calibration_error(
     return float(np.abs(gaps).sum(axis=1).mean() / len(b))
 
 
-def bins_of(b: Array) -> NDArray[np.intp]:
+def bins_of(b: Floats) -> NDArray[np.intp]:
     """Return the bin of each belief (n,)."""
     return np.minimum((b * BINS).astype(np.intp), BINS - 1)
 
 
-def checked_cases(positive: ArrayLike, truth: ArrayLike) -> tuple[Array, NDArray[np.bool_]]:
+def checked_cases(positive: ArrayLike, truth: ArrayLike) -> tuple[Floats, NDArray[np.bool_]]:
     """Convert beliefs and truths to arrays, (n,) each, and check their shapes."""
     b, v = np.asarray(positive, float), np.asarray(truth, bool)
     if b.shape != v.shape or b.ndim != 1 or not len(b):

@@ -11,17 +11,16 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.integrate import trapezoid
 
+from meal_bayes.arrays import Floats
 from meal_bayes.errors import SettingsError
 from meal_bayes.evaluation.calibration import calibration_error, negative_log_likelihood
 from meal_bayes.evaluation.statistics import MASS, Interval, Measures, resampled, spent
 from meal_bayes.evaluation.summary import mean_effect
 from meal_bayes.trials import BatchOutcomes
 
-Array = NDArray[np.float64]
-Curves = Mapping[int, Array]  # hours and mean test rewards (2,B) by repeat
+Curves = Mapping[int, Floats]  # hours and mean test rewards (2,B) by repeat
 
 BUDGETS = (0.5, 1.0, 2.0, 4.0)  # h of exploration
 RATIO = 0.5  # test objects over training objects: the paper's thirds
@@ -137,7 +136,7 @@ def difference_at(curves: Curves, base: Curves, budget: float) -> Interval:
     return _difference(curves, base, lambda x, y: float(np.interp(budget, x, y)))
 
 
-def mean_until(hours: Array, values: Array, end: float) -> float:
+def mean_until(hours: Floats, values: Floats, end: float) -> float:
     """Average a curve, linear between its points, over the first hours; at 0 it is its start."""
     if end <= 0:
         return float(values[0])
@@ -146,7 +145,7 @@ def mean_until(hours: Array, values: Array, end: float) -> float:
 
 
 def _difference(
-    curves: Curves, base: Curves, of: Callable[[Array, Array], float], mass: float = MASS
+    curves: Curves, base: Curves, of: Callable[[Floats, Floats], float], mass: float = MASS
 ) -> Interval:
     """Compare a number of hours (B,) and rewards (B,), paired by repeat."""
     gains = [of(*curves[repeat]) - of(*base[repeat]) for repeat in _shared(curves, base)]

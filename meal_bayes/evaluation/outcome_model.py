@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import expit
 
+from meal_bayes.arrays import Floats
 from meal_bayes.errors import SettingsError
 from meal_bayes.evaluation.statistics import MASS, Measures
 from meal_bayes.evaluation.summary import measured
@@ -29,7 +30,6 @@ from meal_bayes.trials import TrialOutcomes, Trials
 MARGINS = {"success": 0.02, "cost": 2.0, "reward": 10.0}  # regions of practical equivalence
 _LOGISTIC = math.pi / 8  # of averaging a logistic over a normal: expit(m / sqrt(1 + pi v / 8))
 
-Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 
 
@@ -58,7 +58,7 @@ class Cells:
     terms: dict[str, Index]  # (C,) level of each term by name; several columns for attributes
     sizes: dict[str, int]  # levels of each term
     trials: NDArray[np.int64]  # (C,)
-    total: Array  # (C,) of their measure
+    total: Floats  # (C,) of their measure
     spread: float  # standard deviation of the measure within cells; nan for successes
     agents: tuple[str, ...]
     attributes: tuple[str, ...]
@@ -169,7 +169,7 @@ def compare_outcomes(
     return rows
 
 
-def sample(cells: Cells, *, draws: int, seed: int) -> dict[str, Array]:
+def sample(cells: Cells, *, draws: int, seed: int) -> dict[str, Floats]:
     """Draw from the posterior by NUTS, two chains joined: arrays (draws, ...) by name.
 
     They are `mean`, the effect of each term by its name, and its spread by `spread of <name>`.
@@ -206,7 +206,7 @@ def sample(cells: Cells, *, draws: int, seed: int) -> dict[str, Array]:
     return values | {"mean": values["mean"] + center}
 
 
-def population_means(cells: Cells, posterior: dict[str, Array]) -> tuple[Array, Index, Index]:
+def population_means(cells: Cells, posterior: dict[str, Floats]) -> tuple[Floats, Index, Index]:
     """Return the mean measure of every agent by query, over new objects and repeats.
 
     It is (draws, agents, Q), with the attributes of each query, (Q,N), and the query of each cell.

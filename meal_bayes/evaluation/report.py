@@ -15,8 +15,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from jinja2 import Environment, PackageLoader
-from numpy.typing import NDArray
 
+from meal_bayes.arrays import Ints
 from meal_bayes.display import percent
 from meal_bayes.errors import SettingsError
 from meal_bayes.evaluation import plots
@@ -34,7 +34,6 @@ WORST = 10  # trials that are kept whole
 _OPENED = 3  # of these, that are not folded
 
 Section = dict[str, Any]
-Numbers = NDArray[np.int64]
 
 
 class Worst(NamedTuple):
@@ -59,7 +58,7 @@ def write_report(
     one trial can be read. `on_progress` is called with (files done, files in all).
     """
     path, read = Path(path), set[Path]()
-    parts, batches, worst = list[TrialOutcomes](), list[Numbers](), list[Worst]()
+    parts, batches, worst = list[TrialOutcomes](), list[Ints](), list[Worst]()
     check_output(path, inputs=logs.files)
     for group in logs.groups():
         read.add(group.file)
@@ -93,7 +92,7 @@ def worst_of(worst: Sequence[Worst], group: Group) -> list[Worst]:
     return sorted([*worst, *entries], key=lambda entry: -entry.badness)[:WORST]
 
 
-def _page(outcomes: TrialOutcomes, batches: Numbers, worst: Sequence[Worst], logs: Logs) -> str:
+def _page(outcomes: TrialOutcomes, batches: Ints, worst: Sequence[Worst], logs: Logs) -> str:
     """Return the page as HTML; of a single trial, the trial without statistics.
 
     Batches (n,2) are the number of each trial's, -1 without one, and whether it is a test.
@@ -226,7 +225,7 @@ def _differences(rows: list[SummaryRow], outcomes: TrialOutcomes) -> Iterator[Se
         yield {"head": ["difference", "reward", "cost, s"], "rows": cells, "note": note}
 
 
-def _learning(batches: Numbers, outcomes: TrialOutcomes) -> Iterator[Section]:
+def _learning(batches: Ints, outcomes: TrialOutcomes) -> Iterator[Section]:
     """Yield the learning curves, where an agent has tests of two batches."""
     batch, test = batches.T
     curves = []

@@ -6,12 +6,11 @@ from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.special import stdtrit
 
+from meal_bayes.arrays import Floats
 from meal_bayes.errors import SettingsError
-
-Array = NDArray[np.float64]
 
 MASS = 0.95  # of intervals, on all pages
 
@@ -123,7 +122,7 @@ def clustered(values: ArrayLike, clusters: ArrayLike, *, fraction: bool = False)
     return Effect(float(x.mean()), se, n, fraction=fraction, method=method)
 
 
-def paired_fractions(values: ArrayLike, estimate: Callable[[Array], Effect]) -> Effect:
+def paired_fractions(values: ArrayLike, estimate: Callable[[Floats], Effect]) -> Effect:
     """Estimate a difference of fractions from paired values in [-1, 1], by gains and losses.
 
     `estimate` is that of a mean, `clustered` or `resampled`.

@@ -5,10 +5,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from meal_bayes.arrays import Floats
 from meal_bayes.errors import SettingsError
 from meal_bayes.momdp import MOMDP, Belief, answer_value, best_answer, best_report
 from meal_bayes.momdp.belief import next_percept
-from meal_bayes.planners.compiled import Floats, dynamics_of
+from meal_bayes.planners.compiled import dynamics_of
 from meal_bayes.planners.open_loop.growth import Ways
 from meal_bayes.planners.open_loop.library import diagram_of
 from meal_bayes.planners.solver import Decision, History, unvalued

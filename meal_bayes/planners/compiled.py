@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from meal_bayes.arrays import Floats
 from meal_bayes.momdp import MOMDP
 
 _INFORMATIVE = 3e-4  # bits: percepts with less information on the class are not planned with
@@ -17,8 +18,6 @@ _ROUNDING = 1e-12
 _PRICE = 1e-4  # of r+ - r-: behaviors that cost less are planned with as if they cost this
 _DIAGRAMS = 16  # whose dynamics are remembered
 
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 STEP = np.dtype([
     ("legal", np.bool_),

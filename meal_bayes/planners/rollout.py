@@ -6,10 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from meal_bayes.arrays import Floats
 from meal_bayes.errors import SettingsError
 from meal_bayes.momdp import MOMDP, Belief, Transition, best_answer, initial_belief, update_belief
 from meal_bayes.momdp.observation import sample_rows
-from meal_bayes.planners.compiled import Floats
 from meal_bayes.planners.solver import History, Policy
 
 

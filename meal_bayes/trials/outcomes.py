@@ -9,12 +9,11 @@ from typing import Any, NamedTuple, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes.arrays import freeze_arrays
+from meal_bayes.arrays import Bools, freeze_arrays
 from meal_bayes.errors import SettingsError
 from meal_bayes.trials.trial import Trial
 
 Texts = NDArray[np.object_]
-Bits = NDArray[np.bool_]
 _Part = tuple[tuple[str, ...], Mapping[str, Any]]  # behaviors and columns by name
 
 TEXTS = {"agent": "n", "key": "n", "object_name": "n", "attribute": "nq", "ended": "n"}
@@ -173,12 +172,12 @@ class TrialOutcomes:
         return tuple(dict.fromkeys(self.agent.tolist()))
 
     @property
-    def answered(self) -> Bits:
+    def answered(self) -> Bools:
         """Whether there is a report, (n,)."""
         return np.asarray((self.report >= 0).any(axis=1))
 
     @property
-    def judged(self) -> Bits:
+    def judged(self) -> Bools:
         """Whether the trial came to its end and its truth is known, (n,)."""
         known = (self.truth >= 0) | (self.attribute == "")
         return np.asarray((self.ended == "") & known.all(axis=1))
@@ -195,7 +194,7 @@ class TrialOutcomes:
         likelier = np.maximum(self.positive, 1 - self.positive)
         return np.asarray(np.nanprod(likelier, axis=1))
 
-    def beliefs(self) -> tuple[NDArray[np.float64], Bits]:
+    def beliefs(self) -> tuple[NDArray[np.float64], Bools]:
         """Return final beliefs and known truths of the trials that came to their end, (M,) each."""
         known = (self.truth >= 0) & (self.ended == "")[:, None]
         return self.positive[known], self.truth[known] == 1

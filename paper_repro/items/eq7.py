@@ -9,11 +9,13 @@ from meal_bayes.evaluation import Effect, canvas, plots
 from meal_bayes.seeds import stream
 from meal_bayes.trials import TrialOutcomes
 from paper_repro.frame import Cell, Result, Setting, Table, asked
+from paper_repro.inference import bootstrap_interval
 from paper_repro.offline import AGAINST, Runs, run_agent
-from paper_repro.published import plotted_ispy32, published_roc36
-from paper_repro.statements import THEIRS, Evidence, best, bootstrap_interval
+from paper_repro.published import every_action_roc36, plotted_ispy32, published_roc36
+from paper_repro.statements import THEIRS, Evidence, best
 
 BASELINES = ("random", "random_legal", "predefined", "predefined_plus")
+AGENTS = (*BASELINES, AGAINST)
 ALL_ACTIONS = ("random", "predefined_plus")  # in Table 3's published column
 BUDGETS = (600.0, 1800.0, 3600.0, 7200.0)  # s
 PLACES = (("roc36", 2), ("ispy32", 2))
@@ -36,18 +38,16 @@ def run(setting: Setting) -> Result:
     for protocol in setting.protocols[:2]:
         evidence[protocol] = {}
         for dataset, n in PLACES:
-            title, table, every_action = f"{dataset.upper()}, {asked(n)}", dataset, dataset
-            if protocol == THEIRS:
-                table = every_action = plotted_ispy32(setting, n)
-                if dataset == "roc36":
-                    table, every_action = published_roc36(setting, "train5")
+            title, tables = f"{dataset.upper()}, {asked(n)}", dict.fromkeys(AGENTS, dataset)
+            if protocol == THEIRS and dataset == "ispy32":
+                tables = dict.fromkeys(AGENTS, plotted_ispy32(setting, n))
+            elif protocol == THEIRS:
+                tables = dict.fromkeys(AGENTS, published_roc36(setting, "train5"))
+                tables |= dict.fromkeys(ALL_ACTIONS, every_action_roc36(setting, "train5"))
             runs = {
-                agent: run_agent(
-                    setting, protocol, every_action if agent in ALL_ACTIONS else table, n, agent,
-                    trials,
-                )
-                for agent in (*BASELINES, AGAINST)
-            }  # fmt: skip
+                agent: run_agent(setting, protocol, table, n, agent, trials)
+                for agent, table in tables.items()
+            }
             evidence[protocol] |= judge(runs, title)
             compared[f"{title}, {protocol}"] = runs
     rows: list[tuple[Cell, ...]] = [

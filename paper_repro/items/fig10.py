@@ -80,16 +80,14 @@ def run(setting: Setting) -> Result:
                 text = f"our agent earns more reward than MORC-ITRS over the hours: {title}"
                 evidence[OUR_COLUMN][text] = above(lead, 0, of="reward less its")
             tables.append(compared(panel, f"{title}, {protocol}"))
-            start = at_start(panel[BEST], panel[BASE])
-            if theirs:
-                at_0.append(f"{start.estimate:+.3f} ± {start.se:.3f} ({title})")
             figures[f"_{dataset}_{n}" + "_theirs" * theirs] = plots.learning_curve(
                 [accuracy_curve(curves, name) for name, curves in panel.items()
                  if name not in BONUSES]
             )  # fmt: skip
-            sides = area(panel[BEST], panel[BASE], "accuracy")
-            lead = paired(*sides, ratio)
+            lead = paired(*area(panel[BEST], panel[BASE], "accuracy"), ratio)
             if theirs:
+                start = at_start(panel[BEST], panel[BASE])
+                at_0.append(f"{start.estimate:+.3f} ± {start.se:.3f} ({title})")
                 told.append(f"{lead.estimate:+.3f} as published ({title}), after "
                             f"{start.estimate:+.3f} before it explores")  # fmt: skip
             else:

@@ -12,21 +12,14 @@ from meal_bayes.experiments.percepts import percepts_for
 from meal_bayes.seeds import stream
 from paper_repro.figures import confusion_matrices
 from paper_repro.frame import Cell, Result, Setting, Table, paper_values
+from paper_repro.inference import bootstrap_interval
 from paper_repro.published import published_counts
-from paper_repro.statements import (
-    OURS,
-    RECORDED,
-    THEIRS,
-    Evidence,
-    above,
-    bootstrap_interval,
-    every,
-    fact,
-)
+from paper_repro.statements import OURS, RECORDED, THEIRS, Evidence, above, every, fact
 
 BEHAVIOR = "shake"
-CLASSIFIERS = {RECORDED: "paper", OURS: "default"}
-PUBLISHED = ("train5", "train12")  # the first is what the published simulator loads
+SOURCES = {  # the first is what the published simulator loads
+    "train5": THEIRS, "train12": THEIRS, "paper": RECORDED, "default": OURS,
+}  # fmt: skip
 COLUMNS = ("attribute", "classifiers", "false: no", "yes", "true: no", "yes", "kappa")
 NOTE = """Under `theirs` stand the published confusion counts, of which nobody says what they were
 counted on. Rows `paper` are the classifiers of Sect. 4.2 (support vector machines, pooled by kappa)
@@ -42,40 +35,30 @@ def run(setting: Setting) -> Result:
     rows: list[tuple[Cell, ...]] = []
     evidence: dict[str, dict[str, Evidence | None]] = {}
     figures, shown = {}, {}
-    domain = load_domain("roc36_published")
-    for name in PUBLISHED:
-        published = published_counts(name, domain)[domain.columns(order)]
-        counts = published[:, domain.behavior_index(BEHAVIOR)].astype(float)  # (P,2,2)
-        shown[f"published, {name}"] = values = [kappa(one) for one in counts]
-        counts /= counts.sum(axis=-1, keepdims=True)
-        rows += [
-            (attribute, f"published, {name}", *matrix.ravel().tolist(), value)
-            for attribute, matrix, value in zip(order, counts, values, strict=True)
-        ]
-        figures[f"_{name}"] = confusion_matrices(
-            counts, order, title=f"{BEHAVIOR}, published, {name}"
-        )
-        falling = all(first > second for first, second in pairwise(values))
-        evidence.setdefault(THEIRS, {})[f"{text} ({name})"] = fact(
-            falling, "; ".join(f"{a} {k:.2f}" for a, k in zip(order, values, strict=True))
-        )
-    for protocol, name in CLASSIFIERS.items():
+    for name, protocol in SOURCES.items():
         if protocol not in setting.protocols or (setting.quick and name == "paper"):
             continue  # it is computed for minutes, once
-        counts = held_out_counts(percepts_for("roc36", name), order)
-        matrices = counts.sum(axis=0)
-        matrices /= matrices.sum(axis=-1, keepdims=True)
-        shown[f"{name} classifiers"] = [kappa(counts[:, p].sum(axis=0)) for p in range(len(order))]
+        published = protocol == THEIRS
+        counts = (published_percepts(name, order) if published
+                  else held_out_percepts(percepts_for("roc36", name), order))  # fmt: skip
+        total = counts.sum(axis=0)  # (P,2,2)
+        matrices = total / total.sum(axis=-1, keepdims=True)
+        title = f"published, {name}" if published else f"{name} classifiers"
+        source = title if published else name
+        shown[title] = values = [kappa(one) for one in total]
         rows += [
-            (attribute, name, *matrix.ravel().tolist(), value)
-            for attribute, matrix, value in zip(
-                order, matrices, shown[f"{name} classifiers"], strict=True
-            )
+            (attribute, source, *matrix.ravel().tolist(), value)
+            for attribute, matrix, value in zip(order, matrices, values, strict=True)
         ]
         figures["" if name == "default" else f"_{name}"] = confusion_matrices(
-            matrices, order, title=f"{BEHAVIOR}, {name} classifiers"
+            matrices, order, title=f"{BEHAVIOR}, {title}"
         )
-        evidence[protocol] = {text: judge(counts, order)}
+        if published:
+            falling = all(first > second for first, second in pairwise(values))
+            rule = "; ".join(f"{a} {k:.2f}" for a, k in zip(order, values, strict=True))
+            evidence.setdefault(protocol, {})[f"{text} ({name})"] = fact(falling, rule)
+        else:
+            evidence[protocol] = {text: judge(counts, order)}
     told = [
         f"{name} " + ", ".join(f"{a} {k:.2f}" for a, k in zip(order, values, strict=True))
         for name, values in shown.items()
@@ -113,7 +96,14 @@ def kappa(matrix: NDArray[np.float64]) -> float:
     return (agree - chance) / (1 - chance) if chance < 1 else 0.0
 
 
-def held_out_counts(table: PerceptTable, attributes: list[str]) -> Counts:
+def published_percepts(name: str, attributes: list[str]) -> Counts:
+    """Return the published counts, as those of one object."""
+    domain = load_domain("roc36_published")
+    e = domain.behavior_index(BEHAVIOR)
+    return published_counts(name, domain)[None, domain.columns(attributes), e].astype(float)
+
+
+def held_out_percepts(table: PerceptTable, attributes: list[str]) -> Counts:
     """Count each object's percepts, yes or no, by classifiers that never saw it."""
     e, columns = table.domain.behavior_index(BEHAVIOR), table.domain.columns(attributes)
     odds = table.log_odds[:, :, e][..., columns]  # (O,R,P)

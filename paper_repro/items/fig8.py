@@ -6,6 +6,7 @@ from meal_bayes.evaluation import canvas, difference, mean_effect
 from meal_bayes.trials import TrialOutcomes
 from paper_repro.figures import bars
 from paper_repro.frame import Cell, Result, Setting, Table, asked, paper_values
+from paper_repro.inference import change_of_means
 from paper_repro.offline import AGAINST, OWN, Runs, our_lead, paired_table, run_agent
 from paper_repro.published import plotted_ispy32
 from paper_repro.statements import (
@@ -16,7 +17,6 @@ from paper_repro.statements import (
     above,
     below,
     best,
-    change_of_means,
     constructed,
     every,
 )

@@ -7,18 +7,10 @@ import numpy as np
 from meal_bayes.evaluation import Effect, canvas, clustered, mean_effect, plots
 from meal_bayes.trials import TrialOutcomes
 from paper_repro.frame import Cell, Result, Setting, Table, paper_values
+from paper_repro.inference import change_of_means
 from paper_repro.offline import AGAINST, Runs, run_agent
 from paper_repro.published import plotted_ispy32
-from paper_repro.statements import (
-    RECORDED,
-    THEIRS,
-    Evidence,
-    above,
-    below,
-    change_of_means,
-    constructed,
-    every,
-)
+from paper_repro.statements import RECORDED, THEIRS, Evidence, above, below, constructed, every
 
 IRRELEVANT, RELEVANT = (0, 1, 2, 3, 4, 5), 2
 TRIALS = 60  # the paper has 200; one of seven attributes plans for some ten seconds of CPU

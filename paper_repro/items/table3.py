@@ -6,7 +6,7 @@ from meal_bayes.evaluation import difference, mean_effect
 from meal_bayes.trials import TrialOutcomes
 from paper_repro.frame import Cell, Result, Setting, Table, asked, paper_values
 from paper_repro.offline import AGAINST, OWN, Runs, our_lead, paired_table, run_agent
-from paper_repro.published import EVERY_ACTION, published_roc36
+from paper_repro.published import EVERY_ACTION, every_action_roc36, published_roc36
 from paper_repro.statements import (
     OURS,
     RECORDED,
@@ -70,12 +70,12 @@ def run_theirs(setting: Setting, n: int) -> dict[str, TrialOutcomes]:
     """Run each strategy under the published settings, MORC under each of `SETTINGS`."""
     trials, runs = setting.trials_of(TRIALS, 8), {}
     for matrices in dict(SETTINGS):
-        _, every_action = published_roc36(setting, matrices)
+        every_action = every_action_roc36(setting, matrices)
         runs[f"{ALL} ({matrices})"] = run_agent(setting, THEIRS, every_action, n, PLUS, trials)
         if "random" not in runs:  # which sees no percepts
             runs["random"] = run_agent(setting, THEIRS, every_action, n, "random", trials)
     for matrices, diagram in SETTINGS:
-        table, _ = published_roc36(setting, matrices, DIAGRAMS[diagram])
+        table = published_roc36(setting, matrices, DIAGRAMS[diagram])
         runs[f"{AGAINST} ({matrices}, {diagram})"] = run_agent(
             setting, THEIRS, table, n, AGAINST, trials
         )

@@ -8,7 +8,15 @@ import numpy as np
 import pytest
 
 from meal_bayes.evaluation import Effect, clustered, paired_fractions, resampled
-from paper_repro import frame, statements
+from paper_repro import frame, inference, statements
+from paper_repro.inference import (
+    bootstrap_interval,
+    change_of_means,
+    holm,
+    level_above,
+    level_below,
+    needed,
+)
 from paper_repro.statements import (
     CONSTRUCTED,
     FALLS,
@@ -20,16 +28,10 @@ from paper_repro.statements import (
     above,
     below,
     best,
-    bootstrap_interval,
-    change_of_means,
     constructed,
     every,
     fact,
-    holm,
     judged,
-    level_above,
-    level_below,
-    needed,
     placed,
     verdict,
     within,
@@ -48,7 +50,7 @@ def outcome(evidence, level=0.05):
     return evidence.judge(level)["outcome"]
 
 
-@pytest.mark.parametrize("module", [frame, statements])
+@pytest.mark.parametrize("module", [frame, inference, statements])
 def test_examples_hold(module):
     found = doctest.testmod(module)
     assert found.attempted > 0

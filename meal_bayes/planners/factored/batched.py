@@ -8,14 +8,15 @@ interpolation errs upwards, by about the same in all of them: differences are wh
 
 import numpy as np
 
+from meal_bayes.arrays import Floats, Ints
 from meal_bayes.momdp import MOMDP
-from meal_bayes.planners.compiled import Floats, Integers, dynamics_of
+from meal_bayes.planners.compiled import dynamics_of
 
 _LARGEST, _POINTS = 7.0, 57  # log-odds from -7 to 7
 _SWEEPS = 60  # at most
 _SETTLED = 1e-4  # of r+ - r-
 
-_Outcomes = list[tuple[Floats, Integers, Floats]]  # Pr(z), point below and weight above, (B,G)
+_Outcomes = list[tuple[Floats, Ints, Floats]]  # Pr(z), point below and weight above, (B,G)
 
 
 def batched_value_iteration(momdp: MOMDP, rates: Floats, prior: Floats) -> Floats:

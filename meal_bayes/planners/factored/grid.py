@@ -11,9 +11,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes.arrays import freeze
+from meal_bayes.arrays import Floats, Ints, freeze
 from meal_bayes.momdp import MOMDP
-from meal_bayes.planners.compiled import Floats, Integers
 from meal_bayes.planners.kernels import entry_kernel, kernel
 
 _EQUAL = 1e-12  # rows of truths that differ by less, which is rounding, are equal
@@ -26,7 +25,7 @@ class Table(NamedTuple):
     """Values of beliefs, multilinear between the points of a product grid."""
 
     points: Floats  # (N,G) Pr(attribute is true) along each axis, ascending, padded by 1
-    size: Integers  # (N,) points of an axis; 1 where no percept moves the belief
+    size: Ints  # (N,) points of an axis; 1 where no percept moves the belief
     value: NDArray[Any]  # (X-1,B) at all points of the grid; the last attribute's vary fastest
 
     @property
@@ -75,7 +74,7 @@ def refine(table: Table, attribute: int, axis: Floats) -> Table:
     return make_table(axes, below.reshape(len(table.value), -1))
 
 
-def between(axis: Floats, at: Floats) -> tuple[Integers, Floats]:
+def between(axis: Floats, at: Floats) -> tuple[Ints, Floats]:
     """Return the point below each belief, and the weight of the point above it."""
     last = len(axis) - 1
     low = (axis.searchsorted(at, side="right") - 1).clip(0, max(last - 1, 0))

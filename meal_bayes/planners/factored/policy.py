@@ -36,9 +36,10 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from meal_bayes.arrays import Floats
 from meal_bayes.errors import SettingsError
 from meal_bayes.momdp import MOMDP, answer_value, initial_belief
-from meal_bayes.planners.compiled import Compiled, Floats, compile_momdp
+from meal_bayes.planners.compiled import Compiled, compile_momdp
 from meal_bayes.planners.factored.grid import (
     Table,
     add_values_ahead,

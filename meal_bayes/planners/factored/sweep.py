@@ -11,21 +11,22 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from meal_bayes.arrays import Floats, Ints
 from meal_bayes.momdp import MOMDP
-from meal_bayes.planners.compiled import Compiled, Floats, Integers
+from meal_bayes.planners.compiled import Compiled
 from meal_bayes.planners.factored.grid import Table, between, informative_pairs
 from meal_bayes.planners.kernels import entry_kernel, kernel
 
 _BLOCK = 32  # rows that fit the cache together
 _LOOPED = 0.2  # of what a visit to an x has changed: what its loops may still change
 
-Matrices = tuple[Integers, Floats]  # columns and entries (E,G,J) of sparse matrices (G,G)
+Matrices = tuple[Ints, Floats]  # columns and entries (E,G,J) of sparse matrices (G,G)
 
 
 class Edges(NamedTuple):
     """The M legal pairs of x and behavior, whatever the grid."""
 
-    edge: Integers  # (M,3) x, behavior, and 1 if it may keep x
+    edge: Ints  # (M,3) x, behavior, and 1 if it may keep x
     outcome: Floats  # (M,2,X-1) discounted Pr(next x), without and with a percept
     reward: Floats  # (M,1+N) a constant, and slopes in the marginals
     exit_value: float  # of abstaining
@@ -52,12 +53,12 @@ class Edges(NamedTuple):
 class Backups(NamedTuple):
     """All that a sweep reads besides the values."""
 
-    edge: Integers  # of `Edges`, as `outcome`
+    edge: Ints  # of `Edges`, as `outcome`
     outcome: Floats
     reward: Floats  # (M,B), or (M,1) where it is the same for every belief
     floor: Floats  # (B,) value of ending
-    size: Integers  # (N,) of the axes
-    point: Integers  # (N,E,G,J) columns of the percepts' matrices; -1 first: the belief stays
+    size: Ints  # (N,) of the axes
+    point: Ints  # (N,E,G,J) columns of the percepts' matrices; -1 first: the belief stays
     weight: Floats  # (N,E,G,J) entries
 
 
@@ -82,9 +83,7 @@ def percepts_on(momdp: MOMDP, attribute: int, axis: Floats, *, smooth: bool = Fa
     return point.reshape(shape), weight.reshape(shape)
 
 
-def _cubic(
-    axis: Floats, at: Floats, low: Integers, point: Integers, weight: Floats
-) -> tuple[Integers, Floats]:
+def _cubic(axis: Floats, at: Floats, low: Ints, point: Ints, weight: Floats) -> tuple[Ints, Floats]:
     """Interpolate by the cubic through four points in log-odds; linearly next to certainty."""
     last = len(axis) - 1
     point = np.concatenate([point, point], axis=-1)

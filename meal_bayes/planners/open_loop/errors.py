@@ -8,8 +8,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from meal_bayes.arrays import Floats, Ints
 from meal_bayes.momdp.observation import predictive as observation_predictive
-from meal_bayes.planners.compiled import Floats, Integers, Percepts
+from meal_bayes.planners.compiled import Percepts
 from meal_bayes.planners.kernels import entry_kernel, kernel
 
 OUTCOMES = 1024  # joint outcomes of a plan that are held for one attribute: of tables that last
@@ -31,13 +32,13 @@ class Scratch(NamedTuple):
     bins: Floats  # (C,M) the same, while it is merged or counted
     truths: Floats  # (2,M) Pr(what a plan's percepts show, truth)
     chance: Floats  # (N,) Pr(attribute is true)
-    threshold: Integers  # (N,) the decision threshold that was best last
+    threshold: Ints  # (N,) the decision threshold that was best last
     guess: Floats  # (J,) tabulated values of plans that must be computed
-    tried: Integers  # (E,) plans computed, by first behavior
+    tried: Ints  # (E,) plans computed, by first behavior
     value: Floats  # (E,) value of the best plan, by first behavior; -inf where there is none
-    best: Integers  # (E,) the best plan, by first behavior
+    best: Ints  # (E,) the best plan, by first behavior
     error: Floats  # (T,K+1) Bayes errors after the percepts of a row, by `shown`; -1 = not computed
-    shown: Integers  # (N,) column of `error`: the last percept's level plus 1; 0 where none was
+    shown: Ints  # (N,) column of `error`: the last percept's level plus 1; 0 where none was
 
 
 def make_scratch(percepts: Percepts, plans: int, rows: int, held: int = FEW_OUTCOMES) -> Scratch:

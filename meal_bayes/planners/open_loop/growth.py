@@ -6,7 +6,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes.planners.compiled import Dynamics, Floats, Integers
+from meal_bayes.arrays import Floats, Ints
+from meal_bayes.planners.compiled import Dynamics
 from meal_bayes.planners.kernels import entry_kernel, kernel
 
 CELLS = 8  # of the seconds that may follow, when a bound looks ahead
@@ -15,13 +16,13 @@ CELLS = 8  # of the seconds that may follow, when a bound looks ahead
 class Ways(NamedTuple):
     """Cheapest way from each x to a percept of each behavior, along the likeliest outcomes."""
 
-    target: Integers  # (X,E) where a behavior leads
+    target: Ints  # (X,E) where a behavior leads
     senses: NDArray[np.bool_]  # (X,E) does it perceive?
-    hop: Integers  # (X,E) first behavior of the way, -1 where there is none
-    end: Integers  # (X,E) x afterwards
+    hop: Ints  # (X,E) first behavior of the way, -1 where there is none
+    end: Ints  # (X,E) x afterwards
     cost: Floats  # (X,E) s, discounted
     discount: Floats  # (X,E) factor on what comes afterwards
-    observation_counts: Integers  # (X,E,E) percepts gathered on the way, the last included
+    observation_counts: Ints  # (X,E,E) percepts gathered on the way, the last included
 
     def path(self, x: int, behavior: int) -> tuple[int, ...]:
         """Return the behaviors from x to a percept of one of them; empty where there is no way."""
@@ -43,7 +44,7 @@ class Growth(NamedTuple):
     limit: Floats  # (E,) percepts that a trial can have
     incorrect: float  # r-
     gap: float  # r+ - r-
-    counts: Integers  # (E,) percepts of the plan
+    counts: Ints  # (E,) percepts of the plan
     log_r: Floats  # (2,N) sum of the log coefficients, of the plan and of what may follow
 
 

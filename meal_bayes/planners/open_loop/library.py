@@ -8,9 +8,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from meal_bayes.arrays import Floats, Ints
 from meal_bayes.momdp import MOMDP
 from meal_bayes.momdp.observation import predictive
-from meal_bayes.planners.compiled import Compiled, Dynamics, Floats, Integers, class_prior
+from meal_bayes.planners.compiled import Compiled, Dynamics, class_prior
 from meal_bayes.planners.open_loop.errors import (
     FEW_OUTCOMES,
     OUTCOMES,
@@ -35,10 +36,10 @@ _DIAGRAMS = 16  # whose ways are remembered
 class Candidates(NamedTuple):
     """Plans with the paths that they follow."""
 
-    x: Integers  # (J,) where they start
+    x: Ints  # (J,) where they start
     path: NDArray[np.int16]  # (J,L) behaviors, padded by -1
     plan: NDArray[np.void]  # as in `Plans`, like the following
-    observation_counts: Integers
+    observation_counts: Ints
     executions: Floats
 
     def select(self, rows: NDArray[np.intp]) -> "Candidates":
@@ -227,15 +228,13 @@ def _promising(
     return np.flatnonzero(kept)
 
 
-def _distinct(rows: Integers) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+def _distinct(rows: Ints) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Find the first of each distinct row of small integers >= 0, and each row's place in these."""
     keys = rows.astype(">u2").view(f"S{2 * rows.shape[1]}").ravel()
     return np.unique(keys, return_index=True, return_inverse=True)[1:]
 
 
-def _summed_up(
-    diagram: Diagram, start: Integers, path: Integers, ends: NDArray[np.bool_]
-) -> Candidates:
+def _summed_up(diagram: Diagram, start: Ints, path: Ints, ends: NDArray[np.bool_]) -> Candidates:
     """Sum up the beginnings of paths (R,L) from start (R,) that stop behind the steps `ends`."""
     length, x = path.shape[1], np.empty_like(path)
     x[:, 0] = start
@@ -259,7 +258,7 @@ def _summed_up(
     return Candidates(start[r], cut, plan, *sums)
 
 
-def _last(path: Integers) -> NDArray[np.bool_]:
+def _last(path: Ints) -> NDArray[np.bool_]:
     """Mark the last steps of paths (R,L)."""
     return np.asarray(np.arange(path.shape[1]) == (path >= 0).sum(axis=1)[:, None] - 1)
 

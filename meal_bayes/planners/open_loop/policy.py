@@ -12,10 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import expit
 
+from meal_bayes.arrays import Floats, Ints
 from meal_bayes.momdp import MOMDP, Belief
 from meal_bayes.momdp.belief import log_odds
 from meal_bayes.momdp.observation import predictive, sample_rows
-from meal_bayes.planners.compiled import Compiled, Floats, Integers, compile_momdp
+from meal_bayes.planners.compiled import Compiled, compile_momdp
 from meal_bayes.planners.open_loop.library import plan_library
 from meal_bayes.planners.open_loop.values import Plans, plan_values
 from meal_bayes.planners.solver import Decision, History, choose
@@ -81,7 +82,7 @@ def _coupled_values(
     return best
 
 
-def _right(momdp: MOMDP, belief: Belief, counts: Integers, rng: np.random.Generator) -> Floats:
+def _right(momdp: MOMDP, belief: Belief, counts: Ints, rng: np.random.Generator) -> Floats:
     """Estimate Pr(the best report is right) after so many percepts of each behavior (J,E)."""
     evidence = _sampled_evidence(momdp, belief, int(counts.max(initial=0)), rng)
     best = [row.argmax() for row in belief.marginals]

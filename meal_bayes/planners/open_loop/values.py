@@ -10,8 +10,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from meal_bayes.arrays import Floats, Ints
 from meal_bayes.momdp import Belief
-from meal_bayes.planners.compiled import Compiled, Floats, Integers, Percepts
+from meal_bayes.planners.compiled import Compiled, Percepts
 from meal_bayes.planners.kernels import entry_kernel, kernel
 from meal_bayes.planners.open_loop.errors import SPAN, Scratch, make_scratch, plan_error
 
@@ -27,11 +28,11 @@ PLAN = np.dtype([
 class Plans(NamedTuple):
     """Open-loop plans, grouped by the x they start from."""
 
-    first: Integers  # (X+1,) plans of x are first[x] : first[x+1]
+    first: Ints  # (X+1,) plans of x are first[x] : first[x+1]
     plan: NDArray[np.void]  # (J,) records of `PLAN`
-    observation_counts: Integers  # (J,E) percepts gathered
+    observation_counts: Ints  # (J,E) percepts gathered
     executions: Floats  # (J,E) discounted expected executions, for shaping
-    row: Integers  # (J,N) of the table
+    row: Ints  # (J,N) of the table
     table: Floats  # (T,G,C) Pr(error | latent class) at thresholds, see `tabulate_errors`
 
 

@@ -21,10 +21,11 @@ from functools import cached_property
 
 import numpy as np
 
+from meal_bayes.arrays import Floats
 from meal_bayes.errors import SettingsError
 from meal_bayes.momdp import MOMDP, Belief, answer_value
 from meal_bayes.momdp.belief import next_percept
-from meal_bayes.planners.compiled import Compiled, Floats, compile_momdp, dynamics_of
+from meal_bayes.planners.compiled import Compiled, compile_momdp, dynamics_of
 from meal_bayes.planners.factored import grid
 from meal_bayes.planners.factored.grid import Table
 from meal_bayes.planners.factored.policy import Factored, FactoredPolicy

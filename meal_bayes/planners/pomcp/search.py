@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from meal_bayes.planners.compiled import Floats
+from meal_bayes.arrays import Floats
 from meal_bayes.planners.factored.grid import Table, value_after
 from meal_bayes.planners.kernels import entry_kernel, kernel
 from meal_bayes.planners.open_loop.errors import Scratch

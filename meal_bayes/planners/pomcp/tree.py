@@ -11,8 +11,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from meal_bayes.arrays import Floats, Ints
 from meal_bayes.momdp import MOMDP, Belief, answer_value
-from meal_bayes.planners.compiled import Floats, Integers, Percepts
+from meal_bayes.planners.compiled import Percepts
 from meal_bayes.planners.kernels import kernel
 from meal_bayes.planners.open_loop.errors import predictive
 from meal_bayes.planners.solver import TreeEdge
@@ -41,11 +42,11 @@ EDGE = np.dtype([
 class Tree(NamedTuple):
     """Nodes in the order in which they were made; the first is the root."""
 
-    size: Integers  # (1,) nodes in use
+    size: Ints  # (1,) nodes in use
     node: NDArray[np.void]  # (S,) records of `NODE`
     edge: NDArray[np.void]  # (S,E) records of `EDGE`
     prob: Floats  # (S,N,C) Pr(latent class)
-    level: Integers  # (S,N) percept that led here, -1 for none
+    level: Ints  # (S,N) percept that led here, -1 for none
 
 
 def make_tree(momdp: MOMDP, belief: Belief, capacity: int) -> Tree:
@@ -100,12 +101,12 @@ class Sampled(NamedTuple):
 
     prob: Floats  # (N,C) Pr(latent class) at the root
     counts: Floats  # (N,E,K) percepts of the trial at the root, by level
-    latent: Integers  # (N,) the object's latent classes
+    latent: Ints  # (N,) the object's latent classes
     truth: Floats  # (N,) the object's attributes, 0 or 1
     drawn: NDArray[np.bool_]  # (E,) are the rows of a behavior drawn yet?
     rows: Floats  # (E,N,K) Pr(level)
     kept: Floats  # (E,KEPT,N,K) rows of the last simulations that began with a behavior
-    path: Integers  # (DEPTH,2) nodes and behaviors of the simulation
+    path: Ints  # (DEPTH,2) nodes and behaviors of the simulation
     reward: Floats  # (DEPTH,) rewards of its steps
 
 
