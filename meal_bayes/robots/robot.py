@@ -138,10 +138,10 @@ class Boundary:
         """Return the valid features, and a warning of what is wrong with the others."""
         if not isinstance(sensed, Mapping):
             raise _NoPercept(f"features are {type(sensed).__name__}, not {{modality: numbers}}")
-        features, faults = Features(), list[str]()
+        features, faults, sizes = Features(), list[str](), self._sizes()
         for name in spec.modalities:  # what the domain does not know of is left aside
             try:
-                features[name] = self._checked(spec.name, name, sensed)
+                features[name] = _checked(name, sensed, sizes.get((spec.name, name)))
             except _NoPercept as fault:
                 faults.append(str(fault))
         if not features:
@@ -154,21 +154,23 @@ class Boundary:
             self._warned.add(spec.name)
         return features, warning
 
-    def _checked(
-        self, behavior: str, modality: str, sensed: Mapping[str, ArrayLike]
-    ) -> NDArray[np.float32]:
-        if modality not in sensed:
-            raise _NoPercept(f"{modality} is not among {sorted(map(str, sensed))}")
-        try:
-            values = real_values(sensed[modality])
-        except (TypeError, ValueError, OverflowError) as fault:
-            raise _NoPercept(f"{modality} does not hold numbers") from fault
-        size = self._sizes().get((behavior, modality), values.size)
-        if values.shape != (size,):
-            raise _NoPercept(f"{modality} has shape {values.shape}, expected ({size},)")
-        if not np.isfinite(values).all():
-            raise _NoPercept(f"{modality} holds NaN or infinity")
-        return values
+
+def _checked(
+    modality: str, sensed: Mapping[str, ArrayLike], size: int | None
+) -> NDArray[np.float32]:
+    """Return a modality's features (D,); D is the size where it is known."""
+    if modality not in sensed:
+        raise _NoPercept(f"{modality} is not among {sorted(map(str, sensed))}")
+    try:
+        values = real_values(sensed[modality])
+    except (TypeError, ValueError, OverflowError) as fault:
+        raise _NoPercept(f"{modality} does not hold numbers") from fault
+    size = values.size if size is None else size
+    if values.shape != (size,):
+        raise _NoPercept(f"{modality} has shape {values.shape}, expected ({size},)")
+    if not np.isfinite(values).all():
+        raise _NoPercept(f"{modality} holds NaN or infinity")
+    return values
 
 
 class Frame(NamedTuple):
