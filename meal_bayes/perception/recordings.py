@@ -238,8 +238,8 @@ def fit_spaces(
         space = fit_space(raw, kernel, objects if whiten else None)
         if len(raw) > 1 and not len(space.varying):
             warnings.warn(
-                f"None of the {raw.shape[1]} features of {context} varies over {len(raw)} "
-                "recordings: the modality says nothing. Check its sensor.",
+                f"None of the features of {context} varies: the modality says nothing. "
+                "Check its sensor.",  # no number, so that refits do not repeat it
                 stacklevel=2,
             )
         every = space.standardize(values.reshape(-1, values.shape[2]))
