@@ -118,6 +118,7 @@ def test_counts_are_those_of_every_object_that_is_left_out():
         np.testing.assert_array_equal(known[:, sensing], counts[:, sensing])
 
 
+@pytest.mark.long
 def test_plotted_settings_tell_the_two_models_of_an_answer_apart(tmp_path):
     setting = frame.Setting(logs=tmp_path)
     for whole, right in ((False, 0.65), (True, 0.65 ** (1 / 7))):

@@ -145,7 +145,9 @@ def test_shipped_tables_can_be_made_again(recordings, name):
 
 @pytest.mark.real_data
 @pytest.mark.statistical
-@pytest.mark.parametrize("name", ["roc36", "ispy32", "cy101"])
+@pytest.mark.parametrize(
+    "name", ["roc36", *(pytest.param(name, marks=pytest.mark.long) for name in ("ispy32", "cy101"))]
+)
 def test_permuted_labels_cannot_be_told_from_real_recordings(recordings, name):
     dataset = load_dataset(name, root=recordings)
     sensing = dataset.domain.recorded

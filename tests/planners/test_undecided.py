@@ -10,7 +10,7 @@ from meal_bayes.planners import POMCP, Factored, Greedy, History, OpenLoop
 from meal_bayes.planners.rollout import simulate
 
 
-@pytest.mark.parametrize("n", [1, 2, 3])
+@pytest.mark.parametrize("n", [1, 2, pytest.param(3, marks=pytest.mark.long)])
 @pytest.mark.parametrize("points", [0, 5_000])
 def test_one_behavior_that_is_worth_it_needs_no_search(small, n, points):
     momdp = small.noisy_roc36(n)
@@ -61,7 +61,7 @@ def test_bounds_end_a_trial_without_a_search(small, odds):
 
 def test_a_budget_of_simulations_is_used_up(small):
     """However few outcomes an expansion has, the tree is large enough."""
-    for n in (1, 2, 3):
+    for n in (1, 2):
         decision = small.search(small.noisy_roc36(n), 30, always=True, points=1_000)
         assert decision.simulations == 30
 

@@ -226,7 +226,8 @@ def test_trials_of_one_log_do_not_pass_in_another_order(make, outcome_of, tmp_pa
 def test_a_bomb_is_refused(size, count, said, tmp_path):
     """One chunk that unpacks to more than it says, and small ones that come to very much."""
     length = 15 << 20
-    zeros = Chunk("zstd", zstandard.compress(bytes(length)), 0, 0, zlib.crc32(bytes(length)), size)
+    record = b"\xff" + (length - 9).to_bytes(8, "little") + bytes(length - 9)  # of no known kind
+    zeros = Chunk("zstd", zstandard.compress(record), 0, 0, zlib.crc32(record), size)
     path = tmp_path / "a.mcap"
     builder = RecordBuilder()
     for record in (Header(schema.PROFILES[schema.FULL], ""), *[zeros] * count):

@@ -64,6 +64,7 @@ def test_an_agent_believes_the_file(fitted):
     assert trial.success
 
 
+@pytest.mark.long
 def test_a_heavier_prior_draws_rows_to_it(fitted, tmp_path):
     _, path = fitted
     command = ["posterior", "--dataset", "roc36", "--levels", "4", "--draws", "100", "--json"]
