@@ -17,7 +17,7 @@ logged.
 These names are the public API; each is loaded with its package when it is first used, so that the
 import itself costs nothing. The packages (`meal_bayes.domain`, `.datasets`, `.perception`,
 `.posterior`, `.momdp`, `.planners`, `.robots`, `.trials`, `.agents`, `.trial_log`, `.learner`,
-`.experiments`, `.evaluation`, `.gym`) hold the rest.
+`.experiments`, `.evaluation`, `.viewer`, `.gym`) hold the rest.
 
 Shape comments, such as ``cost: (E,) s``, speak one alphabet everywhere:
 

@@ -97,19 +97,19 @@ def check(file: Path, as_json: bool) -> None:
         click.get_current_context().exit(_UNSOUND)
 
 
-@log.command(short_help="Save the whole trials of a torn log into a new one.")
+@log.command(short_help="Save the trials of a torn log into a new one.")
 @_file
 @option("--out", FILE, None, "FILE", "The new file.")
 @json_option
 def recover(file: Path, out: Path | None, as_json: bool) -> None:
-    """Save the whole trials of a torn log into a new one; the torn one stays as it is."""
+    """Save the trials of a torn log, the last as far as it went; the torn one stays as it is."""
     from meal_bayes.trial_log import log_info, recover_log
 
     saved = log_info(recover_log(file, out))
     if as_json:
         print_json({"path": str(saved.path), "trials": saved.trials})
         return
-    say(f"{saved.path}: {saved.trials} whole trials saved")
+    say(f"{saved.path}: {saved.trials} trials saved")
 
 
 def _print_json(logs: "list[LogInfo]", path: Path) -> None:

@@ -53,9 +53,9 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
     Actions are the E behaviors, the 2^N reports, and, of agents that may abstain, "I do not know":
     E + y reports the values whose bits are y, the first asked attribute the most significant. The
     reward is the true one: minus a behavior's seconds, plus or minus r for a report, 0 for not
-    knowing. A behavior that is not legal (see ``info["action_mask"]``) is not executed: it costs
-    its seconds, and changes nothing. Percepts are outputs of held-out classifiers on real
-    recordings, none used twice.
+    knowing. A behavior that is not legal (see ``info["action_mask"]``) is not executed: the
+    reward falls by its seconds, and nothing else changes. Percepts are outputs of held-out
+    classifiers on real recordings, none used twice.
 
     Observations are a dictionary:
 

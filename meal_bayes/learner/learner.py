@@ -139,6 +139,8 @@ class Learner:
         ------
         SettingsError
             Data of another domain.
+        DataError
+            Features of another size than those that were learned from.
         """
         check_data(data, self.domain)
         with self.lock:
@@ -302,7 +304,13 @@ class Learner:
             tell(self, trial, values)
 
     def forget(self, trial: Trial) -> None:
-        """Forget the labels of a trial; refit without them if the last refit has used them."""
+        """Forget the labels of a trial; refit without them if the last refit has used them.
+
+        Raises
+        ------
+        SettingsError
+            The trial has no labels.
+        """
         key = trial.task.key
         with self.lock:
             if not self.experience.labels_by(key):
@@ -340,5 +348,7 @@ class Learner:
         ------
         DataError
             A file that is not a learner, is torn, or of another version.
+        SettingsError
+            An agent or a classifier of one's own is not given again.
         """
         return load_learner(cls, Path(path), agent=agent, classifier=classifier, logs=logs)

@@ -78,6 +78,13 @@ def recall(learner: "Learner", *logs: str | Path) -> list[Trial]:
     -------
     trials : list[Trial]
         That are experience now, in their order.
+
+    Raises
+    ------
+    LogError
+        Logs that cannot be read, or of several data sets.
+    SettingsError
+        Trials of another domain.
     """
     experience, recalled = learner.experience, list[Trial]()
     with learner.lock:

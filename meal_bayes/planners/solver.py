@@ -46,7 +46,7 @@ class Decision(FrozenArrays):
     Attributes
     ----------
     action : int
-        Below E a behavior; E + y the report of value vector y; E + 2^N abstains.
+        Below E a behavior; E + y the report of value vector y of Y; E + Y abstains.
     values : NDArray[np.float64]
         (E+1,) by behavior, then of the best answer; nan = not valued.
     value_se : NDArray[np.float64]

@@ -1,7 +1,7 @@
 """The record: trials to MCAP and back, the only store.
 
 In: `Trial`s and a header that describes the run. Out: one file a unit of work, equal for equal
-runs, readable by any MCAP tool; and from the file the equal `Trial`s, every byte checked. Where
+trials, readable by any MCAP tool; and from the file the equal `Trial`s, every byte checked. Where
 there are millions of trials, a compact log holds their outcomes alone, as columns.
 """
 

@@ -66,14 +66,14 @@ class FaultTolerant:
         self._failing = np.zeros(self.momdp.n_behaviors, bool)
 
     def decide(self, history: History, rng: np.random.Generator) -> Decision:
-        """Choose the next action among what works; warn, once a trial, of what does not."""
+        """Choose the next action among what works; warn of what begins to fail."""
         failing, stuck = faults_of(self.momdp, history, self.expected)
         if (failing != self._failing).any():
             for e in np.flatnonzero(failing & ~self._failing):
                 warnings.warn(
-                    f"{self.momdp.behavior_names[e]!r} yielded nothing several times in a row: for "
-                    "the rest of the trial it is not counted on. The warnings of the trial's "
-                    "steps say what was wrong with its features, if any came.",
+                    f"{self.momdp.behavior_names[e]!r} yielded nothing several times in a row: it "
+                    "is not counted on until it does again. The warnings of the trial's steps "
+                    "say what was wrong with its features, if any came.",
                     stacklevel=2,
                 )
             self.policy = self.solve(without(self.momdp, failing, stuck))

@@ -168,6 +168,8 @@ class Session:
         ------
         RobotError
             A state that the domain does not know.
+        SettingsError
+            The trial has begun.
         """
         if self.over or self.steps or self._decision is not None:
             raise SettingsError("This trial has begun; ask again for another.")
@@ -185,6 +187,8 @@ class Session:
             No behavior is under way.
         RobotError
             A state that the domain does not know.
+        ImpossibleObservation
+            What the model holds for impossible.
         """
         if self._decision is None:
             raise SettingsError("No behavior is under way: the trial is over, or has not begun.")
