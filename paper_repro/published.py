@@ -3,6 +3,7 @@
 import csv
 from dataclasses import replace
 from itertools import product
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,8 @@ from paper_repro.agents import ASK
 from paper_repro.frame import HERE, Setting, paper_values
 
 EVERY_ACTION = str(HERE / "domains" / "roc36_every_action.toml")  # x decides nothing
+SIMULATOR = str(HERE / "domains" / "roc36_code.toml")
+SIMULATOR_REWARD = 100.0  # of a right report, and lost by a wrong one
 
 
 def table_path(
@@ -56,10 +59,10 @@ def table_path(
     return str(path)
 
 
-def published_roc36(setting: Setting, matrices: str, diagram: str = "roc36_published") -> str:
-    """Return ROC36 by published counts and a diagram, reinit for 0 s as in Table 3."""
+def published_roc36(setting: Setting, matrices: str, domain: str = SIMULATOR) -> str:
+    """Return ROC36 by published counts and a domain's diagram, reinit for 0 s as in Table 3."""
     return table_path(
-        setting, "roc36", name=f"roc36_table3_{matrices}_{diagram}", domain=diagram,
+        setting, "roc36", name=f"roc36_table3_{matrices}_{Path(domain).stem}", domain=domain,
         matrices=matrices, costs={"reinit": 0.0},
     )  # fmt: skip
 

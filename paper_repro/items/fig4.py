@@ -64,7 +64,7 @@ def run(setting: Setting) -> Result:
         for name, values in shown.items()
     ]
     return Result(
-        title=f"Confusion matrices of {BEHAVIOR} on ROC36, of objects that no classifier has seen",
+        title=f"Confusion matrices of {BEHAVIOR} on ROC36",
         sentence=f"Cohen's kappa of {BEHAVIOR}: {'; '.join(told)}.",
         tables=(Table("Pr(percept | truth)", COLUMNS, tuple(rows)),),
         evidence=evidence,

@@ -11,10 +11,11 @@ import pytest
 from meal_bayes import read_trials
 from meal_bayes.agents import load_agent
 from meal_bayes.datasets import load_percepts
-from meal_bayes.domain import load_domain
+from meal_bayes.domain import Query, load_domain
 from meal_bayes.errors import SettingsError
 from meal_bayes.evaluation import Effect, Interval, mean_effect
 from meal_bayes.evaluation.canvas import save
+from meal_bayes.momdp import build_momdp
 from meal_bayes.perception import table_counts
 from paper_repro import figures, frame, offline, online, pages, published
 from paper_repro.statements import RECORDED, THEIRS
@@ -116,6 +117,21 @@ def test_counts_are_those_of_every_object_that_is_left_out():
         known = table_counts(changed, held_out, levels=2).sum(axis=0)  # (P,E,2,K)
         sensing = [bool(behavior.modalities) for behavior in table.domain.behaviors]
         np.testing.assert_array_equal(known[:, sensing], counts[:, sensing])
+
+
+def test_the_simulators_percepts_depend_on_the_state_reached_alone():
+    """PM src_py/constructor.py, generate_obs_fun: state -> what shows something there."""
+    shows = {"x1": {"look"}, "x2": {"grasp"}, "x3": {"lift_slow"}, "x4": {"hold"},
+             "x5": {"tap", "poke", "push", "shake", "high_velocity_shake", "low_drop"}}  # fmt: skip
+    domain = load_domain(published.SIMULATOR)
+    rates = np.full((1, len(domain.behaviors), 2, 2), 0.5)
+    momdp = build_momdp(domain, Query(domain.attributes[:1]), rates)
+    possible = momdp.transition * momdp.observation_probability > 0
+    for e, x in np.argwhere(possible.any(axis=1)).tolist():  # behavior, state reached
+        name = momdp.behavior_names[e]
+        assert name in shows.get(momdp.x_names[x], set()) | {"crush", "ask"}
+    by_state = possible.any(axis=1).sum(axis=0)[:6].tolist()
+    assert by_state == [2, 3, 3, 3, 3, 8]
 
 
 @pytest.mark.long

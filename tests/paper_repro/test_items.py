@@ -43,7 +43,7 @@ def curves(accuracy, *, hours=4.0, first=0.5, seed=0):
 
 @pytest.mark.parametrize(("kind", "shift"), kinds(0.0, 0.3, 0.05))
 def test_table_3_judges_printed_numbers(outcomes, kind, shift):
-    name = "morc (train5, the code's diagram)"
+    name = "morc (train5, the simulator)"
     run = outcomes(29.85 + 5.97 * (shift / 0.05), 3.0, right=0.86 - shift)
     evidence = table3.judge_numbers({name: run}, 2)
     assert outcome(evidence[f"{name}, 2 attributes: accuracy 0.86"]) == kind
