@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import brentq
 from scipy.special import ndtri, stdtr, stdtrit
+from scipy.stats import binom
 
 from meal_bayes.arrays import Floats
 from meal_bayes.evaluation import Effect, Interval, clustered, paired_fractions
@@ -17,6 +18,7 @@ from meal_bayes.evaluation.statistics import MASS
 LEVEL = 1 - MASS
 _TINY = 1e-9  # a level below all that are asked for, where Student's will do
 _POWER = 0.8  # with which further units are to decide
+_MOST = 10_000  # of which none would
 
 
 def level_above(effect: Effect, bound: float) -> float:
@@ -52,6 +54,15 @@ def needed(effect: Effect, bound: float, level: float) -> int | None:
     """
     distance = abs(effect.estimate - bound)
     if effect.unit != "splits" or not (effect.se > 0 and distance > 0):
+        return None
+    if effect.fraction and not effect.fixed:  # of splits that succeed: Wilson's of k of n
+        for n in range(effect.units + 1, _MOST):
+            k = np.arange(n + 1)
+            cases = np.where((k > 0) & (k < n), n - 1, n)  # as `Effect.cases`
+            away = np.abs(k / n - bound) * np.sqrt(cases / (bound * (1 - bound)))
+            decided = 2 * stdtr(n - 1, -away) <= level
+            if binom.pmf(k, n, effect.estimate) @ decided >= _POWER:
+                return n
         return None
     units = 1000.0
     for _ in range(20):  # Student's t is that of the units it calls for

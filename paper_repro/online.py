@@ -27,7 +27,7 @@ VARIANTS: dict[str, Any] = {  # what the published code does otherwise than the 
     "answers": "joint",
     "learning": (("by_object", False), ("shaped_answers", True)),
 }
-PUBLISHED = (15, 40, 45)  # in the published code, which has CY101 alone
+PUBLISHED = {1: (15, 40, 45), 2: (30, 35, 35)}  # in the published code, which has CY101 alone
 ATTRIBUTES = {"cy101": load_domain("cy101").attributes}
 
 Split = tuple[int, int, int] | tuple[tuple[str, ...], ...]
@@ -82,7 +82,7 @@ def run_curves(
     options : other settings of `OnlineConfig`.
     """
     code = protocol == THEIRS
-    split = split or (PUBLISHED if code else THIRDS)
+    split = split or (PUBLISHED[n] if code else THIRDS)
     batches, trials = setting.choose((10, 40), (1, 4))
     config = OnlineConfig(
         f"{dataset}_published" if code else dataset,

@@ -33,10 +33,10 @@ every number of attributes, as the name of the plotted file says; it may ask a p
 as in the published code. On recordings it explores for 50, 80 and 80 s, as the paper's text says,
 so its cost there is read back. Claims about cost compare three attributes with one, object by
 object. Contexts mislead where the strategy that executes more behaviors (Predefined Plus) is right
-less often than the one that executes fewer (Predefined). ISPY32's matrices were not published:
-under `theirs` percepts are drawn from tables of our classifiers. MORC may answer "I do not know",
-which counts as not right in accuracy (the column beside it says how often); the baselines always
-report."""
+less often than the one that executes fewer (Predefined). The matrices that ISPY32's simulator loads
+were not published: under `theirs` percepts are drawn from tables of our classifiers. MORC may
+answer "I do not know", and Random ends a trial by what is illegal; both count as not right in
+accuracy (the column beside it says how often). The other baselines always report."""
 SHOWS = """The paper draws reward, cost and success of the five strategies over the number of
 attributes: MORC above the others in reward and success, its cost rising with the number of
 attributes, Random's falling, the other baselines' level. The bars are in the same order."""

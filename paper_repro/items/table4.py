@@ -23,8 +23,8 @@ labelled instances of training over 5 recordings of each training object (Eq. 10
 of every repeat asks for SOFT; pairs are of repeats with both. The paper prints single trials of one
 split: their numbers fall where one more split of ours would hardly give them, and prove nothing
 else. Its IE of .67 cannot be reached here: it calls for more labelled instances of (SOFT, grasp)
-than eight batches ask for SOFT at all. The published code's one counter for all attributes (errata,
-11) would reach it. Under `theirs` percepts are drawn from tables of our classifiers."""
+than eight batches ask for SOFT at all; nothing that we found in the published code would reach it.
+Under `theirs` percepts are drawn from tables of our classifiers."""
 
 Traits = Mapping[str, NDArray[np.float64]]  # (S,) by trait
 

@@ -206,6 +206,15 @@ def test_needed_units_decide_at_80_percent_power():
     assert needed(resampled([9.0, 11.0, 10.0, 10.5], 0.5), 7.0, 0.05) > 4
 
 
+@pytest.mark.parametrize("successes", [1, 2])
+def test_needed_splits_of_a_share_decide_at_80_percent_power(successes):
+    found = clustered(np.arange(10) < successes, range(10), fraction=True)
+    units = needed(replace(found, unit="splits"), 0.5, 0.01)
+    drawn = np.random.default_rng(0).random((2000, units)) < found.estimate
+    ahead = [clustered(one, range(units), fraction=True) for one in drawn]
+    assert 0.77 < np.mean([level_below(one, 0.5) <= 0.01 for one in ahead]) < 0.9
+
+
 def test_holm_keeps_the_level_of_a_family():
     rng = np.random.default_rng(3)
     levels = rng.random((20_000, 10))  # no effect: levels are uniform
