@@ -37,12 +37,12 @@ NOTE = """Under `theirs` percepts are drawn from the confusion counts that were 
 ROC36's simulator, which loads train5; reinit costs nothing, as in Table 3. `The simulator` is MORC
 by its diagram (domains/roc36_code.toml: percepts depend on the state that a behavior leads to
 alone, MORC may ask) and its rewards of 100; `the paper's text` is Fig. 5's diagram, rewards of 500
-and no `ask`. The simulator as it was published then draws percepts from classifiers (errata, 1),
-and reinit falls through to the reward of a wrong report, neither of which Table 3 can have had.
-Random draws from all actions there, illegal ones and `ask` (40 s) too; as it sees no percepts, the
-matrices are nothing to it. Predefined Plus is all eleven behaviors once, where x decides nothing
-(domains/roc36_every_action.toml). Chance accuracies and the sum of eleven costs are by
-construction. No single setting gives every cell of the paper's table. On recordings percepts are
+and no `ask`. Two things of its code are left out: percepts of classifiers in place of the counts
+(errata, 1), and reinit that falls through to the reward of a wrong report, which Random's printed
+cost excludes. Random draws from all actions there, illegal ones and `ask` (40 s) too; as it sees no
+percepts, the matrices are nothing to it. Predefined Plus is all eleven behaviors once, where x
+decides nothing (domains/roc36_every_action.toml). Chance accuracies and the sum of eleven costs are
+by construction. No single setting gives every cell of the paper's table. On recordings percepts are
 those of objects that no classifier has seen; Predefined Plus goes through the diagram besides."""
 
 
