@@ -55,8 +55,10 @@ def _array_fields(kind: type[Any]) -> list[tuple[str, Any]]:
     arrays = []
     for field in filter(lambda field: field.init, dataclasses.fields(kind)):
         hint = get_args(field.type)[0] if isinstance(field.type, UnionType) else field.type
-        if get_origin(hint) is np.ndarray:
-            arrays.append((field.name, get_args(get_args(hint)[1])[0]))
+        if get_origin(hint) in (np.ndarray, NDArray):  # NDArray is its own origin from numpy 2.5 on
+            dtype = get_args(hint)[-1]
+            scalar = get_args(dtype)[0] if get_origin(dtype) is np.dtype else dtype
+            arrays.append((field.name, scalar))
     return arrays
 
 
