@@ -44,8 +44,7 @@ class Learner:
     seed : int
         Of planning, and of what is drawn in replays.
     classifier : object
-        A scikit-learn classifier of one's own, in place of ours: see
-        `meal_bayes.perception.with_classifier`.
+        Of scikit-learn, in place of ours: see `meal_bayes.perception.with_classifier`.
     posterior : str, Path, InferenceData, DataTree or ConfusionPosterior, optional
         Of the confusion matrices, learned elsewhere (see `posterior.draws.posterior_from`) without
         the objects that are asked about, in place of the one that `fit` would learn.
@@ -54,8 +53,7 @@ class Learner:
     percepts : str
         In replays: "recorded", or "model", drawn from the learned confusion matrices.
     refit_every : float, optional
-        Everything is learned anew when labeled instances have grown by such a fraction; None: only
-        when `refit` is called.
+        Refit once labeled instances have grown by such a fraction; None: only by `refit`.
     learn_success : bool
         Learn how often behaviors succeed, at every refit, or take it from the domain.
     horizon : float
@@ -111,7 +109,6 @@ class Learner:
         return f"Learner({self.domain.name}, agent {self.agent.name}, {data})"
 
     def _repr_html_(self) -> str:
-        """Return what it has learned, or the percept table that it replays, as HTML."""
         shown = self.knowledge() if self.table is None else self.table
         return f"<p>{escape(repr(self))}</p>{shown._repr_html_()}"
 
@@ -208,8 +205,7 @@ class Learner:
         object_name : str, optional
             An agent with `memory` recognizes it; by default it is a new object.
         learn : bool
-            Whether the trial becomes experience, and explores for the queries to come; otherwise it
-            is a test, as are all replays of a percept table.
+            Whether it explores, and becomes experience; else a test, as replays of a table are.
         log : str or Path, optional
             Of the trial (.mcap); one in the folder of logs by default.
         key : str or int, optional
