@@ -171,9 +171,9 @@ def _row(n: int, name: str, percepts: str, own: TrialOutcomes) -> tuple[Cell, ..
 def _sentence(*, theirs_2: dict[str, Any], theirs_3: dict[str, Any], recorded: Any) -> str:
     paper = paper_values("table3")
     told = [
-        f"MORC's printed {paper[str(n)][AGAINST]['accuracy']:.3f} at "
-        f"{paper[str(n)][AGAINST]['cost']:.1f} s ({asked(n)}) is missed by {one['accuracy']:+.3f} "
-        f"and {one['cost']:+.1f} s in the nearest of four settings {one['setting']}"
+        f"the nearest of four settings to MORC's printed {paper[str(n)][AGAINST]['accuracy']:.3f} "
+        f"at {paper[str(n)][AGAINST]['cost']:.1f} s ({asked(n)}) {one['setting']} is "
+        f"{one['accuracy']:+.3f} and {one['cost']:+.1f} s away"
         for n, one in ((2, theirs_2), (3, theirs_3))
     ]
     for name, own in recorded.items():
