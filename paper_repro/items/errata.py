@@ -27,10 +27,8 @@ def run(setting: Setting) -> Result:
     rows: list[tuple[Cell, ...]] = []
     effects, places = {}, problems(setting)
     for number, (base, text, other, reward) in CHANGES.items():
-        ours, changed = (
-            run_agent(setting, *places[name], 2, AGAINST, count, reward=own)
-            for name, own in ((base, None), (other, reward))
-        )
+        ours = run_agent(setting, *places[base], 2, AGAINST, count)
+        changed = run_agent(setting, *places[other], 2, AGAINST, count, reward=reward)
         before = ("–", base, "nothing", *(mean_effect(ours, m) for m in MEASURES), None)  # noqa: RUF001
         if before not in rows:
             rows.append(before)

@@ -59,11 +59,11 @@ def test_bounds_end_a_trial_without_a_search(small, odds):
         assert decision.action == searched.action >= momdp.n_behaviors
 
 
-def test_a_budget_of_simulations_is_used_up(small):
+@pytest.mark.parametrize("n", [1, 2, pytest.param(3, marks=pytest.mark.long)])
+def test_a_budget_of_simulations_is_used_up(small, n):
     """However few outcomes an expansion has, the tree is large enough."""
-    for n in (1, 2):
-        decision = small.search(small.noisy_roc36(n), 30, always=True, points=1_000)
-        assert decision.simulations == 30
+    decision = small.search(small.noisy_roc36(n), 30, always=True, points=1_000)
+    assert decision.simulations == 30
 
 
 @pytest.mark.parametrize("seed", range(6))

@@ -226,11 +226,11 @@ def test_trials_of_one_log_do_not_pass_in_another_order(make, outcome_of, tmp_pa
 def test_a_bomb_is_refused(size, count, said, tmp_path):
     """One chunk that unpacks to more than it says, and small ones that come to very much."""
     length = 15 << 20
-    record = b"\xff" + (length - 9).to_bytes(8, "little") + bytes(length - 9)  # of no known kind
-    zeros = Chunk("zstd", zstandard.compress(record), 0, 0, zlib.crc32(record), size)
+    unknown = b"\xff" + (length - 9).to_bytes(8, "little") + bytes(length - 9)  # kind of record
+    chunk = Chunk("zstd", zstandard.compress(unknown), 0, 0, zlib.crc32(unknown), size)
     path = tmp_path / "a.mcap"
     builder = RecordBuilder()
-    for record in (Header(schema.PROFILES[schema.FULL], ""), *[zeros] * count):
+    for record in (Header(schema.PROFILES[schema.FULL], ""), *[chunk] * count):
         record.write(builder)
     path.write_bytes(MCAP0_MAGIC + builder.end())
     assert said in " ".join(check_log(path).problems)
