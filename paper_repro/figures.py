@@ -143,10 +143,10 @@ def _places(diagram: TransitionDiagram) -> dict[str, tuple[float, float]]:
     """Compute the position of each state: its depth to the right, states of one depth apart."""
     depth, frontier = {diagram.start: 0}, [diagram.start]
     while frontier:
-        here = frontier.pop(0)
+        state = frontier.pop(0)
         for effect in diagram.effects:
-            if effect.source == here and effect.target not in (*depth, ANY_STATE):
-                depth[effect.target] = depth[here] + 1
+            if effect.source == state and effect.target not in (*depth, ANY_STATE):
+                depth[effect.target] = depth[state] + 1
                 frontier.append(effect.target)
     back = {
         e.source for e in diagram.effects if depth.get(e.target, np.inf) < depth.get(e.source, 0)

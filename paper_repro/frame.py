@@ -133,7 +133,9 @@ def paper_values(item: str) -> Any:
 def items() -> tuple[str, ...]:
     """List the items, in the order of the paper."""
     values = read_table("paper_values.toml")
-    return tuple(name for name, one in values.items() if isinstance(one, dict) and "where" in one)
+    return tuple(
+        name for name, entry in values.items() if isinstance(entry, dict) and "where" in entry
+    )
 
 
 def named(words: Iterable[str]) -> tuple[str, ...]:
@@ -151,15 +153,15 @@ def reproduce(item: str, setting: Setting) -> dict[str, Any]:
     seconds = max(time.perf_counter() - begin, math.fsum(setting.spent.values()))
     committed = not (setting.quick or setting.as_published)  # what git keeps
     folder = RESULTS if committed else setting.logs / "paper_repro"
-    found = facts(item, result, setting)
-    write_whole(folder / f"{item}.json", json.dumps(found, indent=1, allow_nan=False) + "\n")
+    record = facts(item, result, setting)
+    write_whole(folder / f"{item}.json", json.dumps(record, indent=1, allow_nan=False) + "\n")
     for end, figure in result.figures.items():
         canvas.save(figure, folder / f"{item}{end}.png")
     timing = folder / "timing.json"
     known = json.loads(timing.read_text(encoding="utf-8")) if timing.is_file() else {}
     known[item] = round(seconds, 1)
     write_whole(timing, json.dumps(known, indent=1, sort_keys=True) + "\n")
-    return found
+    return record
 
 
 def facts(item: str, result: Result, setting: Setting) -> dict[str, Any]:

@@ -59,15 +59,15 @@ def run_agent(
 
 def our_lead(runs: Mapping[str, Runs], where: str) -> dict[str, Evidence]:
     """State that our agent earns more than the paper's, on the same tasks."""
-    own, theirs = runs[OURS][OWN], runs["recorded"][AGAINST]
+    first, second = runs[OURS][OWN], runs["recorded"][AGAINST]
     text = f"our agent earns more reward than MORC: {where}"
-    return {text: above(difference(own, theirs), 0, of="reward less its")}
+    return {text: above(difference(first, second), 0, of="reward less its")}
 
 
 def paired_table(runs: Mapping[str, Runs], agents: Sequence[str]) -> Table:
     """Compare agents with MORC on the same tasks, a column a run."""
     rows: list[tuple[Cell, ...]] = []
     for agent in agents:
-        pairs = [own for own in runs.values() if agent in own]
-        rows.append((agent, *(difference(own[agent], own[AGAINST]) for own in pairs)))
+        pairs = [run for run in runs.values() if agent in run]
+        rows.append((agent, *(difference(run[agent], run[AGAINST]) for run in pairs)))
     return Table(f"reward less that of {AGAINST}, paired", ("agent", *runs), tuple(rows))

@@ -104,15 +104,15 @@ def run_curves(
     names = ATTRIBUTES.get(dataset, ())
     rows, tests = [], list[TrialOutcomes]()
     for result in run.results():
-        tests.append(own := result.outcomes)
-        right, asked = own.success.astype(float), own.attribute[:, 0]
+        tests.append(outcomes := result.outcomes)
+        right, asked = outcomes.success.astype(float), outcomes.attribute[:, 0]
         means = [right[asked == name].mean() if (asked == name).any() else np.nan for name in names]
-        rows.append((result.hours, right.mean(), own.reward.mean(), *means))
+        rows.append((result.hours, right.mean(), outcomes.reward.mean(), *means))
     table = np.array(rows).reshape(repeats, batches + 1, -1)
     folders = [run.folder / agent / f"repeat-{s:03d}" for s in range(repeats)]
     every = range(1, batches + 1)
-    logs = tuple(tuple(own / f"{b:02d}-train.mcap" for b in every) for own in folders)
-    setting.spend(path for own in folders for path in own.glob("*.mcap"))
+    logs = tuple(tuple(folder / f"{b:02d}-train.mcap" for b in every) for folder in folders)
+    setting.spend(path for folder in folders for path in folder.glob("*.mcap"))
     known, met, tested = (part if isinstance(part, int) else len(part) for part in split)
     ratio, size = tested / (known + met), batches + 1
     by_split = tuple(tuple(tests[s * size : (s + 1) * size]) for s in range(repeats))

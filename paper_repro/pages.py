@@ -98,8 +98,8 @@ def write_pages() -> list[str]:
     """Write the index, a page an item, and ERRATA.md from results; returns their paths."""
     pages = {"README.md": readme(frame.items()), "ERRATA.md": errata(frame.items())}
     for item in frame.items():
-        if (found := _read(item)) is not None:
-            pages[f"results/{item}.md"] = result_page(found) + "\n"
+        if (result := _read(item)) is not None:
+            pages[f"results/{item}.md"] = result_page(result) + "\n"
     for name, text in pages.items():
         write_whole(frame.HERE / name, text)
     return [str(frame.HERE / name) for name in pages]
@@ -111,45 +111,45 @@ def readme(items: Iterable[str]) -> str:
     timing = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
     lines = [_HEAD, _row(["item", "verdict", "in one sentence", "minutes"]), _row(["---"] * 4)]
     for item in items:
-        found = _read(item)
-        if found is None:
+        result = _read(item)
+        if result is None:
             lines.append(_row([item, "not run in full yet", _DASH, _DASH]))
             continue
-        cells = [f"[{item}](results/{item}.md)", found["verdict"], found["sentence"]]
+        cells = [f"[{item}](results/{item}.md)", result["verdict"], result["sentence"]]
         seconds = timing.get(item, 0.0)
         lines.append(_row([*cells, "< 1" if seconds < 60 else f"{seconds / 60:.0f}"]))
     return "\n".join(lines) + "\n"
 
 
-def result_page(found: Mapping[str, Any]) -> str:
+def result_page(result: Mapping[str, Any]) -> str:
     """Show one result: its sentence, statements, tables, and figures."""
-    lines = [f"# {found['item']}: {found['title']}", "", found["sentence"], ""]
-    size = f"{found['size']} " if found["size"] else ""
-    lines += [f"**{found['verdict']}**. {size}`{found['command']}`", ""]
-    judged = [one for one in found["statements"] if one["outcome"] is not None]
-    if left := len(found["statements"]) - len(judged):
+    lines = [f"# {result['item']}: {result['title']}", "", result["sentence"], ""]
+    size = f"{result['size']} " if result["size"] else ""
+    lines += [f"**{result['verdict']}**. {size}`{result['command']}`", ""]
+    judged = [row for row in result["statements"] if row["outcome"] is not None]
+    if left := len(result["statements"]) - len(judged):
         lines += [f"{left} statements are not run.", ""]
     if judged:
         header = ["statement", "column", "outcome", "estimate", "interval", "rule", "needed"]
         lines += [_row(header), _row(["---"] * len(header))]
         lines += [*map(_statement, judged), "", "Central statements are bold.", ""]
-    for table in found["tables"]:
+    for table in result["tables"]:
         lines += [f"**{table['title']}**", "", _row(table["columns"])]
         lines.append(_row(["---", *["--:"] * (len(table["columns"]) - 1)]))
         lines += [*(_row([_text(cell) for cell in row]) for row in table["rows"]), ""]
-    lines += [found["shows"], ""] if found["shows"] and found["figures"] else []
-    for name in found["figures"]:
+    lines += [result["shows"], ""] if result["shows"] and result["figures"] else []
+    for name in result["figures"]:
         lines.append(f"![{name.removesuffix('.png').replace('_', ', ')}]({name})")
-    lines += [""] if found["figures"] else []
-    return "\n".join([*lines, *(f"{note}\n" for note in found["notes"])]).rstrip()
+    lines += [""] if result["figures"] else []
+    return "\n".join([*lines, *(f"{note}\n" for note in result["notes"])]).rstrip()
 
 
-def _statement(one: Mapping[str, Any]) -> str:
+def _statement(row: Mapping[str, Any]) -> str:
     """Show a statement as a row."""
-    text = f"**{one['text']}**" if one["central"] else one["text"]
-    interval = one["interval"] and f"[{_text(one['interval'][0])}, {_text(one['interval'][1])}]"
-    cells = [one["outcome"], _text(one["estimate"]), interval or _DASH, one["rule"]]
-    return _row([text, one["protocol"], *cells, one["needed"] or _DASH])
+    text = f"**{row['text']}**" if row["central"] else row["text"]
+    interval = row["interval"] and f"[{_text(row['interval'][0])}, {_text(row['interval'][1])}]"
+    cells = [row["outcome"], _text(row["estimate"]), interval or _DASH, row["rule"]]
+    return _row([text, row["protocol"], *cells, row["needed"] or _DASH])
 
 
 def errata(items: Iterable[str]) -> str:
@@ -157,8 +157,8 @@ def errata(items: Iterable[str]) -> str:
     table = frame.read_table("errata.toml")
     effects: dict[str, list[str]] = {}
     for item in items:
-        found = _read(item)
-        for number, effect in (found["effects"] if found else {}).items():
+        result = _read(item)
+        for number, effect in (result["effects"] if result else {}).items():
             effects.setdefault(number, []).append(f"{effect} ([{item}](results/{item}.md))")
     lines = [table["head"].strip(), "", _row(["", "departure", "where", "effect"])]
     lines.append(_row(["--:", "---", "---", "---"]))

@@ -38,21 +38,21 @@ def table_path(
     answer : Pr(a person is right), of each attribute.
     changes : other fields of the domain.
     """
-    own, costs = load_domain(domain or dataset), costs or {}
+    base, costs = load_domain(domain or dataset), costs or {}
     behaviors = [
         replace(
-            one,
-            cost=costs.get(one.name, one.cost),
-            answer_accuracy=one.answer_accuracy
-            if one.name != ASK
-            else answer or one.answer_accuracy,
+            behavior,
+            cost=costs.get(behavior.name, behavior.cost),
+            answer_accuracy=behavior.answer_accuracy
+            if behavior.name != ASK
+            else answer or behavior.answer_accuracy,
         )
-        for one in own.behaviors
+        for behavior in base.behaviors
     ]
-    own = replace(own, name=name, behaviors=tuple(behaviors), **changes)
-    table = load_percepts(dataset, domain=own)
+    base = replace(base, name=name, behaviors=tuple(behaviors), **changes)
+    table = load_percepts(dataset, domain=base)
     if matrices:
-        table = with_counts(table, published_counts(matrices, own))
+        table = with_counts(table, published_counts(matrices, base))
     path = setting.logs / "tables" / f"{name}.npz"
     path.parent.mkdir(parents=True, exist_ok=True)
     save_percepts(table, path)

@@ -142,13 +142,13 @@ def within(effect: Effect, low: float, high: float, *, of: str = "it") -> Eviden
 
 def every(statements: Sequence[Evidence]) -> Evidence:
     """State that all of them hold."""
-    return Evidence(tuple(part for one in statements for part in one.parts))
+    return Evidence(tuple(part for entry in statements for part in entry.parts))
 
 
 def best(differences: Mapping[str, Effect], *, of: str) -> Evidence:
     """State that one is ahead of every other, from its differences by their names."""
     return every(
-        [above(found, 0, of=f"{of}: the lead over {n}") for n, found in differences.items()]
+        [above(effect, 0, of=f"{of}: the lead over {n}") for n, effect in differences.items()]
     )
 
 
@@ -171,12 +171,12 @@ def placed(values: ArrayLike, printed: float, *, of: str) -> Evidence:
     x = np.asarray(values, float)
     x = x[~np.isnan(x)]
     spread = float(x.std(ddof=1)) * math.sqrt(1 + 1 / len(x)) if len(x) > 1 else math.nan
-    one = Effect(float(x.mean()) if len(x) else math.nan, spread, len(x), unit="splits",
+    effect = Effect(float(x.mean()) if len(x) else math.nan, spread, len(x), unit="splits",
                  method="prediction interval of one split")  # fmt: skip
-    _, _, low, high = one.interval(1 - LEVEL)
+    _, _, low, high = effect.interval(1 - LEVEL)
     outcome = FALLS if printed < low or printed > high else UNDECIDED
     rule = f"{printed:.3g} is what one more of our splits might give as {of}"
-    return Evidence(outcome=outcome, rule=rule, shown=one)
+    return Evidence(outcome=outcome, rule=rule, shown=effect)
 
 
 def judged(
@@ -192,12 +192,12 @@ def judged(
     """
     rows = []
     for protocol, statements in evidence.items():
-        tested = [one.level for one in statements.values() if one is not None and one.parts]
+        tested = [entry.level for entry in statements.values() if entry is not None and entry.parts]
         levels = iter(holm(tested)) if tested else iter(())
-        for text, one in statements.items():
+        for text, entry in statements.items():
             facts: dict[str, Any] = {"outcome": None}
-            if one is not None:
-                facts = one.judge(float(next(levels)) if one.parts else 0.0)
+            if entry is not None:
+                facts = entry.judge(float(next(levels)) if entry.parts else 0.0)
             rows.append({
                 "text": text, "where": where, "protocol": protocol,
                 "central": any(fnmatch(text, pattern) for pattern in central), "looks": 1, **facts,
@@ -211,24 +211,24 @@ def verdict(statements: Sequence[Mapping[str, Any]]) -> str:
     A statement is judged on recordings; a printed number under the paper's own settings alone.
     Where all that is decided is arithmetic on what the paper prints, the word is "consistent".
 
-    >>> one = {"text": "a", "protocol": "recorded", "central": True, "method": "Student's t"}
-    >>> verdict([one | {"outcome": "stands"}])
+    >>> entry = {"text": "a", "protocol": "recorded", "central": True, "method": "Student's t"}
+    >>> verdict([entry | {"outcome": "stands"}])
     'reproduced (1 stands)'
     """
-    recorded = {one["text"] for one in statements if one["protocol"] == RECORDED}
+    recorded = {row["text"] for row in statements if row["protocol"] == RECORDED}
     central = [
-        one
-        for one in statements
-        if one["central"] and (one["protocol"] == RECORDED or one["text"] not in recorded)
-        and one["protocol"] != OURS
+        row
+        for row in statements
+        if row["central"] and (row["protocol"] == RECORDED or row["text"] not in recorded)
+        and row["protocol"] != OURS
     ]  # fmt: skip
-    deciding = [one["outcome"] for one in central]
+    deciding = [row["outcome"] for row in central]
     number = {outcome: deciding.count(outcome) for outcome in OUTCOMES}
     told = ", ".join(_counted(n, outcome) for outcome, n in number.items() if n)
     if told and None in deciding:
         told += f", {deciding.count(None)} not run"
     if not deciding:
-        theirs = any(one["protocol"] != OURS for one in statements)
+        theirs = any(row["protocol"] != OURS for row in statements)
         return "nothing central" if theirs else "nothing to judge"
     if number[FALLS]:
         word = "not reproduced" if not number[STANDS] else "reproduced in part"
@@ -238,7 +238,7 @@ def verdict(statements: Sequence[Mapping[str, Any]]) -> str:
         word = "undecided" if not number[STANDS] else "reproduced in part"
     else:
         word = "reproduced" if number[STANDS] else CONSTRUCTED
-    checked = [one["method"] == "a fact" for one in central if one["outcome"] in {STANDS, FALLS}]
+    checked = [row["method"] == "a fact" for row in central if row["outcome"] in {STANDS, FALLS}]
     if checked and all(checked):  # arithmetic on printed numbers, no run of anybody's
         word = {"reproduced": "consistent", "not reproduced": "not consistent"}.get(word, word)
     return f"{word} ({told})" if told else word
@@ -253,7 +253,7 @@ def _told(effect: Effect | None, level: float) -> dict[str, Any]:
         "method": effect.method, "estimate": effect.estimate, "interval": [low, high],
         "units": f"{effect.units} {effect.unit}", "level": level, "error": effect.se,
         "cases": effect.cases if effect.fraction else None,
-        "sides": [[one.estimate, one.cases] for one in effect.sides] if effect.sides else None,
+        "sides": [[side.estimate, side.cases] for side in effect.sides] if effect.sides else None,
     }  # fmt: skip
 
 

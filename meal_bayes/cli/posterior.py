@@ -185,8 +185,8 @@ def _print(facts: dict[str, Any], *, sampled: bool) -> None:
     }
     convergence = "independent, from the grid"
     if sampled:
-        worst = max(one["r_hat"] for one in facts["convergence"])
-        few = min(min(one["ess_bulk"], one["ess_tail"]) for one in facts["convergence"])
+        worst = max(row["r_hat"] for row in facts["convergence"])
+        few = min(min(row["ess_bulk"], row["ess_tail"]) for row in facts["convergence"])
         convergence = f"{facts['divergences']} divergences, R-hat at most {worst:.3f}"
         if facts["divergences"] or not worst < _R_HAT:
             convergence += ": do not trust these draws; give more --tune and --draws"

@@ -148,14 +148,14 @@ def live(trials: int, agent: str, seed: int, logs: Path, as_json: bool) -> None:
         chosen.warm_up(learner.domain, Query(("heavy",)))
     done: list[LiveTrial] = []
     with terminal.progress("learning", "trials") as advance:
-        for one in learn_live(learner, trials, seed, logs=folder):
-            done.append(one)
+        for row in learn_live(learner, trials, seed, logs=folder):
+            done.append(row)
             advance(len(done), trials)
     if as_json:
         rows = [
-            {"number": one.number, "agent": one.agent, "asked": one.attribute, "fault": one.fault}
-            | ({} if one.trial is None else trial_json(one.trial))
-            for one in done
+            {"number": row.number, "agent": row.agent, "asked": row.attribute, "fault": row.fault}
+            | ({} if row.trial is None else trial_json(row.trial))
+            for row in done
         ]
         terminal.print_json({"trials": rows, "log": str(folder)})
         return
@@ -167,9 +167,9 @@ def live(trials: int, agent: str, seed: int, logs: Path, as_json: bool) -> None:
 
 def _point(block: "list[LiveTrial]") -> list[str]:
     """Return accuracy and cost of a block of trials, a row of the curve."""
-    trials = [one.trial for one in block if one.trial is not None]
+    trials = [row.trial for row in block if row.trial is not None]
     right = sum(bool(trial.success) for trial in trials) / max(len(trials), 1)
     cost = sum(trial.cost for trial in trials) / max(len(trials), 1)
-    agents = ", ".join(dict.fromkeys(one.agent for one in block))
+    agents = ", ".join(dict.fromkeys(row.agent for row in block))
     place = f"{block[0].number}-{block[-1].number}"
     return [place, agents, f"{right:.2f}", f"{cost:.1f}", str(len(block) - len(trials))]

@@ -117,8 +117,10 @@ def read_text(path: Path) -> str:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         line = data.count(b"\n", 0, error.start) + 1
-        found = f"the byte 0x{data[error.start]:02x}, which is not UTF-8"
-        raise fault(f"{path}, line {line}", found, "UTF-8 text", "save the file as UTF-8") from None
+        content = f"the byte 0x{data[error.start]:02x}, which is not UTF-8"
+        raise fault(
+            f"{path}, line {line}", content, "UTF-8 text", "save the file as UTF-8"
+        ) from None
     if not text.strip():
         expected = "rows of comma-separated values"
         raise fault(f"{path}, line 1", "an empty file", expected, "restore it")
@@ -156,9 +158,9 @@ def read_features(path: Path, key_columns: Sequence[str], *, header: bool = Fals
         width = width or max(len(cells), count + 1)
         if len(cells) != width:
             side = "short" if len(cells) < width else "long"
-            found = f"a row of {len(cells)} columns (too {side})"
+            content = f"a row of {len(cells)} columns (too {side})"
             expected = f"{width} ({', '.join(key_columns)} and the features, separated by commas)"
-            raise fault(where, found, expected, "restore or remove the row")
+            raise fault(where, content, expected, "restore or remove the row")
         places.append(where)
         keys.append(tuple(cells[:count]))
         values.append(_numbers(where, cells, count))
@@ -175,7 +177,7 @@ def _numbers(where: str, cells: list[str], first: int) -> list[float]:
             repair = "write one, with a point for decimals"
             raise fault(where, f"{cell[:40]!r} in column {column}", "a number", repair)
         if not abs(float(cell)) <= _LARGEST:  # NaN compares as false
-            found, expected = f"{float(cell)} in column {column}", "a finite number"
+            content, expected = f"{float(cell)} in column {column}", "a finite number"
             repair = "measure again, or remove the recording of all objects"
-            raise fault(where, found, f"{expected} (single precision)", repair)
+            raise fault(where, content, f"{expected} (single precision)", repair)
     return list(map(float, cells[first:]))

@@ -31,9 +31,9 @@ class FeatureRows(NamedTuple):
     values: NDArray[np.floating]
 
 
-def fault(where: str, found: str, expected: str, repair: str) -> DataError:
+def fault(where: str, content: str, expected: str, repair: str) -> DataError:
     """Return an error: what was found, what was expected, and how to repair it."""
-    return DataError(f"{where}: found {found}; expected {expected}; {repair}.")
+    return DataError(f"{where}: found {content}; expected {expected}; {repair}.")
 
 
 def dataset_parts(
@@ -82,8 +82,8 @@ def _rows(values: Any, objects: Sequence[str], context: Context) -> FeatureRows:
         table = np.concatenate([np.empty((0, *(sizes or {1}))), *filter(len, parts.values())])
     places = [f"{source}, row {n}" for n in range(1, len(keys) + 1)]
     for row in np.flatnonzero(~np.isfinite(table).all(axis=1)):
-        found = f"NaN or infinity in recording {keys[row][1]} of {keys[row][0]}"
-        raise fault(places[row], found, "finite numbers", "leave the recording out")
+        content = f"NaN or infinity in recording {keys[row][1]} of {keys[row][0]}"
+        raise fault(places[row], content, "finite numbers", "leave the recording out")
     return FeatureRows(source, places, keys, table)
 
 
@@ -155,9 +155,9 @@ def join_features(
             by_behavior[context[0]] = order
         for key in sorted(row_of.keys() - set(order), key=row_of.__getitem__):
             known = [recording for name, recording in order if name == key[0]]
-            found, where = f"recording {key[1]!r} of {key[0]}", rows.places[row_of[key]]
+            content, where = f"recording {key[1]!r} of {key[0]}", rows.places[row_of[key]]
             expected = f"one of {', '.join(known) or 'none'}"
-            raise fault(where, found, expected, "correct the number or remove the row")
+            raise fault(where, content, expected, "correct the number or remove the row")
         for name, recording in order:
             if (name, recording) not in row_of:
                 empty = f"{rows.source}, without rows"
@@ -188,7 +188,7 @@ def _row_of(rows: FeatureRows, objects: Mapping[str, int]) -> dict[Context, int]
             raise fault(rows.places[row], f"object {name!r}", expected, f"correct it ({hint})")
         if (name, recording) in row_of:
             before = rows.places[row_of[name, recording]].removeprefix(f"{rows.source}, ")
-            found = f"recording {recording} of {name} again, after {before}"
-            raise fault(rows.places[row], found, "each recording once", "remove one of the rows")
+            content = f"recording {recording} of {name} again, after {before}"
+            raise fault(rows.places[row], content, "each recording once", "remove one of the rows")
         row_of[name, recording] = row
     return row_of

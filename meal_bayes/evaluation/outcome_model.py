@@ -217,8 +217,8 @@ def population_means(cells: Cells, posterior: dict[str, Floats]) -> tuple[Floats
     asked = cells.terms.get("attribute", np.zeros((len(cells.trials), 1), int))
     queries, index = np.unique(asked, axis=0, return_inverse=True)
     if "attribute" in cells.terms:
-        own = posterior["agent attribute"].reshape(*eta.shape[:2], -1)
-        eta = eta + (posterior["attribute"][:, None] + own)[:, :, queries].mean(axis=3)
+        interaction = posterior["agent attribute"].reshape(*eta.shape[:2], -1)
+        eta = eta + (posterior["attribute"][:, None] + interaction)[:, :, queries].mean(axis=3)
     if math.isnan(cells.spread):
         drawn = ("object", "repeat", "agent object", "agent repeat")
         variance = sum(posterior[f"spread of {name}"] ** 2 for name in drawn if name in cells.terms)

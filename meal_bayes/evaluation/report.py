@@ -183,14 +183,14 @@ def _agents(
     figures = []
     if max(map(len, agents.values())) > 1:
         points = {
-            name: (mean_effect(own, "success").interval(), mean_effect(own, "cost").interval())
-            for name, own in agents.items()
+            name: (mean_effect(part, "success").interval(), mean_effect(part, "cost").interval())
+            for name, part in agents.items()
         }
         known = {name: both for name, both in points.items() if not math.isnan(both[0].estimate)}
         if known:
             caption = "Accuracy over mean cost with 95 % intervals; objects are clusters."
             figures.append((plots.accuracy_and_cost(known), caption))
-        costs = {name: own.cost[own.ended == ""] for name, own in agents.items()}
+        costs = {name: part.cost[part.ended == ""] for name, part in agents.items()}
         caption = "Fraction of trials that cost at most so many seconds."
         figures.append((plots.cost_distribution(costs), caption))
     return {
@@ -277,7 +277,7 @@ def _attributes(agents: Mapping[str, TrialOutcomes]) -> Section:
 
 
 def _behaviors(agents: Mapping[str, TrialOutcomes]) -> Section:
-    counts = [(own.executed.sum(axis=0), own.failed.sum(axis=0)) for own in agents.values()]
+    counts = [(part.executed.sum(axis=0), part.failed.sum(axis=0)) for part in agents.values()]
     cells = []
     for column, behavior in enumerate(next(iter(agents.values())).behaviors):
         row: list[str | Section] = [behavior]

@@ -143,10 +143,10 @@ def difference(first: TrialOutcomes, second: TrialOutcomes, *, measure: str = "r
     return clustered(gain[known], objects)
 
 
-def _row(agent: str, own: TrialOutcomes, seconds: float) -> SummaryRow:
-    both, cost = own.judged & own.answered, own.cost[own.ended == ""]
-    reward, accuracy = mean_effect(own, "reward"), mean_effect(own, "success")
-    positive, truth = own.beliefs()
+def _row(agent: str, outcomes: TrialOutcomes, seconds: float) -> SummaryRow:
+    answered, cost = outcomes.judged & outcomes.answered, outcomes.cost[outcomes.ended == ""]
+    reward, accuracy = mean_effect(outcomes, "reward"), mean_effect(outcomes, "success")
+    positive, truth = outcomes.beliefs()
     nll = squared = ece = calibrated = math.nan
     if len(truth):
         nll = float(negative_log_likelihood(positive, truth).mean())
@@ -154,13 +154,13 @@ def _row(agent: str, own: TrialOutcomes, seconds: float) -> SummaryRow:
         ece = calibration_error(positive, truth)
         calibrated = expected_calibration_error(positive, stream(0, "calibrated belief"))
     return SummaryRow(
-        agent, len(own), int(own.judged.sum()), *accuracy.interval(),
+        agent, len(outcomes), int(outcomes.judged.sum()), *accuracy.interval(),
         cost_s=float(cost.mean()) if len(cost) else math.nan,
         cost_sd=float(cost.std(ddof=1)) if len(cost) > 1 else math.nan,
         reward=reward.estimate, reward_se=reward.se,
         nll=nll, brier=squared, ece=ece, ece_calibrated=calibrated,
-        abstained=mean_effect(own, "abstained").estimate,
-        answered_accuracy=float(own.success[both].mean()) if both.any() else math.nan,
+        abstained=mean_effect(outcomes, "abstained").estimate,
+        answered_accuracy=float(outcomes.success[answered].mean()) if answered.any() else math.nan,
         seconds=seconds,
     )  # fmt: skip
 

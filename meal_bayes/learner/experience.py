@@ -158,13 +158,15 @@ class Experience:
         """Withdraw the labels of a trial; return the instances as `label` does."""
         number, shown, names = self.trials[trial], self.shown(trial), list(self.objects)
         rows, instances = self.feedback.values, self.instances.values
-        own = rows[(rows[:, 0] == number) & (rows[:, 3] >= 0)]
-        for o, p in dict.fromkeys(map(tuple, own[:, 1:3].tolist())):
+        answers = rows[(rows[:, 0] == number) & (rows[:, 3] >= 0)]
+        for o, p in dict.fromkeys(map(tuple, answers[:, 1:3].tolist())):
             self.feedback.append((number, o, p, -1))
             latest = self._latest(o, p)
             # What was given holds again, as recordings that the trial did not show have it.
-            given = [i for i in self.gathered(o) if instances[i, 4] == GIVEN and i not in shown]
-            before = int(self.labels.values[given[0], p]) if given else -1
+            pretrained = [
+                i for i in self.gathered(o) if instances[i, 4] == GIVEN and i not in shown
+            ]
+            before = int(self.labels.values[pretrained[0], p]) if pretrained else -1
             value = next(reversed(latest.values()), before)
             self._know(o, np.array([p]), np.array([value], np.int8))
             named = self.trials.get(told(names[o]))
@@ -172,14 +174,14 @@ class Experience:
                 others = [t for t in latest if t == named or i in self._shown.get(t, ())]
                 rest = before if instances[i, 4] == GIVEN else -1
                 self.labels.values[i, p] = latest[others[-1]] if others else rest
-        for o in dict.fromkeys(own[:, 1].tolist()):
+        for o in dict.fromkeys(answers[:, 1].tolist()):
             self._agree(o)
-        return self.gathered(int(own[0, 1]) if len(own) else -1)
+        return self.gathered(int(answers[0, 1]) if len(answers) else -1)
 
     @property
     def sizes(self) -> dict[Context, int]:
         """Number of features of each (behavior, modality) that was perceived."""
-        return {context: kept.values.shape[1] for context, kept in self.features.items()}
+        return {context: rows.values.shape[1] for context, rows in self.features.items()}
 
     def labels_for(self, names: Iterable[str]) -> Labels:
         """Return the labels (O,P) of objects by name; -1 unknown."""
@@ -205,8 +207,8 @@ class Experience:
     def labels_by(self, trial: Key) -> dict[str, bool]:
         """Return the labels that were given in a trial, by attribute."""
         rows = self.feedback.values
-        own = rows[rows[:, 0] == self.trials.get(trial, -1)]
-        latest = {int(p): int(value) for p, value in own[:, 2:].tolist()}
+        answers = rows[rows[:, 0] == self.trials.get(trial, -1)]
+        latest = {int(p): int(value) for p, value in answers[:, 2:].tolist()}
         return {self.domain.attributes[p]: v == 1 for p, v in latest.items() if v >= 0}
 
     def labels_of(self, rows: Any, *, memory: bool) -> Labels:
@@ -249,8 +251,8 @@ class Experience:
         for context in self.domain.contexts:
             perceived = self.features.get(context, Rows(np.float32, 1)).values
             values = np.full((len(objects), most, perceived.shape[1]), np.nan, np.float32)
-            own = e == self.domain.behavior_index(context[0])
-            values[o[own], r[own]] = perceived[instances[rows[own], 3]]
+            mask = e == self.domain.behavior_index(context[0])
+            values[o[mask], r[mask]] = perceived[instances[rows[mask], 3]]
             features[context] = values
         dataset = Dataset(self.domain, objects, features, self.known.values, partial=True)
         return dataset, rows, TrainingSet(o, e, r, self.labels_of(rows, memory=memory))

@@ -34,8 +34,8 @@ class HeldOut:
             self.table, self.object_index, levels=self.agent.levels,
             object_level=self.agent.object_level,
         )  # fmt: skip
-        own = self.settings.posterior
-        return known if own is None else replace(known, posterior=own)
+        posterior = self.settings.posterior
+        return known if posterior is None else replace(known, posterior=posterior)
 
     @property
     def limit(self) -> NDArray[np.float64]:

@@ -59,7 +59,7 @@ class Fitted:
         """Learn everything anew from the record."""
         agent, settings, experience = self.agent, self.settings, self.experience
         data, rows, gathered = experience.data(memory=agent.memory)
-        given = np.flatnonzero(experience.instances.values[:, 4] == GIVEN)
+        pretraining = np.flatnonzero(experience.instances.values[:, 4] == GIVEN)
         training = _some(gathered, np.asarray((gathered.labels >= 0).any(axis=1)))
         perceives = PerceptionSettings(levels=agent.levels, by_object=settings.by_object)
         spaces = None
@@ -68,7 +68,7 @@ class Fitted:
         elif agent.whiten:
             spaces = fit_spaces(data, gathered, whiten=True)
         else:  # the spaces of what it was given hold for good
-            first = np.isin(rows, given)
+            first = np.isin(rows, pretraining)
             others = ~np.isin(gathered.behavior, gathered.behavior[first])
             spaces = fit_spaces(data, _some(gathered, first | others))
         self.perception, counts = fit_and_validate(
@@ -87,7 +87,7 @@ class Fitted:
             np.logical_or.at(self.seen, places, training.labels >= 0)
         else:
             self.knowledge = replace(self.knowledge, posterior=settings.posterior)
-            self.seen[experience.instances.values[given, 0]] = True
+            self.seen[experience.instances.values[pretraining, 0]] = True
         self._begin(self.knowledge)
         self.update(np.arange(len(experience.instances)))
 
@@ -138,17 +138,17 @@ class Fitted:
         shown = experience.levels.values[first:]
         levels = np.where(instances[:, 4:] == k, shown, -1).astype(np.int8)
         for e, behavior in enumerate(domain.behaviors):
-            own = np.flatnonzero((instances[:, 1] == e) & (instances[:, 3] >= 0))
-            if len(own):
-                log_odds = np.zeros((len(own), len(domain.attributes)))
+            rows = np.flatnonzero((instances[:, 1] == e) & (instances[:, 3] >= 0))
+            if len(rows):
+                log_odds = np.zeros((len(rows), len(domain.attributes)))
                 classifier = self.perception.classifiers.get(behavior.name)
                 if classifier is not None:
                     features = {
-                        m: experience.features[behavior.name, m].values[instances[own, 3]]
+                        m: experience.features[behavior.name, m].values[instances[rows, 3]]
                         for m in behavior.modalities
                     }
                     log_odds = classifier.log_odds(features)
-                levels[own] = levels_of(round_log_odds(log_odds), BIN_EDGES, k)
+                levels[rows] = levels_of(round_log_odds(log_odds), BIN_EDGES, k)
         self.levels.extend(levels)
         self.counted.extend(np.full_like(levels, -1))
 

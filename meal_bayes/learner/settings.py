@@ -65,9 +65,9 @@ def check_data(data: object, domain: Domain) -> None:
         raise SettingsError(
             f"fit() takes a Dataset or a PerceptTable; found {type(data).__name__}."
         )
-    given = data.domain
-    if (given.attributes, given.behaviors) != (domain.attributes, domain.behaviors):
+    source = data.domain
+    if (source.attributes, source.behaviors) != (domain.attributes, domain.behaviors):
         raise SettingsError(
-            f"Attributes or behaviors of the data's domain {given.name!r} differ from those of "
+            f"Attributes or behaviors of the data's domain {source.name!r} differ from those of "
             f"{domain.name!r}; load the data for this domain."
         )

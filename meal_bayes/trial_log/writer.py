@@ -147,9 +147,9 @@ class TrialWriter:
             yield
         except OSError as fault:
             trials = self.written.trials
-            kept = f" ({trials} trials are kept in {self.active_path})" * (trials > 0)
+            draft = f" ({trials} trials are kept in {self.active_path})" * (trials > 0)
             why = fault.strerror or fault
-            raise LogError(f"{self.path} cannot be written: {why}{kept}.") from fault
+            raise LogError(f"{self.path} cannot be written: {why}{draft}.") from fault
         except (SettingsError, TypeError, ValueError, OverflowError) as fault:
             trial = self.written.trials  # which no message can hold
             raise LogError(f"Trial {trial} cannot be logged: {fault}.") from fault

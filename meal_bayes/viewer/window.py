@@ -59,10 +59,10 @@ class Viewer:
     def __init__(
         self, arguments: Sequence[str | Path] = (), *, headless: bool = False, web: bool = False
     ) -> None:
-        with socket.socket() as one, socket.socket() as other:  # ports that nobody listens on
-            for free in (one, other):
+        with socket.socket() as first, socket.socket() as second:  # ports that nobody listens on
+            for free in (first, second):
                 free.bind((HERE, 0))
-            data, page = one.getsockname()[1], other.getsockname()[1]
+            data, page = first.getsockname()[1], second.getsockname()[1]
         self._port = page if web else data  # the one that opens last
         self._command = [str(viewer_program()), *map(str, arguments)]
         self._command += ["--bind", HERE, "--port", str(data), "--hide-welcome-screen"]

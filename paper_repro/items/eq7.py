@@ -58,9 +58,9 @@ def run(setting: Setting) -> Result:
             evidence[protocol] |= judge(runs, title)
             compared[f"{title}, {protocol}"] = runs
     rows: list[tuple[Cell, ...]] = [
-        (title, agent, *(repeated_successes(own.success, own.cost, budget) for budget in BUDGETS))
+        (title, agent, *(repeated_successes(run.success, run.cost, budget) for budget in BUDGETS))
         for title, runs in compared.items()
-        for agent, own in runs.items()
+        for agent, run in runs.items()
     ]
     told = [f"{row[0]}: {row[4]}" for row in rows if row[1] == AGAINST]
     return Result(
@@ -102,12 +102,14 @@ def judge(runs: Runs, title: str) -> dict[str, Evidence | None]:
 
 
 def _lead(first: TrialOutcomes, second: TrialOutcomes) -> Effect:
-    sides = [own for one in (first, second) for own in (one.success, one.cost)]
-    found = bootstrap_interval(
+    sides = [column for run in (first, second) for column in (run.success, run.cost)]
+    bootstrap = bootstrap_interval(
         np.stack(sides, axis=1), first.object_index, stream(0, "eq7"), statistic=_hourly
     )
     objects = len(np.unique(first.object_index))
-    return Effect(found.estimate, found.se, objects, method="Student's t, bootstrap over clusters")
+    return Effect(
+        bootstrap.estimate, bootstrap.se, objects, method="Student's t, bootstrap over clusters"
+    )
 
 
 def _hourly(both: NDArray[np.float64]) -> float:
@@ -122,9 +124,9 @@ def figure(runs: Mapping[str, TrialOutcomes]) -> canvas.Axes:
     lines = [
         plots.Series(
             agent, hours,
-            np.array([repeated_successes(one.success, one.cost, 3600 * h) for h in hours], float),
+            np.array([repeated_successes(run.success, run.cost, 3600 * h) for h in hours], float),
         )
-        for agent, one in runs.items()
+        for agent, run in runs.items()
     ]  # fmt: skip
     ax = plots.lines(lines, x_label="budget, h", y_label="successes")
     ax.set_ylim(0, 1.1 * max(float(line.y[-1]) for line in lines if line.name != "random"))

@@ -32,13 +32,13 @@ def run(setting: Setting) -> Result:
         before = ("–", base, "nothing", *(mean_effect(ours, m) for m in MEASURES), None)  # noqa: RUF001
         if before not in rows:
             rows.append(before)
-        found = difference(changed, ours)
-        rows.append((number, base, text, *(mean_effect(changed, m) for m in MEASURES), found))
+        change = difference(changed, ours)
+        rows.append((number, base, text, *(mean_effect(changed, m) for m in MEASURES), change))
         effects[number] = (
             f"MORC on {base.replace('roc', 'ROC').replace('ispy', 'ISPY')}, 2 attributes, {text}: "
             f"accuracy {changed.success.mean():.3f} against {ours.success.mean():.3f}, cost "
             f"{changed.cost.mean():.1f} s against {ours.cost.mean():.1f} s"
-            + ("" if reward else f", reward {found.estimate:+.1f} ± {found.se:.1f}")
+            + ("" if reward else f", reward {change.estimate:+.1f} ± {change.se:.1f}")
         )
     return Result(
         title="What departures of the published code do to MORC, one at a time",

@@ -94,10 +94,10 @@ def run(setting: Setting) -> Result:
             else:
                 leads.append(lead.estimate)
             if theirs and n == 1:
-                one, others = published_split_leads(setting)
-                evidence[protocol][PLACE] = placed(others, one, of="lead over Iterative MORC")
-                told.append(f"{one:+.3f} on the split of the published code, more than on "
-                            f"{(others < one).sum()} of {len(others)} others")  # fmt: skip
+                published, others = published_split_leads(setting)
+                evidence[protocol][PLACE] = placed(others, published, of="lead over Iterative MORC")
+                told.append(f"{published:+.3f} on the split of the published code, more than on "
+                            f"{(others < published).sum()} of {len(others)} others")  # fmt: skip
     if leads:
         recorded = f"{min(leads):+.3f} to {max(leads):+.3f} on recordings (panels: {len(leads)})"
         told.insert(0, recorded)
@@ -131,8 +131,8 @@ def published_split_leads(setting: Setting) -> tuple[float, np.ndarray]:
         best, base = (
             run_curves(setting, "cy101", 1, name, repeats, THEIRS, split) for name in (BEST, BASE)
         )
-        own, its = area(best, base, "accuracy")
-        leads.append(own - its)
+        left, right = area(best, base, "accuracy")
+        leads.append(left - right)
     return float(leads[0][0]), leads[1]
 
 
@@ -151,13 +151,15 @@ def judge(panel: Panel, title: str) -> dict[str, Evidence | None]:
     """Judge the statements about a panel, from the curves of the paper's three agents."""
     best, base, legal = (panel[name] for name in (BEST, BASE, LEGAL))
     ratio, others = best.ratio, {BASE: base, LEGAL: legal}
-    ends = min(float(one.hours[:, -1].min()) for one in (best, base, legal))
+    ends = min(float(curves.hours[:, -1].min()) for curves in (best, base, legal))
     budgets = [hours for hours in paper_values("budgets_h") if hours <= ends] or [ends]
     leads, starts = [], []
     for name, other in others.items():
         for h in budgets:
-            own, its = (at_hours(one.hours, one.accuracy, h) for one in (best, other))
-            leads.append(above(paired(own, its, ratio), 0, of=f"accuracy at {h:g} h less {name}'s"))
+            left, right = (at_hours(curves.hours, curves.accuracy, h) for curves in (best, other))
+            leads.append(
+                above(paired(left, right, ratio), 0, of=f"accuracy at {h:g} h less {name}'s")
+            )
         first = paired(best.accuracy[:, 1], other.accuracy[:, 1], ratio)
         starts.append(above(first, 0, of=f"accuracy after the first batch less {name}'s"))
     final = paired(best.accuracy[:, -1], base.accuracy[:, -1], ratio)
@@ -174,12 +176,12 @@ def judge(panel: Panel, title: str) -> dict[str, Evidence | None]:
 
 def area(first: Curves, second: Curves, measure: str) -> tuple[np.ndarray, np.ndarray]:
     """Return the means of two agents' curves until the second ends, each (S,)."""
-    own, its = (
+    left, right = (
         np.array([mean_until(*curve) for curve in zip(
-            one.hours, getattr(one, measure), second.hours[: len(first), -1], strict=False)])
-        for one in (first, second)
+            curves.hours, getattr(curves, measure), second.hours[: len(first), -1], strict=False)])
+        for curves in (first, second)
     )  # fmt: skip
-    return own, its
+    return left, right
 
 
 def compared(panel: Panel, title: str) -> Table:
@@ -189,8 +191,8 @@ def compared(panel: Panel, title: str) -> Table:
     for name, curves in panel.items():
         at = []
         for h in budgets:
-            own, its = (at_hours(one.hours, one.reward, h) for one in (curves, base))
-            at.append(paired(own, its, base.ratio))
+            left, right = (at_hours(entry.hours, entry.reward, h) for entry in (curves, base))
+            at.append(paired(left, right, base.ratio))
         last = (mean_of(curves.hours[:, -1], base.ratio),
                 mean_of(curves.accuracy[:, -3:].mean(axis=1), base.ratio, fraction=True),
                 mean_of(curves.reward[:, -1], base.ratio))  # fmt: skip

@@ -36,7 +36,7 @@ def run(setting: Setting) -> Result:
         curves = {
             agent: run_curves(setting, "cy101", 1, agent, repeats, protocol) for agent in PAPERS
         }
-        scores = {agent: at_two_hours(one, paper["hours"]) for agent, one in curves.items()}
+        scores = {agent: at_two_hours(entry, paper["hours"]) for agent, entry in curves.items()}
         ratio = curves[BEST].ratio
         evidence[protocol] = judge(scores, ratio)
         order = np.argsort(-np.nanmean(scores[BEST], axis=0), kind="stable")
@@ -45,12 +45,12 @@ def run(setting: Setting) -> Result:
             for name in PAPERS
         }
         rows += [(protocol, NAMES[p], *(cells[a][i] for a in PAPERS)) for i, p in enumerate(order)]
-        groups = {a: [one.interval() for one in cells[a]] for a in PAPERS}
+        groups = {a: [cell.interval() for cell in cells[a]] for a in PAPERS}
         ax = bars(groups, [NAMES[p] for p in order], y_label="accuracy", fraction=True)
         ax.tick_params(axis="x", rotation=45)
         figures[f"_{protocol}"] = ax
         often = (wins(scores) >= paper["wins"]).mean()
-        mean = {agent: np.nanmean(one, axis=0)[None] for agent, one in scores.items()}
+        mean = {agent: np.nanmean(score, axis=0)[None] for agent, score in scores.items()}
         told.append(f"in {often:.0%} of the splits, and by mean accuracy on {wins(mean)[0]} "
                     f"({protocol})")  # fmt: skip
     return Result(
@@ -75,8 +75,8 @@ def wins(scores: Scores) -> NDArray[np.int64]:
 def judge(scores: Scores, ratio: float) -> dict[str, Evidence | None]:
     """Judge the statements from the accuracy of each attribute, (S,P) for each agent."""
     paper = paper_values("fig11")
-    own = {agent: np.nan_to_num(values, nan=0.5) for agent, values in scores.items()}
-    often = clustered(wins(own) >= paper["wins"], range(len(own[BEST])), fraction=True)
+    accuracy = {agent: np.nan_to_num(values, nan=0.5) for agent, values in scores.items()}
+    often = clustered(wins(accuracy) >= paper["wins"], range(len(accuracy[BEST])), fraction=True)
     often = replace(often, unit="splits", method="Wilson's on splits of these objects")
     most = above(often, 0.5, of=f"Pr(best on {paper['wins']} or more)")
     evidence: dict[str, Evidence | None] = {f"MORC-ITRS is best on {paper['wins']} of 10": most}
@@ -85,7 +85,7 @@ def judge(scores: Scores, ratio: float) -> dict[str, Evidence | None]:
         evidence[f"{name} is no more than {paper['hard_below']:g} for all three"] = every([
             below(mean_of(values[:, p], ratio, fraction=True), paper["hard_below"],
                   of=f"{agent}'s accuracy")
-            for agent, values in own.items()
+            for agent, values in accuracy.items()
         ])  # fmt: skip
     for name in paper["easy"]:
         p = NAMES.index(name)
@@ -93,17 +93,17 @@ def judge(scores: Scores, ratio: float) -> dict[str, Evidence | None]:
         evidence[f"{name} is easy"] = every([
             above(mean_of(values[:, p] - values[:, others].mean(axis=1), ratio), 0,
                   of=f"{agent}'s accuracy less that of the others")
-            for agent, values in own.items()
+            for agent, values in accuracy.items()
         ])  # fmt: skip
     return evidence
 
 
 def at_two_hours(curves: Curves, hours: float) -> NDArray[np.float64]:
     """Read the accuracy of each attribute at some hours, (S,P)."""
-    found = np.full((len(curves), curves.by_attribute.shape[-1]), np.nan)
-    for s, p in np.ndindex(found.shape):
+    accuracy = np.full((len(curves), curves.by_attribute.shape[-1]), np.nan)
+    for s, p in np.ndindex(accuracy.shape):
         values = curves.by_attribute[s, :, p]
         known = ~np.isnan(values)
         if known.any():
-            found[s, p] = np.interp(hours, curves.hours[s, known], values[known])
-    return found
+            accuracy[s, p] = np.interp(hours, curves.hours[s, known], values[known])
+    return accuracy

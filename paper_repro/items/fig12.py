@@ -34,11 +34,11 @@ def run(setting: Setting) -> Result:
         name: run_curves(setting, "cy101", 1, BEST, repeats, alpha=float(a), beta=float(b))
         for name, (a, b) in pairs.items()
     }
-    runs["own, own"] = own = run_curves(setting, "cy101", 1, AUTO, repeats)
+    runs["own, own"] = auto = run_curves(setting, "cy101", 1, AUTO, repeats)
     grid = {name: runs[name].accuracy for name in pairs}
-    moments = {name: _moments(one.accuracy) for name, one in runs.items()}
+    moments = {name: _moments(curves.accuracy) for name, curves in runs.items()}
     rows: list[tuple[Cell, ...]] = [
-        (*name.split(", "), repeats, *(mean_of(one, own.ratio, fraction=True) for one in values))
+        (*name.split(", "), repeats, *(mean_of(part, auto.ratio, fraction=True) for part in values))
         for name, values in moments.items()
     ]
     means = np.array([
@@ -56,7 +56,7 @@ def run(setting: Setting) -> Result:
         sentence=sentence,
         tables=(Table("accuracy of MORC-ITRS", ("alpha", "beta", "repeats", *MOMENTS),
                       tuple(rows)),),
-        evidence={RECORDED: judge(grid, own.ratio)},
+        evidence={RECORDED: judge(grid, auto.ratio)},
         size=f"{repeats} repeats of each pair.",
         notes=(NOTE,),
         figures=figures,
@@ -69,8 +69,8 @@ def judge(grid: Grid, ratio: float) -> dict[str, Evidence | None]:
 
     def over(axis: int, wanted: tuple[int, ...]) -> NDArray[np.float64]:
         """Average the accuracy (S,B) over the pairs with some weights."""
-        own = [one for name, one in grid.items() if int(name.split(", ")[axis]) in wanted]
-        return np.asarray(np.mean(own, axis=0))
+        chosen = [a for name, a in grid.items() if int(name.split(", ")[axis]) in wanted]
+        return np.asarray(np.mean(chosen, axis=0))
 
     middle = over(1, BETAS[1:-1])[:, 1:].mean(axis=1)
     ends = {b: middle - over(1, (b,))[:, 1:].mean(axis=1) for b in (BETAS[0], BETAS[-1])}
@@ -79,14 +79,14 @@ def judge(grid: Grid, ratio: float) -> dict[str, Evidence | None]:
     rises = {name: _moments(values) for name, values in grid.items()}
     return {
         "a beta in the middle is best":
-        every([above(mean_of(found, ratio), 0, of=f"accuracy less that at beta {b}")
-               for b, found in ends.items()]),
+        every([above(mean_of(lead, ratio), 0, of=f"accuracy less that at beta {b}")
+               for b, lead in ends.items()]),
         "a small alpha is higher in the beginning and improves less than the largest":
         every([above(mean_of(small[0] - large[0], ratio), 0, of=f"early, less at {ALPHAS[-1]}"),
                below(mean_of(rise, ratio), 0, of=f"rise less that at {ALPHAS[-1]}")]),
         "accuracy rises from early to late everywhere":
-        every([above(mean_of(own[2] - own[0], ratio), 0, of=f"rise at ({name})")
-               for name, own in rises.items()]),
+        every([above(mean_of(moments[2] - moments[0], ratio), 0, of=f"rise at ({name})")
+               for name, moments in rises.items()]),
     }  # fmt: skip
 
 

@@ -45,7 +45,7 @@ def run(setting: Setting) -> Result:
         matrices = total / total.sum(axis=-1, keepdims=True)
         title = f"published, {name}" if published else f"{name} classifiers"
         source = title if published else name
-        shown[title] = values = [kappa(one) for one in total]
+        shown[title] = values = [kappa(table) for table in total]
         rows += [
             (attribute, source, *matrix.ravel().tolist(), value)
             for attribute, matrix, value in zip(order, matrices, values, strict=True)
@@ -79,11 +79,11 @@ def judge(counts: Counts, order: list[str]) -> Evidence:
     """Judge that kappa falls from attribute to attribute; whole objects are drawn again."""
     parts = []
     for (p, first), (q, second) in pairwise(enumerate(order)):
-        found = bootstrap_interval(
+        lead = bootstrap_interval(
             counts, range(len(counts)), stream(0, "kappa", first, second),
             statistic=lambda x, p=p, q=q: kappa(x[:, p].sum(0)) - kappa(x[:, q].sum(0)),  # type: ignore[misc]
         )  # fmt: skip
-        effect = Effect(found.estimate, found.se, len(counts), method="t, bootstrap over objects")
+        effect = Effect(lead.estimate, lead.se, len(counts), method="t, bootstrap over objects")
         parts.append(above(effect, 0, of=f"kappa of {first} less that of {second}"))
     return every(parts)
 

@@ -22,11 +22,11 @@ def run(setting: Setting) -> Result:
         code = load_domain(f"{name}_published").diagram
         figures[f"_{name}_published"] = transition_diagram(code, title=f"{name}, the code's")
         for n in numbers:
-            printed, found = paper[name].get(str(n)), states_of(domain, n)
-            rows.append((name, n, printed, found))
+            printed, states = paper[name].get(str(n)), states_of(domain, n)
+            rows.append((name, n, printed, states))
             if printed is not None:
                 text = f"{name}: {printed} states at {n} attributes"
-                evidence[text] = constructed(f"our MOMDP has {found}")
+                evidence[text] = constructed(f"our MOMDP has {states}")
         text = f"{name}: behaviors succeed with .95, look always"
         evidence[text] = constructed("the domain table holds the paper's number")
     return Result(

@@ -26,14 +26,14 @@ def run(setting: Setting) -> Result:
     rows: list[tuple[Cell, ...]] = []
     evidence: dict[str, Evidence | None] = {}
     for number, (step, belief) in enumerate(zip(steps, beliefs, strict=True)):
-        printed, found = step.get("belief"), belief.joint.tolist()
+        printed, ours = step.get("belief"), belief.joint.tolist()
         failed = step["behavior"] != "reinit" and "percept" not in step and number > 0
         name = step["behavior"] + (" (failed)" if failed else "")
-        rows.append((name, _vector(printed), _vector(found)))
+        rows.append((name, _vector(printed), _vector(ours)))
         if printed is not None:
             last = number == len(steps) - 1
             rule = "the same to two decimals, by the rates that earlier beliefs gave"
-            same = np.allclose(printed, found, rtol=0.0, atol=0.005 + 1e-9)
+            same = np.allclose(printed, ours, rtol=0.0, atol=0.005 + 1e-9)
             judged = fact(bool(same), rule) if last else constructed(
                 "the prior is a setting" if number == 0 else "the rates were fitted to it"
             )  # fmt: skip

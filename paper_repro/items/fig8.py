@@ -63,8 +63,8 @@ def run(setting: Setting) -> Result:
         for n in numbers:
             evidence[OURS] |= our_lead(dict.fromkeys((RECORDED, OURS), runs[RECORDED][n]), asked(n))
     rows: list[tuple[Cell, ...]] = [
-        (protocol, n, agent, *(mean_effect(one, m) for m in (*MEASURES, "abstained")))
-        for protocol, run in runs.items() for n in numbers for agent, one in run[n].items()
+        (protocol, n, agent, *(mean_effect(trials, m) for m in (*MEASURES, "abstained")))
+        for protocol, run in runs.items() for n in numbers for agent, trials in run[n].items()
     ]  # fmt: skip
     compared = {f"{p}, {asked(n)}": run[n] for n in numbers for p, run in runs.items()}
     told = [f"{name}: " + ", ".join(f"{run[n][AGAINST].reward.mean():.0f}" for n in numbers)
@@ -88,9 +88,9 @@ def run(setting: Setting) -> Result:
 def judge(runs: Mapping[int, Runs]) -> dict[str, Evidence | None]:
     """Judge what the paper says of every number of attributes, and of the costs over them."""
     evidence: dict[str, Evidence | None] = {}
-    for n, own in runs.items():
+    for n, agents in runs.items():
         for measure, word in (("reward", "reward"), ("success", "accuracy")):
-            ahead = {name: difference(own[AGAINST], own[name], measure=measure)
+            ahead = {name: difference(agents[AGAINST], agents[name], measure=measure)
                      for name in BASELINES}  # fmt: skip
             evidence[f"MORC is best in {word} at {asked(n)}"] = best(ahead, of=word)
     return evidence | judge_costs(runs)
@@ -132,6 +132,6 @@ def figure(runs: Mapping[int, Runs], measure: str) -> canvas.Axes:
 
 def _effects(runs: Mapping[str, Mapping[int, Runs]]) -> dict[str, str]:
     rewards = [mean_effect(run[min(run)]["random_legal"], "reward") for run in runs.values()]
-    theirs, ours = (f"{one.estimate:.1f} ± {one.se:.1f}" for one in rewards)
+    theirs, ours = (f"{effect.estimate:.1f} ± {effect.se:.1f}" for effect in rewards)
     return {"21": f"Random Legal's reward on ISPY32, 1 attribute: {theirs}; exploring only, and "
                   f"for 50 s in place of 100 s, on recordings, {ours}"}  # fmt: skip

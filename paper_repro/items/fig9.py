@@ -47,7 +47,7 @@ def run(setting: Setting) -> Result:
         }  # fmt: skip
     evidence: dict[str, dict[str, Evidence | None]] = {THEIRS: {}}
     for kind in (EACH, WHOLE):
-        evidence[THEIRS] |= {f"{text} ({kind})": one for text, one in judge(runs[kind]).items()}
+        evidence[THEIRS] |= {f"{text} ({kind})": entry for text, entry in judge(runs[kind]).items()}
     if RECORDED in setting.protocols:
         runs[RECORDED] = {
             str(k): run_agent(setting, RECORDED, "ispy32", RELEVANT + k, AGAINST, trials)
@@ -57,13 +57,13 @@ def run(setting: Setting) -> Result:
         evidence[RECORDED] = {**judge_shape(runs[RECORDED]),
                               level: constructed("irrelevant attributes never enter")}  # fmt: skip
     rows: list[tuple[Cell, ...]] = [
-        (kind, int(k), 6 * 2 ** (RELEVANT + int(k)) + 1, *(measure(one, m) for m in MEASURES),
-         mean_effect(one, "abstained"))
-        for kind, own in runs.items() for k, one in own.items()
+        (kind, int(k), 6 * 2 ** (RELEVANT + int(k)) + 1, *(measure(trials, m) for m in MEASURES),
+         mean_effect(trials, "abstained"))
+        for kind, points in runs.items() for k, trials in points.items()
     ]  # fmt: skip
     told = []
-    for kind, own in runs.items():
-        first, last = (own[str(numbers[end])] for end in (0, -1))
+    for kind, points in runs.items():
+        first, last = (points[str(numbers[end])] for end in (0, -1))
         told.append(f"{kind}: reward from {first.reward.mean():.0f} to {last.reward.mean():.0f}, "
                     f"{(~last.answered).mean():.0%} given up")  # fmt: skip
     return Result(
@@ -128,7 +128,7 @@ def figure(runs: Mapping[str, Runs], numbers: tuple[int, ...], name: str) -> can
     """Draw a measure over the irrelevant attributes."""
     lines = []
     for kind, run in runs.items():
-        found = [measure(run[str(k)], name) for k in numbers]
-        y, _, low, high = np.array([one.interval() for one in found]).T
+        effects = [measure(run[str(k)], name) for k in numbers]
+        y, _, low, high = np.array([effect.interval() for effect in effects]).T
         lines.append(plots.Series(SHORT.get(kind, kind), np.array(numbers, float), y, low, high))
     return plots.lines(lines, x_label="irrelevant attributes", y_label=LABELS[name])

@@ -61,7 +61,7 @@ def run(setting: Setting) -> Result:
         panel, ratio = {}, 0.0
         for agent in (*PAPERS, OURS[0]):
             curves = run_curves(setting, dataset, n, agent, repeats)
-            last = [np.searchsorted(own, hours, side="right") - 1 for own in curves.hours]
+            last = [np.searchsorted(explored, hours, side="right") - 1 for explored in curves.hours]
             panel[agent] = [tests[b] for tests, b in zip(curves.tests, last, strict=True)]
             ratio = curves.ratio
         outcomes = [tests for splits in panel.values() for tests in splits]
@@ -73,8 +73,8 @@ def run(setting: Setting) -> Result:
         for row in rows:
             if row.attributes and row.agent not in PAPERS:
                 continue
-            own, best = (accuracies(panel[name], row.attributes) for name in (row.agent, BEST))
-            plain = resampled((own - best)[~np.isnan(own - best)], ratio)
+            accuracy, best = (accuracies(panel[name], row.attributes) for name in (row.agent, BEST))
+            plain = resampled((accuracy - best)[~np.isnan(accuracy - best)], ratio)
             figure = "Fig. 11" if row.attributes else "Fig. 10"
             pairs[figure].append((replace(row, attributes=row.attributes or title), plain))
             if row.agent == BASE and not row.attributes:

@@ -87,12 +87,12 @@ def informed_table(setting: Setting, table: PerceptTable) -> str:
     bins, labels = table.training_bins.copy(), table.labels
     fine = table.levels_of(table.log_odds, bins.shape[-1])  # (O,R,E,P)
     known = ~np.isnan(table.log_odds)
-    own = np.stack([((fine == b) & known).sum(axis=1) for b in range(bins.shape[-1])], axis=-1)
+    counts = np.stack([((fine == b) & known).sum(axis=1) for b in range(bins.shape[-1])], axis=-1)
     for o, p in np.ndindex(labels.shape):
         group = table.groups[o]
         alike = np.flatnonzero((labels[:, p] == labels[o, p]) & (table.groups != group))
         if len(alike) and labels[o, p] >= 0:
-            bins[group, alike[o % len(alike)], p] = own[o, :, p]
+            bins[group, alike[o % len(alike)], p] = counts[o, :, p]
     path = setting.logs / "tables" / f"{table.domain.name}_informed.npz"
     path.parent.mkdir(parents=True, exist_ok=True)
     save_percepts(replace(table, training_bins=bins), path)
@@ -109,7 +109,9 @@ def planning_gap(setting: Setting, dataset: str, n: int, trials: int) -> Effect:
     setting.spend(done.paths)
     bounds: dict[tuple[object, ...], float] = {}
     rewards, tops, objects = [], [], []
-    for trial in islice((one for path in done.paths for one in read_trials(path)), config.trials):
+    for trial in islice(
+        (trial for path in done.paths for trial in read_trials(path)), config.trials
+    ):
         key = (trial.task.object_index, trial.task.query.attributes)
         if key not in bounds:
             undiscounted = replace(trial.momdp, discount=1.0)

@@ -33,27 +33,27 @@ def run(setting: Setting) -> Result:
     evidence: dict[str, Evidence | None] = {}
     paper, told = paper_values("table3"), list[str]()
     for matrices, n in product(("train5", "train12"), (2, 3)):
-        own = run_agent(
+        run = run_agent(
             setting, THEIRS, published_roc36(setting, matrices), n, AGENT,
             setting.trials_of(TRIALS["table3"], 2), reward=SIMULATOR_REWARD,
         )  # fmt: skip
-        rows.append((f"Table 3, {matrices}", n, *_measured(own)))
+        rows.append((f"Table 3, {matrices}", n, *_measured(run)))
         printed = paper[str(n)]["morc"]
         if matrices == "train5":
-            told.append(f"{own.success.mean():.3f} at {own.cost.mean():.1f} s ({asked(n)}; printed "
+            told.append(f"{run.success.mean():.3f} at {run.cost.mean():.1f} s ({asked(n)}; printed "
                         f"{printed['accuracy']:.3f} at {printed['cost']:.1f} s)")  # fmt: skip
         for key, name in (("accuracy", "success"), ("cost", "cost")):
             value = printed[key]
             reach = paper["margin"][key] * (value if key == "cost" else 1.0)
             evidence[f"MORC ({matrices}), {asked(n)}: {key} {value:g}"] = within(
-                mean_effect(own, name), value - reach, value + reach, of=key
+                mean_effect(run, name), value - reach, value + reach, of=key
             )
     points = {
         str(k): run_agent(setting, THEIRS, plotted_ispy32(setting, RELEVANT + k), RELEVANT + k,
                           AGENT, setting.trials_of(TRIALS["fig9"], 2))
         for k in setting.choose(IRRELEVANT, (0, 2))
     }  # fmt: skip
-    rows += [("Fig. 9", RELEVANT + int(k), *_measured(own)) for k, own in points.items()]
+    rows += [("Fig. 9", RELEVANT + int(k), *_measured(run)) for k, run in points.items()]
     evidence |= judge(points)
     last = points[str(IRRELEVANT[-1])] if not setting.quick else points["2"]
     return Result(
@@ -72,13 +72,13 @@ def run(setting: Setting) -> Result:
 
 def program_version() -> str:
     """Return the name and digest of `pomdpsol`."""
-    found = shutil.which(os.environ.get("MEAL_BAYES_POMDPSOL") or "pomdpsol")
-    if found is None:
+    program = shutil.which(os.environ.get("MEAL_BAYES_POMDPSOL") or "pomdpsol")
+    if program is None:
         raise DownloadError("no pomdpsol on the PATH or in MEAL_BAYES_POMDPSOL")
-    digest = hashlib.sha256(Path(found).read_bytes()).hexdigest()
+    digest = hashlib.sha256(Path(program).read_bytes()).hexdigest()
     return f"pomdpsol of APPL 0.9 (AdaCompNUS/sarsop), SHA-256 {digest[:12]}"
 
 
-def _measured(own: TrialOutcomes) -> tuple[Cell, ...]:
+def _measured(run: TrialOutcomes) -> tuple[Cell, ...]:
     names = ("success", "cost", "reward", "abstained")
-    return tuple(mean_effect(own, name) for name in names)
+    return tuple(mean_effect(run, name) for name in names)

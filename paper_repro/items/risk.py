@@ -50,6 +50,6 @@ def run(setting: Setting) -> Result:
 def judge(runs: Runs) -> dict[str, Evidence | None]:
     """Judge that a larger reward makes the robot explore more."""
     small, large = (choose(runs, key=float) for choose in (min, max))
-    found = difference(runs[large], runs[small], measure="cost")
+    extra = difference(runs[large], runs[small], measure="cost")
     return {f"with a reward of {large} it explores more than with {small}":
-            above(found, 0, of="extra cost, s")}  # fmt: skip
+            above(extra, 0, of="extra cost, s")}  # fmt: skip

@@ -29,10 +29,10 @@ def run(setting: Setting) -> Result:
     told = []
     for name in ("t1", "t2"):
         printed = paper[name]["cost"]
-        found = cost_of(momdp, [{"behavior": b} for b in paper[name]["behaviors"]])
-        rows.append((f"{name.upper()}: cost, s", f"{printed:.1f}", f"{found:.1f}"))
+        total = cost_of(momdp, [{"behavior": b} for b in paper[name]["behaviors"]])
+        rows.append((f"{name.upper()}: cost, s", f"{printed:.1f}", f"{total:.1f}"))
         evidence[f"{name.upper()} costs {printed} s"] = constructed(
-            f"by the paper's table its behaviors cost {found:.1f} s"
+            f"by the paper's table its behaviors cost {total:.1f} s"
         )
     for trial, (before, after, row) in beliefs.items():
         posterior = np.array(before) * row

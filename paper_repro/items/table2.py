@@ -19,12 +19,12 @@ def run(setting: Setting) -> Result:
         files = {NAMES.get(name, name): (name, number) for name, number in printed.items()}
         for modality in dict.fromkeys([*files, *(m for b, m in sizes if b == behavior)]):
             name, number = files.get(modality, (modality, None))
-            found = sizes.get((behavior, modality))
+            size = sizes.get((behavior, modality))
             rows.append(
-                (behavior, name if name == modality else f"{name} ({modality})", number, found)
+                (behavior, name if name == modality else f"{name} ({modality})", number, size)
             )
             if number is not None:
-                same, listed = same + (found == number), listed + 1
+                same, listed = same + (size == number), listed + 1
     rule = f"read from the files: {same} of {listed}"
     return Result(
         title="Features of ISPY32's contexts",

@@ -56,15 +56,15 @@ def run(setting: Setting) -> Result:
         theirs = run_theirs(setting, n)
         evidence[THEIRS] |= judge_numbers(theirs, n)
         rows += [_printed(n, agent) for agent in ("random", PLUS, AGAINST)]
-        rows += [_row(n, name, "drawn from the matrices", own) for name, own in theirs.items()]
+        rows += [_row(n, name, "drawn from the matrices", run) for name, run in theirs.items()]
         nearest[n] = nearest_setting(theirs, n)
         if RECORDED not in setting.protocols:
             continue
-        own = run_recorded(setting, n)
-        evidence[RECORDED] |= judge_ideas(own, n)
-        evidence[OURS] |= our_lead({RECORDED: own, OURS: own}, asked(n))
-        rows += [_row(n, name, "recorded", one) for name, one in own.items()]
-        compared[asked(n)] = own
+        unseen = run_recorded(setting, n)
+        evidence[RECORDED] |= judge_ideas(unseen, n)
+        evidence[OURS] |= our_lead({RECORDED: unseen, OURS: unseen}, asked(n))
+        rows += [_row(n, name, "recorded", run) for name, run in unseen.items()]
+        compared[asked(n)] = unseen
     return Result(
         title="Cost and accuracy on ROC36; in half of the trials the object is as described",
         sentence=_sentence(theirs_2=nearest[2], theirs_3=nearest[3], recorded=compared),
@@ -110,7 +110,7 @@ def judge_numbers(runs: Runs, n: int) -> dict[str, Evidence | None]:
     """Judge the printed numbers, under the setting that the published simulator has and others."""
     paper, evidence = paper_values("table3"), dict[str, Evidence | None]()
     margin = paper["margin"]
-    for name, own in runs.items():
+    for name, run in runs.items():
         printed = paper[str(n)][_paper_name(name)]
         for measure, key in (("success", "accuracy"), ("cost", "cost")):
             value, text = printed[key], f"{name}, {asked(n)}: {key} {printed[key]:g}"
@@ -118,7 +118,7 @@ def judge_numbers(runs: Runs, n: int) -> dict[str, Evidence | None]:
                 evidence[text] = constructed("chance" if key == "accuracy" else "a sum of costs")
                 continue
             reach = margin[key] * (value if key == "cost" else 1.0)
-            evidence[text] = within(mean_effect(own, measure), value - reach, value + reach, of=key)
+            evidence[text] = within(mean_effect(run, measure), value - reach, value + reach, of=key)
     return evidence
 
 
@@ -141,21 +141,21 @@ def judge_ideas(runs: Runs, n: int) -> dict[str, Evidence | None]:
 def nearest_setting(runs: Runs, n: int) -> dict[str, Any]:
     """Return how far MORC's nearest setting is; .04 of accuracy counts as much as 3 s."""
     printed = paper_values("table3")[str(n)][AGAINST]
-    found = [
+    offsets = [
         {
             "setting": name.removeprefix(f"{AGAINST} "),
-            "accuracy": float(own.success.mean()) - printed["accuracy"],
-            "cost": float(own.cost.mean()) - printed["cost"],
+            "accuracy": float(run.success.mean()) - printed["accuracy"],
+            "cost": float(run.cost.mean()) - printed["cost"],
         }
-        for name, own in runs.items()
+        for name, run in runs.items()
         if name.startswith(AGAINST)
     ]
-    return min(found, key=lambda one: abs(one["accuracy"]) / 0.04 + abs(one["cost"]) / 3.0)
+    return min(offsets, key=lambda d: abs(d["accuracy"]) / 0.04 + abs(d["cost"]) / 3.0)
 
 
 def _paper_name(name: str) -> str:
     """Return the paper's name of a strategy, of a name with its setting."""
-    return next(one for one in ("random", PLUS, AGAINST) if name.startswith(one))
+    return next(agent for agent in ("random", PLUS, AGAINST) if name.startswith(agent))
 
 
 def _printed(n: int, agent: str) -> tuple[Cell, ...]:
@@ -163,26 +163,26 @@ def _printed(n: int, agent: str) -> tuple[Cell, ...]:
     return n, agent, "the paper", printed["accuracy"], printed["cost"], printed["sd"]
 
 
-def _row(n: int, name: str, percepts: str, own: TrialOutcomes) -> tuple[Cell, ...]:
-    spread = float(own.cost.std(ddof=1)) if len(own) > 1 else None
-    return n, name, percepts, mean_effect(own, "success"), mean_effect(own, "cost"), spread
+def _row(n: int, name: str, percepts: str, run: TrialOutcomes) -> tuple[Cell, ...]:
+    spread = float(run.cost.std(ddof=1)) if len(run) > 1 else None
+    return n, name, percepts, mean_effect(run, "success"), mean_effect(run, "cost"), spread
 
 
 def _sentence(*, theirs_2: dict[str, Any], theirs_3: dict[str, Any], recorded: Any) -> str:
     paper = paper_values("table3")
     told = [
         f"the nearest of four settings to MORC's printed {paper[str(n)][AGAINST]['accuracy']:.3f} "
-        f"at {paper[str(n)][AGAINST]['cost']:.1f} s ({asked(n)}) {one['setting']} is "
-        f"{one['accuracy']:+.3f} and {one['cost']:+.1f} s away"
-        for n, one in ((2, theirs_2), (3, theirs_3))
+        f"at {paper[str(n)][AGAINST]['cost']:.1f} s ({asked(n)}) {nearest['setting']} is "
+        f"{nearest['accuracy']:+.3f} and {nearest['cost']:+.1f} s away"
+        for n, nearest in ((2, theirs_2), (3, theirs_3))
     ]
-    for name, own in recorded.items():
-        told.append(f"on recordings it has {own[AGAINST].success.mean():.3f} ({name}) at "
-                    f"{own[AGAINST].cost.mean():.1f} s")  # fmt: skip
+    for name, runs in recorded.items():
+        told.append(f"on recordings it has {runs[AGAINST].success.mean():.3f} ({name}) at "
+                    f"{runs[AGAINST].cost.mean():.1f} s")  # fmt: skip
     return "By the published matrices, " + "; ".join(told) + "."
 
 
 def _effects(setting: Setting, compared: dict[str, Runs]) -> dict[str, str]:
-    own = mean_effect(compared[asked(2)]["random"], "cost")
-    return {"20": f"Random on ROC36, 2 attributes, among legal behaviors alone: {own.estimate:.1f} "
-                  f"± {own.se:.1f} s; the paper prints 17.6 s"}  # fmt: skip
+    cost = mean_effect(compared[asked(2)]["random"], "cost")
+    return {"20": "Random on ROC36, 2 attributes, among legal behaviors alone: "
+                  f"{cost.estimate:.1f} ± {cost.se:.1f} s; the paper prints 17.6 s"}  # fmt: skip

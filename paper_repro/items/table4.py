@@ -32,28 +32,28 @@ Traits = Mapping[str, NDArray[np.float64]]  # (S,) by trait
 def run(setting: Setting) -> Result:
     """Read tables, experience and choices off the training trials of Fig. 10's runs."""
     paper, repeats = paper_values("table4"), setting.repeats_of(REPEATS)
-    found: dict[str, Traits] = {}
+    traits: dict[str, Traits] = {}
     ratios: dict[str, float] = {}
     evidence: dict[str, Mapping[str, Evidence | None]] = {}
     for protocol in setting.protocols[:2]:
         curves = run_curves(setting, "cy101", 1, BEST, repeats, protocol)
-        found[protocol] = traits_of(curves.training, DELTA[protocol])
+        traits[protocol] = traits_of(curves.training, DELTA[protocol])
         ratios[protocol] = curves.ratio
-        evidence[protocol] = judge(found[protocol], curves.ratio)
+        evidence[protocol] = judge(traits[protocol], curves.ratio)
     rows: list[tuple[Cell, ...]] = []
     for when in ("early", "late"):
         for truth, name in enumerate((f"not {ATTRIBUTE}", ATTRIBUTE)):
-            cells = [mean_of(one[f"{when} {truth}"], ratios[protocol], fraction=True)
-                     for protocol, one in found.items()]  # fmt: skip
+            cells = [mean_of(entry[f"{when} {truth}"], ratios[protocol], fraction=True)
+                     for protocol, entry in traits.items()]  # fmt: skip
             rows.append((f"{when}, {name}", paper[when][truth][1], *cells))
     told = [
-        f"{protocol}: {np.nanmean(youden(one, 'early')):.2f} early and "
-        f"{np.nanmean(youden(one, 'late')):.2f} late" for protocol, one in found.items()
+        f"{protocol}: {np.nanmean(youden(entry, 'early')):.2f} early and "
+        f"{np.nanmean(youden(entry, 'late')):.2f} late" for protocol, entry in traits.items()
     ]  # fmt: skip
     return Result(
         title="Observation model of (press, SOFT) on CY101, early and late",
         sentence=f"TPR - FPR of press, printed .18 and .63, is {'; '.join(told)}.",
-        tables=(Table("press, SOFT", ("truth", "Pr(percept soft): paper", *found), tuple(rows)),),
+        tables=(Table("press, SOFT", ("truth", "Pr(percept soft): paper", *traits), tuple(rows)),),
         evidence=evidence,
         size=f"{repeats} repeats.",
         notes=(NOTE,),
@@ -111,7 +111,7 @@ def traits_of(training: tuple[tuple[Path, ...], ...], delta: int) -> Traits:
 
 def _read(log: Path) -> dict[str, float]:
     """Read the first MOMDP that asks for SOFT, and how many such trials press."""
-    found: dict[str, float] = {}
+    rates: dict[str, float] = {}
     presses = []
     for trial in read_trials(log):
         momdp = trial.momdp
@@ -120,15 +120,15 @@ def _read(log: Path) -> dict[str, float]:
         p = momdp.query.attributes.index(ATTRIBUTE)
         press, grasp = (momdp.behavior_names.index(name) for name in (PRESS, GRASP))
         presses.append(any(step.decision.action == press for step in trial.steps))
-        if not found and trial.counts is not None:
+        if not rates and trial.counts is not None:
             rows = momdp.rows[p]
-            found = {
+            rates = {
                 "0": float(rows[press, 0, 1]),
                 "1": float(rows[press, 1, 1]),
                 "grasp": float(rows[grasp, 1, 1] - rows[grasp, 0, 1]),
                 "count": float(trial.counts[p, grasp].sum()),
             }
-    return found | ({"presses": float(np.mean(presses))} if presses else {})
+    return rates | ({"presses": float(np.mean(presses))} if presses else {})
 
 
 def _youden(rows: list[list[float]]) -> float:

@@ -20,12 +20,12 @@ def run(setting: Setting) -> Result:
     paper = paper_values("table5")
     momdp = momdp_of("cy101", paper["fitted"])
     beliefs = replay(momdp, paper["steps"])
-    found = [float(belief.positive[0]) for belief in beliefs[1:]]
+    positive = [float(belief.positive[0]) for belief in beliefs[1:]]
     printed = [step["belief"] for step in paper["steps"]]
     report = momdp.action_name(best_report(momdp, beliefs[-1])).removeprefix("report ")
     rows = [
         (step["behavior"], "yes" if step["percept"][0] else "no", step["belief"], value)
-        for step, value in zip(paper["steps"], found, strict=True)
+        for step, value in zip(paper["steps"], positive, strict=True)
     ]
     low, high = predicted(printed[2], printed[3], printed[4])
     evidence: dict[str, Evidence | None] = {
@@ -48,7 +48,7 @@ def run(setting: Setting) -> Result:
     return Result(
         title="Demonstration trial, a pill bottle half full of beans, EMPTY?",
         sentence=f"The sixth belief, printed {printed[5]:.2f}, follows from the others: "
-        f"{found[5]:.2f}, and the report is {report}.",
+        f"{positive[5]:.2f}, and the report is {report}.",
         tables=(Table(title, ("behavior", "percept", "paper", "ours"), tuple(rows)),),
         evidence={THEIRS: evidence},
         notes=(NOTE.format(low=low, high=high, cost=cost_of(momdp, paper["steps"])),),

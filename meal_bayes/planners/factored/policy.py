@@ -283,14 +283,14 @@ class _ValueIteration:
         step, bonus = self.problem.dynamics.step, self.momdp.bonus.max(axis=2).sum(axis=0)
         best = max(self.momdp.correct, self.problem.dynamics.exit_value)
         pay = (bonus * step["bonus_scale"] - step["cost"])[step["legal"]]
-        kept = 1 - step["discount"][step["legal"]]
-        lasting = kept > 0
+        leak = 1 - step["discount"][step["legal"]]
+        lasting = leak > 0
         if (pay[~lasting] > 0).any():
             raise SettingsError(
                 "Undiscounted, behaviors that are shaped to pay more than they cost promise "
                 "without end; plan with a discount below 1, or with POMCP."
             )
-        return float(max(best, (pay[lasting] / kept[lasting]).max(initial=-np.inf)))
+        return float(max(best, (pay[lasting] / leak[lasting]).max(initial=-np.inf)))
 
     def _finer(self, grid: _Grid, attributes: Sequence[int], points: int) -> _Grid | None:
         """Divide the steps of some axes by two; None if the grid would have too many points."""

@@ -107,29 +107,29 @@ def _right(log_r, rate, seconds, chance, b):
 
 
 @kernel
-def _next_percept(ways, here, growth, chance, b):
+def _next_percept(ways, x, growth, chance, b):
     """Choose the percepts that add most log Pr(right) a second -> behavior (-1 = none), number."""
     bhattacharyya, counts = growth.bhattacharyya, growth.counts
     log_r, rate = growth.log_r, growth.rate
     best, best_e, best_k, n = 1e-12, -1, 1, counts.shape[0]
     right = _right(log_r[0], rate, 0.0, chance, b)
     for e in range(n):
-        if ways.hop[here, e] < 0:
+        if ways.hop[x, e] < 0:
             continue
-        end, k, last = ways.end[here, e], 1, 0.0
+        end, k, last = ways.end[x, e], 1, 0.0
         while True:
             if counts[e] + k > growth.limit[e]:
                 break
             for i in range(log_r.shape[1]):
                 log_r[1, i] = log_r[0, i]
                 for o in range(n):
-                    more = ways.observation_counts[here, e, o]
+                    more = ways.observation_counts[x, e, o]
                     if more > 0 or o == e:
                         more += k - 1 if o == e else 0
                         log_r[1, i] += _log_affinity(bhattacharyya, i, o, counts[o] + more)
                         log_r[1, i] -= _log_affinity(bhattacharyya, i, o, counts[o])
             # ln Pr(right | k more) - ln Pr(right), a second
-            price = ways.cost[here, e] + (k - 1) * ways.cost[end, e] + 1e-6
+            price = ways.cost[x, e] + (k - 1) * ways.cost[end, e] + 1e-6
             gain = np.log(_right(log_r[1], rate, 0.0, chance, b) / right) / price
             if gain > best:
                 best, best_e, best_k = gain, e, k
@@ -175,17 +175,17 @@ def grow_plans(ways, growth, chance, out, ends):
             informs = informs or bhattacharyya[i, e, 1] < 0.0
         if not informs or growth.limit[e] < 1.0 or ways.hop[x, e] < 0:
             continue
-        here, filled, k, goal, cost, scale = x, 0, 1, e, 0.0, 1.0
+        state, filled, k, goal, cost, scale = x, 0, 1, e, 0.0, 1.0
         best = growth.incorrect + gap * _right(log_r, rate, 0.0, chance, b)
         while goal >= 0 and filled < length:
             for _ in range(k):
-                cost += scale * ways.cost[here, goal]
-                scale *= ways.discount[here, goal]
+                cost += scale * ways.cost[state, goal]
+                scale *= ways.discount[state, goal]
                 arrived = False
                 while not arrived and filled < length:
-                    a = ways.hop[here, goal]
-                    arrived = a == goal and ways.senses[here, a]
-                    if ways.senses[here, a]:
+                    a = ways.hop[state, goal]
+                    arrived = a == goal and ways.senses[state, a]
+                    if ways.senses[state, a]:
                         for i in range(log_r.shape[0]):
                             log_r[i] += _log_affinity(bhattacharyya, i, a, counts[a] + 1)
                             log_r[i] -= _log_affinity(bhattacharyya, i, a, counts[a])
@@ -193,12 +193,12 @@ def grow_plans(ways, growth, chance, out, ends):
                     out[x, b, e, filled] = a
                     ends[x, b, e, filled] = arrived
                     filled += 1
-                    here = ways.target[here, a]
+                    state = ways.target[state, a]
             base, reward = scale * growth.incorrect - cost, scale * gap
             best = max(best, base + reward * _right(log_r, rate, 0.0, chance, b))
             spare = base + reward - best
             if spare <= 0.0 or _best_ahead(growth, chance, b, base, reward, spare) <= best:
                 break
-            goal, k = _next_percept(ways, here, growth, chance, b)
+            goal, k = _next_percept(ways, state, growth, chance, b)
         longest = max(longest, filled)
     return longest

@@ -63,12 +63,12 @@ class Diagram:
             goals = np.flatnonzero(self.ways.hop[x] >= 0).tolist()
             for e, k, f, more in itertools.product(goals, (1, 2), goals, (0, 1, 2)):
                 path: tuple[int, ...] = ()
-                here = x
+                state = x
                 for goal in [e] * k + [f] * more:
-                    if self.ways.hop[here, goal] < 0:
+                    if self.ways.hop[state, goal] < 0:
                         break  # there is no way back
-                    path = (*path, *self.ways.path(here, goal))
-                    here = int(self.ways.end[here, goal])
+                    path = (*path, *self.ways.path(state, goal))
+                    state = int(self.ways.end[state, goal])
                 paths.add((x, path[:_LENGTH]))
         start, rows = zip(*sorted(paths), strict=True)
         every = np.array([*itertools.zip_longest(*rows, fillvalue=-1)]).T
@@ -140,7 +140,7 @@ def _tilted(problem: Compiled, prior: Floats, spread: Floats) -> Floats:
     false, true = problem.percepts.truth.transpose(1, 0, 2)  # (N,C)
 
     def log_odds(beliefs: Floats) -> Floats:
-        yes, no = ((beliefs * given).sum(axis=-1).clip(1e-300) for given in (true, false))
+        yes, no = ((beliefs * likelihood).sum(axis=-1).clip(1e-300) for likelihood in (true, false))
         return np.asarray(np.log(yes / no))
 
     wanted, beliefs = log_odds(prior) + spread, prior[None]
@@ -215,17 +215,17 @@ def _promising(
     peak, action = value.max(axis=0), candidates.plan["action"]
     order = np.lexsort((-peak, action, candidates.x))
     group = candidates.x[order] * counts.shape[1] + action[order]
-    kept = np.zeros(len(peak), np.bool_)
-    kept[order[np.arange(len(group)) - np.searchsorted(group, group) < _BEGUN]] = True
+    chosen = np.zeros(len(peak), np.bool_)
+    chosen[order[np.arange(len(group)) - np.searchsorted(group, group) < _BEGUN]] = True
     most = _CANDIDATES * min(len(bhattacharyya), _MANY)
     first = np.searchsorted(candidates.x, np.arange(problem.dynamics.step.shape[0] + 1))
     for start, end in itertools.pairwise(first.tolist()):
         if end - start > most:
             best = np.argpartition(-value[:, start:end], most, axis=1)[:, :most]
-            kept[start + best] = True
+            chosen[start + best] = True
         else:
-            kept[start:end] = True
-    return np.flatnonzero(kept)
+            chosen[start:end] = True
+    return np.flatnonzero(chosen)
 
 
 def _distinct(rows: Ints) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
@@ -270,13 +270,13 @@ def _tours(problem: Compiled, diagram: Diagram) -> Candidates:
     start, paths = [], []
     for x, first in np.argwhere(ways.hop >= 0).tolist():
         path: tuple[int, ...] = ()
-        here, goal, left = x, first, np.ones(len(pay), np.bool_)
+        state, goal, left = x, first, np.ones(len(pay), np.bool_)
         while goal >= 0 and len(path) < _LENGTH:
-            path = (*path, *ways.path(here, goal))
-            here = int(ways.end[here, goal])
+            path = (*path, *ways.path(state, goal))
+            state = int(ways.end[state, goal])
             left[list(path)] = False
-            gain = (ways.observation_counts[here] > 0) @ (pay * left) - ways.cost[here]
-            gain = np.where(left & (ways.hop[here] >= 0), gain, -np.inf)
+            gain = (ways.observation_counts[state] > 0) @ (pay * left) - ways.cost[state]
+            gain = np.where(left & (ways.hop[state] >= 0), gain, -np.inf)
             goal = int(gain.argmax()) if gain.max() > 0 else -1
         start.append(x)
         paths.append((*path, *(-1,) * _LENGTH)[:_LENGTH])
@@ -296,13 +296,13 @@ def _with_remainders(diagram: Diagram, plans: Candidates) -> Candidates:
     """Add what is left of plans after each of their steps."""
     start, paths, ways = [], [], diagram.ways
     for x, path in zip(plans.x.tolist(), plans.path.tolist(), strict=True):
-        here = x
+        state = x
         for k, a in enumerate(path):
             if a < 0:
                 break
-            start.append(here)
+            start.append(state)
             paths.append(path[k:] + [-1] * k)
-            here = int(ways.target[here, a])
+            state = int(ways.target[state, a])
     path = np.array(paths)
     path = path[:, : int((path >= 0).sum(axis=1).max())]
     return _summed_up(diagram, np.array(start), path, _last(path))

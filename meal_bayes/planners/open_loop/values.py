@@ -96,19 +96,19 @@ def _threshold_error(table, t, g, prob, i):
 def _table_error(model, table, t, prob, i, scratch):
     """Return the error at the best threshold; if class is not truth, near the last one found."""
     g, thresholds = scratch.threshold[i], table.shape[1]
-    here, above = _threshold_error(table, t, g, prob, i), _threshold_error(table, t, g + 1, prob, i)
+    risk, above = _threshold_error(table, t, g, prob, i), _threshold_error(table, t, g + 1, prob, i)
     if not model.percepts.class_is_truth:  # else the best rule is next to the log-odds
-        step = 1 if above < here else -1
-        if above < here:
-            here, g = above, g + 1
+        step = 1 if above < risk else -1
+        if above < risk:
+            risk, g = above, g + 1
         while 0 <= g + step < thresholds:
             above = _threshold_error(table, t, g + step, prob, i)
-            if above >= here:
+            if above >= risk:
                 break
-            here, g = above, g + step
+            risk, g = above, g + step
         scratch.threshold[i] = min(g, thresholds - 2)
-        above = here
-    return min(here, above, scratch.chance[i], 1.0 - scratch.chance[i])
+        above = risk
+    return min(risk, above, scratch.chance[i], 1.0 - scratch.chance[i])
 
 
 @kernel

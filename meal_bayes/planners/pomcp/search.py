@@ -229,22 +229,22 @@ def _execute(model, scratch, tree, sampled, node, a, rng):
         u, k = u - branch.p, k + 1
     level = tree.level[tree.size[0]]  # of a node that is free
     draw_percept(percepts, sampled, a, level, rng)
-    found, here = edge.first, 0
+    successor, siblings = edge.first, 0
     for child in range(edge.first, edge.first + edge.count):
         if tree.node[child].branch != k:
             continue
-        here += 1
+        siblings += 1
         same = True
         for i in range(level.shape[0]):
             apart = percepts.informative[i, a] and tree.level[child, i] >= 0
             same = same and not (apart and tree.level[child, i] != level[i])
         if same:
-            found = child
+            successor = child
             break
-        if rng.random() * here < 1.0:
-            found = child
-    _count_percept(scratch, tree.level[found], a, 1.0)
-    return found
+        if rng.random() * siblings < 1.0:
+            successor = child
+    _count_percept(scratch, tree.level[successor], a, 1.0)
+    return successor
 
 
 @kernel
