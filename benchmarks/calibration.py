@@ -119,14 +119,14 @@ def evidence(recordings: int) -> dict[str, list[NDArray[np.int64]]]:
     Runs of k go round in a ring, so that all recordings are in equally many: were the fifth of
     five left out for k = 2, it would be missed or spared there alone.
     """
-    found = {}
+    choices = {}
     for k in (1, 2, 5, 10):
         if k <= recordings:
             starts = range(recordings if k < recordings else 1)
-            found[f"k={k}"] = [(np.arange(k) + start) % recordings for start in starts]
-    found["all_once"] = [np.array([r]) for r in range(recordings)]
-    found["all"] = [np.arange(recordings)]
-    return found
+            choices[f"k={k}"] = [(np.arange(k) + start) % recordings for start in starts]
+    choices["all_once"] = [np.array([r]) for r in range(recordings)]
+    choices["all"] = [np.arange(recordings)]
+    return choices
 
 
 def measure(name: str) -> tuple[list[dict[str, Any]], float]:

@@ -132,7 +132,7 @@ def main() -> None:
                                  "success"), RATIO)
                 for k in range(FAMILY)
             ]  # fmt: skip
-            levels = np.array([min(level_above(one, 0), level_below(one, 0)) for one in effects])
+            levels = np.array([min(level_above(gap, 0), level_below(gap, 0)) for gap in effects])
             false.append(bool((levels <= holm(levels)).any()))
         rows.append(_row(f"any of {FAMILY} is decided where nothing differs", world,
                          f"corrected t, ratio {RATIO:g}", false))  # fmt: skip

@@ -41,8 +41,8 @@ def measure(table: PerceptTable, group: str, agent: str) -> dict[str, Any]:
         }
         coupled = trials[asked]
         gains.append((coupled.reward, trials[Query(members)].reward))
-        own = table.labels[o, table.domain.columns(members)].argmax()
-        for i in (own, (own + 1) % len(members)):  # true, and false
+        value = table.labels[o, table.domain.columns(members)].argmax()
+        for i in (value, (value + 1) % len(members)):  # true, and false
             right = coupled.report is not None and coupled.report[i] == coupled.truth[i]
             paid = 0.0 if coupled.report is None else table.domain.report_reward * (2 * right - 1)
             single.append((paid - coupled.cost, trials[Query((members[i],))].reward))

@@ -72,21 +72,21 @@ def _learned(dataset: str, asked: Sequence[str]) -> MOMDP:
     posterior = knowledge_without(table, 0, object_level=False).posterior
     confusion, precision = posterior.select(columns, exact=True)
     domain, query = _unasked(table.domain), Query(tuple(asked))
-    kept = [table.domain.behavior_names.index(name) for name in domain.behavior_names]
+    behaviors = [table.domain.behavior_names.index(name) for name in domain.behavior_names]
     return build_momdp(
-        domain, query, confusion[:, kept], precision[:, kept],
+        domain, query, confusion[:, behaviors], precision[:, behaviors],
         objective=Objective(correct=500, incorrect=-500, abstain=True),
     )  # fmt: skip
 
 
 def _unasked(domain: Domain) -> Domain:
     """Leave out behaviors that answer for themselves: one settles any additive query at once."""
-    kept = tuple(behavior for behavior in domain.behaviors if behavior.answer_accuracy is None)
-    names = {behavior.name for behavior in kept}
+    behaviors = tuple(behavior for behavior in domain.behaviors if behavior.answer_accuracy is None)
+    names = {behavior.name for behavior in behaviors}
     effects = tuple(effect for effect in domain.diagram.effects if effect.behavior in names)
     diagram = replace(domain.diagram, effects=effects)
     sequence = tuple(name for name in domain.predefined if name in names)
-    return replace(domain, behaviors=kept, diagram=diagram, predefined=sequence)
+    return replace(domain, behaviors=behaviors, diagram=diagram, predefined=sequence)
 
 
 def _large_query(n: int) -> tuple[str, ...]:

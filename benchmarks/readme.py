@@ -115,16 +115,16 @@ def content(name: str) -> str:
         keep({BELIEFS: rows})
         return beliefs_table(rows)
     runs = RUNS if name == "results" else (PAPER_RUN,)
-    found = {one.command: json.loads(run(one.command))["rows"] for one in runs}
-    keep(found)
-    return "\n\n".join(table_of(one, found[one.command]) for one in runs)
+    tables = {entry.command: json.loads(run(entry.command))["rows"] for entry in runs}
+    keep(tables)
+    return "\n\n".join(table_of(entry, tables[entry.command]) for entry in runs)
 
 
-def keep(found: Mapping[str, list[dict[str, Any]]]) -> None:
+def keep(tables: Mapping[str, list[dict[str, Any]]]) -> None:
     """Write down the rows of some tables, beside those of the others that the README shows."""
-    shown = {*(one.command for one in (*RUNS, PAPER_RUN)), BELIEFS, ONLINE}
-    kept = {command: rows for command, rows in measured().items() if command in shown}
-    MEASURED.write_text(json.dumps({**kept, **found}, indent=1) + "\n", encoding="utf-8")
+    shown = {*(entry.command for entry in (*RUNS, PAPER_RUN)), BELIEFS, ONLINE}
+    others = {command: rows for command, rows in measured().items() if command in shown}
+    MEASURED.write_text(json.dumps({**others, **tables}, indent=1) + "\n", encoding="utf-8")
 
 
 def measured() -> dict[str, list[dict[str, Any]]]:
@@ -149,10 +149,10 @@ def check_demo() -> int:
 
 def block(text: str, name: str) -> str:
     """Find what stands between `<!-- name -->` and `<!-- /name -->`."""
-    found = re.findall(rf"<!-- {name} -->\n(.*?)<!-- /{name} -->", text, re.DOTALL)
-    if len(found) != 1:
-        raise SystemExit(f"The page has {len(found)} blocks <!-- {name} -->; expected one.")
-    return str(found[0])
+    blocks = re.findall(rf"<!-- {name} -->\n(.*?)<!-- /{name} -->", text, re.DOTALL)
+    if len(blocks) != 1:
+        raise SystemExit(f"The page has {len(blocks)} blocks <!-- {name} -->; expected one.")
+    return str(blocks[0])
 
 
 def replaced(text: str, name: str, new: str) -> str:
@@ -197,23 +197,23 @@ def online_block(summary: list[dict[str, Any]]) -> str:
     return "\n".join(lines)
 
 
-def summary_table(kept: Mapping[str, list[dict[str, Any]]]) -> str:
+def summary_table(tables: Mapping[str, list[dict[str, Any]]]) -> str:
     """Make the one table of the README: what three agents reach, and below it the commands."""
     head = ["question", *(f"`{agent}`: accuracy, cost, reward" for agent in SUMMARIZED)]
     lines = [_row(head), _row(["---", *["--:"] * len(SUMMARIZED)])]
-    for one in RUNS:
-        rows = {row["agent"]: row for row in kept[one.command]}
-        cells = [one.title]
+    for entry in RUNS:
+        rows = {row["agent"]: row for row in tables[entry.command]}
+        cells = [entry.title]
         for row in (rows[agent] for agent in SUMMARIZED):
             _, accuracy, _, reward, *_ = _cells(row)
             cells.append(f"{accuracy}, {_number(row['cost_s'], 1)} s, {reward}")
         lines.append(_row(cells))
-    return "\n".join([*lines, "", "```sh", *(one.command for one in RUNS), "```"])
+    return "\n".join([*lines, "", "```sh", *(entry.command for entry in RUNS), "```"])
 
 
 def beliefs_table(rows: list[dict[str, Any]]) -> str:
     """Make the table of beliefs by the paper's observation model and by ours."""
-    found = {(row["evidence"], row["dataset"], row["observation_model"]): row for row in rows}
+    beliefs = {(row["evidence"], row["dataset"], row["observation_model"]): row for row in rows}
     columns = [(name, model) for name in ("roc36", "ispy32", "cy101") for model in BELIEVED]
     head = ["belief after", *(f"{name.upper()}, {BELIEVED[model]}" for name, model in columns)]
     lines = [f"Of `{BELIEFS}`, NLL and (ECE):", "", _row(head)]
@@ -221,7 +221,7 @@ def beliefs_table(rows: list[dict[str, Any]]) -> str:
     for evidence, words in EVIDENCE.items():
         cells = [words]
         for column in columns:
-            row = found.get((evidence, *column))
+            row = beliefs.get((evidence, *column))
             cells.append(f"{row['nll']:.3f} ({row['ece']:.3f})" if row else _number(None, 3))
         lines.append(_row(cells))
     return "\n".join(lines)

@@ -115,9 +115,9 @@ def closed(settings: argparse.Namespace) -> Iterator[Row]:
         for levels in (2, 4):
             prior = leaning(levels, 4.0, 4, behaviors)
             made = simulate(rng, prior, objects=20, recordings=5)
-            found = draw_grid(made.counts, rng, **names(4, behaviors), prior=prior, chains=1,
+            sample = draw_grid(made.counts, rng, **names(4, behaviors), prior=prior, chains=1,
                               draws=499)  # fmt: skip
-            mean, s, _ = rows_of(found)
+            mean, s, _ = rows_of(sample)
             kind = {2: "grid, exact"}.get(levels, f"grid, {levels} levels")
             yield judged(kind, "m", yes(made.mean)[0], yes(mean)[:, 0], rng)
             yield judged(kind, "s", made.dispersion[0], s[:, 0], rng)
@@ -140,11 +140,11 @@ def same(settings: argparse.Namespace) -> Iterator[Row]:
         rng, start = stream(settings.seed, "sbc", "same", levels), time.perf_counter()
         prior = leaning(levels, 4.0, 3, behaviors)
         made = simulate(rng, prior, objects=20, recordings=5)
-        found, of_chains = fit_hierarchical(
+        sample, of_chains = fit_hierarchical(
             made.counts, **names(3, behaviors), prior=prior,
             sampling=Sampling(500, 500, 2, seed=settings.seed),
         )  # fmt: skip
-        mean, s, _ = rows_of(found)
+        mean, s, _ = rows_of(sample)
         lost = int(of_chains["diverging"].sum())
         extra = {"divergences": lost, "seconds": round(time.perf_counter() - start)}
         kind = f"NUTS same, {levels} levels"
@@ -161,10 +161,10 @@ def fit_crossed(work: tuple[int, np.ndarray]) -> Fit:
     from meal_bayes.posterior.hierarchical import Sampling, fit_hierarchical  # noqa: PLC0415
 
     number, counts = work
-    found, of_chains = fit_hierarchical(
+    sample, of_chains = fit_hierarchical(
         counts, **PAIRS, model="crossed", sampling=Sampling(250, 400, 2, cores=1, seed=number)
     )
-    mean, s, epsilon = rows_of(found)
+    mean, s, epsilon = rows_of(sample)
     return number, int(of_chains["diverging"].sum()), (yes(mean), s, epsilon)
 
 
@@ -191,8 +191,8 @@ def crossed(settings: argparse.Namespace) -> Iterator[Row]:
         if not len(fits) % 10:
             passed = time.perf_counter() - start
             print(f"{len(fits)}/{settings.fits} fits, {passed:.0f} s", file=sys.stderr, flush=True)
-    _, lost, kept = zip(*sorted(fits, key=lambda fit: fit[0]), strict=True)
-    drawn = [np.stack(values, axis=1) for values in zip(*kept, strict=True)]  # (L,200,...)
+    _, lost, samples = zip(*sorted(fits, key=lambda fit: fit[0]), strict=True)
+    drawn = [np.stack(values, axis=1) for values in zip(*samples, strict=True)]  # (L,200,...)
     extra = {"divergences": sum(lost), "seconds": round(time.perf_counter() - start)}
     pair = (0, 0, 1)
     for of, true, values in (
@@ -229,10 +229,10 @@ def agree(settings: argparse.Namespace) -> Iterator[Row]:
         nuts, of_chains = fit_hierarchical(counts, **named, sampling=sampling)
         exact = draw_grid(counts, stream(settings.seed, "agree"), **named, draws=20_000)
         votes = youden(counts.sum(axis=0).astype(float)) > 0  # the others' s are free in NUTS
-        first, second = (yes(rows_of(found)[0])[:, votes] for found in (nuts, exact))
+        first, second = (yes(rows_of(sample)[0])[:, votes] for sample in (nuts, exact))
         ratio = first.std(axis=0) / second.std(axis=0)
         error = np.hypot(spread_error(first), spread_error(second))
-        s = [1 / (1 + rows_of(found)[1][:, votes]) for found in (nuts, exact)]
+        s = [1 / (1 + rows_of(sample)[1][:, votes]) for sample in (nuts, exact)]
         told = convergence(summary_of(to_idata(nuts)))
         yield {
             "posterior": "NUTS same",

@@ -72,7 +72,7 @@ def answers_about(
         free = replace(data.domain, groups={})
         data = replace(data, domain=free, labels=labels.astype(np.int8))
     learner = Learner(data.domain, agent=agent, seed=seed, logs=None).fit(data)
-    found = []
+    answers = []
     for number in numbers:
         rng = stream(seed, "asked attributes", number)
         for attribute in rng.permutation(learner.domain.attributes)[:asked].tolist():
@@ -84,46 +84,46 @@ def answers_about(
             right = trial.report is not None and bool(trial.report[0]) == truth
             positive = float(trial.last_belief.positive[0])
             answer = (number, attribute, right, trial.cost, trial.reward, positive, truth, cpu)
-            found.append(Answer(*answer))
-    return found
+            answers.append(Answer(*answer))
+    return answers
 
 
 def ask_all(objects: int, jobs: int, **how: Any) -> list[Answer]:
     """Ask about all new objects, in processes, each with a learner of its own."""
     pieces = [range(start, objects, jobs) for start in range(jobs)]
-    found = list(in_parallel(partial(answers_about, **how), pieces, jobs=jobs))
-    return sorted((one for each in found for one in each), key=lambda one: one[:2])
+    parts = list(in_parallel(partial(answers_about, **how), pieces, jobs=jobs))
+    return sorted((answer for part in parts for answer in part), key=lambda answer: answer[:2])
 
 
 def summary(answers: Sequence[Answer]) -> dict[str, float]:
     """Sum up the answers of one agent."""
-    right = np.array([one.success for one in answers], float)
-    objects = np.array([one.number for one in answers])
-    belief = np.array([one.positive for one in answers])
-    truth = np.array([one.truth for one in answers])
+    right = np.array([answer.success for answer in answers], float)
+    objects = np.array([answer.number for answer in answers])
+    belief = np.array([answer.positive for answer in answers])
+    truth = np.array([answer.truth for answer in answers])
     return {
         "trials": len(answers),
         "accuracy": float(right.mean()),
         "accuracy_se": clustered(right, objects).se,
-        "cost_s": float(np.mean([one.cost for one in answers])),
-        "reward": float(np.mean([one.reward for one in answers])),
+        "cost_s": float(np.mean([answer.cost for answer in answers])),
+        "reward": float(np.mean([answer.reward for answer in answers])),
         "ece": calibration_error(belief, truth),
         "ece_if_calibrated": expected_calibration_error(belief, stream(0, "ece")),
-        "cpu_s": float(np.mean([one.cpu for one in answers])),
+        "cpu_s": float(np.mean([answer.cpu for answer in answers])),
     }
 
 
 def answers(options: argparse.Namespace) -> dict[str, Any]:
     """Compare agents on new objects, pair by pair."""
     how = {"seed": options.seed, "asked": options.asked}
-    found = {agent: ask_all(options.objects, options.jobs, agent=agent, **how) for agent in AGENTS}
-    ours, theirs = (found[agent] for agent in AGENTS)
-    gains = [one.reward - other.reward for one, other in zip(ours, theirs, strict=True)]
-    pairs = clustered(gains, [one.number for one in ours]).interval()
+    tests = {agent: ask_all(options.objects, options.jobs, agent=agent, **how) for agent in AGENTS}
+    ours, theirs = (tests[agent] for agent in AGENTS)
+    gains = [answer.reward - other.reward for answer, other in zip(ours, theirs, strict=True)]
+    pairs = clustered(gains, [answer.number for answer in ours]).interval()
     kinds = load_domain(DOMAIN).behaviors
     return {
         "every_behavior_once_s": sum(kind.cost for kind in kinds if kind.modalities),
-        **{agent: summary(rows) for agent, rows in found.items()},
+        **{agent: summary(rows) for agent, rows in tests.items()},
         "reward_bayes_minus_morc": pairs._asdict(),
     }
 
@@ -134,9 +134,9 @@ def labels(options: argparse.Namespace) -> dict[str, Any]:
         options.objects, options.jobs, agent="bayes", seed=options.seed, asked=options.asked,
         random_labels=True,
     )  # fmt: skip
-    found = summary(rows)
-    distance = abs(found["accuracy"] - 0.5) / found["accuracy_se"]
-    return {**found, "base_rate": 0.5, "standard_errors_from_base_rate": distance}
+    facts = summary(rows)
+    distance = abs(facts["accuracy"] - 0.5) / facts["accuracy_se"]
+    return {**facts, "base_rate": 0.5, "standard_errors_from_base_rate": distance}
 
 
 def empty(drawn: ObjectParameters) -> ObjectParameters:
@@ -158,7 +158,7 @@ def content(options: argparse.Namespace) -> dict[str, Any]:
         twins = record_objects(
             30, 2, options.seed, population="twins", alter=alter, jobs=options.jobs
         )
-        made += [replace(one, name=f"{alter.__name__} {one.name}") for one in twins]
+        made += [replace(twin, name=f"{alter.__name__} {twin.name}") for twin in twins]
     data = restricted(to_dataset(load_domain(DOMAIN), made), ("full",))
     table = build_percept_table(data)
     column = data.domain.attribute_index("full")
@@ -181,7 +181,7 @@ def live(options: argparse.Namespace) -> dict[str, Any]:
     begun = time.process_time()
     learner = Learner(DOMAIN, seed=options.seed, logs=None)
     done = list(learn_live(learner, options.trials, options.seed))
-    last = [one for one in done[-50:] if one.trial is not None]
+    last = [row for row in done[-50:] if row.trial is not None]
     cpu = time.process_time() - begun
     made = record_objects(
         options.trials - 50, 1, options.seed, population="live", jobs=options.jobs
@@ -189,10 +189,10 @@ def live(options: argparse.Namespace) -> dict[str, Any]:
     learner = Learner(DOMAIN, seed=options.seed, logs=None)
     learner.fit(to_dataset(load_domain(DOMAIN), made))
     offline = []
-    for one in last:
+    for row in last:
         try:
             trial = ask_new(
-                learner, Query((one.attribute,)), options.seed, one.number, population="live"
+                learner, Query((row.attribute,)), options.seed, row.number, population="live"
             )
         except RobotError:
             continue
@@ -204,14 +204,14 @@ def live(options: argparse.Namespace) -> dict[str, Any]:
             {
                 "trials": block[-1].number,
                 "agent": block[-1].agent,
-                "accuracy": float(np.mean([bool(one.trial.success) for one in block if one.trial])),
-                "cost_s": float(np.mean([one.trial.cost for one in block if one.trial])),
+                "accuracy": float(np.mean([bool(row.trial.success) for row in block if row.trial])),
+                "cost_s": float(np.mean([row.trial.cost for row in block if row.trial])),
             }
             for block in blocks
         ],
-        "last_50": float(np.mean([bool(one.trial.success) for one in last])),
+        "last_50": float(np.mean([bool(row.trial.success) for row in last])),
         "offline_on_the_same_objects": float(np.mean(offline)),
-        "robot_errors": sum(one.trial is None for one in done),
+        "robot_errors": sum(row.trial is None for row in done),
         "cpu_s_a_trial": cpu / len(done),
     }
 
@@ -244,7 +244,7 @@ def population(options: argparse.Namespace) -> dict[str, Any]:
     return {
         "objects": len(made),
         "executions": sum(happened.values()),
-        "objects_with_fewer_recordings": sum(len(one.recordings) < RECORDINGS for one in made),
+        "objects_with_fewer_recordings": sum(len(row.recordings) < RECORDINGS for row in made),
         "cpu_s_an_object": cpu / len(made),
         "curves": curves,
     }

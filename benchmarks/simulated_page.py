@@ -37,10 +37,10 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=DOCS)
     options = parser.parse_args()
     texts = [file.read_text() for file in options.results] if options.results else [measure()]
-    found = {part: result for text in texts for part, result in json.loads(text).items()}
+    results = {part: result for text in texts for part, result in json.loads(text).items()}
     draw_frames(options.out / "simulated_arm.png")
-    draw_curve(found["live"]["curve"], options.out / "simulated_live.png")
-    (options.out / PAGE).write_text(page(found), encoding="utf-8")
+    draw_curve(results["live"]["curve"], options.out / "simulated_live.png")
+    (options.out / PAGE).write_text(page(results), encoding="utf-8")
     print(options.out / PAGE)
 
 
@@ -51,33 +51,33 @@ def measure() -> str:
     return subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True).stdout
 
 
-def page(found: dict[str, Any]) -> str:
+def page(results: dict[str, Any]) -> str:
     """Fill the page in."""
-    told = found["content"]["behaviors"]
-    answers, difference = found["answers"], found["answers"]["reward_bayes_minus_morc"]
+    told = results["content"]["behaviors"]
+    answers, difference = results["answers"], results["answers"]["reward_bayes_minus_morc"]
     rows = [row(name, answers[name]) for name in ("bayes", "morc")]
     return TEMPLATE.read_text(encoding="utf-8").format(
         frames=", ".join(SHOWN),
         picture="simulated_arm.png",
         curve="simulated_live.png",
-        chance=found["labels"]["accuracy"],
-        distance=found["labels"]["standard_errors_from_base_rate"],
+        chance=results["labels"]["accuracy"],
+        distance=results["labels"]["standard_errors_from_base_rate"],
         content_head=" | ".join(told),
         content_rule=" | ".join("--:" for _ in told),
-        content_row=" | ".join(f"{one['balanced_accuracy']:.2f}" for one in told.values()),
+        content_row=" | ".join(f"{score['balanced_accuracy']:.2f}" for score in told.values()),
         trials=answers["bayes"]["trials"],
         once=answers["every_behavior_once_s"],
         agents="\n".join(rows),
         difference=difference["estimate"],
         low=difference["low"],
         high=difference["high"],
-        live_trials=found["live"]["curve"][-1]["trials"],
-        live_seed=found["live"]["seed"],
-        population=found["population"]["objects"],
-        executions=found["population"]["executions"],
-        curves="\n".join(learned(*one) for one in found["population"]["curves"].items()),
-        last=found["live"]["last_50"],
-        offline=found["live"]["offline_on_the_same_objects"],
+        live_trials=results["live"]["curve"][-1]["trials"],
+        live_seed=results["live"]["seed"],
+        population=results["population"]["objects"],
+        executions=results["population"]["executions"],
+        curves="\n".join(learned(*curve) for curve in results["population"]["curves"].items()),
+        last=results["live"]["last_50"],
+        offline=results["live"]["offline_on_the_same_objects"],
     )
 
 
@@ -106,7 +106,7 @@ def draw_frames(path: Path) -> None:
         arm.execute(behavior)
         pictures.append(take_picture(arm.scene, (240, 240)))
     gap = np.ones((240, 6, 3))
-    joined = np.hstack([part for one in pictures for part in (one, gap)][:-1])
+    joined = np.hstack([part for picture in pictures for part in (picture, gap)][:-1])
     plt.imsave(path, joined, metadata={"Software": None})
 
 

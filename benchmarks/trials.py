@@ -56,7 +56,7 @@ def synthetic(agent: str, repeat: int, batch: int, trials: int) -> TrialOutcomes
         agent=np.full(trials, agent, object),
         key=[task_key(("test", repeat, row)) for row in range(trials)],
         object_index=o,
-        object_name=[f"object {one}" for one in o],
+        object_name=[f"object {number}" for number in o],
         attribute=names[np.argsort(rng.random((trials, len(names))), axis=1)[:, :ASKED]],
         truth=truth,
         report=report,
