@@ -123,7 +123,8 @@ def fit_hierarchical(
     percepts, names, sensors = sensed(counts, attributes, behaviors)
     built = build_model(percepts, names, sensors, model=model, prior=prior)
     trace = _sample(built, sampling or Sampling(), progress)
-    posterior, stats = trace["posterior"], trace["sample_stats"]
+    groups = (trace[name].data_vars for name in ("posterior", "sample_stats"))
+    posterior, stats = map(xr.Dataset, groups)  # of PyMC's data sets, from PyMC 6 on trees
     inner = [name for name in posterior.data_vars if str(name).endswith(_INNER)]
     numbers = [
         name
