@@ -36,12 +36,16 @@ from meal_bayes.processes import EndingContext
 from meal_bayes.seeds import stream
 
 # PyTensor loads what lies in its compile folder, so that must be nobody else's; and it looks for
-# a BLAS, with a warning where there is none, that no model of ours needs.
+# a BLAS, with a warning where there is none, that no model of ours needs. By Numba, its default
+# from 3.0 on, what is compiled anew and what is loaded round otherwise, unless the order of sums
+# is kept: draws would repeat under a seed from the second run on.
 _flags = [os.environ.get("PYTENSOR_FLAGS", "")]
 if "base_compiledir" not in _flags[0]:
     _flags.append(f"base_compiledir={scratch_folder('pytensor')}")
 if "blas__ldflags" not in _flags[0]:
     _flags.append("blas__ldflags=")
+if "numba__fastmath" not in _flags[0]:
+    _flags.append("numba__fastmath=False")
 os.environ["PYTENSOR_FLAGS"] = ",".join(filter(None, _flags))
 with writable_caches(), warnings.catch_warnings():  # ArviZ 0.x announces 1.0 on import
     warnings.filterwarnings("ignore", r"\s*ArviZ is undergoing", FutureWarning)
