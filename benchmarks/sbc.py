@@ -116,7 +116,7 @@ def closed(settings: argparse.Namespace) -> Iterator[Row]:
             prior = leaning(levels, 4.0, 4, behaviors)
             made = simulate(rng, prior, objects=20, recordings=5)
             sample = draw_grid(made.counts, rng, **names(4, behaviors), prior=prior, chains=1,
-                              draws=499)  # fmt: skip
+                               draws=499)  # fmt: skip
             mean, s, _ = rows_of(sample)
             kind = {2: "grid, exact"}.get(levels, f"grid, {levels} levels")
             yield judged(kind, "m", yes(made.mean)[0], yes(mean)[:, 0], rng)

@@ -172,7 +172,7 @@ def placed(values: ArrayLike, printed: float, *, of: str) -> Evidence:
     x = x[~np.isnan(x)]
     spread = float(x.std(ddof=1)) * math.sqrt(1 + 1 / len(x)) if len(x) > 1 else math.nan
     effect = Effect(float(x.mean()) if len(x) else math.nan, spread, len(x), unit="splits",
-                 method="prediction interval of one split")  # fmt: skip
+                    method="prediction interval of one split")  # fmt: skip
     _, _, low, high = effect.interval(1 - LEVEL)
     outcome = FALLS if printed < low or printed > high else UNDECIDED
     rule = f"{printed:.3g} is what one more of our splits might give as {of}"

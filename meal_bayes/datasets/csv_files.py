@@ -118,9 +118,8 @@ def read_text(path: Path) -> str:
     except UnicodeDecodeError as error:
         line = data.count(b"\n", 0, error.start) + 1
         content = f"the byte 0x{data[error.start]:02x}, which is not UTF-8"
-        raise fault(
-            f"{path}, line {line}", content, "UTF-8 text", "save the file as UTF-8"
-        ) from None
+        where = f"{path}, line {line}"
+        raise fault(where, content, "UTF-8 text", "save the file as UTF-8") from None
     if not text.strip():
         expected = "rows of comma-separated values"
         raise fault(f"{path}, line 1", "an empty file", expected, "restore it")

@@ -39,14 +39,14 @@ from meal_bayes.seeds import stream
 # a BLAS, with a warning where there is none, that no model of ours needs. By Numba, its default
 # from 3.0 on, what is compiled anew and what is loaded round otherwise, unless the order of sums
 # is kept: draws would repeat under a seed from the second run on.
-_flags = [os.environ.get("PYTENSOR_FLAGS", "")]
-if "base_compiledir" not in _flags[0]:
-    _flags.append(f"base_compiledir={scratch_folder('pytensor')}")
-if "blas__ldflags" not in _flags[0]:
-    _flags.append("blas__ldflags=")
-if "numba__fastmath" not in _flags[0]:
-    _flags.append("numba__fastmath=False")
-os.environ["PYTENSOR_FLAGS"] = ",".join(filter(None, _flags))
+_user = os.environ.get("PYTENSOR_FLAGS", "")
+_flags = {
+    "base_compiledir": scratch_folder("pytensor"),
+    "blas__ldflags": "",
+    "numba__fastmath": False,
+}
+_settings = (f"{flag}={value}" for flag, value in _flags.items() if flag not in _user)
+os.environ["PYTENSOR_FLAGS"] = ",".join(filter(None, (_user, *_settings)))
 with writable_caches(), warnings.catch_warnings():  # ArviZ 0.x announces 1.0 on import
     warnings.filterwarnings("ignore", r"\s*ArviZ is undergoing", FutureWarning)
     import pymc as pm

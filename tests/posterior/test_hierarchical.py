@@ -132,9 +132,7 @@ def test_nuts_draws_what_the_grid_integrates():
     np.testing.assert_allclose(mean.mean(axis=0), exact_mean.mean(axis=0), atol=0.005)
     np.testing.assert_allclose(mean.std(axis=0), exact_mean.std(axis=0), rtol=0.08)
     np.testing.assert_allclose(np.log(s).mean(axis=0), np.log(exact_s).mean(axis=0), atol=0.1)
-    # With 4,000 draws the spread of a long tail is known to a tenth: seeds 4, 5, 6 give up to +.16,
-    # -.11 and -.10 of the exact one (PyMC 6.4).
-    np.testing.assert_allclose(np.log(s).std(axis=0), np.log(exact_s).std(axis=0), rtol=0.25)
+    np.testing.assert_allclose(np.log(s).std(axis=0), np.log(exact_s).std(axis=0), rtol=0.12)
     assert found["tau"].dims == ("chain", "draw", "behavior", "truth")
     assert steps[-1] == (5000, 5000)
     posterior = summarize_draws(found, counts)
