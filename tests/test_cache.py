@@ -93,6 +93,7 @@ def test_torn_files_of_the_cache_are_made_anew(home, ending, content):
     assert any(len(found.read_bytes()) >= whole for found in home.rglob(f"*add_one*.{ending}"))
 
 
+@pytest.mark.long
 def test_a_log_is_told_of_without_any_cache(tmp_path):
     """As in a container: the package cannot be written, and there is no home."""
     environment = {

@@ -54,9 +54,8 @@ def run(code, **options):
             process.kill()
 
 
-@pytest.mark.parametrize(
-    "kind", [signal.SIGKILL, pytest.param(signal.SIGTERM, marks=pytest.mark.long)]
-)
+@pytest.mark.long
+@pytest.mark.parametrize("kind", [signal.SIGKILL, signal.SIGTERM])
 @pytest.mark.parametrize(("code", "count"), [(FOREIGN, 1), (PYTHON, 2), (CONTEXT, 2)])
 def test_children_end_with_a_killed_parent(code, count, kind, running, eventually):
     with run(code, stdout=subprocess.PIPE) as parent:
@@ -72,6 +71,7 @@ def _adopt(terminal):
     signal.signal(signal.SIGHUP, signal.SIG_DFL)  # under nohup it would be ignored
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("code", "count"), [(FOREIGN, 1), (PYTHON, 2)])
 def test_children_end_with_the_terminal(code, count, running, eventually):
     inside, outside = pty.openpty()[::-1]

@@ -56,6 +56,7 @@ def test_light_names_load_no_heavy_library(code):
     assert not loaded_after(f"import meal_bayes\n{code}") & HEAVY
 
 
+@pytest.mark.long
 def test_what_is_slow_to_load_waits_until_it_is_needed():
     assert "sklearn" not in loaded_after("import meal_bayes.perception")  # of the paper's method
     assert "pymc" not in loaded_after("import meal_bayes.posterior.draws")
@@ -204,6 +205,7 @@ def imported():
                 yield node.module or ""
 
 
+@pytest.mark.long
 def test_what_is_imported_is_declared():
     extras = [PROJECT["optional-dependencies"][name] for name in ("cluster", "gym", "sim")]
     declared = names([*PROJECT["dependencies"], *chain(*extras)]) | {"distributed"}

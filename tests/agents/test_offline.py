@@ -178,7 +178,7 @@ def test_free_behaviors_that_say_nothing_are_not_used(make, table, agent):
         assert len(learner.ask(make.task(free, 0, *free.domain.attributes[:n])).steps) == 1
 
 
-@pytest.mark.parametrize("trials", [6, pytest.param(200, marks=pytest.mark.long)])
+@pytest.mark.parametrize("trials", [4, pytest.param(200, marks=pytest.mark.long)])
 @pytest.mark.parametrize("signal", [0.0, 2.0])
 @pytest.mark.parametrize("name", AGENTS)
 def test_nothing_illegal_is_commanded(make, name, signal, trials):

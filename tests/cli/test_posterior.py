@@ -12,6 +12,7 @@ FILES = {
 GRID = ("posterior", "--attributes", "heavy,beans", "--draws", "200", "--json")
 
 
+@pytest.mark.long
 def test_the_grid_writes_everything(run, tmp_path):
     result = run(*GRID, "--out", "fit")
     assert result.exit_code == 0
@@ -34,6 +35,7 @@ def test_the_grid_writes_everything(run, tmp_path):
     assert all(0 < p < 1 for p in told["predictive_p"])
 
 
+@pytest.mark.long
 def test_it_is_told_in_words(run):
     result = run("posterior", "--attributes", "heavy", "--draws", "150", "--levels", "4")
     for word in ("R-hat", "ESS bulk", "independent", "ECE"):

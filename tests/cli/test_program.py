@@ -108,6 +108,7 @@ def test_a_reader_that_goes_away_ends_it_quietly(start):
     assert told == ""
 
 
+@pytest.mark.long
 def test_ctrl_c_ends_it_quietly_and_says_how_to_go_on(start, tmp_path, eventually):
     process = start("run", "offline", "--trials", "20000", "--agent", "random_legal", "--jobs", "1")
     eventually(lambda: list(tmp_path.rglob("unit-0000.mcap")), "no first unit")
@@ -140,6 +141,7 @@ CASES = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", CASES)
 def test_a_result_or_one_line(name, tmp_path):
     variables, arguments, redirections, said = CASES[name]

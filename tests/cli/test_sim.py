@@ -26,6 +26,7 @@ def ask(run, cache, monkeypatch):
     return lambda *more: run("sim", "ask", QUESTION, *SMALL, *more)
 
 
+@pytest.mark.long
 def test_recordings_are_an_own_data_set(run, sim):
     result = run("sim", "record", "--objects", "3", "--recordings", "2", "--out", "made")
     assert result.exit_code == 0
@@ -39,6 +40,7 @@ def test_recordings_are_an_own_data_set(run, sim):
     assert "made holds files already" in again.stderr
 
 
+@pytest.mark.long
 def test_an_answer_is_a_row_of_the_trial_and_repeats(ask):
     first, second = (ask("--seed", "7", "--json") for _ in range(2))
     assert first.exit_code == 0
@@ -52,6 +54,7 @@ def test_an_answer_is_a_row_of_the_trial_and_repeats(ask):
     assert json.loads(ask("--seed", "8", "--json").stdout)["object"] != told["object"]
 
 
+@pytest.mark.long
 def test_an_answer_in_words_and_a_recording_of_the_body(ask):
     result = ask("--seed", "7", "--save", "seen.rrd")
     assert result.exit_code == 0

@@ -229,7 +229,7 @@ def test_odd_domains(limit, discount):
                 follow(momdp_of(domain, n, 2, seed, **options), solver, seed)
 
 
-@pytest.mark.parametrize("n", [5, 81])
+@pytest.mark.parametrize("n", [5, pytest.param(81, marks=pytest.mark.long)])
 def test_large_queries(n):
     domain = load_domain("ispy32")
     momdp = momdp_of(domain, n, 2, 5, limit=LIMIT, objective=Objective(abstain=True))

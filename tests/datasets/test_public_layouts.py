@@ -105,6 +105,7 @@ def loaded(recordings):
     return {name: load_dataset(name, root=recordings) for name in ("roc36", "ispy32", "cy101")}
 
 
+@pytest.mark.long
 @pytest.mark.real_data
 @pytest.mark.parametrize(
     ("name", "shape", "features"),
@@ -121,6 +122,7 @@ def test_sizes_of_the_recordings(loaded, name, shape, features):
         assert data.features[context].shape == (shape[0], shape[2], size)
 
 
+@pytest.mark.long
 @pytest.mark.real_data
 def test_labels_and_repairs_of_the_recordings(loaded):
     roc36, ispy32, cy101 = loaded.values()
@@ -144,6 +146,7 @@ def test_labels_and_repairs_of_the_recordings(loaded):
     assert np.isclose(cy101.features["push", "flow"][ball, 0, 0], 48.434673258635215)
 
 
+@pytest.mark.long
 @pytest.mark.real_data
 def test_published_domains_read_the_same_recordings(recordings, loaded):
     published = load_dataset("roc36_published", root=recordings)

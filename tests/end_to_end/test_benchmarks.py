@@ -67,6 +67,7 @@ def test_processes_change_nothing(rows: list[dict[str, object]]) -> None:
     assert two == {policy: one[policy] for policy in two}
 
 
+@pytest.mark.long
 def test_unknown_names_are_told() -> None:
     done = subprocess.run(
         [sys.executable, os.fspath(SCRIPT), "--models", "A9"],

@@ -81,6 +81,7 @@ def synthetic(tmp_path_factory):
     return folder
 
 
+@pytest.mark.long
 def test_made_up_recordings_from_features_to_measures(synthetic):
     config = OfflineConfig(str(synthetic / "toy.npz"), 2, 48, seed=1)
     run = run_offline(config, logs=synthetic / "logs")

@@ -61,6 +61,7 @@ def test_own_planner(folder, monkeypatch, capsys):
     assert len(list((folder / "logs").rglob("*.mcap"))) == 3
 
 
+@pytest.mark.long
 def test_policy_gradient(folder, monkeypatch, capsys):
     """Trained for two batches, it need not be good yet; `bayes` is."""
     play(EXAMPLES / "policy_gradient.py", monkeypatch, "100")
@@ -79,6 +80,7 @@ def test_own_classifier(capsys):
     assert any(line.startswith("Trial of greedy: is object_01 red?") for line in lines)
 
 
+@pytest.mark.long
 def test_figures(tmp_path, capsys):
     main = runpy.run_path(str(EXAMPLES / "figures.py"))["main"]
     main(trials=8, folder=tmp_path / "figures", logs=tmp_path / "logs")

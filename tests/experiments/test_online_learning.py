@@ -151,6 +151,7 @@ class TestLeaks:
         assert [facts(run.test(task_of(int(o), "red"))) for o in TEST] == tests
 
 
+@pytest.mark.long
 @pytest.mark.statistical
 def test_shuffled_labels_teach_nothing():
     def skill(seed, *, shuffled):

@@ -143,6 +143,7 @@ def test_what_a_function_is_closed_over_matters(folder):
     assert digests[0] == digests[1] != digests[2]
 
 
+@pytest.mark.long
 def test_the_digest_is_that_of_every_process(folder):
     """Strings have another hash in each, and so sets another order."""
     code = (

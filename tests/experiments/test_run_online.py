@@ -118,10 +118,15 @@ class TestAFinishedRun:
 @pytest.mark.parametrize(
     "lost",
     [
-        ["02-test.*", "02-train.*"],
         ["02-train.mcap"],
-        ["00-test.*", "01-test.*"],
-        ["01-train.mcap", "02-*"],
+        *(
+            pytest.param(names, marks=pytest.mark.long)
+            for names in (
+                ["02-test.*", "02-train.*"],
+                ["00-test.*", "01-test.*"],
+                ["01-train.mcap", "02-*"],
+            )
+        ),
     ],
     ids="+".join,
 )
@@ -137,9 +142,8 @@ def test_what_is_lost_is_made_again(finished, whole, config, lost, contents):
     assert {path: path.stat().st_mtime_ns for path in kept} == kept
 
 
-@pytest.mark.parametrize(
-    "stop", [8, *(pytest.param(stop, marks=pytest.mark.long) for stop in (1, 20))]
-)
+@pytest.mark.long
+@pytest.mark.parametrize("stop", [1, 8, 20])
 def test_a_run_that_stops_goes_on_to_the_same_end(
     config, whole, tmp_path, monkeypatch, stop, contents
 ):
@@ -265,6 +269,7 @@ def test_a_live_learner_in_the_protocol_s_order_makes_the_same_trials(config, tm
             np.testing.assert_array_equal(one.report, other.report)
 
 
+@pytest.mark.long
 def test_an_agent_that_another_trains_learns_from_its_trials(config, tmp_path):
     agents = ("iterative_morc", "iterative_morc_bayes", "bayes_no_bonus")
     run = run_online(replace(config, agents=agents, log="compact"), logs=tmp_path)

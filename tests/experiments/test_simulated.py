@@ -62,6 +62,7 @@ def test_random_labels_bring_accuracy_to_the_base_rate(room, training):
     assert accuracy(room, data) > 0.5 + 2 * np.sqrt(0.25 / 30)
 
 
+@pytest.mark.long
 def test_a_fault_of_the_body_is_logged_and_life_goes_on(room, sim, tmp_path, monkeypatch):
     execute = sim.SimulatedArm.execute
 

@@ -164,6 +164,7 @@ def test_a_damaged_table_is_computed_again(computed):
     assert [p.name for p in path.parent.iterdir()] == [path.name]
 
 
+@pytest.mark.long
 def test_other_code_or_another_version_computes_its_own(computed, monkeypatch):
     percepts_for("roc36", "paper")
     monkeypatch.setattr(percepts, "digest_of", lambda *_: "other")

@@ -83,9 +83,8 @@ def test_a_claim_is_held_once_and_leaves_nothing(tmp_path):
         assert third is True
 
 
-@pytest.mark.parametrize(
-    "kind", [signal.SIGKILL, pytest.param(signal.SIGTERM, marks=pytest.mark.long)]
-)
+@pytest.mark.long
+@pytest.mark.parametrize("kind", [signal.SIGKILL, signal.SIGTERM])
 def test_the_claim_of_a_killed_process_is_taken_over(tmp_path, other, kind):
     with claimed(tmp_path / "unit") as claim:
         assert f"process {other.pid} on " in claim
@@ -97,6 +96,7 @@ def test_the_claim_of_a_killed_process_is_taken_over(tmp_path, other, kind):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.long
 def test_what_is_held_is_left_to_the_end_and_waited_for(tmp_path, other, monkeypatch):
     progress, notes = [], []
     todo = [Part(tmp_path / name) for name in ("unit", "a", "b")]
@@ -137,6 +137,7 @@ def test_without_file_locks_two_processes_do_the_same_work(tmp_path, monkeypatch
     assert drafts_of(path) == []
 
 
+@pytest.mark.long
 def test_processes_tell_what_is_done_of_a_unit_under_way(tmp_path):
     progress = []
 
@@ -232,6 +233,7 @@ def fail(piece):
     raise ZeroDivisionError(piece)
 
 
+@pytest.mark.long
 def test_no_more_processes_than_pieces_of_work_and_they_end_with_it():
     before, seen, used = children(), set(), set()
     for number in in_parallel(process_id, range(2), jobs=10_000):
@@ -247,6 +249,7 @@ def test_one_piece_is_done_here():
     assert list(in_parallel(process_id, [], jobs=2)) == []
 
 
+@pytest.mark.long
 def test_faults_end_the_processes_and_are_told():
     before = children()
     with pytest.raises(ZeroDivisionError):
@@ -254,6 +257,7 @@ def test_faults_end_the_processes_and_are_told():
     assert len(children() - before) <= 2  # trackers
 
 
+@pytest.mark.long
 def test_libraries_share_the_processors(monkeypatch):
     monkeypatch.delenv("OMP_NUM_THREADS", raising=False)
     monkeypatch.setattr(os, "cpu_count", lambda: 6)

@@ -184,6 +184,7 @@ def test_a_restart_knows_how_the_trial_was_begun(dataset, make, tmp_path):
     first._recorder._file.close()
 
 
+@pytest.mark.long
 def test_eight_threads_disturb_nothing(dataset, make, tmp_path):
     learner = make.learner(dataset, logs=tmp_path)
     plain = make.learner(dataset)

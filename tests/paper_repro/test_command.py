@@ -60,6 +60,7 @@ def test_all_items_quickly(tmp_path):
     assert json.loads(again.stdout) == told  # from the logs
 
 
+@pytest.mark.long
 def test_without_the_items_one_line_says_where_they_are(tmp_path):
     done = reproduce("table5", cwd=tmp_path)
     assert done.returncode == 2

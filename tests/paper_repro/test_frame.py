@@ -82,6 +82,7 @@ def test_the_published_random_pays_for_all_actions(tmp_path, n, cost, sd):
     assert run.cost.std(ddof=1) == pytest.approx(sd, rel=0.25)
 
 
+@pytest.mark.long
 def test_the_published_random_ends_a_trial_by_what_is_illegal_on_ispy32_alone(tmp_path):
     """At the start 2 of 10 behaviors are legal, so that 8 of 12 first draws end the trial."""
     setting = frame.Setting(quick=True, logs=tmp_path)
@@ -144,6 +145,7 @@ def test_plotted_settings_tell_the_two_models_of_an_answer_apart(tmp_path):
         assert table.domain.legal_budget == (100.0,)
 
 
+@pytest.mark.long
 @pytest.mark.real_data
 def test_published_matrices_give_the_papers_predefined_plus(tmp_path, recordings, monkeypatch):
     """Table 3 prints .583; what its simulator loads comes within .05 of it."""

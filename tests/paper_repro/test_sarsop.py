@@ -97,6 +97,7 @@ def test_the_program_is_found_on_the_path_in_the_environment_or_by_name(program,
         solve(momdp_of())
 
 
+@pytest.mark.long
 def test_a_program_that_hangs_is_ended(program, tmp_path, eventually, running):
     pid = tmp_path / "pid"
     path = program(f"pathlib.Path({str(pid)!r}).write_text(str(os.getpid()))", "time.sleep(1000)")

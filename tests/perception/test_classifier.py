@@ -124,6 +124,7 @@ def test_what_was_fitted_perceives_as_its_counts_say(make):
     assert set(said.tolist()) <= set(range(4))
 
 
+@pytest.mark.long
 def test_equal_calls_give_equal_tables_and_leave_warning_filters_as_before(make):
     dataset, before = make(2, objects=8), list(warnings.filters)
     first, second = (

@@ -236,10 +236,11 @@ def test_what_the_settings_say_is_taken(make):
         assert wide.classifiers["look"].spaces[modality].width == pytest.approx(1.25 * space.width)
 
 
+@pytest.mark.long
 @pytest.mark.real_data
 @pytest.mark.parametrize(
     ("name", "expected"),
-    [("roc36", 1.0), ("ispy32", 1.5), pytest.param("cy101", 1.0, marks=pytest.mark.long)],
+    [("roc36", 1.0), ("ispy32", 1.5), ("cy101", 1.0)],
 )
 def test_no_single_object_decides_how_wide(recordings, name, expected):
     dataset = load_dataset(name, root=recordings)

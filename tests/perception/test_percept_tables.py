@@ -100,6 +100,7 @@ def test_every_recording_of_the_others_is_counted_once(make, settings):
     assert np.isfinite(table.log_odds[:, :, :2]).all()
 
 
+@pytest.mark.long
 @SETTINGS
 def test_objects_with_unknown_labels_are_perceived_but_teach_nothing(make, relabel, settings):
     dataset = make(5)
@@ -143,11 +144,10 @@ def test_shipped_tables_can_be_made_again(recordings, name):
     assert made.provenance["source"] == shipped.provenance["source"]
 
 
+@pytest.mark.long
 @pytest.mark.real_data
 @pytest.mark.statistical
-@pytest.mark.parametrize(
-    "name", ["roc36", *(pytest.param(name, marks=pytest.mark.long) for name in ("ispy32", "cy101"))]
-)
+@pytest.mark.parametrize("name", ["roc36", "ispy32", "cy101"])
 def test_permuted_labels_cannot_be_told_from_real_recordings(recordings, name):
     dataset = load_dataset(name, root=recordings)
     sensing = dataset.domain.recorded

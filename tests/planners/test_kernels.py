@@ -25,6 +25,7 @@ def run(script, cwd=None, **environment):
     return done.stdout
 
 
+@pytest.mark.long
 def test_planning_leaves_the_settings_of_numba_alone():
     script = """
 import numba

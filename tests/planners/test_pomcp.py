@@ -62,6 +62,7 @@ class TestAgainstTheOptimum:
         assert best > plain.value(momdp.start, plain.nothing_seen()) + 5
         assert best - 2.0 <= small.best_value(small.search(momdp, 3000)) <= best + 1e-9
 
+    @pytest.mark.long
     def test_several_outcomes(self, small):
         """A lift may drop the object, which is then out of reach: branches of different x."""
         diagram = TransitionDiagram(
@@ -164,6 +165,7 @@ class TestWithoutThese:
         tables = small.search(momdp, 300, always=True)
         assert optimum < small.best_value(tables) < bound + 1.0
 
+    @pytest.mark.long
     def test_three_noisy_attributes(self, small):
         momdp = small.noisy_roc36(3)
         bound = 239.9  # by factored value iteration

@@ -24,8 +24,10 @@ def test_one_behavior_that_is_worth_it_needs_no_search(small, n, points):
 
 @pytest.mark.parametrize("seeds", [[0], pytest.param([1, 2, 3], marks=pytest.mark.long)])
 @pytest.mark.parametrize(
-    "options", [{}, {"own_classes": 2}, {"shared": 3}, {"objective": Objective(abstain=True)}]
-)
+    "options",
+    [{}, *(pytest.param(options, marks=pytest.mark.long) for options in (
+        {"own_classes": 2}, {"shared": 3}, {"objective": Objective(abstain=True)}))],
+)  # fmt: skip
 def test_what_is_certain_is_better_than_ending_for_certain(small, options, seeds):
     found = 0
     for seed in seeds:
@@ -108,11 +110,10 @@ def solvers(momdp):
     return [POMCP(30), POMCP(30, points=0), OpenLoop(), *([Factored(2_000)] if known else [])]
 
 
+@pytest.mark.long
 @pytest.mark.statistical
-@pytest.mark.parametrize(
-    "name", [pytest.param(k, marks=[pytest.mark.long] * (k != QUICK)) for k in PROBLEMS]
-)
-@pytest.mark.parametrize("free", [(0,), pytest.param((0, 1, 2), marks=pytest.mark.long)])
+@pytest.mark.parametrize("name", PROBLEMS)
+@pytest.mark.parametrize("free", [(0,), (0, 1, 2)])
 def test_free_behaviors_are_worth_what_nearly_free_ones_are(small, name, free):
     """The same objects and random numbers, so that the values are compared pair by pair."""
     rates = {"red": {"look": (0.8, 0.25)}, "heavy": {"look": (0.55, 0.4), "lift": (0.85, 0.2)}}

@@ -92,6 +92,7 @@ def test_prediction_fits_what_the_model_made_and_nothing_else():
     assert (predictive_check(alike, made.counts, rng).p_values < 0.01).all()
 
 
+@pytest.mark.long
 def test_beliefs_leave_the_object_out():
     """Weighting draws is nearly as good as fitting again without each object."""
     rng, prior = np.random.default_rng(4), leaning(2, 2)[:, :2]

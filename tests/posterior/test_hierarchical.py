@@ -53,7 +53,7 @@ def potential(model, name, point):
     return float(compiled(*(point[variable.name] for variable in variables))[0])
 
 
-@pytest.mark.parametrize("levels", [2, 4])
+@pytest.mark.parametrize("levels", [2, pytest.param(4, marks=pytest.mark.long)])
 def test_same_is_the_grids_model(levels):
     rng, counts = np.random.default_rng(0), simulated(levels)
     counts[0, :, 0] = 0  # an object that was never looked at
@@ -80,7 +80,7 @@ def test_same_is_the_grids_model(levels):
     assert potential(model, "pooling", point) == pytest.approx(expected, rel=1e-6)
 
 
-@pytest.mark.parametrize("levels", [2, 4])
+@pytest.mark.parametrize("levels", [2, pytest.param(4, marks=pytest.mark.long)])
 def test_crossed_integrates_what_the_object_seems_to_be(levels):
     counts = simulated(levels)
     model = build_model(counts, **NAMES, model="crossed")

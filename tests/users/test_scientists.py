@@ -31,6 +31,7 @@ def fitted(tmp_path_factory):
     return json.loads(done.stdout), folder / "posterior.nc"
 
 
+@pytest.mark.long
 @pytest.mark.filterwarnings("ignore")  # ArviZ's own, and those of unreliable objects
 def test_arviz_draws_and_checks_the_file(fitted):
     told, path = fitted
@@ -57,6 +58,7 @@ def test_arviz_draws_and_checks_the_file(fitted):
     assert set(told["pareto_k"]) <= set(idata["log_likelihood"]["yes"]["unit"].values.tolist())
 
 
+@pytest.mark.long
 def test_an_agent_believes_the_file(fitted):
     _, path = fitted
     learner = mb.Learner("roc36", posterior=path, logs=None).fit(mb.load_percepts("roc36"))
@@ -101,6 +103,7 @@ class PatientPolicy:
         return unvalued(momdp, int(rng.choice(np.flatnonzero(momdp.legal[belief.x]))))
 
 
+@pytest.mark.long
 def test_everything_of_my_own(tmp_path, monkeypatch):
     monkeypatch.setenv("MEAL_BAYES_DATA_DIR", str(tmp_path))
     rng = np.random.default_rng(0)

@@ -235,6 +235,7 @@ def damaged(data, number):
     return bytes(changed)
 
 
+@pytest.mark.long
 def test_view_and_report_open_what_can_be_opened(trials, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     path, codes, view = tmp_path / "a.mcap", [], ["view", "a.mcap", "--save", "a.rrd"]

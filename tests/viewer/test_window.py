@@ -142,6 +142,7 @@ def test_what_it_is_started_with(monkeypatch):
     assert "a.rrd" in command
 
 
+@pytest.mark.long
 def test_a_viewer_that_cannot_open_a_window_says_what_to_do(monkeypatch, tmp_path):
     fake = tmp_path / "rerun"
     fake.touch(0o755)
@@ -156,6 +157,7 @@ def test_a_viewer_that_cannot_open_a_window_says_what_to_do(monkeypatch, tmp_pat
             viewer.client()
 
 
+@pytest.mark.long
 def test_the_page_is_served_to_this_machine_only_and_ends_with_the_command(eventually, running):
     command = [sys.executable, "-m", "meal_bayes", "view", str(SAMPLE), "--web"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:

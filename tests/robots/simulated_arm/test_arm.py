@@ -50,6 +50,7 @@ def test_a_heavy_slippery_object_slips_out_and_gives_no_features(sim, make_objec
     assert outcome.features is None
 
 
+@pytest.mark.long
 def test_equal_seeds_repeat_everything_and_others_do_not(sim, make_object):
     def felt(seed):
         arm = sim.SimulatedArm(

@@ -62,6 +62,7 @@ def test_the_camera_sees_color_and_height(feel, make_object):
     assert tall["shape"][0] > low["shape"][0] + 5
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("noiseless")
 @pytest.mark.parametrize(
     "content", [{"content": "few large balls", "n_balls": 2},
@@ -130,6 +131,7 @@ def made(room):
     return [room.record_object(number, recordings=2, seed=8) for number in range(2)]
 
 
+@pytest.mark.long
 def test_a_recording_holds_every_context_of_the_domain(room, sim, made):
     data = room.to_dataset(load_domain("simulated_arm"), made)
     assert data.objects == ("object_000", "object_001")
@@ -150,6 +152,7 @@ def test_what_happened_counts_every_execution(made):
     assert happened["grasped", "lift", "lifted"] >= 8  # before hold, and after lower
 
 
+@pytest.mark.long
 def test_an_object_that_always_slips_is_ragged_and_everything_else_is_there(room, make_object):
     slippery = make_object(shell_mass=0.4, friction=0.25)
     one = room.record_object(0, recordings=1, seed=8, alter=lambda _: slippery)
