@@ -90,7 +90,7 @@ def test_torn_files_of_the_cache_are_made_anew(home, ending, content):
     file.write_bytes(content)
     for _ in range(2):
         assert cache.compile_kernel(add_one)(1) == 2
-    assert any(len(found.read_bytes()) >= whole for found in home.rglob(f"*add_one*.{ending}"))
+    assert any(len(cached.read_bytes()) >= whole for cached in home.rglob(f"*add_one*.{ending}"))
 
 
 @pytest.mark.long

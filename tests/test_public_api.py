@@ -136,7 +136,7 @@ def test_ask_takes_an_agent_a_reward_and_drawn_percepts():
 
 
 @pytest.mark.parametrize(
-    ("change", "kind", "found"),
+    ("change", "kind", "message"),
     [
         ({"dataset": "rock36"}, SettingsError, "did you mean 'roc36'"),
         ({"object": "heavy_green_bean"}, SettingsError, "did you mean 'heavy_green_beans'"),
@@ -146,8 +146,8 @@ def test_ask_takes_an_agent_a_reward_and_drawn_percepts():
         ({"question": "Is it heavvy?"}, QueryError, "did you mean 'heavy'"),
     ],
 )
-def test_ask_tells_what_is_wrong(change, kind, found):
-    with pytest.raises(kind, match=found):
+def test_ask_tells_what_is_wrong(change, kind, message):
+    with pytest.raises(kind, match=message):
         meal_bayes.ask(**{"question": "heavy", **QUESTION, **change})
 
 
@@ -191,8 +191,8 @@ PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["
 
 def names(requirements):
     """Return the plain names of requirements."""
-    found = (re.match(r"[A-Za-z0-9._-]+", text) for text in requirements)
-    return {match.group().lower().replace("_", "-") for match in found if match}
+    matches = (re.match(r"[A-Za-z0-9._-]+", text) for text in requirements)
+    return {match.group().lower().replace("_", "-") for match in matches if match}
 
 
 def imported():

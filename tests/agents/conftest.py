@@ -44,8 +44,8 @@ def change_object(table: PerceptTable, index: int, seed: int = 1) -> PerceptTabl
     labels[index] = 1 - labels[index]
     log_odds[index] = -log_odds[index] + rng.normal(size=log_odds[index].shape).round(1)
     log_odds = np.clip(log_odds, -8, 8)
-    own = bins[:, index]  # (O,P,E,L), by classifiers of every held-out object
-    bins[:, index] = np.roll(own, 3, axis=-1)
+    bins_of_object = bins[:, index]  # (O,P,E,L), by classifiers of every held-out object
+    bins[:, index] = np.roll(bins_of_object, 3, axis=-1)
     return dataclasses.replace(table, labels=labels, log_odds=log_odds, training_bins=bins)
 
 

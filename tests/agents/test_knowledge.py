@@ -149,10 +149,10 @@ class TestFittedWeights:
         knowledge = knowledge_from(table(lift=(9, 1)))
         for seed in range(5):
             value = np.random.default_rng(seed).uniform(0, 5, (2, 3))
-            one = fitted_weights(progress(value=value, knowledge=knowledge, queries=10.0))
+            weights = fitted_weights(progress(value=value, knowledge=knowledge, queries=10.0))
             ten = fitted_weights(progress(value=value, knowledge=knowledge, queries=100.0))
-            assert min(one) >= 0
-            assert ten == pytest.approx((10 * one[0], 10 * one[1]))
+            assert min(weights) >= 0
+            assert ten == pytest.approx((10 * weights[0], 10 * weights[1]))
 
     def test_worthless_exploring_is_not_paid(self):
         assert fitted_weights(progress(value=np.zeros((2, 3)))) == (0.0, 0.0)

@@ -32,18 +32,18 @@ def fast(name):
 
 def outcomes(trial):
     """(moved, percept) of each behavior's executions in order, where they were legal."""
-    found = defaultdict(list)
+    percepts_of = defaultdict(list)
     for step in trial.steps:
         action = step.decision.action
         if action < trial.momdp.n_behaviors and trial.momdp.legal[step.x, action]:
             percept = None if step.observation is None else tuple(step.observation.tolist())
-            found[action].append((step.next_x != step.x, percept))
-    return found
+            percepts_of[action].append((step.next_x != step.x, percept))
+    return percepts_of
 
 
-def same_trial(one, other):
-    pairs = zip(one.steps, other.steps, strict=True)
-    return np.array_equal(one.report, other.report) and all(
+def same_trial(first, second):
+    pairs = zip(first.steps, second.steps, strict=True)
+    return np.array_equal(first.report, second.report) and all(
         a.decision.action == b.decision.action
         and a.next_x == b.next_x
         and np.array_equal(a.belief.log_odds, b.belief.log_odds)
@@ -55,10 +55,10 @@ def same_trial(one, other):
 @pytest.mark.parametrize("name", AGENTS)
 def test_every_agent_runs_and_repeats_itself(table, make, name):
     agent = fast(name)
-    one, other = (make.learner(table, agent, 7) for _ in range(2))
+    first, second = (make.learner(table, agent, 7) for _ in range(2))
     tasks = [make.task(table, index) for index in range(4)]
-    trials = [one.ask(task) for task in tasks]
-    again = [other.ask(task) for task in reversed(tasks)][::-1]  # the order is no matter
+    trials = [first.ask(task) for task in tasks]
+    again = [second.ask(task) for task in reversed(tasks)][::-1]  # the order is no matter
     assert all(map(same_trial, trials, again))
     assert {trial.agent for trial in trials} == {name}
 
@@ -75,12 +75,12 @@ def test_all_agents_meet_the_same_failures_and_recordings(table, make):
     for index in range(len(table.objects)):
         task = make.task(table, index)
         met = [outcomes(make.learner(table, fast(name), 5).ask(task)) for name in (*QUICK, "morc")]
-        for one in met:
-            for other in met:
-                for action in one.keys() & other.keys():
-                    shared = min(len(one[action]), len(other[action]))
-                    assert one[action][:shared] == other[action][:shared]
-                    compared += shared * (one is not other)
+        for first in met:
+            for second in met:
+                for action in first.keys() & second.keys():
+                    shared = min(len(first[action]), len(second[action]))
+                    assert first[action][:shared] == second[action][:shared]
+                    compared += shared * (first is not second)
     assert compared > 200
 
 
@@ -126,10 +126,10 @@ class TestPreparing:
 
     def test_attributes_keep_the_query_s_order(self, table, make):
         morc = make.learner(table, fast("bayes"), 0)
-        one = morc.problem(make.task(table, 1, "red", "heavy"))
-        other = morc.problem(make.task(table, 1, "heavy", "red"))
-        np.testing.assert_array_equal(one.confusion, other.confusion[::-1])
-        np.testing.assert_array_equal(one.prior, other.prior[::-1])
+        problem = morc.problem(make.task(table, 1, "red", "heavy"))
+        reversed_problem = morc.problem(make.task(table, 1, "heavy", "red"))
+        np.testing.assert_array_equal(problem.confusion, reversed_problem.confusion[::-1])
+        np.testing.assert_array_equal(problem.prior, reversed_problem.prior[::-1])
 
 
 def test_what_nobody_labelled_is_asked_but_not_judged(table, make):
@@ -253,8 +253,8 @@ def test_the_answer_is_the_value():
 def test_known_values_end_a_trial_sooner_than_attributes_that_seem_independent():
     alone = Query(WEIGHT.attributes)
     pairs = [(run("olfc", WEIGHT, o), run("olfc", alone, o)) for o in range(0, 36, 3)]
-    assert all(one.success and other.success for one, other in pairs)
-    assert sum(one.cost for one, _ in pairs) < sum(other.cost for _, other in pairs)
+    assert all(grouped.success and separate.success for grouped, separate in pairs)
+    assert sum(grouped.cost for grouped, _ in pairs) < sum(separate.cost for _, separate in pairs)
 
 
 def test_truth_of_two_values_is_refused():

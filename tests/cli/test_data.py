@@ -79,10 +79,10 @@ def test_a_missing_recording_is_told(run, kitchen):
 
 
 def test_percepts_says_what_it_needs(fails, kitchen):
-    own = ("data", "percepts", "--dataset", "kitchen.toml")
-    assert "give --out" in fails(*own, "--root", ".")
-    assert "ends in .npz" in fails(*own, "--root", ".", "--out", "own.csv")
-    assert "give root=" in fails(*own, "--out", "own.npz")
+    options = ("data", "percepts", "--dataset", "kitchen.toml")
+    assert "give --out" in fails(*options, "--root", ".")
+    assert "ends in .npz" in fails(*options, "--root", ".", "--out", "own.csv")
+    assert "give root=" in fails(*options, "--out", "own.npz")
     assert "forbids the network" in fails("data", "percepts", "--dataset", "roc36")
 
 
@@ -104,14 +104,14 @@ def test_percepts_by_a_classifier_of_ones_own(run, kitchen):
     (kitchen / "mine.py").write_text(
         "from sklearn.linear_model import LogisticRegression\nbest = LogisticRegression(C=0.5)\n"
     )
-    own = ("--dataset", "kitchen.toml", "--root", ".")
-    result = run("data", "percepts", *own, "--classifier", "mine:best", "--out", "mine.npz")
+    options = ("--dataset", "kitchen.toml", "--root", ".")
+    result = run("data", "percepts", *options, "--classifier", "mine:best", "--out", "mine.npz")
     assert result.exit_code == 0
     told = load_percepts(kitchen / "mine.npz").provenance
     assert told["classifier"].endswith(":LogisticRegression")
     assert "C=0.5" in told["classifier_parameters"]
     name = "sklearn.naive_bayes:GaussianNB"
-    assert run("data", "percepts", *own, "--classifier", name, "--out", "nb.npz").exit_code == 0
+    assert run("data", "percepts", *options, "--classifier", name, "--out", "nb.npz").exit_code == 0
 
 
 @pytest.mark.parametrize(
@@ -124,5 +124,5 @@ def test_percepts_by_a_classifier_of_ones_own(run, kitchen):
     ],
 )
 def test_names_of_no_classifier_are_told(fails, kitchen, name, message):
-    own = ("--dataset", "kitchen.toml", "--root", ".")
-    assert message in fails("data", "percepts", *own, "--classifier", name, "--out", "x.npz")
+    options = ("--dataset", "kitchen.toml", "--root", ".")
+    assert message in fails("data", "percepts", *options, "--classifier", name, "--out", "x.npz")

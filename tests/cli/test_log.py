@@ -49,7 +49,7 @@ def test_folders_and_compact_logs_are_read(run, log, torn):
     outcomes = TrialOutcomes.of(read_trials(log))
     write_trials("run/b.mcap", [outcomes], header={**HEADER, "seed": 5})
     assert "(2 files)" in run("log", "info", "run").stdout
-    assert [one["form"] for one in json.loads(run("log", "info", "run", "--json").stdout)["files"]]
+    assert [row["form"] for row in json.loads(run("log", "info", "run", "--json").stdout)["files"]]
     assert "heavy_blue_beans" in run("log", "show", "run", "--trial", "3").stdout
     shown = run("log", "show", "run/b.mcap", "--trial", "1").stdout
     assert "light_blue_rice" in shown

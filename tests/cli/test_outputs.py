@@ -59,7 +59,7 @@ def test_an_export_does_not_replace_its_table(table, fails):
 def test_the_place_is_tried_before_the_work(log, fails, monkeypatch, words, work):
     Path("file").touch()
     worked = []
-    monkeypatch.setattr(work, lambda *given, **named: worked.append(given))
+    monkeypatch.setattr(work, lambda *arguments, **named: worked.append(arguments))
     assert "cannot be written: " in fails(*(word.format(log=log) for word in words))
     assert worked == []
 

@@ -29,7 +29,7 @@ def test_the_grid_writes_everything(run, tmp_path):
     yes = saved["mean"].sel(attribute="heavy", behavior="lift_slow", level="yes")
     assert float(yes.sel(truth="true").mean()) > 0.9
     assert float(yes.sel(truth="false").mean()) < 0.1
-    assert [one["variable"] for one in told["convergence"]] == ["mean", "dispersion"]
+    assert [row["variable"] for row in told["convergence"]] == ["mean", "dispersion"]
     assert told["divergences"] == 0
     assert told["belief"]["together"]["nll"] < told["belief"]["each"]["nll"] < 0.6
     assert all(0 < p < 1 for p in told["predictive_p"])
@@ -53,7 +53,7 @@ def test_nuts_writes_the_same_files(run, tmp_path, table):
     assert result.exit_code == 0
     told = json.loads(result.stdout)
     assert {path.name for path in (tmp_path / "fit").iterdir()} == FILES
-    variables = {one["variable"] for one in told["convergence"]}
+    variables = {row["variable"] for row in told["convergence"]}
     assert variables == {"mean", "dispersion", "mu", "tau"}
     assert told["divergences"] == 0
     assert told["misperception"] is None
@@ -65,12 +65,12 @@ def test_nuts_writes_the_same_files(run, tmp_path, table):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "found"),
+    ("arguments", "message"),
     [
         (("--levels", "3"), "expected one of [2, 4, 8]"),
         (("--model", "crossed"), "--model crossed needs --method pymc"),
     ],
 )
-def test_what_cannot_be_is_told_in_a_line(fails, tmp_path, arguments, found):
-    assert found in fails("posterior", *arguments)
+def test_what_cannot_be_is_told_in_a_line(fails, tmp_path, arguments, message):
+    assert message in fails("posterior", *arguments)
     assert not (tmp_path / "posteriors").exists()

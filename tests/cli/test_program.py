@@ -58,22 +58,22 @@ def test_version(run):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "found"),
+    ("arguments", "message"),
     [
         (("run", "offlin"), "No such command 'offlin'"),
         (("ask", "heavy"), "Missing option '--object'"),
         (("run", "offline", "--percepts", "mod"), "'mod' is not one of 'recorded', 'model'"),
     ],
 )
-def test_usage_errors_point_to_the_help(fails, arguments, found):
+def test_usage_errors_point_to_the_help(fails, arguments, message):
     told = fails(*arguments)
-    assert found in told
+    assert message in told
     assert "Try: " in told
     assert told.endswith(" --help\n")
 
 
 @pytest.mark.parametrize(
-    ("arguments", "found"),
+    ("arguments", "message"),
     [
         ((*ASK, "--dataset", "toy"), "give the path of its TOML"),
         ((*ASK, "--dataset", "none.npz"), "No file none.npz"),
@@ -83,8 +83,8 @@ def test_usage_errors_point_to_the_help(fails, arguments, found):
         (("log", "info", "none.mcap"), "no log none.mcap"),
     ],
 )
-def test_bad_input_is_told_with_the_way_out(fails, arguments, found):
-    assert found in fails(*arguments)
+def test_bad_input_is_told_with_the_way_out(fails, arguments, message):
+    assert message in fails(*arguments)
 
 
 def test_what_nobody_foresaw_is_not_hidden():

@@ -93,7 +93,7 @@ def test_another_table_of_the_same_name_is_another_run(run, table):
 
 
 def test_the_papers_classifiers_need_recordings(fails, table):
-    own = fails("run", "offline", "--dataset", "kitchen.npz", "--perception", "paper")
-    assert "is a percept table of another method" in own
+    error = fails("run", "offline", "--dataset", "kitchen.npz", "--perception", "paper")
+    assert "is a percept table of another method" in error
     public = fails("run", "offline", "--perception", "paper", "--agent", "greedy")
     assert "MEAL_BAYES_OFFLINE forbids the network" in public

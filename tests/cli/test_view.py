@@ -17,8 +17,8 @@ URL = "rerun+http://127.0.0.1:1/proxy"
 @pytest.fixture
 def log(run, trials):
     """Write a run of two files."""
-    for name, own in (("a", trials[:2]), ("b", trials[2:])):
-        write_trials(f"run/{name}.mcap", own, header={"seed": 0})
+    for name, part in (("a", trials[:2]), ("b", trials[2:])):
+        write_trials(f"run/{name}.mcap", part, header={"seed": 0})
     return Path("run")
 
 

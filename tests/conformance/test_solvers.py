@@ -42,10 +42,10 @@ def momdp_of(domain, n, levels, seed, *, n_classes=1, **options):
     return build_momdp(domain, query, confusion, latent_classes=shares, **options)
 
 
-def equal(one, other):
+def equal(first, second):
     return all(
         np.array_equal(a, b, equal_nan=True) if isinstance(a, np.ndarray) else a == b
-        for a, b in ((getattr(one, f.name), getattr(other, f.name)) for f in fields(one))
+        for a, b in ((getattr(first, f.name), getattr(second, f.name)) for f in fields(first))
     )
 
 

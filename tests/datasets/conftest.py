@@ -25,7 +25,7 @@ def write_domain(path, data, attributes, contexts):
 
 
 @pytest.fixture
-def own(tmp_path):
+def files(tmp_path):
     """Write one's own data: 2 objects, 2 recordings, look_color (2 features), lift_haptics (1)."""
     contexts = [("look", ("color",)), ("lift", ("haptics",))]
     write_domain(tmp_path / "own.toml", "own", ["red", "heavy"], contexts)

@@ -16,8 +16,8 @@ from meal_bayes.domain import load_domain
 from meal_bayes.errors import DataError, QueryError, SettingsError
 
 
-def test_rows_are_joined_by_key(own):
-    dataset = load_dataset(own / "own.toml", root=own)
+def test_rows_are_joined_by_key(files):
+    dataset = load_dataset(files / "own.toml", root=files)
     assert dataset.objects == ("cup", "stone")
     assert dataset.domain.attributes == ("red", "heavy")
     np.testing.assert_array_equal(dataset.labels, [[1, 0], [-1, 1]])
@@ -29,10 +29,10 @@ def test_rows_are_joined_by_key(own):
     assert dataset.recordings == 2
 
 
-def test_spreadsheet_habits_are_understood(own):
-    text = (own / "look_color.csv").read_text().replace("cup", '"cup"').replace("\n", "\r\n\r\n")
-    (own / "look_color.csv").write_bytes(b"\xef\xbb\xbf" + text.encode())
-    assert load_dataset(own / "own.toml", root=own).objects == ("cup", "stone")
+def test_spreadsheet_habits_are_understood(files):
+    text = (files / "look_color.csv").read_text().replace("cup", '"cup"').replace("\n", "\r\n\r\n")
+    (files / "look_color.csv").write_bytes(b"\xef\xbb\xbf" + text.encode())
+    assert load_dataset(files / "own.toml", root=files).objects == ("cup", "stone")
 
 
 def test_a_table_holds_no_recordings():
@@ -40,9 +40,9 @@ def test_a_table_holds_no_recordings():
         load_dataset("own.npz")
 
 
-def test_own_data_needs_a_folder(own):
+def test_own_data_needs_a_folder(files):
     with pytest.raises(SettingsError, match="give root="):
-        load_dataset(own / "own.toml")
+        load_dataset(files / "own.toml")
     with pytest.raises(SettingsError, match="make_synthetic"):
         load_dataset("toy")
 
@@ -64,24 +64,24 @@ BROKEN_FEATURES = [
 ]
 
 
-@pytest.mark.parametrize(("old", "new", "line", "found", "expected"), BROKEN_FEATURES)
-def test_broken_feature_file(own, change, old, new, line, found, expected):
-    change(own / "look_color.csv", old, new)
+@pytest.mark.parametrize(("old", "new", "line", "content", "expected"), BROKEN_FEATURES)
+def test_broken_feature_file(files, change, old, new, line, content, expected):
+    change(files / "look_color.csv", old, new)
     with pytest.raises(DataError) as caught:
-        load_dataset(own / "own.toml", root=own)
+        load_dataset(files / "own.toml", root=files)
     message = str(caught.value)
     assert f"look_color.csv, line {line}" in message
-    assert found in message
-    assert expected in message.split(found, 1)[1]
+    assert content in message
+    assert expected in message.split(content, 1)[1]
     assert "\n" not in message
     assert len(message.split("; ")) >= 3  # found; expected; how to mend
 
 
-def test_recordings_may_be_ragged(own, change):
-    change(own / "look_color.csv", "cup,1,0.5,1\n", "")  # one recording of cup is left
-    change(own / "lift_haptics.csv", "stone,2,9\n", "")
-    change(own / "lift_haptics.csv", "stone,1,8\n", "")  # stone lacks the behavior
-    dataset = load_dataset(own / "own.toml", root=own)
+def test_recordings_may_be_ragged(files, change):
+    change(files / "look_color.csv", "cup,1,0.5,1\n", "")  # one recording of cup is left
+    change(files / "lift_haptics.csv", "stone,2,9\n", "")
+    change(files / "lift_haptics.csv", "stone,1,8\n", "")  # stone lacks the behavior
+    dataset = load_dataset(files / "own.toml", root=files)
     assert dataset.recording_counts.tolist() == [[1, 2], [2, 0]]
     assert dataset.instance(0, "look", 0).features["color"].tolist() == [0.25, 2.0]
     with pytest.raises(DataError, match="'stone' has no recording 0 of 'lift'; it has 0"):
@@ -95,26 +95,26 @@ def test_recordings_may_be_ragged(own, change):
         ("cup,2,2\n", "", "line 4 (its last): found no row of recording 2 of cup; expected 2"),
     ],
 )
-def test_files_of_one_behavior_hold_the_same_recordings(own, change, old, new, expected):
-    (own / "lift_audio.csv").write_text((own / "lift_haptics.csv").read_text())
-    change(own / "own.toml", 'modalities=["haptics"]', 'modalities=["haptics", "audio"]')
-    assert load_dataset(own / "own.toml", root=own).recordings == 2
-    change(own / "lift_audio.csv", old, new)
+def test_files_of_one_behavior_hold_the_same_recordings(files, change, old, new, expected):
+    (files / "lift_audio.csv").write_text((files / "lift_haptics.csv").read_text())
+    change(files / "own.toml", 'modalities=["haptics"]', 'modalities=["haptics", "audio"]')
+    assert load_dataset(files / "own.toml", root=files).recordings == 2
+    change(files / "lift_audio.csv", old, new)
     with pytest.raises(DataError, match=re.escape(f"lift_audio.csv, {expected}")):
-        load_dataset(own / "own.toml", root=own)
+        load_dataset(files / "own.toml", root=files)
 
 
 @pytest.mark.parametrize("name", ["labels.csv", "look_color.csv"])
-def test_files_without_rows(own, name):
-    header = (own / name).read_text().split("\n")[0]
+def test_files_without_rows(files, name):
+    header = (files / name).read_text().split("\n")[0]
     for content, expected in (
         ("\n \n", ", line 1: found an empty file; expected rows"),
         (header, ", line 1: found no rows under the header"),
         (None, r": cannot be read \(No such file .*; expected it"),
     ):
-        (own / name).unlink() if content is None else (own / name).write_text(content)
+        (files / name).unlink() if content is None else (files / name).write_text(content)
         with pytest.raises(DataError, match=f"{name}{expected}"):
-            load_dataset(own / "own.toml", root=own)
+            load_dataset(files / "own.toml", root=files)
 
 
 BROKEN_LABELS = [
@@ -128,10 +128,10 @@ BROKEN_LABELS = [
 
 
 @pytest.mark.parametrize(("old", "new", "expected"), BROKEN_LABELS)
-def test_broken_labels(own, change, old, new, expected):
-    change(own / "labels.csv", old, new)
+def test_broken_labels(files, change, old, new, expected):
+    change(files / "labels.csv", old, new)
     with pytest.raises(DataError, match=re.escape(expected)) as caught:
-        load_dataset(own / "own.toml", root=own)
+        load_dataset(files / "own.toml", root=files)
     assert "\n" not in str(caught.value)
 
 
@@ -142,29 +142,29 @@ def test_broken_labels(own, change, old, new, expected):
     st.integers(0, 4),
     st.one_of(st.binary(max_size=6), st.sampled_from([b'"', b"\n", b",", b"1e999", b"1", b"cup"])),
 )
-def test_any_damage_is_told_or_harmless(own, name, place, length, damage):
-    whole = (own / name).read_bytes()
-    (own / name).write_bytes(whole[:place] + damage + whole[place + length :])
+def test_any_damage_is_told_or_harmless(files, name, place, length, damage):
+    whole = (files / name).read_bytes()
+    (files / name).write_bytes(whole[:place] + damage + whole[place + length :])
     message = ""
     try:
-        load_dataset(own / "own.toml", root=own)
+        load_dataset(files / "own.toml", root=files)
     except DataError as error:
         message = str(error)
     finally:
-        (own / name).write_bytes(whole)
+        (files / name).write_bytes(whole)
     assert "\n" not in message
 
 
-def test_a_hole_in_a_file_is_told(own):
-    os.truncate(own / "labels.csv", 1000)
+def test_a_hole_in_a_file_is_told(files):
+    os.truncate(files / "labels.csv", 1000)
     with pytest.raises(DataError, match="a zero byte"):
-        load_dataset(own / "own.toml", root=own)
+        load_dataset(files / "own.toml", root=files)
 
 
-def test_huge_quoted_cell(own, change):
-    change(own / "look_color.csv", "stone,1,3,4", f'stone,1,3,"{"4" * 200_000}"')
+def test_huge_quoted_cell(files, change):
+    change(files / "look_color.csv", "stone,1,3,4", f'stone,1,3,"{"4" * 200_000}"')
     with pytest.raises(DataError, match="line 4: found a row of 1 columns") as caught:
-        load_dataset(own / "own.toml", root=own)
+        load_dataset(files / "own.toml", root=files)
     assert len(str(caught.value)) < 500
 
 
@@ -204,35 +204,35 @@ def test_a_data_set_reads_back_equal(tmp_path, ragged):
 
 
 @pytest.fixture
-def from_files(own):
-    """Read `own` as the CSV folder's reader does, with a recording of stone left out."""
-    path = own / "lift_haptics.csv"
+def from_files(files):
+    """Read `files` as the CSV folder's reader does, with a recording of stone left out."""
+    path = files / "lift_haptics.csv"
     path.write_text(path.read_text().replace("stone,2,9\n", ""))
-    return load_dataset(own / "own.toml", root=own)
+    return load_dataset(files / "own.toml", root=files)
 
 
-def frames(own):
+def frames(files):
     features = {
-        ("look", "color"): pd.read_csv(own / "look_color.csv"),
-        ("lift", "haptics"): pd.read_csv(own / "lift_haptics.csv"),
+        ("look", "color"): pd.read_csv(files / "look_color.csv"),
+        ("lift", "haptics"): pd.read_csv(files / "lift_haptics.csv"),
     }
-    return features, pd.read_csv(own / "labels.csv")
+    return features, pd.read_csv(files / "labels.csv")
 
 
-def same(found, expected):
-    assert found.objects == expected.objects
-    np.testing.assert_array_equal(found.labels, expected.labels)
-    np.testing.assert_array_equal(found.recording_counts, expected.recording_counts)
+def same(dataset, expected):
+    assert dataset.objects == expected.objects
+    np.testing.assert_array_equal(dataset.labels, expected.labels)
+    np.testing.assert_array_equal(dataset.recording_counts, expected.recording_counts)
     for context, values in expected.features.items():
-        np.testing.assert_array_equal(found.features[context], values)
+        np.testing.assert_array_equal(dataset.features[context], values)
 
 
-def test_frames_are_read_as_files_are(own, from_files):
-    features, labels = frames(own)
+def test_frames_are_read_as_files_are(files, from_files):
+    features, labels = frames(files)
     same(Dataset.from_frames(from_files.domain, features, labels), from_files)
     indexed = {c: frame.set_index(["object", "recording"]) for c, frame in features.items()}
-    found = Dataset.from_frames(from_files.domain, indexed, labels.set_index("object"))
-    same(found, from_files)
+    dataset = Dataset.from_frames(from_files.domain, indexed, labels.set_index("object"))
+    same(dataset, from_files)
 
 
 def test_dictionaries_and_arrays_are_read_as_files_are(from_files):
@@ -246,10 +246,10 @@ def test_dictionaries_and_arrays_are_read_as_files_are(from_files):
     for nothing in (None, "", -1, np.nan, pd.NA):
         labels = {"cup": {"red": True, "heavy": False}, "stone": {"heavy": 1, "red": nothing}}
         same(Dataset.from_frames(from_files.domain, by_object, labels), from_files)
-    found = Dataset.from_frames(
+    dataset = Dataset.from_frames(
         from_files.domain, from_files.features, from_files.labels, objects=from_files.objects
     )
-    same(found, from_files)
+    same(dataset, from_files)
 
 
 def spoil(name, features, labels):
@@ -284,16 +284,16 @@ def spoil(name, features, labels):
         ("column", "did you mean 'rad'"),
     ],
 )
-def test_mistakes_are_told(own, from_files, name, message):
-    features, labels = spoil(name, *frames(own))
+def test_mistakes_are_told(files, from_files, name, message):
+    features, labels = spoil(name, *frames(files))
     with pytest.raises(DataError, match=message):
         Dataset.from_frames(from_files.domain, features, labels)
 
 
-def test_labels_of_attributes_that_do_not_exist_are_told(own, from_files):
+def test_labels_of_attributes_that_do_not_exist_are_told(files, from_files):
     domain = from_files.domain
     with pytest.raises(QueryError, match="did you mean 'heavy'"):
-        Dataset.from_frames(domain, frames(own)[0], {"cup": {"heavey": 1}, "stone": {}})
+        Dataset.from_frames(domain, frames(files)[0], {"cup": {"heavey": 1}, "stone": {}})
 
 
 @pytest.mark.parametrize(
@@ -309,13 +309,13 @@ def test_what_is_no_real_number_is_no_feature(from_files, rows):
         )
 
 
-def test_recordings_of_one_behavior_are_joined_by_their_number(own):
+def test_recordings_of_one_behavior_are_joined_by_their_number(files):
     """Equal counts of other recordings were once joined by their order."""
-    (own / "own.toml").write_text(
-        (own / "own.toml").read_text().replace('["haptics"]', '["haptics", "audio"]')
+    (files / "own.toml").write_text(
+        (files / "own.toml").read_text().replace('["haptics"]', '["haptics", "audio"]')
     )
-    features, labels = frames(own)
+    features, labels = frames(files)
     haptics = features["lift", "haptics"]
     features["lift", "audio"] = haptics.assign(recording=haptics["recording"] + 1)
     with pytest.raises(DataError, match=r"audio.*recording '3'"):
-        Dataset.from_frames(load_domain(own / "own.toml"), features, labels)
+        Dataset.from_frames(load_domain(files / "own.toml"), features, labels)

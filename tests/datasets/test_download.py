@@ -80,12 +80,12 @@ def test_damaged_cache_is_mended(mirror, tmp_path):
 
 def test_wrong_checksum_names_file_digests_and_way_out(mirror, tmp_path):
     (mirror / HOME / "objects.txt").write_text("heavy_blue_rice")
-    found = hashlib.sha256(b"heavy_blue_rice").hexdigest()[:12]
+    digest = hashlib.sha256(b"heavy_blue_rice").hexdigest()[:12]
     expected = hashlib.sha256(b"light_brown_rice").hexdigest()[:12]
     with pytest.raises(DownloadError) as caught:
         fetch("roc36")
     message = str(caught.value)
-    for part in ("objects.txt", found, expected, "MEAL_BAYES_DATA_URL"):
+    for part in ("objects.txt", digest, expected, "MEAL_BAYES_DATA_URL"):
         assert part in message
     assert "\n" not in message
     assert not (tmp_path / "cache" / HOME / "objects.txt").exists()

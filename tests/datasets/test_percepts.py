@@ -70,12 +70,12 @@ def rewrite_meta(path, **fields):
     rewrite(path, change)
 
 
-def assert_same(one, other):
+def assert_same(first, second):
     for name in ("labels", "log_odds", "edges", "training_bins"):
-        np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
-    assert one.objects == other.objects
-    assert one.provenance == other.provenance
-    assert one.domain == other.domain
+        np.testing.assert_array_equal(getattr(first, name), getattr(second, name))
+    assert first.objects == second.objects
+    assert first.provenance == second.provenance
+    assert first.domain == second.domain
 
 
 def test_levels_merge_neighboring_bins(table):
@@ -129,10 +129,10 @@ def test_a_table_is_read_back_as_it_was_and_written_as_before(table, path, tmp_p
 def test_columns_follow_the_domain_that_is_asked_for(table, path):
     toy = table.domain
     swapped = replace(toy, attributes=toy.attributes[::-1], behaviors=toy.behaviors[::-1])
-    found = load_percepts(path, domain=swapped)
-    np.testing.assert_array_equal(found.labels, table.labels[:, ::-1])
-    np.testing.assert_array_equal(found.log_odds, table.log_odds[:, :, ::-1, ::-1])
-    np.testing.assert_array_equal(found.training_bins, table.training_bins[:, :, ::-1, ::-1])
+    percepts = load_percepts(path, domain=swapped)
+    np.testing.assert_array_equal(percepts.labels, table.labels[:, ::-1])
+    np.testing.assert_array_equal(percepts.log_odds, table.log_odds[:, :, ::-1, ::-1])
+    np.testing.assert_array_equal(percepts.training_bins, table.training_bins[:, :, ::-1, ::-1])
     fewer = replace(toy, attributes=("heavy",))
     assert load_percepts(path, domain=fewer).labels.shape == (3, 1)
     other = replace(toy, attributes=("heavy", "round"))
@@ -167,10 +167,10 @@ def test_torn_and_changed_bytes_are_a_data_error(path, table):
             damaged[rng.integers(len(whole))] ^= 1 << rng.integers(8)
         path.write_bytes(damaged)
         try:
-            found = load_percepts(path)
+            percepts = load_percepts(path)
         except (DataError, SettingsError):
             continue
-        assert_same(found, table)  # a bit that means nothing
+        assert_same(percepts, table)  # a bit that means nothing
 
 
 @pytest.mark.parametrize(
@@ -218,7 +218,7 @@ def test_a_domain_of_one_s_own_comes_back(table, tmp_path, name):
 
 
 @pytest.mark.parametrize(
-    ("change", "found"),
+    ("change", "message"),
     [
         (lambda t: "toy", "found str"),
         (lambda t: {**t, "behaviors": 5}, "expected rows"),
@@ -228,9 +228,9 @@ def test_a_domain_of_one_s_own_comes_back(table, tmp_path, name):
         (lambda t: {**t, "report_reward": 1e999}, "inf"),
     ],
 )
-def test_a_spoiled_domain_is_a_data_error(table, path, change, found):
+def test_a_spoiled_domain_is_a_data_error(table, path, change, message):
     rewrite_meta(path, domain_table=change(domain_table(table.domain)))
-    with pytest.raises(DataError, match=found):
+    with pytest.raises(DataError, match=message):
         load_percepts(path)
 
 

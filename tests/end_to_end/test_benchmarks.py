@@ -60,11 +60,11 @@ def test_processes_change_nothing(rows: list[dict[str, object]]) -> None:
         "--models", "clean1", "--policies", "olfc,pomcp:1500 simulations",
         "--episodes", "110", "--jobs", "2",
     )  # fmt: skip
-    one, two = (
+    first, second = (
         {row["policy"]: {key: row[key] for key in row if key not in TIMES} for row in each}
         for each in (rows, again)
     )
-    assert two == {policy: one[policy] for policy in two}
+    assert second == {policy: first[policy] for policy in second}
 
 
 @pytest.mark.long

@@ -114,10 +114,10 @@ def test_actions_are_those_of_earlier_versions(synthetic):
         OfflineConfig(str(synthetic / "toy.npz"), 2, 6, tuple(GOLDEN), seed=1),
         logs=synthetic / "golden",
     )
-    found = {agent: [] for agent in GOLDEN}
+    actions = {agent: [] for agent in GOLDEN}
     for trial in run.trials():
-        found[trial.agent].append("".join(str(step.decision.action) for step in trial.steps))
-    assert found == GOLDEN
+        actions[trial.agent].append("".join(str(step.decision.action) for step in trial.steps))
+    assert actions == GOLDEN
 
 
 @pytest.mark.long

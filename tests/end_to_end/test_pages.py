@@ -40,12 +40,12 @@ class Block(NamedTuple):
 def blocks(page: Path) -> list[Block]:
     """Return the code blocks of a page, in order, with the files that they include."""
     text = page.read_text(encoding="utf-8")
-    found, end = [], 0
+    results, end = [], 0
     for match in _FENCE.finditer(text):
         content = _SNIPPET.sub(lambda name: (ROOT / name[1]).read_text("utf-8"), match[3])
-        found.append(Block(match[1], match[2] or "", content, text[end : match.start()]))
+        results.append(Block(match[1], match[2] or "", content, text[end : match.start()]))
         end = match.end()
-    return found
+    return results
 
 
 def runs(block: Block) -> bool:
@@ -143,13 +143,13 @@ def test_the_readme_shows_the_robot_as_it_is() -> None:
 
 
 def test_measured_tables_are_those_of_the_kept_rows() -> None:
-    kept, pages = MAKER["measured"](), MAKER["PAGES"]
+    rows, pages = MAKER["measured"](), MAKER["PAGES"]
     for run in (*MAKER["RUNS"], MAKER["PAPER_RUN"]):
-        assert MAKER["table_of"](run, kept[run.command]) in text_of(pages["results"])
+        assert MAKER["table_of"](run, rows[run.command]) in text_of(pages["results"])
     made = {
-        "summary": MAKER["summary_table"](kept),
-        "beliefs": MAKER["beliefs_table"](kept[MAKER["BELIEFS"]]),
-        "online": MAKER["online_block"](kept[MAKER["ONLINE"]]),
+        "summary": MAKER["summary_table"](rows),
+        "beliefs": MAKER["beliefs_table"](rows[MAKER["BELIEFS"]]),
+        "online": MAKER["online_block"](rows[MAKER["ONLINE"]]),
     }
     for name, table in made.items():
         assert MAKER["block"](text_of(pages[name]), name).strip() == table.strip(), name

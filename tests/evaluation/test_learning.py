@@ -63,8 +63,8 @@ def curve(agent, accuracies, *, hours=1.0, repeats=3, **options):
     ],
 )
 def test_the_mean_of_a_curve_over_its_first_hours(hours, values, end, expected):
-    found = mean_until(np.array(hours, float), np.array(values, float), end)
-    assert found == pytest.approx(expected)
+    mean = mean_until(np.array(hours, float), np.array(values, float), end)
+    assert mean == pytest.approx(expected)
 
 
 class TestSummary:

@@ -48,9 +48,9 @@ def test_every_figure_is_labelled_and_written(trial, tmp_path, ending, magic):
 
 def test_lines_and_bands_are_the_numbers():
     ax = plots.lines(TWO, x_label="x", y_label="y")
-    for line, one in zip(ax.lines, TWO, strict=True):
-        np.testing.assert_array_equal(line.get_xydata(), np.stack([one.x, one.y], axis=1))
-        assert line.get_label() == one.name
+    for line, series in zip(ax.lines, TWO, strict=True):
+        np.testing.assert_array_equal(line.get_xydata(), np.stack([series.x, series.y], axis=1))
+        assert line.get_label() == series.name
     (band,) = ax.collections  # b has none
     corners = {tuple(corner) for corner in band.get_paths()[0].vertices.round(9)}
     assert {*zip(X, TWO[0].low, strict=True), *zip(X, TWO[0].high, strict=True)} <= corners

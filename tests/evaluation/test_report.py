@@ -40,8 +40,8 @@ def folder(trials, tmp_path_factory):
     path = tmp_path_factory.mktemp("run")
     header = {"config": {"dataset": "roc36", "note": "<script>alert(1)</script> & more"}}
     for agent in AGENTS:
-        own = [trial for trial in trials if trial.agent == agent]
-        write_trials(path / agent / "unit-0000.mcap", own, header=header)
+        of_agent = [trial for trial in trials if trial.agent == agent]
+        write_trials(path / agent / "unit-0000.mcap", of_agent, header=header)
     return path
 
 

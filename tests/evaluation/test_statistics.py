@@ -30,10 +30,10 @@ def test_copies_within_a_cluster_are_no_new_cases(x, copies):
 
 def test_intervals_are_students():
     assert math.isnan(clustered([1, 2, 3], [7, 7, 7]).interval().low)
-    found = clustered([2, 1, 0], ["a", "b", "c"]).interval()
-    assert found[:2] == pytest.approx((1.0, 1 / math.sqrt(3)))
+    interval = clustered([2, 1, 0], ["a", "b", "c"]).interval()
+    assert interval[:2] == pytest.approx((1.0, 1 / math.sqrt(3)))
     reach = 4.302653 / math.sqrt(3)
-    assert found[2:] == pytest.approx((1 - reach, 1 + reach), rel=1e-6)
+    assert interval[2:] == pytest.approx((1 - reach, 1 + reach), rel=1e-6)
 
 
 @pytest.mark.statistical
@@ -50,10 +50,10 @@ def test_clustered_intervals_cover():
 def test_wilson_holds_the_fraction(n, data):
     assert wilson_interval(81, 263)[2:] == pytest.approx((0.2553, 0.3662), abs=5e-5)
     hits = data.draw(st.integers(0, n))
-    found = wilson_interval(hits, n)
-    assert 0 <= found.low <= found.estimate <= found.high <= 1
+    interval = wilson_interval(hits, n)
+    assert 0 <= interval.low <= interval.estimate <= interval.high <= 1
     mirrored = wilson_interval(n - hits, n)
-    assert mirrored.low == pytest.approx(1 - found.high, abs=1e-12)
+    assert mirrored.low == pytest.approx(1 - interval.high, abs=1e-12)
 
 
 @pytest.mark.parametrize(

@@ -84,9 +84,9 @@ def test_rows_are_json():
 
 def test_agents_are_compared_on_shared_tasks():
     extra = trial("bayes", [0.9, 0.9], [True, True], [True, True], 3.0, 2, 2)  # morc has none
-    found = compare([*TRIALS, extra], "bayes", "morc")
-    assert found.estimate == pytest.approx(((95 + 107) + (-101 + 9)) / 2)
-    assert found.low < found.estimate < found.high
+    difference = compare([*TRIALS, extra], "bayes", "morc")
+    assert difference.estimate == pytest.approx(((95 + 107) + (-101 + 9)) / 2)
+    assert difference.low < difference.estimate < difference.high
     assert compare(TRIALS, "bayes", "morc", measure="cost").estimate == pytest.approx(-5.0)
     assert compare(TRIALS, "bayes", "morc", measure="success").estimate == pytest.approx(0.5)
 
@@ -104,8 +104,8 @@ def test_outcomes_are_summarized_and_compared_as_their_trials_are():
     assert rows[0] == rows[1]  # nan is None there
     assert mean_effect(outcomes, "abstained").estimate == 0.25
     for measure in ("reward", "cost", "success", "abstained"):
-        found = compare(outcomes, "bayes", "morc", measure=measure)
-        assert found == compare(TRIALS, "bayes", "morc", measure=measure)
+        difference = compare(outcomes, "bayes", "morc", measure=measure)
+        assert difference == compare(TRIALS, "bayes", "morc", measure=measure)
 
 
 OBJECTS = 24

@@ -134,10 +134,10 @@ def test_an_agent_of_one_s_own_goes_to_the_workers(cluster, tmp_path, module, co
     """Its module lies in a folder that the workers have never heard of."""
     address, *_ = cluster
     wanted = OfflineConfig("roc36", 1, 6, ("predefined", module(2).Looker()), seed=1)
-    here = run_offline(wanted, logs=tmp_path / "here")
-    there = run_offline(wanted, logs=tmp_path / "there", cluster=address)
-    assert contents(there.folder) == contents(here.folder)
-    assert len(contents(here.folder)) == 2
+    local = run_offline(wanted, logs=tmp_path / "here")
+    remote = run_offline(wanted, logs=tmp_path / "there", cluster=address)
+    assert contents(remote.folder) == contents(local.folder)
+    assert len(contents(local.folder)) == 2
 
 
 @pytest.mark.long

@@ -51,9 +51,9 @@ def test_fractions_are_followed(dataset):
 
 def test_a_split_may_be_named(dataset):
     parts = (dataset.objects[3:5], dataset.objects[:3], dataset.objects[5:])
-    found = protocol(dataset, shares=parts, repeat=3).split
-    assert [list(part) for part in (found.pre, found.train)] == [[3, 4], [0, 1, 2]]
-    assert len(found.test) == len(dataset.objects) - 5
+    split = protocol(dataset, shares=parts, repeat=3).split
+    assert [list(part) for part in (split.pre, split.train)] == [[3, 4], [0, 1, 2]]
+    assert len(split.test) == len(dataset.objects) - 5
     for wrong, message in (("nothing", "Unknown object 'nothing'"), (parts[1][0], "in two parts")):
         with pytest.raises(SettingsError, match=message):
             protocol(dataset, shares=((wrong,), *parts[1:]))
@@ -73,26 +73,26 @@ def test_seed_and_repeat_make_other_splits_and_the_same_makes_the_same(dataset):
 
 @pytest.mark.parametrize("attributes", [1, 2])
 def test_tests_ask_each_object_each_query_once(dataset, attributes):
-    one = protocol(dataset, attributes=attributes)
-    tasks = one.tests()
+    plan = protocol(dataset, attributes=attributes)
+    tasks = plan.tests()
     pairs = [(task.object_index, task.query.attributes) for task in tasks]
     assert len(set(pairs)) == len(pairs) == 10 * (2 if attributes == 1 else 1)
-    assert {o for o, _ in pairs} == set(one.split.test.tolist())
+    assert {o for o, _ in pairs} == set(plan.split.test.tolist())
     assert all(dataset.objects[task.object_index] == task.object_name for task in tasks)
     assert len({task.key for task in tasks}) == len(tasks)
 
 
 def test_training_asks_about_train_objects_only_and_anew_in_every_batch(dataset):
-    one = protocol(dataset)
-    batches = [one.training(batch, 200) for batch in (1, 2)]
+    plan = protocol(dataset)
+    batches = [plan.training(batch, 200) for batch in (1, 2)]
     for tasks in batches:
-        assert {task.object_index for task in tasks} == set(one.split.train.tolist())
+        assert {task.object_index for task in tasks} == set(plan.split.train.tolist())
         assert {task.query.attributes for task in tasks} == {("red",), ("heavy",)}
     keys = [task.key for tasks in batches for task in tasks]
-    keys += [task.key for task in one.tests()]
+    keys += [task.key for task in plan.tests()]
     assert len(set(keys)) == len(keys)
     assert [t.object_index for t in batches[0]] != [t.object_index for t in batches[1]]
-    assert one.training(1, 200) == batches[0]
+    assert plan.training(1, 200) == batches[0]
 
 
 def test_what_nobody_knows_is_not_asked(dataset):
@@ -100,8 +100,8 @@ def test_what_nobody_knows_is_not_asked(dataset):
     labels[::2, 0] = -1
     hidden = Dataset(dataset.domain, dataset.objects, dataset.features, labels)
     for attributes in (1, 2):
-        one = protocol(hidden, attributes=attributes)
-        for task in one.tests() + one.training(1, 100):
+        plan = protocol(hidden, attributes=attributes)
+        for task in plan.tests() + plan.training(1, 100):
             columns = [hidden.domain.attribute_index(name) for name in task.query.attributes]
             assert (hidden.labels[task.object_index, columns] >= 0).all()
 
@@ -141,15 +141,15 @@ def test_restricted_keeps_the_columns_of_what_is_kept():
     rng = np.random.default_rng(1)
     data = make_synthetic(load_domain("roc36"), objects=12, recordings=1, rng=rng, dimensions=2)
     names = ("heavy", "blue", "beans")
-    kept = restricted(data, names)
-    assert kept.domain.attributes == names
+    part = restricted(data, names)
+    assert part.domain.attributes == names
     for name in names:
         np.testing.assert_array_equal(
-            kept.labels[:, kept.domain.attribute_index(name)],
+            part.labels[:, part.domain.attribute_index(name)],
             data.labels[:, data.domain.attribute_index(name)],
         )
-    assert kept.features.keys() == data.features.keys()
-    assert set(kept.domain.synonyms.values()) <= set(names)
+    assert part.features.keys() == data.features.keys()
+    assert set(part.domain.synonyms.values()) <= set(names)
     assert restricted(data, data.domain.attributes) is data
     group, members = next(iter(data.domain.groups.items()))
     assert restricted(data, members).domain.groups == {group: members}

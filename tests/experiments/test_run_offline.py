@@ -81,12 +81,12 @@ class TestRunningAgain:
 
     def test_removed_times_are_unknown(self, finished):
         timing = finished.paths[0].with_name("unit-0000.timing.csv")
-        kept = timing.read_text(encoding="utf-8")
+        text = timing.read_text(encoding="utf-8")
         timing.unlink()
         try:
             again = run_offline(CONFIG, logs=finished.folder.parent)
         finally:
-            timing.write_text(kept, encoding="utf-8")
+            timing.write_text(text, encoding="utf-8")
         assert np.isnan(again.seconds["random"])
         assert again.seconds["predefined_plus"] > 0
 

@@ -107,8 +107,8 @@ class TestAFinishedRun:
     def test_headers_tell_the_settings(self, finished, config):
         for path in finished.folder.rglob("*.mcap"):
             header = read_header(path)
-            own = {"agents": [header["agent"]], "reward": 100.0}  # the domain's
-            assert header["config"] == json.loads(json.dumps(config.as_dict())) | own
+            changes = {"agents": [header["agent"]], "reward": 100.0}  # the domain's
+            assert header["config"] == json.loads(json.dumps(config.as_dict())) | changes
             assert path.name == f"{header['batch']:02d}-{header['part']}.mcap"
             assert path.parent.name == f"repeat-{header['repeat']:03d}"
             assert path.parent.parent.name == header["agent"]
@@ -132,14 +132,14 @@ class TestAFinishedRun:
 )
 def test_what_is_lost_is_made_again(finished, whole, config, lost, contents):
     unit = finished.folder / "bayes_memory" / "repeat-001"
-    kept = {p: p.stat().st_mtime_ns for p in finished.folder.rglob("repeat-000/*.mcap")}
+    times = {p: p.stat().st_mtime_ns for p in finished.folder.rglob("repeat-000/*.mcap")}
     for pattern in lost:
         for path in unit.glob(pattern):
             path.unlink()
     run_online(config, logs=finished.folder.parent)
     list(finished.results())
     assert contents(finished.folder) == whole
-    assert {path: path.stat().st_mtime_ns for path in kept} == kept
+    assert {path: path.stat().st_mtime_ns for path in times} == times
 
 
 @pytest.mark.long
@@ -184,8 +184,8 @@ def test_compact_logs_hold_the_same_outcomes_and_go_on_to_the_same_end(
     compact = replace(config, agents=AGENTS[1:], repeats=1, log="compact")
     run = run_online(compact, logs=tmp_path)
     before = contents(run.folder)
-    expected = {(one.repeat, one.batch): one for one in finished.results() if
-                one.agent == AGENTS[1]}  # fmt: skip
+    expected = {(entry.repeat, entry.batch): entry for entry in finished.results() if
+                entry.agent == AGENTS[1]}  # fmt: skip
     for result in run.results():
         full = expected[result.repeat, result.batch]
         assert result.hours == full.hours
@@ -200,14 +200,14 @@ def test_compact_logs_hold_the_same_outcomes_and_go_on_to_the_same_end(
 
 @pytest.mark.long
 def test_every_setting_reaches_the_run(config, whole, tmp_path, contents):
-    one = replace(config, agents=AGENTS[1:], repeats=1)
+    base = replace(config, agents=AGENTS[1:], repeats=1)
     changes = (
         {"attributes": 2}, {"seed": 4}, {"split": (1, 1, 2)}, {"reward": 50.0}, {"horizon": 10},
         {"answers": "joint"}, {"normalizer": "all"}, {"trials": 4},
     )  # fmt: skip
     folders = {}
     for change in changes:
-        run = run_online(replace(one, **change), logs=tmp_path)
+        run = run_online(replace(base, **change), logs=tmp_path)
         folders[run.folder] = contents(run.folder)
         trials = [t for p in run.folder.rglob("*-test.mcap") for t in read_trials(p)]
         assert {len(trial.truth) for trial in trials} == {change.get("attributes", 1)}
@@ -218,8 +218,8 @@ def test_every_setting_reaches_the_run(config, whole, tmp_path, contents):
 @pytest.mark.parametrize("name", ["bayes_memory", "morc_itrs"])
 def test_a_live_learner_in_the_protocol_s_order_makes_the_same_trials(config, tmp_path, name):
     """A robot that replays, feedback and refits by hand: `ask` and `tell` are all it takes."""
-    own = replace(config, agents=(name,), repeats=1)
-    run = run_online(own, logs=tmp_path)
+    settings = replace(config, agents=(name,), repeats=1)
+    run = run_online(settings, logs=tmp_path)
     dataset = load_dataset(config.dataset, root=config.root)
     domain, seed = dataset.domain, config.seed
     protocol = Protocol.of(dataset, attributes=1, seed=seed, repeat=0, shares=config.split)
@@ -233,7 +233,7 @@ def test_a_live_learner_in_the_protocol_s_order_makes_the_same_trials(config, tm
         unit=float(dataset.recordings * len(protocol.split.train)),
     )  # fmt: skip
     learner.fit(protocol.pretraining())
-    found = {}
+    live = {}
     for batch in range(3):
         for part, tasks in (
             ("test", protocol.tests()),
@@ -249,49 +249,49 @@ def test_a_live_learner_in_the_protocol_s_order_makes_the_same_trials(config, tm
                 )  # fmt: skip
                 truth = bool(dataset.labels[o, domain.attribute_index(attribute)])
                 trial = learner.ask(task, robot, truth={attribute: truth}, learn=part == "train")
-                found.setdefault((batch + (part == "train"), part), []).append(trial)
+                live.setdefault((batch + (part == "train"), part), []).append(trial)
                 if part == "train":
                     recordings.use(trial)
                     if trial.report is not None:  # a verdict implies the one label
                         learner.tell(trial, {attribute: truth})
         learner.refit()
-    for (batch, part), trials in found.items():
+    for (batch, part), trials in live.items():
         path = run.folder / name / "repeat-000" / f"{batch:02d}-{part}.mcap"
         logged = list(read_trials(path))
         assert len(logged) == len(trials)
-        for one, other in zip(trials, logged, strict=True):
-            assert one.task == other.task
-            assert [s.decision.action for s in one.steps] == [
-                s.decision.action for s in other.steps
+        for again, first in zip(trials, logged, strict=True):
+            assert again.task == first.task
+            assert [s.decision.action for s in again.steps] == [
+                s.decision.action for s in first.steps
             ]
-            np.testing.assert_array_equal(one.last_belief.log_prob, other.last_belief.log_prob)
-            np.testing.assert_array_equal(one.momdp.bonus, other.momdp.bonus)
-            np.testing.assert_array_equal(one.report, other.report)
+            np.testing.assert_array_equal(again.last_belief.log_prob, first.last_belief.log_prob)
+            np.testing.assert_array_equal(again.momdp.bonus, first.momdp.bonus)
+            np.testing.assert_array_equal(again.report, first.report)
 
 
 @pytest.mark.long
 def test_an_agent_that_another_trains_learns_from_its_trials(config, tmp_path):
     agents = ("iterative_morc", "iterative_morc_bayes", "bayes_no_bonus")
     run = run_online(replace(config, agents=agents, log="compact"), logs=tmp_path)
-    morc, taught, own = (
+    morc, taught, untaught = (
         [read_outcomes(path) for path in sorted((run.folder / agent).rglob("*-train.mcap"))]
         for agent in agents
     )
-    for one, other in zip(morc, taught, strict=True):
-        np.testing.assert_array_equal(one.executed, other.executed)
-        np.testing.assert_array_equal(one.cost, other.cost)
-        assert set(other.agent) == {"iterative_morc_bayes"}
+    for teacher, pupil in zip(morc, taught, strict=True):
+        np.testing.assert_array_equal(teacher.executed, pupil.executed)
+        np.testing.assert_array_equal(teacher.cost, pupil.cost)
+        assert set(pupil.agent) == {"iterative_morc_bayes"}
     first = [r.outcomes.positive for r in run.results() if (r.batch, r.repeat) == (0, 0)]
     np.testing.assert_array_equal(first[1], first[2])  # bayes' belief of what was known before
     assert (first[0] != first[1]).any()
-    assert any((a.cost != b.cost).any() for a, b in zip(taught, own, strict=True))
+    assert any((a.cost != b.cost).any() for a, b in zip(taught, untaught, strict=True))
 
 
 def test_curious_agents_take_their_weights(config, tmp_path):
-    one = replace(config, agents=("morc_itrs",), repeats=1, batches=1, trials=2)
+    base = replace(config, agents=("morc_itrs",), repeats=1, batches=1, trials=2)
     bonus = {}
     for alpha, beta in ((0.0, 0.0), (6.0, 0.0)):
-        run = run_online(replace(one, alpha=alpha, beta=beta), logs=tmp_path)
+        run = run_online(replace(base, alpha=alpha, beta=beta), logs=tmp_path)
         (path,) = run.folder.rglob("01-train.mcap")
         bonus[alpha] = next(read_trials(path)).momdp.bonus
     assert not bonus[0.0].any()

@@ -76,7 +76,7 @@ def test_a_fault_of_the_body_is_logged_and_life_goes_on(room, sim, tmp_path, mon
     monkeypatch.setattr(sim.SimulatedArm, "execute", failing)
     learner = Learner("simulated_arm", agent="random_legal", seed=3, logs=None)
     done = list(room.learn_live(learner, 3, 3, logs=tmp_path))
-    assert [one.fault for one in done] == ["", "the object fell off the table", ""]
+    assert [trial.fault for trial in done] == ["", "the object fell off the table", ""]
     assert done[1].trial is None
     (broken,) = read_trials(tmp_path / "00002.mcap")
     assert broken.ended == "robot error: RobotError: the object fell off the table"

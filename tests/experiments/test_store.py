@@ -24,7 +24,7 @@ def unit(tmp_path_factory):
 
 
 @pytest.fixture
-def kept(unit):
+def content(unit):
     """Its content, which is put back when the test is over."""
     content = unit.read_bytes()
     yield content
@@ -32,23 +32,23 @@ def kept(unit):
 
 
 @pytest.mark.parametrize("damage", ["flipped", "torn", "text"])
-def test_a_damaged_unit_is_made_again(unit, kept, damage, caplog):
-    flipped = bytearray(kept)
-    flipped[len(kept) // 2] ^= 1
-    unit.write_bytes({"flipped": flipped, "torn": kept[:-10], "text": b"hello"}[damage])
+def test_a_damaged_unit_is_made_again(unit, content, damage, caplog):
+    flipped = bytearray(content)
+    flipped[len(content) // 2] ^= 1
+    unit.write_bytes({"flipped": flipped, "torn": content[:-10], "text": b"hello"}[damage])
     assert not is_whole(unit)
     assert "it is made again" in caplog.text
     run_offline(CONFIG, logs=unit.parents[2])
-    assert unit.read_bytes() == kept
+    assert unit.read_bytes() == content
 
 
-def test_a_unit_of_fewer_trials_is_made_again(unit, kept, caplog):
+def test_a_unit_of_fewer_trials_is_made_again(unit, content, caplog):
     assert is_whole(unit, trials=3)
     assert not is_whole(unit, trials=4)
     assert "holds 3 trials, expected 4" in caplog.text
 
 
-def test_fresh_replaces_and_never_deletes(unit, kept, monkeypatch):
+def test_fresh_replaces_and_never_deletes(unit, content, monkeypatch):
     """As when it is killed before it has made anything."""
 
     def killed(*arguments, **options):
@@ -57,22 +57,22 @@ def test_fresh_replaces_and_never_deletes(unit, kept, monkeypatch):
     monkeypatch.setattr("meal_bayes.experiments.offline.Learner", killed)
     with pytest.raises(KeyboardInterrupt):
         run_offline(CONFIG, logs=unit.parents[2], fresh=True)
-    assert unit.read_bytes() == kept
+    assert unit.read_bytes() == content
     monkeypatch.undo()
     before = unit.stat().st_ino
     run_offline(CONFIG, logs=unit.parents[2], fresh=True)
     assert unit.stat().st_ino != before
-    assert unit.read_bytes() == kept
+    assert unit.read_bytes() == content
 
 
 def test_the_parents_of_a_domain_are_another_run(tmp_path):
     child, parent = tmp_path / "own.toml", tmp_path / "parent.toml"
     child.write_text(OWN.format(parent="parent.toml"))
-    found = set()
+    prints = set()
     for reward in (500.0, 300.0, 300.0):
         parent.write_text(f'extends = "roc36"\nreport_reward = {reward}\n')
-        found.add(fingerprint(str(child)))
-    assert len(found) == 2
+        prints.add(fingerprint(str(child)))
+    assert len(prints) == 2
 
 
 def test_recordings_are_another_run(own_data):

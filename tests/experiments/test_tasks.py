@@ -41,12 +41,12 @@ class TestRoc36:
         tasks = offline_tasks(roc36, n, 400, 1)
         assert [describes(roc36, task) for task in tasks] == [True, False] * 200
 
-    @pytest.mark.parametrize(("n", "own", "other"), [(2, 36 * 3, 36 * 30), (3, 36, 36 * 35)])
-    def test_each_pair_comes_once_before_any_comes_twice(self, roc36, n, own, other):
-        tasks = offline_tasks(roc36, n, 2 * other + 10, 2)
-        assert first_comes_once(pairs_of(tasks[0::2]), own)
-        assert first_comes_once(pairs_of(tasks[1::2]), other)
-        assert len(set(pairs_of(tasks))) == own + other
+    @pytest.mark.parametrize(("n", "first", "second"), [(2, 36 * 3, 36 * 30), (3, 36, 36 * 35)])
+    def test_each_pair_comes_once_before_any_comes_twice(self, roc36, n, first, second):
+        tasks = offline_tasks(roc36, n, 2 * second + 10, 2)
+        assert first_comes_once(pairs_of(tasks[0::2]), first)
+        assert first_comes_once(pairs_of(tasks[1::2]), second)
+        assert len(set(pairs_of(tasks))) == first + second
 
     def test_what_describes_an_object_varies(self, roc36):
         """The other half names at least one value that is not the object's own, evenly."""

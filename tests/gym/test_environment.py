@@ -15,8 +15,8 @@ from meal_bayes.trial_log import read_trials
 
 @pytest.mark.parametrize("name", ENVIRONMENTS)
 def test_gymnasium_finds_nothing_wrong(name):
-    own = {"dataset": load_percepts("roc36"), "attributes": 1} if "Own" in name else {}
-    env = gymnasium.make(name, agent="greedy", trials=20, **own).unwrapped
+    options = {"dataset": load_percepts("roc36"), "attributes": 1} if "Own" in name else {}
+    env = gymnasium.make(name, agent="greedy", trials=20, **options).unwrapped
     check_env(env, skip_render_check=True)
     with pytest.raises(SettingsError, match="Give dataset="):
         gymnasium.make("meal_bayes/Own-v0")
@@ -77,12 +77,12 @@ def test_randomness_is_new_in_every_episode_and_repeats_under_a_seed():
     env = MealEnv("cy101", agent="greedy", trials=5, max_steps=4)
 
     def episodes(seed):
-        found = []
+        percepts = []
         for k in range(6):
             _, info = env.reset(seed=seed if k == 0 else None)
             look = env.actions.index("look")
-            found.append((info["object"], env.step(look)[0]["percepts"].tobytes()))
-        return found
+            percepts.append((info["object"], env.step(look)[0]["percepts"].tobytes()))
+        return percepts
 
     first = episodes(1)
     assert first == episodes(1)

@@ -58,20 +58,20 @@ def test_d_holds_what_was_shown_with_its_labels(trials, memory, forgotten):
     dataset, rows, d = experience.data(memory=memory)
     places = experience.instances.values[rows, :3]
     names = {number: name for name, number in experience.objects.items()}
-    found = {}
+    held = {}
     for (o, e, r), labels in zip(places.tolist(), d.labels.tolist(), strict=True):
         at = DATASET.objects.index(names[o]), e, r
-        found[at] = {p: value for p, value in enumerate(labels) if value >= 0}
+        held[at] = {p: value for p, value in enumerate(labels) if value >= 0}
     expected = {}
     for place, in_trials in shown.items():
         expected[place] = {}
         for t in in_trials:
             expected[place].update(known[place[0]] if memory else told[t])
-    assert found == expected
+    assert held == expected
     for name, o in experience.objects.items():
         labels = experience.known.values[o]
-        own = {p: v for p, v in enumerate(labels.tolist()) if v >= 0}
-        assert own == known.get(DATASET.objects.index(name), {})
+        labels_of = {p: v for p, v in enumerate(labels.tolist()) if v >= 0}
+        assert labels_of == known.get(DATASET.objects.index(name), {})
     for value in (0, 1):
         count = (experience.known.values == value).sum(axis=0)
         np.testing.assert_array_equal(experience.tally[value], count)

@@ -186,9 +186,9 @@ class TestAPerceptTable:
         assert trial.success is None
         learner.tell(trial, {"heavy": bool(table.labels[0, heavy])})
         expected = knowledge_without(table, 5, levels=2, object_level=False)
-        found = learner.knowledge(table.objects[5])
+        knowledge = learner.knowledge(table.objects[5])
         np.testing.assert_allclose(
-            found.posterior.concentration, expected.posterior.concentration, rtol=0, atol=1e-9
+            knowledge.posterior.concentration, expected.posterior.concentration, rtol=0, atol=1e-9
         )
         learner.forget(trial)
         before = knowledge_without(hidden, 5, levels=2, object_level=False)

@@ -62,10 +62,10 @@ def test_what_is_no_percept_moves_no_belief_and_is_warned_of(dataset, make, tmp_
     assert step.observation is None
     np.testing.assert_array_equal(step.belief.log_odds, trial.first_belief.log_odds)
     (back,) = read_trials(path)
-    for found in (trial, back):
-        assert pytest.approx(1.0) == found.steps[0].cost
-        assert re.search(says, found.steps[0].warning)
-        assert found.steps[0].warning.startswith("no percept of look: ")
+    for logged in (trial, back):
+        assert pytest.approx(1.0) == logged.steps[0].cost
+        assert re.search(says, logged.steps[0].warning)
+        assert logged.steps[0].warning.startswith("no percept of look: ")
     assert not trial.ended
 
 
@@ -88,9 +88,9 @@ def test_a_percept_is_made_of_the_modalities_that_are_there(make, weight):
         plain.labels,
     )  # fmt: skip
     learner = make.learner(dataset, make.agent("look", "look", **make.ours))
-    given = {"color": GOOD} if weight is None else {"color": GOOD, "weight": weight}
+    features = {"color": GOOD} if weight is None else {"color": GOOD, "weight": weight}
     with pytest.warns(UserWarning, match="look by color alone: weight") as caught:
-        trial = learner.ask("red", Faulty(Outcome("table", given)), truth={"red": False})
+        trial = learner.ask("red", Faulty(Outcome("table", features)), truth={"red": False})
     assert len(caught) == 1  # a trial
     assert trial.success
     assert all(step.observation is not None for step in trial.steps[:2])
@@ -193,10 +193,10 @@ def test_a_kill_at_every_step_loses_no_earlier_step(dataset, make, tmp_path, ste
     assert trial.ended
     assert trial.success is None
     assert len(trial.steps) == step
-    for one, other in zip(trial.steps, expected.steps, strict=False):
-        assert one.decision.action == other.decision.action
-        np.testing.assert_array_equal(one.observation, other.observation)
-        np.testing.assert_array_equal(one.belief.log_prob, other.belief.log_prob)
+    for saved, wanted in zip(trial.steps, expected.steps, strict=False):
+        assert saved.decision.action == wanted.decision.action
+        np.testing.assert_array_equal(saved.observation, wanted.observation)
+        np.testing.assert_array_equal(saved.belief.log_prob, wanted.belief.log_prob)
     (again,) = read_trials(recover_log(active))
     assert (len(again.steps), again.ended) == (step, trial.ended)
 
@@ -237,10 +237,10 @@ def test_a_person_who_is_asked_answers_by_name(make):
         (Outcome("x0", {"color": [1.0]}), None, True),
         (Outcome("x0"), None, False),
     ):
-        found = Boundary(domain).execute(0, outcome)
-        assert found.answers == answers
-        assert bool(found.warning) == warned
-        assert found.instance is None
+        result = Boundary(domain).execute(0, outcome)
+        assert result.answers == answers
+        assert bool(result.warning) == warned
+        assert result.instance is None
 
 
 def test_two_trials_about_one_object_at_once_have_two_logs(dataset, make, tmp_path):

@@ -47,29 +47,29 @@ class TestAPosteriorOfOnesOwn:
     def test_is_what_the_agent_believes_and_labeled_trials_are_added(self, dataset, make):
         idata = drawn(dataset, 4, 8)
         learner = make.learner(dataset, posterior=idata)
-        own = posterior_from(idata, dataset.domain)
-        np.testing.assert_array_equal(learner.knowledge().posterior.mean, own.mean)
+        posterior = posterior_from(idata, dataset.domain)
+        np.testing.assert_array_equal(learner.knowledge().posterior.mean, posterior.mean)
         trial = learner.ask("red", make.arm())
         learner.tell(trial, {"red": True})
         learner.refit()
         after = learner.knowledge().posterior
-        assert (after.counts.sum() > own.counts.sum()) == any(
+        assert (after.counts.sum() > posterior.counts.sum()) == any(
             step.observation is not None for step in trial.steps
         )
         learner.forget(trial)
-        np.testing.assert_allclose(learner.knowledge().posterior.mean, own.mean, atol=1e-12)
+        np.testing.assert_allclose(learner.knowledge().posterior.mean, posterior.mean, atol=1e-12)
 
     def test_other_levels_than_the_agent_s_are_told(self, dataset, make):
         with pytest.raises(SettingsError, match="levels of the agent"):
             make.learner(dataset, posterior=drawn(dataset, 2, 8))
 
     def test_replays_believe_it_too(self, table):
-        own = (
+        knowledge = (
             Learner(table.domain, agent="greedy", logs=None).fit(table).knowledge(table.objects[0])
         )
-        learner = Learner(table.domain, agent="greedy", logs=None, posterior=own.posterior)
-        found = learner.fit(table).knowledge(table.objects[3]).posterior
-        np.testing.assert_array_equal(found.mean, own.posterior.mean)
+        learner = Learner(table.domain, agent="greedy", logs=None, posterior=knowledge.posterior)
+        posterior = learner.fit(table).knowledge(table.objects[3]).posterior
+        np.testing.assert_array_equal(posterior.mean, knowledge.posterior.mean)
 
 
 @pytest.mark.long
@@ -86,15 +86,15 @@ def test_a_model_of_ones_own_is_a_page_of_pymc(dataset, tmp_path):
     objects = [f"object {o}" for o in range(8)]
     space = {"np": np, "mb": meal_bayes, "pm": idata_of.pm, "domain": dataset.domain}
     exec(code, space | {"counts": counts, "objects": objects}, space)
-    own = space["learner"].fits.settings.posterior
-    assert own.counts.sum() == counts.sum()
-    assert (own.mean[:, :2, 1, 1] > 0.6).all()
-    assert (own.mean[:, :2, 0, 1] < 0.4).all()
+    posterior = space["learner"].fits.settings.posterior
+    assert posterior.counts.sum() == counts.sum()
+    assert (posterior.mean[:, :2, 1, 1] > 0.6).all()
+    assert (posterior.mean[:, :2, 0, 1] < 0.4).all()
     path = save_netcdf(space["idata"], tmp_path / "own.nc")
     again = Learner(
         dataset.domain, agent="greedy", logs=None, posterior=path
     ).fits.settings.posterior
-    np.testing.assert_array_equal(again.mean, own.mean)
+    np.testing.assert_array_equal(again.mean, posterior.mean)
 
 
 def test_a_key_names_the_random_stream_of_a_question(table):
@@ -157,15 +157,15 @@ def test_no_field_is_forgotten_here():
 def test_with_a_robot(dataset, make, field):
     ours = load_agent("bayes")
     changed = dataclasses.replace(ours, **{field: CHANGES[field]})
-    one, other, again = (
+    first, second, again = (
         signature(trials_of(dataset, make, agent)) for agent in (ours, changed, ours)
     )
-    assert one == again != other
+    assert first == again != second
 
 
 @pytest.mark.parametrize("field", sorted(set(CHANGES) - {"exploration", "trained_by", "whiten"}))
 def test_on_a_percept_table_whose_classifiers_are_fitted(field):
     ours, table = load_agent("bayes"), load_percepts("roc36")
     changed = dataclasses.replace(ours, **{field: CHANGES[field]})
-    one, other = (signature(replays_of(table, agent)) for agent in (ours, changed))
-    assert one != other
+    first, second = (signature(replays_of(table, agent)) for agent in (ours, changed))
+    assert first != second

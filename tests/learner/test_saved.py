@@ -15,12 +15,12 @@ from meal_bayes.learner import Learner
 STATE = ("counts", "concentration", "dispersion")
 
 
-def same(one, other):
-    a, b = one.posterior, other.posterior
+def same(first, second):
+    a, b = first.posterior, second.posterior
     for name in STATE:
         np.testing.assert_allclose(getattr(a, name), getattr(b, name), rtol=0, atol=1e-12)
-    np.testing.assert_array_equal(one.base_rates, other.base_rates)
-    assert one.trait.sd == other.trait.sd
+    np.testing.assert_array_equal(first.base_rates, second.base_rates)
+    assert first.trait.sd == second.trait.sd
 
 
 @pytest.fixture(scope="module")
@@ -55,13 +55,13 @@ def test_everything_comes_back(taught, saved, dataset, agent, make):
     same(again.knowledge(), learner.knowledge())
     assert (again.seed, again.reward, again.asked) == (5, 70.0, 3)
     for name in ("instances", "levels", "labels", "executions", "feedback", "known"):
-        found = (getattr(one.experience, name).values for one in (again, learner))
-        np.testing.assert_array_equal(*found)
+        labels = (getattr(each.experience, name).values for each in (again, learner))
+        np.testing.assert_array_equal(*labels)
     assert again.experience.trials == learner.experience.trials
     assert again.experience.objects == learner.experience.objects
     np.testing.assert_array_equal(again.experience.tally, learner.experience.tally)
     np.testing.assert_array_equal(again.experience.attempts, learner.experience.attempts)
-    asked = [one.ask("red", make.arm(seed=9), learn=False, key=9) for one in (learner, again)]
+    asked = [each.ask("red", make.arm(seed=9), learn=False, key=9) for each in (learner, again)]
     np.testing.assert_array_equal(asked[0].last_belief.log_prob, asked[1].last_belief.log_prob)
     again.forget(trials[2])
     again.refit()
@@ -81,12 +81,12 @@ def test_nothing_is_fitted_again(saved, agent, monkeypatch):
 
 
 def test_a_posterior_of_ones_own_comes_back(dataset, make, tmp_path):
-    own = make.learner(dataset).knowledge().posterior
+    fitted = make.learner(dataset).knowledge().posterior
     agent = make.agent("look", **make.ours)
-    make.learner(dataset, agent, posterior=own).save(tmp_path / "own.mind")
+    make.learner(dataset, agent, posterior=fitted).save(tmp_path / "own.mind")
     again = Learner.load(tmp_path / "own.mind", agent=agent, logs=None)
-    np.testing.assert_array_equal(again.fits.settings.posterior.concentration, own.concentration)
-    np.testing.assert_array_equal(again.knowledge().posterior.dispersion, own.dispersion)
+    np.testing.assert_array_equal(again.fits.settings.posterior.concentration, fitted.concentration)
+    np.testing.assert_array_equal(again.knowledge().posterior.dispersion, fitted.dispersion)
 
 
 def test_a_percept_table_comes_back(tmp_path):
@@ -96,8 +96,8 @@ def test_a_percept_table_comes_back(tmp_path):
     learner.save(tmp_path / "a.mind")
     again = Learner.load(tmp_path / "a.mind", logs=None)
     for name in ("heavy_blue_beans", "light_blue_rice"):
-        one, other = (x.knowledge(name).posterior for x in (learner, again))
-        np.testing.assert_array_equal(one.concentration, other.concentration)
+        first, second = (x.knowledge(name).posterior for x in (learner, again))
+        np.testing.assert_array_equal(first.concentration, second.concentration)
 
 
 def test_an_agent_of_one_s_own_is_given_again(saved):
@@ -203,14 +203,14 @@ HOSTILE = {
     "an attribute that is not there": entry("feedback", 2, 9),
     "a trial that is not there": entry("feedback", 0, 9),
     "features that are no numbers": array("features/0", lambda values: values.fill(np.nan)),
-    "another class": state(lambda found: found["perception"].update({"class": "system"})),
-    "no perception": state(lambda found: found.pop("perception")),
-    "no classifiers": state(lambda found: found["perception"]["fields"].pop("classifiers")),
-    "text for counts": state(lambda found: found.update({"counted": "y"})),
-    "an array of objects": state(lambda found: found["seen"].update({"dtype": "|O"})),
-    "an array that is not there": state(lambda found: found["seen"].update({"array": "../x"})),
-    "labels for knowledge": state(lambda found: found.update({"knowledge": found["seen"]})),
-    "fewer percepts than instances": state(lambda found: found.update({"levels": found["seen"]})),
+    "another class": state(lambda table: table["perception"].update({"class": "system"})),
+    "no perception": state(lambda table: table.pop("perception")),
+    "no classifiers": state(lambda table: table["perception"]["fields"].pop("classifiers")),
+    "text for counts": state(lambda table: table.update({"counted": "y"})),
+    "an array of objects": state(lambda table: table["seen"].update({"dtype": "|O"})),
+    "an array that is not there": state(lambda table: table["seen"].update({"array": "../x"})),
+    "labels for knowledge": state(lambda table: table.update({"knowledge": table["seen"]})),
+    "fewer percepts than instances": state(lambda table: table.update({"levels": table["seen"]})),
     "nested": lambda members: members.update({"learner.json": b"[" * 100_000}),
     "no text": lambda members: members.pop("learner.json"),
     "not JSON": lambda members: members.update({"learner.json": b"\xff\xfe"}),
@@ -226,9 +226,9 @@ HOSTILE = {
 @pytest.mark.parametrize("kind", HOSTILE)
 def test_what_is_not_a_learner_is_one_line(saved, agent, kind):
     rewritten(saved, HOSTILE[kind])
-    with pytest.raises(MealBayesError) as found:
+    with pytest.raises(MealBayesError) as raised:
         Learner.load(saved, agent=agent, logs=None)
-    assert "\n" not in str(found.value)
+    assert "\n" not in str(raised.value)
 
 
 def test_object_arrays_are_never_unpickled(saved, agent, tmp_path):

@@ -26,11 +26,11 @@ def started(arm):
     return arm
 
 
-def assert_same(one, other):
+def assert_same(first, second):
     """Check that two trials are equal but for the object's name."""
-    assert [s.decision.action for s in one.steps] == [s.decision.action for s in other.steps]
-    np.testing.assert_array_equal(one.report, other.report)
-    for a, b in zip(one.steps, other.steps, strict=True):
+    assert [s.decision.action for s in first.steps] == [s.decision.action for s in second.steps]
+    np.testing.assert_array_equal(first.report, second.report)
+    for a, b in zip(first.steps, second.steps, strict=True):
         np.testing.assert_array_equal(a.observation, b.observation)
         np.testing.assert_array_equal(a.belief.log_prob, b.belief.log_prob)
 
@@ -196,12 +196,12 @@ def test_eight_threads_disturb_nothing(dataset, make, tmp_path):
         ]
 
     with ThreadPoolExecutor(8) as pool:
-        found = [trial for trials in pool.map(many, range(8)) for trial in trials]
-    for k, trial in enumerate(found):
+        done = [trial for trials in pool.map(many, range(8)) for trial in trials]
+    for k, trial in enumerate(done):
         assert_same(trial, plain.ask("red", make.arm(seed=k), key=k))
     assert sum(len(group.outcomes) for group in Logs(tmp_path).groups()) == 200
     assert len(logs_of(tmp_path)) == 200
-    assert len({trial.task.key for trial in found}) == 200
+    assert len({trial.task.key for trial in done}) == 200
 
 
 def test_a_session_begun_in_one_thread_goes_on_in_another(learner, make):
@@ -223,13 +223,13 @@ def test_two_sessions_have_no_object_and_no_trial_in_common(dataset, make, tmp_p
 
 
 def test_a_trial_of_another_learner_keeps_its_own_percepts(dataset, make):
-    one, other = (make.learner(dataset, make.agent("look", **make.ours)) for _ in range(2))
-    mine = one.ask("red", make.arm(red=True, seed=1))
-    other.ask("red", make.arm(red=False, seed=2))
-    other.tell(mine, {"red": True})
-    (row,) = other.experience.shown(mine.task.key)
-    assert other.experience.levels.values[row, 0] == mine.steps[0].observation[0]
-    assert other.experience.instances.values[row, 3] == -1  # no features of another trial
+    first, second = (make.learner(dataset, make.agent("look", **make.ours)) for _ in range(2))
+    mine = first.ask("red", make.arm(red=True, seed=1))
+    second.ask("red", make.arm(red=False, seed=2))
+    second.tell(mine, {"red": True})
+    (row,) = second.experience.shown(mine.task.key)
+    assert second.experience.levels.values[row, 0] == mine.steps[0].observation[0]
+    assert second.experience.instances.values[row, 3] == -1  # no features of another trial
 
 
 def test_the_experience_is_rebuilt_from_logs(dataset, make, tmp_path):
@@ -242,11 +242,11 @@ def test_the_experience_is_rebuilt_from_logs(dataset, make, tmp_path):
     for learner, told in ((first, trials), (again, recalled)):
         for number, trial in enumerate(told):
             learner.tell(trial, {"red": number % 2 == 0})
-    one, other = first.experience, again.experience
+    before, after = first.experience, again.experience
     for name in ("executions", "feedback", "known"):
-        np.testing.assert_array_equal(getattr(one, name).values, getattr(other, name).values)
-    np.testing.assert_array_equal(one.attempts, other.attempts)
-    np.testing.assert_array_equal(one.levels.values[:, 0], other.levels.values[:, 0])
+        np.testing.assert_array_equal(getattr(before, name).values, getattr(after, name).values)
+    np.testing.assert_array_equal(before.attempts, after.attempts)
+    np.testing.assert_array_equal(before.levels.values[:, 0], after.levels.values[:, 0])
     for learner in (first, again):
         alpha = learner.knowledge().posterior.concentration[0]
         np.testing.assert_array_equal(alpha, first.knowledge().posterior.concentration[0])

@@ -191,11 +191,11 @@ def split(momdp):
 @given(problems())
 def test_latent_classes_that_truths_share_may_as_well_be_split(follow, problem):
     momdp, steps = problem
-    for one, other in zip(follow(momdp, steps), follow(split(momdp), steps), strict=True):
-        np.testing.assert_allclose(one.log_odds, other.log_odds, rtol=1e-12, atol=1e-12)
-        np.testing.assert_allclose(one.joint, other.joint, rtol=1e-12)
-        latent_classes = np.exp(other.log_prob).reshape(2, 2, -1).sum(axis=1)
-        np.testing.assert_allclose(np.exp(one.log_prob), latent_classes, rtol=1e-10, atol=1e-300)
+    for shared, apart in zip(follow(momdp, steps), follow(split(momdp), steps), strict=True):
+        np.testing.assert_allclose(shared.log_odds, apart.log_odds, rtol=1e-12, atol=1e-12)
+        np.testing.assert_allclose(shared.joint, apart.joint, rtol=1e-12)
+        latent_classes = np.exp(apart.log_prob).reshape(2, 2, -1).sum(axis=1)
+        np.testing.assert_allclose(np.exp(shared.log_prob), latent_classes, rtol=1e-10, atol=1e-300)
 
 
 @entry_kernel
@@ -210,10 +210,10 @@ def test_arrays_and_kernels_have_one_predictive(seed):
     mean, counts = rng.dirichlet(np.ones(4), size), rng.integers(0, 40, (size, 4))
     precision = np.where(rng.random(size) < 0.25, np.inf, rng.gamma(1.0, 20.0, size) + 1e-6)
     weight, total = (np.repeat(a, 4).astype(float) for a in (precision, counts.sum(axis=1)))
-    found = np.empty(mean.size)
-    fill(mean.ravel(), weight, counts.ravel().astype(float), total, found)
+    filled = np.empty(mean.size)
+    fill(mean.ravel(), weight, counts.ravel().astype(float), total, filled)
     expected = predictive(mean.ravel(), weight, counts.ravel(), total)
-    np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(filled, expected, rtol=1e-12, atol=1e-12)
 
 
 @pytest.mark.statistical

@@ -198,8 +198,8 @@ def test_latent_classes_are_mixed():
     rows = np.tile([[0.8, 0.2], [0.3, 0.7], [0.1, 0.9], [0.6, 0.4]], (2, E, 1, 1))
     mean = np.tile([[0.75, 0.25], [0.35, 0.65]], (2, E, 1, 1))
     expected = observation_entropy(build_momdp(ISPY32, QUERY, mean))
-    found = observation_entropy(build_momdp(ISPY32, QUERY, rows, latent_classes=latent_classes))
-    np.testing.assert_allclose(found, expected)
+    entropy = observation_entropy(build_momdp(ISPY32, QUERY, rows, latent_classes=latent_classes))
+    np.testing.assert_allclose(entropy, expected)
 
 
 def test_wrong_settings_are_refused():

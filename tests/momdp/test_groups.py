@@ -101,11 +101,11 @@ def test_the_percept_of_the_second_of_two_values_is_that_of_the_first():
     rows[1, 0] = rows[0, 0, ::-1, ::-1]
     group = build_momdp(domain, Query(("empty", "full"), ((0, 1),)), rows, prior=[0.4, 0.6])
     alone = build_momdp(domain, Query(("empty",)), rows[:1], prior=0.4)
-    both, one = initial_belief(group), initial_belief(alone)
+    joint, single = initial_belief(group), initial_belief(alone)
     for z in (1, 1, 0):
-        both = update_belief(both, group, Transition(0, 0, np.array([z, 1 - z])))
-        one = update_belief(one, alone, Transition(0, 0, np.array([z])))
-        assert_allclose(both.positive, [one.positive[0], 1 - one.positive[0]])
+        joint = update_belief(joint, group, Transition(0, 0, np.array([z, 1 - z])))
+        single = update_belief(single, alone, Transition(0, 0, np.array([z])))
+        assert_allclose(joint.positive, [single.positive[0], 1 - single.positive[0]])
 
 
 def test_a_group_has_as_many_reports_as_values():

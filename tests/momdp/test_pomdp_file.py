@@ -107,7 +107,7 @@ def test_every_observation_tells_x(momdp_of, tmp_path, name):
 
 
 @pytest.mark.parametrize(
-    ("effects", "found"),
+    ("effects", "message"),
     [
         (
             [("x0", "look", "x1"), ("x1", "look", "x1", 0.5), ("x0", "go", "x2")],
@@ -123,13 +123,13 @@ def test_every_observation_tells_x(momdp_of, tmp_path, name):
         ),
     ],
 )
-def test_what_a_file_cannot_hold_is_told(tmp_path, effects, found):
+def test_what_a_file_cannot_hold_is_told(tmp_path, effects, message):
     states, names = ("x0", "x1", "x2", "term"), sorted({behavior for _, behavior, *_ in effects})
     diagram = TransitionDiagram(states, "x0", tuple(Effect(*effect) for effect in effects))
     behaviors = tuple(Behavior(n, 1.0, ("color",) if n == "look" else ()) for n in names)
     rows = np.tile([[0.8, 0.2], [0.3, 0.7]], (1, len(names), 1, 1))
     momdp = build_momdp(Domain("own", ("red",), behaviors, diagram), Query(("red",)), rows)
-    with pytest.raises(SettingsError, match=found):
+    with pytest.raises(SettingsError, match=message):
         write_pomdp(momdp, tmp_path / "own.pomdp")
     assert list(tmp_path.iterdir()) == []
 

@@ -43,16 +43,16 @@ def test_all_items_quickly(tmp_path):
     done = reproduce("all", "--quick", "--json", "--jobs", 2, "--logs", tmp_path)
     assert done.returncode == 0, done.stderr
     told = json.loads(done.stdout)
-    found = {one["item"]: one for one in told["items"]}
-    assert {*found, *told["skipped"]} == set(frame.items())
+    items = {result["item"]: result for result in told["items"]}
+    assert {*items, *told["skipped"]} == set(frame.items())
     assert set(told["skipped"]) <= NEED_RECORDINGS
     if "MEAL_BAYES_DATA_URL" in os.environ:
         assert set(told["skipped"]) <= {"pomdpsol"}  # where no pomdpsol is
-    for item, one in found.items():
-        assert one["tables"][0]["rows"], item
-        assert one["verdict"], item
-        assert "--quick" in one["command"]
-        for name in one["figures"]:
+    for item, result in items.items():
+        assert result["tables"][0]["rows"], item
+        assert result["verdict"], item
+        assert "--quick" in result["command"]
+        for name in result["figures"]:
             assert (tmp_path / "paper_repro" / name).stat().st_size > 1000
     after = {path: path.stat().st_mtime_ns for path in before}
     assert after == before
@@ -99,9 +99,9 @@ def test_what_is_not_asked_for_is_told(in_checkout, tmp_path):
     done = in_checkout("fig10", "--repeats", 0, "--quick", "--json", "--logs", tmp_path)
     assert json.loads(done.stdout)["skipped"] == {"fig10": "none of its online runs is asked for"}
     done = in_checkout("fig10", "--only", "nothing", "--quick", "--json", "--logs", tmp_path)
-    (found,) = json.loads(done.stdout)["items"]
-    assert found["verdict"] == "not run"
-    assert {one["outcome"] for one in found["statements"]} == {None}
+    (result,) = json.loads(done.stdout)["items"]
+    assert result["verdict"] == "not run"
+    assert {row["outcome"] for row in result["statements"]} == {None}
 
 
 def test_missing_recordings_are_told_in_a_line(in_checkout, tmp_path, monkeypatch):
@@ -130,32 +130,32 @@ def test_the_pages_are_those_of_the_results():
 
 @pytest.mark.parametrize("item", ITEMS)
 def test_every_item_is_shown_with_its_command_verdict_and_figures(item):
-    found, index = committed(item), (FOLDER / "README.md").read_text(encoding="utf-8")
+    result, index = committed(item), (FOLDER / "README.md").read_text(encoding="utf-8")
     page = (RESULTS / f"{item}.md").read_text(encoding="utf-8")
     assert f"[{item}](results/{item}.md)" in index
-    assert found["sentence"] in index
+    assert result["sentence"] in index
     assert f"meal-bayes reproduce {item}" in page
-    assert f"**{found['verdict']}**" in page
-    for name in found["figures"]:
+    assert f"**{result['verdict']}**" in page
+    for name in result["figures"]:
         assert f"({name})" in page
         assert (RESULTS / name).is_file()
 
 
 @pytest.mark.parametrize("item", ITEMS)
 def test_statements_have_all_that_they_rest_on(item):
-    found, page = committed(item), (RESULTS / f"{item}.md").read_text(encoding="utf-8")
-    assert found["verdict"] == verdict(found["statements"])
-    for one in found["statements"]:
-        assert one["where"]
-        assert one["protocol"] in PROTOCOLS
-        assert one["outcome"] in {None, *OUTCOMES}
-        if one["outcome"] is None:
+    result, page = committed(item), (RESULTS / f"{item}.md").read_text(encoding="utf-8")
+    assert result["verdict"] == verdict(result["statements"])
+    for row in result["statements"]:
+        assert row["where"]
+        assert row["protocol"] in PROTOCOLS
+        assert row["outcome"] in {None, *OUTCOMES}
+        if row["outcome"] is None:
             continue
-        assert one["rule"] in page
-        assert one.get("needed") is None or one["outcome"] == UNDECIDED
-        if one["level"] is not None:
-            assert one["units"].split()[1] in ("objects", "splits")
-            assert one["level"] <= 0.05
+        assert row["rule"] in page
+        assert row.get("needed") is None or row["outcome"] == UNDECIDED
+        if row["level"] is not None:
+            assert row["units"].split()[1] in ("objects", "splits")
+            assert row["level"] <= 0.05
 
 
 def test_every_departure_has_an_effect_or_a_reason():
@@ -168,13 +168,13 @@ def test_every_departure_has_an_effect_or_a_reason():
 
 
 def test_fitted_numbers_are_not_counted():
-    outcomes = {one["text"]: one["outcome"] for one in committed("table5")["statements"]}
+    outcomes = {row["text"]: row["outcome"] for row in committed("table5")["statements"]}
     assert list(outcomes.values()).count("by construction") == 7
     assert outcomes["after the last shake (no) the belief is 0.06"] == "stands"
-    fig7 = {one["text"]: one["outcome"] for one in committed("fig7")["statements"]}
+    fig7 = {row["text"]: row["outcome"] for row in committed("fig7")["statements"]}
     assert fig7["the trial costs 167 s"] == "by construction"
     fig5 = committed("fig5")["statements"]
-    assert {one["outcome"] for one in fig5} == {"by construction"}
+    assert {row["outcome"] for row in fig5} == {"by construction"}
 
 
 def test_the_page_of_results_shows_the_papers_numbers():

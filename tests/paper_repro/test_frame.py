@@ -38,11 +38,11 @@ def test_a_full_run_again_gives_the_committed_files(elsewhere, tmp_path, item):
     made = sorted(path for path in elsewhere.iterdir() if path.name != "timing.json")
     assert (elsewhere / f"{item}.json") in made
     for path in made:
-        kept = FOLDER / "results" / path.name
+        committed = FOLDER / "results" / path.name
         if path.suffix == ".json":  # pixels depend on the version of matplotlib
-            assert path.read_text() == kept.read_text()
+            assert path.read_text() == committed.read_text()
         else:
-            assert kept.is_file()
+            assert committed.is_file()
 
 
 def test_offline_trials_are_taken_from_the_logs(tmp_path):
@@ -203,15 +203,15 @@ def test_every_item_names_its_place_and_central_statements_that_there_are():
         assert paper["where"]
         if not path.is_file():  # not run in full yet
             continue
-        texts = [one["text"] for one in json.loads(path.read_text("utf-8"))["statements"]]
+        texts = [row["text"] for row in json.loads(path.read_text("utf-8"))["statements"]]
         for pattern in paper.get("central", []):
             assert fnmatch.filter(texts, pattern), (item, pattern)
 
 
 def test_a_mean_that_nobody_has_is_a_dash():
     table = {"title": "", "columns": ["a"], "rows": frame.plain([[online.mean_of(NOBODY, 0.5)]])}
-    found = dict.fromkeys(("item", "title", "sentence", "verdict", "size", "command", "shows"), "")
-    page = pages.result_page(found | {"statements": [], "tables": [table], "figures": [],
+    facts = dict.fromkeys(("item", "title", "sentence", "verdict", "size", "command", "shows"), "")
+    page = pages.result_page(facts | {"statements": [], "tables": [table], "figures": [],
                                       "notes": []})  # fmt: skip
     assert page.endswith("| \N{EN DASH} |")
 
@@ -245,12 +245,12 @@ def test_states_do_not_lie_on_each_other():
 
 
 def test_bars_and_their_intervals_are_the_numbers():
-    found = [Interval(0.4, 0.1, 0.2, 0.5), Interval(0.9, 0.02, 0.85, 1.0)]
-    ax = figures.bars({"": found}, ["a", "b"], y_label="accuracy")
+    spans = [Interval(0.4, 0.1, 0.2, 0.5), Interval(0.9, 0.02, 0.85, 1.0)]
+    ax = figures.bars({"": spans}, ["a", "b"], y_label="accuracy")
     assert [patch.get_height() for patch in ax.patches] == [0.4, 0.9]
     (ends,) = [c.get_segments() for c in ax.collections]
     assert np.allclose([end[:, 1] for end in ends], [(0.2, 0.5), (0.85, 1.0)])
-    ax = figures.bars({"x": found, "y": found}, ["a", "b"], y_label="accuracy", fraction=True)
+    ax = figures.bars({"x": spans, "y": spans}, ["a", "b"], y_label="accuracy", fraction=True)
     ax.figure.canvas.draw()
     assert ax.get_legend().get_window_extent().y0 >= ax.bbox.y1  # it covers no bar
 

@@ -61,7 +61,7 @@ def test_table_3_names_the_nearest_setting(outcomes):
 def test_table_3_judges_that_morc_is_ahead(outcomes, kind, lead):
     runs = {"morc": outcomes(-lead, right=0.5 + lead), "random": outcomes(0, right=0.5, seed=1),
             table3.ALL: outcomes(0, right=0.5, seed=2)}  # fmt: skip
-    assert {outcome(one) for one in table3.judge_ideas(runs, 2).values()} == {kind}
+    assert {outcome(claim) for claim in table3.judge_ideas(runs, 2).values()} == {kind}
 
 
 @pytest.mark.parametrize(("kind", "lead"), kinds(50.0, -50.0, 0.0))
@@ -87,14 +87,14 @@ def test_fig_8_judges_costs(outcomes, kind, rise, falls, level):
     many = {name: outcomes(100 + level, 30, seed=1) for name in fig8.BASELINES}
     many |= {"morc": outcomes(100 + rise, 30, seed=2), "random": outcomes(100 - falls, 30, seed=3)}
     evidence = fig8.judge_costs({1: few, 3: many})
-    assert [outcome(one) for one in evidence.values()][:3] == [kind] * 3
+    assert [outcome(claim) for claim in evidence.values()][:3] == [kind] * 3
 
 
 @pytest.mark.parametrize(("kind", "lead"), kinds(0.3, -0.3, 0.0))
 def test_eq_7_judges_successes_within_a_budget(outcomes, kind, lead):
     runs = {name: outcomes(60, right=0.5, seed=n) for n, name in enumerate(eq7.BASELINES)}
     runs["morc"] = outcomes(60, right=0.5 + lead, seed=9)
-    assert {outcome(one) for one in eq7.judge(runs, "ROC36").values()} == {kind}
+    assert {outcome(claim) for claim in eq7.judge(runs, "ROC36").values()} == {kind}
 
 
 def test_successes_are_counted_while_the_budget_lasts():
@@ -108,7 +108,7 @@ def test_successes_are_counted_while_the_budget_lasts():
 def test_a_larger_reward_is_judged_on_the_same_queries(outcomes, kind, more):
     runs = {"2000": outcomes(more, right=0.5 + more, seed=1), "100": outcomes(0, right=0.5),
             "500": outcomes(5, right=1.0)}  # fmt: skip
-    assert {outcome(one) for one in risk.judge(runs).values()} == {kind}
+    assert {outcome(claim) for claim in risk.judge(runs).values()} == {kind}
 
 
 @pytest.mark.parametrize(
@@ -119,13 +119,13 @@ def test_fig_9_judges_a_curve(outcomes, kind, first, peak, last, quits):
     spread = 40.0
     runs = {"0": outcomes(first, spread), "2": outcomes(peak, spread, seed=1),
             "5": outcomes(last, spread, seed=2, abstained=quits)}  # fmt: skip
-    found = [outcome(one) for one in fig9.judge(runs).values()]
+    judgements = [outcome(claim) for claim in fig9.judge(runs).values()]
     if kind == STANDS:
-        assert found == [STANDS] * 4
+        assert judgements == [STANDS] * 4
     elif kind == UNDECIDED:
-        assert found[:3] == [UNDECIDED] * 3
+        assert judgements[:3] == [UNDECIDED] * 3
     else:
-        assert found[:2] == [FALLS, FALLS]
+        assert judgements[:2] == [FALLS, FALLS]
 
 
 def test_fig_9_exploring_that_never_grows_is_undecided_or_falls(outcomes):
@@ -144,7 +144,7 @@ def test_fig_10_judges_areas_and_budgets(kind, lead):
              "iterative_random_legal": curves(0.8, seed=3)}  # fmt: skip
     evidence = fig10.judge(panel, "CY101, 1 attribute")
     assert tuple(evidence) == fig10.texts("CY101, 1 attribute")
-    assert {outcome(one) for one in evidence.values()} == {kind}
+    assert {outcome(claim) for claim in evidence.values()} == {kind}
 
 
 def test_fig_10_compares_over_equal_hours():
@@ -152,9 +152,9 @@ def test_fig_10_compares_over_equal_hours():
     slow = replace(curves(0.8), hours=3 * hours, accuracy=hours, reward=reward + 5.0)
     base = replace(slow, hours=hours, reward=reward)
     table = fig10.compared({"morc_itrs": slow, "iterative_morc": base}, "CY101, 1 attribute")
-    ahead, own = (dict(zip(table.columns, row, strict=True)) for row in table.rows)
+    ahead, itself = (dict(zip(table.columns, row, strict=True)) for row in table.rows)
     assert ahead["reward over H h, less its"].estimate < 0
-    assert own["reward over H h, less its"].estimate == 0.0
+    assert itself["reward over H h, less its"].estimate == 0.0
 
 
 def test_areas_are_means_over_hours():
@@ -175,22 +175,22 @@ def test_fig_11_judges_attributes(kind, lead):
         noise = 0.02 * rng.standard_normal((REPEATS, 10))
         return 0.8 + noise - noise.mean(axis=0)
 
-    own, legal, base = (scores() for _ in range(3))
-    own += lead
-    for agent in (own, legal, base):  # easy ones above the rest, hard ones below
+    itrs, legal, base = (scores() for _ in range(3))
+    itrs += lead
+    for agent in (itrs, legal, base):  # easy ones above the rest, hard ones below
         agent[:, [fig11.NAMES.index(name) for name in ("blue", "full", "container")]] += lead
         for name in ("plastic", "hard", "empty"):
             agent[:, fig11.NAMES.index(name)] = scores()[:, 0] - lead
     evidence = fig11.judge(
-        {"iterative_random_legal": legal, "iterative_morc": base, "morc_itrs": own}, 0.5
+        {"iterative_random_legal": legal, "iterative_morc": base, "morc_itrs": itrs}, 0.5
     )
-    found = [outcome(one) for one in evidence.values()]
-    assert found[0] == (kind if kind == STANDS else FALLS)  # of three equals one seldom has seven
-    assert found[1:4] == [kind] * 3
+    outcomes = [outcome(claim) for claim in evidence.values()]
+    assert outcomes[0] == (kind if kind == STANDS else FALLS)  # of three equals one seldom has 7
+    assert outcomes[1:4] == [kind] * 3
     if kind != FALLS:
-        assert found[4:] == [kind] * 3
+        assert outcomes[4:] == [kind] * 3
     else:
-        assert FALLS in found[4:]
+        assert FALLS in outcomes[4:]
 
 
 @pytest.mark.parametrize(("kind", "lead"), kinds(0.05, -0.05, 0.0))
@@ -202,7 +202,7 @@ def test_fig_12_judges_the_grid(kind, lead):
         grid[f"{alpha}, {beta}"] = level + noise - noise.mean(axis=0)
         grid[f"{alpha}, {beta}"][:, 6:] += lead + lead * (alpha == fig12.ALPHAS[-1])
     evidence = fig12.judge(grid, 0.5)
-    assert {outcome(one) for one in evidence.values()} == {kind}
+    assert {outcome(claim) for claim in evidence.values()} == {kind}
 
 
 @pytest.mark.parametrize(
@@ -223,7 +223,7 @@ def test_table_4_judges_tables_and_choices(kinds, late, more):
               "experience": around(0.67, 4), "early presses": around(0.5, 5),
               "late presses": around(0.5 + more, 6)}  # fmt: skip
     evidence = judge_table_4(traits, 0.5)
-    assert [outcome(one) for one in evidence.values()] == kinds
+    assert [outcome(claim) for claim in evidence.values()] == kinds
     traits["early 1"] = np.full(REPEATS, np.nan)  # a batch that never asked
     assert outcome(next(iter(judge_table_4(traits, 0.5).values()))) == UNDECIDED
 

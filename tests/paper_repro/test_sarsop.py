@@ -63,11 +63,11 @@ def test_the_program_gets_a_problem_and_its_policy_is_followed(program, tmp_path
         '<Vector action="0" obsValue="0">90 20</Vector>'
         '<Vector action="1" obsValue="0">10 95</Vector></AlphaVector></Policy>'
     )
-    kept = tmp_path / "problem.pomdpx"
+    problem = tmp_path / "problem.pomdpx"
     path = program(
         f"pathlib.Path({str(tmp_path / 'args')!r}).write_text('\\n'.join([os.getcwd(), *args]))",
         f"pathlib.Path(args[args.index('--output') + 1]).write_text({text!r})",
-        f"pathlib.Path({str(kept)!r}).write_bytes(pathlib.Path(args[-1]).read_bytes())",
+        f"pathlib.Path({str(problem)!r}).write_bytes(pathlib.Path(args[-1]).read_bytes())",
     )
     policy = solve(momdp, program=path, seconds=2.5)
     folder, *arguments = (tmp_path / "args").read_text().split("\n")
@@ -75,7 +75,7 @@ def test_the_program_gets_a_problem_and_its_policy_is_followed(program, tmp_path
         "--timeout", "2.5", "--precision", "0.001", "--output", "out.policy", "problem.pomdpx",
     ]  # fmt: skip
     assert not Path(folder).exists()
-    assert kept.read_text().startswith("<?xml")
+    assert problem.read_text().startswith("<?xml")
     assert policy.lower_bound == pytest.approx(55.0)
     decision = policy.decide(History(initial_belief(momdp)), np.random.default_rng(0))
     assert decision.action == LOOK
@@ -87,11 +87,11 @@ def test_the_program_is_found_on_the_path_in_the_environment_or_by_name(program,
     monkeypatch.setenv("PATH", str(where[0].parent))
     monkeypatch.delenv("MEAL_BAYES_POMDPSOL", raising=False)
     monkeypatch.chdir(where[0].parent.parent)
-    for given, named, path in ((None, None, 0), (None, where[1], 1), (Path("bin/third"), None, 2)):
+    for exe, named, path in ((None, None, 0), (None, where[1], 1), (Path("bin/third"), None, 2)):
         if named is not None:
             monkeypatch.setenv("MEAL_BAYES_POMDPSOL", str(named))
         with pytest.raises(SettingsError, match=f"{where[path]} ended with code 4"):
-            solve(momdp_of(), program=given)
+            solve(momdp_of(), program=exe)
     monkeypatch.setenv("MEAL_BAYES_POMDPSOL", str(where[0].parent / "none"))
     with pytest.raises(SettingsError, match=r"No program .*none.* here.*MEAL_BAYES_POMDPSOL"):
         solve(momdp_of())
@@ -120,7 +120,7 @@ def test_a_program_that_fails_is_told_with_its_last_words(program):
 
 
 @pytest.mark.parametrize(
-    ("line", "kind", "found"),
+    ("line", "kind", "message"),
     [
         ("pass", SettingsError, "wrote no policy; its output ends: none"),
         ("pathlib.Path('out.policy').write_text('<Pol')", DataError, "is no policy"),
@@ -133,19 +133,19 @@ def test_a_program_that_fails_is_told_with_its_last_words(program):
         ),
     ],
 )  # fmt: skip
-def test_a_policy_that_is_none_is_told(program, line, kind, found):
-    with pytest.raises(kind, match=found):
+def test_a_policy_that_is_none_is_told(program, line, kind, message):
+    with pytest.raises(kind, match=message):
         solve(momdp_of(), program=program(line))
 
 
 def test_what_the_format_cannot_hold_is_told(program):
     path = program("sys.exit(1)")
-    for momdp, found in (
+    for momdp, message in (
         (momdp_of(precision=4.0), "precision=inf"),
         (momdp_of(objective=Objective(discount=1.0)), "discount below 1"),
         (momdp_of("ispy32", 9), "9 attributes"),
     ):
-        with pytest.raises(SettingsError, match=found):
+        with pytest.raises(SettingsError, match=message):
             solve(momdp, program=path)
 
 
@@ -167,7 +167,7 @@ def test_dense_and_sparse_vectors_are_read(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("change", "found"),
+    ("change", "message"),
     [
         (('vectorLength="3"', 'vectorLength="4"'), "a vector has 3 values; expected 4"),
         (('numVectors="3"', 'numVectors="4"'), "found 3 vectors; it promises 4"),
@@ -176,9 +176,9 @@ def test_dense_and_sparse_vectors_are_read(tmp_path):
         (("</AlphaVector>", ""), "mismatched tag"),
     ],
 )
-def test_a_damaged_policy_is_told(tmp_path, change, found):
+def test_a_damaged_policy_is_told(tmp_path, change, message):
     (tmp_path / "own.policy").write_text(POLICY.replace(*change, 1))
-    with pytest.raises(DataError, match=f"is no policy of SARSOP.*({found})"):
+    with pytest.raises(DataError, match=f"is no policy of SARSOP.*({message})"):
         read_policy(tmp_path / "own.policy")
 
 

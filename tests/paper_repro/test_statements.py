@@ -52,9 +52,9 @@ def outcome(evidence, level=0.05):
 
 @pytest.mark.parametrize("module", [frame, inference, statements])
 def test_examples_hold(module):
-    found = doctest.testmod(module)
-    assert found.attempted > 0
-    assert found.failed == 0
+    tally = doctest.testmod(module)
+    assert tally.attempted > 0
+    assert tally.failed == 0
 
 
 @pytest.mark.parametrize(("mean", "kind"), [(2, STANDS), (-2, FALLS), (0.5, UNDECIDED)])
@@ -112,7 +112,7 @@ def test_no_effect_gives_few_false_outcomes_over_fig_10_s_family():
     rng, false = np.random.default_rng(0), 0
     for _ in range(400):
         drawn = rng.normal(0, 0.5, 30)
-        family = {f"{n}": above(Effect(one, 0.5, 200), 0) for n, one in enumerate(drawn)}
+        family = {f"{n}": above(Effect(estimate, 0.5, 200), 0) for n, estimate in enumerate(drawn)}
         false += any(row["outcome"] != UNDECIDED for row in judged({RECORDED: family}, ["*"], ""))
     assert false / 400 <= 0.08  # 5 %, and three standard errors of 400 families
 
@@ -130,8 +130,8 @@ def test_every_statement_is_written_with_all_that_it_rests_on():
 
 @pytest.mark.parametrize(("printed", "kind"), [(4.5, UNDECIDED), (40.0, FALLS)])
 def test_a_single_trial_falls_or_proves_nothing(printed, kind):
-    found = placed([*range(10), np.nan], printed, of="x")
-    assert found.outcome == kind
+    evidence = placed([*range(10), np.nan], printed, of="x")
+    assert evidence.outcome == kind
     assert outcome(placed([1.0], printed, of="x")) == UNDECIDED
 
 
@@ -179,28 +179,28 @@ def test_runs_that_share_no_object_leave_a_change_undecided():
 @pytest.mark.parametrize("fraction", [False, True])
 def test_a_level_is_where_the_interval_meets_the_bound(fraction):
     rng = np.random.default_rng(1)
-    found = clustered(rng.random(40) < 0.7, np.arange(40) // 2, fraction=fraction)
-    _, _, low, high = found.interval(0.9)
-    assert level_above(found, low) == pytest.approx(0.1)
-    assert level_below(found, high) == pytest.approx(0.1)
-    assert level_above(found, high) > 1
+    effect = clustered(rng.random(40) < 0.7, np.arange(40) // 2, fraction=fraction)
+    _, _, low, high = effect.interval(0.9)
+    assert level_above(effect, low) == pytest.approx(0.1)
+    assert level_below(effect, high) == pytest.approx(0.1)
+    assert level_above(effect, high) > 1
 
 
 def test_a_level_of_a_difference_of_fractions_is_too():
     rng, objects = np.random.default_rng(0), np.repeat(np.arange(36), 10)
     gain = (rng.random(360) < 0.3).astype(float) - (rng.random(360) < 0.1)
-    found = paired_fractions(gain, partial(clustered, clusters=objects))
-    for level in (level_above(found, 0.1), level_below(found, 0.3)):
-        assert min(abs(e - b) for e in found.interval(1 - level)[2:] for b in (0.1, 0.3)) < 1e-6
-    assert level_above(found, 0.5) > 1
+    effect = paired_fractions(gain, partial(clustered, clusters=objects))
+    for level in (level_above(effect, 0.1), level_below(effect, 0.3)):
+        assert min(abs(e - b) for e in effect.interval(1 - level)[2:] for b in (0.1, 0.3)) < 1e-6
+    assert level_above(effect, 0.5) > 1
 
 
 def test_needed_units_decide_at_80_percent_power():
-    found, rng = clustered([0.5, 1.5, -0.5, 2.5], range(4)), np.random.default_rng(2)
-    found = replace(found, unit="splits")
-    units = needed(found, 0.0, 0.05)
-    draws = rng.normal(found.estimate, found.se * 2, (400, units))
-    decided = [level_above(clustered(one, range(units)), 0.0) < 0.05 for one in draws]
+    effect, rng = clustered([0.5, 1.5, -0.5, 2.5], range(4)), np.random.default_rng(2)
+    effect = replace(effect, unit="splits")
+    units = needed(effect, 0.0, 0.05)
+    draws = rng.normal(effect.estimate, effect.se * 2, (400, units))
+    decided = [level_above(clustered(sample, range(units)), 0.0) < 0.05 for sample in draws]
     assert 0.7 < np.mean(decided) < 0.95
     assert needed(resampled([0.0, 2.0, 1.0, 1.5], 0.5), 0.0, 0.05) is None  # by more splits
     assert needed(resampled([9.0, 11.0, 10.0, 10.5], 0.5), 7.0, 0.05) > 4
@@ -208,17 +208,17 @@ def test_needed_units_decide_at_80_percent_power():
 
 @pytest.mark.parametrize("successes", [1, 2])
 def test_needed_splits_of_a_share_decide_at_80_percent_power(successes):
-    found = clustered(np.arange(10) < successes, range(10), fraction=True)
-    units = needed(replace(found, unit="splits"), 0.5, 0.01)
-    drawn = np.random.default_rng(0).random((2000, units)) < found.estimate
-    ahead = [clustered(one, range(units), fraction=True) for one in drawn]
-    assert 0.77 < np.mean([level_below(one, 0.5) <= 0.01 for one in ahead]) < 0.9
+    effect = clustered(np.arange(10) < successes, range(10), fraction=True)
+    units = needed(replace(effect, unit="splits"), 0.5, 0.01)
+    drawn = np.random.default_rng(0).random((2000, units)) < effect.estimate
+    ahead = [clustered(sample, range(units), fraction=True) for sample in drawn]
+    assert 0.77 < np.mean([level_below(sample, 0.5) <= 0.01 for sample in ahead]) < 0.9
 
 
 def test_holm_keeps_the_level_of_a_family():
     rng = np.random.default_rng(3)
     levels = rng.random((20_000, 10))  # no effect: levels are uniform
-    false = [(one <= holm(one)).any() for one in levels]
+    false = [(family <= holm(family)).any() for family in levels]
     assert np.mean(false) <= 0.055
 
 
@@ -226,8 +226,8 @@ def test_bootstrap_of_a_mean_agrees_with_the_clustered_error():
     rng = np.random.default_rng(1)
     clusters = np.repeat(np.arange(40), 5)
     x = np.repeat(rng.normal(size=40), 5) + rng.normal(size=200)
-    found = bootstrap_interval(x, clusters, rng)
-    assert found[:2] == pytest.approx((x.mean(), clustered(x, clusters).se), rel=0.1)
-    assert found.low < found.estimate < found.high
+    interval = bootstrap_interval(x, clusters, rng)
+    assert interval[:2] == pytest.approx((x.mean(), clustered(x, clusters).se), rel=0.1)
+    assert interval.low < interval.estimate < interval.high
     median = bootstrap_interval(x, clusters, rng, statistic=np.median, draws=200)
     assert median.estimate == np.median(x)

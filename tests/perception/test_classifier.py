@@ -62,8 +62,8 @@ class Undecided(Remembers):
 def test_no_output_comes_from_a_classifier_that_saw_the_row(make):
     dataset = make(3, objects=12)
     every, truth = np.ones(3, bool), np.array([[True], [False], [True]])
-    own = np.arange(3)
-    spy = FoldProblem(np.eye(3)[None], truth, own, own, own, Remembers(), None).train(every)
+    ids = np.arange(3)
+    spy = FoldProblem(np.eye(3)[None], truth, ids, ids, ids, Remembers(), None).train(every)
     assert spy.decide([np.eye(3)])[:, 0, 0].tolist() == [1.0, -1.0, 1.0]  # the spy would tell
     settings = with_classifier(Remembers(), positive_youden_only=False)
     table = build_percept_table(dataset, perception=settings)
@@ -80,17 +80,17 @@ def test_no_output_comes_from_a_classifier_that_saw_the_row(make):
 @pytest.mark.statistical
 @pytest.mark.parametrize("estimator", [BY_HEART, GaussianNB()], ids=["by heart", "Bayes"])
 def test_permuted_labels_cannot_be_told(estimator):
-    own, side = [], []
+    kappas, side = [], []
     for seed in range(12):
         rng = np.random.default_rng(seed)
         made = make_synthetic(load_domain("toy"), objects=90, recordings=2, dimensions=4, rng=rng)
         dataset = permuted(made, rng)
         table = build_percept_table(dataset, perception=with_classifier(estimator))
-        own.append(kappa(yes_counts(table.log_odds.astype(float), dataset.labels)))
+        kappas.append(kappa(yes_counts(table.log_odds.astype(float), dataset.labels)))
         without = replace(with_classifier(estimator), positive_youden_only=False)
         table = build_percept_table(dataset, perception=without)
         side.append(kappa(table_counts(table, 0)))
-    assert abs(np.mean(own)) <= 0.03
+    assert abs(np.mean(kappas)) <= 0.03
     assert abs(np.mean(side)) <= 0.03
 
 

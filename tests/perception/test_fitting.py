@@ -76,8 +76,8 @@ def test_an_unseen_object_s_held_out_output_is_what_a_robot_without_it_says(make
             dataset, TrainingSet.everything(dataset, {*range(40)} - {o}), settings=settings
         )[0]
         for e, behavior in enumerate(("look", "lift")):
-            found = perception.log_odds(dataset.instance(o, behavior, 2), BOTH)
-            np.testing.assert_allclose(found, nested[o, 2, e], atol=0.05)
+            log_odds = perception.log_odds(dataset.instance(o, behavior, 2), BOTH)
+            np.testing.assert_allclose(log_odds, nested[o, 2, e], atol=0.05)
 
 
 def test_one_class_and_empty_training_sets_say_nothing(make, relabel):

@@ -64,8 +64,8 @@ def optimum(features, target, weight, *, nonnegative):
 def weights_of(objects, target):
     """Recordings 2/R, classes n/(2 n_c)."""
     weight = 2.0 / np.bincount(objects)[objects]
-    own = np.where(target > 0, weight[target > 0].sum(), weight[target < 0].sum())
-    return weight * weight.sum() / 2 / own
+    side = np.where(target > 0, weight[target > 0].sum(), weight[target < 0].sum())
+    return weight * weight.sum() / 2 / side
 
 
 def by_hand(grams, truth, objects, left_out):
@@ -75,8 +75,8 @@ def by_hand(grams, truth, objects, left_out):
     decisions = np.zeros((len(grams), *targets.shape))
     for m, gram in enumerate(grams):
         for k in np.unique(objects[~out]):
-            own = objects == k
-            decisions[m, own] = refit(gram, targets, ~out & ~own, own)
+            rows = objects == k
+            decisions[m, rows] = refit(gram, targets, ~out & ~rows, rows)
         decisions[m, out] = refit(gram, targets, ~out, out)
     said = []
     for p in range(targets.shape[1]):
@@ -97,14 +97,14 @@ def test_decisions_equal_refits_without_the_objects(seed, sizes, n_out):
     problem = kernel_problem(grams, truth, objects, NOISE)
     left_out = np.random.default_rng(seed).permutation(len(sizes))[:n_out]
     out = np.isin(objects, left_out)
-    own, others = problem.score(left_out.astype(np.int64), True)
+    left, others = problem.score(left_out.astype(np.int64), True)
     targets = np.where(truth, 1.0, -1.0)
     rows = np.concatenate([np.flatnonzero(objects == k) for k in left_out] + [[]]).astype(int)
     for m in range(2):
         if n_out:
             expected = refit(grams[m], targets, ~out, np.isin(np.arange(len(objects)), rows))
             place = np.argsort(np.argsort(rows))
-            np.testing.assert_allclose(own[m].T, expected[place], atol=1e-9)
+            np.testing.assert_allclose(left[m].T, expected[place], atol=1e-9)
         for k in np.setdiff1d(np.arange(len(sizes)), left_out):
             mine = objects == k
             expected = refit(grams[m], targets, ~out & ~mine, mine)
@@ -132,8 +132,8 @@ def test_the_stacker_is_the_optimum(seed, n, nonnegative):
 def test_log_odds_equal_everything_done_by_hand(left_out):
     grams, truth, objects = some_problem(3, [2, 1, 2, 3, 2, 2, 1])
     problem = kernel_problem(grams, truth, objects, NOISE)
-    (found,) = leave_out(problem, np.array([left_out]), DEFAULT).log_odds
-    np.testing.assert_allclose(found, by_hand(grams, truth, objects, left_out), atol=1e-4)
+    (log_odds,) = leave_out(problem, np.array([left_out]), DEFAULT).log_odds
+    np.testing.assert_allclose(log_odds, by_hand(grams, truth, objects, left_out), atol=1e-4)
 
 
 def test_a_warm_start_changes_nothing():
@@ -177,11 +177,11 @@ def test_with_all_recordings_as_landmarks_outputs_equal_the_exact_ones(nested):
     np.testing.assert_allclose(*decided, atol=1e-4)
     settings = replace(DEFAULT, nested=nested)
     for sets in ([[]], [[0], [3]], [[1, 4], [0, 2]]):
-        found, expected = (
+        outputs, expected = (
             leave_out(problem, np.array(sets, np.int64), settings) for problem in (near, exact)
         )
-        for one, other in zip(found, expected, strict=True):
-            np.testing.assert_allclose(one, other, atol=1e-4)
+        for output, wanted in zip(outputs, expected, strict=True):
+            np.testing.assert_allclose(output, wanted, atol=1e-4)
 
 
 @pytest.mark.parametrize("landmarks", [9, 64])
@@ -237,12 +237,12 @@ def test_second_level_leak_labels_of_left_out_objects_change_nothing(left_out):
 def test_no_inverted_table_is_used(make):
     def informedness(settings):
         """TPR - FPR on the training side for every held-out object, attribute and behavior."""
-        found = []
+        values = []
         for seed in range(3):
             dataset = make(seed, objects=12, signal=0.0)  # features say nothing of the labels
             table = build_percept_table(dataset, perception=settings)
-            found += [youden(table_counts(table, o).sum(axis=0))[:, :2] for o in range(12)]
-        return np.array(found)
+            values += [youden(table_counts(table, o).sum(axis=0))[:, :2] for o in range(12)]
+        return np.array(values)
 
     uncured = replace(DEFAULT, balanced=False, nonnegative=False, positive_youden_only=False)
     assert informedness(uncured).min() < -0.5

@@ -111,9 +111,9 @@ def test_labels_play_no_part_in_the_spaces(make, relabel):
 def test_whitening_shrinks_what_differs_between_repeats(make):
     """A feature that is noise on every recording counts for less than one that objects keep."""
     dataset, rng = make(2, objects=30, recordings=4), np.random.default_rng(3)
-    kept = rng.normal(size=(30, 1, 1)) + 0.05 * rng.normal(size=(30, 4, 1))
+    signal = rng.normal(size=(30, 1, 1)) + 0.05 * rng.normal(size=(30, 4, 1))
     features = {
-        key: np.concatenate([kept, rng.normal(size=(30, 4, 1))], axis=2).astype(np.float32)
+        key: np.concatenate([signal, rng.normal(size=(30, 4, 1))], axis=2).astype(np.float32)
         for key in dataset.features
     }
     noisy = replace(dataset, features=features)
@@ -201,8 +201,8 @@ def test_losses_without_an_object_are_those_of_a_robot_that_never_met_it(make, r
     for place in hidden:
         labels[place] = -1
     for recordings in recordings_in(relabel(dataset, labels)):
-        found = losses(recordings, np.arange(9))
-        assert len(set(found)) > 8  # the object without a label is no loss
+        all_losses = losses(recordings, np.arange(9))
+        assert len(set(all_losses)) > 8  # the object without a label is no loss
         for held in range(9):
             rest = recordings.objects != held
             others = BehaviorRecordings(
@@ -211,13 +211,13 @@ def test_losses_without_an_object_are_those_of_a_robot_that_never_met_it(make, r
                 tuple(space.at(rest) for space in recordings.spaces),
             )
             (expected,) = losses(others, np.empty(0, np.int64))
-            assert found[1 + held] == pytest.approx(expected, rel=1e-6)
+            assert all_losses[1 + held] == pytest.approx(expected, rel=1e-6)
         flipped = np.where(recordings.labels < 0, -1, 1 - recordings.labels)
-        own = recordings.objects == 4
-        changed = replace(recordings, labels=np.where(own[:, None], flipped, recordings.labels))
+        rows = recordings.objects == 4
+        changed = replace(recordings, labels=np.where(rows[:, None], flipped, recordings.labels))
         again = losses(changed, np.arange(9))
-        assert again[5] == pytest.approx(found[5], rel=1e-6)
-        assert again[0] != pytest.approx(found[0], rel=1e-3)
+        assert again[5] == pytest.approx(all_losses[5], rel=1e-6)
+        assert again[0] != pytest.approx(all_losses[0], rel=1e-3)
 
 
 def test_what_the_settings_say_is_taken(make):

@@ -66,12 +66,12 @@ def test_the_training_side_is_that_of_a_robot_without_the_object(make):
         problem = kernel_problem(wide, truth[rest], objects[rest], NOISE)
         outputs = each_group(problem, ALL)
         for other in range(8):
-            found = table.training_bins[held_out, other, :, 1]
+            bins = table.training_bins[held_out, other, :, 1]
             if other == held_out:
-                assert found.sum() == 0
+                assert bins.sum() == 0
             else:
                 expected = bins_of(outputs[objects[rest] == other])
-                np.testing.assert_array_equal(found, expected)
+                np.testing.assert_array_equal(bins, expected)
 
 
 @ANY_SIZE
@@ -136,8 +136,8 @@ def test_shipped_tables_can_be_made_again(recordings, name):
     made = build_percept_table(dataset)
     assert shipped.objects == dataset.objects
     np.testing.assert_array_equal(shipped.labels, dataset.labels)
-    found, expected = made.log_odds.astype(float), shipped.log_odds.astype(float)
-    np.testing.assert_allclose(found, expected, atol=1e-2)
+    log_odds, expected = made.log_odds.astype(float), shipped.log_odds.astype(float)
+    np.testing.assert_allclose(log_odds, expected, atol=1e-2)
     differ = made.training_bins != shipped.training_bins
     assert differ.mean() < 1e-4  # an output on the very edge of a bin may fall over
     assert made.provenance["recordings_sha256"] == shipped.provenance["recordings_sha256"]

@@ -45,8 +45,8 @@ def split(classes: np.ndarray) -> np.ndarray:
 
 def random_classes(n: int, own_classes: int, shared: int, rng: np.random.Generator) -> np.ndarray:
     """Draw Pr(class | truth): so many classes of each truth, or so many that both share."""
-    own = rng.dirichlet(np.ones(shared or own_classes), (n, 2))
-    return own if shared else split(own)
+    classes = rng.dirichlet(np.ones(shared or own_classes), (n, 2))
+    return classes if shared else split(classes)
 
 
 def random_toy(

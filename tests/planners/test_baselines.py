@@ -78,8 +78,8 @@ def test_random_legal_is_uniform_over_legal_behaviors(small):
 
 @pytest.mark.parametrize(("cost", "ends"), [(0.0, False), (49.9, False), (50.0, True), (70, True)])
 def test_random_legal_reports_once_the_budget_is_spent(toy, cost, ends):
-    found = choice(RandomLegal(50.0), toy, played(toy, [("look", 0, [1, 0])], cost))
-    assert (found == "report") == ends
+    action = choice(RandomLegal(50.0), toy, played(toy, [("look", 0, [1, 0])], cost))
+    assert (action == "report") == ends
 
 
 def test_predefined_takes_each_behavior_once_then_reports(small):
@@ -144,9 +144,9 @@ def decide(momdp, history):
 def test_information_gain_by_hand(small):
     rates = {"red": {"look": (0.8, 0.25)}, "heavy": {"look": (0.55, 0.4), "lift": (0.9, 0.2)}}
     momdp = small.momdp("toy", rates, prior=[0.5, 0.3])
-    found = information_gain(momdp, initial_belief(momdp))
+    gains = information_gain(momdp, initial_belief(momdp))
     look = gain(0.5, 0.8, 0.25) + gain(0.3, 0.55, 0.4)
-    np.testing.assert_allclose(found, [look, gain(0.3, 0.9, 0.2), 0.0], atol=1e-12)
+    np.testing.assert_allclose(gains, [look, gain(0.3, 0.9, 0.2), 0.0], atol=1e-12)
 
 
 def test_dispersed_rows_are_less_informative_the_second_time(small):

@@ -148,8 +148,8 @@ def test_values_are_those_of_the_exact_planner(name, abstain):
     values = batched_value_iteration(
         problem(domain=domain, objective=Objective(abstain=abstain)), rates, prior
     )
-    for value, own, p in zip(values, rates, prior, strict=True):
-        best = optimum(problem(own, p, domain=domain, objective=Objective(abstain=abstain)))
+    for value, rates_of, p in zip(values, rates, prior, strict=True):
+        best = optimum(problem(rates_of, p, domain=domain, objective=Objective(abstain=abstain)))
         assert best - 0.002 * scale <= value <= best + 0.02 * scale  # it errs upwards
 
 

@@ -28,15 +28,15 @@ def any_momdp(seed):
     legal = rng.random((x, e)) < 0.7
     legal[-1] = False
     transition, observation_probability = np.zeros((e, x, x)), np.zeros((e, x, x))
-    for b, here in product(range(e), range(x)):
-        transition[b, here, -1] = 1.0
-        if legal[here, b]:
+    for b, at in product(range(e), range(x)):
+        transition[b, at, -1] = 1.0
+        if legal[at, b]:
             fails = 0.5 * rng.random() * (rng.random() < 0.6)
-            transition[b, here] = [*(1 - fails) * rng.dirichlet(np.full(x - 1, 0.4)), 0.0]
-            observation_probability[b, here, :-1] = rng.random(x - 1) < 0.8
-            moved = transition[b, here, here]
-            transition[b, here, here] += fails
-            observation_probability[b, here, here] *= moved / max(transition[b, here, here], 1e-300)
+            transition[b, at] = [*(1 - fails) * rng.dirichlet(np.full(x - 1, 0.4)), 0.0]
+            observation_probability[b, at, :-1] = rng.random(x - 1) < 0.8
+            moved = transition[b, at, at]
+            transition[b, at, at] += fails
+            observation_probability[b, at, at] *= moved / max(transition[b, at, at], 1e-300)
     confusion = rng.dirichlet(np.full(levels, rng.choice([0.3, 1.0, 3.0])), (n, e, 2))
     dull = rng.random((n, e)) < 0.25
     confusion[dull, 1] = confusion[dull, 0]
@@ -177,10 +177,10 @@ class TestTheBound:
 
     def test_undiscounted(self, small):
         momdp = small.toy(4, 1, 2, finite=False, objective=Objective(discount=1.0))
-        found = solve(momdp, tolerance=1e-5).upper_bound
-        assert attainable(momdp, momdp.start, momdp.prior, 5) <= found < momdp.correct
+        bound = solve(momdp, tolerance=1e-5).upper_bound
+        assert attainable(momdp, momdp.start, momdp.prior, 5) <= bound < momdp.correct
         nearly = solve(replace(momdp, discount=1 - 1e-6), tolerance=1e-5).upper_bound
-        assert found == pytest.approx(nearly, abs=0.02)
+        assert bound == pytest.approx(nearly, abs=0.02)
 
 
 def to_and_fro(n):

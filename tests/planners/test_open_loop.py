@@ -26,16 +26,16 @@ def values_of(problem, plans, belief):
     values, rows = [], ("plan", "observation_counts", "executions", "row")
     for j in range(plans.first[belief.x], plans.first[belief.x + 1]):
         first = np.array([0] * (belief.x + 1) + [1] * (len(plans.first) - belief.x - 1))
-        one = plans._replace(
+        single = plans._replace(
             first=first, **{name: getattr(plans, name)[j : j + 1] for name in rows}
         )
-        scratch = plan_scratch(problem.percepts, one)
+        scratch = plan_scratch(problem.percepts, single)
         scratch.counts[:], scratch.total[:] = (
             belief.percept_counts,
             belief.percept_counts[0].sum(axis=1),
         )
         prob = np.exp(belief.log_prob)
-        values.append(evaluate_plans(problem, one, belief.x, prob, scratch, -np.inf, False))
+        values.append(evaluate_plans(problem, single, belief.x, prob, scratch, -np.inf, False))
     return np.array(values)
 
 
@@ -70,11 +70,11 @@ def test_other_rewards_are_planned_for_with_the_same_plans(small, prior):
     now = with_bonus(small.momdp("toy", small.rates, limit=4, prior=prior), [0.0, 40.0, 0.0])
     again, belief = first.sharing_plans(now), initial_belief(now)
     for observation in ([1, 1], [0, 1], [0, 0]):
-        found = again.decide(History(belief), np.random.default_rng(0))
+        decision = again.decide(History(belief), np.random.default_rng(0))
         values = values_of(compile_momdp(now, 1), first.plans, belief)
         action = first.plans.plan["action"][: len(values)]
         expected = [values[action == a].max(initial=-np.inf) for a in (0, 1)]
-        np.testing.assert_allclose(found.values[:2], expected)
+        np.testing.assert_allclose(decision.values[:2], expected)
         belief = update_belief(belief, now, Transition(0, 0, np.array(observation, np.int8)))
     assert first.momdp.bonus[0, 1, 0] == 60.0  # the policy itself is as it was
 

@@ -18,10 +18,10 @@ from meal_bayes.planners.kernels import entry_kernel
 from meal_bayes.planners.pomcp.tree import KEPT, draw_object, draw_percept, make_sampled
 
 
-def same(one, other):
+def same(first, second):
     return all(
         np.array_equal(a, b, equal_nan=True) if isinstance(a, np.ndarray) else a == b
-        for a, b in ((getattr(one, f.name), getattr(other, f.name)) for f in fields(one))
+        for a, b in ((getattr(first, f.name), getattr(second, f.name)) for f in fields(first))
     )
 
 
@@ -36,8 +36,8 @@ def hopeless(n, *, abstain=False):
 
 def test_equal_seeds_decide_alike(small, toy):
     for momdp in (toy, small.ispy32(8, limit=5), small.toy(9, 2, 4, finite=True)):
-        one, other = small.search(momdp, 60, 3), small.search(momdp, 60, 3)
-        assert same(one, other)
+        first, second = small.search(momdp, 60, 3), small.search(momdp, 60, 3)
+        assert same(first, second)
     assert len({small.search(toy, 60, seed).tree for seed in range(8)}) > 1
 
 
@@ -136,22 +136,22 @@ def test_decisions_are_equal_whatever_trial_comes_first(toy, beliefs):
     made = set()
     for seed, order in enumerate(itertools.permutations(range(4))):
         policy = Remembering(POMCP(20).solve(toy, np.random.default_rng(seed)))
-        rng, found = np.random.default_rng(seed), [None] * 4
+        rng, decisions = np.random.default_rng(seed), [None] * 4
         for place in order:
             decision = policy.decide(History(beliefs[place]), rng)
             values = decision.values[~np.isnan(decision.values)]
-            found[place] = decision.action, decision.tree, tuple(values), tuple(decision.visits)
-        made.add(tuple(found))
+            decisions[place] = decision.action, decision.tree, tuple(values), tuple(decision.visits)
+        made.add(tuple(decisions))
     assert len(made) == 1
 
 
 def test_dynamics_are_compiled_once_for_momdps_that_share_them(small):
-    one = compile_momdp(small.momdp("roc36", {"heavy": {"lift_slow": (0.9, 0.1)}}))
-    other = compile_momdp(small.momdp("roc36", {"blue": {}, "beans": {}}, 7.0))
-    assert one.dynamics is other.dynamics
+    first = compile_momdp(small.momdp("roc36", {"heavy": {"lift_slow": (0.9, 0.1)}}))
+    second = compile_momdp(small.momdp("roc36", {"blue": {}, "beans": {}}, 7.0))
+    assert first.dynamics is second.dynamics
     for options in ({"objective": Objective(discount=0.9)}, {"objective": Objective(abstain=True)}):
         unlike = compile_momdp(small.momdp("roc36", {"heavy": {}}, **options))
-        assert unlike.dynamics is not one.dynamics
+        assert unlike.dynamics is not first.dynamics
 
 
 def test_information_on_the_latent_class_is_planned_with():
@@ -209,8 +209,8 @@ def test_sampled_momdps_show_what_the_predictive_says(small, precision, options,
     shown = np.zeros((DRAWS, 3, 2), np.int64)
     draw_percepts(compile_momdp(momdp).percepts, sampled, np.array(behaviors), rng, shown)
     cells = np.ravel_multi_index(tuple(shown.transpose(1, 2, 0).reshape(6, -1)), (2,) * 6)
-    one, other = sequence_probabilities(momdp, belief, behaviors)
-    joint = np.einsum("abc,def->adbecf", one.reshape(2, 2, 2), other.reshape(2, 2, 2)).ravel()
+    first, second = sequence_probabilities(momdp, belief, behaviors)
+    joint = np.einsum("abc,def->adbecf", first.reshape(2, 2, 2), second.reshape(2, 2, 2)).ravel()
     assert joint.sum() == pytest.approx(1.0)
     test = chisquare(np.bincount(cells, minlength=64), DRAWS * joint)
     assert test.pvalue > 0.01
@@ -246,9 +246,9 @@ def test_a_decision_keeps_rows_of_sampled_momdps(small, precision, backup):
     np.testing.assert_allclose(rows.sum(axis=2), 1.0)
     for i in range(2):
         classes = momdp.confusion[i, decision.action]
-        found = {tuple(row) for row in rows[:, i]}
+        objects = {tuple(row) for row in rows[:, i]}
         if np.isinf(precision):
-            assert found <= set(map(tuple, classes))
+            assert objects <= set(map(tuple, classes))
         else:
-            assert len(found) == KEPT  # each MOMDP has an object of its own
-            assert not found & set(map(tuple, classes))
+            assert len(objects) == KEPT  # each MOMDP has an object of its own
+            assert not objects & set(map(tuple, classes))

@@ -45,8 +45,8 @@ def run(momdp, policy, episodes=EPISODES, seed=0, **options):
     return simulate(momdp, policy, episodes, np.random.default_rng(seed), **options)
 
 
-def near(found, se, exact, sigma=4.0):
-    return abs(found - exact) <= sigma * se
+def near(estimate, se, exact, sigma=4.0):
+    return abs(estimate - exact) <= sigma * se
 
 
 @pytest.mark.statistical
@@ -55,25 +55,25 @@ def test_the_estimate_is_unbiased(small, problem):
     momdp = small.toy(**PROBLEMS[problem])
     policy = Gather(momdp, 2)
     exact = small.expectimax(momdp).of_policy(policy, 0)
-    found = run(momdp, policy)
-    assert 0 < found.value_se < 3
-    assert near(found.value, found.value_se, exact)
+    rollout = run(momdp, policy)
+    assert 0 < rollout.value_se < 3
+    assert near(rollout.value, rollout.value_se, exact)
 
 
 def test_who_abstains_pays_for_what_he_does_and_gets_no_reward(small):
     momdp = small.toy(**PROBLEMS["independent"], objective=Objective(abstain=True))
-    found = run(momdp, Gather(momdp, 1, leaves=True), 200)
-    left = found.abstained
+    rollout = run(momdp, Gather(momdp, 1, leaves=True), 200)
+    left = rollout.abstained
     assert 0 < left.sum() < 200
-    assert not found.success[left].any()
-    assert not found.certainty[left].any()
-    assert (found.returns[left] < 0).all()
+    assert not rollout.success[left].any()
+    assert not rollout.certainty[left].any()
+    assert (rollout.returns[left] < 0).all()
     # look, then lift (5 s, it may fail): discounted by the step.
-    lifts = np.round((found.cost[left] - 1.0) / 5.0).astype(int)
+    lifts = np.round((rollout.cost[left] - 1.0) / 5.0).astype(int)
     assert (lifts >= 1).all()
-    np.testing.assert_allclose(found.cost[left], 1.0 + 5.0 * lifts)
+    np.testing.assert_allclose(rollout.cost[left], 1.0 + 5.0 * lifts)
     steps = [1 + 5 * sum(0.99**t for t in range(1, k + 1)) for k in lifts]
-    np.testing.assert_allclose(found.returns[left], -np.array(steps))
+    np.testing.assert_allclose(rollout.returns[left], -np.array(steps))
 
 
 def test_what_is_not_legal_is_refused(small):
@@ -109,12 +109,12 @@ def test_branches_and_silence(small):
             silent.append((history.moved[-1], history.perceived[-1]))
             return Decision(best_report(momdp, history.belief), *[np.zeros(3)] * 3)
 
-    found = run(momdp, Lift())
+    rollout = run(momdp, Lift())
     assert set(silent) == {(1, True), (2, False)}
     dropped = np.mean([x == 2 for x, _ in silent])
     assert near(dropped, np.sqrt(0.24 / EPISODES), 0.4)
     exact = -2 + 0.99 * (0.6 * (-100 + 200 * 0.85))  # a coin is worth 0
-    assert near(found.value, found.value_se, exact)
+    assert near(rollout.value, rollout.value_se, exact)
 
 
 def test_the_environment_does_not_know_the_policys_draws(toy):
@@ -125,8 +125,8 @@ def test_the_environment_does_not_know_the_policys_draws(toy):
             rng.random(5)
             return super().decide(history, rng)
 
-    one, other = run(toy, Gather(toy, 2), 40), run(toy, Drawing(toy, 2), 40)
-    np.testing.assert_array_equal(one.returns, other.returns)
+    first, second = run(toy, Gather(toy, 2), 40), run(toy, Drawing(toy, 2), 40)
+    np.testing.assert_array_equal(first.returns, second.returns)
 
 
 @pytest.mark.parametrize("episodes", [-1, 0, 1])

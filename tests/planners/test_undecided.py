@@ -29,7 +29,7 @@ def test_one_behavior_that_is_worth_it_needs_no_search(small, n, points):
         {"own_classes": 2}, {"shared": 3}, {"objective": Objective(abstain=True)}))],
 )  # fmt: skip
 def test_what_is_certain_is_better_than_ending_for_certain(small, options, seeds):
-    found = 0
+    cases = 0
     for seed in seeds:
         momdp = small.toy(seed, 2, 2, finite=True, limit=2, **options)
         optimum = small.expectimax(momdp)
@@ -38,10 +38,10 @@ def test_what_is_certain_is_better_than_ending_for_certain(small, options, seeds
             history = History(optimum.belief(x, seen))
             decision = small.search(momdp, 1, history=history)
             if decision.simulations == 0 and decision.action < momdp.n_behaviors:
-                found += 1
+                cases += 1
                 edge = optimum.edge(x, seen, decision.action, optimum.value)
                 assert optimum.stop(x, seen) < decision.values[decision.action] <= edge + 1e-9
-    assert found > 0
+    assert cases > 0
 
 
 @pytest.mark.parametrize(

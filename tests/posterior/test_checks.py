@@ -99,8 +99,8 @@ def test_beliefs_leave_the_object_out():
     names = {"attributes": list("ab"), "behaviors": list("cd")}
     counts = simulate(rng, prior, objects=12, recordings=4).counts
     drawn = draw_grid(counts, rng, **names, prior=prior, draws=4000)
-    found = beliefs_without_itself(drawn, counts, size=4000)
-    (each, _), (together, together_truth) = found["each"], found["together"]
+    beliefs = beliefs_without_itself(drawn, counts, size=4000)
+    (each, _), (together, together_truth) = beliefs["each"], beliefs["together"]
     truth = counts.any(axis=(2, 4))[..., 1]  # (O,P)
     np.testing.assert_array_equal(together_truth, truth.ravel())
     expected = np.empty(truth.shape)
@@ -130,9 +130,9 @@ def test_beliefs_of_known_rows_are_bayes_rule():
     plain = draws_of("a", "bc", mean, np.ones((1, 5, 1, 2, 2)))
     prior = np.array([2 / 2, 3 / 1, 2 / 2])  # (n+ + 1) / (n- + 1) of the other two
     ratio = np.array([8.0, 2 / 9, 2 / 9])
-    found = beliefs_without_itself(plain, counts)
-    np.testing.assert_allclose(found["each"][0][::2], prior * ratio / (1 + prior * ratio))
-    np.testing.assert_allclose(found["together"][0], prior * ratio**2 / (1 + prior * ratio**2))
+    beliefs = beliefs_without_itself(plain, counts)
+    np.testing.assert_allclose(beliefs["each"][0][::2], prior * ratio / (1 + prior * ratio))
+    np.testing.assert_allclose(beliefs["together"][0], prior * ratio**2 / (1 + prior * ratio**2))
     odd = draws_of("a", "bc", mean, np.ones((1, 5, 1, 2, 2)), np.full((1, 5), 0.2))
     shared = (0.8 * ratio**2 + 0.2) / (0.8 + 0.2 * ratio**2)
     together, _ = beliefs_without_itself(odd, counts)["together"]

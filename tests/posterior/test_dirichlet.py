@@ -48,16 +48,16 @@ def test_the_precision_of_a_row_is_at_most_that_of_either_source():
 
 @given(posteriors(), st.data())
 def test_order_of_updates_does_not_matter(posterior, data):
-    one, other = (data.draw(counts_of(posterior.counts.shape, top=5)) for _ in range(2))
-    left, right = posterior.update(one).update(other), posterior.update(other).update(one)
+    first, second = (data.draw(counts_of(posterior.counts.shape, top=5)) for _ in range(2))
+    left, right = posterior.update(first).update(second), posterior.update(second).update(first)
     np.testing.assert_allclose(left.concentration, right.concentration)
-    np.testing.assert_array_equal(left.counts, posterior.counts + one + other)
+    np.testing.assert_array_equal(left.counts, posterior.counts + first + second)
 
 
 @given(counts_of(SHAPE), counts_of(SHAPE))
-def test_updating_is_counting(one, other):
-    together = ConfusionPosterior.from_counts(one + other)
-    streamed = ConfusionPosterior.from_counts(one).update(other)
+def test_updating_is_counting(first, second):
+    together = ConfusionPosterior.from_counts(first + second)
+    streamed = ConfusionPosterior.from_counts(first).update(second)
     np.testing.assert_allclose(streamed.mean, together.mean)
     np.testing.assert_allclose(streamed.precision, together.precision)
 
@@ -65,13 +65,13 @@ def test_updating_is_counting(one, other):
 @given(posteriors(), st.data())
 def test_percepts_of_one_object_are_one_row_however_they_come(posterior, data):
     """In parts they are worth what they are worth at once, and all of it can be taken back."""
-    one, other = (data.draw(counts_of(posterior.counts.shape, top=5)) for _ in range(2))
-    nothing = np.zeros_like(one)
-    parts = posterior.update(one).update(one + other, one)
-    at_once = posterior.update(one + other)
+    first, second = (data.draw(counts_of(posterior.counts.shape, top=5)) for _ in range(2))
+    nothing = np.zeros_like(first)
+    parts = posterior.update(first).update(first + second, first)
+    at_once = posterior.update(first + second)
     np.testing.assert_allclose(parts.concentration, at_once.concentration, rtol=0, atol=1e-9)
     np.testing.assert_array_equal(parts.counts, at_once.counts)
-    back = parts.update(nothing, one + other)
+    back = parts.update(nothing, first + second)
     np.testing.assert_allclose(back.concentration, posterior.concentration, rtol=0, atol=1e-12)
     np.testing.assert_array_equal(back.counts, posterior.counts)
 
@@ -88,10 +88,10 @@ def test_percepts_of_one_object_are_worth_less(posterior, data):
 
 @given(counts_of((4, *SHAPE), top=3), st.permutations(range(3)))
 def test_relabelling_attributes_permutes_the_fit(per_object, order):
-    one = ConfusionPosterior.from_objects(per_object)
-    other = ConfusionPosterior.from_objects(per_object[:, order])
-    np.testing.assert_allclose(other.mean, one.mean[order], rtol=1e-4)
-    np.testing.assert_allclose(other.precision, one.precision[order], rtol=1e-3)
+    fit = ConfusionPosterior.from_objects(per_object)
+    permuted = ConfusionPosterior.from_objects(per_object[:, order])
+    np.testing.assert_allclose(permuted.mean, fit.mean[order], rtol=1e-4)
+    np.testing.assert_allclose(permuted.precision, fit.precision[order], rtol=1e-3)
 
 
 @pytest.mark.statistical
@@ -100,8 +100,8 @@ def test_precision_keeps_the_variance_of_a_new_objects_row(s, a, m):
     rng = np.random.default_rng(3)
     mean = rng.beta(a * m, a * (1 - m), 400_000)
     row = rng.beta(s * mean, s * (1 - mean))
-    found = m * (1 - m) / row.var() - 1
-    assert found == pytest.approx(float(row_precision(s, a)), rel=0.01)
+    precision = m * (1 - m) / row.var() - 1
+    assert precision == pytest.approx(float(row_precision(s, a)), rel=0.01)
 
 
 INVERTED = [[[[3, 7], [6, 4]], [[9, 1], [1, 9]]]]  # the first behavior's TPR .4 < FPR .7

@@ -33,8 +33,8 @@ def draws(counts):
 
 
 def test_draws_of_the_grid_agree_with_its_fit(counts, draws):
-    kept = counts[:, :, [0, 2]]
-    fit = ConfusionPosterior.from_objects(kept)
+    sensed = counts[:, :, [0, 2]]
+    fit = ConfusionPosterior.from_objects(sensed)
     mean, s, _ = rows_of(draws)
     assert draws["behavior"].values.tolist() == ["look", "lift"]
     assert mean.shape == (4000, 2, 2, 2, counts.shape[-1])
@@ -51,18 +51,18 @@ def test_a_row_of_known_dispersion_is_drawn_from_its_beta():
     drawn = draw_grid(
         counts, np.random.default_rng(1), attributes=["a"], behaviors=["b"], prior=1.0, draws=5000
     )
-    found = np.quantile(rows_of(drawn)[0][:, 0, 0, 1, 1], [0.025, 0.25, 0.5, 0.75, 0.975])
-    np.testing.assert_allclose(found, beta(10, 4).ppf([0.025, 0.25, 0.5, 0.75, 0.975]), atol=0.01)
+    marks = np.quantile(rows_of(drawn)[0][:, 0, 0, 1, 1], [0.025, 0.25, 0.5, 0.75, 0.975])
+    np.testing.assert_allclose(marks, beta(10, 4).ppf([0.025, 0.25, 0.5, 0.75, 0.975]), atol=0.01)
 
 
 def test_the_summary_for_agents_is_the_grids_own(counts, draws):
-    found, expected = summarize_draws(draws, counts), ConfusionPosterior.from_objects(counts)
-    np.testing.assert_array_equal(found.counts, expected.counts)
-    np.testing.assert_allclose(found.mean, expected.mean, atol=0.01)
-    np.testing.assert_allclose(np.log(found.dispersion / expected.dispersion), 0, atol=0.1)
-    weights = [p.concentration.sum(axis=-1)[:, [0, 2]] for p in (found, expected)]
+    summary, expected = summarize_draws(draws, counts), ConfusionPosterior.from_objects(counts)
+    np.testing.assert_array_equal(summary.counts, expected.counts)
+    np.testing.assert_allclose(summary.mean, expected.mean, atol=0.01)
+    np.testing.assert_allclose(np.log(summary.dispersion / expected.dispersion), 0, atol=0.1)
+    weights = [p.concentration.sum(axis=-1)[:, [0, 2]] for p in (summary, expected)]
     np.testing.assert_allclose(np.log(weights[0] / weights[1]), 0, atol=0.35)  # A is a summary
-    np.testing.assert_allclose(found.concentration[:, 1], expected.concentration[:, 1])
+    np.testing.assert_allclose(summary.concentration[:, 1], expected.concentration[:, 1])
 
 
 def test_replicates_are_percepts_of_new_objects():
@@ -100,11 +100,11 @@ def test_rows_for_agents_hold_what_is_misperceived():
     yes = np.array([0.1, 0.8]) + noise
     mean, s = np.stack([1 - yes, yes], axis=-1), np.full((1, 500, 1, 1, 2), 2.0)
     odd = draws_of("a", "b", mean, s, np.full((1, 500), 0.2))
-    found = summarize_draws(odd, counts)
-    np.testing.assert_allclose(found.mean[0, 0, :, 1], [0.24, 0.66], atol=0.002)
-    own = rng.beta(2 * np.array([0.8, 0.1]), 2 * np.array([0.2, 0.9]), (200_000, 2))
-    theta = np.where(rng.random(200_000) < 0.2, own[:, 1], own[:, 0])  # of true objects
+    summary = summarize_draws(odd, counts)
+    np.testing.assert_allclose(summary.mean[0, 0, :, 1], [0.24, 0.66], atol=0.002)
+    rates = rng.beta(2 * np.array([0.8, 0.1]), 2 * np.array([0.2, 0.9]), (200_000, 2))
+    theta = np.where(rng.random(200_000) < 0.2, rates[:, 1], rates[:, 0])  # of true objects
     equal = (theta**2 + (1 - theta) ** 2).mean()
-    m, precision = found.mean[0, 0, 1], found.dispersion[0, 0, 1]
+    m, precision = summary.mean[0, 0, 1], summary.dispersion[0, 0, 1]
     assert (1 + precision * (m**2).sum()) / (precision + 1) == pytest.approx(equal, abs=0.005)
     assert precision < 1.2

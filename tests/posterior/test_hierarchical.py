@@ -75,8 +75,8 @@ def test_same_is_the_grids_model(levels):
     votes = youden(counts.sum(axis=0).astype(float)) > 0
     pooled = (votes[..., None, None] * share).sum(axis=0) - tau**2 / 2
     mean_tau = np.exp(logsumexp(pooled, axis=-1, b=tau) - logsumexp(pooled, axis=-1))
-    own = norm.logpdf(width, np.log(mean_tau), 0.3) - norm.logpdf(0, 0, 0.3)  # up to a constant
-    expected = logsumexp(pooled, axis=-1).sum() + jacobian + own.sum()
+    widths = norm.logpdf(width, np.log(mean_tau), 0.3) - norm.logpdf(0, 0, 0.3)  # up to a constant
+    expected = logsumexp(pooled, axis=-1).sum() + jacobian + widths.sum()
     assert potential(model, "pooling", point) == pytest.approx(expected, rel=1e-6)
 
 
@@ -118,24 +118,24 @@ def test_nuts_draws_what_the_grid_integrates():
     counts[:15, ..., 1, :] = counts[15:, ..., 0, :] = 0
     counts[:, :, 1] = 0  # asking is not sensing
     steps = []
-    found, statistics = fit_hierarchical(
+    draws, statistics = fit_hierarchical(
         counts, **names, sampling=Sampling(2000, tune=500, chains=2, cores=1, seed=4),
         progress=lambda *step: steps.append(step),
     )  # fmt: skip
     exact = draw_grid(counts, np.random.default_rng(0), **names, draws=20_000)
     assert statistics["diverging"].sum() == 0
-    told = convergence(summary_of(to_idata(found)))
-    assert set(told["variable"]) == {"mean", "dispersion", "mu", "tau"}
-    assert (told["r_hat"] < 1.01).all()
-    (mean, s, _), (exact_mean, exact_s, _) = rows_of(found), rows_of(exact)
-    assert found["behavior"].values.tolist() == ["look", "lift"]
+    checks = convergence(summary_of(to_idata(draws)))
+    assert set(checks["variable"]) == {"mean", "dispersion", "mu", "tau"}
+    assert (checks["r_hat"] < 1.01).all()
+    (mean, s, _), (exact_mean, exact_s, _) = rows_of(draws), rows_of(exact)
+    assert draws["behavior"].values.tolist() == ["look", "lift"]
     np.testing.assert_allclose(mean.mean(axis=0), exact_mean.mean(axis=0), atol=0.005)
     np.testing.assert_allclose(mean.std(axis=0), exact_mean.std(axis=0), rtol=0.08)
     np.testing.assert_allclose(np.log(s).mean(axis=0), np.log(exact_s).mean(axis=0), atol=0.1)
     np.testing.assert_allclose(np.log(s).std(axis=0), np.log(exact_s).std(axis=0), rtol=0.12)
-    assert found["tau"].dims == ("chain", "draw", "behavior", "truth")
+    assert draws["tau"].dims == ("chain", "draw", "behavior", "truth")
     assert steps[-1] == (5000, 5000)
-    posterior = summarize_draws(found, counts)
+    posterior = summarize_draws(draws, counts)
     np.testing.assert_allclose(posterior.mean[:, [0, 2]], mean.mean(axis=0))
 
 

@@ -34,11 +34,11 @@ def test_netcdf_keeps_names_and_groups(draws, tmp_path):
     stats = draws[["misperception"]].rename(misperception="energy")
     made = idata.to_idata(draws, sample_stats=stats)
     path = idata.save_netcdf(made, tmp_path / "new" / "posterior.nc")
-    found = az.from_netcdf(path)
-    assert found["posterior"]["mean"].identical(draws["mean"])
-    assert found["posterior"]["mu"].dims == ("chain", "draw", "behavior", "truth")
-    assert "energy" in found["sample_stats"]
-    entry = found["posterior"]["mean"].sel(
+    groups = az.from_netcdf(path)
+    assert groups["posterior"]["mean"].identical(draws["mean"])
+    assert groups["posterior"]["mu"].dims == ("chain", "draw", "behavior", "truth")
+    assert "energy" in groups["sample_stats"]
+    entry = groups["posterior"]["mean"].sel(
         attribute="full", behavior="tap", truth="true", level="yes"
     )
     np.testing.assert_array_equal(entry, draws["mean"].values[:, :, 1, 2, 1, 1])
@@ -101,9 +101,9 @@ def test_a_posterior_read_back_is_the_agents(fitted, tmp_path):
     domain, counts, draws = fitted
     expected = summarize_draws(draws, counts)
     idata.save_netcdf(grouped(counts[:, :, :2], draws), tmp_path / "p.nc")
-    found = posterior_from(tmp_path / "p.nc", domain)
+    posterior = posterior_from(tmp_path / "p.nc", domain)
     for name in ("counts", "concentration", "dispersion"):
-        np.testing.assert_allclose(getattr(found, name), getattr(expected, name))
+        np.testing.assert_allclose(getattr(posterior, name), getattr(expected, name))
 
 
 def test_names_count_and_not_the_order(fitted):
@@ -115,9 +115,9 @@ def test_names_count_and_not_the_order(fitted):
         group: xr.Dataset(made[group].data_vars).sel(turned).transpose(..., "truth", "behavior")
         for group in ("posterior", "observed_data")
     }
-    found = posterior_from(groups, domain)
+    posterior = posterior_from(groups, domain)
     for name in ("counts", "concentration", "dispersion"):
-        np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))
+        np.testing.assert_array_equal(getattr(posterior, name), getattr(expected, name))
 
 
 @pytest.mark.parametrize(

@@ -75,14 +75,14 @@ def test_no_number_of_percepts_outweighs_the_trait():
     trait = SharedTrait.of_sd(0.6)
     confusion, known = np.array([[[[0.7, 0.3], [0.3, 0.7]]]]), np.full((1, 1, 2), np.inf)
     rows, precision = trait.select(confusion, known)
-    found = []
+    evidence = []
     for n in (1, 10, 100, 10**6):
         counts = np.array([[[[0.0, float(n)]]]])
         seen = [log_likelihood(counts, rows[:, :, t], precision[:, :, t]) for t in range(9)]
-        found.append(truth_evidence(np.stack(seen, -1), np.log(trait.latent_classes)).item())
-    assert found[0] == pytest.approx(np.log(7 / 3), rel=1e-3)  # a first percept: Eq. 8
-    assert (np.diff(found) > 0).all()
-    assert found[-1] == pytest.approx(
+        evidence.append(truth_evidence(np.stack(seen, -1), np.log(trait.latent_classes)).item())
+    assert evidence[0] == pytest.approx(np.log(7 / 3), rel=1e-3)  # a first percept: Eq. 8
+    assert (np.diff(evidence) > 0).all()
+    assert evidence[-1] == pytest.approx(
         np.log(trait.latent_classes[1, -1] / trait.latent_classes[0, -1])
     )
 
@@ -92,8 +92,8 @@ def test_no_number_of_percepts_outweighs_the_trait():
 def test_the_sd_of_simulated_objects_is_recovered(sd):
     """On average over made-up data sets, but for what the rows, learned from the same, take."""
     rngs = [np.random.default_rng(seed) for seed in range(3, 6)]
-    found = [learned(*simulate(rng, sd, objects=400))[1].sd for rng in rngs]
-    assert 0.84 * sd < np.mean(found) < sd
+    estimates = [learned(*simulate(rng, sd, objects=400))[1].sd for rng in rngs]
+    assert 0.84 * sd < np.mean(estimates) < sd
 
 
 @pytest.mark.statistical

@@ -137,9 +137,9 @@ def test_recovering_to_the_name_that_was_meant_keeps_the_torn_file(whole, make, 
     with pytest.raises(LogCorruptError, match="log recover"):
         read_outcomes(active)
     saved = recover_log(active, tmp_path / "run.mcap")
-    kept = list(Scan(saved).entries())
-    assert 0 < len(kept) < TRIALS
-    assert all(map(make.equal, kept, entries[: len(kept)]))
+    recovered = list(Scan(saved).entries())
+    assert 0 < len(recovered) < TRIALS
+    assert all(map(make.equal, recovered, entries[: len(recovered)]))
     assert active.read_bytes() == data[: len(data) // 2]
     with pytest.raises(LogError, match="exists already"):
         recover_log(active, saved)
@@ -190,19 +190,19 @@ def test_trials_of_one_log_do_not_pass_in_another_order(make, outcome_of, tmp_pa
     write_trials(path, make.trials(TRIALS, 11, steps=3, edges=1), header={})
     with path.open("rb") as file:
         reader = make_reader(file)
-        found = [(c.topic, s, m) for s, c, m in reader.iter_messages(log_time_order=False)]
+        stored = [(c.topic, s, m) for s, c, m in reader.iter_messages(log_time_order=False)]
         attached = list(reader.iter_attachments())
-    outcomes = [index for index, (topic, _, _) in enumerate(found) if topic == "/outcome"]
+    outcomes = [index for index, (topic, _, _) in enumerate(stored) if topic == "/outcome"]
     first, second = outcomes[0] + 1, outcomes[1] + 1
-    topic, kind, message = found[first]
+    topic, kind, message = stored[first]
     long = topic, kind, dataclasses.replace(message, data=message.data + bytes(9 << 20))
     variants = {
-        "same": found,
-        "trial left out": found[:first] + found[second:],
-        "trial twice": found[:second] + found[first:],
-        "step left out": found[: first - 3] + found[first - 2 :],
-        "last trial left out": found[: outcomes[-2] + 1],
-        "message too long": [*found[:first], long, *found[first + 1 :]],
+        "same": stored,
+        "trial left out": stored[:first] + stored[second:],
+        "trial twice": stored[:second] + stored[first:],
+        "step left out": stored[: first - 3] + stored[first - 2 :],
+        "last trial left out": stored[: outcomes[-2] + 1],
+        "message too long": [*stored[:first], long, *stored[first + 1 :]],
     }
     for name, messages in variants.items():
         with path.open("wb") as file:
@@ -213,8 +213,8 @@ def test_trials_of_one_log_do_not_pass_in_another_order(make, outcome_of, tmp_pa
                     number = out.register_schema(kind.name, kind.encoding, kind.data)
                     known[topic] = out.register_channel(topic, "protobuf", number)
                 out.add_message(known[topic], message.log_time, message.data, message.publish_time)
-            for one in attached:
-                out.add_attachment(0, 0, one.name, one.media_type, one.data)
+            for entry in attached:
+                out.add_attachment(0, 0, entry.name, entry.media_type, entry.data)
             out.finish()
         fault = outcome_of(lambda: list(read_trials(path)))
         assert isinstance(fault, list if name == "same" else LogCorruptError), (name, fault)

@@ -110,8 +110,8 @@ def test_garbled_messages_raise_nothing_else(seed, trial, outcome_of):
             changed[rng.randrange(len(changed))] = rng.randrange(256)
         return bytes(changed[: rng.randint(1, len(changed))] if rng.random() < 0.3 else changed)
 
-    found = outcome_of(lambda: built(sealed(trial, garble=garble)))
-    assert isinstance(found, (Trial, *FAULTS)), repr(found)
+    result = outcome_of(lambda: built(sealed(trial, garble=garble)))
+    assert isinstance(result, (Trial, *FAULTS)), repr(result)
 
 
 @pytest.mark.parametrize(

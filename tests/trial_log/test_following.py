@@ -31,16 +31,16 @@ def test_the_logs_of_a_folder_in_order(make, tmp_path):
         for trial in trials[4:]:
             log.write(trial)
         (tmp_path / "run" / "note.txt").write_text("no log")
-        found = Logs(tmp_path / "run")
+        logs = Logs(tmp_path / "run")
         names = ["a.mcap", "unit-0000.mcap", log.active_path.name]
-        assert [file.name for file in found.files] == names
-        assert found.header["unit"] == 0
-        assert all(map(make.equal, trials_of(found), trials))
-        (problem,) = found.problems
+        assert [file.name for file in logs.files] == names
+        assert logs.header["unit"] == 0
+        assert all(map(make.equal, trials_of(logs), trials))
+        (problem,) = logs.problems
         assert "not finished by its writer" in problem
     groups = Logs(tmp_path / "run").groups()
-    found = [(group.header["unit"], tuple(group.places)) for group in groups]
-    assert found == [(0, (0, 1)), (1, (0, 1)), (2, (0, 1))]
+    places = [(group.header["unit"], tuple(group.places)) for group in groups]
+    assert places == [(0, (0, 1)), (1, (0, 1)), (2, (0, 1))]
 
 
 def test_what_cannot_be_read_is_one_clear_error(make, tmp_path, monkeypatch):
@@ -149,9 +149,9 @@ def test_recovered_and_unfinished_files_do_not_count_twice(killed, make):
     for best, count in ((whole, 6), (draft, 4), (smaller, 2), (saved, 4)):
         assert log_files(folder) == [best]
         for logs in (Logs(folder), Logs(folder, folder)):
-            found = trials_of(logs)
-            assert all(map(make.equal, found, trials))
-            assert len(found) == count
+            read = trials_of(logs)
+            assert all(map(make.equal, read, trials))
+            assert len(read) == count
         best.unlink()
 
 
@@ -200,20 +200,20 @@ def test_two_versions_of_one_run_are_not_mixed(make, tmp_path):
     """As where the code was changed in between, and both folders are named."""
     (trial,) = make.trials(1)
     other = dataclasses.replace(trial, truth=1 - trial.truth)
-    for name, one in (("old", trial), ("new", other)):
-        write_trials(tmp_path / name / "bayes" / "unit.mcap", [one], header=CONFIG)
+    for name, each in (("old", trial), ("new", other)):
+        write_trials(tmp_path / name / "bayes" / "unit.mcap", [each], header=CONFIG)
     with pytest.raises(LogError, match="different trials under equal settings"):
         trials_of(Logs(tmp_path))
 
 
 def test_drafts_have_names_of_their_own(make, tmp_path):
     path = tmp_path / "a [1].mcap"
-    with TrialWriter(path, {}) as one, TrialWriter(path, {}) as other:
-        assert one.active_path != other.active_path
-        for log in (one, other):
+    with TrialWriter(path, {}) as first, TrialWriter(path, {}) as second:
+        assert first.active_path != second.active_path
+        for log in (first, second):
             log.write(*make.trials(1), seconds=1.0)
-        assert set(drafts_of(path)) == {one.active_path, other.active_path}
-        assert stem_of(one.active_path) == "a [1]"
+        assert set(drafts_of(path)) == {first.active_path, second.active_path}
+        assert stem_of(first.active_path) == "a [1]"
     assert sorted(p.name for p in tmp_path.iterdir()) == ["a [1].mcap", "a [1].timing.csv"]
 
 

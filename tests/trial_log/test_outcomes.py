@@ -71,10 +71,10 @@ class TestColumns:
             assert row.steps[0] == len(trial.steps)
             done = [s for s in trial.steps if s.decision.action < trial.momdp.n_behaviors]
             for e, name in enumerate(trial.momdp.behavior_names):
-                own = [s for s in done if s.decision.action == e]
+                steps = [s for s in done if s.decision.action == e]
                 column = row.behaviors.index(name)
-                assert row.executed[0, column] == len(own)
-                assert row.failed[0, column] == sum(s.observation is None for s in own)
+                assert row.executed[0, column] == len(steps)
+                assert row.failed[0, column] == sum(s.observation is None for s in steps)
 
     def test_rows_joined_are_the_rows_of_all(self, trials, outcomes):
         parts = [TrialOutcomes.of(trials[at : at + 7]) for at in range(0, len(trials), 7)]

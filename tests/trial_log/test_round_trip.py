@@ -119,15 +119,15 @@ def test_equal_runs_give_byte_identical_files(make, header, tmp_path):
 
 def messages(path, topic):
     """Decode with the MCAP library and the schema in the file alone, as other tools do."""
-    found = []
+    decoded = []
     with path.open("rb") as file:
         for schema, _, message in make_reader(file, validate_crcs=True).iter_messages(topics=topic):
             pool = descriptor_pool.DescriptorPool()
             for proto in descriptor_pb2.FileDescriptorSet.FromString(schema.data).file:
                 pool.Add(proto)
             kind = message_factory.GetMessageClass(pool.FindMessageTypeByName(schema.name))
-            found.append(kind.FromString(message.data))
-    return found
+            decoded.append(kind.FromString(message.data))
+    return decoded
 
 
 def test_other_tools_read_steps_and_lines(make, header, tmp_path):
@@ -139,9 +139,9 @@ def test_other_tools_read_steps_and_lines(make, header, tmp_path):
     assert [step.action_name for step in read] == [
         trial.momdp.action_name(step.decision.action) for trial in trials for step in trial.steps
     ]
-    for found, step in zip(read, steps, strict=True):
-        assert np.allclose(found.positive, step.belief.positive, rtol=1e-12)
-        assert len(found.tree_level) == len(step.decision.tree)
+    for message, step in zip(read, steps, strict=True):
+        assert np.allclose(message.positive, step.belief.positive, rtol=1e-12)
+        assert len(message.tree_level) == len(step.decision.tree)
     lines = messages(path, "/log")
     assert len(lines) == len(steps)
     assert lines[0].name == "bayes"
@@ -162,11 +162,11 @@ def test_metadata_attachment_and_header(make, header, tmp_path):
     assert set(json.loads(metadata["run"]["versions"])) == {"meal_bayes", "numpy", "python"}
     assert json.loads(attachment.data) == header["config"]
     assert json.loads(end.data).keys() == {"trials", "steps", "cost"}
-    found = read_header(path)
-    assert {name: found[name] for name in header} == header
-    assert found["versions"]["numpy"] == np.__version__
+    header_read = read_header(path)
+    assert {name: header_read[name] for name in header} == header
+    assert header_read["versions"]["numpy"] == np.__version__
     info, report = log_info(path), check_log(path)
-    assert (info.trials, info.header) == (1, found)
+    assert (info.trials, info.header) == (1, header_read)
     assert report == info
     assert report.whole
 
@@ -254,16 +254,16 @@ def test_unknown_truth_warnings_counts_and_the_end_come_back(make, tmp_path):
 
 def test_steps_told_one_by_one_are_the_whole_trial(make, tmp_path):
     trials = make.trials(4, 3)
-    one, other = tmp_path / "one.mcap", tmp_path / "other.mcap"
-    write_trials(one, trials, header={})
-    with TrialWriter(other, {}) as log:
+    whole, stepwise = tmp_path / "one.mcap", tmp_path / "other.mcap"
+    write_trials(whole, trials, header={})
+    with TrialWriter(stepwise, {}) as log:
         for trial in trials:
             log.begin(dataclasses.replace(trial, steps=()))
             for step in trial.steps:
                 log.step(step)
             log.end(trial)
-    assert all(map(make.equal, read_trials(other), trials))
-    assert check_log(other).whole
+    assert all(map(make.equal, read_trials(stepwise), trials))
+    assert check_log(stepwise).whole
 
 
 def test_a_trial_without_its_end_leaves_the_file_unfinished(make, tmp_path):

@@ -132,7 +132,7 @@ class TestAWholeTrial:
         policy, told = Script(momdp, *ACTIONS), []
         again = trial_of(momdp, policy, LIFTED, PERCEPTS, on_step=told.append)
         assert len(told) == len(again.steps) == 6
-        assert all(one is other for one, other in zip(told, again.steps, strict=True))
+        assert all(first is second for first, second in zip(told, again.steps, strict=True))
         for k, history in enumerate(policy.histories):
             before = again.steps[:k]
             assert history.actions == tuple(step.decision.action for step in before)
@@ -213,7 +213,7 @@ def test_reports_after_the_last_step_are_not_replaced():
 
 class TestTruth:
     @pytest.mark.parametrize(
-        ("given", "expected"),
+        ("labels", "expected"),
         [
             (None, [-1, -1]),
             ({}, [-1, -1]),
@@ -224,10 +224,10 @@ class TestTruth:
             (np.array([0, -1]), [0, -1]),
         ],
     )
-    def test_it_may_be_known_in_part(self, given, expected):
-        found = truth_of(Query(("red", "heavy")), given)
-        assert found.tolist() == expected
-        assert found.dtype == np.int8
+    def test_it_may_be_known_in_part(self, labels, expected):
+        truth = truth_of(Query(("red", "heavy")), labels)
+        assert truth.tolist() == expected
+        assert truth.dtype == np.int8
 
     @pytest.mark.parametrize("wrong", [{"red": "False"}, {"red": 257}, [True], [2, 0], "ab"])
     def test_mistakes_are_told(self, wrong):
@@ -243,13 +243,13 @@ def test_streams_are_named_by_the_task_and_the_planner_s_by_the_agent_too():
         session = Session(task, momdp_of(), None, None, None, agent=agent, seed=seed)
         return [session._luck.random(), session.rng.random()]
 
-    one = draws(1, task, "bayes")
-    assert draws(1, task, "bayes") == one
-    assert draws(1, task, "morc")[:1] == one[:1]
-    assert draws(1, task, "morc")[1] != one[1]
+    numbers = draws(1, task, "bayes")
+    assert draws(1, task, "bayes") == numbers
+    assert draws(1, task, "morc")[:1] == numbers[:1]
+    assert draws(1, task, "morc")[1] != numbers[1]
     for changed in (draws(2, task, "bayes"), draws(1, other, "bayes")):
-        assert not set(changed) & set(one)
-    assert len(set(one)) == 2
+        assert not set(changed) & set(numbers)
+    assert len(set(numbers)) == 2
 
 
 @pytest.mark.parametrize("root", [0, 7, 2**32 - 1, 2**32, 2**127 + 5, 2**128, 2**200])

@@ -76,7 +76,7 @@ def test_a_heavier_prior_draws_rows_to_it(fitted, tmp_path):
     heavy, light = az.from_netcdf(tmp_path / "heavy" / "posterior.nc"), az.from_netcdf(path)
     assert json.loads(done.stdout)["config"]["prior_scale"] == 20
     spread = [
-        float(one["posterior"]["mean"].std(("chain", "draw")).mean()) for one in (heavy, light)
+        float(draws["posterior"]["mean"].std(("chain", "draw")).mean()) for draws in (heavy, light)
     ]
     assert spread[0] < 0.7 * spread[1]
 

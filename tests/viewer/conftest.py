@@ -47,10 +47,10 @@ def read_back() -> Callable[[Path], Rows]:
         rows: Rows = {}
         for chunk in RrdReader(str(path)).stream():
             entity = f"static {chunk.entity_path}" if chunk.is_static else chunk.entity_path
-            found = chunk.to_record_batch().to_pydict()
-            edges = " edges" if "GraphEdges:edges" in found else ""
+            table = chunk.to_record_batch().to_pydict()
+            edges = " edges" if "GraphEdges:edges" in table else ""
             columns = rows.setdefault(entity + edges, {})
-            for name, values in found.items():
+            for name, values in table.items():
                 if name != "rerun.controls.RowId":
                     columns.setdefault(name, []).extend(values)
         return rows

@@ -21,9 +21,9 @@ def momdp_of(name):
 
 
 def apart(nodes):
-    for one, other in itertools.combinations(nodes, 2):
-        (w, h), (v, g) = box_size(one.label), box_size(other.label)
-        assert abs(one.x - other.x) >= (w + v) / 2 or abs(one.y - other.y) >= (h + g) / 2
+    for first, second in itertools.combinations(nodes, 2):
+        (w, h), (v, g) = box_size(first.label), box_size(second.label)
+        assert abs(first.x - second.x) >= (w + v) / 2 or abs(first.y - second.y) >= (h + g) / 2
 
 
 @pytest.mark.parametrize(

@@ -63,8 +63,8 @@ def test_beliefs_entropy_and_cost_are_the_logs(messages, recorded):
             spent += message.cost if row else 0.0
             before += message.cost if row else 0.0
             for name, p in zip(start.attributes, message.positive, strict=True):
-                found = series(recorded, f"/belief/{name}", "Scalars:scalars")[key]
-                assert found == pytest.approx([p], abs=1e-12)
+                logged = series(recorded, f"/belief/{name}", "Scalars:scalars")[key]
+                assert logged == pytest.approx([p], abs=1e-12)
                 compared += 1
             bits = sum(-x * np.log2(x) for p in message.positive for x in (p, 1 - p) if x > 0)
             assert entropy[key] == pytest.approx([bits], abs=1e-9)
@@ -111,12 +111,12 @@ def test_measures_of_the_run_count_every_trial(trials, recorded):
     agents = {trial.agent for trial in trials}
     (table,) = recorded["static /run/table"]["TextDocument:text"][-1]
     for agent in agents:
-        own = [trial for trial in trials if trial.agent == agent]
+        of_agent = [trial for trial in trials if trial.agent == agent]
         accuracy = recorded[f"/run/accuracy/{agent}"]["Measurements:values"]
-        right = np.cumsum([trial.success for trial in own])
-        assert np.ravel(accuracy) == pytest.approx(right / np.arange(1, len(own) + 1))
+        right = np.cumsum([trial.success for trial in of_agent])
+        assert np.ravel(accuracy) == pytest.approx(right / np.arange(1, len(of_agent) + 1))
         cost = recorded[f"/run/cost/{agent}"]["Measurements:values"][-1]
-        assert cost == pytest.approx([np.mean([trial.cost for trial in own])])
+        assert cost == pytest.approx([np.mean([trial.cost for trial in of_agent])])
         assert f"|{agent}|" in table
     for entity, columns in recorded.items():
         assert entity.startswith("static ") or set(columns) >= TIMELINES, entity
@@ -284,8 +284,8 @@ def test_every_frame_is_in_the_row_of_its_step(watched):
     load = rows["/robot/forces"]
     ends = np.cumsum([step.cost for step in trial.steps])
     assert len(load["step"]) == len(frames)
-    for one, step in zip(frames, load["step"], strict=True):
-        expected = 0 if one.seconds == 0 else 1 + int((ends < one.seconds - 1e-6).sum())
+    for frame, step in zip(frames, load["step"], strict=True):
+        expected = 0 if frame.seconds == 0 else 1 + int((ends < frame.seconds - 1e-6).sum())
         assert step == min(expected, len(trial.steps))
 
 
@@ -293,9 +293,9 @@ def test_bodies_and_forces_are_the_frames(watched):
     _, frames, rows = watched
     shells = rows["/robot/object"]["Boxes3D:centers"]
     balls = rows["/robot/content"]["Points3D:positions"]
-    for one, boxes, points in zip(frames, shells, balls, strict=True):
-        np.testing.assert_allclose(boxes, one.centers[one.shapes == SHELL])
-        np.testing.assert_allclose(points, one.centers[one.shapes == BALL])
+    for frame, boxes, points in zip(frames, shells, balls, strict=True):
+        np.testing.assert_allclose(boxes, frame.centers[frame.shapes == SHELL])
+        np.testing.assert_allclose(points, frame.centers[frame.shapes == BALL])
     assert len(rows["/robot/forces"]["Arrows3D:vectors"][1]) == 2
 
 

@@ -67,7 +67,7 @@ def looked_at(vulkan, tmp_path_factory):
                 states[view.name] = view
                 if view.name in (TRIAL if name == "trial" else RUN):
                     pictures[view.name] = client.take_screenshot(view.view_id)
-            complaints += [one for one in client.get_logs() if one.level == "ERROR"]
+            complaints += [entry for entry in client.get_logs() if entry.level == "ERROR"]
     return states, pictures, complaints
 
 

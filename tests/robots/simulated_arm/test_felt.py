@@ -37,9 +37,9 @@ def test_the_load_cell_weighs_what_was_dropped(feel, make_object):
 @pytest.mark.usefixtures("noiseless")
 def test_walls_and_lid_give_as_their_springs_say(feel, make_object):
     stiff, soft = make_object(stiffness=12000.0), make_object(stiffness=2000.0)
-    depths = [feel(one, "press")["depth"][-1] for one in (stiff, soft)]
+    depths = [feel(thing, "press")["depth"][-1] for thing in (stiff, soft)]
     assert depths[1] - depths[0] == pytest.approx(8 / 2000 - 8 / 12000, rel=0.3)  # 8 N
-    widths = [feel(one, "grasp")["fingers"][-1] for one in (stiff, soft)]
+    widths = [feel(thing, "grasp")["fingers"][-1] for thing in (stiff, soft)]
     assert widths[0] - widths[1] > 2 * (12 / 2400 - 12 / 12000) * 0.8  # 12 N, both sides
 
 
@@ -72,9 +72,9 @@ def test_shaking_alone_tells_what_rattles_from_a_slab_of_equal_mass(feel, make_o
     loose = make_object(shell_mass=0.15, content_mass=0.1, **content)
     fixed = make_object(shell_mass=0.15, content_mass=0.1, content="slab")
     way = ("grasp", "lift", "hold")
-    holds = [feel(one, *way)["force"] for one in (loose, fixed)]
+    holds = [feel(thing, *way)["force"] for thing in (loose, fixed)]
     assert holds[0] == pytest.approx(holds[1], abs=0.02)
-    shakes = [feel(one, *way, "shake")["vibro"] for one in (loose, fixed)]
+    shakes = [feel(thing, *way, "shake")["vibro"] for thing in (loose, fixed)]
     assert shakes[0].mean() > 1.5 * shakes[1].mean()
 
 
@@ -155,14 +155,14 @@ def test_what_happened_counts_every_execution(made):
 @pytest.mark.long
 def test_an_object_that_always_slips_is_ragged_and_everything_else_is_there(room, make_object):
     slippery = make_object(shell_mass=0.4, friction=0.25)
-    one = room.record_object(0, recordings=1, seed=8, alter=lambda _: slippery)
-    contexts = set(one.recordings[0])
+    slips = room.record_object(0, recordings=1, seed=8, alter=lambda _: slippery)
+    contexts = set(slips.recordings[0])
     assert not {context for context in contexts if context[0] == "shake"}
-    failed = {key: n for key, n in one.happened.items() if key[1] == "shake"}
+    failed = {key: n for key, n in slips.happened.items() if key[1] == "shake"}
     assert sum(failed.values()) == room.ATTEMPTS
     assert {behavior for behavior, _ in contexts} == set(room.ORDER) - {"shake"}
-    other = room.record_object(1, recordings=1, seed=8)
-    data = room.to_dataset(load_domain("simulated_arm"), [one, other])
+    fine = room.record_object(1, recordings=1, seed=8)
+    data = room.to_dataset(load_domain("simulated_arm"), [slips, fine])
     shake = data.domain.behavior_index("shake")
     assert data.recording_counts[:, shake].tolist() == [0, 1]
 
@@ -177,6 +177,6 @@ def test_a_fault_starts_the_object_anew_and_is_counted(room, sim, monkeypatch):
         return execute(arm, behavior)
 
     monkeypatch.setattr(sim.SimulatedArm, "execute", breaking)
-    one = room.record_object(0, recordings=1, seed=8)
-    assert one.happened["ready", "push", room.FAULT] == 1
-    assert ("push", "flow") in one.recordings[0]
+    record = room.record_object(0, recordings=1, seed=8)
+    assert record.happened["ready", "push", room.FAULT] == 1
+    assert ("push", "flow") in record.recordings[0]
