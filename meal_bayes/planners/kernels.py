@@ -2,8 +2,10 @@
 
 `entry_kernel` makes a kernel that Python calls; `kernel` one that only kernels call, without the
 wrappers that Python would need (a seventh of the compile time), and inlined, as a call would pass
-all fields of all arrays of its named tuples, some 200 words. Nothing in a kernel allocates, so no
-references are counted: callers bring scratch buffers.
+all fields of all arrays of its named tuples, some 200 words; `called_kernel` one that is too large
+to be inlined everywhere. A kernel is compiled again in every entry kernel that leads to it, so
+these are few. Nothing in a kernel allocates, so no references are counted: callers bring scratch
+buffers.
 
 numba's cache looks at a kernel's own file alone, but kernels call kernels of other files, so a
 digest of every file that may hold one is part of the cache's version: after an edit to any of
@@ -21,7 +23,7 @@ from numba.core import event
 from meal_bayes.cache import compile_kernel
 
 _OPTIONS = {"nogil": True, "error_model": "numpy", "_nrt": False}
-_INLINED = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True, "forceinline": True}
+_CALLED = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 _OBSERVATION = Path(__file__).parents[1] / "momdp" / "observation.py"
 _DIGEST = hashlib.blake2b(digest_size=8)
 for _path in (*sorted(Path(__file__).parent.rglob("*.py")), _OBSERVATION):
@@ -33,9 +35,14 @@ def entry_kernel(function: Callable[..., Any]) -> Callable[..., Any]:
     return _versioned(compile_kernel(function, **_OPTIONS))
 
 
+def called_kernel(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Compile a large kernel that only kernels call."""
+    return _versioned(compile_kernel(function, **_OPTIONS, **_CALLED))
+
+
 def kernel(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Compile a kernel that only kernels call."""
-    return _versioned(compile_kernel(function, **_OPTIONS, **_INLINED))
+    """Compile a kernel that only kernels call, and inline it there."""
+    return _versioned(compile_kernel(function, **_OPTIONS, **_CALLED, forceinline=True))
 
 
 def _versioned(compiled: Callable[..., Any]) -> Callable[..., Any]:

@@ -10,11 +10,19 @@ from meal_bayes.planners.pomcp.policy import POMCP
 from meal_bayes.planners.solver import History, Solver
 
 
-def warm_up(solver: Solver) -> None:
-    """Compile the kernels that a solver needs; a solver without kernels is left alone."""
+def warm_up(solver: Solver, limit: float = 3) -> None:
+    """Compile the kernels that a solver needs; a solver without kernels is left alone.
+
+    Parameters
+    ----------
+    solver : Solver
+        Of this package.
+    limit : float
+        Percepts of a behavior that its trials can have; `POMCP` reads a table where there is none
+        and rates are known (Eq. 8), and plans otherwise: two kernels.
+    """
     if isinstance(solver, POMCP | OpenLoop | Factored):
         domain, rng = load_domain("toy"), np.random.Generator(np.random.PCG64(0))
         rows = np.broadcast_to([[0.6, 0.4], [0.4, 0.6]], (1, len(domain.behaviors), 2, 2))
-        limit = np.inf if isinstance(solver, Factored) else 3
         momdp = build_momdp(domain, Query(domain.attributes[:1]), rows, limit=limit)
         solver.solve(momdp, rng).decide(History(initial_belief(momdp)), rng)

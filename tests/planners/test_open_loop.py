@@ -11,7 +11,7 @@ from meal_bayes.momdp import Objective, Transition, initial_belief, update_belie
 from meal_bayes.planners import POMCP, History, OpenLoop
 from meal_bayes.planners.compiled import compile_momdp
 from meal_bayes.planners.open_loop.library import plan_library
-from meal_bayes.planners.open_loop.values import evaluate_plans, plan_scratch
+from meal_bayes.planners.open_loop.values import best_plans, plan_scratch
 
 
 def with_bonus(momdp, pay):
@@ -35,7 +35,8 @@ def values_of(problem, plans, belief):
             belief.percept_counts[0].sum(axis=1),
         )
         prob = np.exp(belief.log_prob)
-        values.append(evaluate_plans(problem, single, belief.x, prob, scratch, -np.inf, False))
+        value, _ = best_plans(problem, single, belief.x, prob[None], scratch)
+        values.append(value.max())
     return np.array(values)
 
 
@@ -132,8 +133,7 @@ def values_at(problem, plans, x, weight, seen=None):
     scratch = plan_scratch(problem.percepts, plans)
     if seen is not None:
         scratch.counts[:], scratch.total[:] = seen, np.sum(seen, axis=2)[0]
-    evaluate_plans(problem, plans, x, weight, scratch, -np.inf, False)
-    return scratch.value
+    return best_plans(problem, plans, x, weight[None], scratch)[0][0]
 
 
 @pytest.mark.parametrize("name", DOMAINS)

@@ -20,7 +20,7 @@ from meal_bayes.planners.open_loop.errors import (
     tabulate_errors,
 )
 from meal_bayes.planners.open_loop.growth import Growth, Ways, find_ways, grow_plans
-from meal_bayes.planners.open_loop.values import PLAN, Plans, judge_plans, plan_scratch
+from meal_bayes.planners.open_loop.values import PLAN, Plans, best_plans, plan_scratch
 
 _GROWN = 4  # beliefs for which plans are grown from every x, to every first percept
 _JUDGED, _MANY = 16, 5  # times N, up to N = 5: beliefs at which plans compete to be kept
@@ -112,13 +112,17 @@ def plan_library(momdp: MOMDP, problem: Compiled) -> Plans:
     candidates = _cheapest(Candidates(*map(np.concatenate, zip(*parts, strict=True))))
     candidates = candidates.select(_promising(problem, candidates, beliefs, bhattacharyya))
     plans = _tabulated(problem, candidates, FEW_OUTCOMES)
-    wins = np.zeros((len(plans.plan), 2), np.int64)
-    scratch = plan_scratch(problem.percepts, plans)
-    judge_plans(problem, plans, beliefs, scratch, np.empty((momdp.n_behaviors, 2)), wins)
-    wins_most = wins[:, 1] > 0  # the best of each first behavior, and what wins most often
-    for start, end in itertools.pairwise(plans.first.tolist()):
-        often = start + np.argsort(-wins[start:end, 0], kind="stable")[:_KEPT]
-        wins_most[often[wins[often, 0] > 0]] = True
+    wins = np.zeros(len(plans.plan), np.int64)  # beliefs at which a plan is the best of its x
+    wins_most = np.zeros(len(plans.plan), np.bool_)
+    scratch, every = plan_scratch(problem.percepts, plans), np.arange(momdp.n_behaviors)
+    for x, (start, end) in enumerate(itertools.pairwise(plans.first.tolist())):
+        value, best = best_plans(problem, plans, x, beliefs, scratch)  # (B,E)
+        highest = (value == value.max(axis=1, keepdims=True)) & (best >= 0)
+        np.add.at(wins, best[highest], 1)
+        peak = best[value.argmax(axis=0), every]  # of each first behavior where it is worth most
+        wins_most[peak[peak >= 0]] = True
+        often = start + np.argsort(-wins[start:end], kind="stable")[:_KEPT]
+        wins_most[often[wins[often] > 0]] = True
     winners = candidates.select(np.flatnonzero(wins_most))
     return _tabulated(problem, _cheapest(_with_remainders(diagram, winners)), OUTCOMES)
 

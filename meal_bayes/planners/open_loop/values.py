@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from meal_bayes.arrays import Floats, Ints
 from meal_bayes.momdp import Belief
 from meal_bayes.planners.compiled import Compiled, Percepts
-from meal_bayes.planners.kernels import entry_kernel, kernel
+from meal_bayes.planners.kernels import called_kernel, entry_kernel, kernel
 from meal_bayes.planners.open_loop.errors import SPAN, Scratch, make_scratch, plan_error
 
 COMPUTED = 6  # plans of a first behavior that are computed at one belief, at most
@@ -46,8 +46,21 @@ def plan_values(problem: Compiled, plans: Plans, belief: Belief) -> Scratch:
     scratch = plan_scratch(problem.percepts, plans)
     scratch.counts[:] = belief.percept_counts
     scratch.total[:] = belief.percept_counts[0].sum(axis=1)
-    evaluate_plans(problem, plans, belief.x, np.exp(belief.log_prob), scratch, -np.inf, True)
+    best_plans(problem, plans, belief.x, np.exp(belief.log_prob)[None], scratch, True)
     return scratch
+
+
+def best_plans(
+    problem: Compiled, plans: Plans, x: int, beliefs: Floats, scratch: Scratch, useful: bool = False
+) -> tuple[Floats, Ints]:
+    """Evaluate the best plan of each first behavior at beliefs (B,N,C) -> values and plans (B,E).
+
+    See `evaluate_plans`; `scratch` holds what was found at the last belief.
+    """
+    shape = len(beliefs), len(scratch.value)
+    value, best = np.empty(shape), np.empty(shape, np.int64)
+    _best_plans(problem, plans, x, beliefs, scratch, useful, value, best)
+    return value, best
 
 
 @kernel
@@ -168,7 +181,7 @@ def is_idle(model, x, a, total):
     return True
 
 
-@entry_kernel
+@called_kernel
 def evaluate_plans(model, plans, x, prob, scratch, floor, useful):
     """Evaluate the best plan from x by first behavior -> `scratch.value`; return the best.
 
@@ -218,22 +231,8 @@ def evaluate_plans(model, plans, x, prob, scratch, floor, useful):
 
 
 @entry_kernel
-def judge_plans(model, plans, beliefs, scratch, out, wins):
-    """Count at how many beliefs (B,N,C) a plan is the best of its x -> wins (J,2).
-
-    Column 1 marks the plan that is best for its first behavior where that is worth most.
-    `out` (E,2) is scratch.
-    """
-    for x in range(plans.first.shape[0] - 1):
-        for a in range(out.shape[0]):
-            out[a, 0], out[a, 1] = -np.inf, -1.0
-        for b in range(beliefs.shape[0]):
-            best = evaluate_plans(model, plans, x, beliefs[b], scratch, -np.inf, x < 0)
-            for a in range(out.shape[0]):
-                if scratch.value[a] == best and best > -np.inf:
-                    wins[scratch.best[a], 0] += 1
-                if scratch.value[a] > out[a, 0]:
-                    out[a, 0], out[a, 1] = scratch.value[a], scratch.best[a]
-        for a in range(out.shape[0]):
-            if out[a, 1] >= 0.0:
-                wins[int(out[a, 1]), 1] = 1
+def _best_plans(model, plans, x, beliefs, scratch, useful, value, best):
+    for b in range(beliefs.shape[0]):
+        evaluate_plans(model, plans, x, beliefs[b], scratch, -np.inf, useful)
+        for a in range(value.shape[1]):
+            value[b, a], best[b, a] = scratch.value[a], scratch.best[a]

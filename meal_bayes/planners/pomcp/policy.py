@@ -33,7 +33,7 @@ from meal_bayes.planners.open_loop.errors import Scratch
 from meal_bayes.planners.open_loop.library import diagram_of, plan_library, retabulate
 from meal_bayes.planners.open_loop.policy import OpenLoopPolicy
 from meal_bayes.planners.open_loop.values import Plans, plan_values
-from meal_bayes.planners.pomcp.search import ENUMERATE, LeafEvaluator, search
+from meal_bayes.planners.pomcp.search import ENUMERATE, Tabled, search
 from meal_bayes.planners.pomcp.tree import KEPT, make_sampled, make_tree, standard_errors, top_edges
 from meal_bayes.planners.rollout import simulate
 from meal_bayes.planners.solver import Decision, History, choose, no_errors
@@ -133,25 +133,25 @@ class POMCPPolicy:
         return plan_library(self.momdp, self.problem)
 
     @cached_property
-    def estimate(self) -> Table:
-        """The table of the leaf, or an empty one where plans know better.
+    def estimate(self) -> Table | None:
+        """The table of the leaf, or None where plans know better.
 
         Plans are worth no less than they say; a table on a coarse grid may promise what nobody can
         earn. So where grids are coarse both leaves play the same simulated episodes, and the one
         that earned more is taken.
         """
         if self.tables is None:
-            return _EMPTY
+            return None
         if len(self.momdp.query) <= _FINE:
             return self.tables.estimate
         settings = replace(self.settings, simulations=_TRIAL_SIMULATIONS, milliseconds=None)
         earned = []
-        for table in (self.tables.estimate, _EMPTY):
+        for table in (self.tables.estimate, None):
             trial = POMCPPolicy(self.momdp, settings)
             trial.plans, trial.tables, trial.estimate = self.plans, self.tables, table
             rng = np.random.Generator(np.random.PCG64(0))
             earned.append(simulate(self.momdp, trial, _EPISODES, rng).value)
-        return self.tables.estimate if earned[0] >= earned[1] else _EMPTY
+        return self.tables.estimate if earned[0] >= earned[1] else None
 
     @cached_property
     def tables(self) -> FactoredPolicy | None:
@@ -207,17 +207,17 @@ class POMCPPolicy:
         width = self.problem.dynamics.branch.shape[2] * ENUMERATE  # nodes of an expansion, at most
         tree = make_tree(momdp, belief, settings.capacity + width + 1)
         table = self.estimate
-        reading = grid.make_scratch(table, momdp.levels)
-        evaluator = LeafEvaluator(self.plans, table, scratch, reading)
+        tabled = None if table is None else Tabled(table, grid.make_scratch(table, momdp.levels))
         sampled = make_sampled(self.problem.percepts, tree.prob[0].copy(), scratch.counts.copy())
-        exploration = 0.0 if table.value.size else settings.exploration * self.problem.gap
-        options = np.array([exploration, settings.backup == "sampled"], dtype=float)
+        exploration = 0.0 if tabled else settings.exploration * self.problem.gap
+        options = np.array([0, exploration, settings.backup == "sampled"], dtype=float)
         usual = isinstance(rng.bit_generator, np.random.PCG64)
         lent = _LENT.generator if usual else rng
         lent.bit_generator.state = rng.bit_generator.state
 
         def grow(simulations: int) -> int:
-            return int(search(self.problem, evaluator, tree, sampled, simulations, options, lent))
+            options[0], problem = simulations, self.problem
+            return int(search(problem, self.plans, tabled, scratch, tree, sampled, options, lent))
 
         done = grow(settings.simulations) if end is None else _within(end, grow)
         rng.bit_generator.state = lent.bit_generator.state
@@ -260,9 +260,6 @@ def _certain(momdp: MOMDP, belief: Belief) -> Decision | None:
     values = np.full(momdp.n_behaviors + 1, np.nan)
     values[legal[0]], values[-1] = best, ending
     return Decision.exact(int(legal[0]), values)
-
-
-_EMPTY = Table(np.ones((1, 1)), np.ones(1, np.int64), np.zeros((0, 1), np.float32))
 
 
 def _within(end: float, grow: Callable[[int], int]) -> int:

@@ -12,39 +12,33 @@ import numpy as np
 from meal_bayes.arrays import Floats
 from meal_bayes.planners.factored.grid import Table, value_after
 from meal_bayes.planners.kernels import entry_kernel, kernel
-from meal_bayes.planners.open_loop.errors import Scratch
-from meal_bayes.planners.open_loop.values import (
-    Plans,
-    evaluate_plans,
-    is_idle,
-    stop_value,
-    true_chance,
-)
+from meal_bayes.planners.open_loop.values import evaluate_plans, is_idle, stop_value, true_chance
 from meal_bayes.planners.pomcp.tree import DEPTH, KEPT, condition, draw_object, draw_percept
 
 ENUMERATE = 64  # percept vectors up to which an edge gets a child for each
 DRAWN = 24  # children of an edge with more
 
 
-class LeafEvaluator(NamedTuple):
-    """Evaluators of beliefs, and their buffers; `scratch` holds the percepts on the way."""
+class Tabled(NamedTuple):
+    """A table over a grid of marginal beliefs as leaf, and the buffer that reads it."""
 
-    plans: Plans
-    table: Table  # over a grid of marginal beliefs, or an empty one
-    scratch: Scratch
+    table: Table
     reading: Floats
 
 
 @entry_kernel
-def search(model, evaluator, tree, sampled, simulations, options, rng):
+def search(model, plans, tabled, scratch, tree, sampled, options, rng):
     """Grow a tree by simulations, from its root; return how many fit the capacity.
 
     A simulation descends the tree in a MOMDP sampled from the posterior, until it ends or leaves
-    the tree, and backs up its return. `options` (2,): the exploration constant, and whether
-    edges average returns (1) or take the expectation over their outcomes (0).
+    the tree, and backs up its return. `options` (3,): the number of simulations, the
+    exploration constant, and whether edges average returns (1) or take the expectation over their
+    outcomes (0). Leaves are valued by `plans`, or by a table where `tabled` is not None: numba
+    compiles a kernel for each of the two, without the other's code. `scratch` holds the percepts
+    on the way.
     """
-    width, scratch = model.dynamics.branch.shape[2] * ENUMERATE, evaluator.scratch
-    plans, tabled = evaluator.plans, evaluator.table.value.shape[0] > 0
+    simulations, exploration, averaged = int(options[0]), options[1], options[2]
+    width = model.dynamics.branch.shape[2] * ENUMERATE
     for done in range(simulations):
         if tree.size[0] + width >= tree.node.shape[0]:  # a free node stays, for `_execute`
             return done
@@ -53,11 +47,11 @@ def search(model, evaluator, tree, sampled, simulations, options, rng):
         while depth < DEPTH and not new:
             x = tree.node[node].x
             if tree.node[node].visits == 0:
-                if not tabled:
+                if tabled is None:
                     evaluate_plans(model, plans, x, tree.prob[node], scratch, -np.inf, x >= 0)
-                _open_node(model, evaluator, tree, node)
+                _open_node(model, tabled, scratch, tree, node)
             tree.node[node].visits += 1
-            a, value = _select(tree, node, options[0]), tree.node[node].stop
+            a, value = _select(tree, node, exploration), tree.node[node].stop
             if a < 0:
                 break
             new = tree.edge[node, a].first < 0
@@ -66,8 +60,8 @@ def search(model, evaluator, tree, sampled, simulations, options, rng):
                 scratch.error[:] = -1.0
                 for child in range(tree.edge[node, a].first, tree.size[0]):
                     leaf = tree.node[child]
-                    _arrive(model, evaluator, tree, child, a)
-                    if not tabled:
+                    _arrive(model, tabled, scratch, tree, child, a)
+                    if tabled is None:
                         leaf.value = evaluate_plans(
                             model, plans, leaf.x, tree.prob[child], scratch, leaf.stop, x < 0
                         )
@@ -77,7 +71,7 @@ def search(model, evaluator, tree, sampled, simulations, options, rng):
             sampled.reward[depth] = _step_reward(model, x, a, sampled.truth, scratch.total)
             node = _execute(model, scratch, tree, sampled, node, a, rng)
             depth, value = depth + 1, tree.node[node].value
-        _back_up(model.dynamics.step, scratch, tree, sampled, node, depth, value, options[1])
+        _back_up(model.dynamics.step, scratch, tree, sampled, node, depth, value, averaged)
     return simulations
 
 
@@ -149,35 +143,35 @@ def _perceive(percepts, scratch, tree, node, a, outcome, rng):
 
 
 @kernel
-def _arrive(model, evaluator, tree, child, a):
+def _arrive(model, tabled, scratch, tree, child, a):
     """Count the percept that led to a child; value it by the table, if there is one."""
     node, level = tree.node[child], tree.level[child]
-    scratch, table = evaluator.scratch, evaluator.table
     _count_percept(scratch, level, a, 1.0)
     for i in range(level.shape[0]):
         scratch.shown[i] = level[i] + 1
         scratch.chance[i] = true_chance(model.percepts, tree.prob[child], i)
-    if table.value.shape[0] > 0:
-        node.value = max(node.stop, _estimate(model, evaluator, node.x, -table.size[0]))
+    if tabled is not None:
+        node.value = max(node.stop, _estimate(model, tabled, scratch, node.x, -1 - node.x))
 
 
 @kernel
-def _open_node(model, evaluator, tree, node):
+def _open_node(model, tabled, scratch, tree, node):
     """Create the edges of a visited node; values are -inf where a behavior cannot help."""
-    x, scratch, table = tree.node[node].x, evaluator.scratch, evaluator.table
-    tabled = table.value.shape[0] > 0
+    x = tree.node[node].x
     for i in range(scratch.chance.shape[0]):
         scratch.chance[i] = true_chance(model.percepts, tree.prob[node], i)
     for a in range(tree.edge.shape[1]):
-        value = -np.inf if tabled else scratch.value[a]
-        if tabled and model.dynamics.step[x, a].legal and not is_idle(model, x, a, scratch.total):
-            mean = 0.0
-            for k in range(model.dynamics.branch.shape[2]):
-                branch = model.dynamics.branch[x, a, k]
-                behavior = a if branch.senses else -table.size[0]
-                mean += branch.p * _estimate(model, evaluator, branch.x, behavior)
-            reward = _step_reward(model, x, a, scratch.chance, scratch.total)
-            value = reward + model.dynamics.step[x, a].discount * mean
+        value = scratch.value[a]
+        if tabled is not None:
+            value = -np.inf
+            if model.dynamics.step[x, a].legal and not is_idle(model, x, a, scratch.total):
+                mean = 0.0
+                for k in range(model.dynamics.branch.shape[2]):
+                    branch = model.dynamics.branch[x, a, k]
+                    behavior = a if branch.senses else -1 - a
+                    mean += branch.p * _estimate(model, tabled, scratch, branch.x, behavior)
+                reward = _step_reward(model, x, a, scratch.chance, scratch.total)
+                value = reward + model.dynamics.step[x, a].discount * mean
         edge = tree.edge[node, a]
         edge.visits, edge.first, edge.count = 0, -1, 0
         edge.value = value
@@ -185,11 +179,11 @@ def _open_node(model, evaluator, tree, node):
 
 
 @kernel
-def _estimate(model, evaluator, x, behavior):
+def _estimate(model, tabled, scratch, x, behavior):
     """Return the table's value at x after a percept of a behavior (none below 0)."""
     return value_after(
-        evaluator.table, model.percepts.rows, model.percepts.informative, x, behavior,
-        evaluator.scratch.chance, evaluator.reading,
+        tabled.table, model.percepts.rows, model.percepts.informative, x, behavior,
+        scratch.chance, tabled.reading,
     )  # fmt: skip
 
 
