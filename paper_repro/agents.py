@@ -4,6 +4,7 @@ This module imports nothing that judges or shows: the names of their runs go by 
 """
 
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -11,7 +12,7 @@ from meal_bayes.agents import Agent, ITRSBonus, load_agent
 from meal_bayes.domain import Domain, Query
 from meal_bayes.momdp import MOMDP
 from meal_bayes.planners import Decision, History, Random, Solver, unvalued
-from meal_bayes.planners.baselines import RandomLegalPolicy
+from meal_bayes.planners.baselines import Baseline, draw_legal
 from paper_repro.sarsop import Sarsop
 
 ASK = "ask"
@@ -23,12 +24,12 @@ class RandomLegalAsking:
 
     budget: float
 
-    def solve(self, momdp: MOMDP, rng: np.random.Generator) -> RandomLegalPolicy:
+    def solve(self, momdp: MOMDP, rng: np.random.Generator) -> Baseline:
         """Make the policy."""
         elsewhere = np.arange(len(momdp.legal)) != momdp.start
         asks = np.array([name == ASK for name in momdp.behavior_names])
         allowed = momdp.legal & ~np.outer(elsewhere, asks)
-        return RandomLegalPolicy(momdp, self.budget, allowed)
+        return Baseline(partial(draw_legal, momdp, self.budget, allowed))
 
 
 def _random_legal(domain: Domain, query: Query) -> Solver:
@@ -37,28 +38,21 @@ def _random_legal(domain: Domain, query: Query) -> Solver:
 
 @dataclass(frozen=True, slots=True)
 class RandomOfAll:
-    """Random that draws from all actions, `ask` and illegal ones too (PP `run`)."""
-
-    def solve(self, momdp: MOMDP, rng: np.random.Generator) -> "RandomOfAllPolicy":
-        """Make the policy."""
-        return RandomOfAllPolicy(momdp)
-
-
-@dataclass(frozen=True, slots=True)
-class RandomOfAllPolicy:
-    """Policy of `RandomOfAll`.
+    """Random that draws from all actions, `ask` and illegal ones too (PP `run`).
 
     An illegal action ends the trial: here by abstaining, which has the published cost (it leaves
     the last action out), and a reward that is higher by that action's cost.
     """
 
-    momdp: MOMDP
+    def solve(self, momdp: MOMDP, rng: np.random.Generator) -> Baseline:
+        """Make the policy."""
+        return Baseline(partial(_any_action, momdp))
 
-    def decide(self, history: History, rng: np.random.Generator) -> Decision:
-        """Draw any action."""
-        momdp, action = self.momdp, int(rng.integers(self.momdp.abstention))
-        illegal = action < momdp.n_behaviors and not momdp.legal[history.belief.x, action]
-        return unvalued(momdp, momdp.abstention if illegal else action)
+
+def _any_action(momdp: MOMDP, history: History, rng: np.random.Generator) -> Decision:
+    action = int(rng.integers(momdp.abstention))
+    illegal = action < momdp.n_behaviors and not momdp.legal[history.belief.x, action]
+    return unvalued(momdp, momdp.abstention if illegal else action)
 
 
 def _random(domain: Domain, query: Query) -> Solver:

@@ -1,6 +1,8 @@
 """The paper's baselines (Sect. 7.1): Random, Random Legal, Predefined, Predefined Plus; Greedy."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,31 +18,35 @@ from meal_bayes.planners.solver import Decision, History, unvalued
 
 
 @dataclass(frozen=True, slots=True)
-class Random:
-    """Uniform over the reports and the legal behaviors of x."""
+class Baseline:
+    """Policy of a baseline: a function of history and generator."""
 
-    def solve(self, momdp: MOMDP, rng: np.random.Generator) -> "RandomPolicy":
-        """Return the policy."""
-        return RandomPolicy(momdp)
+    choose: Callable[[History, np.random.Generator], Decision]
+    deterministic: bool = False
+
+    def decide(self, history: History, rng: np.random.Generator) -> Decision:
+        """Choose the next action."""
+        return self.choose(history, rng)
 
 
 @dataclass(frozen=True, slots=True)
-class RandomPolicy:
-    """Policy of `Random`."""
+class Random:
+    """Uniform over the reports and the legal behaviors of x."""
 
-    momdp: MOMDP
+    def solve(self, momdp: MOMDP, rng: np.random.Generator) -> Baseline:
+        """Return the policy."""
+        return Baseline(partial(_report_or_behavior, momdp))
 
-    def decide(self, history: History, rng: np.random.Generator) -> Decision:
-        """Draw a report or a legal behavior."""
-        legal = np.flatnonzero(self.momdp.legal[history.belief.x])
-        query = self.momdp.query
-        if rng.random() * (float(query.n_values) + len(legal)) < len(legal):
-            return unvalued(self.momdp, int(rng.choice(legal)))
-        # Drawn bit by bit, as 2^81 reports fit in no machine integer.
-        values = rng.random(len(query)) < 0.5  # a fair coin
-        for group in query.groups:
-            values[list(group)] = np.arange(len(group)) == rng.integers(len(group))
-        return unvalued(self.momdp, self.momdp.n_behaviors + self.momdp.query.index_of(values))
+
+def _report_or_behavior(momdp: MOMDP, history: History, rng: np.random.Generator) -> Decision:
+    legal, query = np.flatnonzero(momdp.legal[history.belief.x]), momdp.query
+    if rng.random() * (float(query.n_values) + len(legal)) < len(legal):
+        return unvalued(momdp, int(rng.choice(legal)))
+    # Drawn bit by bit, as 2^81 reports fit in no machine integer.
+    values = rng.random(len(query)) < 0.5  # a fair coin
+    for group in query.groups:
+        values[list(group)] = np.arange(len(group)) == rng.integers(len(group))
+    return unvalued(momdp, momdp.n_behaviors + query.index_of(values))
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,26 +64,21 @@ class RandomLegal:
     budget: float = 50.0
     barred: tuple[str, ...] = ()
 
-    def solve(self, momdp: MOMDP, rng: np.random.Generator) -> "RandomLegalPolicy":
+    def solve(self, momdp: MOMDP, rng: np.random.Generator) -> Baseline:
         """Return the policy."""
         allowed = np.array([name not in self.barred for name in momdp.behavior_names])
-        return RandomLegalPolicy(momdp, self.budget, momdp.legal & allowed)
+        return Baseline(partial(draw_legal, momdp, self.budget, momdp.legal & allowed))
 
 
-@dataclass(frozen=True, slots=True)
-class RandomLegalPolicy:
-    """Policy of `RandomLegal`; `allowed` (X,E) are the legal behaviors that are not barred."""
-
-    momdp: MOMDP
-    budget: float
-    allowed: NDArray[np.bool_]
-
-    def decide(self, history: History, rng: np.random.Generator) -> Decision:
-        """Draw a legal behavior, or report once the budget is spent."""
-        legal = np.flatnonzero(self.allowed[history.belief.x])
-        if history.cost >= self.budget or not len(legal):
-            return unvalued(self.momdp, best_report(self.momdp, history.belief))
-        return unvalued(self.momdp, int(rng.choice(legal)))
+def draw_legal(
+    momdp: MOMDP, budget: float, allowed: NDArray[np.bool_], history: History,
+    rng: np.random.Generator,
+) -> Decision:  # fmt: skip
+    """Draw a behavior that is `allowed` (X,E), or report once the budget (s) is spent."""
+    legal = np.flatnonzero(allowed[history.belief.x])
+    if history.cost >= budget or not len(legal):
+        return unvalued(momdp, best_report(momdp, history.belief))
+    return unvalued(momdp, int(rng.choice(legal)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,7 +96,7 @@ class Predefined:
     sequence: tuple[str, ...]
     persistent: bool = False
 
-    def solve(self, momdp: MOMDP, rng: np.random.Generator) -> "PredefinedPolicy":
+    def solve(self, momdp: MOMDP, rng: np.random.Generator) -> Baseline:
         """Return the policy."""
         missing = [name for name in self.sequence if name not in momdp.behavior_names]
         if missing or not self.sequence:
@@ -103,30 +104,19 @@ class Predefined:
                 f"The predefined sequence {list(self.sequence)} does not fit the behaviors "
                 f"{list(momdp.behavior_names)}; give `predefined` in the domain table."
             )
-        indices = tuple(momdp.behavior_names.index(name) for name in self.sequence)
-        return PredefinedPolicy(momdp, indices, self.persistent)
+        return Baseline(partial(self._next, momdp))
 
-
-@dataclass(frozen=True, slots=True)
-class PredefinedPolicy:
-    """Policy of `Predefined`."""
-
-    momdp: MOMDP
-    sequence: tuple[int, ...]
-    persistent: bool
-
-    def decide(self, history: History, rng: np.random.Generator) -> Decision:
-        """Return the next behavior of the sequence, or report."""
-        position, before = 0, self.momdp.start
+    def _next(self, momdp: MOMDP, history: History, rng: np.random.Generator) -> Decision:
+        position, before = 0, momdp.start
         for perceived, after in zip(history.perceived, history.moved, strict=True):
             failed = not perceived and after == before
             position += not (failed and self.persistent)
             before = after
         if position < len(self.sequence):
-            behavior = self.sequence[position]
-            if self.momdp.legal[history.belief.x, behavior]:
-                return unvalued(self.momdp, behavior)
-        return unvalued(self.momdp, best_report(self.momdp, history.belief))
+            behavior = momdp.behavior_names.index(self.sequence[position])
+            if momdp.legal[history.belief.x, behavior]:
+                return unvalued(momdp, behavior)
+        return unvalued(momdp, best_report(momdp, history.belief))
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,39 +127,32 @@ class Greedy:
     is the expected cost of the present error, (r+ - r-) Pr(best report wrong), over the entropy.
     """
 
-    def solve(self, momdp: MOMDP, rng: np.random.Generator) -> "GreedyPolicy":
+    def solve(self, momdp: MOMDP, rng: np.random.Generator) -> Baseline:
         """Return the policy."""
-        return GreedyPolicy(momdp, diagram_of(dynamics_of(momdp)).ways)
+        ways = diagram_of(dynamics_of(momdp)).ways
+        return Baseline(partial(_most_bits, momdp, ways), deterministic=True)
 
 
-@dataclass(frozen=True, slots=True)
-class GreedyPolicy:
-    """Policy of `Greedy`."""
-
-    momdp: MOMDP
-    ways: Ways
-    deterministic: bool = True
-
-    def decide(self, history: History, rng: np.random.Generator) -> Decision:
-        """Choose the first behavior on the way to the most bits per second."""
-        momdp, belief = self.momdp, history.belief
-        stop = answer_value(momdp, belief)
-        values = np.full(momdp.n_behaviors + 1, np.nan)
-        values[-1] = stop
-        entropy = belief.entropy
-        bit_value = (momdp.correct - stop) / entropy if entropy > 0 else 0.0
-        best_rate, action = 0.0, best_answer(momdp, belief)
-        for e, gained in enumerate(information_gain(momdp, belief)):
-            first = int(self.ways.hop[belief.x, e])
-            price = float(self.ways.cost[belief.x, e])
-            if first < 0 or gained <= 0:
-                continue
-            net = gained * bit_value - price
-            values[first] = np.fmax(values[first], stop + net)
-            rate = gained / max(price, 1e-9)
-            if net > 0 and rate > best_rate:
-                best_rate, action = rate, first
-        return Decision.exact(action, values)
+def _most_bits(momdp: MOMDP, ways: Ways, history: History, rng: np.random.Generator) -> Decision:
+    """Choose the first behavior on the way to the most bits per second."""
+    belief = history.belief
+    stop = answer_value(momdp, belief)
+    values = np.full(momdp.n_behaviors + 1, np.nan)
+    values[-1] = stop
+    entropy = belief.entropy
+    bit_value = (momdp.correct - stop) / entropy if entropy > 0 else 0.0
+    best_rate, action = 0.0, best_answer(momdp, belief)
+    for e, gained in enumerate(information_gain(momdp, belief)):
+        first = int(ways.hop[belief.x, e])
+        price = float(ways.cost[belief.x, e])
+        if first < 0 or gained <= 0:
+            continue
+        net = gained * bit_value - price
+        values[first] = np.fmax(values[first], stop + net)
+        rate = gained / max(price, 1e-9)
+        if net > 0 and rate > best_rate:
+            best_rate, action = rate, first
+    return Decision.exact(action, values)
 
 
 def information_gain(momdp: MOMDP, belief: Belief) -> Floats:
