@@ -1,7 +1,7 @@
 """The only record of what a robot did and was told: executions, instances, labels.
 
 Everything else is a view of it: the training set D of Algorithm 2, evidence (Eq. 10), labels by
-object, success rates. Rows are added at the end, at constant cost, and are written as they are.
+object, success rates. Rows are added at the end, and are written as they are.
 """
 
 from collections.abc import Iterable, Mapping
@@ -51,14 +51,10 @@ class Experience:
         Rows (r,D) of each (behavior, modality).
     known : Rows (O,P)
         Labels of objects, the latest of each; -1 unknown.
-    tally : NDArray[np.int64]
-        (2,P) objects known to be false, and true.
-    attempts : NDArray[np.int64]
-        (E,2) executions that failed, and that succeeded.
     """
 
     def __init__(self, domain: Domain) -> None:
-        p, e = len(domain.attributes), len(domain.behaviors)
+        p = len(domain.attributes)
         self.domain = domain
         self.objects: dict[str, int] = {}
         self.trials: dict[Key, int] = {}
@@ -66,16 +62,25 @@ class Experience:
         self.executions, self.feedback = Rows(int, 4), Rows(int, 4)
         self.features: dict[Context, Rows] = {}
         self.known = Rows(np.int8, p)
-        self.tally, self.attempts = np.zeros((2, p), np.int64), np.zeros((e, 2), np.int64)
-        self._places: dict[tuple[int, int, int], int] = {}  # (object, behavior, recording)
-        self._shown: dict[int, list[int]] = {}  # instances of each trial
-        self._gathered: dict[int, list[int]] = {}  # and of each object
 
     def __repr__(self) -> str:
         """Return how much there is."""
         latest = {tuple(row[:3]): row[3] for row in self.feedback.values.tolist()}
         labels = sum(value >= 0 for value in latest.values())
         return f"{len(self.instances)} recordings of {len(self.objects)} objects, {labels} labels"
+
+    @property
+    def tally(self) -> NDArray[np.int64]:
+        """Objects known to be false, and true, (2,P)."""
+        return np.stack([(self.known.values == value).sum(axis=0) for value in (0, 1)])
+
+    @property
+    def attempts(self) -> NDArray[np.int64]:
+        """Executions of each behavior that failed, and that succeeded, (E,2)."""
+        counts, rows = np.zeros((len(self.domain.behaviors), 2), int), self.executions.values
+        for success in (0, 1):
+            np.add.at(counts[:, success], rows[rows[:, 3] == success, 1], 1)
+        return counts
 
     def object(self, name: str) -> int:
         """Return the number of an object, a new one where it was not met before."""
@@ -91,18 +96,21 @@ class Experience:
     def give(self, dataset: Dataset) -> None:
         """Add the recordings and labels of a data set; those that are there are not added again."""
         for context, values in dataset.features.items():
-            self._check_size(context, values.shape[-1])
+            name, size = " ".join(context), values.shape[-1]
+            if (before := self.sizes.get(context, size)) != size:
+                raise DataError(f"{name}: {size} features, where {before} came before.")
+        places = {tuple(row) for row in self.instances.values[:, :3].tolist()}
         for o, name in enumerate(dataset.objects):
             number = self.object(name)
             fresh = [
                 self._instance(number, e, r, dataset.instance(o, behavior.name, r).features, GIVEN)
                 for e, behavior in enumerate(dataset.domain.behaviors)
                 for r in range(int(dataset.recording_counts[o, e]))
-                if behavior.modalities and (number, e, r) not in self._places
+                if behavior.modalities and (number, e, r) not in places
             ]
             self.labels.values[fresh] = dataset.labels[o]
             columns = np.flatnonzero(dataset.labels[o] >= 0)
-            self._know(number, columns, dataset.labels[o, columns])
+            self.known.values[number, columns] = dataset.labels[o, columns]
 
     def execute(
         self, trial: Key, object_name: str, behavior: int, *, success: int,
@@ -124,18 +132,16 @@ class Experience:
         number, place = self.trial(trial), -1
         if levels is not None:
             o = self.object(object_name)
-            r = UNNUMBERED + len(self._gathered.get(o, ()))
+            r = UNNUMBERED + len(self.gathered(o))
             if instance is not None and instance.object_index >= 0:
                 r = instance.recording
-            place = self._places.get((o, behavior, r), -1)
+            same = (self.instances.values[:, :3] == (o, behavior, r)).all(axis=1)
+            place = int(np.flatnonzero(same).max(initial=-1))
             if place < 0:
                 features = None if instance is None else instance.features
                 place = self._instance(o, behavior, r, features, k)
             self.levels.values[place] = levels
-            self._shown.setdefault(number, []).append(place)
         self.executions.append((number, behavior, place, success))
-        if success >= 0:
-            self.attempts[behavior, success] += 1
 
     def label(self, trial: Key, object_name: str, labels: Labels) -> NDArray[np.intp]:
         """Add labels (P,) of a trial's object, -1 unknown; return instances (k,) that it moves."""
@@ -146,7 +152,7 @@ class Experience:
             self.feedback.append((number, o, p, labels[p]))
         shown = self.shown(trial)
         self.labels.values[shown[:, None], columns] = labels[columns]
-        self._know(o, columns, labels[columns])
+        self.known.values[o, columns] = labels[columns]
         return self.gathered(o) if changed else shown
 
     def complete(self, trial: Key) -> None:
@@ -159,6 +165,7 @@ class Experience:
         number, shown, names = self.trials[trial], self.shown(trial), list(self.objects)
         rows, instances = self.feedback.values, self.instances.values
         answers = rows[(rows[:, 0] == number) & (rows[:, 3] >= 0)]
+        shows = set(map(tuple, self.executions.values[:, [0, 2]].tolist()))  # trial, instance
         for o, p in dict.fromkeys(map(tuple, answers[:, 1:3].tolist())):
             self.feedback.append((number, o, p, -1))
             latest = self._latest(o, p)
@@ -168,10 +175,10 @@ class Experience:
             ]
             before = int(self.labels.values[pretrained[0], p]) if pretrained else -1
             value = next(reversed(latest.values()), before)
-            self._know(o, np.array([p]), np.array([value], np.int8))
+            self.known.values[o, p] = value
             named = self.trials.get(told(names[o]))
             for i in shown:
-                others = [t for t in latest if t == named or i in self._shown.get(t, ())]
+                others = [t for t in latest if t == named or (t, i) in shows]
                 rest = before if instances[i, 4] == GIVEN else -1
                 self.labels.values[i, p] = latest[others[-1]] if others else rest
         for o in dict.fromkeys(answers[:, 1].tolist()):
@@ -185,7 +192,7 @@ class Experience:
 
     def labels_for(self, names: Iterable[str]) -> Labels:
         """Return the labels (O,P) of objects by name; -1 unknown."""
-        nothing = np.full(self.tally.shape[1], -1, np.int8)
+        nothing = np.full(len(self.domain.attributes), -1, np.int8)
         known = self.known.values
         return np.array([known[self.objects[n]] if n in self.objects else nothing for n in names])
 
@@ -198,11 +205,13 @@ class Experience:
         name = str(trial[-1])
         if trial == told(name):
             return self.gathered(self.objects.get(name, -1))
-        return np.array(self._shown.get(self.trials.get(trial, -1), ()), np.intp)
+        rows = self.executions.values
+        places: NDArray[np.intp] = rows[rows[:, 0] == self.trials.get(trial, -1), 2]
+        return places[places >= 0]
 
     def gathered(self, o: int) -> NDArray[np.intp]:
         """Return the instances of an object, by its number."""
-        return np.array(self._gathered.get(o, ()), np.intp)
+        return np.flatnonzero(self.instances.values[:, 0] == o)
 
     def labels_by(self, trial: Key) -> dict[str, bool]:
         """Return the labels that were given in a trial, by attribute."""
@@ -224,7 +233,8 @@ class Experience:
         """
         instances = self.instances.values
         rows = np.arange(len(instances)) if given else np.flatnonzero(instances[:, 4] != GIVEN)
-        counts = np.zeros((len(self.objects), *self.attempts.shape[:1], self.tally.shape[1]), int)
+        e, p = len(self.domain.behaviors), len(self.domain.attributes)
+        counts = np.zeros((len(self.objects), e, p), int)
         labels = self.labels_of(rows, memory=memory) >= 0
         np.add.at(counts, (instances[rows, 0], instances[rows, 1]), labels)
         return counts
@@ -267,8 +277,6 @@ class Experience:
         """
         spec, row = self.domain.behaviors[behavior], -1
         if features and all(modality in features for modality in spec.modalities):
-            for modality in spec.modalities:  # all of them, before any is kept
-                self._check_size((spec.name, modality), len(features[modality]))
             for modality in spec.modalities:
                 values = features[modality]
                 empty = Rows(np.float32, len(values))
@@ -276,10 +284,7 @@ class Experience:
         nothing = np.full(len(self.domain.attributes), -1)
         self.levels.append(nothing)
         self.labels.append(nothing)
-        place = self.instances.append((o, behavior, recording, row, k))
-        self._places[o, behavior, recording] = place
-        self._gathered.setdefault(o, []).append(place)
-        return place
+        return self.instances.append((o, behavior, recording, row, k))
 
     def _agree(self, o: int) -> None:
         """Leave the value of a group that was told last, where two of an object are true."""
@@ -290,23 +295,7 @@ class Experience:
                 rows = self.feedback.values
                 said = (rows[:, 1] == o) & (rows[:, 3] == 1)
                 last = [np.flatnonzero(said & (rows[:, 2] == p)).max(initial=-1) for p in true]
-                self._know(o, np.delete(true, np.argmax(last)), np.zeros(len(true) - 1, np.int8))
-
-    def _check_size(self, context: Context, size: int) -> None:
-        """Check the number of features of a behavior's modality against those that came before."""
-        before = self.features[context].values.shape[1] if context in self.features else size
-        if size != before:
-            raise DataError(f"{' '.join(context)}: {size} features, where {before} came before.")
-
-    def _know(self, o: int, columns: NDArray[np.intp], values: Labels) -> None:
-        """Set labels of an object, and count objects."""
-        for p, value in zip(columns.tolist(), values.tolist(), strict=True):
-            before = int(self.known.values[o, p])
-            if before >= 0:
-                self.tally[before, p] -= 1
-            if value >= 0:
-                self.tally[value, p] += 1
-            self.known.values[o, p] = value
+                self.known.values[o, np.delete(true, np.argmax(last))] = 0
 
     def _latest(self, o: int, p: int) -> dict[int, int]:
         """Return the label that each trial gives to an attribute of an object, in order."""
@@ -317,29 +306,3 @@ class Experience:
             if value >= 0:
                 latest[t] = value
         return latest
-
-    def restore(
-        self, objects: Iterable[str], trials: Iterable[Key], rows: Mapping[str, Any]
-    ) -> None:
-        """Fill an empty record with the rows of another."""
-        self.objects = {name: o for o, name in enumerate(objects)}
-        self.trials = {key: t for t, key in enumerate(trials)}
-        for name, values in rows.items():
-            getattr(self, name).extend(values)
-        instances, executions = self.instances.values, self.executions.values
-        self._places = {(o, e, r): n for n, (o, e, r) in enumerate(instances[:, :3].tolist())}
-        self._gathered = _grouped(instances[:, 0], np.arange(len(instances)))
-        perceived = executions[executions[:, 2] >= 0]
-        self._shown = _grouped(perceived[:, 0], perceived[:, 2])
-        known = executions[executions[:, 3] >= 0]
-        np.add.at(self.attempts, (known[:, 1], known[:, 3]), 1)
-        for value in (0, 1):
-            self.tally[value] = (self.known.values == value).sum(axis=0)
-
-
-def _grouped(keys: NDArray[np.int64], values: NDArray[np.int64]) -> dict[int, list[int]]:
-    """Return the values of each key, in order."""
-    groups: dict[int, list[int]] = {}
-    for key, value in zip(keys.tolist(), values.tolist(), strict=True):
-        groups.setdefault(key, []).append(value)
-    return groups

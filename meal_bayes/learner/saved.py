@@ -186,7 +186,10 @@ def _read_experience(archive: zipfile.ZipFile, experience: Experience) -> None:
     unique = len(set(objects)) == o and len(set(trials)) == t
     if not unique or not all(isinstance(name, str) for name in objects):
         raise ValueError("objects or trials are named twice, or not by text")
-    experience.restore(objects, trials, rows)
+    experience.objects = {name: o for o, name in enumerate(objects)}
+    experience.trials = {key: t for t, key in enumerate(trials)}
+    for name, values in rows.items():
+        getattr(experience, name).extend(values)
 
 
 def _read_lines(archive: zipfile.ZipFile, name: str) -> list[Any]:
