@@ -1,9 +1,7 @@
 """What agents make of one record, or of a percept table without an object (Alg. 1)."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -80,8 +78,7 @@ class Fits:
             rows = np.arange(len(self.experience.instances))
             labels = self.experience.labels_of(rows, memory=agent.memory)
             self.growth = [int((labels >= 0).sum()), 0]
-        fit = Fitted(self.experience, agent, self.settings)
-        fit.refit()
+        fit = Fitted.refit(self.experience, agent, self.settings)
         self._made.append(fit)
         return fit
 
@@ -101,10 +98,9 @@ class Fits:
         self._held[o].append(fit)
         return fit
 
-    def restore(self, agent: Agent, state: Mapping[str, Any], growth: list[int]) -> None:
+    def restore(self, fit: Fitted, growth: list[int]) -> None:
         """Restore what an agent made of the record."""
-        fit = Fitted(self.experience, agent, self.settings)
-        fit.restore(state)
+        fit.update(np.empty(0, np.intp))
         self._made, self.growth = [fit], growth
 
     def clear(self) -> None:

@@ -5,10 +5,9 @@ together. Between refits these are constant, and a label is a conjugate update b
 objects that no classifier has seen.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,25 +38,25 @@ Asked = tuple[Query, bytes]  # and the percepts that a trial can have
 
 @dataclass(eq=False)
 class Fitted:
-    """Knowledge of one agent from the record; made anew by `refit`, updated by `update`."""
+    """Knowledge of one agent from the record; made by `refit`, updated by `update`."""
 
     experience: Experience
     agent: Agent
     settings: LearnerSettings
-    perception: Perception = field(init=False)
-    knowledge: Knowledge = field(init=False)  # now
-    refitted: Knowledge = field(init=False)  # at the refit
-    seen: NDArray[np.bool_] = field(init=False)  # (O,E,P) whether classifiers have seen an object
-    levels: Rows = field(init=False)  # (n,P) percepts of all instances; -1 unknown
-    counted: Rows = field(init=False)  # (n,P) labels that were counted since the refit; -1 none
+    perception: Perception
+    knowledge: Knowledge  # now
+    refitted: Knowledge  # at the refit
+    seen: NDArray[np.bool_]  # (O,E,P) whether classifiers have seen an object
+    levels: Rows  # (n,P) percepts of all instances; -1 unknown
+    counted: Rows  # (n,P) labels that were counted since the refit; -1 none
     # Models and policies of queries, without and with a bonus, as long as they hold.
-    answering: dict[Asked, tuple[MOMDP, Policy]] = field(init=False)
-    exploring: dict[Asked, POMCPPolicy] = field(init=False)
+    answering: dict[Asked, tuple[MOMDP, Policy]] = field(default_factory=dict)
+    exploring: dict[Asked, POMCPPolicy] = field(default_factory=dict)
     limit = np.inf  # percepts that a trial can have; a robot may know better
 
-    def refit(self) -> None:
+    @classmethod
+    def refit(cls, experience: Experience, agent: Agent, settings: LearnerSettings) -> Self:
         """Learn everything anew from the record."""
-        agent, settings, experience = self.agent, self.settings, self.experience
         data, rows, gathered = experience.data(memory=agent.memory)
         pretraining = np.flatnonzero(experience.instances.values[:, 4] == GIVEN)
         training = _some(gathered, np.asarray((gathered.labels >= 0).any(axis=1)))
@@ -71,25 +70,23 @@ class Fitted:
             first = np.isin(rows, pretraining)
             others = ~np.isin(gathered.behavior, gathered.behavior[first])
             spaces = fit_spaces(data, _some(gathered, first | others))
-        self.perception, counts = fit_and_validate(
-            data, training, settings=perceives, spaces=spaces
-        )
+        perception, counts = fit_and_validate(data, training, settings=perceives, spaces=spaces)
         labels = data.labels
         if not data.objects:  # nothing is known: one object of which nothing is
             counts = np.zeros((1, *counts.shape[1:]), np.int64)
             labels = np.full(counts.shape[:2], -1, np.int8)
-        self.knowledge = knowledge_of(
-            experience.domain, counts, labels, object_level=agent.object_level
-        )
-        self.seen = np.zeros(counts.shape[:3], np.bool_).transpose(0, 2, 1).copy()
+        known = knowledge_of(experience.domain, counts, labels, object_level=agent.object_level)
+        objects, p, e = counts.shape[:3]
+        seen = np.zeros((objects, e, p), np.bool_)
         if settings.posterior is None:
-            places = training.object, training.behavior
-            np.logical_or.at(self.seen, places, training.labels >= 0)
+            np.logical_or.at(seen, (training.object, training.behavior), training.labels >= 0)
         else:
-            self.knowledge = replace(self.knowledge, posterior=settings.posterior)
-            self.seen[experience.instances.values[pretraining, 0]] = True
-        self._begin(self.knowledge)
-        self.update(np.arange(len(experience.instances)))
+            known = replace(known, posterior=settings.posterior)
+            seen[experience.instances.values[pretraining, 0]] = True
+        empty = Rows(np.int8, p), Rows(np.int8, p)
+        fit = cls(experience, agent, settings, perception, known, known, seen, *empty)
+        fit.update(np.arange(len(experience.instances)))
+        return fit
 
     def update(self, rows: NDArray[np.intp]) -> None:
         """Count instances (k,) with the labels that they have now, conjugately."""
@@ -161,13 +158,6 @@ class Fitted:
         np.add.at(counts, (p, e, labels[k, p], levels[k, p]), 1)
         return counts
 
-    def _begin(self, knowledge: Knowledge) -> None:
-        """Set what depends on the last refit, which learned this."""
-        p = len(self.experience.domain.attributes)
-        self.refitted = knowledge
-        self.levels, self.counted = Rows(np.int8, p), Rows(np.int8, p)
-        self.answering, self.exploring = {}, {}
-
     @property
     def drawn(self) -> SampledPercepts | None:
         """What draws percepts from the learned tables, where that is asked for."""
@@ -212,45 +202,6 @@ class Fitted:
             fresh=fresh,
             labeled=labeled,
         )
-
-    @property
-    def state(self) -> dict[str, Any]:
-        """All that was fitted and learned since, which `restore` reads."""
-        return {
-            "perception": self.perception,
-            "knowledge": self.knowledge,
-            "refitted": self.refitted,
-            "seen": self.seen,
-            "levels": self.levels.values,
-            "counted": self.counted.values,
-        }
-
-    def restore(self, state: Mapping[str, Any]) -> None:
-        """Restore a state that was saved; raise ValueError where it does not fit the record."""
-        experience, k = self.experience, self.agent.levels
-        (e, _), (_, p) = experience.attempts.shape, experience.tally.shape
-        for knowledge in (state["knowledge"], state["refitted"]):
-            shapes = knowledge.posterior.counts.shape, knowledge.base_rates.shape
-            if shapes != ((p, e, 2, k), (p,)):
-                raise ValueError("what was counted does not fit attributes, behaviors and levels")
-        seen, levels, counted = (state[name] for name in ("seen", "levels", "counted"))
-        fits = seen.dtype == bool and seen.shape[1:] == (e, p)
-        if not fits or len(seen) > len(experience.objects) + 1:
-            raise ValueError("what classifiers have seen does not fit the objects")
-        for values, end in ((levels, k), (counted, 2)):
-            fits = values.shape == (len(levels), p) and len(levels) <= len(experience.instances)
-            if not fits or ((values < -1) | (values >= end)).any():
-                raise ValueError("percepts or their labels do not fit the instances")
-        for name, classifier in state["perception"].classifiers.items():
-            zeros = {m: np.zeros((1, experience.sizes[name, m])) for m in classifier.spaces}
-            if classifier.log_odds(zeros).shape != (1, p):
-                raise ValueError(f"the classifiers of {name} do not fit the attributes")
-        self._begin(state["refitted"])
-        self.perception, self.knowledge = state["perception"], state["knowledge"]
-        self.seen = state["seen"]
-        self.levels.extend(state["levels"])
-        self.counted.extend(state["counted"])
-        self._succeed()
 
 
 def _some(gathered: TrainingSet, chosen: NDArray[np.bool_]) -> TrainingSet:

@@ -27,6 +27,7 @@ from meal_bayes.domain import Domain, domain_from_table, domain_table
 from meal_bayes.errors import DataError, MealBayesError, SettingsError
 from meal_bayes.files import draft_of
 from meal_bayes.learner.experience import Experience
+from meal_bayes.learner.fitted import Fitted
 from meal_bayes.perception import Perception
 from meal_bayes.perception.perceiver import BehaviorClassifier, KernelFit
 from meal_bayes.perception.recordings import FeatureSpace
@@ -44,6 +45,7 @@ _ROWS = {
     "instances": "<i8", "levels": "|i1", "labels": "|i1", "executions": "<i8", "feedback": "<i8",
     "known": "|i1",
 }  # fmt: skip
+_FITTED = ("perception", "knowledge", "refitted", "seen", "levels", "counted")
 _CLASSES: dict[str, Callable[..., Any]] = {
     known.__name__: known
     for known in (
@@ -73,7 +75,8 @@ def save_learner(learner: "Learner", path: Path) -> None:
 
         fitted = None
         if table is None and classifier is None:
-            fitted = learner.fitted(learner.agent).state
+            fit = learner.fitted(learner.agent)
+            fitted = {name: getattr(fit, name) for name in _FITTED}
         meta: dict[str, Any] = {
             "format": _FORMAT,
             "domain": domain_table(learner.domain),
@@ -125,7 +128,7 @@ def load_learner(
                 return learner.fit(table)
             if state is None:
                 return learner.refit()
-            learner.fits.restore(learner.agent, state, list(map(int, meta["growth"])))
+            learner.fits.restore(_fitted(learner, state), list(map(int, meta["growth"])))
     except SettingsError:
         raise
     except (*UNREADABLE, MealBayesError) as fault:
@@ -151,6 +154,18 @@ def _agent(meta: dict[str, Any], agent: object, classifier: object) -> object:
             "load(path, agent=...)."
         )
     return name if agent is None else agent
+
+
+def _fitted(learner: "Learner", state: dict[str, Any]) -> Fitted:
+    """Return what the agent made of the record; raise where it is another's."""
+    domain, agent = learner.domain, learner.agent
+    shape = len(domain.attributes), len(domain.behaviors), 2, agent.levels
+    if any(state[name].posterior.counts.shape != shape for name in ("knowledge", "refitted")):
+        raise ValueError("what was counted does not fit attributes, behaviors and levels")
+    for name in ("levels", "counted"):
+        state[name], values = Rows(np.int8, len(domain.attributes)), state[name]
+        state[name].extend(values)
+    return Fitted(learner.experience, agent, learner.fits.settings, **state)
 
 
 def _read_experience(archive: zipfile.ZipFile, experience: Experience) -> None:
@@ -206,6 +221,8 @@ def pack(value: object, keep: Callable[[NDArray[Any]], str]) -> Json:
     """
     if value is None or isinstance(value, str | bool | int | float):
         return value
+    if isinstance(value, Rows):
+        value = value.values
     if isinstance(value, np.ndarray) and value.dtype.str in _DTYPES:
         return {"array": keep(value), "dtype": value.dtype.str, "axes": value.ndim}
     if isinstance(value, Domain):
