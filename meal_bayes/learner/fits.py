@@ -10,9 +10,9 @@ from meal_bayes.agents import Agent, Knowledge, knowledge_without
 from meal_bayes.datasets import PerceptTable
 from meal_bayes.errors import SettingsError
 from meal_bayes.learner.experience import Experience
-from meal_bayes.learner.fitted import Fitted
+from meal_bayes.learner.fitted import Fitted, sampled
 from meal_bayes.learner.settings import LearnerSettings
-from meal_bayes.perception import Perceiver, RecordedPercepts, SampledPercepts
+from meal_bayes.perception import Perceiver, RecordedPercepts
 from meal_bayes.robots.recorded import replayable
 
 
@@ -44,12 +44,9 @@ class HeldOut:
     @cached_property
     def perceiver(self) -> Perceiver:
         """What shows percepts: classifiers that never saw the object, or the model itself."""
-        table = self.table
         if self.settings.percepts == "recorded":
-            return RecordedPercepts(table, self.agent.levels)
-        every = range(len(table.domain.attributes))
-        confusion, _ = self.knowledge.posterior.select(every, exact=True)
-        return SampledPercepts(table.domain, table.labels, confusion)
+            return RecordedPercepts(self.table, self.agent.levels)
+        return sampled(self.knowledge, self.table.labels)
 
 
 class Fits:
@@ -75,8 +72,7 @@ class Fits:
             if fit.agent == agent:
                 return fit
         if not self._made:
-            rows = np.arange(len(self.experience.instances))
-            labels = self.experience.labels_of(rows, memory=agent.memory)
+            labels = self.experience.labels_of(slice(None), memory=agent.memory)
             self.growth = [int((labels >= 0).sum()), 0]
         fit = Fitted.refit(self.experience, agent, self.settings)
         self._made.append(fit)

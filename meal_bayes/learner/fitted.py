@@ -109,11 +109,10 @@ class Fitted:
         if self.agent.base_rates:
             moved |= rates != self.knowledge.base_rates
         self.knowledge = replace(self.knowledge, base_rates=rates)
-        names = {domain.attributes[p] for p in np.flatnonzero(moved)}
         self.answering = {
-            asked: answer
-            for asked, answer in self.answering.items()
-            if not names & {*asked[0].attributes}
+            (query, limit): answer
+            for (query, limit), answer in self.answering.items()
+            if not moved[domain.columns(query.attributes)].any()
         }
         self._succeed()
 
@@ -158,16 +157,6 @@ class Fitted:
         np.add.at(counts, (p, e, labels[k, p], levels[k, p]), 1)
         return counts
 
-    @property
-    def drawn(self) -> SampledPercepts | None:
-        """What draws percepts from the learned tables, where that is asked for."""
-        labels, domain = self.settings.drawn, self.experience.domain
-        if labels is None:
-            return None
-        every = range(len(domain.attributes))
-        confusion, _ = self.refitted.posterior.select(every, exact=True)
-        return SampledPercepts(domain, labels, confusion)
-
     @cached_property
     def information(self) -> NDArray[np.float64]:
         """Value of information (P,E) at the refit, s a query."""
@@ -181,7 +170,7 @@ class Fitted:
         met = o < len(self.seen)
         return bool(self.seen[o[met], e[met]].any())
 
-    def progress(self, object_name: str | None, queries: float) -> Progress:
+    def progress(self, queries: float, object_name: str | None = None) -> Progress:
         """Return what has been learned so far, for a bonus; without a name, of a new object."""
         experience, memory = self.experience, self.agent.memory
         labelled = counted = experience.labelled(memory=memory)
@@ -202,6 +191,13 @@ class Fitted:
             fresh=fresh,
             labeled=labeled,
         )
+
+
+def sampled(knowledge: Knowledge, labels: NDArray[np.int8]) -> SampledPercepts:
+    """Return what draws percepts of objects with labels (O,P) from the tables that are known."""
+    every = range(len(knowledge.domain.attributes))
+    confusion, _ = knowledge.posterior.select(every, exact=True)
+    return SampledPercepts(knowledge.domain, labels, confusion)
 
 
 def _some(gathered: TrainingSet, chosen: NDArray[np.bool_]) -> TrainingSet:

@@ -174,8 +174,10 @@ class Learner:
         task, _ = sessions.task_of(self, question, object_name)
         with self.lock:
             fit = sessions.fit_of(self, task, learn=False)
-            labels = sessions.known_labels(self, fit.agent, task)
-            return sessions.problem_of(self, fit, task.query, labels=labels)
+            return fit.agent.model(
+                task.query, fit.knowledge, limit=fit.limit, reward=self.reward,
+                labels=sessions.known_labels(self, fit.agent, task),
+            )  # fmt: skip
 
     def ask(
         self,
@@ -229,7 +231,9 @@ class Learner:
             self, question, object_name, key=key, log=log, truth=truth, learn=learn,
             limit=robot.limit if isinstance(robot, RecordedRobot) else np.inf, **options,
         )  # fmt: skip
-        return run_trial(session, sessions.robot_of(self, session.task) if robot is None else robot)
+        if robot is None:
+            robot = sessions.robot_of(self, session.task, self.seed)
+        return run_trial(session, robot)
 
     def begin(
         self, question: Question, object_name: str | None = None, *, state: str | None = None,

@@ -12,7 +12,7 @@ from meal_bayes.datasets import Instance, object_index
 from meal_bayes.domain import Domain, Query
 from meal_bayes.errors import DataError, SettingsError
 from meal_bayes.learner.experience import Experience, told
-from meal_bayes.learner.fitted import Fitted
+from meal_bayes.learner.fitted import Fitted, sampled
 from meal_bayes.momdp import MOMDP
 from meal_bayes.trial_log import Logs
 from meal_bayes.trials import Step, Task, Trial
@@ -38,8 +38,9 @@ class Witness:
         """Return percept levels of the queried attributes, (N,)."""
         levels = self._fit.perception.observe(instance, self._every, rng)
         self._last = instance, levels
-        if self._fit.drawn is not None:
-            return self._fit.drawn.observe(instance, query, rng)
+        labels = self._fit.settings.drawn
+        if labels is not None:  # percepts of the learned tables, in place of those that came
+            return sampled(self._fit.refitted, labels).observe(instance, query, rng)
         return levels[self._learner.domain.columns(query.attributes)]
 
     def record(self, step: Step) -> None:

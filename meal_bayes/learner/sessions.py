@@ -25,7 +25,7 @@ from meal_bayes.learner.fitted import Fitted
 from meal_bayes.learner.percepts import Witness
 from meal_bayes.momdp import MOMDP
 from meal_bayes.perception import Perceiver
-from meal_bayes.planners import POMCP, Policy, Remembering, Solver
+from meal_bayes.planners import POMCP, Policy, Remembering
 from meal_bayes.planners.pomcp.policy import POMCPPolicy
 from meal_bayes.robots import Boundary
 from meal_bayes.robots.recorded import RecordedRobot, replayable
@@ -147,9 +147,9 @@ def check_robot(learner: "Learner", robot: object) -> None:
         raise SettingsError(NO_TABLE if robot is None else NO_CLASSIFIERS)
 
 
-def robot_of(learner: "Learner", task: Task, seed: int | None = None) -> RecordedRobot:
-    """Return the robot that replays the object of a task, by the learner's seed or another."""
-    table, seed = learner.table, learner.seed if seed is None else seed
+def robot_of(learner: "Learner", task: Task, seed: int) -> RecordedRobot:
+    """Return the robot that replays the object of a task; a seed names its draws."""
+    table = learner.table
     assert table is not None
     return RecordedRobot(
         table.domain, task.object_index, replayable(table)[task.object_index],
@@ -223,35 +223,32 @@ def prepare(
     `streams` names the planner's random stream, `limit` (E,) is how many percepts of each behavior
     a trial with a robot can have; to explore is to plan for queries to come as well.
     """
-    query, labels = task.query, known_labels(learner, fit.agent, task)
+    query, agent, exploration = task.query, fit.agent, fit.agent.exploration
+    labels = known_labels(learner, agent, task)
     limits = np.broadcast_to(np.minimum(limit, fit.limit), len(learner.domain.behaviors))
-    model = partial(problem_of, learner, fit, query, limits)
+    model = partial(agent.model, query, fit.knowledge, limit=limits, reward=learner.reward)
     if isinstance(fit, HeldOut):
-        momdp = model(labels)
+        momdp = model(labels=labels)
         return momdp, _solve(learner, fit, task, (task.object_name, *query.attributes), momdp)
     solve = partial(_solve, learner, fit, task, streams)
-    fitted, exploration, key = fit, fit.agent.exploration, (query, limits.tobytes())
-
-    def shaped(momdp: MOMDP, object_name: str | None = None) -> MOMDP:
-        queries = learner.horizon * len(query) / len(learner.domain.attributes)
-        return exploration.shape(momdp, fitted.progress(object_name, queries))
-
+    progress = partial(fit.progress, learner.horizon * len(query) / len(learner.domain.attributes))
+    key = query, limits.tobytes()
     if not explore or (isinstance(exploration, NoBonus) and labels is None):
         if key in fit.answering and labels is None:
             return fit.answering[key]
-        momdp = model(labels)
+        momdp = model(labels=labels)
         if fit.settings.shaped_answers and isinstance(exploration, ITRSBonus | FittedITRSBonus):
-            momdp = shaped(momdp)
+            momdp = exploration.shape(momdp, progress())
         policy = solve(momdp)
         if labels is None and getattr(policy, "deterministic", False):
             fit.answering[key] = momdp, Remembering(policy)  # until the posterior moves
             return fit.answering[key]
         return momdp, policy
-    momdp = shaped(model(labels), task.object_name)
-    if not isinstance(_solver(fit, query), POMCP):
+    momdp = exploration.shape(model(labels=labels), progress(task.object_name))
+    if not isinstance(agent.solver(fit.knowledge.domain, query), POMCP):
         return momdp, solve(momdp)
     if key not in fit.exploring:  # searches of equal queries share a plan library
-        fit.exploring[key] = cast(POMCPPolicy, solve(shaped(model())))
+        fit.exploring[key] = cast(POMCPPolicy, solve(exploration.shape(model(), progress())))
     return momdp, fit.exploring[key].sharing_plans(momdp)
 
 
@@ -262,24 +259,10 @@ def known_labels(learner: "Learner", agent: Agent, task: Task) -> NDArray[np.int
     return labels if agent.memory and (labels >= 0).any() else None
 
 
-def problem_of(
-    learner: "Learner", fit: Fitted | HeldOut, query: Query, limit: ArrayLike = np.inf,
-    labels: NDArray[np.int8] | None = None,
-) -> MOMDP:  # fmt: skip
-    """Build a query's MOMDP, about an object of which people gave labels (N,), if any."""
-    return fit.agent.model(
-        query, fit.knowledge, limit=np.minimum(limit, fit.limit), reward=learner.reward,
-        labels=labels,
-    )  # fmt: skip
-
-
-def _solver(fit: Fitted | HeldOut, query: Query) -> Solver:
-    solver = fit.agent.solver(fit.knowledge.domain, query)
-    return replace(solver, paid=fit.agent.exploration.paid) if isinstance(solver, POMCP) else solver
-
-
 def _solve(
     learner: "Learner", fit: Fitted | HeldOut, task: Task, streams: Key, momdp: MOMDP
 ) -> Policy:
-    rng = stream(learner.seed, "solver", fit.agent.name, *streams)
-    return _solver(fit, task.query).solve(momdp, rng)
+    solver = fit.agent.solver(fit.knowledge.domain, task.query)
+    if isinstance(solver, POMCP):
+        solver = replace(solver, paid=fit.agent.exploration.paid)
+    return solver.solve(momdp, stream(learner.seed, "solver", fit.agent.name, *streams))
