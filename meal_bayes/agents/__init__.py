@@ -1,7 +1,7 @@
 """Agents: `Knowledge` and a `Solver` make a `Trial`.
 
 Both algorithms are `learner/sessions.py`, their inner loop is `trials/session.py`, and what they
-learn `learner/fits.py` and `learner/fitted.py`; the named agents are a table in `named.py`.
+learn `learner/fitted.py`; the named agents are a table in `named.py`.
 """
 
 from meal_bayes.agents.agent import Agent

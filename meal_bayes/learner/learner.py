@@ -17,8 +17,7 @@ from meal_bayes.domain import Domain, Query, load_domain
 from meal_bayes.errors import SettingsError
 from meal_bayes.learner import sessions
 from meal_bayes.learner.experience import Experience
-from meal_bayes.learner.fits import Fits
-from meal_bayes.learner.fitted import Fitted
+from meal_bayes.learner.fitted import Fits, Fitted
 from meal_bayes.learner.percepts import tell
 from meal_bayes.learner.saved import load_learner, save_learner
 from meal_bayes.learner.sessions import Question

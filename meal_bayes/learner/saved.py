@@ -209,9 +209,7 @@ def _read_experience(archive: zipfile.ZipFile, experience: Experience) -> None:
 
 def _read_lines(archive: zipfile.ZipFile, name: str) -> list[Any]:
     """Read JSON values, a line each."""
-    text = read_member(archive, name).decode().replace("\n", ",")
-    values: list[Any] = json.loads(f"[{text}]")
-    return values
+    return [json.loads(line) for line in read_member(archive, name).splitlines()]
 
 
 def pack(value: object, keep: Callable[[NDArray[Any]], str]) -> Json:

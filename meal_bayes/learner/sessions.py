@@ -20,8 +20,7 @@ from meal_bayes.domain import Query, read_query
 from meal_bayes.errors import LogError, SettingsError
 from meal_bayes.files import file_name
 from meal_bayes.learner.experience import Key
-from meal_bayes.learner.fits import HeldOut
-from meal_bayes.learner.fitted import Fitted
+from meal_bayes.learner.fitted import Fitted, HeldOut
 from meal_bayes.learner.percepts import Witness
 from meal_bayes.momdp import MOMDP
 from meal_bayes.perception import Perceiver
