@@ -1,18 +1,15 @@
 """A robot that replays recordings: failures from the diagram, percepts from a data set."""
 
-import bisect
 from collections.abc import Callable, Mapping
-from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from meal_bayes.datasets import Dataset, PerceptTable
-from meal_bayes.domain import Domain, TransitionDiagram
+from meal_bayes.domain import Domain
 from meal_bayes.robots.robot import Outcome
 
 Order = list[list[int]]  # (E,) lists of the recordings to come, the next one last
-_Rows = list[list[list[float]]]  # (E,X,X)
 
 ANSWERED = -1  # the recording of a percept that a person answers
 _BLOCK = 16  # executions of each behavior whose uniform draws are made at once
@@ -51,7 +48,9 @@ class RecordedRobot:
         self._recordings = np.broadcast_to(recordings, len(domain.behaviors))
         self._repeats, self._person = repeats, person
         self._order, self._failures = order, failures
-        self._reach, self._shows = _compile(domain.diagram, domain.behavior_names)
+        arrays = domain.diagram.compile(domain.behavior_names)
+        self._shows, self._reach = arrays.observation_probability, arrays.transition.cumsum(axis=2)
+        self._reach[self._reach > 1 - 1e-12] = 1.0  # no impossible state comes from rounding
 
     @property
     def limit(self) -> NDArray[np.float64]:
@@ -82,9 +81,9 @@ class RecordedRobot:
             self._blocks.append(self._failures.random((len(self._executed), _BLOCK, 3)))
         self._executed[behavior] += 1
         moved, shown, uniform = self._blocks[block][e, place].tolist()
-        x, self._x = self._x, bisect.bisect_right(self._reach[e][self._x], moved)
+        x, self._x = self._x, int(self._reach[e, self._x].searchsorted(moved, side="right"))
         outcome = Outcome(self._domain.diagram.states[self._x])
-        if not spec.senses or shown >= self._shows[e][x][self._x]:
+        if not spec.senses or shown >= self._shows[e, x, self._x]:
             return outcome
         if not spec.modalities:
             if self._person is not None and spec.answer_accuracy is not None:
@@ -102,18 +101,6 @@ class RecordedRobot:
             return Outcome(outcome.state, recording=recording)
         instance = self._dataset.instance(self._object, behavior, recording)
         return Outcome(outcome.state, instance.features, recording=recording)
-
-
-@lru_cache(maxsize=16)
-def _compile(diagram: TransitionDiagram, behaviors: tuple[str, ...]) -> tuple[_Rows, _Rows]:
-    """Return the cumulative Pr(x' | x, behavior) over x', and Pr(a percept comes), each (E,X,X).
-
-    Lists, as a single number is read ten times faster from them than from an array.
-    """
-    arrays = diagram.compile(behaviors)
-    reach = arrays.transition.cumsum(axis=2)
-    reach[reach > 1 - 1e-12] = 1.0  # rounding must not leave room for impossible states
-    return reach.tolist(), arrays.observation_probability.tolist()
 
 
 def replayable(dataset: Dataset | PerceptTable) -> NDArray[np.int64]:
