@@ -135,12 +135,11 @@ def _add_part(
     """Add a wall or lid that gives inward against its spring."""
     part = body.add_body(name=name)
     damping = 1.4 * np.sqrt(parameters.stiffness * (_PART_MASS + _PART_ARMATURE))
-    joint = part.add_joint(
+    part.add_joint(
         name=name, type=mujoco.mjtJoint.mjJNT_SLIDE, axis=inward, limited=True,
         range=[0, GIVE], armature=_PART_ARMATURE, solref_limit=[0.01, 1],
+        stiffness=np.full(3, parameters.stiffness), damping=np.full(3, damping),
     )  # fmt: skip
-    joint.stiffness = np.resize(parameters.stiffness, np.shape(joint.stiffness) or 1)
-    joint.damping = np.resize(damping, np.shape(joint.damping) or 1)
     return part
 
 
