@@ -12,33 +12,33 @@ from meal_bayes.domain import TERMINAL, load_domain, unknown
 from meal_bayes.errors import RobotError, SettingsError
 from meal_bayes.robots.robot import Outcome
 from meal_bayes.robots.simulated_arm.objects import ObjectParameters
-from meal_bayes.robots.simulated_arm.physics import OPEN, Motion, OnFrame, Scene
+from meal_bayes.robots.simulated_arm.physics import HIGH, OPEN, Motion, OnFrame, Scene
 from meal_bayes.robots.simulated_arm.sensors import features_of, picture_features
 from meal_bayes.seeds import stream
 
 READY, GRASPED, LIFTED, MOVED = "ready", "grasped", "lifted", "moved"
 
-_HIGH, _LOW = 0.25, 0.035  # m, of the fingertips
+_LOW = 0.035  # m, of the fingertips
 _UP = _LOW + 0.10
 
 BEHAVIORS: dict[str, tuple[Motion, ...]] = {
     "look": (Motion(0.5),),
     "press": (
-        Motion(0.4, z=_HIGH),
+        Motion(0.4, z=HIGH),
         Motion(0.4, y=0.0, width=0.0),
         Motion(1.2, z=0.03, press=8.0, recorded=True),
-        Motion(0.5, z=_HIGH),
+        Motion(0.5, z=HIGH),
     ),
     "push": (
-        Motion(0.5, z=_HIGH),
+        Motion(0.5, z=HIGH),
         Motion(0.5, y=-0.10, width=0.0),
         Motion(0.5, z=0.025),
         Motion(0.25, y=-0.01, recorded=True),
         Motion(0.75, recorded=True),
-        Motion(0.5, y=-0.06, z=_HIGH),
+        Motion(0.5, y=-0.06, z=HIGH),
     ),
     "grasp": (
-        Motion(0.6, z=_HIGH, y=0.0),
+        Motion(0.6, z=HIGH, y=0.0),
         Motion(0.2, width=OPEN),
         Motion(0.7, z=_LOW),
         Motion(1.0, width=0.0, recorded=True),
@@ -53,7 +53,7 @@ BEHAVIORS: dict[str, tuple[Motion, ...]] = {
         Motion(0.5, recorded=True),
         Motion(0.3),
     ),
-    "reinit": (Motion(1.0, width=OPEN), Motion(1.0, z=_HIGH, y=0.0), Motion(4.0)),
+    "reinit": (Motion(1.0, width=OPEN), Motion(1.0, z=HIGH, y=0.0), Motion(4.0)),
 }
 
 _ARROWS = load_domain("simulated_arm").diagram.effects

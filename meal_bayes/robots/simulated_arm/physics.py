@@ -23,7 +23,7 @@ _BROKEN = (
     mujoco.mjtWarning.mjWARN_BADQACC,
 )
 _SETTLE = 0.4  # s, before a trial; costs nothing
-_HIGH = 0.25  # m, where the hand waits
+HIGH = 0.25  # m, where the hand waits
 
 # MuJoCo would write what it warns of into a file in the working directory; `_check` reads it.
 mujoco.set_mju_user_warning(lambda _: None)
@@ -62,9 +62,7 @@ class Scene:
         self.data = mujoco.MjData(self.model)
         self._rng, self._on_frame = rng, on_frame
         self._object = self.model.body("object").id
-        parents = self.model.body_parentid
-        shell = [b for b in range(self.model.nbody) if self._object in (b, parents[b])]
-        self._is_shell = np.isin(self.model.geom_bodyid, shell)
+        self._is_shell = self.model.body_rootid[self.model.geom_bodyid] == self._object
         self._pads = [self.model.geom(f"pad_{side}").id for side in ("left", "right")]
         self._z_limit = self.model.actuator("z").forcerange.copy()
         self._frames = 0
@@ -97,10 +95,10 @@ class Scene:
         mujoco.mj_resetData(self.model, self.data)
         turn, (x, y) = self._rng.normal(0.0, 0.03), self._rng.normal(0.0, 0.002, 2)
         self._move_object(float(np.clip(turn, -0.1, 0.1)), np.clip((x, y), -0.004, 0.004))
-        self.data.qpos[self.model.joint("z").qposadr] = _HIGH
+        self.data.qpos[self.model.joint("z").qposadr] = HIGH
         for side in ("left", "right"):
             self.data.qpos[self.model.joint(side).qposadr] = OPEN
-        self.data.ctrl[:] = (0.0, _HIGH, OPEN)
+        self.data.ctrl[:] = (0.0, HIGH, OPEN)
         on_frame, self._on_frame = self._on_frame, None
         self.move(Motion(_SETTLE))
         self._on_frame = on_frame

@@ -43,6 +43,7 @@ _DIFFERENT = 0.25  # by which a pixel with the object differs from one without
 _FAR = 5.0  # m
 
 Channels = Mapping[str, Floats]
+Modality = Callable[[Channels], Floats]  # makes its features, (10,)
 
 
 def sense(channels: Floats, rng: np.random.Generator) -> dict[str, Floats]:
@@ -59,13 +60,13 @@ def _in_bins(values: Floats, statistic: Callable[[Floats], float] = np.mean) -> 
     return np.array([statistic(part) for part in np.array_split(values, BINS)])
 
 
+def _binned(channel: str) -> Modality:
+    return lambda sensed: _in_bins(sensed[channel])
+
+
 def _from_first(values: Floats) -> Floats:
     change: Floats = _in_bins(values) - _in_bins(values)[0]
     return change
-
-
-def _force(sensed: Channels) -> Floats:
-    return _in_bins(sensed["force"])
 
 
 def _slip(sensed: Channels) -> Floats:
@@ -88,22 +89,16 @@ def _vibration(sensed: Channels) -> Floats:
     return _in_bins((force - smooth)[_SMOOTH:-_SMOOTH], np.std)
 
 
-MODALITIES: dict[str, dict[str, Callable[[Channels], Floats]]] = {
-    "press": {
-        "depth": _depth,
-        "height": lambda sensed: _in_bins(sensed["height"]),
-        "force": _force,
-    },
-    "push": {
-        "force": lambda sensed: _in_bins(sensed["push"]),
-        "flow": lambda sensed: _from_first(sensed["object_y"]),
-    },
-    "grasp": {"fingers": lambda sensed: _in_bins(sensed["fingers"])},
-    "lift": {"force": _force, "slip": _slip},
-    "hold": {"force": _force, "slip": _slip},
-    "shake": {"force": _force, "vibro": _vibration, "slip": _slip},
-    "lower": {"force": _force},
-    "drop": {"load": lambda sensed: _in_bins(sensed["load"])},
+_FORCE = _binned("force")
+MODALITIES: dict[str, dict[str, Modality]] = {
+    "press": {"depth": _depth, "height": _binned("height"), "force": _FORCE},
+    "push": {"force": _binned("push"), "flow": lambda sensed: _from_first(sensed["object_y"])},
+    "grasp": {"fingers": _binned("fingers")},
+    "lift": {"force": _FORCE, "slip": _slip},
+    "hold": {"force": _FORCE, "slip": _slip},
+    "shake": {"force": _FORCE, "vibro": _vibration, "slip": _slip},
+    "lower": {"force": _FORCE},
+    "drop": {"load": _binned("load")},
 }
 
 
@@ -165,12 +160,10 @@ def frame_of(scene: Scene) -> Frame:
     model, data = scene.model, scene.data
     ball = model.geom_type == mujoco.mjtGeom.mjGEOM_SPHERE
     shell = model.geom_group == SHELL_GROUP
-    places, forces, wrench = [], [], np.empty(6)
-    for number in range(data.ncon):
+    wrenches = np.empty((data.ncon, 6))
+    for number, wrench in enumerate(wrenches):
         mujoco.mj_contactForce(model, data, number, wrench)
-        contact = data.contact[number]
-        places.append(contact.pos.copy())
-        forces.append(wrench[:3] @ contact.frame.reshape(3, 3))
+    axes = data.contact.frame.reshape(-1, 3, 3)
     turns = np.empty((model.ngeom, 4))
     for turn, matrix in zip(turns, data.geom_xmat, strict=True):
         mujoco.mju_mat2Quat(turn, matrix)  # w, x, y, z
@@ -181,7 +174,7 @@ def frame_of(scene: Scene) -> Frame:
         np.roll(turns, -1, axis=1).astype(np.float32),
         model.geom_rgba[:, :3].astype(np.float32),
         np.where(ball, BALL, np.where(shell, SHELL, SOLID)).astype(np.int8),
-        np.array(places, np.float32).reshape(-1, 3),
-        np.array(forces, np.float32).reshape(-1, 3),
+        data.contact.pos.astype(np.float32),
+        (wrenches[:, None, :3] @ axes)[:, 0].astype(np.float32),
         take_picture(scene).astype(np.float32),
     )
