@@ -41,10 +41,7 @@ if TYPE_CHECKING:
 
 _FORMAT = 8
 _TEXT = "learner.json"
-_ROWS = {
-    "instances": "<i8", "levels": "|i1", "labels": "|i1", "executions": "<i8", "feedback": "<i8",
-    "known": "|i1",
-}  # fmt: skip
+_ROWS = ("instances", "levels", "labels", "executions", "feedback", "known")
 _FITTED = ("perception", "knowledge", "refitted", "seen", "levels", "counted")
 _CLASSES: dict[str, Callable[..., Any]] = {
     known.__name__: known
@@ -171,7 +168,8 @@ def _fitted(learner: "Learner", state: dict[str, Any]) -> Fitted:
 def _read_experience(archive: zipfile.ZipFile, experience: Experience) -> None:
     """Fill an empty record from a file, once every number in it is known to fit."""
     domain = experience.domain
-    rows = {name: read_array(archive, name, dtype, 2) for name, dtype in _ROWS.items()}
+    held = {name: getattr(experience, name) for name in _ROWS}
+    rows = {name: read_array(archive, name, held[name].values.dtype.str, 2) for name in _ROWS}
     objects, trials = (_read_lines(archive, name) for name in ("objects", "trials"))
     trials = [tuple(key) for key in trials]
     sizes = np.zeros(len(domain.behaviors), int)
@@ -204,7 +202,7 @@ def _read_experience(archive: zipfile.ZipFile, experience: Experience) -> None:
     experience.objects = {name: o for o, name in enumerate(objects)}
     experience.trials = {key: t for t, key in enumerate(trials)}
     for name, values in rows.items():
-        getattr(experience, name).extend(values)
+        held[name].extend(values)
 
 
 def _read_lines(archive: zipfile.ZipFile, name: str) -> list[Any]:
@@ -232,10 +230,8 @@ def pack(value: object, keep: Callable[[NDArray[Any]], str]) -> Json:
     name = type(value).__name__
     if _CLASSES.get(name) is not type(value):
         raise TypeError(f"{name} cannot be saved")
-    if dataclasses.is_dataclass(value):
-        names = [field.name for field in dataclasses.fields(value)]
-    else:
-        names = list(value._fields)  # of a named tuple
+    names = getattr(value, "_fields", None)  # of a named tuple
+    names = names or [field.name for field in dataclasses.fields(value)]
     return {"class": name, "fields": {n: pack(getattr(value, n), keep) for n in names}}
 
 
