@@ -162,28 +162,25 @@ class Experience:
 
     def forget(self, trial: Key) -> NDArray[np.intp]:
         """Withdraw the labels of a trial; return the instances as `label` does."""
-        number, shown, names = self.trials[trial], self.shown(trial), list(self.objects)
+        number, shown = self.trials[trial], self.shown(trial)
         rows, instances = self.feedback.values, self.instances.values
         answers = rows[(rows[:, 0] == number) & (rows[:, 3] >= 0)]
         shows = set(map(tuple, self.executions.values[:, [0, 2]].tolist()))  # trial, instance
-        for o, p in dict.fromkeys(map(tuple, answers[:, 1:3].tolist())):
+        o = int(answers[0, 1])
+        named = self.trials.get(told(list(self.objects)[o]))
+        # What was given holds again, as recordings that the trial did not show have it.
+        pretrained = [i for i in self.gathered(o) if instances[i, 4] == GIVEN and i not in shown]
+        for p in dict.fromkeys(answers[:, 2].tolist()):
             self.feedback.append((number, o, p, -1))
             latest = self._latest(o, p)
-            # What was given holds again, as recordings that the trial did not show have it.
-            pretrained = [
-                i for i in self.gathered(o) if instances[i, 4] == GIVEN and i not in shown
-            ]
             before = int(self.labels.values[pretrained[0], p]) if pretrained else -1
-            value = next(reversed(latest.values()), before)
-            self.known.values[o, p] = value
-            named = self.trials.get(told(names[o]))
+            self.known.values[o, p] = next(reversed(latest.values()), before)
             for i in shown:
                 others = [t for t in latest if t == named or (t, i) in shows]
                 rest = before if instances[i, 4] == GIVEN else -1
                 self.labels.values[i, p] = latest[others[-1]] if others else rest
-        for o in dict.fromkeys(answers[:, 1].tolist()):
-            self._agree(o)
-        return self.gathered(int(answers[0, 1]) if len(answers) else -1)
+        self._agree(o)
+        return self.gathered(o)
 
     @property
     def sizes(self) -> dict[Context, int]:
