@@ -242,7 +242,6 @@ class Fits:
         if refit_every is not None and not refit_every > 0:
             raise SettingsError(f"refit_every is {refit_every}; give a number above 0, or None.")
         self.experience, self.settings, self.refit_every = experience, settings, refit_every
-        self.table: PerceptTable | None = None  # that is replayed, in place of the record
         self.growth = [0, 0]  # labeled instances at the last refit, and since
         self._made: list[Fitted] = []
         self._held: dict[int, list[HeldOut]] = {}
@@ -259,13 +258,11 @@ class Fits:
         self._made.append(fit)
         return fit
 
-    def held_out(self, agent: Agent, o: int) -> HeldOut:
-        """Return what an agent makes of the objects of the table but one.
+    def held_out(self, table: PerceptTable, agent: Agent, o: int) -> HeldOut:
+        """Return what an agent makes of the objects of a table but one.
 
         A label that was told of an object without one is training data of the others.
         """
-        table = self.table
-        assert table is not None
         for fit in self._held.setdefault(o, []):
             if fit.agent == agent:
                 return fit

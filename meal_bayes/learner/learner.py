@@ -1,6 +1,5 @@
 """The `Learner`: an agent and its experience; asked questions, updated by feedback, and saved."""
 
-import math
 import threading
 from collections.abc import Mapping
 from html import escape
@@ -94,13 +93,14 @@ class Learner:
             reward=self.domain.report_reward if reward is None else reward,
             percepts=percepts,
         )
-        if not (math.isfinite(horizon) and horizon >= 0):
+        if not 0 <= horizon < np.inf:
             raise SettingsError(f"horizon is {horizon}; give queries to come, 0 or more.")
         self.seed, self.horizon = int(seed), float(horizon)
         self.reward = None if reward is None else float(reward)
         self.logs = None if logs is None else Path(logs)
         self.experience = Experience(self.domain)
         self.fits = Fits(self.experience, settings, refit_every)
+        self.table: PerceptTable | None = None  # that is replayed
         self.asked, self.lock = 0, threading.RLock()  # questions with robots
 
     def __repr__(self) -> str:
@@ -123,11 +123,6 @@ class Learner:
         with self.lock:
             self._agent = chosen
 
-    @property
-    def table(self) -> PerceptTable | None:
-        """The percept table that is replayed, if there is one."""
-        return self.fits.table
-
     def fit(self, data: Dataset | PerceptTable) -> Self:
         """Learn from recordings, which join the experience, or replay a percept table.
 
@@ -140,7 +135,7 @@ class Learner:
         """
         check_data(data, self.domain)
         with self.lock:
-            self.fits.table = data if isinstance(data, PerceptTable) else None
+            self.table = data if isinstance(data, PerceptTable) else None
             if isinstance(data, Dataset):
                 self.experience.give(data)
             return self.refit()
@@ -166,7 +161,7 @@ class Learner:
         if object_name is None:
             raise SettingsError("A percept table holds only what is known without an object of it.")
         o = object_index(self.table.objects, object_name)
-        return self.fits.held_out(self.agent, o).knowledge
+        return self.fits.held_out(self.table, self.agent, o).knowledge
 
     def problem(self, question: Question, object_name: str | None = None) -> MOMDP:
         """Return the decision problem of a question, as a test of it would have it."""
@@ -230,8 +225,7 @@ class Learner:
             self, question, object_name, key=key, log=log, truth=truth, learn=learn,
             limit=robot.limit if isinstance(robot, RecordedRobot) else np.inf, **options,
         )  # fmt: skip
-        if robot is None:
-            robot = sessions.robot_of(self, session.task, self.seed)
+        robot = sessions.robot_of(self, session.task, self.seed) if robot is None else robot
         return run_trial(session, robot)
 
     def begin(

@@ -30,18 +30,18 @@ class Witness:
     ) -> None:  # fmt: skip
         self._learner, self._task, self._momdp, self._fit = learner, task, momdp, fit
         self._on_step = on_step
-        self._every = Query(learner.domain.attributes)
         self._last: tuple[Instance, NDArray[np.int8]] | None = None
         self._known = learner.experience.executions_of(task.key)  # before a restart
 
     def observe(self, instance: Instance, query: Query, rng: np.random.Generator) -> Levels:
         """Return percept levels of the queried attributes, (N,)."""
-        levels = self._fit.perception.observe(instance, self._every, rng)
+        domain = self._learner.domain
+        levels = self._fit.perception.observe(instance, Query(domain.attributes), rng)
         self._last = instance, levels
         labels = self._fit.settings.drawn
         if labels is not None:  # percepts of the learned tables, in place of those that came
             return sampled(self._fit.refitted, labels).observe(instance, query, rng)
-        return levels[self._learner.domain.columns(query.attributes)]
+        return levels[domain.columns(query.attributes)]
 
     def record(self, step: Step) -> None:
         """Record an executed step; what was recorded before a restart is not recorded again."""

@@ -129,9 +129,7 @@ def task_of(
     with learner.lock:
         number, learner.asked = learner.asked, learner.asked + 1
     key, identity = number if key is None else key, secrets.token_hex(8)
-    name, drawn = f"object {identity}", f"object {key}"
-    if object_name is not None:
-        name = drawn = object_name
+    name, drawn = (f"object {n}" if object_name is None else object_name for n in (identity, key))
     task = Task(text, query, -1, name, (data, "live", identity, *query.attributes))
     return task, (data, "live", key, drawn, *query.attributes)
 
@@ -210,7 +208,7 @@ def fit_of(learner: "Learner", task: Task, *, learn: bool) -> Fitted | HeldOut:
         agent = replace(agent.trained_by, name=agent.name)
     if learner.table is None:
         return learner.fitted(agent)
-    return learner.fits.held_out(agent, task.object_index)
+    return learner.fits.held_out(learner.table, agent, task.object_index)
 
 
 def prepare(
