@@ -149,8 +149,7 @@ def information_value(knowledge: Knowledge, *, reward: float, discount: float) -
     better = np.clip(now + deviation * np.array([-1.0, 1.0]), 0.01, 0.99)
     p, e = believed.shape
     rates = np.repeat(now[:, None], 1 + e, axis=1)  # (P,1+E,E,2), the first as it is
-    for behavior in senses:
-        rates[:, 1 + behavior, behavior] = better[:, behavior]
+    rates[:, 1 + np.array(senses), senses] = better[:, senses]
     query = Query(domain.attributes[:1])
     momdp = build_momdp(
         domain, query, np.full((1, e, 2, 2), 0.5), np.inf,

@@ -61,11 +61,8 @@ class RecordedRobot:
         """Start a trial in x0, with all recordings unused."""
         if isinstance(self._order, np.random.Generator):
             size = len(self._recordings), int(self._recordings.max())
-            orders = self._order.random(size).argsort(axis=1).tolist()
-            self._left: Order = [
-                [recording for recording in order if recording < count]
-                for order, count in zip(orders, self._recordings.tolist(), strict=True)
-            ]
+            orders = zip(self._order.random(size).argsort(axis=1), self._recordings, strict=True)
+            self._left: Order = [order[order < count].tolist() for order, count in orders]
         else:
             self._left = [list(recordings) for recordings in self._order]
         diagram, names = self._domain.diagram, self._domain.behavior_names

@@ -95,9 +95,7 @@ class Scene:
         mujoco.mj_resetData(self.model, self.data)
         turn, (x, y) = self._rng.normal(0.0, 0.03), self._rng.normal(0.0, 0.002, 2)
         self._move_object(float(np.clip(turn, -0.1, 0.1)), np.clip((x, y), -0.004, 0.004))
-        self.data.qpos[self.model.joint("z").qposadr] = HIGH
-        for side in ("left", "right"):
-            self.data.qpos[self.model.joint(side).qposadr] = OPEN
+        self.data.qpos[_Z : _LEFT + 2] = HIGH, OPEN, OPEN
         self.data.ctrl[:] = (0.0, HIGH, OPEN)
         on_frame, self._on_frame = self._on_frame, None
         self.move(Motion(_SETTLE))

@@ -103,9 +103,7 @@ MODALITIES: dict[str, dict[str, Modality]] = {
 
 
 def features_of(behavior: str, channels: Floats, rng: np.random.Generator) -> dict[str, Floats]:
-    """Return the features of recorded channels, modality -> (10,); empty for `reinit`."""
-    if behavior not in MODALITIES:
-        return {}
+    """Return the features of recorded channels, modality -> (10,)."""
     sensed = sense(channels, rng)
     return {name: make(sensed) for name, make in MODALITIES[behavior].items()}
 
@@ -121,10 +119,8 @@ def take_picture(scene: Scene, size: tuple[int, int] = SIZE, *, empty: bool = Fa
     half = np.tan(np.deg2rad(model.cam_fovy[camera]) / 2)
     up = half * (1 - 2 * (np.arange(rows) + 0.5) / rows)
     right = half * columns / rows * (2 * (np.arange(columns) + 0.5) / columns - 1)
-    local = np.stack([*np.meshgrid(right, up), np.full((rows, columns), -1.0)], axis=-1).reshape(
-        -1, 3
-    )
-    rays = local @ data.cam_xmat[camera].reshape(3, 3).T
+    local = np.stack([*np.meshgrid(right, up), np.full((rows, columns), -1.0)], axis=-1)
+    rays = local.reshape(-1, 3) @ data.cam_xmat[camera].reshape(3, 3).T
     rays /= np.linalg.norm(rays, axis=1, keepdims=True)
     shown = np.ones(6, dtype=np.uint8)
     shown[SHELL_GROUP] = not empty
