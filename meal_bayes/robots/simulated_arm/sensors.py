@@ -4,7 +4,6 @@ No picture needs a display or a GPU.
 """
 
 from collections.abc import Callable, Mapping
-from typing import NamedTuple
 
 import mujoco
 import numpy as np
@@ -17,21 +16,15 @@ from meal_bayes.robots.simulated_arm.physics import CHANNELS, Scene
 BINS = 10
 
 
-class Noise(NamedTuple):
-    """Standard deviations of an error: of each sample (500 a second), and of a whole behavior."""
-
-    white: float
-    bias: float
-
-
-NOISE: dict[str, Noise] = {
-    "force": Noise(0.25, 0.10),  # N, wrist
-    "push": Noise(1.0, 0.10),  # N, wrist
-    "fingers": Noise(0.002, 0.0005),  # m, opening
-    "height": Noise(0.0005, 0.0005),  # m, of the hand
-    "object_y": Noise(0.04, 0.001),  # m, the camera's tracker: 6 mm in .1 s
-    "object_z": Noise(0.04, 0.001),  # m, the same
-    "load": Noise(2.0, 0.15),  # N, load cell under the table
+# Standard deviations of an error: of each sample (500 a second), and of a whole behavior.
+NOISE = {
+    "force": (0.25, 0.10),  # N, wrist
+    "push": (1.0, 0.10),  # N, wrist
+    "fingers": (0.002, 0.0005),  # m, opening
+    "height": (0.0005, 0.0005),  # m, of the hand
+    "object_y": (0.04, 0.001),  # m, the camera's tracker: 6 mm in .1 s
+    "object_z": (0.04, 0.001),  # m, the same
+    "load": (2.0, 0.15),  # N, load cell under the table
 }
 _CONTACT = 1.5  # N, at which the robot notes a contact
 _SMOOTH = 15  # samples of the moving average that vibration is taken against
@@ -50,8 +43,8 @@ def sense(channels: Floats, rng: np.random.Generator) -> dict[str, Floats]:
     """Return noisy measurements (T,) of the true channels (T, channels), by name."""
     shown = {}
     for name, values in zip(CHANNELS, channels.T, strict=True):
-        noise = NOISE[name]
-        error = noise.bias * rng.standard_normal() + noise.white * rng.standard_normal(len(values))
+        white, bias = NOISE[name]
+        error = bias * rng.standard_normal() + white * rng.standard_normal(len(values))
         shown[name] = values + error
     return shown
 
