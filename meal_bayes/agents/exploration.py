@@ -142,14 +142,14 @@ def information_value(knowledge: Knowledge, *, reward: float, discount: float) -
     weight = alpha.sum(axis=-1)  # (P,E,2)
     yes = alpha[..., half:].sum(axis=-1) / weight
     deviation = np.sqrt(yes * (1 - yes) / (weight + 1))
-    senses = domain.recorded
+    senses = np.array(domain.recorded, int)
     believed = np.isin(np.arange(len(domain.behaviors)), senses) & (yes[..., 1] > yes[..., 0])
     flat = yes.mean(axis=-1, keepdims=True)
     now = np.where(believed[..., None], yes, flat)  # (P,E,2)
     better = np.clip(now + deviation * np.array([-1.0, 1.0]), 0.01, 0.99)
     p, e = believed.shape
     rates = np.repeat(now[:, None], 1 + e, axis=1)  # (P,1+E,E,2), the first as it is
-    rates[:, 1 + np.array(senses), senses] = better[:, senses]
+    rates[:, 1 + senses, senses] = better[:, senses]
     query = Query(domain.attributes[:1])
     momdp = build_momdp(
         domain, query, np.full((1, e, 2, 2), 0.5), np.inf,

@@ -80,10 +80,14 @@ def knowledge_of(
     Counts are (O,P,E,2,K). Of objects in no training set all labels are unknown; `object_level` is
     as in `knowledge_without`.
     """
-    # the posterior mean Pr(attribute)
-    rates = ((labels == 1).sum(axis=0) + 1) / ((labels >= 0).sum(axis=0) + 2)
+    rates = base_rates(labels)
     if not object_level:
         return Knowledge(domain, ConfusionPosterior.from_counts(counts), rates)
     posterior = ConfusionPosterior.from_objects(counts)
     shown = counts.sum(axis=3)  # (O,P,E,K)
     return Knowledge(domain, posterior, rates, learn_trait(posterior, shown, labels, rates))
+
+
+def base_rates(labels: NDArray[np.int8]) -> NDArray[np.float64]:
+    """Compute the posterior mean of Pr(attribute), (P,), from labels (O,P) of objects."""
+    return np.asarray(((labels == 1).sum(axis=0) + 1) / ((labels >= 0).sum(axis=0) + 2))

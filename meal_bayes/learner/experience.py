@@ -70,11 +70,6 @@ class Experience:
         return f"{len(self.instances)} recordings of {len(self.objects)} objects, {labels} labels"
 
     @property
-    def tally(self) -> NDArray[np.int64]:
-        """Objects known to be false, and true, (2,P)."""
-        return np.stack([(self.known.values == value).sum(axis=0) for value in (0, 1)])
-
-    @property
     def attempts(self) -> NDArray[np.int64]:
         """Executions of each behavior that failed, and that succeeded, (E,2)."""
         counts, rows = np.zeros((len(self.domain.behaviors), 2), int), self.executions.values
@@ -192,10 +187,6 @@ class Experience:
         nothing = np.full(len(self.domain.attributes), -1, np.int8)
         known = self.known.values
         return np.array([known[self.objects[n]] if n in self.objects else nothing for n in names])
-
-    def executions_of(self, trial: Key) -> int:
-        """Count the executions of a trial."""
-        return int((self.executions.values[:, 0] == self.trials.get(trial, -1)).sum())
 
     def shown(self, trial: Key) -> NDArray[np.intp]:
         """Return the instances of a trial; where labels are told of an object, all of its own."""

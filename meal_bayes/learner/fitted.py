@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meal_bayes.agents import Agent, Knowledge, Progress, information_value, knowledge_without
-from meal_bayes.agents.knowledge import knowledge_of
+from meal_bayes.agents.knowledge import base_rates, knowledge_of
 from meal_bayes.arrays import Rows
 from meal_bayes.datasets import PerceptTable, TrainingSet
 from meal_bayes.datasets.percepts import BIN_EDGES, levels_of, round_log_odds
@@ -109,7 +109,7 @@ class Fitted:
             posterior = self.knowledge.posterior.update(after, before)
             self.knowledge = replace(self.knowledge, posterior=posterior)
             moved |= (before != after).any(axis=(1, 2, 3))
-        rates = (experience.tally[1] + 1) / (experience.tally.sum(axis=0) + 2)
+        rates = base_rates(experience.known.values)
         if self.agent.base_rates:
             moved |= rates != self.knowledge.base_rates
         self.knowledge = replace(self.knowledge, base_rates=rates)
@@ -254,9 +254,8 @@ class Fits:
         if not self._made:
             labels = self.experience.labels_of(slice(None), memory=agent.memory)
             self.growth = [int((labels >= 0).sum()), 0]
-        fit = Fitted.refit(self.experience, agent, self.settings)
-        self._made.append(fit)
-        return fit
+        self._made.append(Fitted.refit(self.experience, agent, self.settings))
+        return self._made[-1]
 
     def held_out(self, table: PerceptTable, agent: Agent, o: int) -> HeldOut:
         """Return what an agent makes of the objects of a table but one.
@@ -268,9 +267,8 @@ class Fits:
                 return fit
         told = self.experience.labels_for(table.objects)
         labeled = replace(table, labels=np.where(table.labels < 0, told, table.labels))
-        fit = HeldOut(labeled, agent, self.settings, o)
-        self._held[o].append(fit)
-        return fit
+        self._held[o].append(HeldOut(labeled, agent, self.settings, o))
+        return self._held[o][-1]
 
     def restore(self, fit: Fitted, growth: list[int]) -> None:
         """Restore what an agent made of the record."""

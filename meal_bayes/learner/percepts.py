@@ -31,7 +31,8 @@ class Witness:
         self._learner, self._task, self._momdp, self._fit = learner, task, momdp, fit
         self._on_step = on_step
         self._last: tuple[Instance, NDArray[np.int8]] | None = None
-        self._known = learner.experience.executions_of(task.key)  # before a restart
+        number, rows = learner.experience.trials.get(task.key, -1), learner.experience.executions
+        self._known = int((rows.values[:, 0] == number).sum())  # before a restart
 
     def observe(self, instance: Instance, query: Query, rng: np.random.Generator) -> Levels:
         """Return percept levels of the queried attributes, (N,)."""
@@ -46,12 +47,11 @@ class Witness:
     def record(self, step: Step) -> None:
         """Record an executed step; what was recorded before a restart is not recorded again."""
         last, self._last = self._last, None
-        if step.decision.action < self._momdp.n_behaviors:
-            if self._known:
-                self._known -= 1
-            else:
-                with self._learner.lock:
-                    record_step(self._learner.experience, self._task, self._momdp, step, last)
+        if self._known:
+            self._known -= 1
+        else:
+            with self._learner.lock:
+                record_step(self._learner.experience, self._task, self._momdp, step, last)
         if self._on_step is not None:
             self._on_step(step)
 
@@ -176,19 +176,20 @@ def record_trial(experience: Experience, trial: Trial) -> None:
         )
     experience.trial(trial.task.key)
     for step in trial.steps:
-        if step.decision.action < trial.momdp.n_behaviors:
-            record_step(experience, trial.task, trial.momdp, step)
+        record_step(experience, trial.task, trial.momdp, step)
 
 
 def record_step(
     experience: Experience, task: Task, momdp: MOMDP, step: Step,
     perceived: tuple[Instance, NDArray[np.int8]] | None = None,
 ) -> None:  # fmt: skip
-    """Record an executed step, with what was sensed and the levels (P,) where these are known.
+    """Record a step, with what was sensed and the levels (P,) where these are known; no report.
 
     A step that only shows the queried attributes' percepts is recorded with these.
     """
     domain, e = experience.domain, step.decision.action
+    if e >= momdp.n_behaviors:
+        return
     instance, levels = perceived or (None, None)
     shows = step.observation is not None
     if step.observation is not None and levels is None and domain.behaviors[e].modalities:

@@ -59,7 +59,6 @@ def test_everything_comes_back(taught, saved, dataset, agent, make):
         np.testing.assert_array_equal(*labels)
     assert again.experience.trials == learner.experience.trials
     assert again.experience.objects == learner.experience.objects
-    np.testing.assert_array_equal(again.experience.tally, learner.experience.tally)
     np.testing.assert_array_equal(again.experience.attempts, learner.experience.attempts)
     asked = [each.ask("red", make.arm(seed=9), learn=False, key=9) for each in (learner, again)]
     np.testing.assert_array_equal(asked[0].last_belief.log_prob, asked[1].last_belief.log_prob)
