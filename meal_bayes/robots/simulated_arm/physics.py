@@ -97,9 +97,7 @@ class Scene:
         self._move_object(float(np.clip(turn, -0.1, 0.1)), np.clip((x, y), -0.004, 0.004))
         self.data.qpos[_Z : _LEFT + 2] = HIGH, OPEN, OPEN
         self.data.ctrl[:] = (0.0, HIGH, OPEN)
-        on_frame, self._on_frame = self._on_frame, None
-        self.move(Motion(_SETTLE))
-        self._on_frame = on_frame
+        self.move(Motion(_SETTLE), shown=False)
         self.data.time = now
         self.home = self.object_place
 
@@ -124,7 +122,7 @@ class Scene:
             bool(self._is_shell[pairs[(pairs == pad).any(axis=1)]].any()) for pad in self._pads
         )
 
-    def move(self, motion: Motion) -> Floats:
+    def move(self, motion: Motion, *, shown: bool = True) -> Floats:
         """Execute a motion and return the channels of its time steps, (T, channels).
 
         A `RobotError` where the object fell off the table or came apart, or the state is not
@@ -149,7 +147,8 @@ class Scene:
                 self.data.ctrl[1] += height * np.sin(turn)
             mujoco.mj_step(self.model, self.data)
             channels[step] = self._sense()
-            self._show()
+            if shown:
+                self._show()
         self.data.ctrl[:] = end
         if motion.press is not None:  # go on from where the press ended
             self.data.ctrl[1] = self.data.joint("z").qpos[0]
