@@ -50,7 +50,6 @@ _CLASSES: dict[str, Callable[..., Any]] = {
         ConfusionPosterior, SharedTrait, PerceptTable,
     )
 }  # fmt: skip
-_DTYPES = ("<f8", "<f4", "<f2", "<i8", "|i1", "|u1", "|b1")
 
 Json = Any
 
@@ -219,7 +218,7 @@ def pack(value: object, keep: Callable[[NDArray[Any]], str]) -> Json:
         return value
     if isinstance(value, Rows):
         value = value.values
-    if isinstance(value, np.ndarray) and value.dtype.str in _DTYPES:
+    if isinstance(value, np.ndarray):
         return {"array": keep(value), "dtype": value.dtype.str, "axes": value.ndim}
     if isinstance(value, Domain):
         return {"domain": True}
@@ -244,8 +243,6 @@ def unpack(packed: Json, read: Callable[[str, str, int], NDArray[Any]], domain: 
     if "domain" in packed:
         return domain
     if "array" in packed:
-        if packed["dtype"] not in _DTYPES:
-            raise ValueError(f"an array is of {packed['dtype']!r}")
         return read(str(packed["array"]), packed["dtype"], int(packed["axes"]))
     entries = packed["table"] if "table" in packed else packed["fields"]
     made = {str(name): unpack(entry, read, domain) for name, entry in entries.items()}
