@@ -184,9 +184,9 @@ class Experience:
 
     def labels_for(self, names: Iterable[str]) -> Labels:
         """Return the labels (O,P) of objects by name; -1 unknown."""
-        nothing = np.full(len(self.domain.attributes), -1, np.int8)
-        known = self.known.values
-        return np.array([known[self.objects[n]] if n in self.objects else nothing for n in names])
+        nothing = np.full(len(self.domain.attributes), -1, np.int8)  # of no object
+        rows = np.vstack([self.known.values, nothing])
+        return rows[[self.objects.get(name, -1) for name in names]]
 
     def shown(self, trial: Key) -> NDArray[np.intp]:
         """Return the instances of a trial; where labels are told of an object, all of its own."""

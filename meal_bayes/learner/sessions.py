@@ -231,16 +231,15 @@ def prepare(
     progress = partial(fit.progress, learner.horizon * len(query) / len(learner.domain.attributes))
     key = query, limits.tobytes()
     if not explore or (isinstance(exploration, NoBonus) and labels is None):
-        if key in fit.answering and labels is None:
-            return fit.answering[key]
-        momdp = model(labels=labels)
-        if fit.settings.shaped_answers and isinstance(exploration, ITRSBonus | FittedITRSBonus):
-            momdp = exploration.shape(momdp, progress())
-        policy = solve(momdp)
-        if labels is None and getattr(policy, "deterministic", False):
+        if labels is not None or key not in fit.answering:
+            momdp = model(labels=labels)
+            if fit.settings.shaped_answers and isinstance(exploration, ITRSBonus | FittedITRSBonus):
+                momdp = exploration.shape(momdp, progress())
+            policy = solve(momdp)
+            if labels is not None or not getattr(policy, "deterministic", False):
+                return momdp, policy
             fit.answering[key] = momdp, Remembering(policy)  # until the posterior moves
-            return fit.answering[key]
-        return momdp, policy
+        return fit.answering[key]
     momdp = exploration.shape(model(labels=labels), progress(task.object_name))
     if not isinstance(agent.solver(fit.knowledge.domain, query), POMCP):
         return momdp, solve(momdp)
