@@ -5,7 +5,7 @@ much objects differ, how their percepts err together. Between refits these are c
 is a conjugate update by the percepts of objects that no classifier has seen.
 """
 
-from dataclasses import dataclass, field, replace
+from dataclasses import astuple, dataclass, field, replace
 from functools import cached_property
 from typing import Self
 
@@ -62,7 +62,8 @@ class Fitted:
     def refit(cls, experience: Experience, agent: Agent, settings: LearnerSettings) -> Self:
         """Learn everything anew from the record."""
         data, rows, gathered = experience.data(memory=agent.memory)
-        pretraining = np.flatnonzero(experience.instances.values[:, 4] == GIVEN)
+        instances = experience.instances.values
+        pretraining = instances[:, 4] == GIVEN
         training = _some(gathered, np.asarray((gathered.labels >= 0).any(axis=1)))
         perceives = PerceptionSettings(levels=agent.levels, by_object=settings.by_object)
         spaces = None
@@ -71,7 +72,7 @@ class Fitted:
         elif agent.whiten:
             spaces = fit_spaces(data, gathered, whiten=True)
         else:  # the spaces of what it was given hold for good
-            first = np.isin(rows, pretraining)
+            first = pretraining[rows]
             others = ~np.isin(gathered.behavior, gathered.behavior[first])
             spaces = fit_spaces(data, _some(gathered, first | others))
         perception, counts = fit_and_validate(data, training, settings=perceives, spaces=spaces)
@@ -86,21 +87,19 @@ class Fitted:
             np.logical_or.at(seen, (training.object, training.behavior), training.labels >= 0)
         else:
             known = replace(known, posterior=settings.posterior)
-            seen[experience.instances.values[pretraining, 0]] = True
+            seen[instances[pretraining, 0]] = True
         empty = Rows(np.int8, p), Rows(np.int8, p)
         fit = cls(experience, agent, settings, perception, known, known, seen, *empty)
-        fit.update(np.arange(len(experience.instances)))
+        fit.update(np.arange(len(instances)))
         return fit
 
     def update(self, rows: NDArray[np.intp]) -> None:
         """Count instances (k,) with the labels that they have now, conjugately."""
         experience, domain = self.experience, self.knowledge.domain
         self._perceive_new()
-        o, e = experience.instances.values[rows, :2].T
-        labels = experience.labels_of(rows, memory=self.agent.memory).copy()
-        met = o < len(self.seen)
-        labels[met] = np.where(self.seen[o[met], e[met]], -1, labels[met])
-        labels[self.levels.values[rows] < 0] = -1
+        o = experience.instances.values[rows, 0]
+        labels = experience.labels_of(rows, memory=self.agent.memory)
+        labels = np.where(self.used(rows) | (self.levels.values[rows] < 0), -1, labels)
         moved = np.zeros(len(domain.attributes), np.bool_)
         for n in dict.fromkeys(o[(labels != self.counted.values[rows]).any(axis=1)].tolist()):
             before = self._counts(experience.gathered(n))
@@ -168,11 +167,11 @@ class Fitted:
             self.refitted, reward=self.settings.reward, discount=self.agent.discount
         )
 
-    def used(self, rows: NDArray[np.intp]) -> bool:
-        """Return whether the last refit used labels of instances (k,)."""
+    def used(self, rows: NDArray[np.intp]) -> NDArray[np.bool_]:
+        """Return which labels of instances (k,) the last refit used, (k,P)."""
         o, e = self.experience.instances.values[rows, :2].T
-        met = o < len(self.seen)
-        return bool(self.seen[o[met], e[met]].any())
+        seen = np.concatenate([self.seen, np.zeros_like(self.seen[:1])])  # of those met since, none
+        return np.asarray(seen[np.minimum(o, len(self.seen)), e])
 
     def progress(self, queries: float, object_name: str | None = None) -> Progress:
         """Return what has been learned so far, for a bonus; without a name, of a new object."""
@@ -279,23 +278,20 @@ class Fits:
         """Let everything be made anew when it is next needed."""
         self._made, self._held = [], {}
 
-    def update(self, rows: NDArray[np.intp]) -> None:
-        """Count instances (k,) with the labels that they have now."""
+    def update(self, rows: NDArray[np.intp], labeled: int = 0) -> None:
+        """Count instances (k,) with the labels that they have now, some new; refit where due."""
         for fit in self._made:
             fit.update(rows)
-
-    def withdraw(self, rows: NDArray[np.intp]) -> None:
-        """Count instances (k,) of which labels were forgotten; refit where these were used."""
-        if any(fit.used(rows) for fit in self._made):
-            self.clear()
-        self.update(rows)
-
-    def grow(self, labeled: int) -> None:
-        """Note what was labeled, and let everything be made anew where that is due."""
         self.growth[1] += labeled
         before, grown = self.growth
         if self.refit_every is not None and grown >= max(self.refit_every * before, 1):
             self.clear()
+
+    def withdraw(self, rows: NDArray[np.intp]) -> None:
+        """Count instances (k,) of which labels were forgotten; refit where these were used."""
+        if any(fit.used(rows).any() for fit in self._made):
+            self.clear()
+        self.update(rows)
 
 
 def sampled(knowledge: Knowledge, labels: NDArray[np.int8]) -> SampledPercepts:
@@ -306,7 +302,4 @@ def sampled(knowledge: Knowledge, labels: NDArray[np.int8]) -> SampledPercepts:
 
 
 def _some(gathered: TrainingSet, chosen: NDArray[np.bool_]) -> TrainingSet:
-    return TrainingSet(
-        gathered.object[chosen], gathered.behavior[chosen], gathered.recording[chosen],
-        gathered.labels[chosen],
-    )  # fmt: skip
+    return TrainingSet(*(column[chosen] for column in astuple(gathered)))

@@ -128,8 +128,8 @@ def tell(learner: "Learner", trial: Trial | str, values: Mapping[str, bool | Non
             raise SettingsError("The trial has other levels; give one of this learner's.")
         record_trial(experience, trial)
     labels = replacing(labels, experience.labels_for([name])[0], learner.domain, name)
-    fits.update(experience.label(key, name, labels))
-    fits.grow(len(experience.shown(key)) * int((labels >= 0).sum()))
+    rows = experience.label(key, name, labels)
+    fits.update(rows, len(experience.shown(key)) * int((labels >= 0).sum()))
 
 
 def checked_labels(values: Mapping[str, bool | None], domain: Domain) -> NDArray[np.int8]:
