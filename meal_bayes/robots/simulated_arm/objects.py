@@ -115,32 +115,27 @@ def build_model(parameters: ObjectParameters) -> mujoco.MjModel:
 
 
 def _add_shell(body: mujoco.MjsBody, parameters: ObjectParameters) -> None:
+    """Add a bottom, front and back, and walls and a lid that give inward against their springs."""
     x, y, z = parameters.half_width, parameters.half_depth, parameters.height / 2
+    stiffness, wall = parameters.stiffness, (WALL, y, z - 2 * WALL)
+    damping = 1.4 * np.sqrt(stiffness * (_PART_MASS + _PART_ARMATURE))
     mass = (parameters.shell_mass - 3 * _PART_MASS) / 3
     _add_box(body, "bottom", (x - GIVE, y, WALL), (0, 0, -z + WALL), parameters, mass)
     for side, sign in (("front", -1), ("back", 1)):
         place = (0.0, sign * (y - WALL), -2 * WALL)
         _add_box(body, side, (x - 2 * WALL, WALL, z - 4 * WALL), place, parameters, mass)
-    for side, sign in (("left", -1), ("right", 1)):
-        part = _add_part(body, f"wall_{side}", (-sign, 0, 0), parameters)
-        size, place = (WALL, y, z - 2 * WALL), (sign * (x - WALL), 0.0, 0.0)
+    for name, side, inward, size, place in (
+        ("wall_left", "left", (1, 0, 0), wall, (WALL - x, 0, 0)),
+        ("wall_right", "right", (-1, 0, 0), wall, (x - WALL, 0, 0)),
+        ("lid", "top", (0, 0, -1), (x - 2 * WALL, y, WALL), (0, 0, z - WALL)),
+    ):
+        part = body.add_body(name=name)
+        part.add_joint(
+            name=name, type=mujoco.mjtJoint.mjJNT_SLIDE, axis=inward, limited=True,
+            range=[0, GIVE], armature=_PART_ARMATURE, solref_limit=[0.01, 1],
+            stiffness=np.full(3, stiffness), damping=np.full(3, damping),
+        )  # fmt: skip
         _add_box(part, side, size, place, parameters, _PART_MASS)
-    lid = _add_part(body, "lid", (0, 0, -1), parameters)
-    _add_box(lid, "top", (x - 2 * WALL, y, WALL), (0, 0, z - WALL), parameters, _PART_MASS)
-
-
-def _add_part(
-    body: mujoco.MjsBody, name: str, inward: Vector, parameters: ObjectParameters
-) -> mujoco.MjsBody:
-    """Add a wall or lid that gives inward against its spring."""
-    part = body.add_body(name=name)
-    damping = 1.4 * np.sqrt(parameters.stiffness * (_PART_MASS + _PART_ARMATURE))
-    part.add_joint(
-        name=name, type=mujoco.mjtJoint.mjJNT_SLIDE, axis=inward, limited=True,
-        range=[0, GIVE], armature=_PART_ARMATURE, solref_limit=[0.01, 1],
-        stiffness=np.full(3, parameters.stiffness), damping=np.full(3, damping),
-    )  # fmt: skip
-    return part
 
 
 def _add_box(

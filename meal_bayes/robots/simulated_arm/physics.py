@@ -118,9 +118,7 @@ class Scene:
         if self.data.qpos[_LEFT] < _APART:
             return False
         pairs = self.data.contact.geom
-        return all(
-            bool(self._is_shell[pairs[(pairs == pad).any(axis=1)]].any()) for pad in self._pads
-        )
+        return all(self._is_shell[pairs[(pairs == pad).any(axis=1)]].any() for pad in self._pads)
 
     def move(self, motion: Motion, *, shown: bool = True) -> Floats:
         """Execute a motion and return the channels of its time steps, (T, channels).

@@ -58,8 +58,7 @@ def _binned(channel: str) -> Modality:
 
 
 def _from_first(values: Floats) -> Floats:
-    change: Floats = _in_bins(values) - _in_bins(values)[0]
-    return change
+    return np.asarray(_in_bins(values) - _in_bins(values)[0])
 
 
 def _slip(sensed: Channels) -> Floats:
@@ -126,8 +125,7 @@ def take_picture(scene: Scene, size: tuple[int, int] = SIZE, *, empty: bool = Fa
     brightness = 0.55 + 0.45 * np.abs(normals @ _LIGHT)
     colors = model.geom_rgba[geoms, :3] * brightness[:, None]
     colors[geoms < 0] = _BACKGROUND
-    picture: Floats = np.clip(colors, 0.0, 1.0).reshape(rows, columns, 3)
-    return picture
+    return np.asarray(np.clip(colors, 0.0, 1.0).reshape(rows, columns, 3))
 
 
 def picture_features(scene: Scene, rng: np.random.Generator) -> dict[str, Floats]:
