@@ -176,9 +176,8 @@ class Fitted:
     def progress(self, queries: float, object_name: str | None = None) -> Progress:
         """Return what has been learned so far, for a bonus; without a name, of a new object."""
         experience, memory = self.experience, self.agent.memory
-        labelled = counted = experience.labelled(memory=memory)
-        if not self.settings.count_given:
-            counted = experience.labelled(memory=memory, given=False)
+        labelled = experience.labelled(memory=memory)
+        counted = experience.labelled(memory=memory, given=self.settings.count_given)
         o = None if object_name is None else experience.objects.get(object_name)
         e, p = labelled.shape[1:]
         fresh, labeled = np.ones((p, e), bool), np.zeros(p, bool)
@@ -280,6 +279,7 @@ class Fits:
 
     def update(self, rows: NDArray[np.intp], labeled: int = 0) -> None:
         """Count instances (k,) with the labels that they have now, some new; refit where due."""
+        self._held = {}
         for fit in self._made:
             fit.update(rows)
         self.growth[1] += labeled

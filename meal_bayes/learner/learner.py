@@ -309,8 +309,6 @@ class Learner:
             if not self.experience.labels_by(key):
                 raise SettingsError(f"The trial {trial.task.name!r} has no labels.")
             self.fits.withdraw(self.experience.forget(key))
-            if self.table is not None:
-                self.fits.clear()
 
     def save(self, path: str | Path) -> None:
         """Write everything into one file, for `load`; the file is there whole or not at all."""

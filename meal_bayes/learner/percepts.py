@@ -111,7 +111,7 @@ def implied(report: NDArray[np.bool_], *, right: bool) -> NDArray[np.int8]:
 
 def tell(learner: "Learner", trial: Trial | str, values: Mapping[str, bool | None]) -> None:
     """Add labels of a trial's object, and update what was fitted; see `Learner.tell`."""
-    experience, fits = learner.experience, learner.fits
+    experience = learner.experience
     labels = checked_labels(values, learner.domain)
     if not (labels >= 0).any():
         return
@@ -121,7 +121,6 @@ def tell(learner: "Learner", trial: Trial | str, values: Mapping[str, bool | Non
     key = trial.task.key if isinstance(trial, Trial) else told(name)
     if learner.table is not None:
         object_index(learner.table.objects, name)
-        fits.clear()
     elif isinstance(trial, Trial) and key not in experience.trials:
         perceived = any(step.observation is not None for step in trial.steps)
         if perceived and trial.momdp.levels != learner.agent.levels:
@@ -129,7 +128,7 @@ def tell(learner: "Learner", trial: Trial | str, values: Mapping[str, bool | Non
         record_trial(experience, trial)
     labels = replacing(labels, experience.labels_for([name])[0], learner.domain, name)
     rows = experience.label(key, name, labels)
-    fits.update(rows, len(experience.shown(key)) * int((labels >= 0).sum()))
+    learner.fits.update(rows, len(experience.shown(key)) * int((labels >= 0).sum()))
 
 
 def checked_labels(values: Mapping[str, bool | None], domain: Domain) -> NDArray[np.int8]:
@@ -138,9 +137,8 @@ def checked_labels(values: Mapping[str, bool | None], domain: Domain) -> NDArray
     if not isinstance(values, Mapping):
         raise SettingsError(f"Labels are {values!r}; give {{attribute: True, False or None}}.")
     for name, value in domain.with_values(values).items():
-        p = domain.attribute_index(name)
         try:
-            labels[p] = label_values(value)
+            labels[domain.attribute_index(name)] = label_values(value)
         except (DataError, ValueError) as fault:  # or a list
             raise SettingsError(f"{name}: {fault}") from None
     return labels

@@ -43,13 +43,11 @@ _FORMAT = 8
 _TEXT = "learner.json"
 _ROWS = ("instances", "levels", "labels", "executions", "feedback", "known")
 _FITTED = ("perception", "knowledge", "refitted", "seen", "levels", "counted")
-_CLASSES: dict[str, Callable[..., Any]] = {
-    known.__name__: known
-    for known in (
-        Perception, BehaviorClassifier, KernelFit, FeatureSpace, Stacker, Knowledge,
-        ConfusionPosterior, SharedTrait, PerceptTable,
-    )
-}  # fmt: skip
+_KINDS: tuple[type[Any], ...] = (
+    Perception, BehaviorClassifier, KernelFit, FeatureSpace, Stacker, Knowledge,
+    ConfusionPosterior, SharedTrait, PerceptTable,
+)  # fmt: skip
+_CLASSES = {kind.__name__: kind for kind in _KINDS}
 
 Json = Any
 
@@ -209,7 +207,7 @@ def _read_lines(archive: zipfile.ZipFile, name: str) -> list[Any]:
     return [json.loads(line) for line in read_member(archive, name).splitlines()]
 
 
-def pack(value: object, keep: Callable[[NDArray[Any]], str]) -> Json:
+def pack(value: Any, keep: Callable[[NDArray[Any]], str]) -> Json:
     """Return an object as JSON values; `keep` stores an array and returns its name.
 
     A domain is not written, as a learner has one.
