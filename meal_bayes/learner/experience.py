@@ -72,10 +72,9 @@ class Experience:
     @property
     def attempts(self) -> NDArray[np.int64]:
         """Executions of each behavior that failed, and that succeeded, (E,2)."""
-        counts, rows = np.zeros((len(self.domain.behaviors), 2), int), self.executions.values
-        for success in (0, 1):
-            np.add.at(counts[:, success], rows[rows[:, 3] == success, 1], 1)
-        return counts
+        e, rows = len(self.domain.behaviors), self.executions.values
+        rows = rows[rows[:, 3] >= 0]
+        return np.bincount(2 * rows[:, 1] + rows[:, 3], minlength=2 * e).reshape(e, 2)
 
     def object(self, name: str) -> int:
         """Return the number of an object, a new one where it was not met before."""

@@ -136,18 +136,16 @@ class Fitted:
         instances = experience.instances.values[first:]
         shown = experience.levels.values[first:]
         levels = np.where(instances[:, 4:] == k, shown, -1).astype(np.int8)
-        for e, behavior in enumerate(domain.behaviors):
-            rows = np.flatnonzero((instances[:, 1] == e) & (instances[:, 3] >= 0))
+        sensed, log_odds = instances[:, 3] >= 0, np.zeros(levels.shape)
+        for name, classifier in self.perception.classifiers.items():
+            rows = np.flatnonzero(sensed & (instances[:, 1] == domain.behavior_index(name)))
             if len(rows):
-                log_odds = np.zeros((len(rows), len(domain.attributes)))
-                classifier = self.perception.classifiers.get(behavior.name)
-                if classifier is not None:
-                    features = {
-                        m: experience.features[behavior.name, m].values[instances[rows, 3]]
-                        for m in behavior.modalities
-                    }
-                    log_odds = classifier.log_odds(features)
-                levels[rows] = levels_of(round_log_odds(log_odds), BIN_EDGES, k)
+                features = {
+                    modality: experience.features[name, modality].values[instances[rows, 3]]
+                    for modality in classifier.spaces
+                }
+                log_odds[rows] = classifier.log_odds(features)
+        levels[sensed] = levels_of(round_log_odds(log_odds[sensed]), BIN_EDGES, k)
         self.levels.extend(levels)
         self.counted.extend(np.full_like(levels, -1))
 

@@ -149,10 +149,7 @@ def replacing(
 ) -> NDArray[np.int8]:
     """Add to labels (P,) of an object that no other value of a group is true, where it was `known`.
 
-    Raises
-    ------
-    SettingsError
-        Then no value of a group would be true.
+    A `SettingsError` where then no value of a group would be true.
     """
     after = labels.copy()
     for group, values in domain.groups.items():
