@@ -139,7 +139,7 @@ def _fit_stacker(
     scale = decisions.std(axis=0)  # (1,P)
     scale = np.where(scale > 0, scale, 1.0)
     _, place, sizes = np.unique(objects, return_inverse=True, return_counts=True)
-    features = np.ascontiguousarray((decisions / scale).transpose(1, 2, 0))
+    features = np.ascontiguousarray((decisions / scale).transpose(2, 1, 0))
     targets, losses = np.ascontiguousarray(np.where(truth, 1.0, -1.0).T), np.zeros(n_attributes)
     base, options = 2.0 / sizes[place.ravel()], stacker_options(settings)
     fit_stackers(base, features, targets, *options, weights, losses)

@@ -36,8 +36,8 @@ class Problem:
     recording in a stacker's loss, 2 an object; targets (P,n) are +-1; duals (M,P,m) the weights of
     what recordings are compared with, trained on all groups.
 
-    `score` takes groups left out (s,), and whether those who decide on the others did not see them
-    either. It returns decisions on the recordings left out, (M,P,q), in the order of `rows`, and on
+    `score` takes groups left out (s,), their `rows` (q,), and whether those who decide on the
+    others did not see them either. It returns decisions on the recordings left out, (M,P,q), and on
     every other group by itself left out too, (M,P,n), 0 where they are left out.
     """
 
@@ -46,7 +46,7 @@ class Problem:
     weights: Floats
     targets: Floats
     duals: Floats
-    score: Callable[[Ints, bool], tuple[Floats, Floats]]
+    score: Callable[[Ints, Ints, bool], tuple[Floats, Floats]]
 
     def rows(self, groups: Ints) -> Ints:
         """Return the rows of some groups (s,), one group after the other."""
@@ -63,11 +63,9 @@ def kernel_problem(grams: Floats, truth: Bools, groups: Ints, noise: float) -> P
     inverses = (inverses + inverses.transpose(0, 2, 1)) / 2
     duals = targets @ inverses
 
-    def score(left_out: Ints, nested: bool) -> tuple[Floats, Floats]:
-        held = np.empty((*duals.shape[:2], sizes[left_out].sum()))
-        decisions = np.empty(duals.shape)
-        score_without(left_out, inverses, duals, targets, starts, nested, held, decisions)
-        return held, decisions
+    def score(left_out: Ints, rows: Ints, nested: bool) -> tuple[Floats, Floats]:
+        held, others = score_without(left_out, rows, inverses, duals, targets, starts, nested)
+        return held, others
 
     return Problem(names, starts, np.repeat(2.0 / sizes, sizes), targets, duals, score)
 
@@ -102,19 +100,18 @@ def landmark_problem(
         (weights,) = _ridge_weights(grams[i : i + 1], products[i : i + 1], names[:0])
         duals[i] = solve_triangular(factor.T, weights, check_finite=False).T
 
-    def score(left_out: Ints, nested: bool) -> tuple[Floats, Floats]:
+    def score(left_out: Ints, rows: Ints, nested: bool) -> tuple[Floats, Floats]:
         decisions = np.zeros((n_modalities, *targets.shape))
         for fold in np.setdiff1d(np.arange(k), left_out):
-            rows = slice(starts[fold], starts[fold + 1])
+            others = slice(starts[fold], starts[fold + 1])
             out = np.append(left_out if nested else [], fold).astype(np.int64)
-            decisions[:, :, rows] = decide(out, features[:, rows])
-        return decide(left_out, features[:, problem.rows(left_out)]), decisions
+            decisions[:, :, others] = decide(out, features[:, others])
+        return decide(left_out, features[:, rows]), decisions
 
     def decide(left_out: Ints, some: Floats) -> Floats:
         return np.asarray((some @ _ridge_weights(grams, products, left_out)).transpose(0, 2, 1))
 
-    problem = Problem(names, starts, 2.0 / sizes[place.ravel()], targets, duals, score)
-    return problem
+    return Problem(names, starts, 2.0 / sizes[place.ravel()], targets, duals, score)
 
 
 def _ridge_weights(grams: Floats, products: Floats, left_out: Ints) -> Floats:
@@ -159,13 +156,16 @@ def leave_out(
     losses = np.zeros((len(sets), n_targets))
     log_odds = []
     for index, left_out in enumerate(np.asarray(sets, dtype=np.int64)):
-        held, decisions = problem.score(left_out, settings.nested)
-        remaining = problem.weights.copy()
-        remaining[problem.rows(left_out)] = 0.0
+        rows, remaining = problem.rows(left_out), problem.weights.copy()
+        held, decisions = problem.score(left_out, rows, settings.nested)
+        remaining[rows] = 0.0
         if warm is not None:
             weights[index] = warm
-        start = weights[index], losses[index]
-        fit_stackers(remaining, decisions, problem.targets, *stacker_options(settings), *start)
+        features, options = (
+            np.ascontiguousarray(decisions.swapaxes(0, 1)),
+            stacker_options(settings),
+        )
+        fit_stackers(remaining, features, problem.targets, *options, weights[index], losses[index])
         slopes = np.einsum("mpq,pm->pq", held, weights[index, :, 1:])
         log_odds.append(weights[index, :, :1] + slopes)
     return LeftOut(weights, log_odds, losses)

@@ -142,10 +142,14 @@ def fit_stacker(
     rate = np.empty(n)
     gradient, hessian = np.empty(size), np.empty((size, size))
     step, trial = np.empty(size), np.empty(size)
+    enough = 0.0
+    for i in range(n):
+        enough += weight[i]
+    enough *= _TOLERANCE
     value = _objective(theta, features, target, weight, ridge, rate)
     for _ in range(_MAX_ITERATIONS):
         _derivatives(theta, features, target, weight, ridge, rate, gradient, hessian)
-        if _newton_step(theta, gradient, hessian, nonnegative, step) < _TOLERANCE * weight.sum():
+        if _newton_step(theta, gradient, hessian, nonnegative, step) < enough:
             break
         length = 1.0
         for _ in range(_MAX_ITERATIONS):  # halve until nothing is lost
@@ -168,16 +172,13 @@ def _weigh(target: Floats, base: Floats, balanced: bool, weight: Floats) -> bool
     """Write `base`, times n/(2 n_c) of each class c, to `weight`; return if both classes remain."""
     positive, negative = 0.0, 0.0
     for i in range(len(target)):
-        weight[i] = base[i]
-        positive += weight[i] if target[i] > 0 else 0.0
-        negative += weight[i] if target[i] < 0 else 0.0
-    if positive == 0.0 or negative == 0.0:
-        return False
-    if balanced:
-        for i in range(len(target)):
-            class_weight = positive if target[i] > 0 else negative
-            weight[i] *= (positive + negative) / (2.0 * class_weight)
-    return True
+        positive += base[i] if target[i] > 0 else 0.0
+        negative += base[i] if target[i] < 0 else 0.0
+    for i in range(len(target)):
+        class_weight = positive if target[i] > 0 else negative
+        balance = (positive + negative) / (2.0 * class_weight) if balanced else 1.0
+        weight[i] = base[i] * balance
+    return positive > 0.0 and negative > 0.0
 
 
 @partial(_kernel, fastmath=True)
@@ -204,16 +205,15 @@ def _leave_set(
                 across[i, c] -= factor[i, j] * across[j, c]
         for c in range(n):
             across[i, c] /= factor[i, i]
-    solution = np.empty(q)
     for p in range(len(dual)):
         for i in range(q):
             known[p, i] = dual[p, rows[i]]
         _solve_lower(factor, known[p])
         for i in range(q):
-            solution[i] = known[p, i]
-        _solve_upper(factor, solution)
+            held[p, i] = known[p, i]
+        _solve_upper(factor, held[p])
         for i in range(q):
-            held[p, i] = target[p, rows[i]] - solution[i]
+            held[p, i] = target[p, rows[i]] - held[p, i]
 
 
 @partial(_kernel, fastmath=True)
@@ -255,25 +255,22 @@ def _score_others(
 
 @_kernel
 def score_without(
-    left_out: Ints, inverses: Floats, duals: Floats, targets: Floats, starts: Ints, nested: bool,
-    held: Floats, decisions: Floats,
-) -> None:  # fmt: skip
+    left_out: Ints, rows: Ints, inverses: Floats, duals: Floats, targets: Floats, starts: Ints,
+    nested: bool,
+) -> tuple[Floats, Floats]:  # fmt: skip
     """Decide by classifiers that never saw S: on S itself, and on each other object k.
 
-    S are the objects `left_out` (s,). `inverses` (M,n,n) and `duals` (M,P,n) are C^-1 and C^-1 y of
-    each modality, C = gram + noise; `targets` (P,n) are +-1; each object's rows begin at `starts`
-    (O+1,). With `nested` the others are scored without S as well, not only without themselves.
-    Writes decisions on the rows of S to `held` (M,P,q), and on the others' to `decisions` (M,P,n),
+    S are the objects `left_out` (s,), of `rows` (q,). `inverses` (M,n,n) and `duals` (M,P,n) are
+    C^-1 and C^-1 y of each modality, C = gram + noise; `targets` (P,n) are +-1; each object's rows
+    begin at `starts` (O+1,). With `nested` the others are scored without S as well, not only
+    without themselves. Returns decisions on the rows of S, (M,P,q), and on the others', (M,P,n),
     which are 0 on S.
     """
     n_modalities, n_targets, n = duals.shape
-    out, rows = np.zeros(len(starts) - 1, np.int64), np.empty(held.shape[2], np.int64)
-    row = 0
+    held, decisions = np.empty((n_modalities, n_targets, len(rows))), np.empty(duals.shape)
+    out = np.zeros(len(starts) - 1, np.int64)
     for k in left_out:
         out[k] = 1
-        for i in range(starts[k], starts[k + 1]):
-            rows[row] = i
-            row += 1
     across, known = np.empty((len(rows), n)), np.empty((n_targets, len(rows)))
     shared = len(rows) if nested else 0
     for m in range(n_modalities):
@@ -281,6 +278,7 @@ def score_without(
         _score_others(
             inverses[m], duals[m], targets, starts, out, across[:shared], known, decisions[m]
         )
+    return held, decisions
 
 
 @_kernel
@@ -288,17 +286,19 @@ def fit_stackers(
     base: Floats, decisions: Floats, targets: Floats, ridge: float, nonnegative: bool,
     balanced: bool, weights: Floats, losses: Floats,
 ) -> None:  # fmt: skip
-    """Fit one stacker an attribute on decisions (M,P,n) on recordings of weight `base` (n,).
+    """Fit one stacker an attribute on decisions (P,M,n) on recordings of weight `base` (n,).
 
     What is left out has the weight 0. Newton's method starts from `weights` (P,1+M), intercept and
     slopes, and leaves what it finds there, and the losses (P,); all zero where only one class
     remains.
     """
-    n_modalities, n_targets, n = decisions.shape
-    features, weight = np.empty((n_modalities, n)), np.empty(n)
-    for p in range(n_targets):
+    weight = np.empty(len(base))
+    for p in range(len(targets)):
         if _weigh(targets[p], base, balanced, weight):
-            features[:] = decisions[:, p]
-            losses[p] = fit_stacker(features, targets[p], weight, ridge, nonnegative, weights[p])
+            losses[p] = fit_stacker(
+                decisions[p], targets[p], weight, ridge, nonnegative, weights[p]
+            )
         else:
-            weights[p], losses[p] = 0.0, 0.0
+            losses[p] = 0.0
+            for j in range(weights.shape[1]):
+                weights[p, j] = 0.0

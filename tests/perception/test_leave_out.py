@@ -97,7 +97,8 @@ def test_decisions_equal_refits_without_the_objects(seed, sizes, n_out):
     problem = kernel_problem(grams, truth, objects, NOISE)
     left_out = np.random.default_rng(seed).permutation(len(sizes))[:n_out]
     out = np.isin(objects, left_out)
-    left, others = problem.score(left_out.astype(np.int64), True)
+    left_out = left_out.astype(np.int64)
+    left, others = problem.score(left_out, problem.rows(left_out), True)
     targets = np.where(truth, 1.0, -1.0)
     rows = np.concatenate([np.flatnonzero(objects == k) for k in left_out] + [[]]).astype(int)
     for m in range(2):
