@@ -41,9 +41,7 @@ _MEMBERS = {  # name -> dtype, axes
     "groups": ("<u2", 1),  # (O,), only where objects are left out by folds
 }
 _OPTIONAL = ("recording_counts", "groups")
-_TEXTS = {"domain": str, "objects": list, "attributes": list, "behaviors": list, "provenance": dict}
-_BINS = 2 << 24  # bytes that the training bins may unpack to
-_REST = 1 << 24  # and each other member
+_LARGEST = 2 << 24  # bytes that a member may unpack to
 
 
 def level_edges(edges: NDArray[np.float64], levels: int) -> NDArray[np.float64]:
@@ -260,38 +258,26 @@ def _read(path: Path, where: str, domain: Domain | None) -> PerceptTable:
     try:
         with zipfile.ZipFile(path) as archive:
             arrays = {
-                name: read_array(archive, name, *spec, _BINS if name == "training_bins" else _REST)
+                name: read_array(archive, name, *spec, _LARGEST)
                 for name, spec in _MEMBERS.items()
                 if name not in _OPTIONAL or f"{name}.npy" in archive.namelist()
             }
         meta = read_meta(arrays["meta"].tobytes(), _FORMAT)
+        if domain is None and "domain_table" in meta:
+            domain = domain_from_table(meta["domain_table"])
+        if domain is None and meta["domain"] not in domain_names():
+            raise SettingsError(
+                f"{where} is laid out for the domain {meta['domain']!r}, which does not ship; pass "
+                "domain=load_domain(<your table>.toml)."
+            )
+        return _in_domain_order(meta, arrays, domain or load_domain(meta["domain"]))
+    except (DataError, DomainError) as error:
+        raise DataError(f"{where}: {error}") from error
     except (*UNREADABLE, OSError) as error:
         raise DataError(
             f"{where} is not a whole percept table ({error}); make it again with "
             "`meal-bayes data percepts --dataset D`."
         ) from error
-    for key, wanted in _TEXTS.items():
-        texts = meta.get(key)
-        inside = texts.values() if isinstance(texts, dict) else texts
-        if not isinstance(texts, wanted) or not all(isinstance(text, str) for text in inside or ()):
-            raise DataError(f"{where} does not hold its {key}; make the table again.")
-    if len(set(meta["objects"])) < len(meta["objects"]):
-        raise DataError(f"{where} names an object twice; make the table again.")
-    if not np.isfinite(arrays["edges"]).all() or (np.abs(arrays["log_odds"]) > LIMIT).any():
-        raise DataError(f"{where}: expected log-odds within +-{LIMIT:g}; make the table again.")
-    if domain is None and "domain_table" not in meta and meta["domain"] not in domain_names():
-        raise SettingsError(
-            f"{where} is laid out for the domain {meta['domain']!r}, which does not ship; pass "
-            "domain=load_domain(<your table>.toml)."
-        )
-    try:
-        if domain is None and "domain_table" in meta:
-            domain = domain_from_table(meta["domain_table"])
-        return _in_domain_order(meta, arrays, domain or load_domain(meta["domain"]))
-    except DomainError as error:
-        raise DataError(f"{where} holds a domain that is not well formed: {error}") from error
-    except DataError as error:
-        raise DataError(f"{where}: {error}") from error
 
 
 def _in_domain_order(
@@ -303,30 +289,24 @@ def _in_domain_order(
         for name in names:
             if name not in meta[key]:
                 raise DataError(unknown(key[:-1], name, meta[key]))
+    objects, e = tuple(map(str, meta["objects"])), len(meta["behaviors"])
+    if len(set(objects)) < len(objects):
+        raise DataError("An object is named twice; make the table again.")
     labels, log_odds, bins = (arrays[key] for key in ("labels", "log_odds", "training_bins"))
-    o, p, e = (len(meta[key]) for key in ("objects", "attributes", "behaviors"))
-    r = log_odds.shape[1]
-    counts = arrays.get("recording_counts", np.full((o, e), r, np.uint16))
-    groups = arrays.get("groups", np.arange(o)).astype(np.int64)
-    g = int(groups.max(initial=-1)) + 1
-    shapes = (labels.shape, log_odds.shape, counts.shape, groups.shape, bins.shape[:4], g <= o)
-    if shapes != ((o, p), (o, r, e, p), (o, e), (o,), (o, p, e, g), True):
-        raise DataError("Names and arrays differ in number; make the table again.")
-    if (bins.sum(axis=-1, dtype=np.uint32) > r).any():
-        raise DataError("Expected no more counts than recordings; make the table again.")
+    every = np.full((len(objects), e), log_odds.shape[1])
     columns = [meta["attributes"].index(name) for name in domain.attributes]
     # Behaviors without modalities take the empty row that is appended.
     rows = [meta["behaviors"].index(b.name) if b.modalities else e for b in domain.behaviors]
-    if bins.size // max(p * e, 1) * len(columns) * len(rows) > 2 * _BINS:
+    if bins.size // max(bins[0, :, :, 0, 0].size, 1) * len(columns) * len(rows) > 2 * _LARGEST:
         raise DataError(f"{len(rows)} behaviors make a table that fits in no memory.")
     return PerceptTable(
         domain,
-        tuple(meta["objects"]),
+        objects,
         labels[:, columns],
         np.insert(log_odds, e, np.nan, axis=2)[:, :, rows][..., columns],
         arrays["edges"],
         np.insert(bins[:, columns], e, 0, axis=2)[:, :, rows].transpose(3, 0, 1, 2, 4),
-        meta["provenance"],
-        np.insert(counts, e, 0, axis=1)[:, rows],
-        groups,
+        {name: str(text) for name, text in meta["provenance"].items()},
+        np.insert(arrays.get("recording_counts", every), e, 0, axis=1)[:, rows],
+        arrays.get("groups"),  # type: ignore[arg-type]
     )
