@@ -29,9 +29,9 @@ from meal_bayes.files import draft_of
 from meal_bayes.learner.experience import Experience
 from meal_bayes.learner.fitted import Fitted
 from meal_bayes.perception import Perception
-from meal_bayes.perception.perceiver import BehaviorClassifier, KernelFit
+from meal_bayes.perception.perceiver import BehaviorClassifier
 from meal_bayes.perception.recordings import FeatureSpace
-from meal_bayes.perception.stacked import Stacker
+from meal_bayes.perception.stacked import KernelFit, Stacker
 from meal_bayes.posterior import ConfusionPosterior
 from meal_bayes.posterior.trait import SharedTrait
 from meal_bayes.untrusted import UNREADABLE, read_array, read_member, read_meta, write_array

@@ -1,5 +1,10 @@
 """Classifiers that must be trained anew for every fold: scikit-learn's, and the paper's.
 
+An object is never split. A decision on a fold comes from classifiers that never saw it, and what
+pools and calibrates decisions for a fold is fitted to decisions on other folds by classifiers that
+saw neither. So each set of at most three folds is left out once: with five, 25 trainings serve
+every object's percept table.
+
 A classifier of one's own: one clone an attribute learns from the features of all modalities side by
 side. A class-balanced stacker with a nonnegative slope calibrates its decisions, on objects that
 the clones never saw. So a classifier gains nothing by overfitting its objects or by preferring the
@@ -8,13 +13,15 @@ larger class.
 The paper's method (Sect. 4.2): a support vector machine for each modality, pooled by Cohen's kappa.
 A machine's decision becomes a probability by a sigmoid; its weight is the kappa of these
 probabilities, negative ones 0; the output is the weighted mean, or 1/2 where all weights are 0.
-Percepts include the base rate; they are no likelihood ratios. Decisions, sigmoids and weights are
-out of fold (see `folds`).
+Percepts include the base rate; they are no likelihood ratios.
 """
 
 import os
-from collections.abc import Sequence
-from functools import partial
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import cached_property, partial
+from itertools import combinations
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -24,127 +31,59 @@ from sklearn.svm import SVC
 
 from meal_bayes.arrays import Bools, Floats, Ints
 from meal_bayes.datasets.percepts import THRESHOLD
-from meal_bayes.perception.folds import (
-    UNKNOWN,
-    FoldProblem,
-    Machines,
-    nested_outputs,
-    table_outputs,
-)
-from meal_bayes.perception.leave_out import known_patterns, stacker_options
-from meal_bayes.perception.perceiver import Pool
+from meal_bayes.errors import DataError
+from meal_bayes.perception.perceiver import Rows
 from meal_bayes.perception.recordings import BehaviorRecordings, FeatureSpace, dealt
 from meal_bayes.perception.settings import PerceptionSettings
-from meal_bayes.perception.stacked import Stacker
+from meal_bayes.perception.stacked import Stacker, known_patterns, stacker_options
 from meal_bayes.perception.stacking import fit_stacker, fit_stackers
+
+Decisions = Mapping[frozenset[int], Floats]  # folds left out -> (n,M,P) of their rows
 
 _BOX = 10.0  # C of the support vector machines
 _SEED = 0  # of estimators with random states that are not set
 _LOOSE = 1e-2  # decisions are calibrated, and a tighter fit takes up to forty times longer
 _SOFT = 1e-4  # ridge of the sigmoid's slope, for decisions that separate the classes
+_SURE = 1e-3  # probabilities stay this far from 0 and 1: 50 trees that agree are not certain
+_UNKNOWN = -1  # fold of recordings whose labels are unknown: they are scored, never trained on
 
 
-class Part(NamedTuple):
-    """Attributes (a,) whose labels are known together, their machines and pool."""
+class Machines(NamedTuple):
+    """Estimators (M,P) of inputs and attributes, None where a class was missing, and their columns.
 
-    attributes: Ints
-    machines: Machines
-    pool: Pool
-
-
-class ClassifierFit(NamedTuple):
-    """A behavior fitted by scikit-learn, perhaps by the paper's method; a `BehaviorFit`."""
-
-    parts: tuple[Part, ...]
-    paper: bool
-    n_attributes: int
-
-    def scored(self, spaces: Sequence[FeatureSpace], rows: Sequence[Floats | None]) -> Floats:
-        """Return log-odds of "true", (B,P); a missing modality has its mean features."""
-        n = next(len(values) for values in rows if values is not None)
-        pairs = zip(spaces, rows, strict=True)
-        inputs: list[Floats | None]
-        if self.paper:
-            inputs = [None if values is None else s.similarity(values) for s, values in pairs]
-        else:
-            features = [np.zeros((n, len(s.varying))) if v is None else v for s, v in pairs]
-            inputs = [np.hstack(features)]
-        log_odds = np.zeros((n, self.n_attributes))
-        for attributes, machines, pool in self.parts:
-            log_odds[:, attributes] = pool.log_odds(machines.decide(inputs))
-        return log_odds
-
-
-def fit(
-    recordings: BehaviorRecordings, settings: PerceptionSettings
-) -> tuple[ClassifierFit, Floats]:
-    """Fit one behavior; as `stacked.fit`, nested outputs by folds."""
-    nested, parts = np.full(recordings.labels.shape, np.nan), []
-    for _, attributes in known_patterns(recordings.labels >= 0):
-        problem = _problem(recordings.of(attributes), settings)
-        nested[:, attributes], pool = nested_outputs(problem)
-        parts.append(Part(attributes, problem.train(problem.known), pool))
-    return ClassifierFit(tuple(parts), settings.method == "paper", len(nested.T)), nested
-
-
-def outputs(
-    recordings: BehaviorRecordings, held: Ints, settings: PerceptionSettings
-) -> tuple[Floats, Floats]:
-    """Score one behavior for the percept tables; as `stacked.outputs`, by folds of objects.
-
-    The paper's machine that scores held-out o has seen all other objects, where they are few;
-    everything else for o (its sigmoids and weights, the training side) leaves o's whole fold out.
+    An input is what an estimator learns from: the features of all modalities, or the kernel of one
+    modality between recordings, whose columns are the recordings trained on.
     """
-    by_object = settings.method == "paper" and not recordings.large
-    return table_outputs(_problem(recordings, settings), held, by_object=by_object)
+
+    estimators: tuple[tuple[Any, ...], ...]
+    columns: Bools | slice
+
+    def decide(self, inputs: Sequence[Floats | None]) -> Floats:
+        """Return decisions (B,M,P) on inputs (B,d): 0 where a class was missing, NaN of None."""
+        n = next(len(values) for values in inputs if values is not None)
+        decisions = np.zeros((n, len(inputs), len(self.estimators[0])))
+        for m, p in np.ndindex(decisions.shape[1:]):
+            values, estimator = inputs[m], self.estimators[m][p]
+            if values is None:
+                decisions[:, m, p] = np.nan
+            elif estimator is not None:
+                decisions[:, m, p] = _decisions(estimator, values[:, self.columns])
+        return decisions
 
 
-def _problem(recordings: BehaviorRecordings, settings: PerceptionSettings) -> FoldProblem:
-    """Build the fold problem of recordings of which all labels are known, or none.
-
-    Neighbors are in different folds. Many objects have the same folds for every behavior.
-    """
-    objects, known = recordings.objects, recordings.labels[:, 0] >= 0
-    units = dealt(objects, settings.folds) if recordings.large else objects
-    folds = np.where(known, units, UNKNOWN)
-    if not recordings.large:
-        folds[known] = np.unique(objects[known], return_inverse=True)[1].ravel() % settings.folds
-    data = recordings.labels == 1, objects, folds, units
-    if settings.method == "paper":
-        machine = SVC(C=_BOX, kernel="precomputed", tol=_LOOSE)
-        # Support vector machines train without the interpreter's lock; forests, below, set the
-        # process's warning filters.
-        threads = os.cpu_count() or 1
-        return FoldProblem(recordings.kernels(), *data, machine, KappaPool.fitted, threads)
-    features = np.hstack([space.rows for space in recordings.spaces])[None]
-    pool = partial(_fit_stacker, settings=settings)
-    return FoldProblem(features, *data, repeatable(settings.classifier), pool)
-
-
-def repeatable(classifier: Any) -> Any:
-    """Return a clone whose unset random states are set, so that equal calls give equal results."""
-    parameters = clone(classifier).get_params().items()
-    unset = [n for n, v in parameters if v is None and n.split("__")[-1] == "random_state"]
-    return clone(classifier).set_params(**dict.fromkeys(unset, _SEED))
-
-
-def _fit_stacker(
-    decisions: Floats, truth: Bools, objects: Ints, settings: PerceptionSettings
-) -> Stacker:
-    """Calibrate decisions (r,1,P), each in units of its standard deviation: all share a ridge."""
-    n_attributes = truth.shape[1]
-    weights = np.zeros((n_attributes, 2))
-    if not len(truth):
-        return Stacker(weights)
-    scale = decisions.std(axis=0)  # (1,P)
-    scale = np.where(scale > 0, scale, 1.0)
-    _, place, sizes = np.unique(objects, return_inverse=True, return_counts=True)
-    features = np.ascontiguousarray((decisions / scale).transpose(2, 1, 0))
-    targets, losses = np.ascontiguousarray(np.where(truth, 1.0, -1.0).T), np.zeros(n_attributes)
-    base, options = 2.0 / sizes[place.ravel()], stacker_options(settings)
-    fit_stackers(base, features, targets, *options, weights, losses)
-    weights[:, 1] /= scale[0]
-    return Stacker(weights)
+def _decisions(estimator: Any, features: Floats) -> Floats:
+    """Return one number a row, which rises with the probability of "true"."""
+    if hasattr(estimator, "decision_function"):
+        decisions = np.asarray(estimator.decision_function(features), np.float64)
+    else:
+        prob = np.asarray(estimator.predict_proba(features), np.float64)
+        decisions = logit(np.clip(prob[:, list(estimator.classes_).index(1)], _SURE, 1 - _SURE))
+    if decisions.shape != (len(features),) or not np.isfinite(decisions).all():
+        raise DataError(
+            f"{type(estimator).__name__} decided {decisions.shape} numbers, perhaps not finite; "
+            f"expected one finite number for each of {len(features)} recordings."
+        )
+    return decisions
 
 
 class KappaPool(NamedTuple):
@@ -191,3 +130,217 @@ def fit_sigmoid(decisions: Floats, truth: Bools) -> Floats:
     target = np.repeat([1.0, -1.0], number)
     fit_stacker(features, target, np.concatenate([soft, 1 - soft]), _SOFT, False, theta)
     return theta
+
+
+@dataclass(frozen=True)
+class FoldProblem:
+    """Recordings of one behavior, the folds of their objects, and how classifiers are trained.
+
+    Inputs (M,n,d) are those of `Machines`; objects (n,) rise; folds (n,) are those of the
+    recordings' objects, units (n,) what a percept table holds out: objects, or folds where there
+    are many. `fit_pool` takes decisions (r,M,P), truth (r,P) and objects (r,) of some rows, decided
+    by those who never saw them; r may be 0. More than one thread trains only where training is
+    thread-safe.
+    """
+
+    inputs: Floats
+    truth: Bools
+    objects: Ints
+    folds: Ints
+    units: Ints
+    estimator: Any
+    fit_pool: Callable[[Floats, Bools, Ints], Stacker | KappaPool]
+    threads: int = 1
+
+    @cached_property
+    def known(self) -> Bools:
+        """Bools that may be trained on."""
+        return np.asarray(self.folds != _UNKNOWN)
+
+    @cached_property
+    def names(self) -> list[int]:
+        """The folds."""
+        return list(map(int, np.unique(self.folds[self.known])))
+
+    def train(self, rows: Bools) -> Machines:
+        """Train clones of the estimator on some rows, by their labels alone."""
+        pairwise = getattr(self.estimator, "kernel", None) == "precomputed"
+        columns = rows if pairwise else slice(None)
+        fitted = tuple(
+            tuple(
+                clone(self.estimator).fit(values[rows][:, columns], labels)
+                if 0 < labels.sum() < len(labels)
+                else None
+                for labels in self.truth[rows].T.astype(int)
+            )
+            for values in self.inputs
+        )
+        return Machines(fitted, columns)
+
+    def decide(self, trained_on: Bools, rows: Bools) -> Floats:
+        """Train on some rows, and decide on others, (B,M,P)."""
+        return self.train(trained_on).decide([values[rows] for values in self.inputs])
+
+    def decide_without(self, most: int) -> Decisions:
+        """Train without every set of at most so many folds, and decide on their rows."""
+        sets = [frozenset(s) for k in range(1, most + 1) for s in combinations(self.names, k)]
+
+        def decide(left_out: frozenset[int]) -> Floats:
+            out = np.isin(self.folds, list(left_out))
+            decisions = np.full((len(self.folds), len(self.inputs), self.truth.shape[1]), np.nan)
+            rest = self.known & ~out
+            decisions[out] = self.decide(rest, out) if rest.any() else 0.0
+            return decisions
+
+        with ThreadPoolExecutor(self.threads) as workers:
+            return dict(zip(sets, workers.map(decide, sets), strict=True))
+
+
+def _pool(
+    problem: FoldProblem, decisions: Decisions, left_out: frozenset[int] = frozenset()
+) -> Stacker | KappaPool:
+    """Fit a pool to decisions inside the folds that remain, each by who saw the others only."""
+    remaining = [fold for fold in problem.names if fold not in left_out]
+    rows = np.isin(problem.folds, remaining) & (len(remaining) > 1)  # else nothing is out of fold
+    inside = np.empty((len(rows), len(problem.inputs), problem.truth.shape[1]))
+    for fold in remaining:
+        rows_of_fold = problem.folds == fold
+        inside[rows_of_fold] = decisions[left_out | {fold}][rows_of_fold]
+    return problem.fit_pool(inside[rows], problem.truth[rows], problem.objects[rows])
+
+
+def _nested(
+    problem: FoldProblem, decisions: Decisions, left_out: frozenset[int] = frozenset()
+) -> Floats:
+    """Score each fold by classifiers and pools that saw neither it nor `left_out`, (n,P)."""
+    outputs = np.full(problem.truth.shape, np.nan)
+    for fold in problem.names:
+        if fold not in left_out:
+            rows, without = problem.folds == fold, left_out | {fold}
+            outputs[rows] = _pool(problem, decisions, without).log_odds(decisions[without][rows])
+    return outputs
+
+
+class Part(NamedTuple):
+    """Attributes (a,) whose labels are known together, their machines and pool."""
+
+    attributes: Ints
+    machines: Machines
+    pool: Stacker | KappaPool
+
+
+class ClassifierFit(NamedTuple):
+    """A behavior fitted by scikit-learn, perhaps by the paper's method; a `BehaviorFit`."""
+
+    parts: tuple[Part, ...]
+    paper: bool
+    n_attributes: int
+
+    def scored(self, spaces: Sequence[FeatureSpace], rows: Rows) -> Floats:
+        """Return log-odds of "true", (B,P); a missing modality has its mean features."""
+        n = next(len(values) for values in rows if values is not None)
+        pairs = zip(spaces, rows, strict=True)
+        inputs: list[Floats | None]
+        if self.paper:
+            inputs = [None if v is None else space.similarity(v) for space, v in pairs]
+        else:
+            parts = [np.zeros((n, len(s.varying))) if v is None else v for s, v in pairs]
+            inputs = [np.hstack(parts)]
+        log_odds = np.zeros((n, self.n_attributes))
+        for attributes, machines, pool in self.parts:
+            log_odds[:, attributes] = pool.log_odds(machines.decide(inputs))
+        return log_odds
+
+
+def fit(
+    recordings: BehaviorRecordings, settings: PerceptionSettings
+) -> tuple[ClassifierFit, Floats]:
+    """Fit one behavior; as `stacked.fit`, nested outputs by folds."""
+    nested, parts = np.full(recordings.labels.shape, np.nan), []
+    for _, attributes in known_patterns(recordings.labels >= 0):
+        problem = _problem(recordings.of(attributes), settings)
+        decisions = problem.decide_without(2)
+        nested[:, attributes] = _nested(problem, decisions)
+        pool = _pool(problem, decisions)
+        parts.append(Part(attributes, problem.train(problem.known), pool))
+    return ClassifierFit(tuple(parts), settings.method == "paper", len(nested.T)), nested
+
+
+def outputs(
+    recordings: BehaviorRecordings, held: Ints, settings: PerceptionSettings
+) -> tuple[Floats, Floats]:
+    """Score one behavior for the percept tables; as `stacked.outputs`, by folds of objects.
+
+    All that is done for held-out o leaves o's whole fold out. But the paper's machine that scores
+    o itself is trained anew on all other objects, where they are few.
+    """
+    problem = _problem(recordings, settings)
+    decisions = problem.decide_without(3)
+    held_outputs = _nested(problem, decisions)
+    training = np.tile(held_outputs, (len(held), 1, 1))
+    for h in problem.names:
+        side = _nested(problem, decisions, frozenset([h]))
+        inside = problem.folds == h  # o's fellows are scored without the fold, as is all else
+        side[inside] = held_outputs[inside]
+        training[np.isin(held, problem.units[inside])] = side
+    if settings.method == "paper" and not recordings.large:
+        pools = {h: _pool(problem, decisions, frozenset([h])) for h in problem.names}
+
+        def decide_anew(o: int) -> None:
+            single = problem.objects == o
+            fresh = problem.decide(problem.known & ~single, single)
+            held_outputs[single] = pools[int(problem.folds[single][0])].log_odds(fresh)
+
+        with ThreadPoolExecutor(problem.threads) as workers:
+            list(workers.map(decide_anew, np.intersect1d(held, problem.objects[problem.known])))
+    unknown = ~problem.known
+    if unknown.any():
+        decided = problem.decide(problem.known, unknown)
+        held_outputs[unknown] = _pool(problem, decisions).log_odds(decided)
+    return held_outputs, training
+
+
+def _problem(recordings: BehaviorRecordings, settings: PerceptionSettings) -> FoldProblem:
+    """Build the fold problem of recordings of which all labels are known, or none.
+
+    Neighbors are in different folds. Many objects have the same folds for every behavior.
+    """
+    objects, known = recordings.objects, recordings.labels[:, 0] >= 0
+    units = dealt(objects, settings.folds) if recordings.large else objects
+    folds = np.where(known, units, _UNKNOWN)
+    if not recordings.large:
+        folds[known] = np.unique(objects[known], return_inverse=True)[1].ravel() % settings.folds
+    data = recordings.labels == 1, objects, folds, units
+    if settings.method == "paper":
+        machine = SVC(C=_BOX, kernel="precomputed", tol=_LOOSE)
+        # Support vector machines train without the interpreter's lock; forests, below, set the
+        # process's warning filters.
+        threads = os.cpu_count() or 1
+        return FoldProblem(recordings.kernels(), *data, machine, KappaPool.fitted, threads)
+    features = np.hstack([space.rows for space in recordings.spaces])[None]
+    pool = partial(_fit_stacker, settings=settings)
+    return FoldProblem(features, *data, repeatable(settings.classifier), pool)
+
+
+def repeatable(classifier: Any) -> Any:
+    """Return a clone whose unset random states are set, so that equal calls give equal results."""
+    parameters = clone(classifier).get_params().items()
+    unset = [n for n, v in parameters if v is None and n.split("__")[-1] == "random_state"]
+    return clone(classifier).set_params(**dict.fromkeys(unset, _SEED))
+
+
+def _fit_stacker(
+    decisions: Floats, truth: Bools, objects: Ints, settings: PerceptionSettings
+) -> Stacker:
+    """Calibrate decisions (r,1,P), each in units of its standard deviation: all share a ridge."""
+    weights = np.zeros((truth.shape[1], 2))
+    if len(truth):
+        scale = decisions.std(axis=0)[0]
+        scale = np.where(scale > 0, scale, 1.0)
+        _, place, sizes = np.unique(objects, return_inverse=True, return_counts=True)
+        features = np.ascontiguousarray((decisions / scale).transpose(2, 1, 0))
+        targets, losses = np.where(truth, 1.0, -1.0).T.copy(), np.zeros(len(weights))
+        base, options = 2.0 / sizes[place.ravel()], stacker_options(settings)
+        fit_stackers(base, features, targets, *options, weights, losses)
+        weights[:, 1] /= scale
+    return Stacker(weights)

@@ -21,11 +21,10 @@ from meal_bayes.datasets import Dataset, TrainingSet
 from meal_bayes.datasets.percepts import BIN_EDGES, levels_of, round_log_odds
 from meal_bayes.perception import stacked
 from meal_bayes.perception.confusion import youden
-from meal_bayes.perception.leave_out import NOBODY, Problem, leave_out
 from meal_bayes.perception.perceiver import BehaviorClassifier, Perception
 from meal_bayes.perception.recordings import BehaviorRecordings, Spaces, gather
 from meal_bayes.perception.settings import DEFAULT, PerceptionSettings
-from meal_bayes.perception.stacked import parts
+from meal_bayes.perception.stacked import NOBODY, Problem, leave_out, parts
 
 Map = Callable[[Callable[[Any], Any], Iterable[Any]], Iterable[Any]]  # as `map`, in any order
 

@@ -5,7 +5,7 @@ Behaviors that ask are answered by a person, who knows the labels.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +16,7 @@ from meal_bayes.datasets.percepts import BIN_EDGES, PerceptTable, levels_of, rou
 from meal_bayes.display import short_repr
 from meal_bayes.domain import Domain, Query
 from meal_bayes.errors import DataError, SettingsError
-from meal_bayes.perception.recordings import FeatureSpace, joint_kernel
+from meal_bayes.perception.recordings import FeatureSpace
 
 Rows = Sequence[Floats | None]  # each modality's standardized rows (B,d); None: it is missing
 
@@ -127,42 +127,12 @@ class SampledPercepts(FrozenArrays):
         return np.asarray((rng.random((len(edges), 1)) >= edges).sum(axis=-1), np.int8)
 
 
-class Pool(Protocol):
-    """Combination of the modalities' decisions."""
-
-    def log_odds(self, decisions: Floats) -> Floats:
-        """Return log-odds of "true", (B,P), from decisions (B,M,P), NaN of a missing modality."""
-        ...
-
-
 class BehaviorFit(Protocol):
     """A behavior fitted to recordings."""
 
     def scored(self, spaces: Sequence[FeatureSpace], rows: Rows) -> Floats:
         """Return log-odds of "true", (B,P)."""
         ...
-
-
-class KernelFit(NamedTuple):
-    """A classifier for each of M kernels (of the modalities, perhaps a joint one), and their pool.
-
-    `dual` (M,P,m) is the weight of each recording, or landmark, in the classifiers' decisions.
-    """
-
-    dual: Floats
-    pool: Pool
-
-    def scored(self, spaces: Sequence[FeatureSpace], rows: Rows) -> Floats:
-        """Return log-odds of "true", (B,P); the joint kernel is that of the modalities there."""
-        known = [(m, values) for m, values in enumerate(rows) if values is not None]
-        kernels = np.stack([spaces[m].similarity(values) for m, values in known])
-        present = [m for m, _ in known]
-        if len(self.dual) > len(spaces):
-            kernels = np.concatenate([kernels, joint_kernel(kernels)[None]])
-            present.append(len(spaces))
-        decisions = np.full((len(self.dual), kernels.shape[1], self.dual.shape[1]), np.nan)
-        decisions[present] = kernels @ self.dual[present].transpose(0, 2, 1)
-        return self.pool.log_odds(decisions.transpose(1, 0, 2))
 
 
 @dataclass(frozen=True, slots=True)

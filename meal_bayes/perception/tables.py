@@ -28,9 +28,9 @@ from meal_bayes.domain import unknown
 from meal_bayes.errors import SettingsError
 from meal_bayes.perception.confusion import by_truth, youden
 from meal_bayes.perception.fitting import Map, learned_widths, method_of
-from meal_bayes.perception.leave_out import known_patterns
 from meal_bayes.perception.recordings import BehaviorRecordings, gather, groups_of, number_in_object
 from meal_bayes.perception.settings import NAMED, PerceptionSettings, with_classifier
+from meal_bayes.perception.stacked import known_patterns
 from meal_bayes.version import package_version
 
 Halves = NDArray[np.float16]

@@ -24,9 +24,8 @@ from meal_bayes.perception import (
     with_classifier,
 )
 from meal_bayes.perception.fitting import learned_widths
-from meal_bayes.perception.leave_out import each_group, kernel_problem
 from meal_bayes.perception.recordings import dealt, gather
-from meal_bayes.perception.stacked import NOISE
+from meal_bayes.perception.stacked import NOISE, each_group, kernel_problem
 
 ALL = replace(DEFAULT, positive_youden_only=False)
 FEW = [DEFAULT, replace(PAPER, folds=4), with_classifier(GaussianNB(), folds=4)]

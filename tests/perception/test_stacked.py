@@ -13,7 +13,8 @@ from meal_bayes.datasets import TrainingSet
 from meal_bayes.datasets.percepts import BIN_EDGES, THRESHOLD, levels_of, round_log_odds
 from meal_bayes.perception import DEFAULT, build_percept_table, fit_and_validate, table_counts
 from meal_bayes.perception.confusion import youden
-from meal_bayes.perception.leave_out import (
+from meal_bayes.perception.recordings import dealt
+from meal_bayes.perception.stacked import (
     NOBODY,
     RIDGE,
     each_group,
@@ -21,7 +22,6 @@ from meal_bayes.perception.leave_out import (
     landmark_problem,
     leave_out,
 )
-from meal_bayes.perception.recordings import dealt
 from meal_bayes.perception.stacking import fit_stacker
 
 NOISE = 0.2
