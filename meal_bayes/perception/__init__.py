@@ -5,11 +5,10 @@ says of the queried attributes) and confusion counts (what such percepts were wo
 """
 
 from meal_bayes.perception.confusion import table_counts
-from meal_bayes.perception.fitting import fit_and_validate
+from meal_bayes.perception.fitting import build_percept_table, fit_and_validate
 from meal_bayes.perception.perceiver import Perceiver, Perception, RecordedPercepts, SampledPercepts
 from meal_bayes.perception.recordings import fit_spaces
 from meal_bayes.perception.settings import DEFAULT, PAPER, PerceptionSettings, with_classifier
-from meal_bayes.perception.tables import build_percept_table
 
 __all__ = [
     "DEFAULT", "PAPER", "Perceiver", "Perception", "PerceptionSettings", "RecordedPercepts",
