@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meal_bayes.datasets import PerceptTable, load_percepts, save_percepts
-from meal_bayes.datasets.download import fetch
-from meal_bayes.datasets.sources import source
+from meal_bayes.datasets.sources import fetch, source
 from meal_bayes.domain import Domain, load_domain
 from paper_repro.agents import ASK
 from paper_repro.frame import HERE, Setting, paper_values

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from meal_bayes.datasets import download, load_dataset, load_percepts, registry
+from meal_bayes.datasets import load_dataset, load_percepts, registry, sources
 from meal_bayes.perception import build_percept_table
 
 HOME = "shiqizhang6/perception_pomdp/4ab4abf1a47ce184f0327d3c143533d482c2604c/data/icra2014"
@@ -21,7 +21,7 @@ def mirror(tmp_path, monkeypatch, run):
     path.parent.mkdir(parents=True)
     path.write_text("light_brown_rice")
     rows = {f"{HOME}/objects.txt": hashlib.sha256(path.read_bytes()).hexdigest()}
-    monkeypatch.setattr(download, "registry", lambda _data: rows)
+    monkeypatch.setattr(sources, "registry", lambda _data: rows)
     monkeypatch.setattr("meal_bayes.datasets.registry", lambda _data: rows)
     monkeypatch.setenv("MEAL_BAYES_DATA_URL", str(tmp_path / "mirror"))
     monkeypatch.delenv("MEAL_BAYES_OFFLINE")

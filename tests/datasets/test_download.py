@@ -7,8 +7,8 @@ import threading
 
 import pytest
 
-from meal_bayes.datasets import download, load_dataset
-from meal_bayes.datasets.download import fetch, registry, verify
+from meal_bayes.datasets import load_dataset, sources
+from meal_bayes.datasets.sources import fetch, registry, verify
 from meal_bayes.domain import load_domain
 from meal_bayes.errors import DownloadError, SettingsError
 
@@ -25,7 +25,7 @@ def mirror(tmp_path, monkeypatch):
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(text)
         rows[f"{HOME}/{name}"] = hashlib.sha256(text.encode()).hexdigest()
-    monkeypatch.setattr(download, "registry", lambda _data: rows)
+    monkeypatch.setattr(sources, "registry", lambda _data: rows)
     monkeypatch.setenv("MEAL_BAYES_DATA_DIR", str(tmp_path / "cache"))
     monkeypatch.setenv("MEAL_BAYES_DATA_URL", str(folder))
     monkeypatch.delenv("MEAL_BAYES_OFFLINE", raising=False)
