@@ -59,9 +59,9 @@ def _rows(values: Any, objects: Sequence[str], context: Context) -> FeatureRows:
         frame = values if "object" in values.columns else values.reset_index()
         if "object" not in frame.columns:
             raise DataError(f"{source}: found a frame without a column 'object'; add one.")
-        numbered = "recording" in frame.columns
-        recordings = frame["recording"] if numbered else frame.groupby("object").cumcount()
-        keys = list(zip(frame["object"].astype(str), recordings.astype(str), strict=True))
+        if "recording" not in frame.columns:
+            frame = frame.assign(recording=frame.groupby("object").cumcount())
+        keys = list(frame[_KEYS].astype(str).itertuples(index=False, name=None))
         table = _numbers(frame.drop(columns=[*_KEYS, "index"], errors="ignore"), source)
     else:
         if not isinstance(values, Mapping):
@@ -147,12 +147,9 @@ def join_features(
     tables: dict[Context, tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.floating]]] = {}
     for context, rows in contexts:
         row_of = _row_of(rows, place)
-        order = by_behavior.get(context[0])
-        if order is None:
-            numbers = [str(k) for k in range(1, (recordings or 0) + 1)]
-            every = product(objects, numbers) if numbers else row_of
-            order = sorted(every, key=lambda key: (place[key[0]], len(key[1]), key[1]))
-            by_behavior[context[0]] = order
+        every = product(objects, map(str, range(1, recordings + 1))) if recordings else row_of
+        natural = sorted(every, key=lambda key: (place[key[0]], len(key[1]), key[1]))
+        order = by_behavior.setdefault(context[0], natural)
         for key in sorted(row_of.keys() - set(order), key=row_of.__getitem__):
             known = [recording for name, recording in order if name == key[0]]
             content, where = f"recording {key[1]!r} of {key[0]}", rows.places[row_of[key]]

@@ -15,10 +15,10 @@ import hashlib
 import logging
 import os
 import shutil
-from collections import Counter
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections import defaultdict
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import compress
+from itertools import count
 from pathlib import Path
 
 import numpy as np
@@ -33,7 +33,6 @@ from meal_bayes.errors import DataError, DownloadError, SettingsError
 
 log = logging.getLogger("meal_bayes.datasets")
 
-PUBLIC_BASE = "https://raw.githubusercontent.com/"
 _WITHOUT = "the embedded percepts (`load_percepts`) need no download"
 _OVERFLOW = 2.0**31  # a 32-bit count whose sign bit is set lies this much too low
 
@@ -79,12 +78,8 @@ def load_roc36(domain: Domain, folder: Path) -> Dataset:
         words[name] = name.split("_")
 
     def numbered(_: Context, rows: FeatureRows) -> FeatureRows:
-        so_far: Counter[str] = Counter()
-        keys = []
-        for (name,) in rows.keys:
-            so_far[name] += 1
-            keys.append((name, str(so_far[name])))
-        return rows._replace(keys=keys)
+        numbers: dict[str, Iterator[int]] = defaultdict(lambda: count(1))
+        return rows._replace(keys=[(name, str(next(numbers[name]))) for (name,) in rows.keys])
 
     files = folder / "sensorimotor_features/{}-{}.txt"
     features = _features(domain, list(words), files, ["object"], 10, numbered)
@@ -116,15 +111,13 @@ def load_ispy32(domain: Domain, folder: Path) -> Dataset:
 
     files = folder / "corl_features/{}_{}.txt"
     features = _features(domain, objects, files, ["object", "trial"], 5, named)
-    table = load_percepts("ispy32")
-    words: dict[str, list[str]] = {}
+    table = load_percepts("ispy32", domain=domain)
     for name in objects:
         if name not in table.objects:
             known = unknown("object", name, table.objects)
             raise DataError(f"ISPY32 has no labels of it. {known}")
-        true = table.labels[table.objects.index(name)] == 1
-        words[name] = list(compress(table.domain.attributes, true))
-    return Dataset(domain, objects, features, _labels(domain, words, "ISPY32"))
+    labels = table.labels[[table.objects.index(name) for name in objects]]
+    return Dataset(domain, objects, features, labels)
 
 
 def load_cy101(domain: Domain, folder: Path) -> Dataset:
@@ -302,7 +295,7 @@ def fetch(data: str) -> Path:
     import pooch  # noqa: PLC0415  as above
 
     folder = cache_folder()
-    base = os.environ.get("MEAL_BAYES_DATA_URL") or PUBLIC_BASE
+    base = os.environ.get("MEAL_BAYES_DATA_URL") or "https://raw.githubusercontent.com"
     base = base.removeprefix("file://").rstrip("/") + "/"
     if os.environ.get("MEAL_BAYES_OFFLINE", "0") not in ("", "0"):
         bad = [(path, state) for path, state in verify(data) if state != "ok"]

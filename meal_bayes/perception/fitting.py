@@ -16,7 +16,7 @@ o, o' and o'' take their place; the methods "paper" and "classifier" leave folds
 
 import hashlib
 from collections.abc import Callable, Iterable
-from dataclasses import fields
+from dataclasses import fields, replace
 from functools import partial
 from types import ModuleType
 from typing import Any
@@ -101,12 +101,11 @@ def fit_and_validate(
     width, _ = learned_widths(gathered.values(), settings)
     for e, recordings in gathered.items():
         fit, nested = method_of(settings).fit(recordings.widened(width), settings)
-        used = np.ones(shape[1], np.bool_)
-        if settings.positive_youden_only:
-            used = youden(_count(recordings, nested, 2, len(counts)).sum(axis=0)) > 0
+        informed = youden(_count(recordings, nested, 2, len(counts)).sum(axis=0)) > 0
+        used = informed | (not settings.positive_youden_only)
         shown = np.where(used, nested, 0.0)
         counts[:, :, e] = _count(recordings, shown, settings.levels, len(counts))
-        wide = [space.widened(width) for space in recordings.compared]
+        wide = [replace(space, width=width * space.width) for space in recordings.compared]
         spaces_of = dict(zip(domain.behaviors[e].modalities, wide, strict=True))
         classifiers[domain.behaviors[e].name] = BehaviorClassifier(spaces_of, fit, used)
     return Perception(domain, classifiers, dataset.labels, settings.levels), counts

@@ -50,10 +50,6 @@ class FeatureSpace(FrozenArrays):
         rows = np.clip((squashed - self.center) / self.scale, -_FAR, _FAR)
         return np.asarray(rows if self.mix is None else rows @ self.mix)
 
-    def widened(self, factor: float) -> "FeatureSpace":
-        """Return the space with a wider kernel."""
-        return replace(self, width=factor * self.width)
-
     def similarity(self, rows: Floats) -> Floats:
         """Compute the kernel of standardized rows (B,d) with this space's recordings, (B,n)."""
         product = rows @ self.rows.T
