@@ -25,6 +25,7 @@ from itertools import combinations
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import expit, logit
 from sklearn.base import clone
 from sklearn.svm import SVC
@@ -35,7 +36,7 @@ from meal_bayes.errors import DataError
 from meal_bayes.perception.perceiver import Rows
 from meal_bayes.perception.recordings import BehaviorRecordings, FeatureSpace, dealt
 from meal_bayes.perception.settings import PerceptionSettings
-from meal_bayes.perception.stacked import Stacker, known_patterns, stacker_options
+from meal_bayes.perception.stacked import RIDGE, Stacker
 from meal_bayes.perception.stacking import fit_stacker, fit_stackers
 
 Decisions = Mapping[frozenset[int], Floats]  # folds left out -> (n,M,P) of their rows
@@ -55,15 +56,15 @@ class Machines(NamedTuple):
     modality between recordings, whose columns are the recordings trained on.
     """
 
-    estimators: tuple[tuple[Any, ...], ...]
+    estimators: NDArray[np.object_]
     columns: Bools | slice
 
     def decide(self, inputs: Sequence[Floats | None]) -> Floats:
         """Return decisions (B,M,P) on inputs (B,d): 0 where a class was missing, NaN of None."""
         n = next(len(values) for values in inputs if values is not None)
-        decisions = np.zeros((n, len(inputs), len(self.estimators[0])))
-        for m, p in np.ndindex(decisions.shape[1:]):
-            values, estimator = inputs[m], self.estimators[m][p]
+        decisions = np.zeros((n, *self.estimators.shape))
+        for m, p in np.ndindex(self.estimators.shape):
+            values, estimator = inputs[m], self.estimators[m, p]
             if values is None:
                 decisions[:, m, p] = np.nan
             elif estimator is not None:
@@ -166,15 +167,11 @@ class FoldProblem:
         """Train clones of the estimator on some rows, by their labels alone."""
         pairwise = getattr(self.estimator, "kernel", None) == "precomputed"
         columns = rows if pairwise else slice(None)
-        fitted = tuple(
-            tuple(
-                clone(self.estimator).fit(values[rows][:, columns], labels)
-                if 0 < labels.sum() < len(labels)
-                else None
-                for labels in self.truth[rows].T.astype(int)
-            )
-            for values in self.inputs
-        )
+        fitted = np.full((len(self.inputs), self.truth.shape[1]), None)
+        for m, p in np.ndindex(fitted.shape):
+            labels = self.truth[rows, p].astype(int)
+            if 0 < labels.sum() < len(labels):
+                fitted[m, p] = clone(self.estimator).fit(self.inputs[m][rows][:, columns], labels)
         return Machines(fitted, columns)
 
     def decide(self, trained_on: Bools, rows: Bools) -> Floats:
@@ -188,8 +185,7 @@ class FoldProblem:
         def decide(left_out: frozenset[int]) -> Floats:
             out = np.isin(self.folds, list(left_out))
             decisions = np.full((len(self.folds), len(self.inputs), self.truth.shape[1]), np.nan)
-            rest = self.known & ~out
-            decisions[out] = self.decide(rest, out) if rest.any() else 0.0
+            decisions[out] = self.decide(self.known & ~out, out)
             return decisions
 
         with ThreadPoolExecutor(self.threads) as workers:
@@ -257,8 +253,8 @@ def fit(
 ) -> tuple[ClassifierFit, Floats]:
     """Fit one behavior; as `stacked.fit`, nested outputs by folds."""
     nested, parts = np.full(recordings.labels.shape, np.nan), []
-    for _, attributes in known_patterns(recordings.labels >= 0):
-        problem = _problem(recordings.of(attributes), settings)
+    for attributes, part in recordings.parts():
+        problem = _problem(part, settings)
         decisions = problem.decide_without(2)
         nested[:, attributes] = _nested(problem, decisions)
         pool = _pool(problem, decisions)
@@ -340,7 +336,7 @@ def _fit_stacker(
         _, place, sizes = np.unique(objects, return_inverse=True, return_counts=True)
         features = np.ascontiguousarray((decisions / scale).transpose(2, 1, 0))
         targets, losses = np.where(truth, 1.0, -1.0).T.copy(), np.zeros(len(weights))
-        base, options = 2.0 / sizes[place.ravel()], stacker_options(settings)
-        fit_stackers(base, features, targets, *options, weights, losses)
+        base, options = 2.0 / sizes[place.ravel()], (settings.nonnegative, settings.balanced)
+        fit_stackers(base, features, targets, RIDGE, *options, weights, losses)
         weights[:, 1] /= scale
     return Stacker(weights)

@@ -42,7 +42,7 @@ from meal_bayes.perception.recordings import (
     number_in_object,
 )
 from meal_bayes.perception.settings import DEFAULT, NAMED, PerceptionSettings, with_classifier
-from meal_bayes.perception.stacked import NOBODY, Problem, known_patterns, leave_out, parts
+from meal_bayes.perception.stacked import NOBODY, Problem, leave_out, parts
 from meal_bayes.version import package_version
 
 Halves = NDArray[np.float16]
@@ -255,8 +255,7 @@ def _score_behavior(
         for width in np.unique(widths):
             chosen = np.flatnonzero(widths == width)
             rows = np.isin(groups[recordings.objects], names[chosen])
-            for _, attributes in known_patterns(recordings.labels >= 0):
-                part = recordings.of(attributes).widened(width)
+            for attributes, part in recordings.widened(width).parts():
                 log_odds, training = method_of(settings).outputs(part, names[chosen], settings)
                 training[names[chosen][:, None] == groups[recordings.objects]] = np.nan
                 held_outputs[np.ix_(rows, attributes)] = round_log_odds(log_odds)[rows]

@@ -5,7 +5,7 @@ by `joint_kernel`.
 """
 
 import warnings
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -177,9 +177,15 @@ class BehaviorRecordings(FrozenArrays):
             return kernels
         return np.concatenate([kernels, joint_kernel(kernels)[None]])
 
-    def of(self, attributes: NDArray[np.integer]) -> "BehaviorRecordings":
-        """Keep the labels of some attributes."""
-        return replace(self, labels=self.labels[:, attributes])
+    def parts(self) -> Iterator[tuple[Ints, "BehaviorRecordings"]]:
+        """Yield attributes (a,) whose labels are known together, with their labels.
+
+        They share their classifiers; where all labels are known there is one part.
+        """
+        patterns, part = np.unique(self.labels >= 0, axis=1, return_inverse=True)
+        for index in np.flatnonzero(patterns.any(axis=0)):
+            attributes = np.flatnonzero(part.ravel() == index)
+            yield attributes, replace(self, labels=self.labels[:, attributes])
 
     def widened(self, factor: float) -> "BehaviorRecordings":
         """Compare the same recordings by wider kernels."""

@@ -181,11 +181,6 @@ class LeftOut(NamedTuple):
     losses: Floats
 
 
-def stacker_options(settings: PerceptionSettings) -> tuple[float, bool, bool]:
-    """Return ridge, nonnegative and balanced, as the kernels take them."""
-    return RIDGE, settings.nonnegative, settings.balanced
-
-
 def leave_out(
     problem: Problem, sets: Ints, settings: PerceptionSettings, warm: Floats | None = None
 ) -> LeftOut:
@@ -196,18 +191,15 @@ def leave_out(
     n_modalities, n_targets, _ = problem.duals.shape
     weights = np.zeros((len(sets), n_targets, 1 + n_modalities))
     losses = np.zeros((len(sets), n_targets))
-    log_odds = []
+    log_odds, options = [], (RIDGE, settings.nonnegative, settings.balanced)
     for index, left_out in enumerate(np.asarray(sets, dtype=np.int64)):
         rows, remaining = problem.rows(left_out), problem.weights.copy()
         held, decisions = problem.score(left_out, rows, settings.nested)
         remaining[rows] = 0.0
         if warm is not None:
             weights[index] = warm
-        features, options = (
-            np.ascontiguousarray(decisions.swapaxes(0, 1)),
-            stacker_options(settings),
-        )
-        fit_stackers(remaining, features, problem.targets, *options, weights[index], losses[index])
+        features, start = decisions.swapaxes(0, 1).copy(), (weights[index], losses[index])
+        fit_stackers(remaining, features, problem.targets, *options, *start)
         slopes = np.einsum("mpq,pm->pq", held, weights[index, :, 1:])
         log_odds.append(weights[index, :, :1] + slopes)
     return LeftOut(weights, log_odds, losses)
@@ -219,17 +211,6 @@ def each_group(
     """Score every recording by classifiers and stackers that never saw its group, (n,P)."""
     sets = np.arange(len(problem.groups))[:, None]
     return np.concatenate(leave_out(problem, sets, settings, warm).log_odds, axis=1).T
-
-
-def known_patterns(known: Bools) -> Iterator[tuple[Bools, Ints]]:
-    """Group attributes by the rows whose label is known: (rows (n,), attributes) of `known` (n,P).
-
-    Attributes of one group share their classifiers; where all labels are known there is one group.
-    """
-    patterns, group = np.unique(known, axis=1, return_inverse=True)
-    for index in range(patterns.shape[1]):
-        if patterns[:, index].any():
-            yield patterns[:, index], np.flatnonzero(group.ravel() == index)
 
 
 class Part(NamedTuple):
@@ -256,10 +237,10 @@ def parts(
     n, landmarks = len(recordings.objects), recordings.landmarks
     objects = recordings.objects if by_object else np.arange(n)
     groups = objects if landmarks is None else dealt(objects, settings.folds)
-    for known, attributes in known_patterns(recordings.labels >= 0):
-        rows = np.flatnonzero(known)
+    for attributes, part in recordings.parts():
+        rows = np.flatnonzero(part.labels[:, 0] >= 0)
         rows = rows[np.argsort(groups[rows], kind="stable")]
-        truth = recordings.labels[np.ix_(rows, attributes)] == 1
+        truth = part.labels[rows] == 1
         columns = rows if landmarks is None else np.arange(len(landmarks))
         if landmarks is None:
             problem = kernel_problem(kernels[:, rows][:, :, rows], truth, groups[rows], NOISE)
