@@ -92,8 +92,8 @@ class Dataset:
         frozen: dict[tuple[str, str], NDArray[np.float32]] = {}
         counts = np.zeros((len(self.objects), len(self.domain.behaviors)), np.int64)
         for context in self.domain.contexts:
-            frozen[context] = values = self._values(context)
-            number, e = _recordings_of(values, context), self.domain.behavior_index(context[0])
+            frozen[context], number = self._recordings(context)
+            e = self.domain.behavior_index(context[0])
             first = (context[0], self.domain.behaviors[e].modalities[0])
             if context != first and (number != counts[:, e]).any():
                 bad = self.objects[int(np.flatnonzero(number != counts[:, e])[0])]
@@ -114,7 +114,10 @@ class Dataset:
             )
         set_frozen(self, features=frozen, recording_counts=freeze(counts, np.int64))
 
-    def _values(self, context: tuple[str, str]) -> NDArray[np.float32]:
+    def _recordings(
+        self, context: tuple[str, str]
+    ) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
+        """Check features (O,R,D), and count each object's recordings (O,), before rows of NaN."""
         if context not in self.features:
             raise DataError(f"No features of {context}; the domain promises them.")
         try:
@@ -126,7 +129,15 @@ class Dataset:
                 f"Features of {context} have shape {values.shape}; "
                 f"expected (objects = {len(self.objects)}, recordings, features)."
             )
-        return values
+        present = ~np.isnan(values).all(axis=2) | (values.shape[2] == 0)
+        counts = present.sum(axis=1)
+        packed = (present == (np.arange(values.shape[1]) < counts[:, None])).all()
+        if not packed or not np.isfinite(values[present]).all():
+            raise DataError(
+                f"Features of {context} hold NaN or infinity; only recordings that are absent may "
+                "be NaN, whole rows after those that are there."
+            )
+        return values, counts
 
     @classmethod
     def from_frames(
@@ -183,11 +194,11 @@ class Dataset:
 
     def missing(self) -> list[str]:
         """Return the objects and behaviors with fewer than R recordings, as texts."""
+        counts, names = self.recording_counts.T, self.domain.behavior_names
         return [
-            f"{name} {count} of {behavior.name}"
-            for e, behavior in enumerate(self.domain.behaviors)
-            for name, count in zip(self.objects, self.recording_counts[:, e], strict=True)
-            if behavior.modalities and count < self.recordings
+            f"{self.objects[o]} {counts[e, o]} of {names[e]}"
+            for e, o in np.argwhere(counts < self.recordings)
+            if self.domain.behaviors[e].modalities
         ]
 
     def instance(self, object_index: int, behavior: str, recording: int) -> Instance:
@@ -217,20 +228,6 @@ def object_index(objects: tuple[str, ...], name: str) -> int:
     if name not in objects:
         raise SettingsError(unknown("object", name, objects))
     return objects.index(name)
-
-
-def _recordings_of(values: NDArray[np.float32], context: tuple[str, str]) -> NDArray[np.int64]:
-    """Count the recordings of each object (O,): rows (O,R,D) before those that are all NaN."""
-    absent = np.isnan(values).all(axis=2) & (values.shape[2] > 0)
-    present = ~absent
-    counts = present.sum(axis=1)
-    packed = (present == (np.arange(values.shape[1]) < counts[:, None])).all()
-    if not packed or not np.isfinite(values[present]).all():
-        raise DataError(
-            f"Features of {context} hold NaN or infinity; only recordings that are absent may be "
-            "NaN, whole rows after those that are there."
-        )
-    return np.asarray(counts, np.int64)
 
 
 @dataclass(frozen=True, slots=True)

@@ -62,14 +62,12 @@ def make_synthetic(
 
 
 def _draw_labels(domain: Domain, objects: int, rng: np.random.Generator) -> NDArray[np.int8]:
-    labels = np.zeros((objects, len(domain.attributes)), dtype=np.int8)
-    grouped: set[str] = set()
+    labels = np.full((objects, len(domain.attributes)), -1, np.int8)
     for members in domain.groups.values():
-        grouped |= set(members)
         columns = domain.columns(members)
+        labels[:, columns] = 0
         which = rng.permutation(columns)[rng.permutation(objects) % len(columns)]
         labels[np.arange(objects), which] = 1
-    for column, attribute in enumerate(domain.attributes):
-        if attribute not in grouped:
-            labels[:, column] = rng.permutation(objects) % 2
+    for column in np.flatnonzero(labels[0] < 0):
+        labels[:, column] = rng.permutation(objects) % 2
     return labels
