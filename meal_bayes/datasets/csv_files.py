@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meal_bayes.datasets.dataset import Dataset
-from meal_bayes.datasets.frames import FeatureRows, fault, join_features
+from meal_bayes.datasets.frames import FeatureRows, add_once, fault, join_features
 from meal_bayes.domain import Domain, unknown
 from meal_bayes.errors import DataError
 from meal_bayes.files import write_whole
@@ -90,14 +90,12 @@ def _read_labels(path: Path, domain: Domain) -> tuple[tuple[str, ...], NDArray[n
             expected = f"{len(header)} as in the header"
             repair = "leave unknown values empty: a,1,,0"
             raise fault(where, f"{len(cells)} columns", expected, repair)
-        if cells[0] in labels:
-            again = f"object {cells[0]!r} again"
-            raise fault(where, again, "each object once", "remove one of the rows")
         for column, cell in enumerate(cells[1:], start=1):
             if cell not in _VALUES:
                 value = f"{cell!r} in column {column + 1} ({header[column]})"
                 raise fault(where, value, "1, 0 or nothing", "write one of them")
-        labels[cells[0]] = [_VALUES[cells[header.index(name)]] for name in domain.attributes]
+        row = [_VALUES[cells[header.index(name)]] for name in domain.attributes]
+        add_once(labels, where, cells[0], row)
     if not labels:
         raise fault(where, "no rows under the header", "a row an object", "add the rows")
     return tuple(labels), np.array(list(labels.values()), dtype=np.int8)
@@ -107,13 +105,11 @@ def read_text(path: Path) -> str:
     """Read a UTF-8 file; a `DataError` where it is absent, empty, too large, or no text."""
     try:
         data = read_bytes(path)
-    except OSError as error:
+    except (OSError, ValueError) as error:
         raise DataError(
-            f"{path}: cannot be read ({error.strerror}); expected it beside the others of its data "
-            "set; check names and permissions."
+            f"{path}: cannot be read ({getattr(error, 'strerror', error)}); expected it beside the "
+            "others of its data set; check names and permissions."
         ) from error
-    except ValueError as error:
-        raise DataError(f"{path}: {error}; expected a text file of its data set.") from error
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError as error:

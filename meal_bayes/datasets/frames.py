@@ -36,17 +36,23 @@ def fault(where: str, content: str, expected: str, repair: str) -> DataError:
     return DataError(f"{where}: found {content}; expected {expected}; {repair}.")
 
 
+def add_once(table: dict[str, Any], where: str, name: str, value: object) -> None:
+    """Enter what a row says of an object; a `DataError` where another row says it already."""
+    if name in table:
+        again = f"object {name!r} again"
+        raise fault(where, again, "each object once", "remove one of the rows")
+    table[name] = value
+
+
 def dataset_parts(
     domain: Domain, features: Mapping[Context, Any], labels: Any, objects: Sequence[str] | None
 ) -> _Parts:
     """Return objects (O,), features {context: (O,R,D)} and labels (O,P); see `from_frames`."""
     names, values = _labels(domain, labels, objects)
-    contexts = domain.contexts
     for context in features:
-        if context not in contexts:
-            raise DataError(unknown("context", str(context), map(str, contexts)))
-    present = (context for context in contexts if context in features)
-    rows = [(context, _rows(features[context], names, context)) for context in present]
+        if context not in domain.contexts:
+            raise DataError(unknown("context", str(context), map(str, domain.contexts)))
+    rows = [(c, _rows(features[c], names, c)) for c in domain.contexts if c in features]
     if not any(len(table.keys) for _, table in rows):
         raise DataError("No object has a recording; give features of at least one.")
     return names, join_features(names, rows), values

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from meal_bayes.datasets.csv_files import load_csv_folder, read_features, read_rows
 from meal_bayes.datasets.dataset import Dataset
-from meal_bayes.datasets.frames import Context, FeatureRows, fault, join_features
+from meal_bayes.datasets.frames import Context, FeatureRows, add_once, fault, join_features
 from meal_bayes.datasets.percepts import load_percepts
 from meal_bayes.domain import Domain, load_domain, unknown
 from meal_bayes.errors import DataError, DownloadError, SettingsError
@@ -73,9 +73,7 @@ def load_roc36(domain: Domain, folder: Path) -> Dataset:
         name = ",".join(cells)
         if len(name.split("_")) != 3:
             raise fault(where, f"{name!r}", "weight_color_content", "restore the name")
-        if name in words:
-            raise fault(where, f"{name!r} again", "each object once", "remove one")
-        words[name] = name.split("_")
+        add_once(words, where, name, name.split("_"))
 
     def numbered(_: Context, rows: FeatureRows) -> FeatureRows:
         numbers: dict[str, Iterator[int]] = defaultdict(lambda: count(1))
@@ -144,10 +142,7 @@ def load_cy101(domain: Domain, folder: Path) -> Dataset:
         if len(cells) != 2:  # object, words
             expected = 'object,"word, word, ..."'
             raise fault(where, f"{len(cells)} columns", expected, "quote the words")
-        name = cells[0]
-        if name in words:
-            raise fault(where, f"{name!r} again", "each object once", "remove one")
-        words[name] = {word.strip() for word in cells[1].split(", ")} - {""}
+        add_once(words, where, cells[0], {word.strip() for word in cells[1].split(", ")} - {""})
     for name in objects:
         if name not in words:
             raise DataError(f"{path}: found no row of object {name!r}; add {name},<words>.")
