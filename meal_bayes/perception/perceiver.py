@@ -192,19 +192,18 @@ class Perception(FrozenArrays):
         DataError
             An instance without finite features of any of the behavior's modalities.
         """
-        behavior = self.domain.behaviors[self.domain.behavior_index(instance.behavior)]
         classifier = self.classifiers.get(instance.behavior)
         if classifier is None:
             return np.zeros(len(query))
         features = {
             name: np.asarray(values)[None]
             for name, values in (instance.features or {}).items()
-            if name in behavior.modalities and np.isfinite(values).all()
+            if name in classifier.spaces and np.isfinite(values).all()
         }
         if not features:
             raise DataError(
                 f"An instance of {instance.behavior!r} has finite features of none of "
-                f"{list(behavior.modalities)}; one is enough."
+                f"{list(classifier.spaces)}; one is enough."
             )
         columns = self.domain.columns(query.attributes)
         return round_log_odds(classifier.log_odds(features)[0, columns]).astype(np.float64)

@@ -59,9 +59,9 @@ class KernelFit(NamedTuple):
 
     def scored(self, spaces: Sequence[FeatureSpace], rows: Rows) -> Floats:
         """Return log-odds of "true", (B,P); the joint kernel is that of the modalities there."""
-        known = [(m, values) for m, values in enumerate(rows) if values is not None]
-        kernels = np.stack([spaces[m].similarity(values) for m, values in known])
-        present = [m for m, _ in known]
+        pairs = zip(spaces, rows, strict=True)
+        kernels = np.stack([space.similarity(v) for space, v in pairs if v is not None])
+        present = [m for m, values in enumerate(rows) if values is not None]
         if len(self.dual) > len(spaces):
             kernels = np.concatenate([kernels, joint_kernel(kernels)[None]])
             present.append(len(spaces))

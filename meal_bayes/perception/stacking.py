@@ -138,18 +138,13 @@ def fit_stacker(
     `features` (M,n), `target` (n,) of +-1, `weight` (n,), `theta` (1+M,) intercept first, written;
     with `nonnegative` no slope falls below 0. Returns the loss, ridge included.
     """
-    size, n = len(theta), features.shape[1]
-    rate = np.empty(n)
+    size, rate = len(theta), np.empty(len(target))
     gradient, hessian = np.empty(size), np.empty((size, size))
     step, trial = np.empty(size), np.empty(size)
-    enough = 0.0
-    for i in range(n):
-        enough += weight[i]
-    enough *= _TOLERANCE
     value = _objective(theta, features, target, weight, ridge, rate)
     for _ in range(_MAX_ITERATIONS):
         _derivatives(theta, features, target, weight, ridge, rate, gradient, hessian)
-        if _newton_step(theta, gradient, hessian, nonnegative, step) < enough:
+        if _newton_step(theta, gradient, hessian, nonnegative, step) < _TOLERANCE * weight.sum():
             break
         length = 1.0
         for _ in range(_MAX_ITERATIONS):  # halve until nothing is lost
