@@ -275,9 +275,8 @@ def _neutralize(log_odds: Halves, bins: NDArray[np.uint8], labels: Any, groups: 
     even = int(np.searchsorted(BIN_EDGES, 0.0))
     for group, counts in enumerate(bins):
         uninformative = youden(by_truth(counts.astype(np.int64), labels).sum(axis=0)) <= 0  # (P,E)
-        for o in np.flatnonzero(groups == group):
-            computed = ~np.isnan(log_odds[o])
-            log_odds[o][computed & uninformative.T] = 0.0
+        held = (groups == group)[:, None, None, None]
+        log_odds[held & uninformative.T & ~np.isnan(log_odds)] = 0.0
         recordings = counts.sum(axis=-1)
         counts[:, uninformative] = 0
         counts[:, uninformative, even] = recordings[:, uninformative]

@@ -22,7 +22,7 @@ _kernel = partial(compile_kernel, nogil=True, error_model="numpy")
 
 
 @_kernel
-def _factorize(matrix: Floats) -> None:
+def _factorize(matrix):
     """Overwrite the lower triangle of a positive definite matrix by its Cholesky factor."""
     for i in range(matrix.shape[0]):
         for j in range(i + 1):
@@ -33,7 +33,7 @@ def _factorize(matrix: Floats) -> None:
 
 
 @_kernel
-def _solve_lower(factor: Floats, vector: Floats) -> None:
+def _solve_lower(factor, vector):
     """Overwrite a vector by the solution of L x = vector."""
     for i in range(factor.shape[0]):
         total = vector[i]
@@ -43,7 +43,7 @@ def _solve_lower(factor: Floats, vector: Floats) -> None:
 
 
 @_kernel
-def _solve_upper(factor: Floats, vector: Floats) -> None:
+def _solve_upper(factor, vector):
     """Overwrite a vector by the solution of L' x = vector."""
     for i in range(factor.shape[0] - 1, -1, -1):
         total = vector[i]
@@ -53,9 +53,7 @@ def _solve_upper(factor: Floats, vector: Floats) -> None:
 
 
 @partial(_kernel, fastmath=True)
-def _objective(
-    theta: Floats, features: Floats, target: Floats, weight: Floats, ridge: float, rate: Floats
-) -> float:
+def _objective(theta, features, target, weight, ridge, rate):
     """Return weighted logistic loss and ridge; write P(true) of each sample into `rate`."""
     total = 0.0
     for i in range(len(rate)):  # z = theta_0 + sum_m theta_m x_m, in `rate` until it is P(true)
@@ -74,10 +72,7 @@ def _objective(
 
 
 @partial(_kernel, fastmath=True)
-def _derivatives(
-    theta: Floats, features: Floats, target: Floats, weight: Floats, ridge: float, rate: Floats,
-    gradient: Floats, hessian: Floats,
-) -> None:  # fmt: skip
+def _derivatives(theta, features, target, weight, ridge, rate, gradient, hessian):
     """Compute gradient and Hessian (lower triangle) of the objective, in place."""
     n_features, n = features.shape
     scratch = np.empty((2, n))  # residuals w (p - y) and curvatures w p (1 - p)
@@ -104,9 +99,7 @@ def _derivatives(
 
 
 @_kernel
-def _newton_step(
-    theta: Floats, gradient: Floats, hessian: Floats, nonnegative: bool, step: Floats
-) -> float:
+def _newton_step(theta, gradient, hessian, nonnegative, step):
     """Compute the Newton step H d = -g, in place of the Hessian; return the largest free gradient.
 
     A slope at zero whose gradient would push it below stays there (Bertsekas' active set): its row
@@ -163,7 +156,7 @@ def fit_stacker(
 
 
 @_kernel
-def _weigh(target: Floats, base: Floats, balanced: bool, weight: Floats) -> bool:
+def _weigh(target, base, balanced, weight):
     """Write `base`, times n/(2 n_c) of each class c, to `weight`; return if both classes remain."""
     positive, negative = 0.0, 0.0
     for i in range(len(target)):
@@ -177,10 +170,7 @@ def _weigh(target: Floats, base: Floats, balanced: bool, weight: Floats) -> bool
 
 
 @partial(_kernel, fastmath=True)
-def _leave_set(
-    inverse: Floats, dual: Floats, target: Floats, rows: Ints, held: Floats, across: Floats,
-    known: Floats,
-) -> None:  # fmt: skip
+def _leave_set(inverse, dual, target, rows, held, across, known):
     """Score the rows of S by classifiers without S, and prepare the rest.
 
     Leaving G out, the decision on G is y_G - inv(C^-1[G,G]) (C^-1 y)_G. Writes `held` (P,q), and
@@ -212,10 +202,7 @@ def _leave_set(
 
 
 @partial(_kernel, fastmath=True)
-def _score_others(
-    inverse: Floats, dual: Floats, target: Floats, starts: Ints, out: Ints, across: Floats,
-    known: Floats, decisions: Floats,
-) -> None:  # fmt: skip
+def _score_others(inverse, dual, target, starts, out, across, known, decisions):
     """Score every other object k without S and k, `decisions` (P,n); 0 on S itself.
 
     The formula of `_leave_set` for G = S + {k}, solved for k's part by a Schur complement, as S is
