@@ -108,12 +108,14 @@ def posterior_from(idata: Any, domain: Domain) -> ConfusionPosterior:
 
         idata = load_netcdf(idata)
     try:
-        posterior = idata["posterior"]
-        levels = level_names(posterior["mean"].sizes["level"])
-        names = {"truth": list(TRUTHS), "level": list(levels)}
-        mean = posterior["mean"].transpose("chain", "draw", *ROW, "level").sel(names)
+        group, dims = idata["posterior"], ("chain", "draw", *ROW)
+        names = {"truth": list(TRUTHS), "level": list(level_names(group["mean"].sizes["level"]))}
+        mean = group["mean"].transpose(*dims, "level").sel(names)
         along = {dim: mean[dim].values for dim in ROW}
-        dispersion = posterior["dispersion"].transpose("chain", "draw", *ROW).sel(along)
+        dispersion = group["dispersion"].transpose(*dims).sel(along)
+        draws = xr.Dataset({"mean": mean, "dispersion": dispersion})
+        if "misperception" in group:
+            draws["misperception"] = group["misperception"].transpose("chain", "draw")
     except (KeyError, ValueError, AttributeError, TypeError) as fault:
         raise DataError(
             f"This holds no posterior of confusion matrices ({fault}); expected `mean` "
@@ -121,40 +123,35 @@ def posterior_from(idata: Any, domain: Domain) -> ConfusionPosterior:
             "'false', 'true' and our names of levels; make one with `meal-bayes posterior`, or "
             "fit_hierarchical and to_idata."
         ) from None
-    m, s = mean.values, dispersion.values
-    epsilon = posterior["misperception"].values if "misperception" in posterior else None
-    if not ((m >= 0).all() and np.allclose(m.sum(axis=-1), 1.0, atol=1e-6)):
+    epsilon = draws.get("misperception", np.zeros(1))
+    if not ((mean >= 0).all() and np.allclose(mean.sum("level"), 1.0, atol=1e-6)):
         raise DataError("Rows of `mean` must be probabilities that sum to 1 over the levels.")
-    if not (s > 0).all():  # nor NaN
+    if not (dispersion > 0).all():  # nor NaN
         raise DataError("`dispersion` must be above 0 everywhere; inf: objects are alike.")
-    if epsilon is not None and not ((epsilon >= 0) & (epsilon <= 1)).all():
+    if not ((epsilon >= 0) & (epsilon <= 1)).all():
         raise DataError("`misperception` must be a probability.")
-    attributes, sensors = (list(map(str, along[dim])) for dim in ROW[:2])
-    draws = draws_of(attributes, sensors, m, s, epsilon)
+    fitted, sensors = (list(map(str, draws[dim].values)) for dim in ROW[:2])
+    for name in domain.attributes:
+        if name not in fitted:
+            raise DataError(f"The posterior: {unknown('attribute', name, fitted)}")
+    for name in sensors:
+        if name not in domain.behavior_names:
+            raise DataError(f"The domain: {unknown('behavior', name, domain.behavior_names)}")
+    names["attribute"] = list(domain.attributes)
+    names["behavior"] = [name for name in domain.behavior_names if name in sensors]
     try:
         group = "observed_data" if "counts" in idata["observed_data"] else "constant_data"
-        observed = idata[group]["counts"].transpose("object", *ROW, "level").sel(names)
+        percepts = idata[group]["counts"].transpose("object", *ROW, "level").sel(names)
     except (KeyError, ValueError, AttributeError) as fault:
         raise DataError(
             f"The posterior comes without the percepts it was drawn from ({fault}); give "
             "to_idata the counts (object, attribute, behavior, truth, level) as observed_data."
         ) from None
-    for name in domain.attributes:
-        if name not in attributes:
-            raise DataError(f"The posterior: {unknown('attribute', name, attributes)}")
-    for name in sensors:
-        if name not in domain.behavior_names:
-            raise DataError(f"The domain: {unknown('behavior', name, domain.behavior_names)}")
-    behaviors = [name for name in domain.behavior_names if name in sensors]
-    try:
-        percepts = observed.sel(attribute=list(domain.attributes), behavior=behaviors)
-    except KeyError as fault:
-        raise DataError(f"The percept counts lack what was drawn: {fault}.") from None
     if not ((percepts >= 0) & (percepts % 1 == 0)).all():
         raise DataError("Percept counts must be whole numbers >= 0.")
     counts = percepts.reindex(behavior=list(domain.behavior_names), fill_value=0).values.astype(int)
     shown = list(compress(domain.behavior_names, sensing(counts)))
-    return summarize_draws(draws.sel(attribute=list(domain.attributes), behavior=shown), counts)
+    return summarize_draws(draws.sel(attribute=names["attribute"], behavior=shown), counts)
 
 
 def sensing(counts: ArrayLike) -> Bools:
