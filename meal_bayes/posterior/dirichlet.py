@@ -16,21 +16,6 @@ from meal_bayes.posterior.grid import PRIOR_WEIGHT, grid_posterior
 _DIMENSIONS = 4  # (P,E,2,K)
 
 
-def row_precision(dispersion: ArrayLike, weight: ArrayLike) -> NDArray[np.float64]:
-    """Return the precision s A / (s + A + 1) of a new object's row, the weight of equal variance.
-
-    It combines two uncertainties: objects differ (dispersion s), and the mean is known from A
-    percepts only. Without the first (s = inf) it is A, without the second (A = inf) it is s.
-
-    >>> float(row_precision(2.0, 20.0).round(3)), float(row_precision(np.inf, 20.0))
-    (1.739, 20.0)
-    """
-    s, a = np.broadcast_arrays(np.asarray(dispersion, float), np.asarray(weight, float))
-    finite = np.isfinite(s) & np.isfinite(a)
-    x, y = np.where(finite, s, 1.0), np.where(finite, a, 1.0)
-    return np.asarray(np.where(finite, x * y / (x + y + 1), np.minimum(s, a)))
-
-
 @dataclass(frozen=True, slots=True)
 class ConfusionPosterior:
     """Rows of Theta (attribute, behavior, truth), each with a Dirichlet over its mean.
@@ -62,12 +47,11 @@ class ConfusionPosterior:
     def __post_init__(self) -> None:
         freeze_arrays(self)
         shape = self.counts.shape
-        if len(shape) != _DIMENSIONS or shape[2] != 2:
+        if len(shape) != _DIMENSIONS or shape[2] != 2 or not (self.counts >= 0).all():
             raise SettingsError(
-                f"Confusion counts have shape {shape}; expected (attributes, behaviors, 2, levels)."
+                f"Confusion counts have shape {shape}; expected numbers >= 0 of shape (attributes, "
+                "behaviors, 2, levels)."
             )
-        if not (self.counts >= 0).all():
-            raise SettingsError("Confusion counts must be numbers >= 0.")
         for name in ("concentration", "dispersion"):
             values, expected = getattr(self, name), shape[:3] if name == "dispersion" else shape
             if values.shape != expected or not (values > 0).all():
@@ -124,8 +108,15 @@ class ConfusionPosterior:
 
     @property
     def precision(self) -> NDArray[np.float64]:
-        """Dirichlet weight of a new object's row, (P,E,2)."""
-        return freeze(row_precision(self.dispersion, self.concentration.sum(axis=-1)))
+        """Dirichlet weight s A / (s + A + 1) of a new object's row, by its variance, (P,E,2).
+
+        It combines two uncertainties: objects differ (dispersion s), and the mean is known from A
+        percepts only. Without the first (s = inf) it is A, without the second (A = inf) it is s.
+        """
+        s, a = self.dispersion, self.concentration.sum(axis=-1)
+        with np.errstate(invalid="ignore"):
+            both = s * a / (s + a + 1)
+        return freeze(np.where(np.isnan(both), np.minimum(s, a), both))
 
     @property
     def youden(self) -> NDArray[np.float64]:
@@ -156,18 +147,9 @@ class ConfusionPosterior:
             (P,E,2,K) all percepts of the object.
         before : ArrayLike, optional
             (P,E,2,K) those of them that have been counted; none of a new object.
-
-        Raises
-        ------
-        SettingsError
-            Counts of another shape or below 0.
         """
         new = np.asarray(counts, dtype=float)
         old = np.zeros(self.counts.shape) if before is None else np.asarray(before, dtype=float)
-        for shown in (old, new):
-            if shown.shape != self.counts.shape or not (shown >= 0).all():
-                needed = f"counts >= 0 of shape {self.counts.shape}"
-                raise SettingsError(f"An update needs {needed}, found {shown.shape}.")
         concentration = self.concentration + (self._effective(new) - self._effective(old))
         return type(self)(self.counts + (new - old), concentration, self.dispersion)
 
