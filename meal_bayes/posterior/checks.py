@@ -32,20 +32,17 @@ class Prediction(NamedTuple):
     p_values: Floats
 
 
-def predictive_check(
-    draws: xr.Dataset, counts: ArrayLike, rng: np.random.Generator, *, size: int = 200
-) -> Prediction:
+def predictive_check(draws: xr.Dataset, counts: ArrayLike, rng: np.random.Generator) -> Prediction:
     """Compare the numbers of "yes" of each object with those predicted of new objects.
 
-    The draws come from counts (O,P,E,2,K); `size` replicates are drawn. Pairs with Youden's J <= 0
-    are left out.
+    The draws come from counts (O,P,E,2,K). Pairs with Youden's J <= 0 are left out.
     """
     sensed = np.asarray(counts)
     number = sensed.sum(axis=-1)
     n = int(np.bincount(number[number > 0]).argmax())
     positive = youden(sensed.sum(axis=0).astype(float)) > 0  # (P,E)
     full = (number == n) & positive[..., None]  # (O,P,E,2)
-    replicates = replicate(draws, sensed, rng, size=size)
+    replicates = replicate(draws, sensed, rng)
     observed, variance = _yes(sensed, full, n)
     predicted, variances = zip(*(_yes(percepts, full, n) for percepts in replicates), strict=True)
     p_values = (np.array(variances) >= variance).mean(axis=0)
