@@ -18,7 +18,7 @@ note
 """
 
 import tomllib
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -32,17 +32,14 @@ from meal_bayes.untrusted import (
     LINE_LIMIT,
     NAME_LIMIT,
     TABLE_LIMIT,
-    levels,
     read_bytes,
 )
 
 _TABLES = Path(__file__).parent / "tables"  # that ship
 _TEXT, _NUMBER, _LIST, _TABLE, _ROWS = "a text", "a number", "a list of texts", "a table", "rows"
 _NUMBERS, _COUNT, _FLAG = "a list of numbers", "a whole number, 0 or more", "true or false"
-_CASTS: dict[str, Callable[[Any], Any]] = {
-    _TEXT: str, _NUMBER: float, _LIST: tuple, _TABLE: dict, _ROWS: tuple, _COUNT: int, _FLAG: bool,
-    _NUMBERS: lambda values: tuple(map(float, values)),
-}  # fmt: skip
+_TYPES = {_TEXT: str, _TABLE: dict, _FLAG: bool}
+_PARTS = {_LIST: _TEXT, _ROWS: _TABLE, _NUMBERS: _NUMBER}
 _DOMAIN_KEYS = {
     "name": _TEXT, "extends": _TEXT, "data": _TEXT, "note": _TEXT, "attributes": _LIST,
     "groups": _TABLE, "synonyms": _TABLE, "predefined": _LIST, "report_reward": _NUMBER,
@@ -167,19 +164,17 @@ def _read(name: str | Path) -> dict[str, Any]:
     if not path.exists():
         raise SettingsError(f"No file {name}; give the path of a domain table (TOML).")
     try:
-        text = read_bytes(path, TABLE_LIMIT).decode("utf-8-sig").replace("\r\n", "\n")
+        text = read_bytes(path, TABLE_LIMIT).decode("utf-8-sig")
         longest = max(map(len, text.split("\n")))
         if longest > LINE_LIMIT:
             raise ValueError(f"it has a line of {longest:,} characters")  # noqa: TRY301
-        table = tomllib.loads(text)
-        list(levels(table))  # raises as the parser does, whatever depth that may go to
+        return tomllib.loads(text)
     except RecursionError:
         raise DomainError(f"{path} is no domain table: it is nested too deeply.") from None
     except OSError as error:
         raise SettingsError(f"{path} cannot be read ({error.strerror}).") from error
     except ValueError as error:  # also TOMLDecodeError and UnicodeDecodeError
         raise DomainError(f"{path} is not valid TOML: {error}.") from error
-    return table
 
 
 def _check_sizes(table: dict[str, Any]) -> None:
@@ -212,24 +207,27 @@ def _fields(
     for key in required:
         if key not in row:
             raise DomainError(f"{where} has no {key!r}; add it.")
+    fields = {}
     for key, value in row.items():
         if key not in forms:
             raise DomainError(f"In {where}: {unknown('key', key, sorted(forms))}")
-        if not _is(forms[key], value):
-            raise DomainError(f"In {where}: {key} = {value!r}; expected {forms[key]}.")
-    try:
-        return {key: _CASTS[forms[key]](value) for key, value in row.items()}
-    except OverflowError as error:  # of a whole number
-        raise DomainError(f"In {where}: a number is out of range ({error}).") from error
+        try:
+            fields[key] = _read_value(forms[key], value)
+        except TypeError:
+            message = f"In {where}: {key} = {value!r}; expected {forms[key]}."
+            raise DomainError(message) from None
+        except OverflowError as error:  # of a whole number
+            raise DomainError(f"In {where}: a number is out of range ({error}).") from error
+    return fields
 
 
-def _is(kind: str, value: object) -> bool:
-    """Test whether a TOML value has the form that a message names."""
-    if kind == _NUMBER:
-        return isinstance(value, int | float) and not isinstance(value, bool)
-    if kind == _COUNT:
-        return type(value) is int and value >= 0
-    if kind in (_LIST, _NUMBERS, _ROWS):
-        inner = {_LIST: _TEXT, _ROWS: _TABLE}.get(kind, _NUMBER)
-        return isinstance(value, list | tuple) and all(_is(inner, entry) for entry in value)
-    return isinstance(value, {_TEXT: str, _TABLE: dict}.get(kind, bool))
+def _read_value(form: str, value: Any) -> Any:
+    """Return a TOML value as fields hold it; a `TypeError` where it has not the form."""
+    if form in _PARTS and isinstance(value, list | tuple):
+        return tuple(_read_value(_PARTS[form], part) for part in value)
+    if form == _NUMBER and isinstance(value, int | float) and not isinstance(value, bool):
+        return float(value)
+    whole = form == _COUNT and type(value) is int and value >= 0
+    if not (whole or isinstance(value, _TYPES.get(form, ()))):
+        raise TypeError
+    return value
