@@ -166,20 +166,8 @@ def shape_reward(
     domain : Domain
         The domain the MOMDP was built from.
     """
-    if not (alpha >= 0 and beta >= 0):
-        raise SettingsError(f"Need alpha >= 0 and beta >= 0; found {alpha} and {beta}.")
-    shape = (len(momdp.query), momdp.n_behaviors)
-    ie = np.asarray(experience, dtype=float)
-    if ie.shape != shape or not (ie >= 0).all():
-        raise SettingsError(
-            f"experience has shape {ie.shape}; expected numbers >= 0 of shape {shape} "
-            "(queried attributes, behaviors)."
-        )
-    if domain.behavior_names != momdp.behavior_names:
-        raise SettingsError(
-            f"The MOMDP was not built from the domain {domain.name!r}; pass its own."
-        )
-    bonus = alpha * observation_entropy(momdp) - beta * ie[..., None] / len(momdp.query)
+    ie = np.asarray(experience, dtype=float)[..., None]
+    bonus = alpha * observation_entropy(momdp) - beta * ie / len(momdp.query)
     explored = np.zeros_like(bonus)
     explored[:, domain.recorded] = bonus[:, domain.recorded]
     return replace(momdp, bonus=explored)

@@ -200,13 +200,3 @@ def test_latent_classes_are_mixed():
     expected = observation_entropy(build_momdp(ISPY32, QUERY, mean))
     entropy = observation_entropy(build_momdp(ISPY32, QUERY, rows, latent_classes=latent_classes))
     np.testing.assert_allclose(entropy, expected)
-
-
-def test_wrong_settings_are_refused():
-    momdp = build_momdp(ISPY32, QUERY, np.full((2, E, 2, 2), 0.5))
-    with pytest.raises(SettingsError, match="alpha >= 0"):
-        shape_reward(momdp, np.zeros((2, E)), -1, 0, domain=ISPY32)
-    with pytest.raises(SettingsError, match=rf"expected numbers >= 0 of shape \(2, {E}\)"):
-        shape_reward(momdp, np.zeros(E), *WEIGHTS, domain=ISPY32)
-    with pytest.raises(SettingsError, match="not built from the domain 'roc36'"):
-        shape_reward(momdp, np.zeros((2, E)), *WEIGHTS, domain=load_domain("roc36"))
