@@ -156,19 +156,16 @@ def log_odds(momdp: MOMDP, log_prob: NDArray[np.float64]) -> NDArray[np.float64]
 
     Percepts and truth are independent given the class, so Pr(truth | class) is the MOMDP's.
     """
-    with np.errstate(invalid="ignore"):  # nan where these are no logarithms of probabilities
-        of_truth = np.logaddexp.reduce(
-            log_prob[..., None, :] + momdp.log_truth, axis=-1
-        )  # (...,N,2)
+    log_joint = log_prob[..., None, :] + momdp.log_truth  # (...,N,2,C)
+    with np.errstate(divide="ignore", invalid="ignore"):  # nan where no value is possible
+        of_truth = np.logaddexp.reduce(log_joint, axis=-1)  # (...,N,2)
         odds = np.asarray(of_truth[..., 1] - of_truth[..., 0])
-    for group in map(list, momdp.query.groups):
-        prior = momdp.prior[group]
-        with np.errstate(divide="ignore", invalid="ignore"):
+        for group in map(list, momdp.query.groups):
+            prior = momdp.prior[group]
             log_ratio = odds[..., group] - (np.log(prior) - np.log1p(-prior))
             weight = np.log(prior) + (1 - 1 / len(group)) * log_ratio
-        weight[..., prior == 0], weight[..., prior == 1] = -np.inf, 0.0
-        others = np.where(np.eye(len(group), dtype=bool), -np.inf, weight[..., None, :])
-        with np.errstate(invalid="ignore"):  # nan where no value is possible
+            weight[..., prior == 0], weight[..., prior == 1] = -np.inf, 0.0
+            others = np.where(np.eye(len(group), dtype=bool), -np.inf, weight[..., None, :])
             odds[..., group] = weight - np.logaddexp.reduce(others, axis=-1)
     return odds
 
@@ -204,11 +201,20 @@ def update_belief(belief: Belief, momdp: MOMDP, transition: Transition) -> Belie
     SettingsError
         An action, x or levels that the MOMDP does not have.
     """
-    _check(momdp, transition)
-    if transition.observation is None or transition.action >= momdp.n_behaviors:
-        return belief.at(transition.next_x)
-    e, levels = transition.action, np.asarray(transition.observation, dtype=np.intp)
-    attributes = np.arange(len(momdp.query))
+    e, next_x, percept = transition
+    n = len(momdp.query)
+    levels = np.zeros(n, int) if percept is None else np.asarray(percept)
+    whole = levels.shape == (n,) and np.issubdtype(levels.dtype, np.integer)
+    known = 0 <= e < momdp.n_actions and 0 <= next_x < len(momdp.x_names)
+    if not (whole and known and levels.min() >= 0 and levels.max() < momdp.levels):
+        raise SettingsError(
+            f"Found {transition}; expected an action from 0 to {momdp.n_actions - 1}, x from 0 to "
+            f"{momdp.terminal}, and None or whole numbers from 0 to {momdp.levels - 1}, one for "
+            f"each of {list(momdp.query.attributes)}."
+        )
+    if percept is None or e >= momdp.n_behaviors:
+        return belief.at(next_x)
+    attributes = np.arange(n)
     percept_counts = belief.percept_counts[:, e]
     total = percept_counts.sum(axis=1)
     mean, precision = momdp.confusion[attributes, e, :, levels], momdp.precision[:, e]  # (N,C)
@@ -225,30 +231,13 @@ def update_belief(belief: Belief, momdp: MOMDP, transition: Transition) -> Belie
         )
     counted = belief.percept_counts.copy()
     counted[attributes, e, levels] += 1
-    after = belief_of(momdp, transition.next_x, log_prob - log_total[:, None], counted)
+    after = belief_of(momdp, next_x, log_prob - log_total[:, None], counted)
     if momdp.query.groups and np.isnan(after.log_odds).any():
         raise ImpossibleObservation(
             f"Percepts by {momdp.behavior_names[e]!r} have ruled out every value of a group; give "
             "the confusion rows a prior without zeros."
         )
     return after
-
-
-def _check(momdp: MOMDP, transition: Transition) -> None:
-    """Check what comes from a robot or caller, before it becomes an index."""
-    action, x, levels = transition
-    if not 0 <= action < momdp.n_actions:
-        raise SettingsError(f"Action {action} is none of 0 to {momdp.n_actions - 1}.")
-    if not 0 <= x < len(momdp.x_names):
-        raise SettingsError(f"x is {x}; expected 0 to {momdp.terminal}, one of {momdp.x_names}.")
-    if levels is not None:
-        percept, n = np.asarray(levels), len(momdp.query)
-        whole = percept.shape == (n,) and np.issubdtype(percept.dtype, np.integer)
-        if not whole or percept.min() < 0 or percept.max() >= momdp.levels:
-            raise SettingsError(
-                f"A percept is {percept.tolist()}; expected {n} whole numbers from 0 to "
-                f"{momdp.levels - 1}, one for each of {list(momdp.query.attributes)}."
-            )
 
 
 def next_percept(momdp: MOMDP, belief: Belief) -> NDArray[np.float64]:
