@@ -1,4 +1,4 @@
-"""Figures of trials and of posteriors; each is drawn into `ax` or a new figure, and returned."""
+"""Figures of trials and of posteriors; each is drawn into a new figure, and its axes returned."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import cycle
@@ -25,7 +25,7 @@ Entry = TypeVar("Entry")
 _MANY = 25  # points on a line, beyond which they get no markers
 _FEW = 3  # lines that leave room for a legend between them
 _TRUTHS = (("false", "s"), ("true", "o"))  # and their markers
-_MOST, _ROW = 40, 0.19  # rows that fit a page; inches of a row
+_ROW = 0.19  # inches of a row of a forest, of which 40 fit a page
 _WIDE = 4.0  # costs with a larger ratio of the largest to the median are drawn on a log scale
 
 
@@ -59,9 +59,7 @@ def learning_curve(series: Sequence[Series], *, ax: Axes | None = None) -> Axes:
     return ax
 
 
-def reliability_diagram(
-    positive: ArrayLike, truth: ArrayLike, *, small: bool = False, ax: Axes | None = None
-) -> Axes:
+def reliability_diagram(positive: ArrayLike, truth: ArrayLike, *, small: bool = False) -> Axes:
     """Draw the fraction of true attributes over the belief, with Wilson's 95 % intervals.
 
     Points on the diagonal are calibrated; gray columns are the fraction of beliefs in each bin. A
@@ -72,7 +70,7 @@ def reliability_diagram(
     n, hits = np.bincount(index, minlength=BINS), np.bincount(index[true], minlength=BINS)
     filled = np.flatnonzero(n)
     width, height = (2.1, 2.1) if small else (3.4, 3.9)
-    with axes_to_draw(ax, width=width, height=height) as to:
+    with axes_to_draw(width=width, height=height) as to:
         edges = np.arange(BINS) / BINS
         to.bar(edges, n / len(b), 1 / BINS, align="edge", color="#E3E3E3", label="beliefs")
         to.plot([0, 1], [0, 1], color=GRAY, lw=1, ls="--", label="calibrated")
@@ -88,13 +86,13 @@ def reliability_diagram(
         return to
 
 
-def belief_trace(trial: Trial, *, ax: Axes | None = None) -> Axes:
+def belief_trace(trial: Trial) -> Axes:
     """Draw a trial's beliefs after every step, over the behaviors in order; circles are truths."""
     beliefs = [trial.first_belief, *(step.belief for step in trial.steps)]
     positive = np.array([belief.positive for belief in beliefs])  # (T+1,N)
     e, names = trial.momdp.n_behaviors, trial.momdp.behavior_names
     actions = [step.decision.action for step in trial.steps]
-    with axes_to_draw(ax) as to:
+    with axes_to_draw() as to:
         columns = zip(trial.task.query.attributes, positive.T, trial.truth, strict=True)
         for color, marker, (attribute, belief, truth) in _styled(columns):
             to.plot(belief, color=color, marker=marker, ms=4, lw=1.6, label=attribute)
@@ -109,9 +107,9 @@ def belief_trace(trial: Trial, *, ax: Axes | None = None) -> Axes:
         return to
 
 
-def cost_distribution(groups: Mapping[str, ArrayLike], *, ax: Axes | None = None) -> Axes:
+def cost_distribution(groups: Mapping[str, ArrayLike]) -> Axes:
     """Draw the fraction of trials over the cost they stay within, one step line an agent."""
-    with axes_to_draw(ax) as to:
+    with axes_to_draw() as to:
         for color, _, (group, costs) in _styled(groups.items()):
             values, counts = np.unique(np.asarray(costs, float), return_counts=True)
             to.ecdf(values, counts, color=color, lw=1.6, label=group)
@@ -122,11 +120,9 @@ def cost_distribution(groups: Mapping[str, ArrayLike], *, ax: Axes | None = None
         return to
 
 
-def accuracy_and_cost(
-    points: Mapping[str, tuple[Interval, Interval]], *, ax: Axes | None = None
-) -> Axes:
+def accuracy_and_cost(points: Mapping[str, tuple[Interval, Interval]]) -> Axes:
     """Draw accuracy over mean cost, s, with the intervals of both, a point an agent."""
-    with axes_to_draw(ax) as to:
+    with axes_to_draw() as to:
         for color, marker, (agent, (accuracy, cost)) in _styled(points.items()):
             to.errorbar(
                 cost.estimate, accuracy.estimate, xerr=reach([cost]), yerr=reach([accuracy]),
@@ -146,34 +142,32 @@ def forest(
     attributes: Sequence[str],
     behaviors: Sequence[str],
     *,
-    most: int = _MOST,
-    ax: Axes | None = None,
+    most: int = 40,
 ) -> Axes:
     """Draw Pr(yes | false) and Pr(yes | true), (P,E,2), each with the ends of its interval.
 
     One row a pair; attributes stay together, the behavior with the largest difference first. Of
     more than `most` pairs, those with the largest differences are drawn.
     """
-    center, ends = np.asarray(middle, float), np.stack([np.asarray(low), np.asarray(high)], -1)
+    center = np.asarray(middle, float)
+    ends = np.abs(np.stack([low, high]) - center)  # (2,P,E,2)
     gap = center[..., 1] - center[..., 0]
     pairs = sorted(np.ndindex(gap.shape), key=lambda pair: -gap[pair])[:most]
     pairs.sort(key=lambda pair: (pair[0], -gap[pair]))
-    heads = [n for n, pair in enumerate(pairs) if n == 0 or pairs[n - 1][0] != pair[0]]
+    p, e = np.transpose(pairs)
+    heads = np.unique(p, return_index=True)[1]
     place = np.arange(len(pairs)) + 0.9 * np.searchsorted(heads, np.arange(len(pairs)), "right")
-    with axes_to_draw(ax, height=1.1 + _ROW * (place[-1] + 1)) as to:
+    with axes_to_draw(height=1.1 + _ROW * (place[-1] + 1)) as to:
         for truth, (name, marker) in enumerate(_TRUTHS):
-            x = np.array([center[pair][truth] for pair in pairs])
-            reach = np.array([np.abs(ends[pair][truth] - center[pair][truth]) for pair in pairs])
-            shift = 0.14 if truth else -0.14
             to.errorbar(
-                x, place - shift, xerr=reach.T, fmt=marker, ms=3.5, color=COLORS[1 - truth],
-                elinewidth=1.3, label=f"of {name} objects",
+                center[p, e, truth], place + (-0.14 if truth else 0.14), xerr=ends[:, p, e, truth],
+                fmt=marker, ms=3.5, color=COLORS[1 - truth], elinewidth=1.3,
+                label=f"of {name} objects",
             )  # fmt: skip
-        to.set_yticks(place, [behaviors[e] for _, e in pairs])
+        to.set_yticks(place, [behaviors[i] for i in e])
         for head in heads:
-            name = attributes[pairs[head][0]]
-            to.text(-0.01, place[head] - 0.9, name, weight="bold", ha="right", va="center",
-                    fontsize=8, transform=to.get_yaxis_transform())  # fmt: skip
+            to.text(-0.01, place[head] - 0.9, attributes[p[head]], weight="bold", ha="right",
+                    va="center", fontsize=8, transform=to.get_yaxis_transform())  # fmt: skip
         to.set(xlim=(-0.02, 1.02), ylim=(place[-1] + 0.7, place[0] - 1.3))
         label = 'probability of "yes", with 95 % interval'
         if rest := gap.size - len(pairs):
@@ -183,7 +177,7 @@ def forest(
         return to
 
 
-def predictive(observed: ArrayLike, predicted: ArrayLike, *, ax: Axes | None = None) -> Axes:
+def predictive(observed: ArrayLike, predicted: ArrayLike) -> Axes:
     """Draw how many of an object's percepts say "yes", and what the model predicts of new objects.
 
     Columns are observed fractions, of cases (2,n+1) by truth (false, true) and number of "yes" of
@@ -192,7 +186,7 @@ def predictive(observed: ArrayLike, predicted: ArrayLike, *, ax: Axes | None = N
     """
     counts, drawn = np.asarray(observed, float), np.asarray(predicted, float)
     x = np.arange(counts.shape[1])
-    with axes_to_draw(ax) as to:
+    with axes_to_draw() as to:
         for truth, (name, marker) in enumerate(_TRUTHS):
             color, shift = COLORS[1 - truth], 0.2 if truth else -0.2
             total = max(counts[truth].sum(), 1.0)
