@@ -39,9 +39,7 @@ _STYLE: Any = {  # names of matplotlib's settings
 
 
 @contextlib.contextmanager
-def axes_to_draw(
-    ax: Axes | None = None, *, width: float = 4.8, height: float = 2.9
-) -> Iterator[Axes]:
+def axes_to_draw(ax: Axes | None, *, width: float = 4.8, height: float = 2.9) -> Iterator[Axes]:
     """Yield `ax`, or the Axes of a new figure (inches), in our style while the block runs."""
     with mpl.rc_context(_STYLE):
         if ax is None:

@@ -70,7 +70,7 @@ def reliability_diagram(positive: ArrayLike, truth: ArrayLike, *, small: bool = 
     n, hits = np.bincount(index, minlength=BINS), np.bincount(index[true], minlength=BINS)
     filled = np.flatnonzero(n)
     width, height = (2.1, 2.1) if small else (3.4, 3.9)
-    with axes_to_draw(width=width, height=height) as to:
+    with axes_to_draw(None, width=width, height=height) as to:
         edges = np.arange(BINS) / BINS
         to.bar(edges, n / len(b), 1 / BINS, align="edge", color="#E3E3E3", label="beliefs")
         to.plot([0, 1], [0, 1], color=GRAY, lw=1, ls="--", label="calibrated")
@@ -92,7 +92,7 @@ def belief_trace(trial: Trial) -> Axes:
     positive = np.array([belief.positive for belief in beliefs])  # (T+1,N)
     e, names = trial.momdp.n_behaviors, trial.momdp.behavior_names
     actions = [step.decision.action for step in trial.steps]
-    with axes_to_draw() as to:
+    with axes_to_draw(None) as to:
         columns = zip(trial.task.query.attributes, positive.T, trial.truth, strict=True)
         for color, marker, (attribute, belief, truth) in _styled(columns):
             to.plot(belief, color=color, marker=marker, ms=4, lw=1.6, label=attribute)
@@ -109,7 +109,7 @@ def belief_trace(trial: Trial) -> Axes:
 
 def cost_distribution(groups: Mapping[str, ArrayLike]) -> Axes:
     """Draw the fraction of trials over the cost they stay within, one step line an agent."""
-    with axes_to_draw() as to:
+    with axes_to_draw(None) as to:
         for color, _, (group, costs) in _styled(groups.items()):
             values, counts = np.unique(np.asarray(costs, float), return_counts=True)
             to.ecdf(values, counts, color=color, lw=1.6, label=group)
@@ -122,7 +122,7 @@ def cost_distribution(groups: Mapping[str, ArrayLike]) -> Axes:
 
 def accuracy_and_cost(points: Mapping[str, tuple[Interval, Interval]]) -> Axes:
     """Draw accuracy over mean cost, s, with the intervals of both, a point an agent."""
-    with axes_to_draw() as to:
+    with axes_to_draw(None) as to:
         for color, marker, (agent, (accuracy, cost)) in _styled(points.items()):
             to.errorbar(
                 cost.estimate, accuracy.estimate, xerr=reach([cost]), yerr=reach([accuracy]),
@@ -157,7 +157,7 @@ def forest(
     p, e = np.transpose(pairs)
     heads = np.unique(p, return_index=True)[1]
     place = np.arange(len(pairs)) + 0.9 * np.searchsorted(heads, np.arange(len(pairs)), "right")
-    with axes_to_draw(height=1.1 + _ROW * (place[-1] + 1)) as to:
+    with axes_to_draw(None, height=1.1 + _ROW * (place[-1] + 1)) as to:
         for truth, (name, marker) in enumerate(_TRUTHS):
             to.errorbar(
                 center[p, e, truth], place + (-0.14 if truth else 0.14), xerr=ends[:, p, e, truth],
@@ -186,7 +186,7 @@ def predictive(observed: ArrayLike, predicted: ArrayLike) -> Axes:
     """
     counts, drawn = np.asarray(observed, float), np.asarray(predicted, float)
     x = np.arange(counts.shape[1])
-    with axes_to_draw() as to:
+    with axes_to_draw(None) as to:
         for truth, (name, marker) in enumerate(_TRUTHS):
             color, shift = COLORS[1 - truth], 0.2 if truth else -0.2
             total = max(counts[truth].sum(), 1.0)
