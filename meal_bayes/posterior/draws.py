@@ -32,7 +32,6 @@ from meal_bayes.posterior.grid import (
 
 TRUTHS = ("false", "true")
 ROW = ("attribute", "behavior", "truth")
-_DIMENSIONS = 5  # (O,P,E,2,K)
 _FLOOR = 1e-100  # of probabilities, whose gamma functions would overflow
 _FINER = 8  # points for each of the grid's, where m is drawn
 
@@ -162,14 +161,8 @@ def sensing(counts: ArrayLike) -> Bools:
 def sensed(
     counts: ArrayLike, attributes: Sequence[str], behaviors: Sequence[str]
 ) -> tuple[Ints, tuple[str, ...], tuple[str, ...]]:
-    """Check counts (O,P,E',2,K) and names; keep the behaviors that sense."""
-    array = np.asarray(counts)
-    if array.ndim != _DIMENSIONS or array.shape[1:3] != (len(attributes), len(behaviors)):
-        raise SettingsError(
-            f"Counts have shape {array.shape}; expected (objects, {len(attributes)} attributes, "
-            f"{len(behaviors)} behaviors, 2, levels)."
-        )
-    senses = sensing(array)
+    """Keep the behaviors that sense, of counts (O,P,E',2,K) and names."""
+    array, senses = np.asarray(counts), sensing(counts)
     if not senses.any():
         raise SettingsError("No object has a percept and a known label; there is nothing to fit.")
     return array[:, :, senses], tuple(attributes), tuple(compress(behaviors, senses))

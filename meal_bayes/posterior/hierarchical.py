@@ -28,7 +28,6 @@ from scipy.special import gammaln
 from meal_bayes.arrays import Ints
 from meal_bayes.cache import scratch_folder, writable_caches
 from meal_bayes.display import level_names
-from meal_bayes.errors import SettingsError
 from meal_bayes.perception.confusion import youden
 from meal_bayes.posterior.draws import ROW, TRUTHS, sensed
 from meal_bayes.posterior.grid import DISPERSIONS, TAUS, prior_of
@@ -39,14 +38,9 @@ from meal_bayes.seeds import stream
 # a BLAS, with a warning where there is none, that no model of ours needs. By Numba, its default
 # from 3.0 on, what is compiled anew and what is loaded round otherwise, unless the order of sums
 # is kept: draws would repeat under a seed from the second run on.
-_user = os.environ.get("PYTENSOR_FLAGS", "")
-_flags = {
-    "base_compiledir": scratch_folder("pytensor"),
-    "blas__ldflags": "",
-    "numba__fastmath": False,
-}
-_settings = (f"{flag}={value}" for flag, value in _flags.items() if flag not in _user)
-os.environ["PYTENSOR_FLAGS"] = ",".join(filter(None, (_user, *_settings)))
+_folder, _user = scratch_folder("pytensor"), os.environ.get("PYTENSOR_FLAGS", "")  # the last wins
+_flags = f"base_compiledir={_folder},blas__ldflags=,numba__fastmath=False"
+os.environ["PYTENSOR_FLAGS"] = f"{_flags},{_user}"
 with writable_caches(), warnings.catch_warnings():  # ArviZ 0.x announces 1.0 on import
     warnings.filterwarnings("ignore", r"\s*ArviZ is undergoing", FutureWarning)
     import pymc as pm
@@ -54,7 +48,6 @@ with writable_caches(), warnings.catch_warnings():  # ArviZ 0.x announces 1.0 on
     from pytensor.configdefaults import config
 pt: Any = pytensor.tensor  # not typed
 
-MODELS = ("same", "crossed")
 ACCEPT = 0.9  # target acceptance: smaller steps than usual, as no draw may diverge
 _LOG_S = np.log(DISPERSIONS)
 _STEP = float(_LOG_S[1] - _LOG_S[0])
@@ -120,7 +113,7 @@ def fit_hierarchical(
     Raises
     ------
     SettingsError
-        An unknown model, counts and names that do not agree, nothing to fit.
+        No object has a percept and a known label.
     KeyboardInterrupt
         Sampling was interrupted; a part of the draws is not the posterior.
     """
@@ -149,8 +142,6 @@ def build_model(
     prior: ArrayLike | None = None,
 ) -> "pm.Model":
     """Build the PyMC model of counts (O,P,E,2,K) in which every behavior senses."""
-    if model not in MODELS:
-        raise SettingsError(f"Unknown model {model!r}; expected one of {', '.join(MODELS)}.")
     names = attributes, behaviors, TRUTHS, level_names(counts.shape[-1])
     coords = dict(zip((*ROW, "level"), map(list, names), strict=True))
     patterns, pattern_of = _patterns(counts)

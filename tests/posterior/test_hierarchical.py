@@ -13,7 +13,6 @@ from scipy.special import expit, logit, logsumexp
 from scipy.stats import dirichlet_multinomial, norm, truncnorm
 
 from meal_bayes import posterior
-from meal_bayes.errors import SettingsError
 from meal_bayes.perception.confusion import youden
 from meal_bayes.posterior.draws import draw_grid, rows_of, summarize_draws
 from meal_bayes.posterior.grid import DISPERSIONS, TAUS
@@ -137,14 +136,6 @@ def test_nuts_draws_what_the_grid_integrates():
     assert steps[-1] == (5000, 5000)
     posterior = summarize_draws(draws, counts)
     np.testing.assert_allclose(posterior.mean[:, [0, 2]], mean.mean(axis=0))
-
-
-def test_settings_that_cannot_be_are_told():
-    counts = simulated(2)
-    with pytest.raises(SettingsError, match="Unknown model 'other'; expected one of same, crossed"):
-        fit_hierarchical(counts, **NAMES, model="other")
-    with pytest.raises(SettingsError, match="expected \\(objects, 2 attributes, 1 behaviors"):
-        fit_hierarchical(counts, attributes=["a", "b"], behaviors=["c"])
 
 
 def test_one_attribute_or_behavior_has_nothing_to_cross():
