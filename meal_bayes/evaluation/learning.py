@@ -14,7 +14,6 @@ import numpy as np
 from scipy.integrate import trapezoid
 
 from meal_bayes.arrays import Floats
-from meal_bayes.errors import SettingsError
 from meal_bayes.evaluation.calibration import calibration_error, negative_log_likelihood
 from meal_bayes.evaluation.statistics import MASS, Interval, Measures, resampled, spent
 from meal_bayes.evaluation.summary import mean_effect
@@ -80,14 +79,12 @@ def learning_rows(results: Iterable[BatchOutcomes]) -> list[LearningRow]:
 
 
 def curves_of(results: Iterable[BatchOutcomes], agent: str) -> Curves:
-    """Collect the curves of an agent; raise a `SettingsError` where one is missing or not whole."""
+    """Collect the curves of an agent."""
     points: dict[int, list[tuple[int, float, float]]] = {}
     for result in results:
         if result.agent == agent:
             point = (result.batch, result.hours, float(result.outcomes.reward.mean()))
             points.setdefault(result.repeat, []).append(point)
-    if len({len(curve) for curve in points.values()}) != 1:
-        raise SettingsError(f"No whole learning curve of {agent!r}; run it, or wait for its end.")
     return {repeat: np.array(sorted(points[repeat])).T[1:] for repeat in sorted(points)}
 
 
@@ -103,7 +100,7 @@ def summarize_learning(
     curves = {agent: curves_of(results, agent) for agent in agents}
     base, rows = curves[agents[0]], []
     for agent, curve in curves.items():
-        end = float(np.mean([base[repeat][0, -1] for repeat in _shared(curve, base)]))
+        end = float(np.mean([base[repeat][0, -1] for repeat in sorted(curve.keys() & base.keys())]))
         area = _difference(curve, base, partial(mean_until, end=end), mass)
         after = _difference(curve, base, lambda hours, reward: reward[-1])
         batches = [result for result in results if result.agent == agent]
@@ -148,13 +145,6 @@ def _difference(
     curves: Curves, base: Curves, of: Callable[[Floats, Floats], float], mass: float = MASS
 ) -> Interval:
     """Compare a number of hours (B,) and rewards (B,), paired by repeat."""
-    gains = [of(*curves[repeat]) - of(*base[repeat]) for repeat in _shared(curves, base)]
+    shared = sorted(curves.keys() & base.keys())
+    gains = [of(*curves[repeat]) - of(*base[repeat]) for repeat in shared]
     return resampled(gains, RATIO).interval(mass)
-
-
-def _shared(curves: Curves, base: Curves) -> list[int]:
-    """Return the repeats that two agents share; raise a `SettingsError` where there are none."""
-    repeats = sorted(curves.keys() & base.keys())
-    if not repeats:
-        raise SettingsError("No repeat is of both agents; run the same repeats of each.")
-    return repeats

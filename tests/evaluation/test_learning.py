@@ -6,7 +6,6 @@ import math
 import numpy as np
 import pytest
 
-from meal_bayes.errors import SettingsError
 from meal_bayes.evaluation import expected_calibration_error
 from meal_bayes.evaluation.learning import (
     curves_of,
@@ -105,13 +104,6 @@ class TestSummary:
         bayes = summarize_learning([*base, *more])[1]
         assert bayes.area_reward_difference == bayes.reward_after_difference == pytest.approx(2)
         assert bayes.accuracy_after == pytest.approx((0.8 + 0.8 + 0.5) / 3)
-
-    def test_curves_that_cannot_be_compared_are_refused(self):
-        with pytest.raises(SettingsError, match="No whole learning curve of 'bayes'"):
-            curves_of(curve("bayes", RISING)[:-1], "bayes")
-        other = [b._replace(repeat=b.repeat + 5) for b in curve("morc", RISING)]
-        with pytest.raises(SettingsError, match="No repeat is of both agents"):
-            summarize_learning([*curve("bayes", RISING), *other])
 
 
 def test_rewards_at_budgets_are_read_off_the_curves():
