@@ -95,14 +95,9 @@ class TransitionDiagram:
         if self.start not in states:
             yield f"start = {self.start!r} is none of the states {states}."
         outgoing: dict[tuple[str, str], dict[str, float]] = {}
-        targets: dict[str, set[str]] = {}
         for effect in self.effects:
-            for role, name in (("from", effect.source), ("to", effect.target)):
-                if name not in (*states, ANY_STATE):
-                    yield (
-                        f"An effect of {effect.behavior!r} goes {role} {name!r}; "
-                        f"expected one of {states}."
-                    )
+            for name in sorted({effect.source, effect.target} - {*states, ANY_STATE}):
+                yield f"An effect of {effect.behavior!r} names {name!r}; expected one of {states}."
             if not 0.0 < effect.probability <= 1.0:
                 yield (
                     f"{effect.behavior!r} in {effect.source!r} has probability "
@@ -114,14 +109,14 @@ class TransitionDiagram:
                     arrow = f"{source} --{effect.behavior}--> {target}"
                     yield f"The arrow {arrow} is listed twice; keep one."
                 outcomes[target] = effect.probability
-                targets.setdefault(source, set()).add(target)
         for (source, behavior), outcomes in outgoing.items():
             if (total := sum(outcomes.values())) > 1 + 1e-9:
                 yield (
                     f"{behavior!r} in {source!r} has outcomes of total probability {total:g}; "
                     "lower them so that they add to at most 1."
                 )
-        reached = closure(self.start, lambda state: targets.get(state, ()))
+        arrows = {(x, target) for (x, _), outcomes in outgoing.items() for target in outcomes}
+        reached = closure(self.start, lambda state: (to for x, to in arrows if x == state))
         if lost := [repr(state) for state in states if state not in reached]:
             yield (
                 f"No behavior ever leads from {self.start!r} to {', '.join(lost)}; "
@@ -131,11 +126,6 @@ class TransitionDiagram:
     def _expand(self, effect: Effect) -> list[tuple[str, str]]:
         sources = self.states[:-1] if effect.source == ANY_STATE else (effect.source,)
         return [(s, s if effect.target == ANY_STATE else effect.target) for s in sources]
-
-    def success(self, effect: Effect) -> float:
-        """Return Pr(a behavior succeeds in a source), summed over its outcomes."""
-        arrow = effect.source, effect.behavior
-        return sum(e.probability for e in self.effects if (e.source, e.behavior) == arrow)
 
     def successes(self, state: str) -> dict[str, str]:
         """Return the behaviors that are legal in a state, and where each most probably leads."""

@@ -281,7 +281,9 @@ def learn_success(domain: Domain, attempts: NDArray[np.int64]) -> Domain:
     effects = []
     for effect in domain.diagram.effects:
         failed, succeeded = attempts[domain.behavior_index(effect.behavior)]
-        before = domain.diagram.success(effect)
+        arrow = effect.source, effect.behavior
+        outcomes = (e for e in domain.diagram.effects if (e.source, e.behavior) == arrow)
+        before = sum(outcome.probability for outcome in outcomes)
         after = float((_PRIOR * before + succeeded) / (_PRIOR + failed + succeeded))
         # outcomes of a success stay as likely as before
         changed = replace(effect, probability=effect.probability * after / before)

@@ -77,8 +77,8 @@ def test_probabilities_that_round_above_one_stay_distributions():
         ([Effect("a", "grasp", "b", float("nan"))], "probability nan; expected"),
         ([LOOP, Effect("a", "look", "b", 0.3)], "total probability 1.1; lower them"),
         ([LOOP], "No behavior ever leads from 'a' to 'b'; add an effect"),
-        ([Effect("a", "grasp", "c")], r"goes to 'c'; expected one of \['a', 'b'\]"),
-        ([Effect("c", "grasp", "b")], r"goes from 'c'; expected one of"),
+        ([Effect("a", "grasp", "c")], r"names 'c'; expected one of \['a', 'b'\]"),
+        ([Effect("c", "grasp", "b")], r"names 'c'; expected one of"),
         ([Effect("a", "go", "b", 0.5)] * 2, "a --go--> b is listed twice; keep one"),
     ],
 )
