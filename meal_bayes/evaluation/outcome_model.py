@@ -24,7 +24,6 @@ from meal_bayes.arrays import Floats
 from meal_bayes.errors import SettingsError
 from meal_bayes.evaluation.statistics import MASS, Measures
 from meal_bayes.evaluation.summary import measured
-from meal_bayes.seeds import stream
 from meal_bayes.trials import TrialOutcomes, Trials
 
 MARGINS = {"success": 0.02, "cost": 2.0, "reward": 10.0}  # regions of practical equivalence
@@ -193,11 +192,8 @@ def sample(cells: Cells, *, draws: int, seed: int) -> dict[str, Floats]:
         else:
             noise = pm.HalfNormal("noise", 2.0 * cells.spread / scale) / np.sqrt(cells.trials)
             pm.Normal("means", eta, noise, observed=(means - center) / scale)
-        trace = pm.sample(
-            draws, tune=draws, chains=2, cores=1, target_accept=0.9, progressbar=False, quiet=True,
-            random_seed=int(stream(seed, "outcomes").integers(2**31)), model=model,
-            compute_convergence_checks=False,
-        )  # fmt: skip
+    sampling = hierarchical.Sampling(draws, draws, chains=2, cores=1, seed=seed)
+    trace = hierarchical.sample(model, sampling, "outcomes")
     values = {
         str(name): scale * value.to_numpy().reshape(2 * draws, *value.shape[2:])
         for name, value in trace.posterior.items()

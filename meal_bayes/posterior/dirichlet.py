@@ -188,6 +188,4 @@ class ConfusionPosterior:
 
 def _prior(prior: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.float64]:
     alpha = np.asarray(prior, dtype=float)
-    if not (alpha > 0).all():
-        raise SettingsError(f"The prior must be above 0; found {alpha.min()}.")
     return np.broadcast_to(alpha if alpha.ndim else alpha / shape[-1], shape)

@@ -119,7 +119,7 @@ def fit_hierarchical(
     """
     percepts, names, sensors = sensed(counts, attributes, behaviors)
     built = build_model(percepts, names, sensors, model=model, prior=prior)
-    trace = _sample(built, sampling or Sampling(), progress)
+    trace = sample(built, sampling or Sampling(), progress=progress)
     groups = (trace[name].data_vars for name in ("posterior", "sample_stats"))
     posterior, stats = map(xr.Dataset, groups)  # of PyMC's data sets, from PyMC 6 on trees
     inner = [name for name in posterior.data_vars if str(name).endswith(_INNER)]
@@ -262,8 +262,10 @@ def _shared_class(counts: Ints, pattern_of: Ints, scores: Any, epsilon: Any) -> 
     return pt.logaddexp(pt.log1p(-epsilon) + right, pt.log(epsilon) + wrong).sum()
 
 
-def _sample(built: "pm.Model", sampling: Sampling, progress: Progress | None) -> Any:
-    """Run NUTS; raise `KeyboardInterrupt` where it was interrupted."""
+def sample(
+    model: "pm.Model", sampling: Sampling, name: str = "mcmc", progress: Progress | None = None
+) -> Any:
+    """Run NUTS by a random stream of this name; raise `KeyboardInterrupt` when interrupted."""
     settings: dict[str, Any] = {}
     if progress is not None:
         total, steps = (sampling.draws + sampling.tune) * sampling.chains, count(1)
@@ -281,9 +283,9 @@ def _sample(built: "pm.Model", sampling: Sampling, progress: Progress | None) ->
                 # PyMC's own default counts half of the processors
                 cores=sampling.cores or min(sampling.chains, os.cpu_count() or 1),
                 mp_ctx=EndingContext(),
-                random_seed=int(stream(sampling.seed, "mcmc").integers(2**31)),
+                random_seed=int(stream(sampling.seed, name).integers(2**31)),
                 target_accept=ACCEPT,
-                model=built,
+                model=model,
                 compute_convergence_checks=False,
                 nuts_sampler="pymc",
                 progressbar=False,

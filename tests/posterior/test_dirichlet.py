@@ -154,7 +154,6 @@ def test_exact_selection_is_the_papers_equation_8():
     [
         (lambda: ConfusionPosterior.from_counts(np.ones((3, 2, 3, 2))), r"of shape \(attributes"),
         (lambda: ConfusionPosterior.from_counts(-np.ones(SHAPE)), "expected numbers >= 0"),
-        (lambda: ConfusionPosterior.from_counts(np.ones(SHAPE), prior=0), "prior must be above 0"),
         (lambda: ConfusionPosterior.from_objects(np.ones(SHAPE)), "shape .*; expected"),
         (lambda: ConfusionPosterior.from_objects(np.full((2, *SHAPE), 0.5)), "whole numbers"),
         (
