@@ -10,6 +10,12 @@ from meal_bayes.display import facts_html, facts_repr, listed
 from meal_bayes.domain import Query
 from meal_bayes.errors import SettingsError
 
+ARRAYS = {  # of a MOMDP: N attributes, E behaviors, X states, C latent classes, K levels
+    "transition": "exx", "observation_probability": "exx", "legal": "xe", "confusion": "neck",
+    "precision": "nec", "prior": "n", "latent_classes": "n2c", "cost": "e", "bonus": "ne2",
+    "limit": "e",
+}  # fmt: skip
+
 
 @dataclass(frozen=True, slots=True)
 class MOMDP:
@@ -89,28 +95,17 @@ class MOMDP:
         set_frozen(self, log_truth=freeze(self._log_truth()))
 
     def _check(self) -> None:
-        n, e, x = len(self.query), len(self.behavior_names), len(self.x_names)
-        if self.confusion.ndim < 1 or self.levels % 2:
+        if self.levels % 2:
             raise SettingsError(
                 f"MOMDP.confusion has shape {self.confusion.shape}; its last axis are the percept "
                 "levels, an even number, the upper half of which speaks for true."
             )
-        c = self.latent_classes.size // (2 * n)
-        expected = {
-            "transition": (e, x, x),
-            "observation_probability": (e, x, x),
-            "legal": (x, e),
-            "latent_classes": (n, 2, c),
-            "confusion": (n, e, c, self.levels),
-            "precision": (n, e, c),
-            "prior": (n,),
-            "cost": (e,),
-            "bonus": (n, e, 2),
-            "limit": (e,),
-        }
-        for name, shape in expected.items():
-            if (size := getattr(self, name).shape) != shape:
-                raise SettingsError(f"MOMDP.{name} has shape {size}; expected {shape}.")
+        size = {"n": len(self.query), "e": self.n_behaviors, "x": len(self.x_names), "2": 2}
+        size |= {"c": self.latent_classes.size // (2 * size["n"]), "k": self.levels}
+        for name, axes in ARRAYS.items():
+            shape, expected = getattr(self, name).shape, tuple(size[axis] for axis in axes)
+            if shape != expected:
+                raise SettingsError(f"MOMDP.{name} has shape {shape}; expected {expected}.")
         for name in ("transition", "confusion", "latent_classes"):
             rows = getattr(self, name)
             if (rows < 0).any() or not np.allclose(rows.sum(axis=-1), 1.0, atol=1e-6):

@@ -10,6 +10,8 @@ from typing import Any, NamedTuple
 
 from google.protobuf import descriptor_pb2, descriptor_pool, message_factory, timestamp_pb2
 
+from meal_bayes.momdp.model import ARRAYS
+
 FORMAT_VERSION = 5
 FULL, COMPACT = "full", "compact"  # forms of a log: whole trials, or their outcomes alone
 PROFILES = {FULL: "meal_bayes", COMPACT: "meal_bayes/outcomes"}  # in the MCAP header
@@ -69,12 +71,7 @@ _FIELDS = {
         "executed:int64* failed:int64*"
     ),
 }
-# Fields of a MOMDP that have its own names; axes of arrays are as in `MOMDP`.
-MOMDP_ARRAYS = {
-    "transition": "exx", "observation_probability": "exx", "legal": "xe", "confusion": "neck",
-    "precision": "nec", "prior": "n", "latent_classes": "n2c", "cost": "e", "bonus": "ne2",
-    "limit": "e",
-}  # fmt: skip
+MOMDP_ARRAYS = ARRAYS  # fields of a MOMDP that have its own names
 TASK_VALUES = ("name", "object_index", "object_name")  # by the names of `Task`
 STEP_VALUES = ("x", "next_x", "cost", "reward", "warning")  # by the names of `Step`
 DECISION_ARRAYS = {"values": float, "value_se": float, "visits": int}
