@@ -74,18 +74,14 @@ class Effect:
     def interval(self, mass: float = MASS) -> Interval:
         """Return the two-sided interval of a mass."""
         if self.sides is not None:
-            (gain, gain_se, *gains), (loss, loss_se, *losses) = (
-                s.interval(mass) for s in self.sides
+            gain, loss = (side.interval(mass) for side in self.sides)
+            both = gain.se * loss.se  # as independent where one side has no error
+            rho = (gain.se**2 + loss.se**2 - self.se**2) / (2 * both) if both > 0 else 0.0
+            reaches = (
+                (gain.estimate - gain.low, loss.high - loss.estimate),
+                (gain.high - gain.estimate, loss.estimate - loss.low),
             )
-            both = gain_se * loss_se  # as independent where one side has no error
-            rho = (gain_se**2 + loss_se**2 - self.se**2) / (2 * both) if both > 0 else 0.0
-            down, up = (
-                math.sqrt(max(a * a + b * b - 2 * rho * a * b, 0.0))
-                for a, b in (
-                    (gain - gains[0], losses[1] - loss),
-                    (gains[1] - gain, loss - losses[0]),
-                )
-            )
+            down, up = (math.sqrt(max(a * a + b * b - 2 * rho * a * b, 0.0)) for a, b in reaches)
             return Interval(self.estimate, self.se, self.estimate - down, self.estimate + up)
         t = float(stdtrit(max(self.units - 1, 1), 0.5 + mass / 2))
         if not self.fraction:
