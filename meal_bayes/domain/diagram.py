@@ -99,10 +99,8 @@ class TransitionDiagram:
             for name in sorted({effect.source, effect.target} - {*states, ANY_STATE}):
                 yield f"An effect of {effect.behavior!r} names {name!r}; expected one of {states}."
             if not 0.0 < effect.probability <= 1.0:
-                yield (
-                    f"{effect.behavior!r} in {effect.source!r} has probability "
-                    f"{effect.probability:g}; expected a number above 0 and at most 1."
-                )
+                arrow = f"{effect.behavior!r} in {effect.source!r}"
+                yield f"{arrow} has probability {effect.probability:g}; expected one in (0, 1]."
             for source, target in self._expand(effect):
                 outcomes = outgoing.setdefault((source, effect.behavior), {})
                 if target in outcomes:
@@ -111,17 +109,12 @@ class TransitionDiagram:
                 outcomes[target] = effect.probability
         for (source, behavior), outcomes in outgoing.items():
             if (total := sum(outcomes.values())) > 1 + 1e-9:
-                yield (
-                    f"{behavior!r} in {source!r} has outcomes of total probability {total:g}; "
-                    "lower them so that they add to at most 1."
-                )
+                yield f"{behavior!r} in {source!r} has total probability {total:g}; lower it to 1."
         arrows = {(x, target) for (x, _), outcomes in outgoing.items() for target in outcomes}
         reached = closure(self.start, lambda state: (to for x, to in arrows if x == state))
         if lost := [repr(state) for state in states if state not in reached]:
-            yield (
-                f"No behavior ever leads from {self.start!r} to {', '.join(lost)}; "
-                "add an effect that does, or remove the state."
-            )
+            ways = f"No behavior ever leads from {self.start!r} to {', '.join(lost)}"
+            yield f"{ways}; add an effect that does, or remove the state."
 
     def _expand(self, effect: Effect) -> list[tuple[str, str]]:
         sources = self.states[:-1] if effect.source == ANY_STATE else (effect.source,)

@@ -117,10 +117,7 @@ class Domain:
         if not 0 <= self.report_reward <= LARGEST:
             yield f"report_reward is {self.report_reward}; give a number from 0 to {LARGEST:g}."
         if not self.legal_budget or not all(0 <= s < math.inf for s in self.legal_budget):
-            yield (
-                f"legal_budget is {list(self.legal_budget)}; give at least one finite number of "
-                "seconds, 0 or more, or leave it out."
-            )
+            yield f"legal_budget is {self.legal_budget}; give at least one finite time >= 0 s."
         for kind, names in (("attribute", self.attributes), ("behavior", self.behavior_names)):
             if not names:
                 yield f"A domain needs at least one {kind}."
@@ -132,16 +129,10 @@ class Domain:
             if not 0 <= cost <= LARGEST:
                 yield f"Behavior {name!r} costs {cost}; give its seconds, 0 to {LARGEST:g}."
             if accuracy is not None and not 0 < accuracy <= 1:
-                yield (
-                    f"Behavior {name!r} has answer_accuracy {accuracy}; "
-                    "expected a number above 0 and at most 1."
-                )
+                yield f"Behavior {name!r} has answer_accuracy {accuracy}; expected one in (0, 1]."
         used, behaviors = {row.behavior for row in self.diagram.effects}, {*self.behavior_names}
         for name in sorted(used - behaviors):
-            yield (
-                f"The diagram uses behavior {name!r}, which has no entry (with its cost) "
-                f"among the behaviors {list(self.behavior_names)}."
-            )
+            yield f"The diagram uses behavior {name!r}, which has no entry; add one with its cost."
         for name in sorted(behaviors - used):
             yield f"Behavior {name!r} is legal in no state; add an effect or remove it."
         if not any(behavior.senses for behavior in self.behaviors):
@@ -153,10 +144,7 @@ class Domain:
             yield f"Groups or synonyms name {name!r}, which is no attribute."
         for group, members in self.groups.items():
             if len(members) < 2 or any(grouped.count(name) > 1 for name in members):
-                yield (
-                    f"The group {group!r} is {list(members)}; give two or more attributes, each "
-                    "once and in no other group."
-                )
+                yield f"Group {group!r} is {members}; give two or more attributes, each once and in one group."
         for name in self.attributes:
             if "," in name:
                 yield f"The attribute {name!r} holds a comma, which parts attributes."

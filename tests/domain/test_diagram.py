@@ -73,9 +73,9 @@ def test_probabilities_that_round_above_one_stay_distributions():
 @pytest.mark.parametrize(
     ("effects", "says"),
     [
-        ([Effect("a", "grasp", "b", 1.5)], "probability 1.5; expected a number above 0"),
+        ([Effect("a", "grasp", "b", 1.5)], "probability 1.5; expected one in"),
         ([Effect("a", "grasp", "b", float("nan"))], "probability nan; expected"),
-        ([LOOP, Effect("a", "look", "b", 0.3)], "total probability 1.1; lower them"),
+        ([LOOP, Effect("a", "look", "b", 0.3)], "total probability 1.1; lower it to 1"),
         ([LOOP], "No behavior ever leads from 'a' to 'b'; add an effect"),
         ([Effect("a", "grasp", "c")], r"names 'c'; expected one of \['a', 'b'\]"),
         ([Effect("c", "grasp", "b")], r"names 'c'; expected one of"),
