@@ -142,8 +142,7 @@ class TransitionDiagram:
         }
         left, state, sequence = set(wanted), self.start, list[str]()
         while ways := list(_ways(after, state, left, cost)):
-            lost = [len(left - {names[-1]} - reachable[x]) for names, x in ways]
-            names, state = ways[lost.index(min(lost))]
+            names, state = min(ways, key=lambda way: len(left - {way[0][-1]} - reachable[way[1]]))
             sequence += names
             left.discard(names[-1])
         return tuple(sequence)

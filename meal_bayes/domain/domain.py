@@ -144,7 +144,8 @@ class Domain:
             yield f"Groups or synonyms name {name!r}, which is no attribute."
         for group, members in self.groups.items():
             if len(members) < 2 or any(grouped.count(name) > 1 for name in members):
-                yield f"Group {group!r} is {members}; give two or more attributes, each once and in one group."
+                values = f"The group {group!r} is {list(members)}"
+                yield f"{values}; give two or more attributes, each once and in no other group."
         for name in self.attributes:
             if "," in name:
                 yield f"The attribute {name!r} holds a comma, which parts attributes."

@@ -188,16 +188,12 @@ def _check_sizes(table: dict[str, Any]) -> None:
         names += [row.get("name") if isinstance(row, dict) else row for row in entries]
     for name in names:
         if isinstance(name, str) and not 0 < len(name.strip()) <= LETTER_LIMIT:
-            raise DomainError(
-                f"A name has {len(name)} characters; expected 1 to {LETTER_LIMIT}, not all blank."
-            )
-    size = len(table["behaviors"]) * (len(diagram["states"]) + 1) ** 2
-    if max(size, len(diagram["effects"]) * len(diagram["states"])) > DIAGRAM_LIMIT:
-        raise DomainError(
-            f"{len(table['behaviors'])} behaviors, {len(diagram['states'])} states and "
-            f"{len(diagram['effects'])} effects make a diagram of more than {DIAGRAM_LIMIT:,} "
-            "entries; use fewer of them."
-        )
+            letters = f"expected 1 to {LETTER_LIMIT}, not all blank"
+            raise DomainError(f"A name has {len(name)} characters; {letters}.")
+    e, x, arrows = len(table["behaviors"]), len(diagram["states"]), len(diagram["effects"])
+    if max(e * (x + 1) ** 2, arrows * x) > DIAGRAM_LIMIT:
+        parts = f"{e} behaviors, {x} states and {arrows} effects"
+        raise DomainError(f"{parts} make more than {DIAGRAM_LIMIT:,} entries; use fewer of them.")
 
 
 def _fields(

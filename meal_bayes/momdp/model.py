@@ -96,10 +96,7 @@ class MOMDP:
 
     def _check(self) -> None:
         if self.levels % 2:
-            raise SettingsError(
-                f"MOMDP.confusion has shape {self.confusion.shape}; its last axis are the percept "
-                "levels, an even number, the upper half of which speaks for true."
-            )
+            raise SettingsError(f"Percepts have {self.levels} levels; expected an even number.")
         size = {"n": len(self.query), "e": self.n_behaviors, "x": len(self.x_names), "2": 2}
         size |= {"c": self.latent_classes.size // (2 * size["n"]), "k": self.levels}
         for name, axes in ARRAYS.items():
@@ -128,7 +125,7 @@ class MOMDP:
                 raise SettingsError(f"MOMDP.{name} must {text}; found {values}.")
         if not self.correct >= self.incorrect:
             raise SettingsError(
-                f"Need correct >= incorrect; found {self.correct} and {self.incorrect}."
+                f"Need correct >= incorrect; found {self.correct}, {self.incorrect}."
             )
 
     def _log_truth(self) -> NDArray[np.float64]:
@@ -230,9 +227,8 @@ class MOMDP:
             An action that the problem does not have, or that is not legal at x.
         """
         if not 0 <= action < self.n_actions:
-            raise SettingsError(
-                f"The planner commands action {action}; expected 0 to {self.n_actions - 1}."
-            )
+            last = self.n_actions - 1
+            raise SettingsError(f"The planner commands action {action}; expected 0 to {last}.")
         if action < self.n_behaviors and not self.legal[x, action]:
             legal = [self.behavior_names[e] for e in np.flatnonzero(self.legal[x])]
             raise SettingsError(
