@@ -11,7 +11,6 @@ from typing import Any, cast
 
 import matplotlib as mpl
 from matplotlib import axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from meal_bayes.errors import SettingsError
@@ -43,10 +42,7 @@ def axes_to_draw(ax: Axes | None, *, width: float = 4.8, height: float = 2.9) ->
     """Yield `ax`, or the Axes of a new figure (inches), in our style while the block runs."""
     with mpl.rc_context(_STYLE):
         if ax is None:
-            figure = Figure(figsize=(width, height))
-            figure.set_layout_engine("constrained")
-            FigureCanvasAgg(figure)
-            ax = figure.subplots()
+            ax = Figure(figsize=(width, height), layout="constrained").subplots()
         yield ax
 
 
