@@ -167,14 +167,9 @@ def read_query(question: str | Sequence[str], domain: Domain) -> Query:
         return _query([_resolve(item, known, domain) for item in items], domain)
     asked: list[str] = []
     for word in _words(question, known, domain):
-        if word in _NEGATIONS or word.endswith("n't"):
+        if word in _NEGATIONS | (_ALTERNATIVES - known.keys()) or word.endswith("n't"):
             raise QueryError(
-                f"The question says {word!r}; ask the plain attribute, "
-                "and the report will say whether it holds."
-            )
-        if word in _ALTERNATIVES - known.keys():
-            raise QueryError(
-                f'The question says {word!r}; name each attribute (with "and" or commas), and '
+                f'The question says {word!r}; ask the plain attributes (with "and" or commas), and '
                 "the report will say which of them hold."
             )
         if word in known or word not in _FUNCTION_WORDS:

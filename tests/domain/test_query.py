@@ -51,7 +51,7 @@ def test_reading(question, domain, attributes):
         ("red and brown", "names 'brown' twice"),
         ("Is it not heavy?", "says 'not'; ask the plain attribute"),
         ("Isn't it heavy?", 'says "isn\'t"; ask the plain attribute'),
-        ("Is it heavy or light?", "says 'or'; name each attribute"),
+        ("Is it heavy or light?", "says 'or'; ask the plain attributes"),
         ("", "No attribute found in ''; expected some of: light"),
         ([], "names no attribute; name at least one"),
         ([""], "Unknown attribute ''"),
