@@ -88,15 +88,9 @@ class ConfusionPosterior:
             As in `from_counts`; by default one for each behavior and truth, learned from what its
             attributes have in common.
         """
-        array = np.asarray(counts)
-        if array.ndim != _DIMENSIONS + 1:
-            raise SettingsError(
-                f"Counts have shape {array.shape}; "
-                "expected (objects, attributes, behaviors, 2, levels)."
-            )
-        total = array.sum(axis=0)
+        total = np.asarray(counts).sum(axis=0)
         alpha = None if prior is None else _prior(prior, total.shape)
-        rows, alpha, _, mean, s = grid_posterior(array, alpha)
+        rows, alpha, _, mean, s = grid_posterior(counts, alpha)
         weight = (alpha + rows.effective(s)).sum(axis=-1, keepdims=True)
         concentration = (weight * mean).reshape(total.shape)
         return cls(total, concentration, s.reshape(total.shape[:3]))

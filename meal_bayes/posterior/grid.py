@@ -197,7 +197,7 @@ class GridPosterior(NamedTuple):
 
 
 def grid_posterior(counts: ArrayLike, prior: ArrayLike | None = None) -> GridPosterior:
-    """Compute the posterior of each row, counts (...,O,P,E,2,K), in the order (...,P,E,2).
+    """Compute the posterior of each row, counts (O,P,E,2,K), in the order (P,E,2).
 
     Two levels are integrated exactly; with more, m given s is Dirichlet about the effective counts.
     The prior of m, (P,E,2,K) or what broadcasts to it, is learned by default.
@@ -210,17 +210,19 @@ def grid_posterior(counts: ArrayLike, prior: ArrayLike | None = None) -> GridPos
 
 
 def prior_of(counts: ArrayLike, prior: ArrayLike | None = None) -> Floats:
-    """Return the Dirichlet parameters of m, (...,P,E,2,K), given or learned."""
+    """Return the Dirichlet parameters of m, (P,E,2,K), given or learned."""
     return _prior(*_rows(counts), prior)
 
 
 def _rows(counts: ArrayLike) -> tuple[RowStatistics, Bools]:
-    """Summarize the rows of counts (...,O,P,E,2,K), and which pairs inform of others (...,P,E)."""
-    per_object = np.moveaxis(np.asarray(counts), -5, -2)  # (...,P,E,2,O,K)
-    if per_object.size == 0 or (per_object < 0).any() or (per_object % 1).any():
+    """Summarize the rows of counts (O,P,E,2,K), and which pairs inform of others (P,E)."""
+    shown = np.asarray(counts)
+    if shown.ndim != 5 or not shown.size or (shown < 0).any() or (shown % 1).any():
         raise SettingsError(
-            "Object-level counts must be whole numbers >= 0 of at least one object."
+            f"Counts have shape {shown.shape}; expected whole numbers >= 0 of shape (objects, "
+            "attributes, behaviors, 2, levels)."
         )
+    per_object = np.moveaxis(shown, 0, -2)  # (P,E,2,O,K)
     rows = RowStatistics.of(per_object.reshape(-1, *per_object.shape[-2:]))
     totals = rows.totals.sum(axis=1).reshape(*per_object.shape[:-2], -1)
     return rows, youden(totals) > 0
