@@ -219,23 +219,18 @@ def update_belief(belief: Belief, momdp: MOMDP, transition: Transition) -> Belie
     total = percept_counts.sum(axis=1)
     mean, precision = momdp.confusion[attributes, e, :, levels], momdp.precision[:, e]  # (N,C)
     counts = percept_counts[attributes, levels][:, None]
-    with np.errstate(divide="ignore"):
+    with np.errstate(divide="ignore", invalid="ignore"):  # nan where no class is possible
         log_prob = belief.log_prob + np.log(predictive(mean, precision, counts, total[:, None]))
-        log_total = np.logaddexp.reduce(log_prob, axis=-1)
-    contradicted = np.isneginf(log_total)
-    if contradicted.any():
-        bad = momdp.query.attributes[int(np.flatnonzero(contradicted)[0])]
+        log_prob -= np.logaddexp.reduce(log_prob, axis=-1, keepdims=True)
+    counted = belief.percept_counts.copy()
+    counted[attributes, e, levels] += 1
+    after = belief_of(momdp, next_x, log_prob, counted)
+    impossible = np.flatnonzero(np.isnan(after.log_odds))
+    if len(impossible):
+        bad = momdp.query.attributes[impossible[0]]
         raise ImpossibleObservation(
             f"Percept of {bad!r} by {momdp.behavior_names[e]!r} has probability zero under every "
             "value still believed in; give the confusion rows a prior without zeros."
-        )
-    counted = belief.percept_counts.copy()
-    counted[attributes, e, levels] += 1
-    after = belief_of(momdp, next_x, log_prob - log_total[:, None], counted)
-    if momdp.query.groups and np.isnan(after.log_odds).any():
-        raise ImpossibleObservation(
-            f"Percepts by {momdp.behavior_names[e]!r} have ruled out every value of a group; give "
-            "the confusion rows a prior without zeros."
         )
     return after
 

@@ -124,9 +124,7 @@ class MOMDP:
             if not ((values >= low) & (values <= high)).all():
                 raise SettingsError(f"MOMDP.{name} must {text}; found {values}.")
         if not self.correct >= self.incorrect:
-            raise SettingsError(
-                f"Need correct >= incorrect; found {self.correct}, {self.incorrect}."
-            )
+            raise SettingsError(f"Need correct >= incorrect: {self.correct}, {self.incorrect}.")
 
     def _log_truth(self) -> NDArray[np.float64]:
         """Compute ln Pr(truth | class) in logarithms, so that tiny probabilities stay exact."""
