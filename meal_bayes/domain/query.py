@@ -86,8 +86,7 @@ class Query:
         """All value vectors, (Y,N); at most 2^20. The first variable is the most significant."""
         if self.n_values > _TABLE_LIMIT:
             raise QueryError(
-                f"2^{len(self)} value vectors do not fit in a table; "
-                f"work with the factored belief beyond {_TABLE_LIMIT:,} vectors."
+                f"2^{len(self)} value vectors do not fit in a table; ask fewer attributes."
             )
         digits = np.unravel_index(np.arange(self.n_values), self._sizes)
         return freeze(self._bits(digits).T, np.bool_)

@@ -32,6 +32,7 @@ from meal_bayes.untrusted import (
     LINE_LIMIT,
     NAME_LIMIT,
     TABLE_LIMIT,
+    levels,
     read_bytes,
 )
 
@@ -41,9 +42,9 @@ _NUMBERS, _COUNT, _FLAG = "a list of numbers", "a whole number, 0 or more", "tru
 _TYPES = {_TEXT: str, _TABLE: dict, _FLAG: bool}
 _PARTS = {_LIST: _TEXT, _ROWS: _TABLE, _NUMBERS: _NUMBER}
 _DOMAIN_KEYS = {
-    "name": _TEXT, "extends": _TEXT, "data": _TEXT, "note": _TEXT, "attributes": _LIST,
-    "groups": _TABLE, "synonyms": _TABLE, "predefined": _LIST, "report_reward": _NUMBER,
-    "legal_budget": _NUMBERS, "asked_minimum": _COUNT, "behaviors": _ROWS, "diagram": _TABLE,
+    "name": _TEXT, "data": _TEXT, "note": _TEXT, "attributes": _LIST, "groups": _TABLE,
+    "synonyms": _TABLE, "predefined": _LIST, "report_reward": _NUMBER, "legal_budget": _NUMBERS,
+    "asked_minimum": _COUNT, "behaviors": _ROWS, "diagram": _TABLE,
 }  # fmt: skip
 _DIAGRAM_KEYS = {"states": _LIST, "start": _TEXT, "effects": _ROWS, "illegal": _TEXT}
 _BEHAVIOR_KEYS = {
@@ -88,8 +89,7 @@ def load_domain(name: str | Path | Mapping[str, Any]) -> Domain:
         table = _read(name)
     source, seen = str(name), {str(name)}
     while "extends" in table:
-        if not isinstance(parent := table.pop("extends"), str):
-            raise DomainError(f"Domain {name}: extends = {parent!r}; expected a text.")
+        parent = str(table.pop("extends"))
         if parent.endswith(".toml") and source.endswith(".toml"):
             parent = str(Path(source).parent / parent)
         if parent in seen:
@@ -112,8 +112,6 @@ def domain_from_table(table: object) -> Domain:
     """
     if not isinstance(table, dict):
         raise DomainError(f"A domain is a table of keys; found {type(table).__name__}.")
-    if "extends" in table:
-        raise DomainError("Only a TOML file can extend another; give all keys.")
     required = ("name", "attributes", "behaviors", "diagram")
     fields = _fields("the domain", table, _DOMAIN_KEYS, required)
     diagram = _fields("[diagram]", table["diagram"], _DIAGRAM_KEYS, ("states", "start", "effects"))
@@ -161,20 +159,21 @@ def _read(name: str | Path) -> dict[str, Any]:
             message = unknown("domain", str(name), domain_names())
             raise SettingsError(f"{message} A path that ends in .toml loads your own.")
         path = _TABLES / f"{name}.toml"
-    if not path.exists():
-        raise SettingsError(f"No file {name}; give the path of a domain table (TOML).")
     try:
         text = read_bytes(path, TABLE_LIMIT).decode("utf-8-sig")
         longest = max(map(len, text.split("\n")))
         if longest > LINE_LIMIT:
             raise ValueError(f"it has a line of {longest:,} characters")  # noqa: TRY301
-        return tomllib.loads(text)
+        table = tomllib.loads(text)
+        list(levels(table))  # raises as the parser does, whatever depth that may go to
     except RecursionError:
         raise DomainError(f"{path} is no domain table: it is nested too deeply.") from None
     except OSError as error:
-        raise SettingsError(f"{path} cannot be read ({error.strerror}).") from error
+        why = f"cannot be read ({error.strerror}); give the path of a domain table (TOML)"
+        raise SettingsError(f"{path} {why}.") from error
     except ValueError as error:  # also TOMLDecodeError and UnicodeDecodeError
         raise DomainError(f"{path} is not valid TOML: {error}.") from error
+    return table
 
 
 def _check_sizes(table: dict[str, Any]) -> None:
