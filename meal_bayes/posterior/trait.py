@@ -81,13 +81,31 @@ class SharedTrait(FrozenArrays):
     ) -> tuple[Floats, Floats]:
         """Convert rows given the truth (...,2,K), of precision (...,2), to rows given the trait.
 
-        Rows are above 0, a precision of inf is known exactly; the results are (...,M,K) and
-        (...,M). At most so many `rounds` look for the rows.
+        Rows are above 0, a precision of inf is known exactly; the results are (...,M,K),
+        exponential in the trait, whose mixtures are the given rows, and (...,M). At most so many
+        `rounds` look for the rows.
         """
-        false, true = np.moveaxis(np.asarray(precision, dtype=float), -1, 0)
-        within = _WITHIN * np.sqrt(false * true)
-        rows = _rows(np.asarray(confusion, dtype=float), self, rounds)
-        return freeze(rows), freeze(np.repeat(within[..., None], len(self.points), axis=-1))
+        of_truth, m = np.asarray(confusion, dtype=float), len(self.points)
+        # Levels come first: to sum over a first axis is fast, over a short last one slow.
+        mixture = np.moveaxis(of_truth, -1, 0).reshape(of_truth.shape[-1], -1, 2)  # (K,B,2)
+        wanted, classes = np.log(mixture), self.latent_classes.T
+        middle = (wanted[..., 1] + wanted[..., 0]) / 2
+        slope = (wanted[..., 1] - wanted[..., 0]) / 2
+        for _ in range(rounds):
+            rows = self.points * slope[..., None]  # (K,B,M), in place from here
+            rows += middle[..., None]
+            rows -= rows.max(axis=0)
+            np.exp(rows, out=rows)
+            np.maximum(rows, _LEAST * rows.sum(axis=0), out=rows)
+            rows /= rows.sum(axis=0)
+            off = wanted - np.log(rows @ classes)
+            if np.abs(mixture * off).max(initial=0.0) < _MATCHED:
+                break
+            middle = middle + (off[..., 1] + off[..., 0]) / 2
+            slope = slope + (off[..., 1] - off[..., 0]) / 2
+        of_trait = np.moveaxis(rows, 0, -1).reshape(*of_truth.shape[:-2], m, of_truth.shape[-1])
+        within = _WITHIN * np.sqrt(np.asarray(precision, dtype=float).prod(axis=-1, keepdims=True))
+        return freeze(of_trait), freeze(np.repeat(within, m, axis=-1))
 
 
 def learn_trait(
@@ -200,28 +218,3 @@ def truth_evidence(log_likelihood: Floating, log_classes: Floating) -> Floating:
     each = np.exp(log_likelihood - peak) @ np.exp(log_classes).T  # (...,2)
     each = np.log(np.maximum(each, np.finfo(each.dtype).tiny))
     return np.asarray(each[..., 1] - each[..., 0])
-
-
-def _rows(confusion: Floats, trait: SharedTrait, rounds: int) -> Floats:
-    """Find the rows (...,M,K), exponential in the trait, whose mixtures (...,2,K) are given.
-
-    Levels come first meanwhile: to sum over a first axis is fast, over a short last one slow.
-    """
-    shape, points = confusion.shape, trait.points
-    mixture = np.moveaxis(confusion, -1, 0).reshape(shape[-1], -1, 2)  # (K,B,2)
-    wanted, classes = np.log(mixture), trait.latent_classes.T
-    middle = (wanted[..., 1] + wanted[..., 0]) / 2
-    slope = (wanted[..., 1] - wanted[..., 0]) / 2
-    for _ in range(rounds):
-        rows = points * slope[..., None]  # (K,B,M), in place from here
-        rows += middle[..., None]
-        rows -= rows.max(axis=0)
-        np.exp(rows, out=rows)
-        np.maximum(rows, _LEAST * rows.sum(axis=0), out=rows)
-        rows /= rows.sum(axis=0)
-        off = wanted - np.log(rows @ classes)
-        if np.abs(mixture * off).max(initial=0.0) < _MATCHED:
-            break
-        middle = middle + (off[..., 1] + off[..., 0]) / 2
-        slope = slope + (off[..., 1] - off[..., 0]) / 2
-    return np.asarray(np.moveaxis(rows, 0, -1)).reshape(*shape[:-2], len(points), shape[-1])
