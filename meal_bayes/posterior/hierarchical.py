@@ -203,18 +203,15 @@ def _effects(name: str, inner: tuple[str, ...]) -> Any:
     """Add the effects of attributes, of behaviors and of their pairs, (2,P,E,*inner)."""
     coords = pm.modelcontext(None).coords
     total: Any = 0.0
-    for crossed in (("attribute",), ("behavior",), ("attribute", "behavior")):
+    pairs = ("attribute", "behavior")
+    for crossed, absent in (pairs[:1], [2]), (pairs[1:], [1]), (pairs, []):
         if any(len(coords[dim]) < 2 for dim in crossed):  # nothing to compare
             continue
         label = f"{name}_{'_'.join(crossed)}"
         spread = pm.HalfNormal(f"{label}_spread", 1.0, dims="truth")
         dims = (*crossed, *inner)
         z = pm.ZeroSumNormal(f"{label}_standard", dims=("truth", *dims), n_zerosum_axes=len(dims))
-        if crossed == ("attribute",):
-            z = z[:, :, None]
-        elif crossed == ("behavior",):
-            z = z[:, None]
-        total = total + spread.reshape((2, 1, 1, *(1 for _ in inner))) * z
+        total = total + spread.reshape((2, 1, 1, *(1 for _ in inner))) * pt.expand_dims(z, absent)
     return total
 
 
