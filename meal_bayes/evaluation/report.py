@@ -81,13 +81,12 @@ def worst_of(worst: Sequence[Worst], group: Group) -> list[Worst]:
 
     Of equals, those that were surest come first, then the earliest.
     """
-    outcomes = group.outcomes
-    badness = np.where(outcomes.judged, outcomes.certainty - outcomes.reward, -np.inf)
+    outcomes, judged = group.outcomes, np.flatnonzero(group.outcomes.judged)
+    badness = outcomes.certainty - outcomes.reward
     entries = [
         Worst(group.file, group.places[row], outcomes.rows([row]),
               group.trials[row] if group.trials else None, badness[row])
-        for row in np.argsort(-badness, kind="stable")[:WORST].tolist()
-        if badness[row] > -np.inf
+        for row in judged[np.argsort(-badness[judged], kind="stable")[:WORST]].tolist()
     ]  # fmt: skip
     return sorted([*worst, *entries], key=lambda entry: -entry.badness)[:WORST]
 
@@ -106,7 +105,7 @@ def _page(outcomes: TrialOutcomes, batches: Ints, worst: Sequence[Worst], logs: 
         sections += [
             _agents(rows, agents, outcomes),
             *_learning(batches, outcomes),
-            _calibration(rows, outcomes),
+            _calibration(rows, agents),
             _attributes(agents),
             _behaviors(agents),
         ]
@@ -162,14 +161,13 @@ def _agents(
 ) -> Section:
     head = ["agent", "trials", "accuracy", "cost, s (sd)", "reward", "NLL", "ECE", "abstained"]
     cells: list[list[str | Section]] = [
-        [row.agent or "agent",
-         _counted(row, int((agents[row.agent or "agent"].ended != "").sum())),
+        [name, _counted(row, int((part.ended != "").sum())),
          UNKNOWN if math.isnan(row.accuracy) else
          f"{row.accuracy:.3f} [{_number(row.accuracy_low, 3)}, {_number(row.accuracy_high, 3)}]",
          f"{row.cost_s:.1f} ({_number(row.cost_sd, 1)})",
          _number(row.reward, 1, row.reward_se, UNKNOWN),
          _number(row.nll, 3), _number(row.ece, 3), f"{_number(100 * row.abstained, 1)} %"]
-        for row in rows
+        for row, (name, part) in zip(rows, agents.items(), strict=True)
     ]  # fmt: skip
     # Neither cost nor ECE has a best: both are low where an agent does nothing.
     best = {
@@ -185,11 +183,11 @@ def _agents(
         points = {
             name: (mean_effect(part, "success").interval(), mean_effect(part, "cost").interval())
             for name, part in agents.items()
+            if part.judged.any()
         }
-        known = {name: both for name, both in points.items() if not math.isnan(both[0].estimate)}
-        if known:
+        if points:
             caption = "Accuracy over mean cost with 95 % intervals; objects are clusters."
-            figures.append((plots.accuracy_and_cost(known), caption))
+            figures.append((plots.accuracy_and_cost(points), caption))
         costs = {name: part.cost[part.ended == ""] for name, part in agents.items()}
         caption = "Fraction of trials that cost at most so many seconds."
         figures.append((plots.cost_distribution(costs), caption))
@@ -247,12 +245,11 @@ def _learning(batches: Ints, outcomes: TrialOutcomes) -> Iterator[Section]:
         yield {"title": "Learning", "figures": [(plots.learning_curve(curves), caption)]}
 
 
-def _calibration(rows: list[SummaryRow], outcomes: TrialOutcomes) -> Section:
+def _calibration(rows: list[SummaryRow], agents: Mapping[str, TrialOutcomes]) -> Section:
     figures = []
-    for row in rows:
-        positive, truth = outcomes.of_agent(row.agent).beliefs()
-        if len(truth):
-            drawn = plots.reliability_diagram(positive, truth, small=True)
+    for row, outcomes in zip(rows, agents.values(), strict=True):
+        if not math.isnan(row.ece):
+            drawn = plots.reliability_diagram(*outcomes.beliefs(), small=True)
             caption = f"{row.agent}: ECE {row.ece:.3f}, if calibrated {row.ece_calibrated:.3f}"
             figures.append((drawn, caption))
     return {"title": "Calibration", "figures": figures, "kind": "small"}
