@@ -187,14 +187,11 @@ def _percept_rates(momdp: MOMDP, reached: NDArray[np.bool_]) -> NDArray[np.float
     most = senses.max(axis=1, where=reached, initial=0.0)
     least = senses.min(axis=1, where=reached, initial=1.0)
     for e, target in np.argwhere(reached.any(axis=1) & (most - least > _SAME)):
-        sources = np.flatnonzero(reached[e, :, target])
-        rates = senses[e, sources, target]
-        high, low = (momdp.x_names[sources[i]] for i in (rates.argmax(), rates.argmin()))
+        sources = [momdp.x_names[x] for x in np.flatnonzero(reached[e, :, target])]
         raise SettingsError(
-            f"{momdp.behavior_names[e]!r} arrives at {momdp.x_names[target]!r} from {high!r} "
-            f"with a percept in {rates.max():.0%} of the cases, from {low!r} in "
-            f"{rates.min():.0%}; .pomdp and .pomdpx know only Pr(z | action, x'). Give the "
-            "diagram a state of its own for each."
+            f"{momdp.behavior_names[e]!r} arrives at {momdp.x_names[target]!r} from {sources} with "
+            f"a percept in {least[e, target]:.0%} to {most[e, target]:.0%} of the cases; the files "
+            "know only Pr(z | action, x'). Give the diagram a state of its own for each."
         )
     return np.asarray(most)
 
@@ -214,8 +211,7 @@ def _identifiers(names: Iterable[str], taken: Iterable[str]) -> tuple[str, ...]:
 
 def number(value: float) -> str:
     """Write a number so that it reads back equal, with a digit on both sides of the point."""
-    text = repr(float(value))
-    return np.format_float_positional(value, trim="0") if "e" in text else text
+    return np.format_float_positional(float(value), trim="0")
 
 
 def most_frequent(values: NDArray[np.float64]) -> float:
