@@ -20,7 +20,7 @@ from scipy.special import expit, gammaln, log_softmax, logsumexp, softmax
 from meal_bayes.arrays import Bools, Floats, Ints
 from meal_bayes.display import level_names
 from meal_bayes.domain import Domain, unknown
-from meal_bayes.errors import DataError, SettingsError
+from meal_bayes.errors import DataError
 from meal_bayes.posterior.dirichlet import ConfusionPosterior
 from meal_bayes.posterior.grid import (
     DISPERSIONS,
@@ -158,16 +158,6 @@ def sensing(counts: ArrayLike) -> Bools:
     return np.asarray(np.asarray(counts).any(axis=(0, 1, 3, 4)))
 
 
-def sensed(
-    counts: ArrayLike, attributes: Sequence[str], behaviors: Sequence[str]
-) -> tuple[Ints, tuple[str, ...], tuple[str, ...]]:
-    """Keep the behaviors that sense, of counts (O,P,E',2,K) and names."""
-    array, senses = np.asarray(counts), sensing(counts)
-    if not senses.any():
-        raise SettingsError("No object has a percept and a known label; there is nothing to fit.")
-    return array[:, :, senses], tuple(attributes), tuple(compress(behaviors, senses))
-
-
 def draw_grid(
     counts: ArrayLike,
     rng: np.random.Generator,
@@ -185,20 +175,19 @@ def draw_grid(
     Parameters
     ----------
     counts : ArrayLike
-        (O,P,E',2,K) percepts of each object.
+        (O,P,E,2,K) percepts of each object by the behaviors that sense.
     rng : np.random.Generator
         Source of the draws.
     attributes, behaviors : Sequence[str]
-        Their names, (P,) and (E',).
+        Their names, (P,) and (E,).
     prior : ArrayLike, optional
         As of `ConfusionPosterior.from_objects`, (P,E,2,K).
     draws, chains : int
         Draws of each chain, and chains.
     """
-    percepts, names, sensors = sensed(counts, attributes, behaviors)
-    *row, levels = percepts.shape[1:]
+    *row, levels = np.shape(counts)[1:]
     size = draws * chains
-    rows, alpha, prob, *_ = grid_posterior(percepts, prior)
+    rows, alpha, prob, *_ = grid_posterior(counts, prior)
     mean, dispersion = np.empty((size, *alpha.shape)), np.empty((size, len(alpha)))
     for r, weights in enumerate(prob):
         steps = rng.choice(len(DISPERSIONS), size=size, p=weights)
@@ -209,7 +198,8 @@ def draw_grid(
             row_r = rows._replace(totals=rows.totals[r : r + 1])
             mean[:, r] = draw_dirichlet(rng, alpha[r] + row_r.effective(dispersion[None, :, r])[0])
     shape = (chains, draws, *row)
-    return draws_of(names, sensors, mean.reshape(*shape, levels), dispersion.reshape(shape))
+    mean = mean.reshape(*shape, levels)
+    return draws_of(attributes, behaviors, mean, dispersion.reshape(shape))
 
 
 def _two_levels(

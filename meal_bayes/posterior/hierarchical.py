@@ -29,7 +29,7 @@ from meal_bayes.arrays import Ints
 from meal_bayes.cache import scratch_folder, writable_caches
 from meal_bayes.display import level_names
 from meal_bayes.perception.confusion import youden
-from meal_bayes.posterior.draws import ROW, TRUTHS, sensed
+from meal_bayes.posterior.draws import ROW, TRUTHS
 from meal_bayes.posterior.grid import DISPERSIONS, TAUS, prior_of
 from meal_bayes.processes import EndingContext
 from meal_bayes.seeds import stream
@@ -90,14 +90,13 @@ def fit_hierarchical(
     Parameters
     ----------
     counts : ArrayLike
-        (O,P,E',2,K) percepts of each object, as for `ConfusionPosterior.from_objects`.
+        (O,P,E,2,K) percepts of each object by the behaviors that sense.
     attributes, behaviors : Sequence[str]
-        Their names, (P,) and (E',).
+        Their names, (P,) and (E,).
     model : str
         "same" as the grid's, or "crossed".
     prior : ArrayLike, optional
-        Of m in "same", (P,E,2,K) for the behaviors that sense or what broadcasts to it; what the
-        grid learned by default.
+        Of m in "same", (P,E,2,K) or what broadcasts to it; what the grid learned by default.
     sampling : Sampling, optional
         How NUTS samples.
     progress : Callable[[int, int], None], optional
@@ -112,13 +111,10 @@ def fit_hierarchical(
 
     Raises
     ------
-    SettingsError
-        No object has a percept and a known label.
     KeyboardInterrupt
         Sampling was interrupted; a part of the draws is not the posterior.
     """
-    percepts, names, sensors = sensed(counts, attributes, behaviors)
-    built = build_model(percepts, names, sensors, model=model, prior=prior)
+    built = build_model(np.asarray(counts), attributes, behaviors, model=model, prior=prior)
     trace = sample(built, sampling or Sampling(), progress=progress)
     groups = (trace[name].data_vars for name in ("posterior", "sample_stats"))
     posterior, stats = map(xr.Dataset, groups)  # of PyMC's data sets, from PyMC 6 on trees

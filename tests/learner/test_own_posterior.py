@@ -34,9 +34,8 @@ def drawn(dataset, levels, objects):
         speaks = levels - 1 if labels[o, i] == (rng.random() < 0.9) else 0
         counts[o, i, b, labels[o, i], speaks] += 3
     domain = dataset.domain
-    draws = draw_grid(
-        counts, rng, attributes=domain.attributes, behaviors=domain.behavior_names, draws=50
-    )
+    names = {"attributes": domain.attributes, "behaviors": domain.behavior_names[:2]}
+    draws = draw_grid(counts[:, :, :2], rng, **names, draws=50)
     dims = ("object", "attribute", "behavior", "truth", "level")
     names = {dim: draws[dim].values for dim in dims[1:]}
     shown = xr.DataArray(counts[:, :, :2], names, dims)

@@ -110,7 +110,7 @@ def test_crossed_integrates_what_the_object_seems_to_be(levels):
 @pytest.mark.statistical
 def test_nuts_draws_what_the_grid_integrates():
     """The bar: means to .005, standard deviations to 3 %; here beside the Monte-Carlo error."""
-    names = {"attributes": list("abcd"), "behaviors": ["look", "ask", "lift"]}
+    names = {"attributes": list("abcd"), "behaviors": ["look", "lift"]}
     rng, m, s = np.random.default_rng(3), np.array([0.25, 0.75]), 2.0
     yes = rng.binomial(5, rng.beta(s * m, s * (1 - m), (30, 4, 3, 2)))
     counts = np.stack([5 - yes, yes], axis=-1)
@@ -118,10 +118,10 @@ def test_nuts_draws_what_the_grid_integrates():
     counts[:, :, 1] = 0  # asking is not sensing
     steps = []
     draws, statistics = fit_hierarchical(
-        counts, **names, sampling=Sampling(2000, tune=500, chains=2, cores=1, seed=4),
+        counts[:, :, [0, 2]], **names, sampling=Sampling(2000, tune=500, chains=2, cores=1, seed=4),
         progress=lambda *step: steps.append(step),
     )  # fmt: skip
-    exact = draw_grid(counts, np.random.default_rng(0), **names, draws=20_000)
+    exact = draw_grid(counts[:, :, [0, 2]], np.random.default_rng(0), **names, draws=20_000)
     assert statistics["diverging"].sum() == 0
     checks = convergence(summary_of(to_idata(draws)))
     assert set(checks["variable"]) == {"mean", "dispersion", "mu", "tau"}
