@@ -161,25 +161,31 @@ def read_query(question: str | Sequence[str], domain: Domain) -> Query:
     plural = {fold(name) + "s": name for name in domain.groups}
     known = plural | {fold(name): name for name in domain.groups} | domain.words
     listed = question.split(",") if isinstance(question, str) else question
-    items = [fold(item) for item in listed]
-    if not isinstance(question, str) or all(item in known for item in items):
-        return _query([_resolve(item, known, domain) for item in items], domain)
-    asked: list[str] = []
-    for word in _words(question, known, domain):
+    asked = [fold(item) for item in listed]
+    if isinstance(question, str) and not all(item in known for item in asked):
+        asked = _asked(question, known, domain)
+    for word in asked:
+        if word not in known:
+            names = (*domain.attributes, *domain.synonyms, *domain.groups)
+            raise QueryError(unknown("attribute", word, names))
+    return _query([known[word] for word in asked], domain)
+
+
+def _asked(question: str, known: Mapping[str, str], domain: Domain) -> list[str]:
+    """Return the words of a sentence that name what is asked, or should."""
+    words = _words(question, known, domain)
+    for word in words:
         if word in _NEGATIONS | (_ALTERNATIVES - known.keys()) or word.endswith("n't"):
             raise QueryError(
                 f'The question says {word!r}; ask the plain attributes (with "and" or commas), and '
                 "the report will say which of them hold."
             )
-        if word in known or word not in _FUNCTION_WORDS:
-            _resolve(word, known, domain)
-            asked.append(word)
-    asked = [word for word in asked if word not in _REFERENTS] or asked
+    asked = [word for word in words if word in known or word not in _FUNCTION_WORDS]
     if not asked:
         raise QueryError(
             f"No attribute found in {question!r}; expected some of: {', '.join(domain.attributes)}."
         )
-    return _query([known[word] for word in asked], domain)
+    return [word for word in asked if word not in _REFERENTS] or asked
 
 
 def _query(names: Sequence[str], domain: Domain) -> Query:
@@ -196,13 +202,6 @@ def _query(names: Sequence[str], domain: Domain) -> Query:
             groups.append(tuple(range(len(attributes), len(attributes) + len(members))))
             attributes += members
     return Query(tuple(attributes), tuple(groups))
-
-
-def _resolve(word: str, known: Mapping[str, str], domain: Domain) -> str:
-    if word not in known:
-        names = (*domain.attributes, *domain.synonyms, *domain.groups)
-        raise QueryError(unknown("attribute", word, names))
-    return known[word]
 
 
 def _words(question: str, known: Mapping[str, str], domain: Domain) -> list[str]:
