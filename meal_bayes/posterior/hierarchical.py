@@ -259,12 +259,10 @@ def sample(
     model: "pm.Model", sampling: Sampling, name: str = "mcmc", progress: Progress | None = None
 ) -> Any:
     """Run NUTS by a random stream of this name; raise `KeyboardInterrupt` when interrupted."""
-    settings: dict[str, Any] = {}
-    if progress is not None:
-        total, steps = (sampling.draws + sampling.tune) * sampling.chains, count(1)
-        settings["callback"] = lambda **_: progress(next(steps), total)
-    if not config.cxx:  # no C compiler: Numba comes with the package
-        settings["compile_kwargs"] = {"mode": "NUMBA"}
+    total, steps = (sampling.draws + sampling.tune) * sampling.chains, count(1)
+    call = None if progress is None else lambda **_: progress(next(steps), total)
+    # without a C compiler by Numba, which comes with the package
+    mode = {} if config.cxx else {"compile_kwargs": {"mode": "NUMBA"}}
     with warnings.catch_warnings():
         # Chains in processes: forked ones inherit idle threads only.
         warnings.filterwarnings("ignore", ".*multi-threaded, use of fork", DeprecationWarning)
@@ -283,7 +281,8 @@ def sample(
                 nuts_sampler="pymc",
                 progressbar=False,
                 quiet=True,
-                **settings,
+                callback=call,
+                **mode,
             )
         except ValueError as fault:
             if "Not enough samples" in str(fault):  # PyMC was interrupted early
