@@ -158,22 +158,21 @@ class TransitionDiagram:
         row = {name: e for e, name in enumerate(behaviors)}
         transition = np.zeros((len(behaviors), size, size))
         sensed = np.zeros((len(behaviors), size, size))
-        legal = np.zeros((size, len(behaviors)), dtype=bool)
         for effect in self.effects:
             for source, target in self._expand(effect):
                 e, x, next_x = row[effect.behavior], index[source], index[target]
                 transition[e, x, next_x] += effect.probability
                 sensed[e, x, next_x] += effect.probability * effect.senses
-                legal[x, e] = True
+        legal = np.asarray(transition.any(axis=2))  # (E,X)
         # (E,X) failure: x stays, nothing is perceived; rounding must not make it negative
         rest = np.maximum(1.0 - transition.sum(axis=2), 0.0)
-        ends = ~legal.T & self.abstain
+        ends = ~legal & self.abstain
         ends[:, -1] = True
         stays = np.arange(size)
         transition[:, stays, stays] += np.where(ends, 0.0, rest)
         transition[:, :, -1] += np.where(ends, rest, 0.0)
         probability = np.divide(sensed, transition, out=np.zeros_like(sensed), where=transition > 0)
-        return TransitionArrays(freeze(transition), freeze(probability), freeze(legal, np.bool_))
+        return TransitionArrays(freeze(transition), freeze(probability), freeze(legal.T, np.bool_))
 
 
 def closure(start: str, follow: Callable[[str], Iterable[str]]) -> set[str]:

@@ -267,14 +267,13 @@ def learn_success(domain: Domain, attempts: NDArray[np.int64]) -> Domain:
     attempts : NDArray[np.int64]
         (E,2) legal executions that failed, and that succeeded.
     """
-    effects = []
-    for effect in domain.diagram.effects:
+    diagram, effects = domain.diagram, []
+    for effect in diagram.effects:
         failed, succeeded = attempts[domain.behavior_index(effect.behavior)]
         arrow = effect.source, effect.behavior
-        outcomes = (e for e in domain.diagram.effects if (e.source, e.behavior) == arrow)
-        before = sum(outcome.probability for outcome in outcomes)
+        before = sum(e.probability for e in diagram.effects if (e.source, e.behavior) == arrow)
         after = float((_PRIOR * before + succeeded) / (_PRIOR + failed + succeeded))
         # outcomes of a success stay as likely as before
         changed = replace(effect, probability=effect.probability * after / before)
         effects.append(effect if after == before else changed)
-    return replace(domain, diagram=replace(domain.diagram, effects=tuple(effects)))
+    return replace(domain, diagram=replace(diagram, effects=tuple(effects)))
