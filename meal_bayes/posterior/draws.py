@@ -100,7 +100,9 @@ def posterior_from(idata: Any, domain: Domain) -> ConfusionPosterior:
     Raises
     ------
     DataError
-        Draws or counts that are not there, mean nothing, or are not of this domain.
+        Draws or counts that are not there, mean nothing, or lack an attribute of the domain.
+    DomainError
+        A behavior that the domain does not have.
     """
     if isinstance(idata, str | Path):
         from meal_bayes.posterior.idata import load_netcdf  # noqa: PLC0415  imports ArviZ
@@ -133,11 +135,8 @@ def posterior_from(idata: Any, domain: Domain) -> ConfusionPosterior:
     for name in domain.attributes:
         if name not in fitted:
             raise DataError(f"The posterior: {unknown('attribute', name, fitted)}")
-    for name in sensors:
-        if name not in domain.behavior_names:
-            raise DataError(f"The domain: {unknown('behavior', name, domain.behavior_names)}")
     names["attribute"] = list(domain.attributes)
-    names["behavior"] = [name for name in domain.behavior_names if name in sensors]
+    names["behavior"] = sorted(sensors, key=domain.behavior_index)
     try:
         group = "observed_data" if "counts" in idata["observed_data"] else "constant_data"
         percepts = idata[group]["counts"].transpose("object", *ROW, "level").sel(names)
