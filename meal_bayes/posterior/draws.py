@@ -205,7 +205,7 @@ def _two_levels(
     rows: RowStatistics, alpha: Floats, r: int, steps: Ints, rng: np.random.Generator
 ) -> Floats:
     """Draw m (S,2) of row r given the steps (S,) of s on the grid, by the inverse of its CDF."""
-    nodes, log_width = quadrature(rows.largest)
+    nodes, log_width = quadrature(rows)
     i, t = np.arange(rows.tails.shape[-1]), np.linspace(-1.0, 1.0, nodes.shape[1])
     fine = np.linspace(-1.0, 1.0, _FINER * (len(t) - 1) + 1)
     log_odds = CubicSpline(t, np.log(nodes[1]) - np.log(nodes[0]))(fine)

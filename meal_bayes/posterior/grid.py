@@ -66,11 +66,6 @@ class RowStatistics(NamedTuple):
             _tails(counts), _tails(n[..., None])[:, 0], sizes.astype(float), of_size @ counts
         )
 
-    @property
-    def largest(self) -> float:
-        """The most percepts of a row."""
-        return float(self.totals.sum(axis=(1, 2)).max())
-
     def effective(self, s: Floats) -> Floats:
         """Weight the counts by s (S,...), (S,...,K): n of one object are worth n(s+1)/(n+s)."""
         each = (s[..., None] + 1) / (self.sizes + s[..., None])  # (S,...,U)
@@ -87,7 +82,7 @@ class Profile(NamedTuple):
 
 def integrate(rows: RowStatistics, alpha: Floats) -> Profile:
     """Integrate m of two levels out at every s, under Dirichlet priors (S,2)."""
-    m, log_width = quadrature(rows.largest)
+    m, log_width = quadrature(rows)
     shape = len(DISPERSIONS), m.shape[1]
     i, j = np.arange(rows.tails.shape[-1]), np.arange(rows.sums.shape[-1])
     each = np.log(DISPERSIONS[:, None] * m[:, None, None] + i[:, None, None])  # (2,I,G,M)
@@ -138,14 +133,15 @@ def approximate(rows: RowStatistics, alpha: Floats) -> Profile:
     return Profile(score, mean.transpose(1, 2, 0), diversity)
 
 
-def quadrature(largest: float) -> tuple[Floats, Floats]:
+def quadrature(rows: RowStatistics) -> tuple[Floats, Floats]:
     """Return points (m, 1 - m) (2,M) for a sum over m, and the logarithms (M,) of their widths.
 
-    Widths are in log-odds, which are spaced as a sinh: close in the middle, where rows of `largest`
+    Widths are in log-odds, which are spaced as a sinh: close in the middle, where rows of the most
     percepts are narrow; wide at the ends, which reach so far because learned priors may be nearly
     singular there.
     """
-    step = np.clip(3.0 / (_CENTER * np.sqrt(max(largest, 1.0))), 0.01, 0.2)
+    most = max(float(rows.totals.sum(axis=(1, 2)).max()), 1.0)
+    step = np.clip(3.0 / (_CENTER * np.sqrt(most)), 0.01, 0.2)
     reach = np.arcsinh(80.0 / _CENTER)
     t = np.linspace(-reach, reach, 2 * int(np.ceil(reach / step)) + 1)
     log_odds = _CENTER * np.sinh(t)
