@@ -168,6 +168,5 @@ def shape_reward(
     """
     ie = np.asarray(experience, dtype=float)[..., None]
     bonus = alpha * observation_entropy(momdp) - beta * ie / len(momdp.query)
-    explored = np.zeros_like(bonus)
-    explored[:, domain.recorded] = bonus[:, domain.recorded]
-    return replace(momdp, bonus=explored)
+    shaped = np.isin(np.arange(momdp.n_behaviors), domain.recorded)[:, None]
+    return replace(momdp, bonus=np.where(shaped, bonus, 0.0))
