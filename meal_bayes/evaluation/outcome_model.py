@@ -153,10 +153,8 @@ def compare_outcomes(
                         for value in (cells.trials, cells.total))  # fmt: skip
         with np.errstate(invalid="ignore"):  # an agent that was not asked them
             plain = total / count - (total / count)[reference_index]
-        for name in names:
+        for name in (name for name in names if name != base):
             number = cells.agents.index(name)
-            if number == reference_index:
-                continue
             effect = levels[:, number] - levels[:, reference_index]
             low, high = np.quantile(effect, [0.5 - MASS / 2, 0.5 + MASS / 2])
             better = effect < 0 if measure == "cost" else effect > 0

@@ -239,10 +239,8 @@ def _learning(batches: Ints, outcomes: TrialOutcomes) -> Iterator[Section]:
         accuracy = np.array([wilson_interval(int(each.sum()), len(each)) for each in success])
         curves.append(plots.Series(name or "agent", np.array(hours), *accuracy[:, [0, 2, 3]].T))
     if curves:
-        caption = (
-            "Accuracy of each batch's tests over the hours of exploration before it, 95 % band."
-        )
-        yield {"title": "Learning", "figures": [(plots.learning_curve(curves), caption)]}
+        text = "Accuracy of each batch's tests over the hours of exploration before it, 95 % band."
+        yield {"title": "Learning", "figures": [(plots.learning_curve(curves), text)]}
 
 
 def _calibration(rows: list[SummaryRow], agents: Mapping[str, TrialOutcomes]) -> Section:

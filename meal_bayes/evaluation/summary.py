@@ -70,8 +70,7 @@ class Summary(list[SummaryRow]):
         """Return a pandas data frame, a row an agent."""
         import pandas as pd  # noqa: PLC0415  takes half a second
 
-        names = [field.name for field in dataclasses.fields(SummaryRow)]
-        return pd.DataFrame([dataclasses.asdict(row) for row in self], columns=names)
+        return pd.DataFrame(list(self), columns=[f.name for f in dataclasses.fields(SummaryRow)])
 
     def __repr__(self) -> str:
         """Return a line an agent."""
