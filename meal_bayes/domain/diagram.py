@@ -104,8 +104,7 @@ class TransitionDiagram:
             for source, target in self._expand(effect):
                 outcomes = outgoing.setdefault((source, effect.behavior), {})
                 if target in outcomes:
-                    arrow = f"{source} --{effect.behavior}--> {target}"
-                    yield f"The arrow {arrow} is listed twice; keep one."
+                    yield f"{source} --{effect.behavior}--> {target} is listed twice; keep one."
                 outcomes[target] = effect.probability
         for (source, behavior), outcomes in outgoing.items():
             if (total := sum(outcomes.values())) > 1 + 1e-9:

@@ -111,7 +111,6 @@ class Domain:
             object.__setattr__(self, "data", self.name)
         if fault := next(self._faults(), None):
             raise DomainError(fault)
-        _ = self.words
 
     def _faults(self) -> Iterator[str]:
         if not 0 <= self.report_reward <= LARGEST:
@@ -146,6 +145,10 @@ class Domain:
             if len(members) < 2 or any(grouped.count(name) > 1 for name in members):
                 values = f"The group {group!r} is {list(members)}"
                 yield f"{values}; give two or more attributes, each once and in no other group."
+        words = [fold(word) for word in (*self.attributes, *self.synonyms)]
+        for word in words:
+            if words.count(word) > 1:
+                yield f"The word {word!r} stands for two attributes (case plays no part); keep one."
         for name in self.attributes:
             if "," in name:
                 yield f"The attribute {name!r} holds a comma, which parts attributes."
@@ -153,15 +156,8 @@ class Domain:
     @property
     def words(self) -> dict[str, str]:
         """Attribute by each word for it, names and synonyms, as `fold` writes them."""
-        words: dict[str, str] = {}
-        for word, name in (*((a, a) for a in self.attributes), *self.synonyms.items()):
-            if fold(word) in words:
-                raise DomainError(
-                    f"The word {word!r} stands for {words[fold(word)]!r} and for {name!r} (case "
-                    "plays no part); a word is one attribute or one synonym."
-                )
-            words[fold(word)] = name
-        return words
+        words = (*zip(self.attributes, self.attributes, strict=True), *self.synonyms.items())
+        return {fold(word): name for word, name in words}
 
     def group_of(self, attribute: str) -> tuple[str, ...]:
         """Return the values of an attribute's group; none where it has no group."""
