@@ -168,10 +168,9 @@ def predict_yes(draws: xr.Dataset, units: Units, rng: np.random.Generator) -> xr
 
 
 def _by_unit(values: ArrayLike, draws: xr.Dataset, units: Units) -> xr.Dataset:
-    shape = (draws.sizes["chain"], draws.sizes["draw"], len(units.names))
-    dims = ("chain", "draw", "unit")
     coords = {"chain": draws["chain"], "draw": draws["draw"], "unit": units.names}
-    return xr.Dataset({"yes": (dims, np.reshape(values, shape))}, coords)
+    shape = [len(along) for along in coords.values()]
+    return xr.Dataset({"yes": (list(coords), np.reshape(values, shape))}, coords)
 
 
 def log_likelihood(counts: Floats, mean: Floats, precision: Floats) -> Floats:
