@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import islice
+from itertools import islice, starmap
 from typing import Any
 
 import numpy as np
@@ -36,7 +36,7 @@ class TrialBuilder:
     end: End | None = None  # as the writer counted
     _channels: dict[int, str] = field(default_factory=dict)
     _next: int = 0  # number of the next trial
-    _momdps: dict[int, schema.Known] = field(default_factory=dict)
+    _momdps: schema.Momdps = field(default_factory=schema.Momdps)  # by number
     _open: list[bytes] = field(default_factory=list)  # start and steps of the trial under way
 
     def records(self, record: McapRecord) -> Iterator[Trial | TrialOutcomes]:
@@ -48,8 +48,7 @@ class TrialBuilder:
                 raise LogCorruptError(f"an MCAP file of another kind {kind}")
             self.form = forms[record.profile]
             # Without its first chunk the others still mean what this format says.
-            names = (topic for topic, _, _ in schema.channels(self.form))
-            self._channels = dict(enumerate(names, start=1))
+            self._channels = dict(enumerate(schema.TOPICS[self.form], start=1))
         elif isinstance(record, Attachment) and record.name == schema.END:
             self.end = _end(record.data)
         elif isinstance(record, Chunk):
@@ -71,8 +70,7 @@ class TrialBuilder:
             self.header = _header(data)
         elif topic == schema.MOMDPS:
             message = schema.MomdpMessage.FromString(data)
-            self._momdps[message.id] = schema.Known(_momdp(message), len(data))
-            schema.forget_oldest(self._momdps)
+            self._momdps.add(message.id, _momdp(message), len(data))
         elif topic in (schema.TRIAL, schema.STEP):
             if bool(self._open) == (topic == schema.TRIAL):
                 raise LogCorruptError(
@@ -129,7 +127,7 @@ class TrialBuilder:
         begin = schema.TrialMessage.FromString(self._open[0])
         if begin.momdp not in self._momdps:
             raise LogCorruptError(f"trial {begin.trial} refers to a MOMDP that is not there")
-        momdp, row_counts = self._momdps[begin.momdp].value
+        (momdp, row_counts), _ = self._momdps[begin.momdp]
         counts = np.zeros((len(momdp.query), momdp.n_behaviors, momdp.levels), int)
         if counts.size * len(self._open) > schema.COUNT_LIMIT:
             raise LogCorruptError(
@@ -295,13 +293,12 @@ def _step(message: Any, momdp: MOMDP, before: Belief) -> Step:
 
 
 def _tree(message: Any) -> tuple[TreeEdge, ...]:
-    percepts, edges = iter(message.tree_observation), list[TreeEdge]()
-    for level, parent, action, size, visits, value in zip(
-        message.tree_level, message.tree_parent, message.tree_action,
-        message.tree_observation_size, message.tree_visits, message.tree_value, strict=True,
-    ):  # fmt: skip
-        observation = tuple(islice(percepts, size))
-        edges.append(TreeEdge(level, parent, action, observation, visits, value))
-    if sum(message.tree_observation_size) != len(message.tree_observation):
+    percepts, sizes = message.tree_observation, message.tree_observation_size
+    if sum(sizes) != len(percepts):
         raise LogCorruptError("a search tree's percepts do not fit its edges")
-    return tuple(edges)
+    rest = iter(percepts)
+    observations = [tuple(islice(rest, size)) for size in sizes]
+    return tuple(starmap(TreeEdge, zip(
+        message.tree_level, message.tree_parent, message.tree_action, observations,
+        message.tree_visits, message.tree_value, strict=True,
+    )))  # fmt: skip

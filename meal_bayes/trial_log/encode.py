@@ -14,8 +14,6 @@ from numpy.typing import NDArray
 
 from meal_bayes.errors import LogError
 from meal_bayes.momdp import MOMDP, Belief
-from meal_bayes.momdp.belief import log_odds
-from meal_bayes.planners import TreeEdge
 from meal_bayes.trial_log import schema
 from meal_bayes.trials import Step, Trial, TrialOutcomes, task_key
 from meal_bayes.trials.outcomes import INTEGERS, REALS, TEXTS
@@ -30,6 +28,7 @@ class Packed(NamedTuple):
     topic: str
     time: int  # ns on the log's clock
     data: bytes
+    momdp: tuple[bytes, int] | None = None  # content and number of a new one
 
 
 class End(NamedTuple):
@@ -88,33 +87,35 @@ def encode_outcomes(outcomes: TrialOutcomes, first: int) -> bytes:
 
 
 class TrialEncoder:
-    """Packs one trial: its start, its steps one by one, its outcome, by its numbers in the file.
+    """Packs one trial, by its number in the file: its start, its steps one by one, its outcome.
 
-    It raises a `LogError` of arrays that do not fit each other, or are beyond the format's limits.
+    `momdps` are the numbers of those in the file, by content. It raises a `LogError` of arrays that
+    do not fit each other, or are beyond the format's limits.
     """
 
-    def __init__(self, number: int, momdp: int) -> None:
-        self._number, self._momdp = number, momdp
+    def __init__(self, number: int, momdps: schema.Momdps) -> None:
+        self._number, self._momdps = number, momdps
         self._steps = self._edges = self._size = 0
 
-    def begin(self, trial: Trial) -> list[Packed]:
-        """Pack the start of a trial; its steps come later."""
+    def begin(self, trial: Trial) -> Iterator[Packed]:
+        """Pack the start of a trial, after its MOMDP where that is new; its steps come later."""
         task, first = trial.task, trial.first_belief
         self._trial, self._before = trial, first
         self._check(start_misfits(trial), first)
-        start = schema.TrialMessage(
-            trial=self._number,
-            momdp=self._momdp,
-            agent=trial.agent,
-            attributes=task.query.attributes,
-            key=task_key(task.key),
-            truth=trial.truth.tolist(),
+        content = encode_momdp(trial)
+        last = max((number for number, _ in self._momdps.values()), default=-1)
+        momdp, _ = self._momdps.get(content, (last + 1, 0))
+        if momdp > last:
+            data = schema.MomdpMessage(id=momdp).SerializeToString() + content
+            yield Packed(schema.MOMDPS, schema.log_time(self._number, 0), data, (content, momdp))
+        yield self._packed(schema.TRIAL, 0, schema.TrialMessage(
+            trial=self._number, momdp=momdp, agent=trial.agent, attributes=task.query.attributes,
+            key=task_key(task.key), truth=trial.truth.tolist(),
             **{name: getattr(task, name) for name in schema.TASK_VALUES},
             **_belief(first, replayed=not first.percept_counts.any()),
-        )
-        return self._packed((schema.TRIAL, 0, start))
+        ))  # fmt: skip
 
-    def step(self, step: Step) -> list[Packed]:
+    def step(self, step: Step) -> Iterator[Packed]:
         """Pack the next step with a line of text."""
         momdp, index, decision = self._trial.momdp, self._steps, step.decision
         self._steps, self._edges = index + 1, self._edges + len(decision.tree)
@@ -138,7 +139,12 @@ class TrialEncoder:
             gap=() if decision.gap is None else (decision.gap,),
             **{name: getattr(step, name) for name in schema.STEP_VALUES},
             **{name: _values(getattr(decision, name)) for name in schema.DECISION_ARRAYS},
-            **_tree(decision.tree),
+            **{
+                f"tree_{name}": [getattr(edge, name) for edge in decision.tree]
+                for name in schema.EDGE_VALUES
+            },
+            tree_observation_size=[len(edge.observation) for edge in decision.tree],
+            tree_observation=[z for edge in decision.tree for z in edge.observation],
             **_belief(step.belief, replayed=not change.any()),
         )
         line = schema.LogMessage(
@@ -147,9 +153,10 @@ class TrialEncoder:
             name=self._trial.agent,
         )
         line.timestamp.seconds = schema.log_time(self._number, index + 1) // 1_000_000_000
-        return self._packed((schema.STEP, index + 1, message), (schema.LINES, index + 1, line))
+        yield self._packed(schema.STEP, index + 1, message)
+        yield self._packed(schema.LINES, index + 1, line)
 
-    def end(self, trial: Trial) -> list[Packed]:
+    def end(self, trial: Trial) -> Iterator[Packed]:
         """Pack the outcome."""
         report = _shape_misfits(report=(trial.report, (len(trial.momdp.query),)))
         self._check(report, trial.last_belief)
@@ -162,36 +169,26 @@ class TrialEncoder:
             reward=trial.reward,
             ended=trial.ended,
         )
-        return self._packed((schema.OUTCOME, self._steps + 1, outcome))
+        yield self._packed(schema.OUTCOME, self._steps + 1, outcome)
 
-    def whole(self, trial: Trial) -> list[Packed]:
+    def whole(self, trial: Trial) -> Iterator[Packed]:
         """Pack a trial that is whole."""
-        packed = self.begin(trial)
-        for step in trial.steps:
-            packed += self.step(step)
-        return packed + self.end(trial)
+        return chain(self.begin(trial), *map(self.step, trial.steps), self.end(trial))
 
-    def _check(self, misfits: Iterator[str], belief: Belief) -> None:
-        """Raise the first misfit, or what is beyond the limits or no reader would compute."""
-        problem = next(misfits, "")
-        if not problem:
-            computed = log_odds(self._trial.momdp, belief.log_prob)
-            if self._edges > schema.EDGE_LIMIT:
-                problem = f"its search trees have more than {schema.EDGE_LIMIT} edges"
-            elif (1 + self._steps) * belief.percept_counts.size > schema.COUNT_LIMIT:
-                problem = f"its beliefs count more than {schema.COUNT_LIMIT} percepts"
-            elif not np.array_equal(belief.log_odds, computed, equal_nan=True):
-                problem = "a belief has other log-odds than its log-probabilities make"
+    def _check(self, problems: Iterator[str], belief: Belief) -> None:
+        """Raise the first problem, or what is beyond the limits."""
+        problem = next(problems, "")
+        if self._edges > schema.EDGE_LIMIT:
+            problem = f"its search trees have more than {schema.EDGE_LIMIT} edges"
+        elif (1 + self._steps) * belief.percept_counts.size > schema.COUNT_LIMIT:
+            problem = f"its beliefs count more than {schema.COUNT_LIMIT} percepts"
         if problem:
             raise LogError(f"Trial {self._number} cannot be logged: {problem}.")
 
-    def _packed(self, *messages: tuple[str, int, Any]) -> list[Packed]:
-        """Pack messages, each given with its topic and the number of its step on the clock."""
-        packed = [
-            Packed(topic, schema.log_time(self._number, step), _bytes(message))
-            for topic, step, message in messages
-        ]
-        self._size += sum(len(message.data) for message in packed)
+    def _packed(self, topic: str, step: int, message: Any) -> Packed:
+        """Pack a message, by its topic and the number of its step on the clock."""
+        packed = Packed(topic, schema.log_time(self._number, step), _bytes(message))
+        self._size += len(packed.data)
         if self._size > schema.TRIAL_LIMIT:
             raise LogError(
                 f"Trial {self._number} takes {self._size} bytes; a log holds at most "
@@ -234,21 +231,6 @@ def _belief(belief: Belief, *, replayed: bool) -> dict[str, Any]:
         "log_prob": _values(belief.log_prob),
         "positive": belief.positive.tolist(),
         "percept_counts": [] if replayed else _values(belief.percept_counts),
-    }
-
-
-def _tree(tree: tuple[TreeEdge, ...]) -> dict[str, Any]:
-    if not tree:
-        return {}
-    level, parent, action, observation, visits, value = zip(*tree, strict=True)
-    return {
-        "tree_level": level,
-        "tree_parent": parent,
-        "tree_action": action,
-        "tree_visits": visits,
-        "tree_value": value,
-        "tree_observation_size": list(map(len, observation)),
-        "tree_observation": list(chain.from_iterable(observation)),
     }
 
 

@@ -6,7 +6,7 @@ the old version would go wrong.
 """
 
 from collections.abc import Iterator
-from typing import Any, NamedTuple
+from typing import Any
 
 from google.protobuf import descriptor_pb2, descriptor_pool, message_factory, timestamp_pb2
 
@@ -43,48 +43,57 @@ _TREE = (
     "tree_value:double* tree_observation_size:int64* tree_observation:int64*"
 )
 _FIELDS = {
-    "Run": "format_version:int64 header:string",
-    "Momdp": (
+    "meal_bayes.Run": "format_version:int64 header:string",
+    "meal_bayes.Momdp": (
         "id:int64 attributes:string* x_names:string* behavior_names:string* start:int64 "
         "transition:double* observation_probability:double* legal:bool* confusion:double* "
         "precision:double* prior:double* cost:double* correct:double incorrect:double "
         "bonus:double* limit:double* discount:double abstain:bool latent_classes:double* "
         "row_counts:double* group:int64*"
     ),
-    "Trial": (
+    "meal_bayes.Trial": (
         "trial:int64 momdp:int64 agent:string name:string attributes:string* object_index:int64 "
         f"object_name:string key:string truth:int64* {_BELIEF}"
     ),
-    "Step": (
+    "meal_bayes.Step": (
         "trial:int64 step:int64 x:int64 action:int64 action_name:string report:bool* legal:bool* "
         "next_x:int64 observation:int64* cost:double reward:double values:double* "
         f"value_se:double* visits:int64* simulations:int64 {_TREE} {_BELIEF} warning:string "
         "sampled_rows:double* gap:double*"
     ),
-    "Outcome": (
+    "meal_bayes.Outcome": (
         "trial:int64 steps:int64 report:bool* success:int64 cost:double reward:double ended:string"
     ),
-    "Outcomes": (  # columns of `TrialOutcomes`; text columns hold places in `texts`
+    "meal_bayes.Outcomes": (  # columns of `TrialOutcomes`; text columns hold places in `texts`
         "first:int64 trials:int64 queried:int64 texts:string* behaviors:string* agent:int64* "
         "key:int64* object_index:int64* object_name:int64* attribute:int64* truth:int64* "
         "report:int64* positive:double* cost:double* reward:double* ended:int64* steps:int64* "
         "executed:int64* failed:int64*"
     ),
+    "foxglove.Log": (
+        "timestamp:time level:level message:string name:string file:string line:fixed32"
+    ),
 }
 MOMDP_ARRAYS = ARRAYS  # fields of a MOMDP that have its own names
 TASK_VALUES = ("name", "object_index", "object_name")  # by the names of `Task`
 STEP_VALUES = ("x", "next_x", "cost", "reward", "warning")  # by the names of `Step`
+EDGE_VALUES = ("level", "parent", "action", "visits", "value")  # by the names of `TreeEdge`
 DECISION_ARRAYS = {"values": float, "value_se": float, "visits": int}
 MOMDP_NUMBERS = ("start", "correct", "incorrect", "discount", "abstain")
-_LOG = "timestamp:time level:level message:string name:string file:string line:fixed32"
 _LEVELS = ("UNKNOWN", "DEBUG", "INFO", "WARNING", "ERROR", "FATAL")  # of foxglove.Log
-_TOPICS = {RUN: "Run", MOMDPS: "Momdp", TRIAL: "Trial", STEP: "Step", OUTCOME: "Outcome"}
-_COMPACT_TOPICS = {RUN: "Run", OUTCOMES: "Outcomes"}
+# Messages of a form's topics, in the order of their channels' ids.
+TOPICS = {
+    FULL: {
+        RUN: "meal_bayes.Run", MOMDPS: "meal_bayes.Momdp", TRIAL: "meal_bayes.Trial",
+        STEP: "meal_bayes.Step", OUTCOME: "meal_bayes.Outcome", LINES: "foxglove.Log",
+    },
+    COMPACT: {RUN: "meal_bayes.Run", OUTCOMES: "meal_bayes.Outcomes"},
+}  # fmt: skip
 
 
-def _file_of(package: str, name: str, fields: str) -> descriptor_pb2.FileDescriptorProto:
+def _file_of(full_name: str, fields: str) -> descriptor_pb2.FileDescriptorProto:
     """Build the file of one message; fields are numbered as they stand."""
-    types = descriptor_pb2.FieldDescriptorProto
+    types, (package, name) = descriptor_pb2.FieldDescriptorProto, full_name.split(".")
     file = descriptor_pb2.FileDescriptorProto(
         name=f"{package}/{name}.proto", package=package, syntax="proto3"
     )
@@ -97,7 +106,7 @@ def _file_of(package: str, name: str, fields: str) -> descriptor_pb2.FileDescrip
             file.dependency.append(timestamp_pb2.DESCRIPTOR.name)
             added.type, added.type_name = types.TYPE_MESSAGE, ".google.protobuf.Timestamp"
         elif kind == "level":
-            added.type, added.type_name = types.TYPE_ENUM, f".{package}.{name}.Level"
+            added.type, added.type_name = types.TYPE_ENUM, f".{full_name}.Level"
             level = message.enum_type.add(name="Level")
             for value, word in enumerate(_LEVELS):
                 level.value.add(name=word, number=value)
@@ -107,35 +116,23 @@ def _file_of(package: str, name: str, fields: str) -> descriptor_pb2.FileDescrip
 
 
 _TIMESTAMP = descriptor_pb2.FileDescriptorProto.FromString(timestamp_pb2.DESCRIPTOR.serialized_pb)
-_FILES = {name: _file_of("meal_bayes", name, fields) for name, fields in _FIELDS.items()}
-_LOG_FILE = _file_of("foxglove", "Log", _LOG)
+_FILES = {name: _file_of(name, fields) for name, fields in _FIELDS.items()}
 # A pool of our own: another library may have registered foxglove.Log in the common one.
 _POOL = descriptor_pool.DescriptorPool()
-for _file in (_TIMESTAMP, _LOG_FILE, *_FILES.values()):
+for _file in (_TIMESTAMP, *_FILES.values()):
     _POOL.Add(_file)
-
-
-def _message_class(full_name: str) -> Any:
-    return message_factory.GetMessageClass(_POOL.FindMessageTypeByName(full_name))
-
-
-RunMessage = _message_class("meal_bayes.Run")
-MomdpMessage = _message_class("meal_bayes.Momdp")
-TrialMessage = _message_class("meal_bayes.Trial")
-StepMessage = _message_class("meal_bayes.Step")
-OutcomeMessage = _message_class("meal_bayes.Outcome")
-OutcomesMessage = _message_class("meal_bayes.Outcomes")
-LogMessage = _message_class("foxglove.Log")
+_NAMES = [file.name for file in _FILES.values()]
+_CLASSES: dict[str, Any] = message_factory.GetMessageClassesForFiles(_NAMES, _POOL)
+RunMessage, MomdpMessage, TrialMessage, StepMessage, OutcomeMessage, OutcomesMessage, LogMessage = (
+    _CLASSES[name] for name in _FIELDS
+)
 
 
 def channels(form: str) -> Iterator[tuple[str, str, bytes]]:
-    """Yield topic, schema name and schema data of a form's channels, in the order of their ids."""
-    for topic, name in (_TOPICS if form == FULL else _COMPACT_TOPICS).items():
-        files = descriptor_pb2.FileDescriptorSet(file=[_FILES[name]])
-        yield topic, f"meal_bayes.{name}", files.SerializeToString()
-    if form == FULL:
-        files = descriptor_pb2.FileDescriptorSet(file=[_TIMESTAMP, _LOG_FILE])
-        yield LINES, "foxglove.Log", files.SerializeToString()
+    """Yield topic, schema name and schema data of a form's channels."""
+    for topic, name in TOPICS[form].items():
+        files = [_TIMESTAMP, _FILES[name]] if topic == LINES else [_FILES[name]]
+        yield topic, name, descriptor_pb2.FileDescriptorSet(file=files).SerializeToString()
 
 
 def log_time(trial: int, step: int) -> int:
@@ -147,15 +144,12 @@ def log_time(trial: int, step: int) -> int:
     return (trial * _TRIAL_SPAN + min(step, _TRIAL_SPAN - 1)) * _SECOND
 
 
-class Known(NamedTuple):
-    """What reader or writer knows of a MOMDP in the file, and the bytes of its message."""
+class Momdps(dict[Any, tuple[Any, int]]):
+    """What reader or writer knows of the MOMDPs in a file, with the bytes of their messages."""
 
-    value: Any
-    size: int
-
-
-def forget_oldest(momdps: dict[Any, Known]) -> None:
-    """Forget the oldest MOMDPs, beyond what a trial may refer back to."""
-    sizes = [known.size for known in momdps.values()]
-    while len(sizes) > 1 and (len(sizes) > MOMDP_MEMORY or sum(sizes) > MOMDP_BYTES):
-        del momdps[next(iter(momdps))], sizes[0]
+    def add(self, key: Any, value: Any, size: int) -> None:
+        """Add the next MOMDP; forget the oldest, beyond what a trial may refer back to."""
+        self[key] = value, size
+        sizes = [size for _, size in self.values()]
+        while len(sizes) > 1 and (len(sizes) > MOMDP_MEMORY or sum(sizes) > MOMDP_BYTES):
+            del self[next(iter(self))], sizes[0]

@@ -4,12 +4,11 @@ It is a draft of a unique name, which gets its own when it is whole.
 """
 
 import contextlib
-import hashlib
-import itertools
 import json
 import os
 import platform
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from itertools import chain
 from pathlib import Path
 from typing import Any, BinaryIO, Self
 
@@ -19,7 +18,7 @@ from mcap.writer import Writer
 from meal_bayes.errors import LogError, SettingsError
 from meal_bayes.files import replace_whole, write_whole
 from meal_bayes.trial_log import schema
-from meal_bayes.trial_log.encode import End, Packed, TrialEncoder, encode_momdp, encode_outcomes
+from meal_bayes.trial_log.encode import End, Packed, TrialEncoder, encode_outcomes
 from meal_bayes.trial_log.names import new_draft, timing_of
 from meal_bayes.trial_log.schema import FORMAT_VERSION, SUFFIX
 from meal_bayes.trials import Step, Trial, TrialOutcomes
@@ -60,22 +59,18 @@ class TrialWriter:
         versions["python"] = platform.python_version()
         self.header = {"versions": versions, **header}
         self._text = _json(self.header)
-        self._file: BinaryIO | None = None
-        self._seconds: list[float | None] = []  # of each trial
+        self._seconds: dict[int, float] = {}  # by trial
+        self._open = False  # also where a write was broken off: what follows could not be read
+        self._begun = False  # a trial was begun and has no end yet
+        self._momdps = schema.Momdps()  # numbers in the file, by content
         self.written = End()
-        self.begun = False  # a trial was begun and has no end yet
-        self._torn = False  # a write was broken off: what follows could not be read
-        self._momdps = 0
-        self._known: dict[bytes, schema.Known] = {}  # numbers in the file, by content
-        self._last: Trial | None = None  # that was packed with a MOMDP of its own
-        self._momdp = self._content = b""  # its MOMDP and counts, and a digest of them
 
     def __enter__(self) -> Self:
         with self._faults_named():
             self.path.parent.mkdir(parents=True, exist_ok=True)
             if self.path.exists() and not self.path.is_file():
                 raise OSError(f"{self.path} is no file")
-            self._file = self.active_path.open("xb")
+            self._file: BinaryIO = self.active_path.open("xb")
             self._mcap: Any = Writer(self._file, enable_data_crcs=True)
             self._mcap.start(profile=schema.PROFILES[self._form])
             self._channels = {
@@ -92,53 +87,45 @@ class TrialWriter:
             self._mcap.add_metadata("run", {"format_version": str(FORMAT_VERSION), **flat})
             config = _json(self.header.get("config", self.header))
             self._mcap.add_attachment(0, 0, "config.json", "application/json", config.encode())
+        self._open = True
         run = schema.RunMessage(format_version=FORMAT_VERSION, header=self._text)
-        self.put([Packed(schema.RUN, 0, run.SerializeToString())])
+        self._put([Packed(schema.RUN, 0, run.SerializeToString())])
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
-        if self._file is None:
-            return
-        whole = kind is None and not self._torn and not self.begun
-        with self._faults_named(), contextlib.ExitStack() as stack:
-            stack.callback(setattr, self, "_file", None)
-            stack.enter_context(self._file)
+        whole = kind is None and self._open and not self._begun
+        self._open = False
+        with self._faults_named():
+            with self._file:
+                if whole:
+                    end = _json(self.written._asdict()).encode()
+                    self._mcap.add_attachment(0, 0, schema.END, "application/json", end)
+                    self._mcap.finish()
             if whole:
-                end = _json(self.written._asdict()).encode()
-                self._mcap.add_attachment(0, 0, schema.END, "application/json", end)
-                self._mcap.finish()
-        if whole:
-            timed = ((k, taken) for k, taken in enumerate(self._seconds) if taken is not None)
-            rows = [f"{number},{taken:.6f}\n" for number, taken in timed]
-            with self._faults_named():
+                rows = [f"{number},{taken:.6f}\n" for number, taken in self._seconds.items()]
                 if rows:
                     write_whole(timing_of(self.path), "".join(["trial,seconds\n", *rows]))
                 else:
                     timing_of(self.path).unlink(missing_ok=True)
                 replace_whole(self.active_path, self.path)  # last: with it the log is there
 
-    def put(self, packed: list[Packed], *, sync: bool = False) -> None:
+    def _put(self, messages: Iterable[Packed], *, sync: bool = False) -> None:
         """Write messages; when this returns they have left the process, or (sync) are on disk."""
-        self.check_open()
-        self._torn = True
+        if not self._open:
+            raise LogError(f"{self.path} is not open; write inside the `with` block of its writer.")
         with self._faults_named():
-            for topic, time, data in packed:
+            packed = list(messages)  # nothing is written where one of them cannot be
+            self._open = False
+            for topic, time, data, momdp in packed:
                 channel = self._channels[topic]
                 self._mcap.add_message(channel, log_time=time, publish_time=time, data=data)
-                if topic == schema.MOMDPS:  # the oldest are forgotten as the reader does
-                    self._known[self._content] = schema.Known(self._momdps, len(data))
-                    self._momdps += 1
-                    schema.forget_oldest(self._known)
+                if momdp is not None:
+                    self._momdps.add(*momdp, len(data))
             self._mcap.flush()
-            if sync and self._file is not None:
+            if sync:
                 self._file.flush()
                 os.fsync(self._file.fileno())
-        self._torn = False
-
-    def check_open(self) -> None:
-        """Raise where nothing can be written."""
-        if self._file is None or self._torn:
-            raise LogError(f"{self.path} is not open; write inside the `with` block of its writer.")
+            self._open = True
 
     @contextlib.contextmanager
     def _faults_named(self) -> Iterator[None]:
@@ -163,64 +150,43 @@ class TrialWriter:
             The trial's arrays do not fit each other, and the file stays as it was; or the disk is
             full, and the trials before stay in the draft.
         """
-        with self._faults_named():
-            packed = self._place(trial) + self._encoder.whole(trial)
-        self.put(packed)
-        self.written = self.written.after(trial)
-        self._seconds.append(seconds)
+        self._put(self._next_encoder().whole(trial))
+        self._count(trial, seconds)
 
-    def write_outcomes(self, outcomes: TrialOutcomes, seconds: Iterator[float | None]) -> None:
+    def write_outcomes(self, outcomes: TrialOutcomes, seconds: Iterator[float]) -> None:
         """Append outcomes to a compact log, and the wall-clock seconds of each trial."""
         for begin in range(0, len(outcomes), ROWS):
             rows, number = outcomes.rows(slice(begin, begin + ROWS)), self.written.trials
-            packed = Packed(
-                schema.OUTCOMES, schema.log_time(number, 0), encode_outcomes(rows, number)
-            )
-            self.put([packed])
-            self._seconds += itertools.islice(seconds, len(rows))
+            data = encode_outcomes(rows, number)
+            self._put([Packed(schema.OUTCOMES, schema.log_time(number, 0), data)])
+            self._seconds.update(zip(range(number, number + len(rows)), seconds, strict=False))
             self.written = self.written.after(rows)
 
     def begin(self, trial: Trial) -> None:
         """Write the start of a trial to disk; its steps follow one by one, then its end."""
-        with self._faults_named():
-            packed = self._place(trial) + self._encoder.begin(trial)
-        self.begun = True
-        self.put(packed, sync=True)
+        self._encoder = self._next_encoder()
+        self._put(self._encoder.begin(trial), sync=True)
+        self._begun = True
 
     def step(self, step: Step) -> None:
         """Write the next step of the trial that was begun to disk."""
-        with self._faults_named():
-            packed = self._encoder.step(step)
-        self.put(packed, sync=True)
+        self._put(self._encoder.step(step), sync=True)
 
     def end(self, trial: Trial) -> None:
         """Write the outcome of the trial that was begun to disk."""
-        with self._faults_named():
-            packed = self._encoder.end(trial)
-        self.put(packed, sync=True)
-        self.begun = False
-        self.written = self.written.after(trial)
-        self._seconds.append(None)
+        self._put(self._encoder.end(trial), sync=True)
+        self._begun = False
+        self._count(trial)
 
-    def _place(self, trial: Trial) -> list[Packed]:
-        """Create the encoder of the next trial, and pack its MOMDP where that is new."""
-        self.check_open()
-        if self.begun:
+    def _next_encoder(self) -> TrialEncoder:
+        if self._begun:
             raise LogError(f"{self.path} is not open for another trial: one has no end yet.")
-        last = self._last
-        if (
-            last is None
-            or last.momdp is not trial.momdp
-            or not np.array_equal(last.counts, trial.counts)  # type: ignore[arg-type]  # or None
-        ):
-            self._last, self._momdp = trial, encode_momdp(trial)
-            self._content = hashlib.blake2b(self._momdp, digest_size=16).digest()
-        number, known = self.written.trials, self._known.get(self._content)
-        self._encoder = TrialEncoder(number, known.value if known else self._momdps)
-        if known is not None:
-            return []
-        momdp = schema.MomdpMessage(id=self._momdps).SerializeToString() + self._momdp
-        return [Packed(schema.MOMDPS, schema.log_time(number, 0), momdp)]
+        return TrialEncoder(self.written.trials, self._momdps)
+
+    def _count(self, trial: Trial, seconds: float | None = None) -> None:
+        if seconds is not None:
+            self._seconds[self.written.trials] = seconds
+        self.written = self.written.after(trial)
 
 
 def write_trials(
@@ -237,16 +203,15 @@ def write_trials(
     trials : Iterable[Trial | TrialOutcomes]
         Whole ones make a full log, outcomes a compact one: columns, 250 trials in a message.
     """
-    entries, times = iter(trials), itertools.chain(seconds, itertools.repeat(None))
+    entries, times = iter(trials), iter(seconds)
     first = next(entries, None)
-    entries = itertools.chain([] if first is None else [first], entries)
     form = schema.COMPACT if isinstance(first, TrialOutcomes) else schema.FULL
     with TrialWriter(path, header, form) as log:
-        for entry in entries:
+        for entry in chain([] if first is None else [first], entries):
             if isinstance(entry, TrialOutcomes):
                 log.write_outcomes(entry, times)
             else:
-                log.write(entry, seconds=next(times))
+                log.write(entry, seconds=next(times, None))
 
 
 def read_seconds(path: str | Path) -> list[float]:

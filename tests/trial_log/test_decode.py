@@ -11,7 +11,7 @@ from meal_bayes.errors import LogCorruptError, LogError
 from meal_bayes.trial_log import TrialWriter, check_log, read_trials, salvage, schema
 from meal_bayes.trial_log.container import FAULTS
 from meal_bayes.trial_log.decode import TrialBuilder
-from meal_bayes.trial_log.encode import TrialEncoder, encode_momdp
+from meal_bayes.trial_log.encode import TrialEncoder
 from meal_bayes.trial_log.schema import MOMDPS, OUTCOME, STEP, TRIAL, OutcomeMessage
 from meal_bayes.trials import Trial
 
@@ -23,8 +23,8 @@ KINDS = {
 
 def sealed(trial, change=lambda place, message: None, garble=lambda place, data: data):
     """Messages of a trial, changed; places count the MOMDP, the trial, its steps, its outcome."""
-    packed = [m for m in TrialEncoder(0, 0).whole(trial) if m.topic in KINDS]
-    messages = [(MOMDPS, encode_momdp(trial)), *((m.topic, m.data) for m in packed)]
+    packed = TrialEncoder(0, schema.Momdps()).whole(trial)
+    messages = [(m.topic, m.data) for m in packed if m.topic in KINDS]
     for place, (topic, data) in enumerate(messages):
         message = KINDS[topic].FromString(data)
         change(place, message)

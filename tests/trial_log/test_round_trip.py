@@ -185,7 +185,7 @@ def test_a_trial_that_does_not_fit_is_refused_and_the_log_stays_good(make, tmp_p
         Step(0, nothing, 0, None, "free", 0.0, first),
         *(Step(0, nothing, 0, None, 0.0, 0.0, Belief(0, *parts)) for parts in (
             ([[0.0]], counted, odds), (first.log_prob, [1], odds),
-            (first.log_prob, counted, odds + 1), (first.log_prob + np.nan, counted, odds))),
+            (first.log_prob + np.nan, counted, odds))),
     ]  # fmt: skip
     path = tmp_path / "a.mcap"
     with TrialWriter(path, {}) as log:
