@@ -56,12 +56,10 @@ class Diagram:
 
     def __init__(self, momdp: MOMDP) -> None:
         self._momdp = momdp
-        self._moves: dict[tuple[int, int], str] = {}  # by state and behavior: name of the box
         labels = dict[tuple[int, int], list[str]]()  # by state and most probable next state
         for state, action in np.argwhere(momdp.legal[: momdp.terminal]).tolist():
             target = int(momdp.transition[action, state].argmax())
             labels.setdefault((state, target), []).append(action_label(momdp, action))
-            self._moves[state, action] = f"{state}-{target}"
         # The column of every x is its distance from the start, 0 where it is never reached.
         links = np.zeros((momdp.terminal + 1, momdp.terminal + 1))
         links[tuple(np.transpose(list(labels)))] = 1
@@ -85,11 +83,11 @@ class Diagram:
         visited = {step.next_x for step in frame.trial.steps[: frame.number]}
         colors = {f"x{x}": SKY for x in visited | {frame.trial.first_belief.x}}
         colors[f"x{frame.belief.x}"] = ORANGE
-        if frame.step is not None:
-            colors[self._moves.get((frame.step.x, frame.step.decision.action), "")] = GREEN
+        momdp, step, end = self._momdp, frame.step, "end"
+        if step is not None and (action := step.decision.action) < momdp.n_behaviors:
+            colors[f"{step.x}-{momdp.transition[action, step.x].argmax()}"] = GREEN
         nodes = [node._replace(color=colors.get(node.name, node.color)) for node in self._nodes]
-        end = "end"
-        if frame.belief.x == self._momdp.terminal:
+        if frame.belief.x == momdp.terminal:
             end += ": abstained" if frame.trial.report is None else ": answered"
         nodes[-1] = nodes[-1]._replace(label=end)  # the last state, in the last column
         return Graph(tuple(nodes), self._edges)
@@ -192,64 +190,54 @@ def belief_bars(frame: TrialFrame) -> Picture:
     return Picture(pixels, tuple(labels))
 
 
-class Matrices:
-    """Pictures of the confusion matrices of one MOMDP, each drawn once."""
+def matrices(momdp: MOMDP, counts: NDArray[np.float64] | None, action: int) -> Picture:
+    """Draw mean, sd and the paper's point estimate of a behavior's rows, and of its counts."""
+    n, k = min(len(momdp.query), _SHOWN), momdp.levels
+    # A new object's latent class is drawn by Pr(class given truth), its row Dirichlet about the
+    # class's: mean and sd of its rows by its truth, (N,2,K).
+    prob, rows = momdp.latent_classes[..., None], momdp.confusion[:, None, action]  # (N,2,C,K)
+    mean = (prob * rows).sum(axis=2)
+    precision = momdp.precision[:, None, action, :, None]
+    square = (prob * (rows**2 + rows * (1 - rows) / (1 + precision))).sum(axis=2)
+    sd = np.sqrt(np.maximum(square - mean**2, 0.0))
+    blocks = [(f"{plain_text(momdp.behavior_names[action])}: mean", mean, 1.0)]
+    blocks.append(("sd (exact)" if not sd.any() else "sd", sd, _SD_FULL))
+    if counts is not None:  # fractions of counted percepts; nan of none
+        total = counts[:, action].sum(axis=-1, keepdims=True)
+        point = np.where(total > 0, counts[:, action] / np.maximum(total, 1), np.nan)
+        blocks.append(("paper: counts only", point, 1.0))
+    labels = [
+        Label(f"{prefix}{plain_text(name)}", -5.0, (2 * i + t + _MIDDLE) * _CELL_HIGH, TEXT)
+        for i, name in enumerate(momdp.query.attributes[:n])
+        for t, prefix in enumerate(("not ", ""))
+    ]
+    parts, gap = list[NDArray[np.uint8]](), ((0, 0), (0, _GAP), (0, 0))
+    for title, values, full in blocks:
+        left = sum(part.shape[1] for part in parts)
+        numbers = values[:n].reshape(2 * n, k)
+        block = _block(title, numbers, (numbers / full).repeat(_CELL_HIGH, 0), left)
+        parts.append(np.pad(block.pixels, gap))
+        labels += block.labels
+    return Picture(np.concatenate(parts, axis=1), tuple(labels))
 
-    def __init__(self, momdp: MOMDP, counts: NDArray[np.float64] | None) -> None:
-        self._momdp, self._counts = momdp, counts
-        self._known: dict[int, Picture] = {}
 
-    def of(self, action: int, sampled: NDArray[np.float64] | None = None) -> Picture:
-        """Draw mean, sd and the paper's point estimate of a behavior's rows.
+def with_samples(picture: Picture, sampled: NDArray[np.float64] | None, levels: int) -> Picture:
+    """Return a behavior's matrices, and beside them what a decision sampled, if anything.
 
-        Beside them stand, as lanes, the rows (M,N,K) of the object in the MOMDPs that were sampled
-        for a decision, with the smallest and the largest probability of a level.
-        """
-        if action not in self._known:
-            self._known[action] = self._draw(action)
-        pixels, labels = self._known[action]
-        if sampled is None:  # as wide as the others, so that the view does not move
-            width = self._momdp.levels * _cell_width(self._momdp.levels)
-            return Picture(np.pad(pixels, ((0, 0), (0, width), (0, 0))), labels)
-        rows = sampled[:, :_SHOWN]
-        m, n, k = rows.shape
-        tall = 2 * _CELL_HIGH  # of an attribute, as its two rows beside it
-        lanes = np.sort(rows, axis=0)[np.arange(tall) * m // tall].swapaxes(0, 1)  # (N,tall,K)
-        ends = np.stack([rows.min(axis=0), rows.max(axis=0)], axis=1)  # (N,2,K)
-        title, left = f"{m} sampled MOMDPs", pixels.shape[1]
-        band = _block(title, ends.reshape(2 * n, k), lanes.reshape(n * tall, k), left)
-        return Picture(np.concatenate([pixels, band.pixels], axis=1), (*labels, *band.labels))
-
-    def _draw(self, action: int) -> Picture:
-        momdp = self._momdp
-        n, k = min(len(momdp.query), _SHOWN), momdp.levels
-        # A new object's latent class is drawn by Pr(class given truth), its row Dirichlet about the
-        # class's: mean and sd of its rows by its truth, (N,2,K).
-        prob, rows = momdp.latent_classes[..., None], momdp.confusion[:, None, action]  # (N,2,C,K)
-        mean = (prob * rows).sum(axis=2)
-        precision = momdp.precision[:, None, action, :, None]
-        square = (prob * (rows**2 + rows * (1 - rows) / (1 + precision))).sum(axis=2)
-        sd = np.sqrt(np.maximum(square - mean**2, 0.0))
-        blocks = [(f"{plain_text(momdp.behavior_names[action])}: mean", mean, 1.0)]
-        blocks.append(("sd (exact)" if not sd.any() else "sd", sd, _SD_FULL))
-        if self._counts is not None:  # fractions of counted percepts; nan of none
-            counts = self._counts[:, action]
-            total = counts.sum(axis=-1, keepdims=True)
-            point = np.where(total > 0, counts / np.maximum(total, 1), np.nan)
-            blocks.append(("paper: counts only", point, 1.0))
-        labels = [
-            Label(f"{prefix}{plain_text(name)}", -5.0, (2 * i + t + _MIDDLE) * _CELL_HIGH, TEXT)
-            for i, name in enumerate(momdp.query.attributes[:n])
-            for t, prefix in enumerate(("not ", ""))
-        ]
-        parts, gap = list[NDArray[np.uint8]](), ((0, 0), (0, _GAP), (0, 0))
-        for title, values, full in blocks:
-            left = sum(part.shape[1] for part in parts)
-            numbers = values[:n].reshape(2 * n, k)
-            block = _block(title, numbers, (numbers / full).repeat(_CELL_HIGH, 0), left)
-            parts.append(np.pad(block.pixels, gap))
-            labels += block.labels
-        return Picture(np.concatenate(parts, axis=1), tuple(labels))
+    Those are, as lanes, the rows (M,N,K) of the object in the sampled MOMDPs, with the smallest and
+    the largest probability of a level.
+    """
+    pixels, labels = picture
+    if sampled is None:  # as wide as the others, so that the view does not move
+        return Picture(np.pad(pixels, ((0, 0), (0, levels * _cell_width(levels)), (0, 0))), labels)
+    rows = sampled[:, :_SHOWN]
+    m, n, k = rows.shape
+    tall = 2 * _CELL_HIGH  # of an attribute, as its two rows beside it
+    lanes = np.sort(rows, axis=0)[np.arange(tall) * m // tall].swapaxes(0, 1)  # (N,tall,K)
+    ends = np.stack([rows.min(axis=0), rows.max(axis=0)], axis=1)  # (N,2,K)
+    title, left = f"{m} sampled MOMDPs", pixels.shape[1]
+    band = _block(title, ends.reshape(2 * n, k), lanes.reshape(n * tall, k), left)
+    return Picture(np.concatenate([pixels, band.pixels], axis=1), (*labels, *band.labels))
 
 
 def _block(

@@ -11,7 +11,15 @@ import rerun as rr
 from meal_bayes.momdp import MOMDP
 from meal_bayes.robots.robot import BALL, SHELL, SOLID, Frame
 from meal_bayes.trials import Trial, percept_labels
-from meal_bayes.viewer.drawings import Diagram, Graph, Matrices, Picture, belief_bars, search_tree
+from meal_bayes.viewer.drawings import (
+    Diagram,
+    Graph,
+    Picture,
+    belief_bars,
+    matrices,
+    search_tree,
+    with_samples,
+)
 from meal_bayes.viewer.labels import action_label, explain_decision, narrate, plain_text
 from meal_bayes.viewer.palette import DIM, GRAY, ORANGE, RED, Color, level_color, series_color
 from meal_bayes.viewer.recorder import Recorder, Time, TrialFrame, part
@@ -24,7 +32,6 @@ ROBOT, CAMERA = "/robot", "/camera"
 _PERCEPTS = 6  # lanes
 _GAP = [float("nan")]
 _CROWD = 9  # attributes in a legend
-_MOMDPS = 256  # whose pictures are kept, as many as a log refers back to
 _BOXES = {SOLID: f"{ROBOT}/arm", SHELL: f"{ROBOT}/object"}
 _BALLS, _ARROWS = f"{ROBOT}/content", f"{ROBOT}/forces"
 _METERS_PER_NEWTON = 0.008  # how long a force is drawn
@@ -37,7 +44,9 @@ class Scene:
 
     def __init__(self, recorder: Recorder) -> None:
         self._to = recorder
-        self._diagrams: dict[int, tuple[MOMDP, Diagram, Matrices]] = {}
+        self._momdp: MOMDP | None = None  # of the trial under way, with its drawings
+        self._diagram: Diagram
+        self._matrices: dict[int, Picture]  # by behavior
         self._attributes: list[str] = []
         self._lanes: dict[str, dict[str, Color]] = {}
         self._actions: dict[tuple[str, ...], str] = {}  # entity by names of behaviors
@@ -74,10 +83,12 @@ class Scene:
             values, errors = (np.roll(row, 1).tolist() for row in (decision.values, errors))
             self._value_row(frame.trial.momdp.behavior_names, values, errors, time)
         self._picture(BARS, belief_bars(frame), time)
-        _, diagram, matrices = self._of(frame.trial)
-        self._graph(DIAGRAM, diagram.at(frame), time)
+        momdp = frame.trial.momdp
+        if momdp is not self._momdp:
+            self._momdp, self._diagram, self._matrices = momdp, Diagram(momdp), {}
+        self._graph(DIAGRAM, self._diagram.at(frame), time)
         self._graph(TREE, search_tree(frame), time)
-        self._confusion(frame, matrices, time)
+        self._confusion(frame, time)
         self._lane_changes(frame, time)
 
     def close(self, trial: Trial, time: Time) -> None:
@@ -88,16 +99,6 @@ class Scene:
         self._value_row(trial.momdp.behavior_names, _GAP * actions, [0.0] * actions, time)
         for lane in ("action", "x", *self._percept_lanes(trial)):
             self._to.add(f"{LANES}/{lane}", rr.StateChange, time, state=[""])
-
-    def _of(self, trial: Trial) -> tuple[MOMDP, Diagram, Matrices]:
-        """Return a trial's MOMDP with its drawings; it is kept, so that no other gets its id."""
-        momdp = trial.momdp
-        if id(momdp) not in self._diagrams:
-            if len(self._diagrams) > _MOMDPS:
-                self._diagrams.clear()
-            matrices = Matrices(momdp, trial.counts)
-            self._diagrams[id(momdp)] = (momdp, Diagram(momdp), matrices)
-        return self._diagrams[id(momdp)]
 
     def _belief(self, name: str) -> str:
         entity = f"{BELIEF}/{part(name)}"
@@ -133,14 +134,18 @@ class Scene:
         self._to.add(f"{entity}/nodes", rr.GraphNodes, time, node_ids=names, **fields)
         self._to.add(f"{entity}/nodes", rr.GraphEdges, time, edges=list(graph.edges))
 
-    def _confusion(self, frame: TrialFrame, matrices: Matrices, time: Time) -> None:
+    def _confusion(self, frame: TrialFrame, time: Time) -> None:
         """Add the matrices of the behavior; at a report, those of the one before stay."""
-        end = frame.trial.momdp.n_behaviors
-        if frame.step is None and frame.trial.steps:
-            first = frame.trial.steps[0].decision.action
-            self._picture(CONFUSION, matrices.of(first if first < end else 0), time)
-        elif frame.step is not None and (action := frame.step.decision.action) < end:
-            picture = matrices.of(action, frame.step.decision.sampled_rows)
+        trial, step, end = frame.trial, frame.step, frame.trial.momdp.n_behaviors
+        action, sampled = 0, None
+        if step is not None:
+            action, sampled = step.decision.action, step.decision.sampled_rows
+        elif trial.steps and trial.steps[0].decision.action < end:
+            action = trial.steps[0].decision.action
+        if action < end:
+            if action not in self._matrices:
+                self._matrices[action] = matrices(trial.momdp, trial.counts, action)
+            picture = with_samples(self._matrices[action], sampled, trial.momdp.levels)
             self._picture(CONFUSION, picture, time)
 
     def _lane_changes(self, frame: TrialFrame, time: Time) -> None:
