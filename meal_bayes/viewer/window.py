@@ -72,32 +72,29 @@ class Viewer:
             self.address = f"http://{HERE}:{self._port}/?url={quote(self.url, safe='')}"
         if headless:
             self._command += ["--headless", "--window-size", f"{_SIZE[0]}x{_SIZE[1]}"]
-        self._process: subprocess.Popen[bytes] | None = None
-        self._errors: IO[bytes]
 
     def __enter__(self) -> Self:
         # Telemetry is off where CI is set; a program in a CI reports to nobody.
         environment = {**os.environ, "CI": "1", "RUST_LOG": os.environ.get("RUST_LOG", "error")}
-        self._errors = tempfile.TemporaryFile()  # a pipe that nobody empties would stop it
+        self._errors: IO[bytes] = tempfile.TemporaryFile()  # a full pipe would stop it
         self._process = start(
             self._command, env=environment, stdout=subprocess.DEVNULL, stderr=self._errors
         )
         return self
 
     def __exit__(self, *error: object) -> None:
-        if self._process is not None:
-            self._process.kill()
-            self._process.wait()
-            self._errors.close()
+        self._process.kill()
+        self._process.wait()
+        self._errors.close()
 
     @property
     def running(self) -> bool:
         """Whether the process runs."""
-        return self._process is not None and self._process.poll() is None
+        return self._process.poll() is None
 
     def wait(self) -> None:
         """Wait until the user closes it; raise a `ViewerError` if it ended with one."""
-        if self._process is None or not self._process.wait():
+        if not self._process.wait():
             return
         self._errors.seek(0)
         text = " ".join(self._errors.read().decode(errors="replace")[-_ERROR_LENGTH:].split())
@@ -135,9 +132,8 @@ class Viewer:
     def explain(self, fault: Exception) -> NoReturn:
         """Raise why it ended, or that it cannot be controlled."""
         with contextlib.suppress(subprocess.TimeoutExpired):
-            if self._process is not None:
-                self._process.wait(_DYING)
-                self.wait()
+            self._process.wait(_DYING)
+            self.wait()
         raise ViewerError(f"The viewer cannot be controlled: {fault}.") from fault
 
 
