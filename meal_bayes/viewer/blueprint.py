@@ -89,20 +89,16 @@ def _robot() -> rrb.Vertical:
 
 
 def _run() -> rrb.Vertical:
-    fraction = rrb.ScalarAxis(range=(0.0, 1.02))
-    plots = [
-        (run_view.ACCURACY, "accuracy so far, band = one standard error", fraction),
-        (run_view.COST, "mean cost so far, s, band = one standard error", None),
-    ]
-    views = [
-        rrb.TimeSeriesView(origin=entity, name=name, axis_y=axis) for entity, name, axis in plots
-    ]
-    return rrb.Vertical(
-        rrb.Horizontal(*views),
-        rrb.Horizontal(
-            rrb.TextDocumentView(origin=run_view.TABLE, name="agents and worst trials"),
-            rrb.TextDocumentView(origin=run_view.FACTS, name="run facts"),
-            column_shares=[3, 2],
-        ),
-        name="the run",
+    accuracy = rrb.TimeSeriesView(
+        origin=run_view.ACCURACY, name="accuracy so far, band = one standard error",
+        axis_y=rrb.ScalarAxis(range=(0.0, 1.02)),
+    )  # fmt: skip
+    cost = rrb.TimeSeriesView(
+        origin=run_view.COST, name="mean cost so far, s, band = one standard error"
     )
+    texts = rrb.Horizontal(
+        rrb.TextDocumentView(origin=run_view.TABLE, name="agents and worst trials"),
+        rrb.TextDocumentView(origin=run_view.FACTS, name="run facts"),
+        column_shares=[3, 2],
+    )
+    return rrb.Vertical(rrb.Horizontal(accuracy, cost), texts, name="the run")
