@@ -3,6 +3,7 @@
 Boxes of graphs have positions of our own.
 """
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -28,21 +29,28 @@ _BACK = (128, 128, 128, 60)  # behind a bar
 _SD_FULL = 0.5  # the sd that has the brightest color; no row's can be larger
 
 
-class Node(NamedTuple):
-    """One box of a graph, centered at (x, y)."""
+class Label(NamedTuple):
+    """A text at a point, pixels of a picture or units of a graph; there in a box with a name."""
 
-    name: str
     label: str
     color: Color
     x: float = 0.0
     y: float = 0.0
+    name: str = ""
 
 
 class Graph(NamedTuple):
     """Boxes and arrows."""
 
-    nodes: tuple[Node, ...]
-    edges: tuple[tuple[str, str], ...]
+    nodes: Sequence[Label]
+    edges: Sequence[tuple[str, str]]
+
+
+class Picture(NamedTuple):
+    """Pixels, (h,w,4) RGBA, and labels."""
+
+    pixels: NDArray[np.uint8]
+    labels: Sequence[Label]
 
 
 def box_size(label: str) -> tuple[float, float]:
@@ -65,18 +73,20 @@ class Diagram:
         links[tuple(np.transpose(list(labels)))] = 1
         depth = shortest_path(links, unweighted=True, indices=momdp.start)
         column = np.where(np.isinf(depth), 0, depth).astype(int).tolist()
-        boxes = [(2 * column[x], Node(f"x{x}", n, GRAY)) for x, n in enumerate(momdp.x_names[:-1])]
-        boxes += [
-            (column[source] + column[target], Node(f"{source}-{target}", "\n".join(names), DIM))
-            for (source, target), names in labels.items()
+        boxes = [
+            (2 * column[x], Label(n, GRAY, name=f"x{x}")) for x, n in enumerate(momdp.x_names[:-1])
         ]
-        boxes.append((2 * max(column), Node(f"x{momdp.terminal}", "end: abstained", GRAY)))
+        boxes += [
+            (column[source] + column[target], Label("\n".join(n), DIM, name=f"{source}-{target}"))
+            for (source, target), n in labels.items()
+        ]
+        boxes.append((2 * max(column), Label("end: abstained", GRAY, name=f"x{momdp.terminal}")))
         self._nodes = _stacked(boxes)
-        self._edges = tuple(
+        self._edges = [
             edge
             for source, target in labels
             for edge in ((f"x{source}", f"{source}-{target}"), (f"{source}-{target}", f"x{target}"))
-        )
+        ]
 
     def at(self, frame: TrialFrame) -> Graph:
         """Return it for a frame: where the robot is, where it was, which behavior it executed."""
@@ -90,17 +100,17 @@ class Diagram:
         if frame.belief.x == momdp.terminal:
             end += ": abstained" if frame.trial.report is None else ": answered"
         nodes[-1] = nodes[-1]._replace(label=end)  # the last state, in the last column
-        return Graph(tuple(nodes), self._edges)
+        return Graph(nodes, self._edges)
 
 
 def search_tree(frame: TrialFrame) -> Graph:
     """Return the top of the tree behind a decision: actions, and what follows each percept."""
     step, momdp = frame.step, frame.trial.momdp
     if step is None:
-        return Graph((Node("root", "nothing is decided yet", GRAY),), ())
+        return Graph([Label("nothing is decided yet", GRAY, name="root")], [])
     decision, chosen = step.decision, min(step.decision.action, momdp.n_behaviors)
     if not (actions := best_options(decision.values, chosen, _ACTIONS)):
-        return Graph((Node("root", "no search: a fixed rule", GRAY),), ())
+        return Graph([Label("no search: a fixed rule", GRAY, name="root")], [])
     count = f"{decision.simulations} simulations" if decision.simulations else "one step ahead"
     root = f"{momdp.x_names[step.x]}\n{count}"
     labels = {}
@@ -120,26 +130,26 @@ def search_tree(frame: TrialFrame) -> Graph:
         text = f"{percept} → {action_label(momdp, edge.action)}  {edge.value:.1f} · {edge.visits}"
         leaves.setdefault(first[edge.parent], []).append(text)
     row, y = box_size("")[1] + _ROW_GAP, 0.0
-    nodes, edges = list[Node](), list[tuple[str, str]]()
+    nodes, edges = list[Label](), list[tuple[str, str]]()
     for action, label in labels.items():
         below = leaves.get(action, [])
         height = max(len(below) * row, box_size(label)[1] + _ROW_GAP)
         top = y + (height - len(below) * row) / 2
         for number, text in enumerate(below):
             x = right + box_size(text)[0] / 2
-            nodes.append(Node(f"a{action}-{number}", text, GRAY, x, top + (number + 0.5) * row))
+            nodes.append(Label(text, GRAY, x, top + (number + 0.5) * row, f"a{action}-{number}"))
             edges.append((f"a{action}", f"a{action}-{number}"))
         x, color = left + box_size(label)[0] / 2, ORANGE if action == chosen else SKY
-        nodes.append(Node(f"a{action}", label, color, x, y + height / 2))
+        nodes.append(Label(label, color, x, y + height / 2, f"a{action}"))
         edges.append(("root", f"a{action}"))
         y += height
-    nodes.append(Node("root", root, GRAY, box_size(root)[0] / 2, y / 2))
-    return Graph(tuple(nodes), tuple(edges))
+    nodes.append(Label(root, GRAY, box_size(root)[0] / 2, y / 2, "root"))
+    return Graph(nodes, edges)
 
 
-def _stacked(boxes: list[tuple[int, Node]]) -> list[Node]:
+def _stacked(boxes: list[tuple[int, Label]]) -> list[Label]:
     """Place boxes in their columns, one below the other."""
-    nodes, left = list[Node](), 0.0
+    nodes, left = list[Label](), 0.0
     for column in sorted({column for column, _ in boxes}):
         members = [node for place, node in boxes if place == column]
         sizes = [box_size(node.label) for node in members]
@@ -149,22 +159,6 @@ def _stacked(boxes: list[tuple[int, Node]]) -> list[Node]:
             top += height + _COLUMN_GAP
         left += wide + _COLUMN_GAP
     return nodes
-
-
-class Label(NamedTuple):
-    """A text at a point of the picture, pixels."""
-
-    text: str
-    x: float
-    y: float
-    color: Color
-
-
-class Picture(NamedTuple):
-    """Pixels, (h,w,4) RGBA, and labels."""
-
-    pixels: NDArray[np.uint8]
-    labels: tuple[Label, ...]
 
 
 def belief_bars(frame: TrialFrame) -> Picture:
@@ -185,9 +179,9 @@ def belief_bars(frame: TrialFrame) -> Picture:
         lane[min(int(before * _BAR), _BAR - 1)] = ORANGE
         pixels[top : top + _THICK] = lane
         middle = (i + _MIDDLE + 0.1) * _LANE
-        labels.append(Label(plain_text(name), -12, middle, TEXT))
-        labels.append(Label(percent(now), _BAR + 9, middle, color))
-    return Picture(pixels, tuple(labels))
+        labels.append(Label(plain_text(name), TEXT, -12, middle))
+        labels.append(Label(percent(now), color, _BAR + 9, middle))
+    return Picture(pixels, labels)
 
 
 def matrices(momdp: MOMDP, counts: NDArray[np.float64] | None, action: int) -> Picture:
@@ -207,7 +201,7 @@ def matrices(momdp: MOMDP, counts: NDArray[np.float64] | None, action: int) -> P
         point = np.where(total > 0, counts[:, action] / np.maximum(total, 1), np.nan)
         blocks.append(("paper: counts only", point, 1.0))
     labels = [
-        Label(f"{prefix}{plain_text(name)}", -5.0, (2 * i + t + _MIDDLE) * _CELL_HIGH, TEXT)
+        Label(f"{prefix}{plain_text(name)}", TEXT, -5.0, (2 * i + t + _MIDDLE) * _CELL_HIGH)
         for i, name in enumerate(momdp.query.attributes[:n])
         for t, prefix in enumerate(("not ", ""))
     ]
@@ -218,7 +212,7 @@ def matrices(momdp: MOMDP, counts: NDArray[np.float64] | None, action: int) -> P
         block = _block(title, numbers, (numbers / full).repeat(_CELL_HIGH, 0), left)
         parts.append(np.pad(block.pixels, gap))
         labels += block.labels
-    return Picture(np.concatenate(parts, axis=1), tuple(labels))
+    return Picture(np.concatenate(parts, axis=1), labels)
 
 
 def with_samples(picture: Picture, sampled: NDArray[np.float64] | None, levels: int) -> Picture:
@@ -247,15 +241,16 @@ def _block(
     k = numbers.shape[1]
     width = _cell_width(k)
     pixels = colormaps["viridis"](_BRIGHTEST * np.nan_to_num(colors), bytes=True).repeat(width, 1)
-    labels = [Label(title, left + k * width / 2, -1.3 * _CELL_HIGH, TEXT)]
+    labels = [Label(title, TEXT, left + k * width / 2, -1.3 * _CELL_HIGH)]
     for (row, z), value in np.ndenumerate(numbers):
-        at = left + (z + 0.5) * width, (row + _MIDDLE) * _CELL_HIGH
-        labels.append(Label("-" if np.isnan(value) else f"{value:.2f}", *at, WHITE))
+        text = "-" if np.isnan(value) else f"{value:.2f}"
+        x, y = left + (z + 0.5) * width, (row + _MIDDLE) * _CELL_HIGH
+        labels.append(Label(text, WHITE, x, y))
     rows = 1 if k == 2 else 2  # of the levels' names below the columns, as some are long
     for z, name in enumerate(level_names(k)):
         y = (len(numbers) + _MIDDLE + z % rows) * _CELL_HIGH
-        labels.append(Label(name, left + (z + 0.5) * width, y, TEXT))
-    return Picture(pixels, tuple(labels))
+        labels.append(Label(name, TEXT, left + (z + 0.5) * width, y))
+    return Picture(pixels, labels)
 
 
 def _cell_width(k: int) -> int:

@@ -14,6 +14,7 @@ from meal_bayes.trials import Trial, percept_labels
 from meal_bayes.viewer.drawings import (
     Diagram,
     Graph,
+    Label,
     Picture,
     belief_bars,
     matrices,
@@ -98,7 +99,7 @@ class Scene:
         actions = trial.momdp.n_behaviors + 1
         self._value_row(trial.momdp.behavior_names, _GAP * actions, [0.0] * actions, time)
         for lane in ("action", "x", *self._percept_lanes(trial)):
-            self._to.add(f"{LANES}/{lane}", rr.StateChange, time, state=[""])
+            self._lane(lane, time)
 
     def _belief(self, name: str) -> str:
         entity = f"{BELIEF}/{part(name)}"
@@ -124,15 +125,21 @@ class Scene:
 
     def _picture(self, entity: str, picture: Picture, time: Time) -> None:
         self._to.add_image(f"{entity}/image", picture.pixels, time)
-        labels, x, y, colors = map(list, zip(*picture.labels, strict=True))
-        fields = {"positions": list(zip(x, y, strict=True)), "labels": labels, "colors": colors}
-        self._to.add(f"{entity}/labels", rr.Points2D, time, **fields)
+        self._labels(f"{entity}/labels", rr.Points2D, picture.labels, time)
 
     def _graph(self, entity: str, graph: Graph, time: Time) -> None:
-        names, labels, colors, x, y = map(list, zip(*graph.nodes, strict=True))
-        fields = {"positions": list(zip(x, y, strict=True)), "labels": labels, "colors": colors}
-        self._to.add(f"{entity}/nodes", rr.GraphNodes, time, node_ids=names, **fields)
+        names = [node.name for node in graph.nodes]
+        self._labels(f"{entity}/nodes", rr.GraphNodes, graph.nodes, time, node_ids=names)
         self._to.add(f"{entity}/nodes", rr.GraphEdges, time, edges=list(graph.edges))
+
+    def _labels(
+        self, entity: str, archetype: type, labels: Sequence[Label], time: Time, **fields: list[str]
+    ) -> None:
+        texts, colors, x, y, _ = map(list, zip(*labels, strict=True))
+        points = list(zip(x, y, strict=True))
+        self._to.add(
+            entity, archetype, time, positions=points, labels=texts, colors=colors, **fields
+        )
 
     def _confusion(self, frame: TrialFrame, time: Time) -> None:
         """Add the matrices of the behavior; at a report, those of the one before stay."""
@@ -150,26 +157,24 @@ class Scene:
 
     def _lane_changes(self, frame: TrialFrame, time: Time) -> None:
         trial, step, momdp = frame.trial, frame.step, frame.trial.momdp
-        self._lane("x", momdp.x_names[frame.belief.x], (DIM, GRAY)[frame.belief.x % 2], time)
+        self._lane("x", time, momdp.x_names[frame.belief.x], (DIM, GRAY)[frame.belief.x % 2])
         if step is None:
             return
-        action = step.decision.action
+        action, percept = step.decision.action, step.observation
         color = GRAY if action >= momdp.n_behaviors else series_color(action)
-        self._lane("action", action_label(momdp, action), color, time)
-        lanes = self._percept_lanes(trial)
-        if step.observation is None:
-            for lane in lanes:
-                self._to.add(f"{LANES}/{lane}", rr.StateChange, time, state=[""])
-            return
-        names = percept_labels(momdp, action, step.observation)
-        for i, lane in enumerate(lanes):
-            color = level_color(int(step.observation[i]), momdp.levels)
-            text = f"{plain_text(trial.task.query.attributes[i])}: {names[i]}"
-            self._lane(lane, text, color, time)
+        self._lane("action", time, action_label(momdp, action), color)
+        names = [] if percept is None else percept_labels(momdp, action, percept)
+        for i, lane in enumerate(self._percept_lanes(trial)):
+            if percept is None:
+                self._lane(lane, time)
+            else:
+                text = f"{plain_text(trial.task.query.attributes[i])}: {names[i]}"
+                self._lane(lane, time, text, level_color(int(percept[i]), momdp.levels))
 
-    def _lane(self, lane: str, state: str, color: Color, time: Time) -> None:
+    def _lane(self, lane: str, time: Time, state: str = "", color: Color = GRAY) -> None:
+        """Begin a state of a lane; without one, end the last."""
         entity, known = f"{LANES}/{lane}", self._lanes.setdefault(lane, {})
-        if state not in known:
+        if state and state not in known:
             known[state] = color
             colors = np.array(list(known.values()), np.uint8)
             style = rr.StateConfiguration(values=list(known), colors=colors)
