@@ -6,7 +6,6 @@ loop (`run_trial`), a callback, another thread. Between two steps nothing runs.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from functools import cached_property
 from pathlib import Path
 from typing import Protocol, Self
 
@@ -110,23 +109,15 @@ class Session:
         self.report: NDArray[np.bool_] | None = None
         self.max_steps, self.max_cost = max_steps, max_cost
         self._policy, self._boundary, self._perceiver = policy, boundary, perceiver
-        self._counts, self._seed, self.key = counts, seed, task.key if key is None else key
+        self._counts, self.key = counts, task.key if key is None else key
+        self.rng = stream(seed, "planner", agent, *self.key)  # of the policy
+        self._luck = stream(seed, "percepts", *self.key)  # drawn from tables, same for every agent
         self._truth, self._first = truth_of(task.query, truth), self.belief
         self._on_step, self._on_end = on_step, on_end
         self._recorder: Recorder | None = None
         self._decision: Decision | None = None  # whose outcome is waited for
         self._at = "robot"  # which part runs, for `Trial.ended`
         self._ended: str | None = None
-
-    @cached_property
-    def rng(self) -> np.random.Generator:
-        """Random stream of the policy; made when it is first used."""
-        return stream(self._seed, "planner", self.agent, *self.key)
-
-    @cached_property
-    def _luck(self) -> np.random.Generator:
-        """Random stream of percepts that are drawn from tables; the same for every agent."""
-        return stream(self._seed, "percepts", *self.key)
 
     def record(self, recorder: Recorder) -> None:
         """Record what there is of the trial, and every step before the next behavior is named."""
@@ -224,11 +215,7 @@ class Session:
         """
         if self.over:
             raise SettingsError("This trial is over; ask again for another.")
-        self.momdp.check_action(self.belief.x, decision.action)
-        if decision.action < self.momdp.n_behaviors:
-            self._decision = decision
-            return
-        self._append(self._answered(decision))
+        self._follow(decision)
 
     def repeat(self, steps: Sequence[Step]) -> None:
         """Repeat steps that were executed before a restart; the robot does not move.
@@ -268,7 +255,7 @@ class Session:
         if self._policy is None or self.over:
             return
         self._at, momdp = "planner", self.momdp
-        decision, limit = self._policy.decide(self.history, self.rng), ""
+        decision, limit, warning = self._policy.decide(self.history, self.rng), "", ""
         if decision.action < momdp.n_behaviors:
             cost = self.history.cost + float(momdp.cost[decision.action])
             if self.max_cost is not None and cost > self.max_cost:
@@ -276,11 +263,24 @@ class Session:
             if len(self.steps) >= self.max_steps:
                 limit = f"max_steps = {self.max_steps}"
         if limit:
-            best = unvalued(momdp, best_answer(momdp, self.belief))
-            self._append(self._answered(best, f"the best answer when {limit} was reached"))
-            return
-        self.command(decision)
+            decision = unvalued(momdp, best_answer(momdp, self.belief))
+            warning = f"the best answer when {limit} was reached"
+        self._follow(decision, warning)
         self._at = "robot"
+
+    def _follow(self, decision: Decision, warning: str = "") -> None:
+        """Wait for the outcome of a behavior, or end the trial with an answer."""
+        momdp, x = self.momdp, self.belief.x
+        momdp.check_action(x, decision.action)
+        if decision.action < momdp.n_behaviors:
+            self._decision = decision
+            return
+        report = momdp.reported(decision.action)
+        reward = 0.0 if report is None else float("nan")
+        if report is not None and (self._truth >= 0).all():
+            reward = float(momdp.report_reward((report == self._truth).astype(float)))
+        last = self.belief.at(momdp.terminal)
+        self._append(Step(x, decision, momdp.terminal, None, 0.0, reward, last, warning))
 
     def _append(self, step: Step) -> None:
         """Record a step, and end the trial where it leads to `term`."""
@@ -304,15 +304,6 @@ class Session:
             self._recorder.end(trial)
         if self._on_end is not None:
             self._on_end(trial)
-
-    def _answered(self, decision: Decision, warning: str = "") -> Step:
-        momdp, x = self.momdp, self.belief.x
-        report = momdp.reported(decision.action)
-        reward = 0.0 if report is None else float("nan")
-        if report is not None and (self._truth >= 0).all():
-            reward = float(momdp.report_reward((report == self._truth).astype(float)))
-        last = self.belief.at(momdp.terminal)
-        return Step(x, decision, momdp.terminal, None, 0.0, reward, last, warning)
 
     def _perceive(self, execution: Execution) -> tuple[NDArray[np.int8] | None, str]:
         """Return percept levels (N,), or None, and a warning."""
