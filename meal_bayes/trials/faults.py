@@ -2,7 +2,7 @@
 
 import warnings
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,16 +60,13 @@ class FaultTolerant:
     policy: Policy  # of this problem
     solve: Callable[[MOMDP], Policy]  # makes the policy of the problem without them
     expected: NDArray[np.float64]  # (E,X,X), see `faults_of`
-    _failing: NDArray[np.bool_] = field(init=False)
-
-    def __post_init__(self) -> None:
-        self._failing = np.zeros(self.momdp.n_behaviors, bool)
+    _failing: NDArray[np.bool_] | bool = False  # (E,), or none yet
 
     def decide(self, history: History, rng: np.random.Generator) -> Decision:
         """Choose the next action among what works; warn of what begins to fail."""
         failing, stuck = faults_of(self.momdp, history, self.expected)
         if (failing != self._failing).any():
-            for e in np.flatnonzero(failing & ~self._failing):
+            for e in np.flatnonzero(failing > self._failing):
                 warnings.warn(
                     f"{self.momdp.behavior_names[e]!r} yielded nothing several times in a row: it "
                     "is not counted on until it does again. The warnings of the trial's steps "
