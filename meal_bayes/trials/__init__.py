@@ -6,11 +6,11 @@ In: a MOMDP, a policy, a robot, a perceiver. Out: a `Trial` with every belief an
 from meal_bayes.trials.faults import FaultTolerant
 from meal_bayes.trials.outcomes import BatchOutcomes, TrialOutcomes, Trials, task_key
 from meal_bayes.trials.session import Recorder, Session, run_trial
-from meal_bayes.trials.text import percept_labels, trials_frame, truth_text, verdict_text
+from meal_bayes.trials.text import percept_labels, trials_frame, truth_text
 from meal_bayes.trials.trial import Step, Task, Trial, truth_of
 
 __all__ = [
     "BatchOutcomes", "FaultTolerant", "Recorder", "Session", "Step", "Task", "Trial",
     "TrialOutcomes", "Trials", "percept_labels", "run_trial", "task_key", "trials_frame",
-    "truth_of", "truth_text", "verdict_text",
+    "truth_of", "truth_text",
 ]  # fmt: skip

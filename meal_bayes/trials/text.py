@@ -48,17 +48,6 @@ def truth_text(
     return ", ".join([*known, "unknown"] if min(truth, default=0) < 0 else known)
 
 
-def verdict_text(trial: Trial) -> str:
-    """Return "right", "wrong", "abstained", "broken off", or "truth unknown"."""
-    if trial.ended:
-        return "broken off"
-    if trial.success is None:
-        return UNKNOWN
-    if trial.report is None:
-        return "abstained"
-    return "right" if trial.success else "wrong"
-
-
 def outcome_text(momdp: MOMDP, step: Step) -> str:
     """Return what a behavior led to: whether it succeeded, the states, and why nothing came."""
     action, x, next_x = step.decision.action, step.x, step.next_x
@@ -91,7 +80,7 @@ def final_facts(trial: Trial) -> dict[str, str]:
     if trial.report is not None:
         facts["answer"] = query.report_name(trial.report)
         if trial.success is not None:
-            facts["verdict"] = verdict_text(trial)
+            facts["verdict"] = "right" if trial.success else "wrong"
     reward = "" if np.isnan(trial.reward) else f", reward {trial.reward:.1f}"
     return {**facts, "cost": f"{trial.cost:.1f} s{reward}"}
 
