@@ -14,8 +14,7 @@ from meal_bayes.errors import LogError
 from meal_bayes.trial_log.schema import ACTIVE, SUFFIX
 
 RECOVERED = ".recovered"
-_DRAFT = r"\.w\d+-[0-9a-f]{6}"
-_ENDINGS = re.compile(rf"({_DRAFT})?({re.escape(RECOVERED)})?$")
+_ENDINGS = re.compile(r"(\.w\d+-[0-9a-f]{6})?(\.recovered)?$")
 
 
 def new_draft(path: Path) -> Path:
@@ -39,10 +38,9 @@ def stem_of(path: Path) -> str:
 
 def drafts_of(path: Path) -> list[Path]:
     """Find the drafts of a log, the newest first."""
-    name = re.compile(rf"{re.escape(path.stem)}{_DRAFT}{re.escape(SUFFIX + ACTIVE)}")
     drafts = dict[Path, float]()
-    for file in path.parent.iterdir() if path.parent.is_dir() else ():
-        if name.fullmatch(file.name):
+    for file in path.parent.glob(f"*{SUFFIX}{ACTIVE}"):
+        if stem_of(file) == path.stem:
             with contextlib.suppress(FileNotFoundError):  # it has got its name meanwhile
                 drafts[file] = -file.stat().st_mtime
     return sorted(drafts, key=drafts.__getitem__)
