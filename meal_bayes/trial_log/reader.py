@@ -58,22 +58,22 @@ def read_trials(path: str | Path) -> Iterator[Trial]:
         The file has another format version.
     """
     files = log_files(path) if Path(path).is_dir() else [path]
-    return itertools.chain.from_iterable([_trials(_whole(file)) for file in files])
+    return itertools.chain.from_iterable([_trials(Scan(file)) for file in files])
 
 
-def _trials(path: Path) -> Iterator[Trial]:
-    for entry in Scan(path).entries():
+def _trials(scan: "Scan") -> Iterator[Trial]:
+    for entry in scan.entries():
         if isinstance(entry, TrialOutcomes):
             raise LogError(
-                f"{path} is a compact log: outcomes without steps; see them with: "
-                f"meal-bayes report {path}"
+                f"{scan.path} is a compact log: outcomes without steps; see them with: "
+                f"meal-bayes report {scan.path}"
             )
         yield entry
 
 
 def read_outcomes(path: str | Path) -> TrialOutcomes:
     """Read the outcomes of a whole log, of either form; errors as for `read_trials`."""
-    return TrialOutcomes.join([outcomes for _, outcomes, _ in grouped(Scan(_whole(path)))])
+    return TrialOutcomes.join([outcomes for _, outcomes, _ in grouped(Scan(path))])
 
 
 def grouped(scan: "Scan") -> Iterator[tuple[int, TrialOutcomes, tuple[Trial, ...]]]:
@@ -106,21 +106,24 @@ def read_header(path: str | Path) -> dict[str, object]:
 def log_info(path: str | Path) -> LogInfo:
     """Read what a whole log holds; every byte is checked, no trial decoded; errors as above."""
     path, builder = find_log(path), TrialBuilder()
+    header = read_header(path)
     with opened(path) as file:
         for record in read_records(file):
-            if not isinstance(record, Chunk) or builder.header is None:
+            if not isinstance(record, Chunk):
                 next(builder.records(record), None)
-        end, header = builder.end, builder.header
-        if header is None or end is None:
-            raise LogCorruptError(NO_HEADER if header is None else NO_END)
-    return LogInfo(path, builder.form, **end._asdict(), header=header)
+        if builder.end is None:
+            raise LogCorruptError(NO_END)
+    return LogInfo(path, builder.form, **builder.end._asdict(), header=header)
 
 
 class Scan:
     """One reading of a file; a tolerant one notes the faults and goes on behind them."""
 
-    def __init__(self, path: Path, *, tolerant: bool = False) -> None:
-        self.path, self._tolerant = path, tolerant
+    def __init__(self, path: str | Path, *, tolerant: bool = False) -> None:
+        self.path, self._tolerant = find_log(path), tolerant
+        if not tolerant and self.path.name.endswith(schema.ACTIVE):
+            unfinished = f"{self.path} was not finished by its writer"
+            raise LogCorruptError(f"{unfinished}; {_way_out(self.path)}")
         self.problems: list[str] = []
         self.builder = TrialBuilder()
 
@@ -163,7 +166,7 @@ class Scan:
 
 def check_log(path: str | Path) -> LogInfo:
     """Read a file to its end and report its contents and faults; damage does not raise."""
-    scan = Scan(find_log(path), tolerant=True)
+    scan = Scan(path, tolerant=True)
     for _ in scan.entries():
         pass
     read, header, form = scan.builder.read, scan.builder.header or {}, scan.builder.form
@@ -177,7 +180,7 @@ def salvage(path: str | Path) -> Iterator[Trial | TrialOutcomes]:
     file ends comes last, as far as it went, with `ended`. Errors are as for `read_trials`, but only
     a file without a header and a trial is corrupt.
     """
-    return Scan(find_log(path), tolerant=True).salvage()
+    return Scan(path, tolerant=True).salvage()
 
 
 def recover_log(path: str | Path, out: str | Path | None = None) -> Path:
@@ -192,7 +195,7 @@ def recover_log(path: str | Path, out: str | Path | None = None) -> Path:
     LogError
         `out` exists; and as for `salvage`.
     """
-    scan = Scan(find_log(path), tolerant=True)
+    scan = Scan(path, tolerant=True)
     beside = scan.path.with_name(f"{stem_of(scan.path)}{RECOVERED}{schema.SUFFIX}")
     out = beside if out is None else Path(out)
     if out.exists():
@@ -225,13 +228,6 @@ def find_log(path: str | Path) -> Path:
     if Path(path).is_dir():
         raise LogError(f"{path} is a folder, and no log; name one of its files.")
     return log_files(path)[0]
-
-
-def _whole(path: str | Path) -> Path:
-    path = find_log(path)
-    if path.name.endswith(schema.ACTIVE):
-        raise LogCorruptError(f"{path} was not finished by its writer; {_way_out(path)}")
-    return path
 
 
 def _way_out(path: Path) -> str:
