@@ -5,20 +5,20 @@ import rerun.blueprint as rrb
 
 from meal_bayes.viewer import run_view, scene
 
+_CROWD = 9  # attributes, of more a legend would hide its plot
 _AROUND = 8  # rows shown before and behind the cursor
 _NO_LEGEND = rrb.PlotLegend(visible=False)
 
 
-def blueprint(
-    *, single: bool, steps: bool, crowded: bool, live: bool, robot: bool
-) -> rrb.Blueprint:
+def blueprint(*, single: bool, attributes: int, live: bool, robot: bool) -> rrb.Blueprint:
     """Return the layout of a recording.
 
     Plots show all of a `single` trial, else the rows around the cursor. The trials have a tab of
-    their own if their `steps` are shown, with the `robot` in its own time, and a legend unless
-    attributes are `crowded`; `live`, the newest row is followed.
+    their own if beliefs in `attributes` are shown, with the `robot` in its own time, and a legend
+    unless these are many; `live`, the newest row is followed.
     """
-    trial = [_trial(single=single, crowded=crowded, robot=robot)] if steps else []
+    crowded = attributes > _CROWD
+    trial = [_trial(single=single, crowded=crowded, robot=robot)] if attributes else []
     return rrb.Blueprint(
         rrb.Tabs(*trial, _run(), active_tab=0),
         rrb.TopPanel(state="collapsed"),

@@ -170,11 +170,8 @@ def belief_bars(frame: TrialFrame) -> Picture:
         now, before = float(frame.belief.positive[i]), float(frame.before[i])
         top = i * _LANE + (_LANE - _THICK) // 2
         color = GREEN if now > 0.5 else SKY
-        lane = np.tile(np.array(_BACK, float), (_BAR, 1))
-        full, rest = divmod(now * _BAR, 1)
-        lane[: int(full)] = color
-        if full < _BAR:  # the pixel in which the bar ends
-            lane[int(full)] = rest * np.array(color) + (1 - rest) * lane[int(full)]
+        share = np.clip(now * _BAR - np.arange(_BAR), 0, 1)[:, None]  # of a pixel that is full
+        lane = share * np.array(color) + (1 - share) * np.array(_BACK)
         lane[_BAR // 2] = GRAY
         lane[min(int(before * _BAR), _BAR - 1)] = ORANGE
         pixels[top : top + _THICK] = lane

@@ -47,7 +47,7 @@ class Replay:
         self._recorder = Recorder(stream)
         self._scene, self._run = Scene(self._recorder), RunView(self._recorder, header)
         self._clock = Clock()
-        self._shows_steps = self._shows_robot = False
+        self._shows_robot = False
         self.trials = 0
 
     def add(self, trial: Trial, frames: Sequence[Frame] = ()) -> None:
@@ -56,7 +56,6 @@ class Replay:
         clock = self._clock
         start = time = Time(number, clock.row, clock.seconds)
         if self._only is None or self._only == number:
-            self._shows_steps = True
             for frame in clock.frames(number, trial):
                 self._scene.add(frame)
                 time = frame.time
@@ -90,8 +89,8 @@ class Replay:
         """Send the layout that fits the trials so far."""
         single = self._only is not None or (self.trials == 1 and not live)
         self._stream.send_blueprint(blueprint(
-            single=single, steps=self._shows_steps, crowded=self._scene.crowded,
-            live=live, robot=self._shows_robot,
+            single=single, attributes=len(self._scene.attributes), live=live,
+            robot=self._shows_robot,
         ))  # fmt: skip
 
 

@@ -32,7 +32,6 @@ LANES = "/lanes"
 ROBOT, CAMERA = "/robot", "/camera"
 _PERCEPTS = 6  # lanes
 _GAP = [float("nan")]
-_CROWD = 9  # attributes in a legend
 _BOXES = {SOLID: f"{ROBOT}/arm", SHELL: f"{ROBOT}/object"}
 _BALLS, _ARROWS = f"{ROBOT}/content", f"{ROBOT}/forces"
 _METERS_PER_NEWTON = 0.008  # how long a force is drawn
@@ -48,7 +47,7 @@ class Scene:
         self._momdp: MOMDP | None = None  # of the trial under way, with its drawings
         self._diagram: Diagram
         self._matrices: dict[int, Picture]  # by behavior
-        self._attributes: list[str] = []
+        self.attributes: list[str] = []  # that were queried
         self._lanes: dict[str, dict[str, Color]] = {}
         self._actions: dict[tuple[str, ...], str] = {}  # entity by names of behaviors
         for entity in (NARRATION, DECISION):
@@ -62,11 +61,6 @@ class Scene:
         recorder.add_line(ENTROPY, "entropy, bits", ORANGE)
         recorder.add_line(COST, "cost so far, s", RED)
 
-    @property
-    def crowded(self) -> bool:
-        """Whether so many attributes were queried that a legend would hide its plot."""
-        return len(self._attributes) > _CROWD
-
     def add(self, frame: TrialFrame) -> None:
         """Add one frame."""
         to, time = self._to, frame.time
@@ -74,9 +68,8 @@ class Scene:
         to.add(DECISION, rr.TextDocument, time, text=[explain_decision(frame)])
         to.add(ENTROPY, rr.Scalars, time, scalars=[frame.belief.entropy])
         to.add(COST, rr.Scalars, time, scalars=[frame.spent])
-        for name, p in zip(
-            frame.trial.task.query.attributes, frame.belief.positive.tolist(), strict=True
-        ):
+        names = frame.trial.task.query.attributes
+        for name, p in zip(names, frame.belief.positive.tolist(), strict=True):
             to.add(self._belief(name), rr.Scalars, time, scalars=[p])
         if frame.step is not None:  # the report first, where a legend begins
             decision = frame.step.decision
@@ -103,9 +96,9 @@ class Scene:
 
     def _belief(self, name: str) -> str:
         entity = f"{BELIEF}/{part(name)}"
-        if name not in self._attributes:
-            self._to.add_line(entity, plain_text(name), series_color(len(self._attributes)))
-            self._attributes.append(name)
+        if name not in self.attributes:
+            self._to.add_line(entity, plain_text(name), series_color(len(self.attributes)))
+            self.attributes.append(name)
         return entity
 
     def _value_row(
