@@ -261,8 +261,6 @@ def start_misfits(trial: Trial) -> Iterator[str]:
     )
     if not np.isin(trial.truth, (-1, 0, 1)).all():
         yield f"truth is {trial.truth.tolist()}, expected {n} of 1, 0 and -1"
-    if trial.counts is not None and not np.isfinite(trial.counts).all():
-        yield "counts are not finite"
     yield from _belief_misfits(trial.first_belief, momdp)
 
 

@@ -106,10 +106,11 @@ class Logs:
         files = []
         for file, header in zip(self.files, self._headers, strict=True):
             config = header.get("config")
-            if isinstance(config, dict):
+            config = config if isinstance(config, dict) else {}
+            if config:
                 settings = {name: value for name, value in header.items() if name not in _LATER}
                 settings["config"] = {k: v for k, v in config.items() if k not in _APART}
-                text = json.dumps(settings, sort_keys=True, default=str)
+                text = json.dumps(settings, sort_keys=True)
                 other = units.setdefault((text, file.parent.name, stem_of(file)), file)
                 if other is not file:
                     if filecmp.cmp(file, other, shallow=False):
@@ -119,8 +120,9 @@ class Logs:
                         "code or other recordings make them; name the logs of one run."
                     )
             files.append((file, header))
-            name = config.get("dataset") if isinstance(config, dict) else None
-            name = name or header.get("data")  # objects are known by their numbers in it
+            name = config.get("dataset") or header.get(
+                "data"
+            )  # objects are known by their numbers in it
             if isinstance(name, str):
                 first.setdefault(name, file)
         if len(first) > 1:
