@@ -16,7 +16,7 @@ from meal_bayes.momdp import MOMDP, Belief, belief_of
 from meal_bayes.planners import Decision, TreeEdge
 from meal_bayes.trial_log import schema
 from meal_bayes.trial_log.container import FAULTS, chunk_messages
-from meal_bayes.trial_log.encode import End, judgment, misfits
+from meal_bayes.trial_log.encode import End, judgment, limit_misfits, misfits
 from meal_bayes.trials import Step, Task, Trial, TrialOutcomes
 from meal_bayes.trials.outcomes import INTEGERS, REALS, TEXTS
 from meal_bayes.untrusted import read_json
@@ -50,7 +50,8 @@ class TrialBuilder:
             # Without its first chunk the others still mean what this format says.
             self._channels = dict(enumerate(schema.TOPICS[self.form], start=1))
         elif isinstance(record, Attachment) and record.name == schema.END:
-            self.end = _end(record.data)
+            counts: Any = read_json(record.data)
+            self.end = End(**counts)
         elif isinstance(record, Chunk):
             try:
                 self.limit -= record.uncompressed_size
@@ -129,25 +130,20 @@ class TrialBuilder:
             raise LogCorruptError(f"trial {begin.trial} refers to a MOMDP that is not there")
         (momdp, row_counts), _ = self._momdps[begin.momdp]
         counts = np.zeros((len(momdp.query), momdp.n_behaviors, momdp.levels), int)
-        if counts.size * len(self._open) > schema.COUNT_LIMIT:
-            raise LogCorruptError(
-                f"trial {begin.trial} counts more than {schema.COUNT_LIMIT} percepts"
-            )
+        messages = list(map(schema.StepMessage.FromString, self._open[1:]))
+        edges = sum(len(message.tree_level) for message in messages)
+        for problem in limit_misfits(counts.size * len(self._open), edges):
+            raise LogCorruptError(f"trial {begin.trial}: {problem}")
         key = read_json(begin.key)
         if not isinstance(key, list) or not all(type(part) in (int, str) for part in key):
             raise LogCorruptError(
                 f"a trial's key is {begin.key[:40]!r}, expected names and numbers"
             )
         first = belief = _belief(begin, counts, momdp)
-        steps, edges = list[Step](), 0
-        for index, message in enumerate(map(schema.StepMessage.FromString, self._open[1:])):
+        steps = list[Step]()
+        for index, message in enumerate(messages):
             if (message.trial, message.step) != (begin.trial, index):
                 raise LogCorruptError(f"the steps of trial {begin.trial} are not in order")
-            edges += len(message.tree_level)
-            if edges > schema.EDGE_LIMIT:
-                raise LogCorruptError(
-                    f"trial {begin.trial} has more than {schema.EDGE_LIMIT} tree edges"
-                )
             steps.append(_step(message, momdp, belief))
             belief = steps[-1].belief
         trial = Trial(
@@ -168,15 +164,6 @@ class TrialBuilder:
         for problem in misfits(trial):
             raise LogCorruptError(f"trial {begin.trial}: {problem}")
         return trial
-
-
-def _end(data: bytes) -> End:
-    """Read the closing record."""
-    facts = read_json(data)
-    types = {"trials": int, "steps": int, "cost": float}
-    if not isinstance(facts, dict) or {name: type(v) for name, v in facts.items()} != types:
-        raise LogCorruptError("the closing record holds no counts")
-    return End(**facts)
 
 
 def _header(data: bytes) -> dict[str, object]:
@@ -228,8 +215,6 @@ def _momdp(message: Any) -> tuple[MOMDP, NDArray[np.float64] | None]:
         raise LogCorruptError(f"a MOMDP has {n} attributes, {e} behaviors and {x} x")
     counts = _array(message.row_counts, (n, e, 2, -1)) if message.row_counts else None
     of_group = list(message.group) or [0] * n
-    if len(of_group) != n:
-        raise LogCorruptError(f"a MOMDP has {len(of_group)} group numbers, expected {n}")
     groups = tuple(
         tuple(i for i in range(n) if of_group[i] == number) for number in sorted({*of_group} - {0})
     )

@@ -177,12 +177,8 @@ class TrialEncoder:
 
     def _check(self, problems: Iterator[str], belief: Belief) -> None:
         """Raise the first problem, or what is beyond the limits."""
-        problem = next(problems, "")
-        if self._edges > schema.EDGE_LIMIT:
-            problem = f"its search trees have more than {schema.EDGE_LIMIT} edges"
-        elif (1 + self._steps) * belief.percept_counts.size > schema.COUNT_LIMIT:
-            problem = f"its beliefs count more than {schema.COUNT_LIMIT} percepts"
-        if problem:
+        percepts = (1 + self._steps) * belief.percept_counts.size
+        for problem in chain(problems, limit_misfits(percepts, self._edges)):
             raise LogError(f"Trial {self._number} cannot be logged: {problem}.")
 
     def _packed(self, topic: str, step: int, message: Any) -> Packed:
@@ -244,6 +240,14 @@ def misfits(trial: Trial) -> Iterator[str]:
     yield from start_misfits(trial)
     for index, step in enumerate(trial.steps):
         yield from step_misfits(step, trial.momdp, index)
+
+
+def limit_misfits(percepts: int, edges: int) -> Iterator[str]:
+    """Yield what is beyond the limits of a trial."""
+    if percepts > schema.COUNT_LIMIT:
+        yield f"its beliefs count more than {schema.COUNT_LIMIT} percepts"
+    if edges > schema.EDGE_LIMIT:
+        yield f"its search trees have more than {schema.EDGE_LIMIT} edges"
 
 
 def start_misfits(trial: Trial) -> Iterator[str]:
