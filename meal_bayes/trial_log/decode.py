@@ -1,6 +1,6 @@
 """Message bytes -> trials or outcomes; what does not fit together is refused."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import islice, starmap
 from typing import Any
@@ -156,8 +156,8 @@ class TrialBuilder:
             momdp=momdp,
             first_belief=first,
             steps=tuple(steps),
-            truth=np.array(list(begin.truth), dtype=np.int8),
-            report=np.array(list(outcome.report), dtype=np.bool_) if outcome.report else None,
+            truth=begin.truth,
+            report=outcome.report or None,
             ended=outcome.ended,
             counts=row_counts,
         )
@@ -187,24 +187,26 @@ def decode_outcomes(data: bytes) -> tuple[int, TrialOutcomes]:
     size = {"n": message.trials, "q": message.queried, "e": len(message.behaviors)}
     if min(message.first, *size.values()) < 0 or max(size["q"], size["e"]) > schema.NAME_LIMIT:
         raise LogCorruptError(f"outcomes {message.first} of sizes {size}")
-    columns: dict[str, Any] = {
-        name: _array(
-            getattr(message, name),
-            [size[letter] for letter in shape],
-            np.float64 if name in REALS else np.int64,
-        )
-        for name, shape in (TEXTS | INTEGERS | REALS).items()
-    }
+    columns = _arrays(message, TEXTS | INTEGERS | REALS, size)
     texts = np.array(message.texts, object)
     for name in TEXTS:
-        if columns[name].size and not 0 <= columns[name].min() <= columns[name].max() < len(texts):
+        places = columns[name].astype(int)
+        if places.size and not 0 <= places.min() <= places.max() < len(texts):
             raise LogCorruptError(f"outcomes name a text that is not there ({name})")
-        columns[name] = texts[columns[name]]
+        columns[name] = texts[places]
     return message.first, TrialOutcomes(tuple(message.behaviors), **columns)
 
 
-def _array(values: Iterable[Any], shape: Sequence[int], dtype: Any = np.float64) -> NDArray[Any]:
-    return np.array(list(values), dtype=dtype).reshape(shape)
+def _arrays(message: Any, axes: Mapping[str, str], size: Mapping[str, int]) -> dict[str, Any]:
+    """Read arrays by the letters of their axes, which have these sizes."""
+    return {
+        name: _array(getattr(message, name), [size[letter] for letter in letters])
+        for name, letters in axes.items()
+    }
+
+
+def _array(values: Iterable[Any], shape: Sequence[int]) -> NDArray[Any]:
+    return np.array(list(values)).reshape(shape)
 
 
 def _momdp(message: Any) -> tuple[MOMDP, NDArray[np.float64] | None]:
@@ -220,20 +222,12 @@ def _momdp(message: Any) -> tuple[MOMDP, NDArray[np.float64] | None]:
     )
     classes = len(message.latent_classes) // (2 * n)
     size = {"n": n, "e": e, "x": x, "c": classes, "k": -1, "2": 2}
-    arrays: dict[str, Any] = {
-        name: _array(
-            getattr(message, name),
-            [size[axis] for axis in axes],
-            np.bool_ if name == "legal" else np.float64,
-        )
-        for name, axes in schema.MOMDP_ARRAYS.items()
-    }
     momdp = MOMDP(
         query=Query(tuple(message.attributes), groups),
         x_names=tuple(message.x_names),
         behavior_names=tuple(message.behavior_names),
         **{name: getattr(message, name) for name in schema.MOMDP_NUMBERS},
-        **arrays,
+        **_arrays(message, schema.MOMDP_ARRAYS, size),
     )
     return momdp, counts
 
@@ -241,7 +235,7 @@ def _momdp(message: Any) -> tuple[MOMDP, NDArray[np.float64] | None]:
 def _belief(message: Any, replayed: NDArray[Any], momdp: MOMDP) -> Belief:
     """Read a belief; percept counts stand in the file only where replay does not give them."""
     counts = message.percept_counts
-    counted = _array(counts, replayed.shape, np.int64) if counts else replayed
+    counted = _array(counts, replayed.shape) if counts else replayed
     log_prob = _array(message.log_prob, (len(replayed), -1))
     return belief_of(momdp, message.belief_x, log_prob, counted)
 
@@ -258,10 +252,6 @@ def _step(message: Any, momdp: MOMDP, before: Belief) -> Step:
         counts = counts.copy()
         counts[np.arange(n), action, levels] += 1
     rows = message.sampled_rows  # (M,N,K) of the sampled MOMDPs that the decision kept, if any
-    arrays: dict[str, Any] = {
-        name: np.array(getattr(message, name), kind)
-        for name, kind in schema.DECISION_ARRAYS.items()
-    }
     return Step(
         decision=Decision(
             action=action,
@@ -269,7 +259,7 @@ def _step(message: Any, momdp: MOMDP, before: Belief) -> Step:
             simulations=message.simulations,
             sampled_rows=_array(rows, (-1, n, k)) if rows else None,
             gap=message.gap[0] if message.gap else None,
-            **arrays,
+            **{name: getattr(message, name) for name in schema.DECISION_ARRAYS},
         ),
         observation=freeze(levels, np.int8) if levels else None,
         belief=_belief(message, counts, momdp),

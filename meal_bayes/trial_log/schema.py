@@ -78,7 +78,7 @@ MOMDP_ARRAYS = ARRAYS  # fields of a MOMDP that have its own names
 TASK_VALUES = ("name", "object_index", "object_name")  # by the names of `Task`
 STEP_VALUES = ("x", "next_x", "cost", "reward", "warning")  # by the names of `Step`
 EDGE_VALUES = ("level", "parent", "action", "visits", "value")  # by the names of `TreeEdge`
-DECISION_ARRAYS = {"values": float, "value_se": float, "visits": int}
+DECISION_ARRAYS = ("values", "value_se", "visits")  # by the names of `Decision`
 MOMDP_NUMBERS = ("start", "correct", "incorrect", "discount", "abstain")
 _LEVELS = ("UNKNOWN", "DEBUG", "INFO", "WARNING", "ERROR", "FATAL")  # of foxglove.Log
 # Messages of a form's topics, in the order of their channels' ids.
