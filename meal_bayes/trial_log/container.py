@@ -8,7 +8,8 @@ import os
 import struct
 import zlib
 from collections.abc import Iterator
-from typing import BinaryIO
+from types import SimpleNamespace
+from typing import Any, BinaryIO
 
 import zstandard
 from google.protobuf.message import DecodeError
@@ -46,13 +47,21 @@ def read_records(file: BinaryIO, *, begin: int = 0) -> Iterator[McapRecord]:
 
     Chunks come as they are. A file that was read from 0 to its end is whole.
     """
+
+    def read(size: int) -> bytes:
+        """Read no more than a record holds; the library reads one byte where a record begins."""
+        if size > RECORD_LIMIT:
+            raise LogCorruptError(f"a record claims to hold {size} bytes")
+        data = file.read(size)
+        if size == 1 and data == b"\0":  # it would be read as empty records, for terabytes perhaps
+            raise LogCorruptError(f"nothing is written from byte {file.tell() - 1} on")
+        return data
+
+    bounded: Any = SimpleNamespace(read=read)  # it calls nothing else
     yield from StreamReader(
-        _Bounded(file),  # type: ignore[arg-type]  # `read` is all that it calls
-        skip_magic=begin > 0,
-        emit_chunks=True,
-        validate_crcs=True,
+        bounded, skip_magic=begin > 0, emit_chunks=True, validate_crcs=True,
         record_size_limit=RECORD_LIMIT,
-    ).records
+    ).records  # fmt: skip
     _check_summary(file)
 
 
@@ -76,25 +85,6 @@ def fault_text(fault: Exception) -> str:
     if isinstance(fault, TORN):
         return "the file ends before its closing records"
     return str(fault) if isinstance(fault, LogError) else f"{type(fault).__name__}: {fault}"
-
-
-class _Bounded:
-    """A file that is asked for no more than a record holds, and in which none begins with zero.
-
-    A region that was never written would be read as empty records, for terabytes perhaps.
-    """
-
-    def __init__(self, file: BinaryIO) -> None:
-        self._file = file
-
-    def read(self, size: int) -> bytes:
-        """Read bytes; the library reads a single one where a record begins."""
-        if size > RECORD_LIMIT:
-            raise LogCorruptError(f"a record claims to hold {size} bytes")
-        data = self._file.read(size)
-        if size == 1 and data == b"\0":
-            raise LogCorruptError(f"nothing is written from byte {self._file.tell() - 1} on")
-        return data
 
 
 def _check_summary(file: BinaryIO) -> None:
