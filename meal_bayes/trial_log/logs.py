@@ -85,11 +85,10 @@ class Logs:
         """
         empty = True
         for file, header in self._distinct():
-            scan = Scan(file, tolerant=True)
-            for place, outcomes, trials in grouped(scan):
-                places = range(place, place + len(outcomes))
-                empty = False
-                yield Group(header, file, places, outcomes, trials)
+            scan, place = Scan(file, tolerant=True), 0
+            for outcomes, trials in grouped(scan):
+                empty, first, place = False, place, place + len(outcomes)
+                yield Group(header, file, range(first, place), outcomes, trials)
             if file.name.endswith(ACTIVE):
                 why = f" ({scan.problems[0]})" if scan.problems else ""
                 self.problems.append(f"{file} was not finished by its writer{why}")

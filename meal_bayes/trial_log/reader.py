@@ -73,23 +73,22 @@ def _trials(scan: "Scan") -> Iterator[Trial]:
 
 def read_outcomes(path: str | Path) -> TrialOutcomes:
     """Read the outcomes of a whole log, of either form; errors as for `read_trials`."""
-    return TrialOutcomes.join([outcomes for _, outcomes, _ in grouped(Scan(path))])
+    return TrialOutcomes.join([outcomes for outcomes, _ in grouped(Scan(path))])
 
 
-def grouped(scan: "Scan") -> Iterator[tuple[int, TrialOutcomes, tuple[Trial, ...]]]:
-    """Yield trials in groups: place of the first, their outcomes, and the trials of a full log."""
-    place, waiting = 0, list[Trial]()
+def grouped(scan: "Scan") -> Iterator[tuple[TrialOutcomes, tuple[Trial, ...]]]:
+    """Yield trials in groups: their outcomes, and of a full log the trials."""
+    waiting = list[Trial]()
     for entry in scan.entries():
         if isinstance(entry, TrialOutcomes):
-            yield place, entry, ()
-            place += len(entry)
+            yield entry, ()
             continue
         waiting.append(entry)
         if len(waiting) == GROUP:
-            yield place, TrialOutcomes.of(waiting), tuple(waiting)
-            place, waiting = place + GROUP, []
+            yield TrialOutcomes.of(waiting), tuple(waiting)
+            waiting = []
     if waiting:
-        yield place, TrialOutcomes.of(waiting), tuple(waiting)
+        yield TrialOutcomes.of(waiting), tuple(waiting)
 
 
 def read_header(path: str | Path) -> dict[str, object]:
