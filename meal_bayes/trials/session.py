@@ -242,12 +242,11 @@ class Session:
     def __exit__(self, _: object, fault: BaseException | None, __: object) -> None:
         if fault is None:
             self.cancel("left before the answer")
-        if self.over or fault is None:
-            return
-        self._end(f"{self._at} error: {type(fault).__name__}: {fault}".removesuffix(": "))
-        if self._recorder is not None:
-            path = self._recorder.path
-            fault.add_note(f"the trial, as far as it went: meal-bayes log show {path}")
+        elif not self.over:
+            self._end(f"{self._at} error: {type(fault).__name__}: {fault}".removesuffix(": "))
+            if self._recorder is not None:
+                show = f"meal-bayes log show {self._recorder.path}"
+                fault.add_note(f"the trial, as far as it went: {show}")
 
     def _decide(self) -> None:
         """Let the policy choose the next behavior, or the report that ends the trial."""

@@ -70,13 +70,11 @@ def gap_text(decision: Decision) -> str:
 
 def final_facts(trial: Trial) -> dict[str, str]:
     """Return the answer of a trial, its truth, the verdict where there is one, and the cost."""
-    query = trial.task.query
-    facts = {
-        "answer": "abstained; every report was too risky",
-        "truth": truth_text(query.attributes, trial.truth, query.groups),
-    }
+    query, answer = trial.task.query, "abstained; every report was too risky"
     if trial.ended:
-        facts["answer"] = f"none; {trial.ended}"
+        answer = f"none; {trial.ended}"
+    truth = truth_text(query.attributes, trial.truth, query.groups)
+    facts = {"answer": answer, "truth": truth}
     if trial.report is not None:
         facts["answer"] = query.report_name(trial.report)
         if trial.success is not None:
