@@ -52,7 +52,7 @@ def narrate(frame: TrialFrame) -> str:
     lines += ["", "|attribute|belief|percept|", "|---|---|---|"]
     rows = list(zip(names, frame.belief.positive, percepts, strict=True))
     lines += [f"|{name}|{percent(p)}|{word}|" for name, p, word in rows[:_ATTRIBUTES]]
-    if not frame.last:
+    if frame.number < len(trial.steps):
         best = plain_text(trial.task.query.report_name(frame.belief.best_report))
         sure = percent(frame.belief.certainty)
         return "\n".join([*lines, "", f"now it would answer **{best}** ({sure} sure)"])

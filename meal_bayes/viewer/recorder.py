@@ -43,11 +43,6 @@ class TrialFrame(NamedTuple):
     spent: float  # s, cost of the trial so far
 
     @property
-    def last(self) -> bool:
-        """Whether the trial ends here."""
-        return self.number == len(self.trial.steps)
-
-    @property
     def belief(self) -> Belief:
         """The belief after the step."""
         return self.trial.first_belief if self.step is None else self.step.belief
@@ -66,16 +61,15 @@ class Clock:
 
     def frames(self, number: int, trial: Trial) -> Iterator[TrialFrame]:
         """Yield the rows of the next trial, whose position in the log is `number`."""
-        start, spent, before = self.seconds, 0.0, trial.first_belief.positive
-        yield TrialFrame(Time(number, self.row, start), trial, 0, None, before, spent)
-        for index, step in enumerate(trial.steps, start=1):
-            self.row += 1
-            time = Time(number, self.row, start + spent)
-            spent += step.cost
-            yield TrialFrame(time, trial, index, step, before, spent)
-            before = step.belief.positive
-        self.row += 2
-        self.seconds = start + spent
+        spent, before = 0.0, trial.first_belief.positive
+        for index, step in enumerate((None, *trial.steps)):
+            time = Time(number, self.row + index, self.seconds + spent)
+            spent += 0.0 if step is None else step.cost
+            frame = TrialFrame(time, trial, index, step, before, spent)
+            yield frame
+            before = frame.belief.positive
+        self.row += len(trial.steps) + 2
+        self.seconds += spent
 
 
 class Recorder:

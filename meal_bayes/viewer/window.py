@@ -31,8 +31,6 @@ _START, _SETTLE = 60.0, 90.0  # s until a viewer answers, until its picture no l
 _NOTICE = 5.0  # s that a picture must stay equal, as the viewer's own notices fade after 4
 _POLL = 0.3  # s
 _DYING = 5.0  # s that a program which broke off a connection may take to end
-_DISPLAYS = ("DISPLAY", "WAYLAND_DISPLAY")
-_ERROR_LENGTH = 4000  # characters of a viewer's error output
 
 
 class ViewerError(MealBayesError):
@@ -97,12 +95,14 @@ class Viewer:
         if not self._process.wait():
             return
         self._errors.seek(0)
-        text = " ".join(self._errors.read().decode(errors="replace")[-_ERROR_LENGTH:].split())
+        text = " ".join(self._errors.read().decode(errors="replace").split())
         why = f"The viewer ended with an error ({text[-300:] or 'no message'});"
         if "adapter" in text or "render context" in text:
             driver = "mesa-vulkan-drivers has one in software, for machines without a screen too"
             why = f"The viewer finds no graphics driver (Vulkan); install one ({driver}), or"
-        elif sys.platform == "linux" and not any(map(os.environ.get, _DISPLAYS)):
+        elif sys.platform == "linux" and not any(
+            map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY"))
+        ):
             why = "The viewer cannot open a window, as there is no display;"
         way = "give --web for a page in the browser, or --save FILE.rrd for another machine"
         raise ViewerError(f"{why} {way}.")
