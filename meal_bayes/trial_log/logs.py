@@ -158,12 +158,8 @@ class Follower:
 
     def poll(self) -> Iterator[Trial]:
         """Yield the whole trials that have come since the last call."""
-        try:
-            files = log_files(self.path)
-        except LogError:  # not there yet, or not any more: what was opened is still read
-            files = []
-        for path in files:
-            with contextlib.suppress(FileNotFoundError):  # it got its name since
+        with contextlib.suppress(LogError, FileNotFoundError):  # to come, gone, or renamed since
+            for path in log_files(self.path):
                 state = path.stat()
                 if (state.st_dev, state.st_ino) not in self._tails:
                     self._tails[state.st_dev, state.st_ino] = _Tail(path)
