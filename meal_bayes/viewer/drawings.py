@@ -73,20 +73,15 @@ class Diagram:
         links[tuple(np.transpose(list(labels)))] = 1
         depth = shortest_path(links, unweighted=True, indices=momdp.start)
         column = np.where(np.isinf(depth), 0, depth).astype(int).tolist()
-        boxes = [
-            (2 * column[x], Label(n, GRAY, name=f"x{x}")) for x, n in enumerate(momdp.x_names[:-1])
-        ]
-        boxes += [
-            (column[source] + column[target], Label("\n".join(n), DIM, name=f"{source}-{target}"))
-            for (source, target), n in labels.items()
-        ]
-        boxes.append((2 * max(column), Label("end: abstained", GRAY, name=f"x{momdp.terminal}")))
+        boxes, self._edges = list[Label](), list[tuple[str, str]]()  # at the places of columns
+        for x, name in enumerate(momdp.x_names[:-1]):
+            boxes.append(Label(name, GRAY, 2 * column[x], name=f"x{x}"))
+        for (source, target), names in labels.items():
+            box, place = f"{source}-{target}", column[source] + column[target]
+            boxes.append(Label("\n".join(names), DIM, place, name=box))
+            self._edges += [(f"x{source}", box), (box, f"x{target}")]
+        boxes.append(Label("end: abstained", GRAY, 2 * max(column), name=f"x{momdp.terminal}"))
         self._nodes = _stacked(boxes)
-        self._edges = [
-            edge
-            for source, target in labels
-            for edge in ((f"x{source}", f"{source}-{target}"), (f"{source}-{target}", f"x{target}"))
-        ]
 
     def at(self, frame: TrialFrame) -> Graph:
         """Return it for a frame: where the robot is, where it was, which behavior it executed."""
@@ -147,11 +142,11 @@ def search_tree(frame: TrialFrame) -> Graph:
     return Graph(nodes, edges)
 
 
-def _stacked(boxes: list[tuple[int, Label]]) -> list[Label]:
-    """Place boxes in their columns, one below the other."""
+def _stacked(boxes: Sequence[Label]) -> list[Label]:
+    """Place boxes in their columns, `x`, one below the other."""
     nodes, left = list[Label](), 0.0
-    for column in sorted({column for column, _ in boxes}):
-        members = [node for place, node in boxes if place == column]
+    for column in sorted({node.x for node in boxes}):
+        members = [node for node in boxes if node.x == column]
         sizes = [box_size(node.label) for node in members]
         wide, top = max(width for width, _ in sizes), 0.0
         for node, (_, height) in zip(members, sizes, strict=True):

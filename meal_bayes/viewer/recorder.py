@@ -130,8 +130,3 @@ class Recorder:
                 columns.append(column.partition(fields[field][1]))
             self.stream.send_columns(entity, indexes[times], columns, strict=True)
         self._rows.clear()
-
-
-def part(name: str) -> str:
-    """Return a name of the log, whatever characters it has, as a part of an entity path."""
-    return rr.escape_entity_path_part(name) or "_"

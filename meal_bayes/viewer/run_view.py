@@ -10,7 +10,7 @@ from meal_bayes.trials import TrialOutcomes
 from meal_bayes.trials.text import UNKNOWN, outcome_facts
 from meal_bayes.viewer.labels import plain_text
 from meal_bayes.viewer.palette import series_color
-from meal_bayes.viewer.recorder import Recorder, Time, part
+from meal_bayes.viewer.recorder import Recorder, Time
 
 FACTS, TABLE = "/run/facts", "/run/table"
 ACCURACY, COST = "/run/accuracy", "/run/cost"
@@ -58,7 +58,8 @@ class RunView:
         """Add the measures of an agent's new trials, and return its row of the table."""
         rows = np.flatnonzero(outcomes.agent == name)
         outcomes = outcomes.rows(rows)
-        entity, shown = part(name or "agent"), plain_text(name or "agent")
+        shown = plain_text(name or "agent")
+        entity = rr.escape_entity_path_part(name or "agent")
         if name not in self._agents:
             color = series_color(self._agents.setdefault(name, len(self._agents)))
             style = rr.Measurements.from_fields(names=shown, colors=color, widths=2)

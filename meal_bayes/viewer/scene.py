@@ -23,7 +23,7 @@ from meal_bayes.viewer.drawings import (
 )
 from meal_bayes.viewer.labels import action_label, explain_decision, narrate, plain_text
 from meal_bayes.viewer.palette import DIM, GRAY, ORANGE, RED, Color, level_color, series_color
-from meal_bayes.viewer.recorder import Recorder, Time, TrialFrame, part
+from meal_bayes.viewer.recorder import Recorder, Time, TrialFrame
 
 NARRATION, DECISION = "/narration", "/decision"
 BARS, BELIEF, ENTROPY, COST = "/belief_now", "/belief", "/entropy", "/cost"
@@ -95,7 +95,7 @@ class Scene:
             self._lane(lane, time)
 
     def _belief(self, name: str) -> str:
-        entity = f"{BELIEF}/{part(name)}"
+        entity = f"{BELIEF}/{rr.escape_entity_path_part(name)}"
         if name not in self.attributes:
             self._to.add_line(entity, plain_text(name), series_color(len(self.attributes)))
             self.attributes.append(name)
