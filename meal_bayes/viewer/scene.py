@@ -121,18 +121,15 @@ class Scene:
         self._labels(f"{entity}/labels", rr.Points2D, picture.labels, time)
 
     def _graph(self, entity: str, graph: Graph, time: Time) -> None:
-        names = [node.name for node in graph.nodes]
-        self._labels(f"{entity}/nodes", rr.GraphNodes, graph.nodes, time, node_ids=names)
+        self._labels(f"{entity}/nodes", rr.GraphNodes, graph.nodes, time)
         self._to.add(f"{entity}/nodes", rr.GraphEdges, time, edges=list(graph.edges))
 
-    def _labels(
-        self, entity: str, archetype: type, labels: Sequence[Label], time: Time, **fields: list[str]
-    ) -> None:
-        texts, colors, x, y, _ = map(list, zip(*labels, strict=True))
-        points = list(zip(x, y, strict=True))
-        self._to.add(
-            entity, archetype, time, positions=points, labels=texts, colors=colors, **fields
-        )
+    def _labels(self, entity: str, archetype: type, labels: Sequence[Label], time: Time) -> None:
+        texts, colors, x, y, names = map(list, zip(*labels, strict=True))
+        fields = {"positions": list(zip(x, y, strict=True)), "labels": texts, "colors": colors}
+        if archetype is rr.GraphNodes:
+            fields["node_ids"] = names
+        self._to.add(entity, archetype, time, **fields)
 
     def _confusion(self, frame: TrialFrame, time: Time) -> None:
         """Add the matrices of the behavior; at a report, those of the one before stay."""
