@@ -208,10 +208,9 @@ def matrices(momdp: MOMDP, counts: NDArray[np.float64] | None, action: int) -> P
 
 
 def with_samples(picture: Picture, sampled: NDArray[np.float64] | None, levels: int) -> Picture:
-    """Return a behavior's matrices, and beside them what a decision sampled, if anything.
+    """Return matrices, and beside them, as lanes, the object's rows (M,N,K) in sampled MOMDPs.
 
-    Those are, as lanes, the rows (M,N,K) of the object in the sampled MOMDPs, with the smallest and
-    the largest probability of a level.
+    The numbers are the smallest and the largest probability of a level.
     """
     pixels, labels = picture
     if sampled is None:  # as wide as the others, so that the view does not move

@@ -73,15 +73,14 @@ class RunView:
         cost = np.cumsum(outcomes.cost) / trials
         spread = np.maximum(np.cumsum(outcomes.cost**2) / trials - cost**2, 0.0)
         cost_variance = spread / np.maximum(trials - 1, 1)
-        for i in np.flatnonzero(rows >= self._sent):
-            time = self._times[rows[i]]
-            # Rounded, as a plot would show the noise of equal costs.
-            measures = {COST: (cost[i].round(9), cost_variance[i].round(9))}
-            if judged[i]:
-                measures[ACCURACY] = (accuracy[i], accuracy_variance[i])
-            for plot, (value, variance) in measures.items():
-                fields = {"values": [float(value)], "variances": [float(variance)]}
-                self._to.add(f"{plot}/{entity}", rr.Measurements, time, **fields)
+        # Costs are rounded, as a plot would show the noise of equal ones.
+        for plot, counted, means, variances in (
+            (COST, trials, cost.round(9), cost_variance.round(9)),
+            (ACCURACY, judged, accuracy, accuracy_variance),
+        ):
+            for i in np.flatnonzero((rows >= self._sent) & (counted > 0)):
+                fields = {"values": [float(means[i])], "variances": [float(variances[i])]}
+                self._to.add(f"{plot}/{entity}", rr.Measurements, self._times[rows[i]], **fields)
         known = (
             f"{accuracy[-1]:.3f} ± {np.sqrt(accuracy_variance[-1]):.3f}" if judged[-1] else UNKNOWN
         )

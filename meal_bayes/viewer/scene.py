@@ -177,10 +177,7 @@ class Scene:
 
 
 def add_robot(to: Recorder, trial: Trial, frames: Sequence[Frame], start: Time) -> None:
-    """Add the frames of a trial that begins in a row, each in the row of its step.
-
-    Steps end when as many seconds have passed as they cost.
-    """
+    """Add a robot's frames in the rows of their steps, each of which takes the s that it costs."""
     _add_static(to, frames[0])
     ends = np.cumsum([step.cost for step in trial.steps])
     for frame in frames:
