@@ -94,10 +94,8 @@ class TrialOutcomes:
         size["q"] = self.attribute.shape[1] if self.attribute.ndim == 2 else -1
         for name, shape in _SHAPES.items():
             expected = tuple(size[letter] for letter in shape)
-            if getattr(self, name).shape != expected:
-                raise SettingsError(
-                    f"{name} has shape {getattr(self, name).shape}, expected {expected}."
-                )
+            if (actual := getattr(self, name).shape) != expected:
+                raise SettingsError(f"{name} has shape {actual}, expected {expected}.")
         asked = self.attribute != ""
         answered = self.report >= 0
         wrong = {
@@ -114,8 +112,7 @@ class TrialOutcomes:
             "object_index": self.object_index < -1,
         }  # fmt: skip
         for name, places in wrong.items():
-            if places.any():
-                row = int(np.argwhere(places)[0][0])
+            for row in np.argwhere(places)[:1, 0]:
                 raise SettingsError(f"{name} of row {row} is {getattr(self, name)[row]}.")
 
     def __len__(self) -> int:

@@ -308,8 +308,7 @@ class Session:
         """Return percept levels (N,), or None, and a warning."""
         query, answers = self.task.query, execution.answers
         if execution.instance is not None:
-            levels = self._perceiver.observe(execution.instance, query, self._luck)
-            return levels, execution.warning
+            return self._perceiver.observe(execution.instance, query, self._luck), execution.warning
         if answers is None:
             return None, execution.warning
         missing = [name for name in query.attributes if name not in answers]

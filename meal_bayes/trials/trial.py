@@ -1,6 +1,6 @@
 """Records of a trial: its task, its steps, what came of it."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import reduce
 from html import escape
@@ -195,22 +195,18 @@ class Trial(FrozenArrays):
     @property
     def cost(self) -> float:
         """Cst of Eq. 6, s: the summed cost of the executed behaviors."""
-        return _total(step.cost for step in self.steps)
+        # In order: `sum` rounds otherwise from Python 3.12 on, and logs hold every bit.
+        return reduce(add, (step.cost for step in self.steps), 0.0)
 
     @property
     def reward(self) -> float:
         """Undiscounted, unshaped return; nan where the truth of a report is not known."""
-        return _total(step.reward for step in self.steps)
+        return reduce(add, (step.reward for step in self.steps), 0.0)
 
     @property
     def last_belief(self) -> Belief:
         """The belief when the trial ended."""
         return self.steps[-1].belief if self.steps else self.first_belief
-
-
-def _total(values: Iterable[float]) -> float:
-    """Add in order; `sum` rounds otherwise from Python 3.12 on, and logs hold every bit."""
-    return reduce(add, values, 0.0)
 
 
 def truth_of(query: Query, truth: Mapping[str, bool] | ArrayLike | None) -> NDArray[np.int8]:
