@@ -59,9 +59,12 @@ def read_records(file: BinaryIO, *, begin: int = 0) -> Iterator[McapRecord]:
 
     bounded: Any = SimpleNamespace(read=read)  # it calls nothing else
     yield from StreamReader(
-        bounded, skip_magic=begin > 0, emit_chunks=True, validate_crcs=True,
+        bounded,
+        skip_magic=begin > 0,
+        emit_chunks=True,
+        validate_crcs=True,
         record_size_limit=RECORD_LIMIT,
-    ).records  # fmt: skip
+    ).records
     _check_summary(file)
 
 

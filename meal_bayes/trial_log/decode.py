@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import islice, starmap
+from itertools import chain, islice, starmap
 from typing import Any
 
 import numpy as np
@@ -16,7 +16,7 @@ from meal_bayes.momdp import MOMDP, Belief, belief_of
 from meal_bayes.planners import Decision, TreeEdge
 from meal_bayes.trial_log import schema
 from meal_bayes.trial_log.container import FAULTS, chunk_messages
-from meal_bayes.trial_log.encode import End, judgment, limit_misfits, misfits
+from meal_bayes.trial_log.encode import End, judgment, limit_misfits, start_misfits, step_misfits
 from meal_bayes.trials import Step, Task, Trial, TrialOutcomes
 from meal_bayes.trials.outcomes import INTEGERS, REALS, TEXTS
 from meal_bayes.untrusted import read_json
@@ -44,8 +44,7 @@ class TrialBuilder:
         if isinstance(record, Header):
             forms = {profile: form for form, profile in schema.PROFILES.items()}
             if record.profile not in forms:
-                kind = f"({record.profile!r}, not of meal_bayes)"
-                raise LogCorruptError(f"an MCAP file of another kind {kind}")
+                raise LogCorruptError(f"an MCAP file of {record.profile!r}, not of meal_bayes")
             self.form = forms[record.profile]
             # Without its first chunk the others still mean what this format says.
             self._channels = dict(enumerate(schema.TOPICS[self.form], start=1))
@@ -74,9 +73,8 @@ class TrialBuilder:
             self._momdps.add(message.id, _momdp(message), len(data))
         elif topic in (schema.TRIAL, schema.STEP):
             if bool(self._open) == (topic == schema.TRIAL):
-                raise LogCorruptError(
-                    "a trial has no outcome" if self._open else "a step has no trial"
-                )
+                problem = "a trial has no outcome" if self._open else "a step has no trial"
+                raise LogCorruptError(problem)
             self._open.append(data)
             if sum(map(len, self._open)) > schema.TRIAL_LIMIT:
                 raise LogCorruptError(f"a trial is longer than {schema.TRIAL_LIMIT} bytes")
@@ -161,7 +159,8 @@ class TrialBuilder:
             ended=outcome.ended,
             counts=row_counts,
         )
-        for problem in misfits(trial):
+        of_steps = (step_misfits(step, momdp, index) for index, step in enumerate(steps))
+        for problem in chain(start_misfits(trial), *of_steps):
             raise LogCorruptError(f"trial {begin.trial}: {problem}")
         return trial
 
@@ -211,8 +210,7 @@ def _array(values: Iterable[Any], shape: Sequence[int]) -> NDArray[Any]:
 
 def _momdp(message: Any) -> tuple[MOMDP, NDArray[np.float64] | None]:
     """Read a MOMDP and the counts behind it."""
-    names = (message.attributes, message.behavior_names, message.x_names)
-    n, e, x = (len(column) for column in names)
+    n, e, x = map(len, (message.attributes, message.behavior_names, message.x_names))
     if not all(0 < count <= schema.NAME_LIMIT for count in (n, e, x)):
         raise LogCorruptError(f"a MOMDP has {n} attributes, {e} behaviors and {x} x")
     counts = _array(message.row_counts, (n, e, 2, -1)) if message.row_counts else None
@@ -246,8 +244,7 @@ def _step(message: Any, momdp: MOMDP, before: Belief) -> Step:
     if action >= e:
         if len(message.report) not in (n, 0 if momdp.abstain else n):
             raise LogCorruptError(f"a report of {len(message.report)} values, expected {n}")
-        abstains = not message.report
-        action = momdp.abstention if abstains else e + momdp.query.index_of(message.report)
+        action = e + momdp.query.index_of(message.report) if message.report else momdp.abstention
     elif levels:
         counts = counts.copy()
         counts[np.arange(n), action, levels] += 1

@@ -46,23 +46,18 @@ class End(NamedTuple):
         return End(self.trials + len(added), self.steps + steps, self.cost + cost)
 
 
-def encode_momdp(trial: Trial) -> bytes:
-    """Pack a trial's MOMDP and the counts behind it, without its number in the file.
-
-    Protobuf messages join by concatenation: the number goes before it, in a message of its own.
-    """
+def _momdp(trial: Trial) -> Any:
+    """Return a message of a trial's MOMDP and the counts behind it, but for its number."""
     momdp, query = trial.momdp, trial.momdp.query
     number_of = {i: number for number, group in enumerate(query.groups, start=1) for i in group}
-    return _bytes(
-        schema.MomdpMessage(
-            attributes=query.attributes,
-            x_names=momdp.x_names,
-            behavior_names=momdp.behavior_names,
-            row_counts=_values(trial.counts),
-            group=[number_of.get(i, 0) for i in range(len(query))] if query.groups else [],
-            **{name: getattr(momdp, name) for name in schema.MOMDP_NUMBERS},
-            **{name: _values(getattr(momdp, name)) for name in schema.MOMDP_ARRAYS},
-        )
+    return schema.MomdpMessage(
+        attributes=query.attributes,
+        x_names=momdp.x_names,
+        behavior_names=momdp.behavior_names,
+        row_counts=_values(trial.counts),
+        group=[number_of.get(i, 0) for i in range(len(query))] if query.groups else [],
+        **{name: getattr(momdp, name) for name in schema.MOMDP_NUMBERS},
+        **{name: _values(getattr(momdp, name)) for name in schema.MOMDP_ARRAYS},
     )
 
 
@@ -102,18 +97,24 @@ class TrialEncoder:
         task, first = trial.task, trial.first_belief
         self._trial, self._before = trial, first
         self._check(start_misfits(trial), first)
-        content = encode_momdp(trial)
+        message = _momdp(trial)
+        content = _bytes(message)
         last = max((number for number, _ in self._momdps.values()), default=-1)
-        momdp, _ = self._momdps.get(content, (last + 1, 0))
-        if momdp > last:
-            data = schema.MomdpMessage(id=momdp).SerializeToString() + content
-            yield Packed(schema.MOMDPS, schema.log_time(self._number, 0), data, (content, momdp))
-        yield self._packed(schema.TRIAL, 0, schema.TrialMessage(
-            trial=self._number, momdp=momdp, agent=trial.agent, attributes=task.query.attributes,
-            key=task_key(task.key), truth=trial.truth.tolist(),
+        message.id, _ = self._momdps.get(content, (last + 1, 0))
+        if message.id > last:
+            time, data = schema.log_time(self._number, 0), message.SerializeToString()
+            yield Packed(schema.MOMDPS, time, data, (content, message.id))
+        start = schema.TrialMessage(
+            trial=self._number,
+            momdp=message.id,
+            agent=trial.agent,
+            attributes=task.query.attributes,
+            key=task_key(task.key),
+            truth=trial.truth.tolist(),
             **{name: getattr(task, name) for name in schema.TASK_VALUES},
             **_belief(first, replayed=not first.percept_counts.any()),
-        ))  # fmt: skip
+        )
+        yield self._packed(schema.TRIAL, 0, start)
 
     def step(self, step: Step) -> Iterator[Packed]:
         """Pack the next step with a line of text."""
@@ -233,13 +234,6 @@ def _belief(belief: Belief, *, replayed: bool) -> dict[str, Any]:
 def judgment(trial: Trial) -> int:
     """Return 1 where a trial's report is right, 0, or -1 where that is unknown."""
     return -1 if trial.success is None else int(trial.success)
-
-
-def misfits(trial: Trial) -> Iterator[str]:
-    """Yield what in a trial does not fit its MOMDP."""
-    yield from start_misfits(trial)
-    for index, step in enumerate(trial.steps):
-        yield from step_misfits(step, trial.momdp, index)
 
 
 def limit_misfits(percepts: int, edges: int) -> Iterator[str]:

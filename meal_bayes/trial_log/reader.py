@@ -3,6 +3,7 @@
 import contextlib
 import itertools
 import os
+from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -166,8 +167,7 @@ class Scan:
 def check_log(path: str | Path) -> LogInfo:
     """Read a file to its end and report its contents and faults; damage does not raise."""
     scan = Scan(path, tolerant=True)
-    for _ in scan.entries():
-        pass
+    deque(scan.entries(), maxlen=0)
     read, header, form = scan.builder.read, scan.builder.header or {}, scan.builder.form
     return LogInfo(scan.path, form, **read._asdict(), header=header, problems=tuple(scan.problems))
 

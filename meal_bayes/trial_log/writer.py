@@ -130,16 +130,16 @@ class TrialWriter:
     @contextlib.contextmanager
     def _faults_named(self) -> Iterator[None]:
         """Turn errors of system and trial into ours, which name the file or the trial."""
+        trials = self.written.trials
         try:
             yield
         except OSError as fault:
-            trials = self.written.trials
             draft = f" ({trials} trials are kept in {self.active_path})" * (trials > 0)
             why = fault.strerror or fault
             raise LogError(f"{self.path} cannot be written: {why}{draft}.") from fault
         except (SettingsError, TypeError, ValueError, OverflowError) as fault:
-            trial = self.written.trials  # which no message can hold
-            raise LogError(f"Trial {trial} cannot be logged: {fault}.") from fault
+            # no message can hold the next one
+            raise LogError(f"Trial {trials} cannot be logged: {fault}.") from fault
 
     def write(self, trial: Trial, *, seconds: float | None = None) -> None:
         """Append one trial, and to the timing table the wall-clock seconds it took.
