@@ -63,7 +63,7 @@ class Diagram:
     """The transition diagram of a MOMDP: boxes for x and, between them, for behaviors."""
 
     def __init__(self, momdp: MOMDP) -> None:
-        self._momdp = momdp
+        self.momdp = momdp
         labels = dict[tuple[int, int], list[str]]()  # by state and most probable next state
         for state, action in np.argwhere(momdp.legal[: momdp.terminal]).tolist():
             target = int(momdp.transition[action, state].argmax())
@@ -88,7 +88,7 @@ class Diagram:
         visited = {step.next_x for step in frame.trial.steps[: frame.number]}
         colors = {f"x{x}": SKY for x in visited | {frame.trial.first_belief.x}}
         colors[f"x{frame.belief.x}"] = ORANGE
-        momdp, step, end = self._momdp, frame.step, "end"
+        momdp, step, end = self.momdp, frame.step, "end"
         if step is not None and (action := step.decision.action) < momdp.n_behaviors:
             colors[f"{step.x}-{momdp.transition[action, step.x].argmax()}"] = GREEN
         nodes = [node._replace(color=colors.get(node.name, node.color)) for node in self._nodes]

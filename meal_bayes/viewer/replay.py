@@ -69,11 +69,8 @@ class Replay:
 
     def add_outcomes(self, outcomes: TrialOutcomes) -> None:
         """Add trials of a compact log, which has no steps: a row each, in the run's plots."""
-        clock, spent = self._clock, np.cumsum(outcomes.cost).tolist()
-        times = [
-            Time(self.trials + i, clock.row + i, clock.seconds + cost)
-            for i, cost in enumerate(spent)
-        ]
+        clock, ends = self._clock, enumerate(np.cumsum(outcomes.cost).tolist())
+        times = [Time(self.trials + i, clock.row + i, clock.seconds + end) for i, end in ends]
         self._run.add(outcomes, times)
         self.trials += len(times)
         clock.row, clock.seconds = clock.row + len(times), times[-1].sim_time

@@ -8,7 +8,6 @@ from collections.abc import Sequence
 import numpy as np
 import rerun as rr
 
-from meal_bayes.momdp import MOMDP
 from meal_bayes.robots.robot import BALL, SHELL, SOLID, Frame
 from meal_bayes.trials import Trial, percept_labels
 from meal_bayes.viewer.drawings import (
@@ -44,9 +43,8 @@ class Scene:
 
     def __init__(self, recorder: Recorder) -> None:
         self._to = recorder
-        self._momdp: MOMDP | None = None  # of the trial under way, with its drawings
-        self._diagram: Diagram
-        self._matrices: dict[int, Picture]  # by behavior
+        self._diagram: Diagram | None = None  # of the trial under way
+        self._matrices: dict[int, Picture] = {}  # by behavior
         self.attributes: list[str] = []  # that were queried
         self._lanes: dict[str, dict[str, Color]] = {}
         self._actions: dict[tuple[str, ...], str] = {}  # entity by names of behaviors
@@ -78,8 +76,8 @@ class Scene:
             self._value_row(frame.trial.momdp.behavior_names, values, errors, time)
         self._picture(BARS, belief_bars(frame), time)
         momdp = frame.trial.momdp
-        if momdp is not self._momdp:
-            self._momdp, self._diagram, self._matrices = momdp, Diagram(momdp), {}
+        if self._diagram is None or self._diagram.momdp is not momdp:
+            self._diagram, self._matrices = Diagram(momdp), {}
         self._graph(DIAGRAM, self._diagram.at(frame), time)
         self._graph(TREE, search_tree(frame), time)
         self._confusion(frame, time)
