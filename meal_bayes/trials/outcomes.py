@@ -137,7 +137,6 @@ class TrialOutcomes:
     @classmethod
     def _stack(cls, parts: Sequence[_Part]) -> "TrialOutcomes":
         behaviors = tuple(dict.fromkeys(name for names, _ in parts for name in names))
-        place = {name: i for i, name in enumerate(behaviors)}
         sizes = [np.shape(columns["attribute"]) for _, columns in parts]
         n, q = sum(rows for rows, _ in sizes), max((width for _, width in sizes), default=0)
         whole: dict[str, Any] = {}
@@ -149,7 +148,7 @@ class TrialOutcomes:
             whole[name] = np.full((n, q if shape == "nq" else len(behaviors)), fill)
             row = 0
             for (names, columns), (rows, width) in zip(parts, sizes, strict=True):
-                chosen = [place[b] for b in names] if shape == "ne" else slice(width)
+                chosen = [behaviors.index(b) for b in names] if shape == "ne" else slice(width)
                 whole[name][row : row + rows, chosen] = columns[name]
                 row += rows
         return cls(behaviors=behaviors, **whole)

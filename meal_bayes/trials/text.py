@@ -24,10 +24,8 @@ def percept_labels(momdp: MOMDP, behavior: int, observation: NDArray[np.int8]) -
     names = level_names(momdp.levels)
     rows = momdp.rows[:, behavior]  # (N,2,K)
     informed = np.abs(rows[:, 1] - rows[:, 0]).max(axis=-1) > _SAME
-    return [
-        names[z] if known else "says nothing"
-        for z, known in zip(observation, informed, strict=True)
-    ]
+    percepts = zip(observation, informed, strict=True)
+    return [names[z] if known else "says nothing" for z, known in percepts]
 
 
 def truth_text(
