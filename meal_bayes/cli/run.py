@@ -1,7 +1,7 @@
 """`meal-bayes run`: many trials, paired over agents, resumed where they stopped."""
 
 import math
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from statistics import fmean
 from typing import TYPE_CHECKING, Any
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
 _AGAINST = "morc"  # the paper's agent, which the others are compared with
 _MEASURE = "reward"
+_STEP = 10  # repeats after which a run that goes on until it is decided looks for the first time
 _MOST = 40  # repeats of a run that goes on until it is decided
 
 
@@ -74,7 +75,7 @@ def offline(
     # Raises before any work.
     experiments.offline_tasks(table, config.attributes, config.trials, config.seed)
     with terminal.showing_compilation():
-        experiments.warm_up_offline(config)
+        experiments.warm_up(config, table.domain)
     how |= {"logs": logs, "jobs": jobs, "cluster": cluster, "fresh": fresh}
     with terminal.resumed("trials") as advance:
         finished = experiments.run_offline(config, on_progress=advance, **how)
@@ -168,8 +169,9 @@ def online(
     Needs the recordings: they are downloaded once, or read from MEAL_BAYES_DATA_URL. A run that was
     interrupted continues when the same command is given again.
     """
+    from meal_bayes.domain import load_domain
     from meal_bayes.evaluation.learning import decided, learning_rows, summarize_learning
-    from meal_bayes.experiments import OnlineConfig, run_online, run_online_until, warm_up_online
+    from meal_bayes.experiments import OnlineConfig, run_online, warm_up
 
     how = {name: settings.pop(name) for name in ("logs", "jobs", "cluster", "fresh")}
     settings["root"] = None if root is None else str(root)
@@ -178,14 +180,16 @@ def online(
         settings["agents"] = tuple(map(opt.agent_value, opt.listed(*agents)))
     config = OnlineConfig(**settings)
     with terminal.showing_compilation():
-        warm_up_online(config)
+        warm_up(config, load_domain(config.dataset))
     with terminal.resumed("batches") as advance:
         how |= {"on_progress": advance, "on_note": terminal.note}
-        if until_decided:
-            finished = run_online_until(config, decided, **how)
-        else:
-            finished = run_online(config, **how)
-    results = list(finished.results())
+        repeats = min(_STEP, config.repeats) if until_decided else config.repeats
+        while True:
+            finished = run_online(replace(config, repeats=repeats), **how)
+            results = list(finished.results())
+            if repeats == config.repeats or decided(results):
+                break
+            repeats = min(2 * repeats, config.repeats)
     rows, summary = learning_rows(results), summarize_learning(results)
     if as_json:
         facts = {"rows": [row.as_dict() for row in rows]}

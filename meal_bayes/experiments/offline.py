@@ -18,14 +18,8 @@ from meal_bayes.errors import SettingsError
 from meal_bayes.evaluation import summarize
 from meal_bayes.experiments.config import OfflineConfig
 from meal_bayes.experiments.percepts import percepts_for
-from meal_bayes.experiments.store import (
-    agent_digests,
-    agent_folder,
-    fingerprint,
-    is_whole,
-    run_folder,
-)
-from meal_bayes.experiments.units import run_units, timed
+from meal_bayes.experiments.store import agent_folder, fingerprint, is_whole, run_folder
+from meal_bayes.experiments.units import run_units, timed, warm_up
 from meal_bayes.learner import Learner
 from meal_bayes.seeds import stream
 from meal_bayes.trial_log import TrialWriter, read_outcomes, read_seconds, read_trials
@@ -97,12 +91,12 @@ class _Unit:
 
     config: OfflineConfig  # with this agent alone
     path: Path  # of its log
-    first: int  # number of its first trial
-    fresh: bool = False  # run again what is there
+    tasks: list[Task]
+    fresh: bool  # run again what is there
 
     @property
     def size(self) -> int:
-        return min(UNIT, self.config.trials - self.first)
+        return len(self.tasks)
 
     @property
     def done(self) -> int:
@@ -112,15 +106,14 @@ class _Unit:
     def run(self, advance: Callable[[float], None]) -> None:
         if self.done:  # by another process, meanwhile
             return
-        config = self.config
+        config, table = self.config, _table(self.config)
         learner = Learner(
-            _table(config).domain, agent=config.agents[0], seed=config.seed, reward=config.reward,
+            table.domain, agent=config.agents[0], seed=config.seed, reward=config.reward,
             percepts=config.percepts, logs=None,
-        ).fit(_table(config))  # fmt: skip
+        ).fit(table)  # fmt: skip
         header = {"config": config.as_dict(), "seed": config.seed}
-        tasks = _tasks(config)[self.first :][:UNIT]
         with TrialWriter(self.path, header) as log:
-            for trial, taken in timed(learner.ask, tasks, advance):
+            for trial, taken in timed(learner.ask, self.tasks, advance):
                 log.write(trial, seconds=taken)
 
 
@@ -163,48 +156,35 @@ def run_offline(
     OutputError, LogError
         Logs that cannot be written.
     """
-    folder, firsts = _folder(config, logs), range(0, len(_tasks(config)), UNIT)
-    paths = {
-        (agent.name, first): agent_folder(folder, agent.name) / f"unit-{first // UNIT:04d}.mcap"
-        for agent in config.agents
-        for first in firsts
-    }
+    table = _table(config)
+    tasks = offline_tasks(table, config.attributes, config.trials, config.seed)
+    name = f"offline-{table.domain.name}-n{config.attributes}-seed{config.seed}"
+    facts: dict[str, object] = {"table": fingerprint(config.dataset)}
+    if config.trials % UNIT == 0:  # its units are those of longer runs
+        facts["trials"] = "whole units"
+    folder = run_folder(logs, name, config, **facts)
+    place = folder.absolute()  # a cluster's workers live elsewhere
     units = [
-        _Unit(dataclasses.replace(config, agents=(agent,)), path.absolute(), first, fresh)
-        for first in firsts
+        _Unit(
+            dataclasses.replace(config, agents=(agent,)),
+            agent_folder(place, agent.name) / f"unit-{first // UNIT:04d}.mcap",
+            tasks[first:][:UNIT],
+            fresh,
+        )
+        for first in range(0, len(tasks), UNIT)
         for agent in config.agents
-        for path in (paths[agent.name, first],)
     ]
     run_units(
-        units, partial(warm_up_offline, config), jobs=jobs, cluster=cluster,
+        units, partial(warm_up, config, table.domain), jobs=jobs, cluster=cluster,
         on_progress=on_progress, on_note=on_note,
     )  # fmt: skip
-    seconds = {}
-    for agent in config.agents:
-        times = [read_seconds(paths[agent.name, first]) for first in firsts]
+    paths, seconds = list[Path](), {}
+    for number, agent in enumerate(config.agents):
+        logs_of_agent = [unit.path for unit in units[number :: len(config.agents)]]
+        times = list(map(read_seconds, logs_of_agent))
         seconds[agent.name] = math.fsum(map(math.fsum, times)) if all(times) else math.nan
-    return OfflineRun(config, folder, tuple(paths.values()), seconds)
-
-
-def warm_up_offline(config: OfflineConfig) -> None:
-    """Compile the kernels that the agents need, once, before every process would."""
-    for agent in config.agents:
-        agent.warm_up(_table(config).domain, _tasks(config)[0].query)
-
-
-def _folder(config: OfflineConfig, logs: str | Path) -> Path:
-    """Name the folder by what every unit depends on, the source of agents of one's own included."""
-    shared = {key: value for key, value in config.as_dict().items() if key != "agents"}
-    shared["table"] = fingerprint(config.dataset)
-    if config.trials % UNIT == 0:  # its units are those of longer runs
-        shared["trials"] = "whole units"
-    shared["sources"] = agent_digests(config.agents)
-    name = f"offline-{_table(config).domain.name}-n{config.attributes}-seed{config.seed}"
-    return run_folder(logs, name, shared)
-
-
-def _tasks(config: OfflineConfig) -> list[Task]:
-    return offline_tasks(_table(config), config.attributes, config.trials, config.seed)
+        paths += logs_of_agent
+    return OfflineRun(config, folder, tuple(paths), seconds)
 
 
 def _table(config: OfflineConfig) -> PerceptTable:

@@ -10,23 +10,15 @@ from typing import Any
 from meal_bayes.agents import Agent, ITRSBonus
 from meal_bayes.datasets import Dataset, load_dataset, load_percepts
 from meal_bayes.datasets.sources import SOURCES
-from meal_bayes.domain import Query
 from meal_bayes.experiments.config import OnlineConfig
 from meal_bayes.experiments.protocol import ASKED, Environment, Protocol, learnable, restricted
-from meal_bayes.experiments.store import (
-    agent_digests,
-    agent_folder,
-    fingerprint,
-    is_whole,
-    run_folder,
-)
-from meal_bayes.experiments.units import run_units, timed
+from meal_bayes.experiments.store import agent_folder, fingerprint, is_whole, run_folder
+from meal_bayes.experiments.units import run_units, timed, warm_up
 from meal_bayes.learner import Learner
 from meal_bayes.trial_log import TrialWriter, log_info, read_outcomes, read_trials, write_trials
 from meal_bayes.trials import BatchOutcomes, Task, Trial, TrialOutcomes
 
 _REWARD = 300.0  # of the paper (Sect. 7.3)
-_STEP = 10  # repeats after which a run that goes on until it is decided looks for the first time
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,14 +124,7 @@ class _Unit:
 
 
 def run_online(
-    config: OnlineConfig,
-    *,
-    logs: str | Path = "logs",
-    jobs: int = 1,
-    cluster: str | None = None,
-    fresh: bool = False,
-    on_progress: Callable[[float, int], None] | None = None,
-    on_note: Callable[[str], None] | None = None,
+    config: OnlineConfig, *, logs: str | Path = "logs", fresh: bool = False, **options: Any
 ) -> OnlineRun:
     """Run an online experiment; batches that are already whole are not run again.
 
@@ -149,64 +134,29 @@ def run_online(
     ----------
     config : OnlineConfig
         What to run; objects, tasks, failures and recordings are the same for all its agents.
-    logs, jobs, cluster, on_note : Any
+    logs : str | Path
         As of `run_offline`.
     fresh : bool
         Run again what is there already; it is replaced batch by batch.
-    on_progress : Callable[[float, int], None] | None
-        Called with (batches done, batches in all) after every trial, from processes once a second;
-        from a cluster after a repeat of an agent.
+    options : Any
+        `jobs`, `cluster` and `on_note` as of `run_offline`; `on_progress` is called with (batches
+        done, batches in all) after every trial, from processes once a second; from a cluster after
+        a repeat of an agent.
     """
     domain = _protocol(config, 0).dataset.domain  # or say what is wrong
     if config.reward is None:
         reward = _REWARD if domain.data in SOURCES else domain.report_reward
         config = dataclasses.replace(config, reward=reward)
-    # What every unit depends on; repeats and agents name its folders.
-    shared = {k: v for k, v in config.as_dict().items() if k not in ("agents", "repeats")}
-    shared["data"] = fingerprint(config.dataset, config.root)
-    shared["sources"] = agent_digests(config.agents)
-    folder = run_folder(logs, f"online-{domain.name}-n{config.attributes}", shared)
+    facts = {"repeats": None, "data": fingerprint(config.dataset, config.root)}
+    folder = run_folder(logs, f"online-{domain.name}-n{config.attributes}", config, **facts)
     place = folder.absolute()  # a cluster's workers live elsewhere
     units = [
         _Unit(dataclasses.replace(config, agents=(agent,)), repeat, place, fresh)
         for repeat in range(config.repeats)
         for agent in config.agents
     ]
-    run_units(
-        units, partial(warm_up_online, config), jobs=jobs, cluster=cluster,
-        on_progress=on_progress, on_note=on_note,
-    )  # fmt: skip
+    run_units(units, partial(warm_up, config, domain), **options)
     return OnlineRun(config, folder)
-
-
-def run_online_until(
-    config: OnlineConfig, decided: Callable[[list[BatchOutcomes]], bool], **options: Any
-) -> OnlineRun:
-    """Run repeats in steps of 10, 20, 40, ... until the results are decided.
-
-    Parameters
-    ----------
-    config : OnlineConfig
-        What to run; its repeats are the most that are run.
-    decided : Callable[[list[BatchOutcomes]], bool]
-        Of the results so far.
-    options : Any
-        Of `run_online`.
-    """
-    repeats = min(_STEP, config.repeats)
-    while True:
-        run = run_online(dataclasses.replace(config, repeats=repeats), **options)
-        if repeats == config.repeats or decided(list(run.results())):
-            return run
-        repeats = min(2 * repeats, config.repeats)
-
-
-def warm_up_online(config: OnlineConfig) -> None:
-    """Compile the kernels that the agents need, once, before every process would."""
-    domain = _protocol(config, 0).dataset.domain
-    query = Query(domain.attributes[: config.attributes])
-    for agent in config.agents:
-        agent.warm_up(domain, query)
 
 
 @lru_cache(maxsize=2)

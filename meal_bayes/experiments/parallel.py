@@ -47,7 +47,7 @@ def in_parallel(
     """
     pieces = list(work)
     jobs = min(jobs, len(pieces))
-    if cluster is None and jobs <= 1:
+    if not pieces or (cluster is None and jobs <= 1):
         yield from map(function, pieces)
         return
     calls = [_pickled(function, piece) for piece in pieces]

@@ -14,13 +14,12 @@ import logging
 import platform
 import sys
 import uuid
-from collections.abc import Iterable, Mapping
 from functools import lru_cache, partial
 from importlib import metadata
 from modulefinder import ModuleFinder
 from pathlib import Path
 from types import ModuleType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from joblib.hashing import NumpyHasher
 
@@ -32,19 +31,26 @@ from meal_bayes.errors import LogError
 from meal_bayes.files import file_name
 from meal_bayes.trial_log import log_info
 
+if TYPE_CHECKING:
+    from meal_bayes.experiments.config import OfflineConfig, OnlineConfig
+
 log = logging.getLogger("meal_bayes.experiments")
 
 _INSTALLED = {"site-packages", "dist-packages"}  # folders of pip's and of the system's
 _LIBRARIES = ("numpy", "scipy", "numba", "scikit-learn")  # whose versions may change a number
 
 
-def run_folder(root: str | Path, name: str, config: Mapping[str, object]) -> Path:
+def run_folder(
+    root: str | Path, name: str, config: "OfflineConfig | OnlineConfig", **facts: object
+) -> Path:
     """Name the folder of an experiment under `root` by any text, its settings and its code.
 
     It changes with either, so a run that is called again finds its own units, whole, and nobody
-    else's.
+    else's. Agents name folders in it: of them the user's code counts alone. Facts stand beside the
+    settings, or in the place of those of their name.
     """
-    digest = digest_of(dict(config), environment())
+    sources = {agent.name: digest for agent in config.agents if (digest := agent_digest(agent))}
+    digest = digest_of({**config.as_dict(), "agents": sources, **facts}, environment())
     return Path(root) / f"{file_name(name, 200)}-{digest[:8]}"
 
 
@@ -123,11 +129,6 @@ def is_own(module: ModuleType) -> bool:
         and top not in {"meal_bayes", *sys.stdlib_module_names}
         and not _INSTALLED & {*Path(file).parts}
     )
-
-
-def agent_digests(agents: Iterable[Agent]) -> dict[str, str]:
-    """Return the digest of each agent that goes by the user's code, by its name."""
-    return {agent.name: digest for agent in agents if (digest := agent_digest(agent))}
 
 
 def agent_digest(agent: Agent) -> str:

@@ -21,7 +21,9 @@ from typing import Protocol
 import numpy as np
 from filelock import FileLock, Timeout
 
+from meal_bayes.domain import Domain, Query
 from meal_bayes.errors import SettingsError
+from meal_bayes.experiments.config import OfflineConfig, OnlineConfig
 from meal_bayes.experiments.parallel import in_parallel
 from meal_bayes.files import check_folder
 from meal_bayes.trial_log import remove_drafts
@@ -51,11 +53,18 @@ class Unit(Protocol):
         """Run what another process has not done meanwhile; `advance` by what is done."""
 
 
+def warm_up(config: OfflineConfig | OnlineConfig, domain: Domain) -> None:
+    """Compile the kernels that the agents need, once, before every process would."""
+    query = Query(domain.attributes[: config.attributes])
+    for agent in config.agents:
+        agent.warm_up(domain, query)
+
+
 def run_units(
     units: Sequence[Unit],
     warm_up: Callable[[], None],
     *,
-    jobs: int,
+    jobs: int = 1,
     cluster: str | None = None,
     on_progress: Callable[[float, int], None] | None = None,
     on_note: Callable[[str], None] | None = None,
@@ -89,10 +98,10 @@ def run_units(
             report(done + float(parts.sum()), total)
 
         try:
-            while todo:
+            for wait in (False, True):
                 held: list[Unit] = []
                 alone = cluster is None and min(jobs, len(todo)) == 1
-                run = partial(_run_claimed, file=file, then=look if alone else None)
+                run = partial(_run_claimed, file=file, then=look if alone else None, wait=wait)
                 for number, holder in in_parallel(
                     run, enumerate(todo), jobs=jobs, cluster=cluster, meanwhile=look
                 ):
@@ -107,17 +116,15 @@ def run_units(
                         waiting = f"{unit.path} is being made by {holder}; waiting for it"
                         (on_note or log.warning)(waiting)
                 todo = held
-                while todo and all(map(_is_held, todo)):
-                    time.sleep(_POLL)
         except KeyboardInterrupt:
             report(done, total)
             raise
 
 
 def _run_claimed(
-    numbered: tuple[int, Unit], *, file: Path, then: Callable[[], None] | None
+    numbered: tuple[int, Unit], *, file: Path, then: Callable[[], None] | None, wait: bool
 ) -> tuple[int, str | None]:
-    """Run a unit that nobody else holds; return its number, and who holds it."""
+    """Run a unit once nobody else holds it; return its number, and who holds it."""
     number, unit = numbered
 
     def advance(amount: float) -> None:
@@ -126,7 +133,7 @@ def _run_claimed(
         if then is not None:
             then()
 
-    with claimed(unit.path) as claim:
+    with claimed(unit.path, wait=wait) as claim:
         if isinstance(claim, str):
             return number, claim
         unit.run(advance)
@@ -150,12 +157,12 @@ def timed(
 
 
 @contextlib.contextmanager
-def claimed(path: Path) -> Iterator[str | bool]:
+def claimed(path: Path, *, wait: bool = False) -> Iterator[str | bool]:
     """Lock a path while the block runs; yield who else holds it, or whether there are locks."""
     file = path.with_name(f"{path.name}.claim")
-    lock = FileLock(file, blocking=False, fallback_to_soft=False)
+    lock = FileLock(file, fallback_to_soft=False)
     try:
-        lock.acquire()
+        lock.acquire(blocking=wait, poll_interval=_POLL)
     except Timeout:
         holder = ""
         with contextlib.suppress(OSError):  # it is done by now
@@ -174,8 +181,3 @@ def claimed(path: Path) -> Iterator[str | bool]:
     finally:
         file.unlink(missing_ok=True)  # before the lock goes, as then it may be another's
         lock.release()
-
-
-def _is_held(unit: Unit) -> bool:
-    with claimed(unit.path) as claim:
-        return isinstance(claim, str)

@@ -96,9 +96,9 @@ def test_public_recordings_of_ones_own_mirror_are_another_run(tmp_path):
 
 
 def test_versions_of_libraries_are_another_run(tmp_path, monkeypatch):
-    folders = [run_folder(tmp_path, "run", {"seed": 1}) for _ in range(2)]
+    folders = [run_folder(tmp_path, "run", CONFIG) for _ in range(2)]
     monkeypatch.setattr(store.metadata, "version", lambda name: "0.1")
-    folders.append(run_folder(tmp_path, "run", {"seed": 1}))
+    folders.append(run_folder(tmp_path, "run", CONFIG))
     assert len(set(folders)) == 2
 
 
