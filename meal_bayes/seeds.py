@@ -5,15 +5,6 @@ from functools import lru_cache
 
 import numpy as np
 
-_POOL = 4  # words of a seed, at least
-
-
-@lru_cache(maxsize=64)
-def _seed_words(root: int) -> tuple[int, ...]:
-    np.random.SeedSequence(root)  # refuses what is no seed
-    size = 4 * max(_POOL, -(-int(root).bit_length() // 32))
-    return tuple(np.frombuffer(int(root).to_bytes(size, "little"), "<u4").tolist())
-
 
 @lru_cache(maxsize=4096)
 def _words(type_name: str, part: str) -> tuple[int, ...]:
@@ -31,6 +22,5 @@ def stream(root: int, *path: str | int) -> np.random.Generator:
     """
     # NumPy's integers are the same numbers as Python's.
     named = [("text" if isinstance(part, str) else "number", str(part)) for part in path]
-    # The words that SeedSequence(root, spawn_key=...) would put together, in an eighth of the time.
-    words = [*_seed_words(root), *(word for pair in named for word in _words(*pair))]
-    return np.random.Generator(np.random.PCG64(np.random.SeedSequence(np.array(words, np.uint32))))
+    key = tuple(word for pair in named for word in _words(*pair))
+    return np.random.Generator(np.random.PCG64(np.random.SeedSequence(root, spawn_key=key)))
