@@ -9,13 +9,11 @@ A fault is a `ValueError`; each package turns it into its own error, with the fi
 import io
 import json
 import lzma
-import math
 import os
 import stat
 import struct
 import zipfile
 import zlib
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -50,8 +48,6 @@ def read_bytes(path: Path, limit: int = TEXT_LIMIT) -> bytes:
     number = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
     with os.fdopen(number, "rb") as file:
         status = os.fstat(number)
-        if stat.S_ISDIR(status.st_mode):
-            raise IsADirectoryError(21, os.strerror(21), str(path))
         if not stat.S_ISREG(status.st_mode):
             raise ValueError("it is no regular file, but a pipe or a device")
         data = file.read(limit + 1) if status.st_size <= limit else b""
@@ -75,32 +71,24 @@ def read_json(text: str | bytes) -> object:
         raise ValueError(f"JSON of {len(text):,} characters, more than {JSON_LIMIT:,}")
     try:
         value: object = json.loads(text)
-        for level in levels(value):
-            for leaf in level:
-                if isinstance(leaf, float) and not math.isfinite(leaf):
-                    raise ValueError(f"JSON holds {leaf}, which is no number")
-                if isinstance(leaf, str):
-                    leaf.encode()  # UnicodeEncodeError, a ValueError, of a surrogate alone
+        check_depth(value)
+        # ValueErrors: of infinity and NaN; of a surrogate alone.
+        json.dumps(value, allow_nan=False, ensure_ascii=False).encode()
     except RecursionError:
         raise ValueError(f"JSON is nested more than {DEPTH_LIMIT} deep") from None
     return value
 
 
-def levels(value: object) -> Iterator[list[object]]:
-    """Yield the values of every depth of lists and tables; `RecursionError` if too deep.
+def check_depth(value: object, left: int = DEPTH_LIMIT) -> None:
+    """Raise a `RecursionError` where lists and tables are inside each other more than so often.
 
     Parsers raise it too, but at a depth that any library may change (`sys.setrecursionlimit`).
     """
-    level, depth = [value], 0
-    while level:
-        yield level
-        tables = [entry for entry in level if isinstance(entry, dict)]
-        lists = [entry for entry in level if isinstance(entry, list)]
-        if depth == DEPTH_LIMIT and (tables or lists):
+    if isinstance(value, dict | list):
+        if left == 0:
             raise RecursionError
-        level = [entry for entries in lists for entry in entries]
-        level += [entry for table in tables for pair in table.items() for entry in pair]
-        depth += 1
+        for entry in value.values() if isinstance(value, dict) else value:
+            check_depth(entry, left - 1)
 
 
 def write_array(archive: zipfile.ZipFile, name: str, values: NDArray[Any]) -> None:

@@ -32,7 +32,7 @@ from meal_bayes.untrusted import (
     LINE_LIMIT,
     NAME_LIMIT,
     TABLE_LIMIT,
-    levels,
+    check_depth,
     read_bytes,
 )
 
@@ -165,7 +165,7 @@ def _read(name: str | Path) -> dict[str, Any]:
         if longest > LINE_LIMIT:
             raise ValueError(f"it has a line of {longest:,} characters")  # noqa: TRY301
         table = tomllib.loads(text)
-        list(levels(table))  # raises as the parser does, whatever depth that may go to
+        check_depth(table)  # raises as the parser does, whatever depth that may go to
     except RecursionError:
         raise DomainError(f"{path} is no domain table: it is nested too deeply.") from None
     except OSError as error:
