@@ -17,7 +17,6 @@ from pathlib import Path
 from meal_bayes.errors import OutputError
 
 _LOG_MAGIC = b"\x89MCAP0\r\n"
-_KEPT = 60  # bytes of a name that its draft shows
 
 
 def file_name(text: str, longest: int = 60) -> str:
@@ -39,8 +38,7 @@ def check_output(path: str | Path, *, inputs: Iterable[str | Path] = ()) -> Path
     target = Path(os.path.realpath(named))
     with _with_path(named):
         for read in map(Path, inputs):
-            linked = target.exists() and read.exists() and read.samefile(target)  # by a hard link
-            if linked or target == Path(os.path.realpath(read)):
+            if target.exists() and read.exists() and read.samefile(target):
                 raise OutputError(f"{named} is what is read; give the output another name.")
         if target.is_dir():
             raise OutputError(f"{named} is a folder; give the name of a file.")
@@ -72,8 +70,8 @@ def draft_of(path: str | Path, *, inputs: Iterable[str | Path] = ()) -> Iterator
     """
     named = Path(path)
     target = check_output(named, inputs=inputs)
-    shown = os.fsdecode(os.fsencode(target.name)[:_KEPT])
-    draft = target.parent / f".{shown}.{os.getpid()}-{secrets.token_hex(4)}.part"
+    # Of a long name a part: file systems allow 255 bytes, of up to four a character.
+    draft = target.parent / f".{target.name[:50]}.{os.getpid()}-{secrets.token_hex(4)}.part"
     with _with_path(named):
         try:
             draft.touch(exist_ok=False)  # with the permissions of any new file
