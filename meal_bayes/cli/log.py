@@ -12,6 +12,7 @@ from meal_bayes.cli.program import Section
 
 if TYPE_CHECKING:
     from meal_bayes.trial_log import LogInfo
+    from meal_bayes.trial_log.logs import Group
 
 _UNSOUND = 1  # exit code of `check` for a log with problems
 
@@ -51,26 +52,30 @@ def info(file: Path, as_json: bool) -> None:
 def show(file: Path, number: int) -> None:
     """Show one trial of a log, or of a run's folder, step by step; of a compact log its outcome."""
     from meal_bayes.cli.narration import print_trial
+    from meal_bayes.trials.text import outcome_facts
+
+    (group, row), console = numbered(file, number), output()
+    facts = outcome_facts(group.outcomes, row)
+    if not group.trials:
+        print_facts(console, facts)
+        return
+    # The rest is told with the steps.
+    print_facts(console, {name: facts[name] for name in ("question", "object", "agent")})
+    console.print()
+    print_trial(console, group.trials[row])
+
+
+def numbered(file: Path, number: int) -> "tuple[Group, int]":
+    """Return the group that holds a trial, counted from 0 in all logs, and its row there."""
     from meal_bayes.errors import SettingsError
     from meal_bayes.trial_log import Logs
-    from meal_bayes.trials.text import outcome_facts
 
     before = 0
     for group in Logs(file).groups():
-        row = number - before
+        if number < before + len(group.outcomes):
+            return group, number - before
         before += len(group.outcomes)
-        if row >= len(group.outcomes):
-            continue
-        facts = outcome_facts(group.outcomes, row)
-        if group.trials:  # the rest is told with the steps
-            facts = {name: facts[name] for name in ("question", "object", "agent")}
-        console = output()
-        print_facts(console, facts)
-        if group.trials:
-            console.print()
-            print_trial(console, group.trials[row])
-        return
-    raise SettingsError(f"{file} holds {before} trials; give --trial 0 to {before - 1}.")
+    raise SettingsError(f"{file} holds {before} whole trials; give --trial 0 to {before - 1}.")
 
 
 @log.command(short_help="Read logs to their end and list their problems.")

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import click
 
 from meal_bayes.cli.console import note, progress, say
+from meal_bayes.cli.log import numbered
 from meal_bayes.cli.options import FILE, MOST_TRIALS, option
 from meal_bayes.files import check_output, draft_of, write_whole
 
@@ -57,11 +58,14 @@ def view(
         check_recording_name(save)
     if screenshot is not None:
         check_output(screenshot)
-    logs = None if live else Logs(log)
+    logs, last = None if live else Logs(log), 0
+    if number is not None or screenshot is not None:
+        group, row = numbered(log, number or 0)
+        last = max(len(group.trials[row].steps) - 1, 0) if group.trials else 0
     if save is not None and logs is not None:
         try:
             with draft_of(save, inputs=logs.files) as draft:
-                trials, _ = _record(log, logs, draft, number)
+                trials = _record(log, logs, draft, number)
         except RuntimeError as fault:  # the only kind that rerun knows
             raise OutputError(f"{save} cannot be written: {fault}; give another place.") from fault
         say(f"{save}: {trials} trials, {save.stat().st_size:,} bytes")
@@ -69,7 +73,7 @@ def view(
         with tempfile.TemporaryDirectory(prefix="meal_bayes-") as folder:
             # rerun shows the file's name
             recording = Path(folder, f"{log.resolve().name.partition('.')[0]}.rrd")
-            _, last = _record(log, logs, recording, number)
+            _record(log, logs, recording, number)
             write_whole(screenshot, viewer.take_picture(recording, row=last))
         say(f"{screenshot}: {screenshot.stat().st_size:,} bytes")
     else:  # a window or a page, to which trials are sent, so that no file remains
@@ -84,33 +88,20 @@ def view(
             window.wait()
 
 
-def _record(log: Path, logs: "Logs", to: "Target", number: int | None) -> tuple[int, int]:
-    """Send the recording, and print what could not be read.
-
-    Return how many trials were sent, and the row of the last behavior of the one shown first.
-    """
-    from meal_bayes.errors import SettingsError
+def _record(log: Path, logs: "Logs", to: "Target", number: int | None) -> int:
+    """Send the recording, print what could not be read, and return how many trials were sent."""
     from meal_bayes.viewer import send_recording
 
-    last = 0
-
     def entries() -> "Iterator[Trial | TrialOutcomes]":
-        nonlocal last
-        place = number or 0
         for group in logs.groups():
             advance(logs.files.index(group.file), len(logs.files))
-            if 0 <= place < len(group.trials):
-                last = max(len(group.trials[place].steps) - 1, 0)
-            place -= len(group.outcomes)
             yield from group.trials or [group.outcomes]  # which a compact log consists of
 
     with progress("reading", "files") as advance:
         trials = send_recording(entries(), to, logs.header, name=log.resolve().name, only=number)
     for problem in logs.problems:
         note(f"warning: {problem}; {trials} whole trials are shown")
-    if number is not None and number >= trials:
-        raise SettingsError(f"{log} holds {trials} whole trials; give --trial 0 to {trials - 1}.")
-    return trials, last
+    return trials
 
 
 def _follow(log: Path, viewer: "Viewer") -> None:

@@ -41,7 +41,7 @@ def test_info_and_show(run, log, fails):
     assert "heavy_blue_beans" in first
     assert "verdict    right" in first
     assert "medium_green_glass" in run("log", "show", log, "--trial", "2").stdout
-    assert "holds 3 trials; give --trial 0 to 2" in fails("log", "show", log, "--trial", "3")
+    assert "holds 3 whole trials; give --trial 0 to 2" in fails("log", "show", log, "--trial", "3")
 
 
 def test_folders_and_compact_logs_are_read(run, log, torn):
@@ -81,7 +81,7 @@ def test_recover(run, log, torn, fails):
 
 
 def test_what_is_no_sound_log_is_told(fails, torn, log, monkeypatch):
-    assert "holds 2 trials" in fails("log", "show", torn, "--trial", "2")
+    assert "holds 2 whole trials" in fails("log", "show", torn, "--trial", "2")
     Path("text.mcap").write_text("hello")
     told = fails("log", "info", "text.mcap")
     assert "text.mcap" in told
