@@ -203,7 +203,7 @@ def live(options: argparse.Namespace) -> dict[str, Any]:
         "curve": [
             {
                 "trials": block[-1].number,
-                "agent": block[-1].agent,
+                "agent": learner.agent.name,
                 "accuracy": float(np.mean([bool(row.trial.success) for row in block if row.trial])),
                 "cost_s": float(np.mean([row.trial.cost for row in block if row.trial])),
             }

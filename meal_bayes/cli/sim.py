@@ -153,7 +153,7 @@ def live(trials: int, agent: str, seed: int, logs: Path, as_json: bool) -> None:
             advance(len(done), trials)
     if as_json:
         rows = [
-            {"number": row.number, "agent": row.agent, "asked": row.attribute, "fault": row.fault}
+            {"number": row.number, "agent": chosen.name, "asked": row.attribute, "fault": row.fault}
             | ({} if row.trial is None else trial_json(row.trial))
             for row in done
         ]
@@ -161,15 +161,14 @@ def live(trials: int, agent: str, seed: int, logs: Path, as_json: bool) -> None:
         return
     names = "trials", "agent", "accuracy", "s a trial", "robot errors"
     blocks = (done[start : start + _BLOCK] for start in range(0, len(done), _BLOCK))
-    terminal.print_table(names, map(_point, blocks), left=("agent",))
+    terminal.print_table(names, (_point(chosen.name, block) for block in blocks), left=("agent",))
     terminal.note(f"every trial: meal-bayes log show {folder}")
 
 
-def _point(block: "list[LiveTrial]") -> list[str]:
+def _point(agent: str, block: "list[LiveTrial]") -> list[str]:
     """Return accuracy and cost of a block of trials, a row of the curve."""
     trials = [row.trial for row in block if row.trial is not None]
     right = sum(bool(trial.success) for trial in trials) / max(len(trials), 1)
     cost = sum(trial.cost for trial in trials) / max(len(trials), 1)
-    agents = ", ".join(dict.fromkeys(row.agent for row in block))
     place = f"{block[0].number}-{block[-1].number}"
-    return [place, agents, f"{right:.2f}", f"{cost:.1f}", str(len(block) - len(trials))]
+    return [place, agent, f"{right:.2f}", f"{cost:.1f}", str(len(block) - len(trials))]

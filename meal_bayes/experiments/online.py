@@ -16,7 +16,7 @@ from meal_bayes.experiments.store import agent_folder, fingerprint, is_whole, ru
 from meal_bayes.experiments.units import run_units, timed, warm_up
 from meal_bayes.learner import Learner
 from meal_bayes.trial_log import TrialWriter, log_info, read_outcomes, read_trials, write_trials
-from meal_bayes.trials import BatchOutcomes, Task, Trial, TrialOutcomes
+from meal_bayes.trials import BatchOutcomes, Task, TrialOutcomes
 
 _REWARD = 300.0  # of the paper (Sect. 7.3)
 
@@ -86,7 +86,7 @@ class _Unit:
         """Run what is not finished."""
         config, protocol = self.config, _protocol(self.config, self.repeat)
         learner, environment = _learner(self, protocol), Environment(config, protocol)
-        tests, write = protocol.tests(), partial(self._write, advance)
+        tests, write = protocol.tests(), partial(self._write, advance, environment, learner)
         for batch in range(config.batches + 1):
             train = config.batches > batch and not self.has(batch + 1, "train")
             test = not self.has(batch, "test")
@@ -94,21 +94,20 @@ class _Unit:
                 learner.refit()
             if test:
                 pretrained = [protocol.dataset.objects[o] for o in protocol.split.pre]
-                facts: dict[str, object] = {} if batch else {"pretrained": pretrained}
-                write(batch, "test", partial(environment.test, learner), tests, facts)
+                write(batch, "test", tests, {} if batch else {"pretrained": pretrained})
             if train:
-                tasks = protocol.training(batch + 1, config.trials)
-                write(batch + 1, "train", partial(environment.train, learner), tasks, {})
+                write(batch + 1, "train", protocol.training(batch + 1, config.trials), {})
             elif batch < config.batches:
                 for trial in read_trials(self.log(batch + 1, "train")):
                     environment.repeat(learner, trial)
 
     def _write(
-        self, advance: Callable[[float], None], batch: int, part: str,
-        run: Callable[[Task], Trial], tasks: list[Task], facts: dict[str, object],
+        self, advance: Callable[[float], None], environment: Environment, learner: Learner,
+        batch: int, part: str, tasks: list[Task], facts: dict[str, object],
     ) -> None:  # fmt: skip
         """Run trials and log them; with the whole log that part of the batch is done."""
         part_of = (0.5 if batch else 1) / len(tasks)  # of a batch that trains and is tested
+        run = partial(environment.ask, learner, learn=part == "train")
         path, trials = self.log(batch, part), timed(run, tasks, advance, part_of)
         header = {
             "config": self.config.as_dict(), "seed": self.config.seed, "agent": self.agent.name,

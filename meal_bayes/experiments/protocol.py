@@ -205,21 +205,22 @@ class Environment:
         rng = stream(config.seed, "world", self._data.domain.data, protocol.repeat)
         self._recordings = Recordings(protocol.dataset, rng)
 
-    def test(self, learner: Learner, task: Task) -> Trial:
-        """Run a test trial, on all recordings of the object."""
-        order = stream(self._config.seed, "recordings", *task.key)
-        return self._ask(learner, task, order, learn=False)
+    def ask(self, learner: Learner, task: Task, *, learn: bool) -> Trial:
+        """Run a test trial, on all recordings of the object, or a training trial.
 
-    def train(self, learner: Learner, task: Task) -> Trial:
-        """Run a training trial, and learn from its feedback before the next (Alg. 2, l. 5-23)."""
-        trial = self._ask(learner, task, self._recordings.supply(task.object_index), learn=True)
-        self._tell(learner, trial)
+        From the feedback of a training trial the learner learns before the next (Alg. 2, l. 5-23).
+        """
+        columns = self._data.domain.columns(task.query.attributes)
+        truth = self._data.labels[task.object_index, columns]
+        trial = learner.ask(task, self._robot(task, learn=learn), truth=truth, learn=learn)
+        if learn:
+            self._tell(learner, trial)
         return trial
 
     def repeat(self, learner: Learner, trial: Trial) -> None:
         """Let a learner experience a trial that is logged; it perceives when it fits next."""
         task, domain = trial.task, self._data.domain
-        robot = self._robot(task, self._recordings.supply(task.object_index))
+        robot = self._robot(task, learn=True)
         boundary = Boundary(domain, object_index=task.object_index)
         robot.start()
         for step in trial.steps:
@@ -232,13 +233,6 @@ class Environment:
             record_step(learner.experience, task, trial.momdp, step, shown)
         self._tell(learner, trial)
 
-    def _ask(
-        self, learner: Learner, task: Task, order: np.random.Generator | Order, *, learn: bool
-    ) -> Trial:
-        columns = self._data.domain.columns(task.query.attributes)
-        truth = self._data.labels[task.object_index, columns]
-        return learner.ask(task, self._robot(task, order), truth=truth, learn=learn)
-
     def _tell(self, learner: Learner, trial: Trial) -> None:
         """Tell a learner whether its report was right, if there is one."""
         self._recordings.use(trial)
@@ -249,9 +243,10 @@ class Environment:
             labels = np.where(labels < 0, labels, labels.min())
         learner.tell(trial, dict(zip(trial.task.query.attributes, labels.tolist(), strict=True)))
 
-    def _robot(self, task: Task, order: np.random.Generator | Order) -> RecordedRobot:
+    def _robot(self, task: Task, *, learn: bool) -> RecordedRobot:
         seed, o = self._config.seed, task.object_index
         columns = self._data.domain.columns(task.query.attributes)
+        order = self._recordings.supply(o) if learn else stream(seed, "recordings", *task.key)
         rng = stream(seed, "percepts", *task.key)
 
         def person(accuracy: float) -> dict[str, bool]:

@@ -185,7 +185,6 @@ class LiveTrial:
     """One trial of a learner that learns while it works."""
 
     number: int  # of the object, from 1
-    agent: str
     attribute: str  # that was asked
     trial: Trial | None  # none where the robot failed
     fault: str = ""  # why it did
@@ -206,7 +205,7 @@ def learn_live(
         try:
             trial = ask_new(learner, query, seed, number, population="live", log=log, learn=True)
         except RobotError as fault:
-            yield LiveTrial(number, learner.agent.name, attribute, None, str(fault))
+            yield LiveTrial(number, attribute, None, str(fault))
             continue
         learner.tell(trial, attributes_of(draw_object(seed, "live", number)))
-        yield LiveTrial(number, learner.agent.name, attribute, trial)
+        yield LiveTrial(number, attribute, trial)

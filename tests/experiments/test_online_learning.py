@@ -51,10 +51,10 @@ class Run:
         return self.learner.experience.labelled(memory=memory).sum(axis=0).T
 
     def test(self, task):
-        return self.environment.test(self.learner, task)
+        return self.environment.ask(self.learner, task, learn=False)
 
     def train(self, task):
-        return self.environment.train(self.learner, task)
+        return self.environment.ask(self.learner, task, learn=True)
 
 
 def task_of(o, *attributes, index=0):
