@@ -26,7 +26,7 @@ _SEED = 7  # a trial in which a behavior fails
 
 @click.command()
 @opt.seed_option(_SEED)
-@opt.logs_option
+@opt.shared("logs")
 def demo(seed: int, logs: Path) -> None:
     """Show one trial step by step. Start here.
 
@@ -78,16 +78,14 @@ def demo(seed: int, logs: Path) -> None:
 
 @click.command(short_help="Ask about one object.")
 @click.argument("question")
-@opt.dataset_option
+@opt.shared("dataset", "root")
 @click.option("--object", required=True, metavar="NAME", help="The object asked about.")
 @opt.option("--agent", None, "bayes", "NAME", f"Who answers: {opt.AGENTS}; or {opt.OWN}.")
 @click.option(
     "--learn", is_flag=True,
     help="Ask whether the answer was right, and use earlier labels; see `meal-bayes memory`.",
 )  # fmt: skip
-@opt.seed_option()
-@opt.logs_option
-@opt.json_option
+@opt.shared("seed", "logs", "json")
 def ask(root: Path | None, learn: bool, logs: Path, as_json: bool, **options: Any) -> None:
     """Answer a question about an object, such as "Is it heavy, and does it hold beans?".
 
@@ -198,9 +196,7 @@ def memory() -> None:
 
 
 @memory.command()
-@opt.dataset_option
-@opt.logs_option
-@opt.json_option
+@opt.shared("dataset", "root", "logs", "json")
 def show(dataset: str, root: Path | None, logs: Path, as_json: bool) -> None:
     """List the labels of the objects of a data set, the latest last."""
     from meal_bayes.datasets.percepts import domain_of
@@ -218,8 +214,7 @@ def show(dataset: str, root: Path | None, logs: Path, as_json: bool) -> None:
 
 @memory.command()
 @click.option("--object", "name", metavar="NAME", help="Only the labels of this object.")
-@opt.dataset_option
-@opt.logs_option
+@opt.shared("dataset", "root", "logs")
 def forget(name: str | None, dataset: str, root: Path | None, logs: Path) -> None:
     """Forget labels; the trials stay in their logs."""
     from meal_bayes.datasets.percepts import domain_of

@@ -25,8 +25,7 @@ def data() -> None:
 
 @data.command("list", short_help="List the data sets, or what one holds.")
 @click.argument("dataset", required=False)
-@opt.root_option
-@opt.json_option
+@opt.shared("root", "json")
 def list_(dataset: str | None, root: Path | None, as_json: bool) -> None:
     """List the data sets that ship as percept tables, and whether their recordings are here.
 
@@ -92,16 +91,15 @@ def verify(dataset: str) -> None:
 @data.command()
 @opt.option("--dataset", None, None, "NAME|FILE", "A data set, or your own domain (TOML).",
         required=True)  # fmt: skip
-@opt.perception_option
+@opt.shared("perception")
 @opt.option(
     "--classifier", None, None, "MODULE:NAME",
     "A scikit-learn classifier in their place: sklearn.ensemble:RandomForestClassifier, or an "
     "instance in a module of your own.",
 )  # fmt: skip
-@opt.root_option
+@opt.shared("root")
 @opt.option("--out", opt.FILE, None, "FILE.npz", "Where to write the table.")
-@opt.jobs_option
-@opt.cluster_option
+@opt.shared("jobs", "cluster")
 def percepts(
     dataset: str, perception: str, classifier: str | None, root: Path | None, out: Path | None,
     jobs: int, cluster: str | None,

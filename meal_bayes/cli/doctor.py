@@ -12,7 +12,7 @@ from platformdirs import user_cache_path
 
 import meal_bayes
 from meal_bayes.cli.console import output, print_facts, print_json
-from meal_bayes.cli.options import json_option
+from meal_bayes.cli.options import shared
 
 _LIBRARIES = (
     "numpy", "scipy", "numba", "scikit-learn", "pymc", "arviz", "h5netcdf", "mcap", "protobuf",
@@ -22,7 +22,7 @@ _DRIVERS = ("/usr/share/vulkan/icd.d", "/etc/vulkan/icd.d", "/usr/local/share/vu
 
 
 @click.command(short_help="Show the environment, for a bug report.")
-@json_option
+@shared("json")
 def doctor(as_json: bool) -> None:
     """Show versions, folders, viewer, data and cores, for a bug report.
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from meal_bayes.cli.console import note, say
-from meal_bayes.cli.options import dataset_option, option, table_of
+from meal_bayes.cli.options import option, shared, table_of
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -22,7 +22,7 @@ _FORMATS = ("pomdp", "pomdpx")
     "--format", click.Choice(_FORMATS), None, None,
     "What FILE's name ends in, by default. SARSOP reads both, pomdpx better.",
 )  # fmt: skip
-@dataset_option
+@shared("dataset", "root")
 @option("--query", None, None, "A,B,...", "The attributes asked.", required=True)
 def export(file: Path, **options: Any) -> None:
     """Write a query's decision problem to FILE (.pomdp or .pomdpx).

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import click
 
 from meal_bayes.cli.console import output, print_facts, print_json, say
-from meal_bayes.cli.options import FILE, MOST_TRIALS, json_option, option
+from meal_bayes.cli.options import FILE, MOST_TRIALS, option, shared
 from meal_bayes.cli.program import Section
 
 if TYPE_CHECKING:
@@ -26,7 +26,7 @@ def log() -> None:
 
 @log.command(short_help="Show what logs hold, and the settings of the run.")
 @_file
-@json_option
+@shared("json")
 def info(file: Path, as_json: bool) -> None:
     """Show what whole logs hold, of a file or a run's folder, and the configuration of the run."""
     from meal_bayes.trial_log import FORMAT_VERSION, log_files, log_info
@@ -80,7 +80,7 @@ def numbered(file: Path, number: int) -> "tuple[Group, int]":
 
 @log.command(short_help="Read logs to their end and list their problems.")
 @_file
-@json_option
+@shared("json")
 def check(file: Path, as_json: bool) -> None:
     """Read a log, or all of a folder, to the end and list problems; with any, exit with 1."""
     from meal_bayes.trial_log import check_log, log_files
@@ -105,7 +105,7 @@ def check(file: Path, as_json: bool) -> None:
 @log.command(short_help="Save the trials of a torn log into a new one.")
 @_file
 @option("--out", FILE, None, "FILE", "The new file.")
-@json_option
+@shared("json")
 def recover(file: Path, out: Path | None, as_json: bool) -> None:
     """Save the trials of a torn log, the last as far as it went; the torn one stays as it is."""
     from meal_bayes.trial_log import log_info, recover_log

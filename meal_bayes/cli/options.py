@@ -29,21 +29,6 @@ def option(
     return click.option(*name.split(), type=kind, metavar=metavar, help=text, **more)
 
 
-root_option = option(
-    "--root", click.Path(exists=True, file_okay=False, path_type=Path), None, "FOLDER",
-    "Of the recordings: your own (with --dataset DOMAIN.toml), or a mirror of public ones.",
-)  # fmt: skip
-
-
-def dataset_option(command: Command) -> Command:
-    """Add the options --dataset and --root, which `table_of` reads."""
-    return option(
-        "--dataset", None, "roc36", "NAME|FILE",
-        "roc36, ispy32, cy101 or a variant of them; your own domain (TOML, with --root), or your "
-        "own percept table (.npz).",
-    )(root_option(command))  # fmt: skip
-
-
 def table_of(dataset: str, root: Path | None, perception: str = "default") -> str:
     """Return the shipped name, or the path of the .npz, of the table of --dataset and --root.
 
@@ -61,12 +46,6 @@ def table_of(dataset: str, root: Path | None, perception: str = "default") -> st
     return str(path)
 
 
-def seed_option(default: int = 0) -> Callable[[Command], Command]:
-    """Return the option --seed."""
-    text = "Of failures, recordings and planning; equal seeds give equal trials."
-    return option("--seed", SEED, default, "S", text)
-
-
 def agent_value(text: str) -> object:
     """Return an agent's name as it is, or the value of `package.module:name` (`named_value`)."""
     return named_value(text) if ":" in text else text
@@ -78,17 +57,48 @@ ONLINE_AGENTS = (
     "bayes_no_bonus, bayes_itrs or iterative_morc_bayes"
 )
 OWN = "package.module:name of your own"
-logs_option = option("--logs", FOLDER, Path("logs"), None, "Folder of the trial logs.")
-json_option = click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
-fresh_option = click.option("--fresh", is_flag=True, help="Run again what is there already.")
-jobs_option = option("--jobs", click.IntRange(1, 1024), 1, None, "Processes.")
-cluster_option = option(
-    "--cluster", None, None, "ADDRESS", "Of a Dask scheduler, whose workers run it instead."
-)
-perception_option = option(
-    "--perception", click.Choice(["default", "paper"]), "default", None,
-    "Which classifiers made the percepts: ours, or the paper's.",
-)  # fmt: skip
+
+
+def seed_option(default: int = 0) -> Callable[[Command], Command]:
+    """Return the option --seed."""
+    text = "Of failures, recordings and planning; equal seeds give equal trials."
+    return option("--seed", SEED, default, "S", text)
+
+
+_SHARED = {
+    "dataset": option(  # with "root"; `table_of` reads both
+        "--dataset", None, "roc36", "NAME|FILE",
+        "roc36, ispy32, cy101 or a variant of them; your own domain (TOML, with --root), or your "
+        "own percept table (.npz).",
+    ),
+    "root": option(
+        "--root", click.Path(exists=True, file_okay=False, path_type=Path), None, "FOLDER",
+        "Of the recordings: your own (with --dataset DOMAIN.toml), or a mirror of public ones.",
+    ),
+    "perception": option(
+        "--perception", click.Choice(["default", "paper"]), "default", None,
+        "Which classifiers made the percepts: ours, or the paper's.",
+    ),
+    "seed": seed_option(),
+    "jobs": option("--jobs", click.IntRange(1, 1024), 1, None, "Processes."),
+    "cluster": option(
+        "--cluster", None, None, "ADDRESS", "Of a Dask scheduler, whose workers run it instead."
+    ),
+    "logs": option("--logs", FOLDER, Path("logs"), None, "Folder of the trial logs."),
+    "fresh": click.option("--fresh", is_flag=True, help="Run again what is there already."),
+    "json": click.option("--json", "as_json", is_flag=True, help="Print one JSON object."),
+}  # fmt: skip
+
+
+def shared(*names: str) -> Callable[[Command], Command]:
+    """Return a decorator that adds options which mean the same in several commands."""
+
+    def add(command: Command) -> Command:
+        for name in reversed(names):
+            command = _SHARED[name](command)
+        return command
+
+    return add
 
 
 def listed(*texts: str) -> tuple[str, ...]:

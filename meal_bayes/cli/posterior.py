@@ -21,7 +21,7 @@ _NAMED = 5  # surprising objects
 
 
 @click.command(short_help="Fit the confusion matrices, check the fit, save and draw it.")
-@opt.dataset_option
+@opt.shared("dataset", "root")
 @opt.option(
     "--method", click.Choice(["grid", "pymc"]), "grid", None,
     "Exact quadrature in a second, or NUTS in minutes.",
@@ -43,7 +43,7 @@ _NAMED = 5  # surprising objects
 @opt.option("--tune", click.IntRange(10, 1_000_000), 1000, None, "Steps before them (pymc).")
 @opt.option("--chains", click.IntRange(2, 64), 4, None, "Of the sampler.")
 @opt.option("--seed", opt.SEED, 0, "S", "Equal seeds give equal draws.")
-@opt.json_option
+@opt.shared("json")
 def posterior(root: Path | None, out: Path | None, as_json: bool, **options: Any) -> None:
     """Fit how likely each percept is of true and of false objects, and how far objects differ.
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import click
 
 from meal_bayes.cli.console import note, print_json, print_table, progress, say
-from meal_bayes.cli.options import FILE, json_option, option, seed_option
+from meal_bayes.cli.options import FILE, option, shared
 
 
 @click.command(short_help="Write one page (HTML) of a run: tables, figures, worst trials.")
@@ -37,8 +37,7 @@ def report(logs: tuple[Path, ...], out: Path) -> None:
     "--margin", click.FloatRange(0, min_open=True), None, "M",
     "Of practical equivalence; .02 of accuracy, 2 s of cost, 10 of reward by default.",
 )  # fmt: skip
-@seed_option()
-@json_option
+@shared("seed", "json")
 def compare(
     logs: tuple[Path, ...], measure: str, reference: str | None, margin: float | None, seed: int,
     as_json: bool,

@@ -22,10 +22,7 @@ _PACKAGE = "paper_repro"
     "--as-published", is_flag=True,
     help="The paper's own settings alone: percepts drawn from the matrices.",
 )  # fmt: skip
-@opt.seed_option()
-@opt.jobs_option
-@opt.cluster_option
-@opt.logs_option
+@opt.shared("seed", "jobs", "cluster", "logs")
 @opt.option("--trials", opt.COUNT, None, "T", "Of an agent offline, at most.")
 @opt.option(
     "--repeats", click.IntRange(0, opt.MOST_TRIALS), None, "R", "Of online runs, at most; 0: none."
@@ -34,7 +31,7 @@ _PACKAGE = "paper_repro"
     "--only", None, "", "TEXT",
     "Of Fig. 10's panels, those with TEXT in their title; the others are not run.",
 )  # fmt: skip
-@opt.json_option
+@opt.shared("json")
 def reproduce(items: tuple[str, ...], as_json: bool, **setting: Any) -> None:
     """Run ITEMs of the paper (table3, fig8, ...), or all, and judge its statements.
 

@@ -30,7 +30,7 @@ def run() -> None:
 
 
 @run.command(short_help="Agents answer the same queries about new objects.")
-@opt.dataset_option
+@opt.shared("dataset", "root")
 @opt.option("--attributes", click.IntRange(1, opt.NAME_LIMIT), 2, "N", "Asked at a time.")
 @opt.option("--trials", opt.COUNT, 400, "T", "For each agent.")
 @opt.option(
@@ -38,21 +38,17 @@ def run() -> None:
     f"{opt.AGENTS}; or {opt.OWN}; may be repeated, or a comma list. All of them by default.",
     multiple=True,
 )  # fmt: skip
-@opt.seed_option()
-@opt.jobs_option
-@opt.cluster_option
+@opt.shared("seed", "jobs", "cluster")
 @opt.option(
     "--percepts", click.Choice(["recorded", "model"]), "recorded", None,
     "Of real recordings, or drawn from the learned confusion matrices.",
 )  # fmt: skip
-@opt.perception_option
+@opt.shared("perception")
 @opt.option(
     "--reward", click.FloatRange(0, opt.LARGEST, min_open=True), None, "R",
     "For a right answer, and taken for a wrong one; the data set's by default.",
 )  # fmt: skip
-@opt.logs_option
-@opt.fresh_option
-@opt.json_option
+@opt.shared("logs", "fresh", "json")
 def offline(
     root: Path | None, agents: tuple[str, ...], as_json: bool, logs: Path, jobs: int,
     cluster: str | None, fresh: bool, **settings: Any,
@@ -125,7 +121,7 @@ def _signed(value: object) -> str:
 
 
 @run.command(short_help="Agents learn while they work, tested after every batch.")
-@opt.dataset_option
+@opt.shared("dataset", "root")
 @opt.option("--attributes", click.IntRange(1, opt.NAME_LIMIT), 1, "N", "Asked at a time.")
 @opt.option(
     "--agent agents", None, None, "NAME",
@@ -151,16 +147,12 @@ def _signed(value: object) -> str:
     "--normalizer", click.Choice(["paper", "all"]), "paper", None,
     "Of Eq. 10: experience gathered in training, as in the paper, or in pretraining too.",
 )  # fmt: skip
-@opt.seed_option()
-@opt.jobs_option
-@opt.cluster_option
+@opt.shared("seed", "jobs", "cluster")
 @opt.option(
     "--log", click.Choice(["compact", "full"]), "compact", None,
     "Form of the logs of test trials; a compact one keeps outcomes, no steps.",
 )  # fmt: skip
-@opt.logs_option
-@opt.fresh_option
-@opt.json_option
+@opt.shared("logs", "fresh", "json")
 def online(
     root: Path | None, agents: tuple[str, ...], until_decided: bool, as_json: bool, **settings: Any
 ) -> None:

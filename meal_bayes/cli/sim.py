@@ -33,8 +33,7 @@ def sim() -> None:
 @opt.option("--recordings", SOME, 5, None, "Of each behavior on each of them.")
 @opt.option("--out", opt.FOLDER, None, "DIR", "For the CSV files and the table of the domain.",
             required=True)  # fmt: skip
-@opt.seed_option()
-@opt.jobs_option
+@opt.shared("seed", "jobs")
 def record(objects: int, recordings: int, out: Path, seed: int, jobs: int) -> None:
     """Record every behavior on objects drawn from the seed, as CSV files and a TOML.
 
@@ -63,9 +62,7 @@ def record(objects: int, recordings: int, out: Path, seed: int, jobs: int) -> No
         show_default="one a core")  # fmt: skip
 @click.option("--view", is_flag=True, help="See the arm beside beliefs and values, in rerun.")
 @opt.option("--save", opt.FILE, None, "FILE.rrd", "Write what --view would show.")
-@opt.seed_option()
-@opt.logs_option
-@opt.json_option
+@opt.shared("seed", "logs", "json")
 def ask(question: str, view: bool, save: Path | None, as_json: bool, **options: Any) -> None:
     """Answer a question such as "Is it heavy, and does it rattle?" about an object of the seed.
 
@@ -126,9 +123,7 @@ def ask(question: str, view: bool, save: Path | None, as_json: bool, **options: 
 @sim.command(short_help="Begin with nothing, and learn while answering.")
 @opt.option("--trials", SOME, 200, None, "One an object.")
 @agent_option
-@opt.seed_option()
-@opt.logs_option
-@opt.json_option
+@opt.shared("seed", "logs", "json")
 def live(trials: int, agent: str, seed: int, logs: Path, as_json: bool) -> None:
     """Learn from nothing: a random attribute of each new object is asked, then all labels given.
 
