@@ -145,7 +145,7 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
         if not 0 <= index < len(self.tasks):
             raise SettingsError(f"Task {index}; expected 0 to {len(self.tasks) - 1}.")
         self._begin(self.tasks[index], seed_of_task)
-        return self._observation(), self._info()
+        return self._seen()
 
     def step(self, action: int | np.int64) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Execute a behavior or report; return observation, reward, terminated, truncated, info."""
@@ -162,7 +162,8 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
                 running.observe(robot.execute(running.behavior))
             reward = float(running.steps[-1].reward)
         truncated = not running.over and self._steps >= self._max_steps
-        return self._observation(), self._scale * reward, running.over, truncated, self._info()
+        observation, info = self._seen()
+        return observation, self._scale * reward, running.over, truncated, info
 
     def decide(self) -> int:
         """Return the action that the agent itself would choose."""
@@ -207,25 +208,23 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
         self._begun, self._policy = (session.start(robot.start()), robot), None
         self._steps = 0
 
-    def _observation(self) -> Observation:
-        (running, _), domain = self._running, self._learner.domain
-        asked = domain.columns(running.task.query.attributes)
-        return {
-            "state": running.belief.x,
-            "asked": np.array(asked),
-            "percepts": np.array(running.belief.percept_counts, np.int64),
-            "belief": np.array(running.belief.positive, np.float64),
+    def _seen(self) -> tuple[Observation, dict[str, Any]]:
+        """Return observation and info."""
+        running, _ = self._running
+        belief, query = running.belief, running.task.query.attributes
+        observation = {
+            "state": belief.x,
+            "asked": np.array(self._learner.domain.columns(query)),
+            "percepts": np.array(belief.percept_counts, np.int64),
+            "belief": np.array(belief.positive, np.float64),
             "cost": np.array([running.history.cost], np.float64),
         }
-
-    def _info(self) -> dict[str, Any]:
-        running, _ = self._running
-        done = running.belief.x == running.momdp.terminal
-        return {
+        reported = belief.x == running.momdp.terminal
+        return observation, {
             "action_mask": self.action_masks().astype(np.int8),
             "object": running.task.object_name,
-            "query": running.task.query.attributes,
-            "success": bool(self.trial.success) if done else None,
+            "query": query,
+            "success": bool(self.trial.success) if reported else None,
         }
 
     def action_masks(self) -> NDArray[np.bool_]:
