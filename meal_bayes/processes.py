@@ -6,6 +6,7 @@ becomes the program; elsewhere it stays as a guard that ends the program.
 """
 
 import contextlib
+import copy
 import ctypes
 import multiprocessing
 import os
@@ -29,23 +30,16 @@ def end_with_parent(parent: int | None = None) -> None:
     threading.Thread(target=_watch, args=(expected,), daemon=True, name="parent watch").start()
 
 
-class EndingContext:
-    """A context of `multiprocessing` whose processes end with this one."""
-
-    def __init__(self) -> None:
-        self._context = multiprocessing.get_context()
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._context, name)
-
-    def Process(
-        self, *, target: Callable[..., object], args: tuple[Any, ...] = (), **options: Any
-    ) -> Any:
-        """Return a process that runs a function; options as of `multiprocessing.Process`."""
-        # a fork server's children have the server as their parent, which ends with us
-        direct = self._context.get_start_method() != "forkserver"
-        parent = os.getpid() if direct else None
-        return self._context.Process(target=_run_and_end, args=(parent, target, args), **options)
+def ending_context() -> Any:
+    """Return a context of `multiprocessing` whose processes end with this one."""
+    context: Any = copy.copy(multiprocessing.get_context())
+    process = context.Process
+    # a fork server's children have the server as their parent, which ends with us
+    parent = None if context.get_start_method() == "forkserver" else os.getpid()
+    context.Process = lambda *, target, args=(), **options: process(
+        target=_run_and_end, args=(parent, target, args), **options
+    )
+    return context
 
 
 def start(command: Sequence[str], **options: Any) -> "subprocess.Popen[bytes]":

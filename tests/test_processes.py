@@ -31,11 +31,11 @@ list(in_parallel(work, range(2), jobs=2))
 """
 CONTEXT = """
 import os, time
-from meal_bayes.processes import EndingContext
+from meal_bayes.processes import ending_context
 def work(*piece):
     os.write(1, b"%d\\n" % os.getpid())  # at once, whoever else writes
     time.sleep(1000)
-context = EndingContext()
+context = ending_context()
 for k in range(2):
     context.Process(target=work, args=(k,), daemon=True).start()
 time.sleep(1000)

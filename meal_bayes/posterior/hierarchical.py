@@ -31,7 +31,7 @@ from meal_bayes.display import level_names
 from meal_bayes.perception.confusion import youden
 from meal_bayes.posterior.draws import ROW, TRUTHS
 from meal_bayes.posterior.grid import DISPERSIONS, TAUS, prior_of
-from meal_bayes.processes import EndingContext
+from meal_bayes.processes import ending_context
 from meal_bayes.seeds import stream
 
 # PyTensor loads what lies in its compile folder, so that must be nobody else's; and it looks for
@@ -273,7 +273,7 @@ def sample(
                 chains=sampling.chains,
                 # PyMC's own default counts half of the processors
                 cores=sampling.cores or min(sampling.chains, os.cpu_count() or 1),
-                mp_ctx=EndingContext(),
+                mp_ctx=ending_context(),
                 random_seed=int(stream(sampling.seed, name).integers(2**31)),
                 target_accept=ACCEPT,
                 model=model,
