@@ -100,7 +100,7 @@ class _Unit:
 
     @property
     def done(self) -> int:
-        whole = not self.fresh and is_whole(self.path, trials=self.size)
+        whole = not self.fresh and is_whole(self.path)
         return self.size if whole else 0
 
     def run(self, advance: Callable[[float], None]) -> None:

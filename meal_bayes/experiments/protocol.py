@@ -25,33 +25,26 @@ _POSITIVES = 3  # of every attribute in every part, where a split has them
 _TRIES = 10_000  # splits drawn for them
 
 
-def learnable(table: PerceptTable, count: int = ASKED) -> tuple[str, ...]:
-    """Choose the attributes that are perceived best, with enough objects of and without each.
+def learnable(table: PerceptTable) -> tuple[str, ...]:
+    """Choose the ten attributes that are perceived best, with enough objects of and without each.
 
     Enough are three in each of three parts. Best: by the largest TPR - FPR over behaviors of
     held-out percepts. The choice is the protocol's; agents do not see these rates.
     """
     truth = table.labels
     enough = np.minimum((truth == 1).sum(axis=0), (truth == 0).sum(axis=0)) >= 3 * _POSITIVES
-    if enough.sum() < count:
-        raise SettingsError(
-            f"Only {enough.sum()} attributes of {table.domain.name} have {3 * _POSITIVES} objects "
-            f"with and without; {count} are asked."
-        )
     recorded = ~np.isnan(table.log_odds).any(axis=1)
     yes = np.where(recorded, (table.log_odds > 0).mean(axis=1), 0.5)  # (O,E,P) of recordings
     best = np.full(truth.shape[1], -1.0)
     for p in np.flatnonzero(enough):
         false, true = (yes[truth[:, p] == value, :, p].mean(axis=0) for value in (0, 1))
         best[p] = (true - false).max()
-    chosen = np.sort(np.argsort(-best, kind="stable")[:count])
+    chosen = np.sort(np.argsort(-best, kind="stable")[:ASKED])
     return tuple(table.domain.attributes[p] for p in chosen)
 
 
 def restricted(dataset: Dataset, attributes: tuple[str, ...]) -> Dataset:
     """Keep some of the attributes."""
-    if attributes == dataset.domain.attributes:
-        return dataset
     columns = dataset.domain.columns(attributes)
     groups = {k: v for k, v in dataset.domain.groups.items() if set(v) <= set(attributes)}
     synonyms = {a: b for a, b in dataset.domain.synonyms.items() if b in attributes}

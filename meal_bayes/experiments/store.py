@@ -59,19 +59,13 @@ def agent_folder(folder: Path, agent: str) -> Path:
     return folder / file_name(agent, 200)
 
 
-def is_whole(path: Path, *, trials: int | None = None) -> bool:
-    """Check a unit's log of so many trials to its end; what is damaged is warned of."""
-    if not path.is_file():
-        return False
+def is_whole(path: Path) -> bool:
+    """Check a unit's log to its end; what is damaged is warned of."""
     try:
-        held = log_info(path).trials
+        return path.is_file() and log_info(path).whole
     except LogError as fault:
         log.warning("%s; it is made again", str(fault).partition(";")[0])
         return False
-    if trials is not None and held != trials:
-        log.warning("%s holds %d trials, expected %d; it is made again", path, held, trials)
-        return False
-    return True
 
 
 def digest_of(*parts: object) -> str:

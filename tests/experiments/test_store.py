@@ -42,12 +42,6 @@ def test_a_damaged_unit_is_made_again(unit, content, damage, caplog):
     assert unit.read_bytes() == content
 
 
-def test_a_unit_of_fewer_trials_is_made_again(unit, content, caplog):
-    assert is_whole(unit, trials=3)
-    assert not is_whole(unit, trials=4)
-    assert "holds 3 trials, expected 4" in caplog.text
-
-
 def test_fresh_replaces_and_never_deletes(unit, content, monkeypatch):
     """As when it is killed before it has made anything."""
 
