@@ -68,8 +68,6 @@ def offline(
     how: dict[str, Any] = {"on_note": terminal.note}
     with terminal.progress("percepts", "behaviors") as advance:
         table = percepts_for(config.dataset, config.perception, on_progress=advance, **how)
-    # Raises before any work.
-    experiments.offline_tasks(table, config.attributes, config.trials, config.seed)
     with terminal.showing_compilation():
         experiments.warm_up(config, table.domain)
     how |= {"logs": logs, "jobs": jobs, "cluster": cluster, "fresh": fresh}

@@ -5,10 +5,9 @@ import contextlib
 import logging
 import os
 import platform
-import queue
 import sys
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import FIRST_COMPLETED, wait
+from concurrent.futures import FIRST_COMPLETED, CancelledError, Executor, wait
 from typing import Any, TypeVar
 
 import cloudpickle
@@ -23,7 +22,6 @@ Result = TypeVar("Result")
 
 _PATIENCE = 10.0  # s for a scheduler to answer
 _LOOK = 1.0  # s between calls of `meanwhile`
-_SILENCE = 3.0  # s without a result after which the scheduler is asked whether it is there
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 
 
@@ -51,7 +49,21 @@ def in_parallel(
         yield from map(function, pieces)
         return
     calls = [_pickled(function, piece) for piece in pieces]
-    yield from _here(calls, jobs, meanwhile) if cluster is None else _on_cluster(calls, cluster)
+    if cluster is None:
+        yield from _here(calls, jobs, meanwhile)
+    else:
+        yield from _on_cluster(calls, cluster, meanwhile)
+
+
+def _finished(
+    pool: Executor, call: Callable[[bytes], Any], calls: list[bytes], look: Callable[[], None]
+) -> Iterator[Any]:
+    """Yield what calls return as they end, and look every second."""
+    running = {pool.submit(call, pickled) for pickled in calls}
+    while running:
+        ended, running = wait(running, timeout=_LOOK, return_when=FIRST_COMPLETED)
+        look()
+        yield from (future.result() for future in ended)
 
 
 def _pickled(function: Callable[[Work], Result], piece: Work) -> bytes:
@@ -83,17 +95,13 @@ def _here(calls: list[bytes], jobs: int, meanwhile: Callable[[], None]) -> Itera
     )
     whole = False
     try:
-        running = {pool.submit(_call, call) for call in calls}
-        while running:
-            ended, running = wait(running, timeout=_LOOK, return_when=FIRST_COMPLETED)
-            meanwhile()
-            yield from (future.result() for future in ended)
+        yield from _finished(pool, _call, calls, meanwhile)
         whole = True
     finally:
         pool.shutdown(kill_workers=not whole)
 
 
-def _on_cluster(calls: list[bytes], address: str) -> Iterator[Any]:
+def _on_cluster(calls: list[bytes], address: str, meanwhile: Callable[[], None]) -> Iterator[Any]:
     try:
         import dask.distributed  # noqa: PLC0415  an extra
     except ImportError as fault:
@@ -128,14 +136,16 @@ def _on_cluster(calls: list[bytes], address: str) -> Iterator[Any]:
         function, piece = cloudpickle.loads(call) if versions == expected else (id, None)
         return platform.node(), versions, function(piece)
 
-    expected = environment()
-    ended: queue.SimpleQueue[Any] = queue.SimpleQueue()
+    def look() -> None:
+        meanwhile()
+        try:
+            client.sync(client.scheduler.identity, callback_timeout=_PATIENCE)
+        except (TimeoutError, OSError) as fault:
+            raise CancelledError from fault
+
+    expected, pool = environment(), client.get_executor(pure=False, retries=3)
     try:
-        futures = [client.submit(checked, call, pure=False, retries=3) for call in calls]
-        for future in futures:
-            future.add_done_callback(ended.put)
-        for _ in calls:
-            machine, versions, result = _next(ended, client, address)
+        for machine, versions, result in _finished(pool, checked, calls, look):
             if versions != expected:
                 others = ", ".join(
                     f"{name} {versions.get(name, 'missing')} (here {expected.get(name, 'missing')})"
@@ -147,25 +157,11 @@ def _on_cluster(calls: list[bytes], address: str) -> Iterator[Any]:
                     "install the same versions on all machines of the cluster."
                 )
             yield result
-    finally:
-        with contextlib.suppress(TimeoutError, OSError):  # where the scheduler is gone
-            client.close(timeout=1)
-
-
-def _next(ended: "queue.SimpleQueue[Any]", client: Any, address: str) -> tuple[Any, ...]:
-    """Wait for a result for as long as the scheduler answers."""
-    while True:
-        try:
-            future = ended.get(timeout=_SILENCE)
-        except queue.Empty:
-            with contextlib.suppress(TimeoutError, OSError):
-                client.sync(client.scheduler.identity, callback_timeout=_PATIENCE)
-                continue
-        else:
-            if not future.cancelled():
-                result: tuple[Any, ...] = future.result()
-                return result
+    except CancelledError as fault:
         raise SettingsError(
             f"The Dask scheduler at {address} has ended or does not answer; start it again, and "
             "then the same command: what is finished is not run again."
-        )
+        ) from fault
+    finally:
+        with contextlib.suppress(TimeoutError, OSError):  # where the scheduler is gone
+            client.close(timeout=1)

@@ -154,7 +154,6 @@ def test_a_worker_of_other_code_is_refused(cluster, monkeypatch):
 def test_a_scheduler_that_ends_or_falls_silent_is_one_line(cluster, monkeypatch, ending):
     address, _, scheduler = cluster
     monkeypatch.setattr(parallel, "_PATIENCE", 0.5)
-    monkeypatch.setattr(parallel, "_SILENCE", 0.5)
     results = in_parallel(wait_if_negative, [1, -1], jobs=1, cluster=address)
     assert next(results) == 1
     scheduler.send_signal(ending)
