@@ -9,11 +9,9 @@ import click
 from meal_bayes.cli.ask import ask, demo, memory
 from meal_bayes.cli.data import data
 from meal_bayes.cli.doctor import doctor
-from meal_bayes.cli.export import export
-from meal_bayes.cli.log import log
-from meal_bayes.cli.posterior import posterior
+from meal_bayes.cli.log import compare, log, report
+from meal_bayes.cli.posterior import export, posterior
 from meal_bayes.cli.program import Program
-from meal_bayes.cli.report import compare, report
 from meal_bayes.cli.reproduce import reproduce
 from meal_bayes.cli.run import run
 from meal_bayes.cli.sim import sim

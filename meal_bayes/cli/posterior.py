@@ -1,4 +1,4 @@
-"""`meal-bayes posterior`: fit the confusion matrices Theta, check the fit, save and plot it."""
+"""`posterior`: fit the confusion matrices Theta, check the fit; `export`: a problem they make."""
 
 from collections.abc import Sequence
 from itertools import compress
@@ -9,15 +9,17 @@ import click
 
 from meal_bayes.cli import console as terminal
 from meal_bayes.cli import options as opt
-from meal_bayes.cli.export import percept_counts
 
 if TYPE_CHECKING:
     import xarray as xr
     from numpy.typing import NDArray
 
+    from meal_bayes.datasets import PerceptTable
+
 _R_HAT = 1.01  # above it the chains do not agree
 _ESS = 400  # below it the figures are rough
 _NAMED = 5  # surprising objects
+_FORMATS = ("pomdp", "pomdpx")
 
 
 @click.command(short_help="Fit the confusion matrices, check the fit, save and draw it.")
@@ -211,3 +213,56 @@ def _print(facts: dict[str, Any], *, sampled: bool) -> None:
         shown["misperceived"] = f"{facts['misperception']:.1%} of objects, by all behaviors alike"
     terminal.output().print()
     terminal.print_facts(terminal.output(), shown)
+
+
+@click.command(short_help="Write a query's decision problem for other solvers.")
+@click.argument("file", type=click.Path(dir_okay=False, path_type=Path))
+@opt.option(
+    "--format", click.Choice(_FORMATS), None, None,
+    "What FILE's name ends in, by default. SARSOP reads both, pomdpx better.",
+)  # fmt: skip
+@opt.shared("dataset", "root")
+@opt.option("--query", None, None, "A,B,...", "The attributes asked.", required=True)
+def export(file: Path, **options: Any) -> None:
+    """Write a query's decision problem to FILE (.pomdp or .pomdpx).
+
+    It is the paper's (Eq. 8: percepts independent given the truth, uniform prior), with the
+    confusion matrices that held-out classifiers showed on the data set's recordings.
+    """
+    from meal_bayes.datasets import load_percepts
+    from meal_bayes.domain import read_query
+    from meal_bayes.files import check_output
+    from meal_bayes.momdp import Objective, build_momdp, write_pomdp, write_pomdpx
+    from meal_bayes.posterior import ConfusionPosterior
+
+    kind = options["format"] or file.suffix.removeprefix(".")
+    if kind not in _FORMATS:
+        raise click.UsageError(f"{file} ends in neither .pomdp nor .pomdpx; give --format.")
+    check_output(file, inputs=[options["dataset"]])
+    table = load_percepts(opt.table_of(options["dataset"], options["root"]))
+    query = read_query(options["query"], table.domain)
+    columns = table.domain.columns(query.attributes)
+    theta = ConfusionPosterior.from_counts(percept_counts(table, 2))
+    rows, precision = theta.select(columns, exact=True)
+    momdp = build_momdp(table.domain, query, rows, precision, objective=Objective(abstain=True))
+    write = write_pomdp if kind == "pomdp" else write_pomdpx
+    write(momdp, file)
+    observations = momdp.levels ** len(momdp.query) + (2 if kind == "pomdp" else 1)
+    terminal.say(
+        f"{file}: {momdp.n_states} states, {momdp.n_actions} actions, {observations} observations, "
+        f"{file.stat().st_size:,} bytes"
+    )
+    terminal.note(
+        f"solve it with SARSOP: pomdpsol --timeout 5 --output {file.stem}.policy {file.name}"
+    )
+
+
+def percept_counts(table: "PerceptTable", levels: int) -> "NDArray[Any]":
+    """Count each object's percepts by classifiers that never saw it."""
+    import numpy as np
+
+    from meal_bayes.perception.confusion import by_truth
+
+    level = table.levels_of(table.log_odds, levels)  # (O,R,E,P)
+    shown = (level[..., None] == np.arange(levels)) & ~np.isnan(table.log_odds)[..., None]
+    return by_truth(shown.sum(axis=1).swapaxes(1, 2), table.labels)
