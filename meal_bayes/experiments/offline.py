@@ -69,15 +69,11 @@ class OfflineRun:
         """Return a pandas data frame, a row a step of every trial; see `Trial.to_frame`."""
         import pandas as pd  # noqa: PLC0415  takes half a second
 
-        return pd.concat(
-            [
-                trial.to_frame().assign(
-                    agent=trial.agent, task=trial.task.name, object=trial.task.object_name
-                )
-                for trial in self.trials()
-            ],
-            ignore_index=True,
-        )
+        frames = []
+        for trial in self.trials():
+            task = {"task": trial.task.name, "object": trial.task.object_name}
+            frames.append(trial.to_frame().assign(agent=trial.agent, **task))
+        return pd.concat(frames, ignore_index=True)
 
     __repr__ = short_repr
 

@@ -16,7 +16,7 @@ from meal_bayes.datasets import (
 from meal_bayes.datasets.percepts import domain_of
 from meal_bayes.datasets.sources import SOURCES
 from meal_bayes.domain import load_domain, unknown
-from meal_bayes.errors import DataError, SettingsError
+from meal_bayes.errors import SettingsError
 from meal_bayes.experiments.store import digest_of, fingerprint
 from meal_bayes.files import file_name
 from meal_bayes.perception import build_percept_table
@@ -46,18 +46,14 @@ def percepts_for(
     path = table_path(dataset, perception, root=root)
     if path is None:
         return load_percepts(dataset)
-    if path.is_file():
-        try:
-            return load_percepts(path, domain=domain)
-        except DataError as fault:
-            log.warning("%s; it is computed again", fault)
-    recordings = load_dataset(dataset if dataset.endswith(".toml") else domain.data, root=root)
-    (on_note or log.info)(
-        f"computing the {perception} percepts of {domain.name} from its recordings, once; "
-        f"kept in {path}"
-    )
-    table = build_percept_table(recordings, perception=perception, progress=on_progress)
-    save_percepts(table, path)
+    if not path.is_file():
+        recordings = load_dataset(dataset if dataset.endswith(".toml") else domain.data, root=root)
+        (on_note or log.info)(
+            f"computing the {perception} percepts of {domain.name} from its recordings, once; "
+            f"kept in {path}"
+        )
+        table = build_percept_table(recordings, perception=perception, progress=on_progress)
+        save_percepts(table, path)
     return load_percepts(path, domain=domain)
 
 

@@ -29,7 +29,7 @@ from meal_bayes.momdp import MOMDP
 from meal_bayes.planners import Policy, unvalued
 from meal_bayes.robots.recorded import RecordedRobot
 from meal_bayes.seeds import stream
-from meal_bayes.trials import Session, Task, Trial
+from meal_bayes.trials import Session, Trial
 
 __all__ = ["ENVIRONMENTS", "MealEnv"]
 
@@ -144,7 +144,15 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
             seed_of_task = int(self.np_random.integers(_SEEDS))
         if not 0 <= index < len(self.tasks):
             raise SettingsError(f"Task {index}; expected 0 to {len(self.tasks) - 1}.")
-        self._begin(self.tasks[index], seed_of_task)
+        task, learner = self.tasks[index], self._learner
+        if (key := (task.object_index, task.query)) not in self._problems:
+            self._problems[key] = learner.problem(task)
+        self.close()
+        robot, fit = robot_of(learner, task, seed_of_task), fit_of(learner, task, learn=False)
+        session = commanded(learner, fit, task, self._problems[key], seed=seed_of_task)
+        record(learner, session, task.name)
+        self._begun, self._policy = (session.start(robot.start()), robot), None
+        self._steps = 0
         return self._seen()
 
     def step(self, action: int | np.int64) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
@@ -194,19 +202,6 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
     def trial(self) -> Trial:
         """The trial so far."""
         return self._running[0].trial
-
-    def _begin(self, task: Task, seed: int) -> None:
-        learner, key = self._learner, (task.object_index, task.query)
-        if key not in self._problems:
-            self._problems[key] = learner.problem(task)
-        self.close()
-        robot = robot_of(learner, task, seed)
-        session = commanded(
-            learner, fit_of(learner, task, learn=False), task, self._problems[key], seed=seed,
-        )  # fmt: skip
-        record(learner, session, task.name)
-        self._begun, self._policy = (session.start(robot.start()), robot), None
-        self._steps = 0
 
     def _seen(self) -> tuple[Observation, dict[str, Any]]:
         """Return observation and info."""

@@ -150,14 +150,6 @@ def test_a_variant_shares_the_table_and_keeps_its_costs(computed):
     assert variant.domain == load_domain("roc36_published")
 
 
-def test_a_damaged_table_is_computed_again(computed):
-    percepts_for("roc36", "paper")
-    path = table_path("roc36", "paper")
-    path.write_bytes(path.read_bytes()[:1000])
-    assert percepts_for("roc36", "paper").provenance == {"made": "2"}
-    assert [p.name for p in path.parent.iterdir()] == [path.name]
-
-
 @pytest.mark.long
 def test_other_code_or_another_version_computes_its_own(computed, monkeypatch):
     percepts_for("roc36", "paper")
