@@ -18,7 +18,6 @@ import numpy as np
 from measuring import options_of, show
 
 from meal_bayes.domain import Query, load_domain
-from meal_bayes.errors import RobotError
 from meal_bayes.evaluation.calibration import calibration_error, expected_calibration_error
 from meal_bayes.evaluation.learning import LearningRow, learning_rows
 from meal_bayes.evaluation.statistics import clustered
@@ -181,7 +180,8 @@ def live(options: argparse.Namespace) -> dict[str, Any]:
     begun = time.process_time()
     learner = Learner(DOMAIN, seed=options.seed, logs=None)
     done = list(learn_live(learner, options.trials, options.seed))
-    last = [row for row in done[-50:] if row.trial is not None]
+    first = len(done) - 49
+    last = [(number, trial) for number, trial in enumerate(done[-50:], first) if not trial.ended]
     cpu = time.process_time() - begun
     made = record_objects(
         options.trials - 50, 1, options.seed, population="live", jobs=options.jobs
@@ -189,29 +189,26 @@ def live(options: argparse.Namespace) -> dict[str, Any]:
     learner = Learner(DOMAIN, seed=options.seed, logs=None)
     learner.fit(to_dataset(load_domain(DOMAIN), made))
     offline = []
-    for row in last:
-        try:
-            trial = ask_new(
-                learner, Query((row.attribute,)), options.seed, row.number, population="live"
-            )
-        except RobotError:
-            continue
-        offline.append(bool(trial.success))
-    blocks = [done[at : at + 20] for at in range(0, len(done), 20)]
+    for number, live in last:
+        trial = ask_new(learner, live.task.query, options.seed, number, population="live")
+        if not trial.ended:
+            offline.append(bool(trial.success))
+    ends = range(20, len(done) + 20, 20)
+    blocks = [[trial for trial in done[end - 20 : end] if not trial.ended] for end in ends]
     return {
         "seed": options.seed,
         "curve": [
             {
-                "trials": block[-1].number,
+                "trials": min(end, len(done)),
                 "agent": learner.agent.name,
-                "accuracy": float(np.mean([bool(row.trial.success) for row in block if row.trial])),
-                "cost_s": float(np.mean([row.trial.cost for row in block if row.trial])),
+                "accuracy": float(np.mean([bool(trial.success) for trial in block])),
+                "cost_s": float(np.mean([trial.cost for trial in block])),
             }
-            for block in blocks
+            for end, block in zip(ends, blocks, strict=True)
         ],
-        "last_50": float(np.mean([bool(row.trial.success) for row in last])),
+        "last_50": float(np.mean([bool(trial.success) for _, trial in last])),
         "offline_on_the_same_objects": float(np.mean(offline)),
-        "robot_errors": sum(row.trial is None for row in done),
+        "robot_errors": sum(bool(trial.ended) for trial in done),
         "cpu_s_a_trial": cpu / len(done),
     }
 

@@ -13,8 +13,8 @@ from meal_bayes.cli import options as opt
 from meal_bayes.cli.program import Section
 
 if TYPE_CHECKING:
-    from meal_bayes.experiments.simulated import LiveTrial
     from meal_bayes.robots.robot import Frame
+    from meal_bayes.trials import Trial
 
 _BLOCK = 20  # trials of one point of the curve
 _FAULT = 1  # exit code of a trial that ended with a robot error
@@ -71,11 +71,9 @@ def ask(question: str, view: bool, save: Path | None, as_json: bool, **options: 
     logged step by step.
     """
     from meal_bayes.cli.narration import print_answer, trial_json
-    from meal_bayes.errors import RobotError
     from meal_bayes.experiments import simulated
     from meal_bayes.learner import Learner
     from meal_bayes.robots.simulated_arm.sensors import frame_of
-    from meal_bayes.trial_log import read_trials
     from meal_bayes.viewer import Viewer, write_recording
     from meal_bayes.viewer.window import check_recording_name
 
@@ -95,13 +93,10 @@ def ask(question: str, view: bool, save: Path | None, as_json: bool, **options: 
     log = options["logs"] / f"sim-seed{seed}-{asked}-{learner.agent.name}-{settings}.mcap"
     frames: list[Frame] = []
     watched = view or recording is not None
-    try:
-        trial = simulated.ask_new(
-            learner, question, seed, log=log,
-            on_frame=(lambda scene: frames.append(frame_of(scene))) if watched else None,
-        )  # fmt: skip
-    except RobotError:
-        (trial,) = read_trials(log)  # as far as it went
+    trial = simulated.ask_new(
+        learner, question, seed, log=log,
+        on_frame=(lambda scene: frames.append(frame_of(scene))) if watched else None,
+    )  # fmt: skip
     if as_json:
         terminal.print_json({**trial_json(trial), "seed": seed, "log": str(log)})
     else:
@@ -141,29 +136,30 @@ def live(trials: int, agent: str, seed: int, logs: Path, as_json: bool) -> None:
     learner = Learner("simulated_arm", agent=chosen, seed=seed, logs=None)
     with terminal.showing_compilation():
         chosen.warm_up(learner.domain, Query(("heavy",)))
-    done: list[LiveTrial] = []
+    done: list[Trial] = []
     with terminal.progress("learning", "trials") as advance:
-        for row in learn_live(learner, trials, seed, logs=folder):
-            done.append(row)
+        for trial in learn_live(learner, trials, seed, logs=folder):
+            done.append(trial)
             advance(len(done), trials)
     if as_json:
         rows = [
-            {"number": row.number, "agent": chosen.name, "asked": row.attribute, "fault": row.fault}
-            | ({} if row.trial is None else trial_json(row.trial))
-            for row in done
+            {"number": number, "asked": trial.task.query.attributes[0], "fault": trial.ended}
+            | trial_json(trial)
+            for number, trial in enumerate(done, start=1)
         ]
         terminal.print_json({"trials": rows, "log": str(folder)})
         return
     names = "trials", "agent", "accuracy", "s a trial", "robot errors"
-    blocks = (done[start : start + _BLOCK] for start in range(0, len(done), _BLOCK))
-    terminal.print_table(names, (_point(chosen.name, block) for block in blocks), left=("agent",))
+    points = (_point(done, start) for start in range(0, len(done), _BLOCK))
+    terminal.print_table(names, points, left=("agent",))
     terminal.note(f"every trial: meal-bayes log show {folder}")
 
 
-def _point(agent: str, block: "list[LiveTrial]") -> list[str]:
+def _point(done: "list[Trial]", start: int) -> list[str]:
     """Return accuracy and cost of a block of trials, a row of the curve."""
-    trials = [row.trial for row in block if row.trial is not None]
-    right = sum(bool(trial.success) for trial in trials) / max(len(trials), 1)
-    cost = sum(trial.cost for trial in trials) / max(len(trials), 1)
-    place = f"{block[0].number}-{block[-1].number}"
-    return [place, agent, f"{right:.2f}", f"{cost:.1f}", str(len(block) - len(trials))]
+    block = done[start : start + _BLOCK]
+    whole = [trial for trial in block if not trial.ended]
+    right = sum(bool(trial.success) for trial in whole) / max(len(whole), 1)
+    cost = sum(trial.cost for trial in whole) / max(len(whole), 1)
+    place, faults = f"{start + 1}-{start + len(block)}", len(block) - len(whole)
+    return [place, block[0].agent, f"{right:.2f}", f"{cost:.1f}", str(faults)]

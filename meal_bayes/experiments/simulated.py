@@ -4,6 +4,7 @@
 `learn_live` lets it learn while it answers, from nothing if it knows nothing.
 """
 
+import contextlib
 import tempfile
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -21,11 +22,12 @@ from meal_bayes.errors import RobotError
 from meal_bayes.experiments.parallel import in_parallel
 from meal_bayes.experiments.store import digest_of
 from meal_bayes.learner import Learner
+from meal_bayes.learner.sessions import open_session
 from meal_bayes.robots.simulated_arm import OnFrame, SimulatedArm, attributes_of, draw_object
 from meal_bayes.robots.simulated_arm.arm import GRASPED, LEGAL, LIFTED, READY
 from meal_bayes.robots.simulated_arm.objects import ObjectParameters
 from meal_bayes.seeds import stream
-from meal_bayes.trials import Trial
+from meal_bayes.trials import Trial, run_trial
 
 DOMAIN = "simulated_arm"
 TRAINING_SEED = 0
@@ -171,41 +173,34 @@ def ask_new(
     log: Path | None = None,
     learn: bool = False,
 ) -> Trial:
-    """Ask a learner about an object of which nothing is recorded; by default in a test."""
+    """Ask a learner about an object of which nothing is recorded; by default in a test.
+
+    Where the robot fails, the trial goes as far as it went, and says why it `ended`.
+    """
     parameters = draw_object(seed, population, number)
     arm = SimulatedArm(parameters, seed, population, number, on_frame=on_frame)
-    name = f"{population} {seed}-{number}"
-    return learner.ask(
-        question, arm, truth=attributes_of(parameters), object_name=name, log=log, learn=learn
-    )
-
-
-@dataclass(frozen=True, slots=True)
-class LiveTrial:
-    """One trial of a learner that learns while it works."""
-
-    number: int  # of the object, from 1
-    attribute: str  # that was asked
-    trial: Trial | None  # none where the robot failed
-    fault: str = ""  # why it did
+    session = open_session(
+        learner, question, f"{population} {seed}-{number}", truth=attributes_of(parameters),
+        log=log, learn=learn,
+    )  # fmt: skip
+    with contextlib.suppress(RobotError):
+        run_trial(session, arm)
+    return session.trial
 
 
 def learn_live(
     learner: Learner, trials: int, seed: int, *, logs: Path | None = None
-) -> Iterator[LiveTrial]:
+) -> Iterator[Trial]:
     """Answer questions about one new object after another, and learn from each.
 
     It is asked one random attribute of each new object; after its answer a person says all that is
-    true of it.
+    true of it. Objects are numbered from 1.
     """
     for number in range(1, trials + 1):
         rng = stream(seed, "simulated questions", number)
-        attribute = str(rng.choice(learner.domain.attributes))
-        log, query = None if logs is None else logs / f"{number:05d}.mcap", Query((attribute,))
-        try:
-            trial = ask_new(learner, query, seed, number, population="live", log=log, learn=True)
-        except RobotError as fault:
-            yield LiveTrial(number, attribute, None, str(fault))
-            continue
-        learner.tell(trial, attributes_of(draw_object(seed, "live", number)))
-        yield LiveTrial(number, attribute, trial)
+        query = Query((str(rng.choice(learner.domain.attributes)),))
+        log = None if logs is None else logs / f"{number:05d}.mcap"
+        trial = ask_new(learner, query, seed, number, population="live", log=log, learn=True)
+        if not trial.ended:
+            learner.tell(trial, attributes_of(draw_object(seed, "live", number)))
+        yield trial

@@ -76,8 +76,8 @@ def test_a_fault_of_the_body_is_logged_and_life_goes_on(room, sim, tmp_path, mon
     monkeypatch.setattr(sim.SimulatedArm, "execute", failing)
     learner = Learner("simulated_arm", agent="random_legal", seed=3, logs=None)
     done = list(room.learn_live(learner, 3, 3, logs=tmp_path))
-    assert [trial.fault for trial in done] == ["", "the object fell off the table", ""]
-    assert done[1].trial is None
+    fault = "robot error: RobotError: the object fell off the table"
+    assert [trial.ended for trial in done] == ["", fault, ""]
     (broken,) = read_trials(tmp_path / "00002.mcap")
-    assert broken.ended == "robot error: RobotError: the object fell off the table"
+    assert broken.ended == fault
     assert broken.report is None
