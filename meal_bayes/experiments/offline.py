@@ -18,8 +18,9 @@ from meal_bayes.errors import SettingsError
 from meal_bayes.evaluation import summarize
 from meal_bayes.experiments.config import OfflineConfig
 from meal_bayes.experiments.percepts import percepts_for
-from meal_bayes.experiments.store import agent_folder, fingerprint, is_whole, run_folder
+from meal_bayes.experiments.store import fingerprint, is_whole, run_folder
 from meal_bayes.experiments.units import run_units, timed, warm_up
+from meal_bayes.files import file_name
 from meal_bayes.learner import Learner
 from meal_bayes.seeds import stream
 from meal_bayes.trial_log import TrialWriter, read_outcomes, read_seconds, read_trials
@@ -96,8 +97,7 @@ class _Unit:
 
     @property
     def done(self) -> int:
-        whole = not self.fresh and is_whole(self.path)
-        return self.size if whole else 0
+        return 0 if self.fresh or not is_whole(self.path) else self.size
 
     def run(self, advance: Callable[[float], None]) -> None:
         if self.done:  # by another process, meanwhile
@@ -163,7 +163,7 @@ def run_offline(
     units = [
         _Unit(
             dataclasses.replace(config, agents=(agent,)),
-            agent_folder(place, agent.name) / f"unit-{first // UNIT:04d}.mcap",
+            place / file_name(agent.name, 200) / f"unit-{first // UNIT:04d}.mcap",
             tasks[first:][:UNIT],
             fresh,
         )

@@ -12,8 +12,9 @@ from meal_bayes.datasets import Dataset, load_dataset, load_percepts
 from meal_bayes.datasets.sources import SOURCES
 from meal_bayes.experiments.config import OnlineConfig
 from meal_bayes.experiments.protocol import ASKED, Environment, Protocol, learnable, restricted
-from meal_bayes.experiments.store import agent_folder, fingerprint, is_whole, run_folder
+from meal_bayes.experiments.store import fingerprint, is_whole, run_folder
 from meal_bayes.experiments.units import run_units, timed, warm_up
+from meal_bayes.files import file_name
 from meal_bayes.learner import Learner
 from meal_bayes.trial_log import TrialWriter, log_info, read_outcomes, read_trials, write_trials
 from meal_bayes.trials import BatchOutcomes, Task, TrialOutcomes
@@ -63,7 +64,7 @@ class _Unit:
     @property
     def path(self) -> Path:
         """Folder of its logs."""
-        return agent_folder(self.folder, self.agent.name) / f"repeat-{self.repeat:03d}"
+        return self.folder / file_name(self.agent.name, 200) / f"repeat-{self.repeat:03d}"
 
     @property
     def size(self) -> int:
@@ -167,14 +168,11 @@ def _loaded(name: str, root: str | None, content: str) -> Dataset:
 
 
 def _protocol(config: OnlineConfig, repeat: int) -> Protocol:
-    data = config.dataset, config.root, fingerprint(config.dataset, config.root)
-    settings = {"attributes": config.attributes, "seed": config.seed, "shares": config.split}
-    return _drawn(*data, repeat=repeat, **settings)
-
-
-@lru_cache(maxsize=2)
-def _drawn(name: str, root: str | None, content: str, **settings: Any) -> Protocol:
-    return Protocol.of(_loaded(name, root, content), **settings)
+    content = fingerprint(config.dataset, config.root)
+    return Protocol.of(
+        _loaded(config.dataset, config.root, content), attributes=config.attributes,
+        seed=config.seed, repeat=repeat, shares=config.split,
+    )  # fmt: skip
 
 
 def _learner(unit: _Unit, protocol: Protocol) -> Learner:

@@ -54,11 +54,6 @@ def run_folder(
     return Path(root) / f"{file_name(name, 200)}-{digest[:8]}"
 
 
-def agent_folder(folder: Path, agent: str) -> Path:
-    """Name the folder of an agent's units."""
-    return folder / file_name(agent, 200)
-
-
 def is_whole(path: Path) -> bool:
     """Check a unit's log to its end; what is damaged is warned of."""
     try:
