@@ -88,21 +88,21 @@ def table_path(
                     f"FOLDER --perception {perception}`."
                 )
         return None
-    domain, mine = load_domain(dataset), dataset.endswith(".toml")
-    if root is not None and not mine:
+    domain = load_domain(dataset)
+    if root is not None and not dataset.endswith(".toml"):
         raise SettingsError(
             f"The percepts of {dataset!r} need no folder of recordings; leave root out, or give "
             "the path of a domain of your own (TOML)."
         )
-    if domain.data in SOURCES and root is None:
-        if perception == "default":
-            return None
-    elif not mine or root is None:
+    public = domain.data in SOURCES and root is None
+    if public and perception == "default":
+        return None
+    if not public and root is None:
         raise SettingsError(
             f"{dataset} has no public recordings; give the path of its TOML and, as root, the "
             "folder of its CSV files, or a percept table (.npz)."
         )
     code = digest_of(Path(__file__).resolve().parents[1] / "perception")[:8]
     name = f"{file_name(domain.data)}-{perception}-{package_version()}-{code}"
-    print_of = fingerprint(dataset, None if root is None else str(root))[:12]
-    return cache_folder() / "percepts" / f"{name}{'-' if print_of else ''}{print_of}.npz"
+    content = fingerprint(dataset, None if root is None else str(root))[:12]
+    return cache_folder() / "percepts" / f"{'-'.join(filter(None, (name, content)))}.npz"
