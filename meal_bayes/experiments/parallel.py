@@ -48,7 +48,7 @@ def in_parallel(
     if not pieces or (cluster is None and jobs <= 1):
         yield from map(function, pieces)
         return
-    calls = [_pickled(function, piece) for piece in pieces]
+    calls = _pickled(function, pieces)
     if cluster is None:
         yield from _here(calls, jobs, meanwhile)
     else:
@@ -66,18 +66,14 @@ def _finished(
         yield from (future.result() for future in ended)
 
 
-def _pickled(function: Callable[[Work], Result], piece: Work) -> bytes:
-    """Return a call as bytes that a process can make which has none of the user's modules."""
-    registered = cloudpickle.list_registry_pickle_by_value()
-    users = (m for m in [*sys.modules.values()] if is_own(m) and m.__name__ not in registered)
-    modules = {module.__name__: module for module in users}.values()  # each once
-    for module in modules:
-        cloudpickle.register_pickle_by_value(module)
-    try:
-        return bytes(cloudpickle.dumps((function, piece)))
-    finally:
-        for module in modules:
-            cloudpickle.unregister_pickle_by_value(module)
+def _pickled(function: Callable[[Work], Result], pieces: list[Work]) -> list[bytes]:
+    """Return calls as bytes that a process can make which has none of the user's modules."""
+    modules = {module.__name__: module for module in [*sys.modules.values()] if is_own(module)}
+    with contextlib.ExitStack() as stack:
+        for name in modules.keys() - cloudpickle.list_registry_pickle_by_value():
+            cloudpickle.register_pickle_by_value(modules[name])
+            stack.callback(cloudpickle.unregister_pickle_by_value, modules[name])
+        return [cloudpickle.dumps((function, piece)) for piece in pieces]
 
 
 def _call(pickled: bytes) -> Any:
