@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
 _AGAINST = "morc"  # the paper's agent, which the others are compared with
 _MEASURE = "reward"
+_HOW = ("logs", "jobs", "cluster", "fresh")  # options that are no settings of a run
 _STEP = 10  # repeats after which a run that goes on until it is decided looks for the first time
 _MOST = 40  # repeats of a run that goes on until it is decided
 
@@ -49,10 +50,7 @@ def run() -> None:
     "For a right answer, and taken for a wrong one; the data set's by default.",
 )  # fmt: skip
 @opt.shared("logs", "fresh", "json")
-def offline(
-    root: Path | None, agents: tuple[str, ...], as_json: bool, logs: Path, jobs: int,
-    cluster: str | None, fresh: bool, **settings: Any,
-) -> None:  # fmt: skip
+def offline(root: Path | None, agents: tuple[str, ...], as_json: bool, **settings: Any) -> None:
     """Run agents on the same queries about objects they never learned from.
 
     An interrupted run continues when the same command is given again.
@@ -62,17 +60,19 @@ def offline(
     from meal_bayes.evaluation.statistics import plain
     from meal_bayes.experiments.percepts import percepts_for
 
+    how = {name: settings.pop(name) for name in _HOW}
     settings["dataset"] = opt.table_of(settings["dataset"], root, settings["perception"])
     chosen = tuple(map(opt.agent_value, opt.listed(*agents))) or experiments.DEFAULT_AGENTS
     config = experiments.OfflineConfig(**settings, agents=chosen)
-    how: dict[str, Any] = {"on_note": terminal.note}
     with terminal.progress("percepts", "behaviors") as advance:
-        table = percepts_for(config.dataset, config.perception, on_progress=advance, **how)
+        table = percepts_for(
+            config.dataset, config.perception, on_progress=advance, on_note=terminal.note
+        )
     with terminal.showing_compilation():
         experiments.warm_up(config, table.domain)
-    how |= {"logs": logs, "jobs": jobs, "cluster": cluster, "fresh": fresh}
     with terminal.resumed("trials") as advance:
-        finished = experiments.run_offline(config, on_progress=advance, **how)
+        how |= {"on_progress": advance, "on_note": terminal.note}
+        finished = experiments.run_offline(config, **how)
     rows = summarize(finished)
     agents = rows.outcomes.agents
     paired = [
@@ -163,7 +163,7 @@ def online(
     from meal_bayes.evaluation.learning import decided, learning_rows, summarize_learning
     from meal_bayes.experiments import OnlineConfig, run_online, warm_up
 
-    how = {name: settings.pop(name) for name in ("logs", "jobs", "cluster", "fresh")}
+    how = {name: settings.pop(name) for name in _HOW}
     settings["root"] = None if root is None else str(root)
     settings["repeats"] = settings["repeats"] or (_MOST if until_decided else 1)
     if agents:
