@@ -148,11 +148,8 @@ class Rows:
     def extend(self, rows: Any) -> None:
         """Append rows (m, ...)."""
         needed = self._count + len(rows)
-        if needed > len(self._held):
-            size = max(needed, 2 * len(self._held)), *self._held.shape[1:]
-            larger = np.empty(size, self._held.dtype)
-            larger[: self._count] = self.values
-            self._held = larger
+        while needed > len(self._held):
+            self._held = np.concatenate([self._held, np.empty_like(self._held)])
         self._held[self._count : needed] = rows
         self._count = needed
 

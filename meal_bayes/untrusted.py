@@ -50,9 +50,9 @@ def read_bytes(path: Path, limit: int = TEXT_LIMIT) -> bytes:
         status = os.fstat(number)
         if not stat.S_ISREG(status.st_mode):
             raise ValueError("it is no regular file, but a pipe or a device")
-        data = file.read(limit + 1) if status.st_size <= limit else b""
-    if status.st_size > limit or len(data) > limit:
-        raise ValueError(f"it has {status.st_size:,} bytes, more than {limit:,}")
+        if status.st_size > limit:
+            raise ValueError(f"it has {status.st_size:,} bytes, more than {limit:,}")
+        data = file.read(limit)
     if b"\0" in data:
         raise ValueError(f"it has a zero byte at {data.index(0)}, and text has none")
     return data

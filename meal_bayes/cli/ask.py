@@ -131,7 +131,7 @@ def _answer(
     from meal_bayes.files import check_folder, file_name
     from meal_bayes.learner import Learner
     from meal_bayes.learner.sessions import task_of
-    from meal_bayes.trial_log import TrialWriter
+    from meal_bayes.trial_log import write_trials
 
     agent, seed = opt.agent_value(config["agent"]), config["seed"]
     learner = Learner(table.domain, agent=agent, seed=seed, logs=None).fit(table)
@@ -148,8 +148,7 @@ def _answer(
         trial = learner.ask(task)
     path = logs / f"{config['command']}-{file_name(task.object_name)}-{opt.digest(config)}.mcap"
     header = {"config": dict(config), "seed": seed, "data": table.domain.data}
-    with TrialWriter(path, header) as log:
-        log.write(trial, seconds=time.perf_counter() - start)
+    write_trials(path, [trial], header=header, seconds=[time.perf_counter() - start])
     return trial, path
 
 

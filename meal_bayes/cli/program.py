@@ -41,9 +41,7 @@ class Program(Section):
         try:
             code = super().main(args, *rest, **{**extra, "standalone_mode": False})
             sys.stdout.flush()
-        except (KeyboardInterrupt, click.Abort):
-            sys.exit(INTERRUPTED)
-        except BrokenPipeError:
+        except (KeyboardInterrupt, click.Abort, BrokenPipeError):
             _close_output()
             sys.exit(INTERRUPTED)
         except click.UsageError as fault:
@@ -70,10 +68,7 @@ class Program(Section):
         """Run a command; interruptions end without click's messages."""
         try:
             return super().invoke(ctx)
-        except BrokenPipeError:
-            _close_output()
-            raise click.Abort from None
-        except KeyboardInterrupt:
+        except (BrokenPipeError, KeyboardInterrupt):
             raise click.Abort from None
 
 

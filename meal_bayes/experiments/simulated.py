@@ -136,7 +136,7 @@ def save_recordings(recorded: Sequence[Recorded], folder: Path) -> Path:
     save_csv_folder(to_dataset(load_domain(DOMAIN), recorded), folder)
     table = resources.files("meal_bayes.domain") / "tables" / f"{DOMAIN}.toml"
     path = folder / f"{DOMAIN}.toml"
-    path.write_text(table.read_text(encoding="utf-8"), encoding="utf-8")
+    path.write_bytes(table.read_bytes())
     return path
 
 
