@@ -154,10 +154,8 @@ def _write(
     summary = idata.summary_of(made)
     write_whole(folder / "summary.csv", summary.to_csv())
     low, middle, high = np.quantile(yes, [0.025, 0.5, 0.975], axis=0)
-    forest = plots.forest(middle, low, high, attributes, behaviors)
-    canvas.save(forest, folder / "forest.png")
-    predictive = plots.predictive(check.observed, check.predicted)
-    canvas.save(predictive, folder / "predictive.png")
+    canvas.save(plots.forest(middle, low, high, attributes, behaviors), folder / "forest.png")
+    canvas.save(plots.predictive(check.observed, check.predicted), folder / "predictive.png")
     quality = {}
     for name, pair in beliefs.items():
         canvas.save(plots.reliability_diagram(*pair), folder / f"reliability_{name}.png")
