@@ -1,7 +1,4 @@
-"""Many trials: task lists, stores, processes.
-
-In: a config. Out: logs under logs/, which `evaluation` reads.
-"""
+"""Many trials of a config: task lists, stores, processes; their logs `evaluation` reads."""
 
 from meal_bayes.experiments.config import DEFAULT_AGENTS, OfflineConfig, OnlineConfig
 from meal_bayes.experiments.offline import OfflineRun, askable, offline_tasks, run_offline

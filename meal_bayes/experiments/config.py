@@ -5,7 +5,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
-from meal_bayes.agents import Agent, as_agent
+from meal_bayes.agents import Agent, ITRSBonus, as_agent
 from meal_bayes.arrays import check_whole
 from meal_bayes.datasets import Dataset, PerceptTable
 from meal_bayes.display import short_repr
@@ -147,7 +147,16 @@ class OnlineConfig:
     as_dict = _as_dict
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "agents", _checked(self.agents, self.seed, self.reward))
+        weights: dict[str, float] = {
+            name: value for name in ("alpha", "beta") if (value := getattr(self, name)) is not None
+        }
+        agents = [
+            dataclasses.replace(agent, exploration=dataclasses.replace(bonus, **weights))
+            if isinstance(bonus := agent.exploration, ITRSBonus)
+            else agent
+            for agent in _checked(self.agents, self.seed, self.reward)
+        ]
+        object.__setattr__(self, "agents", tuple(agents))
         for name in ("attributes", "batches", "trials", "repeats", "horizon"):
             if getattr(self, name) < 1:
                 raise SettingsError(f"{name} is {getattr(self, name)}; give at least 1.")
@@ -157,9 +166,8 @@ class OnlineConfig:
         for name, choices in _CHOICES.items():
             if getattr(self, name) not in choices:
                 raise SettingsError(unknown(name, getattr(self, name), choices))
-        for name in ("alpha", "beta"):
-            value = getattr(self, name)
-            if value is not None and not 0 <= value <= LARGEST:
+        for name, value in weights.items():
+            if not 0 <= value <= LARGEST:
                 raise SettingsError(f"{name} is {value}; give a number from 0 to {LARGEST:g}.")
         settings = [field.name for field in dataclasses.fields(LearnerSettings)]
         for name, _ in self.learning:

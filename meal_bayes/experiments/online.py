@@ -7,7 +7,6 @@ from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
 
-from meal_bayes.agents import Agent, ITRSBonus
 from meal_bayes.datasets import Dataset, load_dataset, load_percepts
 from meal_bayes.datasets.sources import SOURCES
 from meal_bayes.experiments.config import OnlineConfig
@@ -52,19 +51,11 @@ class _Unit:
     fresh: bool = False  # run again what is there
 
     @property
-    def agent(self) -> Agent:
-        """Who runs, with the config's weights of Eq. 11."""
-        agent: Agent = self.config.agents[0]
-        bonus, weights = agent.exploration, {"alpha": self.config.alpha, "beta": self.config.beta}
-        if not isinstance(bonus, ITRSBonus):
-            return agent
-        bonus = dataclasses.replace(bonus, **{k: v for k, v in weights.items() if v is not None})
-        return dataclasses.replace(agent, exploration=bonus)
-
-    @property
     def path(self) -> Path:
         """Folder of its logs."""
-        return self.folder / file_name(self.agent.name, 200) / f"repeat-{self.repeat:03d}"
+        return (
+            self.folder / file_name(self.config.agents[0].name, 200) / f"repeat-{self.repeat:03d}"
+        )
 
     @property
     def size(self) -> int:
@@ -86,7 +77,7 @@ class _Unit:
     def run(self, advance: Callable[[float], None]) -> None:
         """Run what is not finished."""
         config, protocol = self.config, _protocol(self.config, self.repeat)
-        learner, environment = _learner(self, protocol), Environment(config, protocol)
+        learner, environment = _learner(config, protocol), Environment(config, protocol)
         tests, write = protocol.tests(), partial(self._write, advance, environment, learner)
         for batch in range(config.batches + 1):
             train = config.batches > batch and not self.has(batch + 1, "train")
@@ -111,7 +102,7 @@ class _Unit:
         run = partial(environment.ask, learner, learn=part == "train")
         path, trials = self.log(batch, part), timed(run, tasks, advance, part_of)
         header = {
-            "config": self.config.as_dict(), "seed": self.config.seed, "agent": self.agent.name,
+            "config": self.config.as_dict(), "seed": self.config.seed, "agent": learner.agent.name,
             "repeat": self.repeat, "batch": batch, "part": part, **facts,
         }  # fmt: skip
         if part == "test" and self.config.log == "compact":
@@ -175,12 +166,12 @@ def _protocol(config: OnlineConfig, repeat: int) -> Protocol:
     )  # fmt: skip
 
 
-def _learner(unit: _Unit, protocol: Protocol) -> Learner:
-    """Return the learner of a unit, pretrained: every behavior once, and all labels, of a part."""
-    config, dataset, split = unit.config, protocol.dataset, protocol.split
+def _learner(config: OnlineConfig, protocol: Protocol) -> Learner:
+    """Return a learner, pretrained: every behavior once, and all labels, of a part."""
+    dataset, split = protocol.dataset, protocol.split
     learner = Learner(
-        dataset.domain, agent=unit.agent, seed=config.seed, reward=config.reward, refit_every=None,
-        learn_success=False, horizon=config.horizon, logs=None,
+        dataset.domain, agent=config.agents[0], seed=config.seed, reward=config.reward,
+        refit_every=None, learn_success=False, horizon=config.horizon, logs=None,
     )  # fmt: skip
     counted = len(split.train) + len(split.pre) * (config.normalizer == "all")
     learner.fits.settings = dataclasses.replace(

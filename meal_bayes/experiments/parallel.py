@@ -35,13 +35,12 @@ def in_parallel(
 ) -> Iterator[Result]:
     """Call a function on every piece of work; results come as they are ready, in any order.
 
-    Work derives its random streams from its own coordinates, so neither the order nor the number
-    of processes changes a result. Code that is neither installed nor this package's goes with the
-    work, by value. The processes end with this one, however it ends; no more are started than there
-    are pieces of work, and `meanwhile` is called every second.
+    Work derives its random streams from its own coordinates, so no order changes a result. Code
+    that is neither installed nor this package's goes with it, by value. The processes, no more than
+    pieces of work, end with this one, however it ends; `meanwhile` is called every second.
 
-    With the address of a Dask scheduler as `cluster` its workers do the work, if they have the same
-    code; what a worker that dies had in hand goes to another.
+    With the address of a Dask scheduler as `cluster` its workers do the work, if they have
+    the same code; what a worker that dies had in hand goes to another.
     """
     pieces = list(work)
     jobs = min(jobs, len(pieces))

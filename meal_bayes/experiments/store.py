@@ -69,9 +69,9 @@ def digest_of(*parts: object) -> str:
     for part in parts:
         pieces = [] if isinstance(part, Path) else [json.dumps(part, sort_keys=True).encode()]
         if isinstance(part, Path):
-            files = [part] if part.is_file() else sorted(part.rglob("*"))
-            for file in (p for p in files if p.is_file() and p.suffix != ".pyc"):
-                pieces += [file.relative_to(part).as_posix().encode(), file.read_bytes()]
+            for file in [part] if part.is_file() else sorted(part.rglob("*")):
+                if file.is_file() and file.suffix != ".pyc":
+                    pieces += [file.relative_to(part).as_posix().encode(), file.read_bytes()]
         for piece in pieces:
             digest.update(hashlib.sha256(piece).digest())
     return digest.hexdigest()
@@ -111,13 +111,9 @@ def environment() -> dict[str, str]:
 def is_own(module: ModuleType) -> bool:
     """Return whether a module is the user's: it has a file, and is neither installed nor ours."""
     file = getattr(module, "__file__", None)
-    top = module.__name__.partition(".")[0] if file else ""
-    return (
-        file is not None
-        and module.__name__ in sys.modules
-        and top not in {"meal_bayes", *sys.stdlib_module_names}
-        and not _INSTALLED & {*Path(file).parts}
-    )
+    if file is None or module.__name__ not in sys.modules or _INSTALLED & {*Path(file).parts}:
+        return False
+    return module.__name__.partition(".")[0] not in {"meal_bayes", *sys.stdlib_module_names}
 
 
 def agent_digest(agent: Agent) -> str:

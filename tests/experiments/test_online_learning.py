@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from meal_bayes.agents import AGENTS, load_agent
+from meal_bayes.agents import AGENTS
 from meal_bayes.agents.knowledge import knowledge_of
 from meal_bayes.datasets import Dataset, TrainingSet, make_synthetic
 from meal_bayes.domain import (
@@ -38,8 +38,7 @@ class Run:
         config = OnlineConfig("toy", agents=(name,), **options)
         split = SimpleNamespace(pre=pre, train=TRAIN, test=TEST)  # may overlap, for leaks
         protocol = Protocol(dataset, split, 1, 7, 0)
-        unit = SimpleNamespace(config=config, agent=load_agent(name))
-        self.learner, self.environment = _learner(unit, protocol), Environment(config, protocol)
+        self.learner, self.environment = _learner(config, protocol), Environment(config, protocol)
 
     @property
     def posterior(self):
