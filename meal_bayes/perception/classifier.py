@@ -33,8 +33,7 @@ from sklearn.svm import SVC
 from meal_bayes.arrays import Bools, Floats, Ints
 from meal_bayes.datasets.percepts import THRESHOLD
 from meal_bayes.errors import DataError
-from meal_bayes.perception.perceiver import Rows
-from meal_bayes.perception.recordings import BehaviorRecordings, FeatureSpace, dealt
+from meal_bayes.perception.recordings import BehaviorRecordings, FeatureSpace, Rows, dealt
 from meal_bayes.perception.settings import PerceptionSettings
 from meal_bayes.perception.stacked import RIDGE, Stacker
 from meal_bayes.perception.stacking import fit_stacker, fit_stackers
@@ -46,7 +45,6 @@ _SEED = 0  # of estimators with random states that are not set
 _LOOSE = 1e-2  # decisions are calibrated, and a tighter fit takes up to forty times longer
 _SOFT = 1e-4  # ridge of the sigmoid's slope, for decisions that separate the classes
 _SURE = 1e-3  # probabilities stay this far from 0 and 1: 50 trees that agree are not certain
-_UNKNOWN = -1  # fold of recordings whose labels are unknown: they are scored, never trained on
 
 
 class Machines(NamedTuple):
@@ -138,10 +136,10 @@ class FoldProblem:
     """Recordings of one behavior, the folds of their objects, and how classifiers are trained.
 
     Inputs (M,n,d) are those of `Machines`; objects (n,) rise; folds (n,) are those of the
-    recordings' objects, units (n,) what a percept table holds out: objects, or folds where there
-    are many. `fit_pool` takes decisions (r,M,P), truth (r,P) and objects (r,) of some rows, decided
-    by those who never saw them; r may be 0. More than one thread trains only where training is
-    thread-safe.
+    recordings' objects, -1 of unknown labels, which are scored and never trained on; units (n,)
+    what a percept table holds out: objects, or folds where there are many. `fit_pool` takes
+    decisions (r,M,P), truth (r,P) and objects (r,) of some rows, decided by those who never saw
+    them; r may be 0. More than one thread trains only where training is thread-safe.
     """
 
     inputs: Floats
@@ -154,14 +152,9 @@ class FoldProblem:
     threads: int = 1
 
     @cached_property
-    def known(self) -> Bools:
-        """Bools that may be trained on."""
-        return np.asarray(self.folds != _UNKNOWN)
-
-    @cached_property
     def names(self) -> list[int]:
         """The folds."""
-        return list(map(int, np.unique(self.folds[self.known])))
+        return list(map(int, np.unique(self.folds[self.folds >= 0])))
 
     def train(self, rows: Bools) -> Machines:
         """Train clones of the estimator on some rows, by their labels alone."""
@@ -185,7 +178,7 @@ class FoldProblem:
         def decide(left_out: frozenset[int]) -> Floats:
             out = np.isin(self.folds, list(left_out))
             decisions = np.full((len(self.folds), len(self.inputs), self.truth.shape[1]), np.nan)
-            decisions[out] = self.decide(self.known & ~out, out)
+            decisions[out] = self.decide((self.folds >= 0) & ~out, out)
             return decisions
 
         with ThreadPoolExecutor(self.threads) as workers:
@@ -226,7 +219,7 @@ class Part(NamedTuple):
 
 
 class ClassifierFit(NamedTuple):
-    """A behavior fitted by scikit-learn, perhaps by the paper's method; a `BehaviorFit`."""
+    """A behavior fitted by scikit-learn, perhaps by the paper's method; as `stacked.KernelFit`."""
 
     parts: tuple[Part, ...]
     paper: bool
@@ -258,7 +251,7 @@ def fit(
         decisions = problem.decide_without(2)
         nested[:, attributes] = _nested(problem, decisions)
         pool = _pool(problem, decisions)
-        parts.append(Part(attributes, problem.train(problem.known), pool))
+        parts.append(Part(attributes, problem.train(problem.folds >= 0), pool))
     return ClassifierFit(tuple(parts), settings.method == "paper", len(nested.T)), nested
 
 
@@ -271,6 +264,7 @@ def outputs(
     o itself is trained anew on all other objects, where they are few.
     """
     problem = _problem(recordings, settings)
+    known = problem.folds >= 0
     decisions = problem.decide_without(3)
     held_outputs = _nested(problem, decisions)
     training = np.tile(held_outputs, (len(held), 1, 1))
@@ -284,15 +278,14 @@ def outputs(
 
         def decide_anew(o: int) -> None:
             single = problem.objects == o
-            fresh = problem.decide(problem.known & ~single, single)
+            fresh = problem.decide(known & ~single, single)
             held_outputs[single] = pools[int(problem.folds[single][0])].log_odds(fresh)
 
         with ThreadPoolExecutor(problem.threads) as workers:
-            list(workers.map(decide_anew, np.intersect1d(held, problem.objects[problem.known])))
-    unknown = ~problem.known
-    if unknown.any():
-        decided = problem.decide(problem.known, unknown)
-        held_outputs[unknown] = _pool(problem, decisions).log_odds(decided)
+            list(workers.map(decide_anew, np.intersect1d(held, problem.objects[known])))
+    if not known.all():
+        decided = problem.decide(known, ~known)
+        held_outputs[~known] = _pool(problem, decisions).log_odds(decided)
     return held_outputs, training
 
 
@@ -303,7 +296,7 @@ def _problem(recordings: BehaviorRecordings, settings: PerceptionSettings) -> Fo
     """
     objects, known = recordings.objects, recordings.labels[:, 0] >= 0
     units = dealt(objects, settings.folds) if recordings.large else objects
-    folds = np.where(known, units, _UNKNOWN)
+    folds = np.where(known, units, -1)
     if not recordings.large:
         folds[known] = np.unique(objects[known], return_inverse=True)[1].ravel() % settings.folds
     data = recordings.labels == 1, objects, folds, units

@@ -3,9 +3,9 @@
 Behaviors that ask are answered by a person, who knows the labels.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,8 +17,6 @@ from meal_bayes.display import short_repr
 from meal_bayes.domain import Domain, Query
 from meal_bayes.errors import DataError, SettingsError
 from meal_bayes.perception.recordings import FeatureSpace
-
-Rows = Sequence[Floats | None]  # each modality's standardized rows (B,d); None: it is missing
 
 
 class Perceiver(Protocol):
@@ -127,23 +125,16 @@ class SampledPercepts(FrozenArrays):
         return np.asarray((rng.random((len(edges), 1)) >= edges).sum(axis=-1), np.int8)
 
 
-class BehaviorFit(Protocol):
-    """A behavior fitted to recordings."""
-
-    def scored(self, spaces: Sequence[FeatureSpace], rows: Rows) -> Floats:
-        """Return log-odds of "true", (B,P)."""
-        ...
-
-
 @dataclass(frozen=True, slots=True)
 class BehaviorClassifier(FrozenArrays):
     """Psi(f_a, .): a fitted behavior, the spaces of its modalities, and which attributes are used.
 
-    Where they are not, (P,), log-odds are 0.
+    The fit is a `KernelFit` or `ClassifierFit`, which scores rows of the spaces. Log-odds are 0 of
+    attributes that are not used, (P,).
     """
 
     spaces: Mapping[str, FeatureSpace]
-    fit: BehaviorFit
+    fit: Any
     used: Bools
 
     __repr__ = short_repr

@@ -5,7 +5,7 @@ by `joint_kernel`.
 """
 
 import warnings
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -132,6 +132,7 @@ def _median_distance(rows: Floats) -> float:
 
 
 Spaces = Mapping[tuple[str, str], FeatureSpace]  # (behavior, modality) -> rows (O*R,d)
+Rows = Sequence[Floats | None]  # each modality's standardized rows (B,d); None: it is missing
 
 
 @dataclass(frozen=True, slots=True)

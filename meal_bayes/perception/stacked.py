@@ -21,10 +21,10 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve, solve_triangular
 
 from meal_bayes.arrays import Bools, Floats, Ints
-from meal_bayes.perception.perceiver import Rows
 from meal_bayes.perception.recordings import (
     BehaviorRecordings,
     FeatureSpace,
+    Rows,
     dealt,
     joint_kernel,
 )
