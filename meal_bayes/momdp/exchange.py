@@ -207,14 +207,3 @@ def _identifiers(names: Iterable[str], taken: Iterable[str]) -> tuple[str, ...]:
         used.add(word)
         identifiers.append(word)
     return tuple(identifiers)
-
-
-def number(value: float) -> str:
-    """Write a number so that it reads back equal, with a digit on both sides of the point."""
-    return np.format_float_positional(float(value), trim="0")
-
-
-def most_frequent(values: NDArray[np.float64]) -> float:
-    """Return the value of most entries: files state it once and list the others."""
-    unique, counts = np.unique(values, return_counts=True)
-    return float(unique[counts.argmax()])

@@ -14,16 +14,11 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from meal_bayes.errors import SettingsError
 from meal_bayes.files import draft_of
-from meal_bayes.momdp.exchange import (
-    FileTables,
-    file_tables,
-    most_frequent,
-    number,
-    percept_probabilities,
-)
+from meal_bayes.momdp.exchange import FileTables, file_tables, percept_probabilities
 from meal_bayes.momdp.model import MOMDP
 
 
@@ -90,23 +85,23 @@ def _pomdp(momdp: MOMDP, tables: FileTables) -> Iterator[str]:
     yield f"# query: {_remark(', '.join(momdp.query.attributes))}"
     for x, x_name in enumerate(momdp.x_names[:-1]):
         yield f"# s{x}: {_remark(x_name)}"
-    yield f"discount: {number(momdp.discount)}"
+    yield f"discount: {_number(momdp.discount)}"
     yield "values: reward"
     yield f"states: {' '.join(map(' '.join, states))} term"
     yield f"actions: {' '.join(tables.action_names)}"
     yield f"observations: {' '.join(percepts)} na done"
-    yield f"start: {' '.join(map(number, start.ravel()))} 0.0"
+    yield f"start: {' '.join(map(_number, start.ravel()))} 0.0"
     for action, name in enumerate(tables.action_names):
         yield f"T: {name} : * : term 1.0"
         yield f"O: {name} : * : na 1.0"
         if action < momdp.n_behaviors:
             yield from _behavior(momdp, tables, action, states)
         reward = tables.reward[:-1, :, action]
-        base = most_frequent(reward)
-        yield f"R: {name} : * : * : * {number(base)}"
+        base = _most_frequent(reward)
+        yield f"R: {name} : * : * : * {_number(base)}"
         yield f"R: {name} : term : * : * 0.0"
         for x, y in np.argwhere(reward != base):
-            yield f"R: {name} : {states[x][y]} : * : * {number(reward[x, y])}"
+            yield f"R: {name} : {states[x][y]} : * : * {_number(reward[x, y])}"
 
 
 def _behavior(momdp: MOMDP, tables: FileTables, e: int, states: list[list[str]]) -> Iterator[str]:
@@ -115,17 +110,17 @@ def _behavior(momdp: MOMDP, tables: FileTables, e: int, states: list[list[str]])
     for x in np.flatnonzero(tables.transition[e, :-1, -1] != 1):
         row = tables.transition[e, x]
         for y, state in enumerate(states[x]):
-            yield f"T: {name} : {state} : term {number(row[-1])}"
+            yield f"T: {name} : {state} : term {_number(row[-1])}"
             for target in np.flatnonzero(row[:-1]):
-                yield f"T: {name} : {state} : {states[target][y]} {number(row[target])}"
+                yield f"T: {name} : {state} : {states[target][y]} {_number(row[target])}"
     for x in np.flatnonzero(tables.comes[e] + tables.moves[e]):
         comes, silent, moves = tables.comes[e, x], 1 - tables.comes[e, x], tables.moves[e, x]
         for state, row in zip(states[x], percept_probabilities(momdp, e), strict=True):
-            yield f"O: {name} : {state} : na {number(0.0 if moves else silent)}"
+            yield f"O: {name} : {state} : na {_number(0.0 if moves else silent)}"
             if moves and silent > 0:
-                yield f"O: {name} : {state} : done {number(silent)}"
+                yield f"O: {name} : {state} : done {_number(silent)}"
             for z in np.flatnonzero(comes * row):
-                yield f"O: {name} : {state} : {tables.percept_names[z]} {number(comes * row[z])}"
+                yield f"O: {name} : {state} : {tables.percept_names[z]} {_number(comes * row[z])}"
 
 
 def _remark(text: str) -> str:
@@ -138,7 +133,7 @@ def _pomdpx(momdp: MOMDP, tables: FileTables) -> Iterator[str]:
     hidden = [f"y{name}" for name in tables.y_names]
     yield '<?xml version="1.0" encoding="ISO-8859-1"?>'
     yield '<pomdpx version="0.1" id="meal">'
-    yield f"<Discount>{number(momdp.discount)}</Discount>"
+    yield f"<Discount>{_number(momdp.discount)}</Discount>"
     yield "<Variable>"
     yield f'<StateVar vnamePrev="x0v" vnameCurr="x1v" fullyObs="true">{_values(states)}</StateVar>'
     yield f'<StateVar vnamePrev="y0v" vnameCurr="y1v">{_values(hidden)}</StateVar>'
@@ -194,7 +189,7 @@ def _percepts(momdp: MOMDP, tables: FileTables) -> Iterator[str]:
 def _rewards(tables: FileTables) -> Iterator[str]:
     for action, name in enumerate(tables.action_names):
         reward = tables.reward[:-1, :, action]  # (X-1,Y)
-        base = most_frequent(reward)
+        base = _most_frequent(reward)
         yield _entry(f"{name} * *", [base], "ValueTable")
         everywhere = (reward == reward[0]).all(axis=0)  # (Y,) whatever x is
         for y in np.flatnonzero(everywhere & (reward[0] != base)):
@@ -206,5 +201,16 @@ def _rewards(tables: FileTables) -> Iterator[str]:
 
 
 def _entry(instance: str, row: Iterable[float], table: str = "ProbTable") -> str:
-    numbers = " ".join(map(number, row))
+    numbers = " ".join(map(_number, row))
     return f"<Entry><Instance>{instance}</Instance><{table}>{numbers}</{table}></Entry>"
+
+
+def _number(value: float) -> str:
+    """Write a number so that it reads back equal, with a digit on both sides of the point."""
+    return np.format_float_positional(float(value), trim="0")
+
+
+def _most_frequent(values: NDArray[np.float64]) -> float:
+    """Return the value of most entries: files state it once and list the others."""
+    unique, counts = np.unique(values, return_counts=True)
+    return float(unique[counts.argmax()])
