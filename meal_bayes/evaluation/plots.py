@@ -8,20 +8,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from meal_bayes.evaluation.calibration import BINS, bins_of, checked_cases
-from meal_bayes.evaluation.canvas import (
-    COLORS,
-    GRAY,
-    MARKERS,
-    Axes,
-    axes_to_draw,
-    legend,
-    name_axes,
-)
+from meal_bayes.evaluation.canvas import COLORS, MARKERS, Axes, axes_to_draw, legend, name_axes
 from meal_bayes.evaluation.statistics import Interval, wilson_interval
 from meal_bayes.trials import Trial
 
 Entry = TypeVar("Entry")
 
+_GRAY = "#7A7A7A"
 _MANY = 25  # points on a line, beyond which they get no markers
 _FEW = 3  # lines that leave room for a legend between them
 _TRUTHS = (("false", "s"), ("true", "o"))  # and their markers
@@ -73,7 +66,7 @@ def reliability_diagram(positive: ArrayLike, truth: ArrayLike, *, small: bool = 
     with axes_to_draw(None, width=width, height=height) as to:
         edges = np.arange(BINS) / BINS
         to.bar(edges, n / len(b), 1 / BINS, align="edge", color="#E3E3E3", label="beliefs")
-        to.plot([0, 1], [0, 1], color=GRAY, lw=1, ls="--", label="calibrated")
+        to.plot([0, 1], [0, 1], color=_GRAY, lw=1, ls="--", label="calibrated")
         intervals = [wilson_interval(int(hits[i]), int(n[i])) for i in filled]
         mean = np.array([b[index == i].mean() for i in filled])
         to.errorbar(
@@ -98,7 +91,7 @@ def belief_trace(trial: Trial) -> Axes:
             to.plot(belief, color=color, marker=marker, ms=4, lw=1.6, label=attribute)
             end = truth if truth >= 0 else np.nan
             to.plot(len(beliefs) - 0.88, end, "o", mfc="none", mec=color, ms=9, clip_on=False)
-        to.axhline(0.5, color=GRAY, lw=0.8, ls=":")
+        to.axhline(0.5, color=_GRAY, lw=0.8, ls=":")
         labels = ["prior", *(names[a] if a < e else "report" for a in actions)]
         to.set_xticks(range(len(labels)), labels, rotation=35, ha="right", rotation_mode="anchor")
         name_axes(to, "", "belief that it is true", grid="y")
