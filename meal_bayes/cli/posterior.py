@@ -68,14 +68,12 @@ def posterior(root: Path | None, out: Path | None, as_json: bool, **options: Any
     columns = sorted({*table.domain.columns(names)})
     counts = percept_counts(table, levels)[:, columns]  # (O,P,E',2,K)
     senses = sensing(counts)
-    percepts = counts[:, :, senses]  # (O,P,E,2,K)
+    percepts, behaviors = counts[:, :, senses], [*compress(table.domain.behavior_names, senses)]
     name = f"{Path(dataset).stem}-{config['method']}-{config['model']}-{opt.digest(config)}"
     folder = check_folder(out or Path("posteriors") / name)
     prior = config["prior_scale"] * prior_of(percepts)
     attributes = [table.domain.attributes[p] for p in columns]
-    draws, statistics = _fit(
-        percepts, attributes, list(compress(table.domain.behavior_names, senses)), prior, config
-    )
+    draws, statistics = _fit(percepts, attributes, behaviors, prior, config)
     mean, *_ = rows_of(draws)
     yes = mean[..., levels // 2 :].sum(axis=-1)  # Pr(yes) of each row, (C*S,P,E,2)
     facts = _write(draws, statistics, yes, percepts, prior, table.objects, config, folder)
