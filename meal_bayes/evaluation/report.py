@@ -201,9 +201,7 @@ def _agents(
 def best_of(merits: Sequence[float]) -> set[int]:
     """Return the positions of the largest merit; none where all are equal or unknown."""
     known = {merit for merit in merits if not math.isnan(merit)}
-    if len(known) < 2:
-        return set()
-    return {place for place, merit in enumerate(merits) if merit == max(known)}
+    return {n for n, merit in enumerate(merits) if len(known) > 1 and merit == max(known)}
 
 
 def _differences(rows: list[SummaryRow], outcomes: TrialOutcomes) -> Iterator[Section]:
