@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meal_bayes.arrays import FrozenArrays, freeze
-from meal_bayes.display import bar_html, card, listed, table_html
+from meal_bayes.display import bar_html, facts_repr, listed, table_html
 from meal_bayes.errors import ImpossibleObservation, SettingsError
 from meal_bayes.momdp.model import MOMDP
 from meal_bayes.momdp.observation import predictive
@@ -67,20 +67,17 @@ class Belief(FrozenArrays):
     log_odds: NDArray[np.float64]
     groups: tuple[tuple[int, ...], ...] = ()
 
-    def __repr__(self) -> str:
-        """Return the belief in three lines."""
-        return card(self._title, {
+    __repr__ = facts_repr
+
+    def _facts(self) -> tuple[str, dict[str, str]]:
+        return f"Belief in state {self.x}, after {int(self.percept_counts[:1].sum())} percepts", {
             "Pr(true)": listed([f"{value:.3f}" for value in self.positive], 10),
             "certainty": f"{self.certainty:.3f}, entropy {self.entropy:.2f} bits",
-        })  # fmt: skip
+        }
 
     def _repr_html_(self) -> str:
         rows = [(str(i), bar_html(value)) for i, value in enumerate(self.positive.tolist())]
-        return table_html(self._title, ("attribute", "Pr(true)"), rows)
-
-    @property
-    def _title(self) -> str:
-        return f"Belief in state {self.x}, after {int(self.percept_counts[:1].sum())} percepts"
+        return table_html(self._facts()[0], ("attribute", "Pr(true)"), rows)
 
     def at(self, x: int) -> "Belief":
         """Return the same belief at another x."""
