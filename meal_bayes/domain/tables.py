@@ -208,11 +208,9 @@ def _fields(
             raise DomainError(f"In {where}: {unknown('key', key, sorted(forms))}")
         try:
             fields[key] = _read_value(forms[key], value)
-        except TypeError:
-            message = f"In {where}: {key} = {value!r}; expected {forms[key]}."
-            raise DomainError(message) from None
-        except OverflowError as error:  # of a whole number
-            raise DomainError(f"In {where}: a number is out of range ({error}).") from error
+        except (TypeError, OverflowError) as error:  # of a whole number, which says that it is
+            message = f"In {where}: {key} = {value!r:.60}; expected {forms[key]}. {error}"
+            raise DomainError(message.strip()) from None
     return fields
 
 
