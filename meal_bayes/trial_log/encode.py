@@ -4,6 +4,7 @@ In the compact form, columns of many trials are one message. Whether the parts o
 other is checked before writing, and again after reading.
 """
 
+import hashlib
 import math
 from collections.abc import Iterator
 from itertools import chain
@@ -28,7 +29,7 @@ class Packed(NamedTuple):
     topic: str
     time: int  # ns on the log's clock
     data: bytes
-    momdp: tuple[bytes, int] | None = None  # content and number of a new one
+    momdp: tuple[bytes, int] | None = None  # digest and number of a new one
 
 
 class End(NamedTuple):
@@ -84,7 +85,7 @@ def encode_outcomes(outcomes: TrialOutcomes, first: int) -> bytes:
 class TrialEncoder:
     """Packs one trial, by its number in the file: its start, its steps one by one, its outcome.
 
-    `momdps` are the numbers of those in the file, by content. It raises a `LogError` of arrays that
+    `momdps` are the numbers of those in the file, by digest. It raises a `LogError` of arrays that
     do not fit each other, or are beyond the format's limits.
     """
 
@@ -98,12 +99,12 @@ class TrialEncoder:
         self._trial, self._before = trial, first
         self._check(start_misfits(trial), first)
         message = _momdp(trial)
-        content = _bytes(message)
+        digest = hashlib.blake2b(_bytes(message), digest_size=16).digest()
         last = max((number for number, _ in self._momdps.values()), default=-1)
-        message.id, _ = self._momdps.get(content, (last + 1, 0))
+        message.id, _ = self._momdps.get(digest, (last + 1, 0))
         if message.id > last:
             time, data = schema.log_time(self._number, 0), message.SerializeToString()
-            yield Packed(schema.MOMDPS, time, data, (content, message.id))
+            yield Packed(schema.MOMDPS, time, data, (digest, message.id))
         start = schema.TrialMessage(
             trial=self._number,
             momdp=message.id,

@@ -62,7 +62,7 @@ class TrialWriter:
         self._seconds: dict[int, float] = {}  # by trial
         self._open = False  # also where a write was broken off: what follows could not be read
         self._begun = False  # a trial was begun and has no end yet
-        self._momdps = schema.Momdps()  # numbers in the file, by content
+        self._momdps = schema.Momdps()  # numbers in the file, by digest
         self.written = End()
 
     def __enter__(self) -> Self:
@@ -138,7 +138,7 @@ class TrialWriter:
             why = fault.strerror or fault
             raise LogError(f"{self.path} cannot be written: {why}{draft}.") from fault
         except (SettingsError, TypeError, ValueError, OverflowError) as fault:
-            # no message can hold the next one
+            # the next one, which no message can hold
             raise LogError(f"Trial {trials} cannot be logged: {fault}.") from fault
 
     def write(self, trial: Trial, *, seconds: float | None = None) -> None:
