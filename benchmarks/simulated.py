@@ -189,8 +189,8 @@ def live(options: argparse.Namespace) -> dict[str, Any]:
     learner = Learner(DOMAIN, seed=options.seed, logs=None)
     learner.fit(to_dataset(load_domain(DOMAIN), made))
     offline = []
-    for number, live in last:
-        trial = ask_new(learner, live.task.query, options.seed, number, population="live")
+    for number, answered in last:
+        trial = ask_new(learner, answered.task.query, options.seed, number, population="live")
         if not trial.ended:
             offline.append(bool(trial.success))
     ends = range(20, len(done) + 20, 20)
