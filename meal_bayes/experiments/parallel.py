@@ -61,8 +61,8 @@ def _finished(
     running = {pool.submit(call, pickled) for pickled in calls}
     while running:
         ended, running = wait(running, timeout=_LOOK, return_when=FIRST_COMPLETED)
-        look()
         yield from (future.result() for future in ended)
+        look()
 
 
 def _pickled(function: Callable[[Work], Result], pieces: list[Work]) -> list[bytes]:
