@@ -30,7 +30,6 @@ LARGEST = 1e6  # s: rewards, costs and shaping; beyond it a search may not come 
 NAME_LIMIT = 1000  # attributes, behaviors or states of one domain, each
 LETTER_LIMIT = 200  # characters of such a name
 DIAGRAM_LIMIT = 1_000_000  # entries (E,X,X) of a transition table
-_EPOCH = (1980, 1, 1, 0, 0, 0)  # equal arrays give equal bytes
 UNREADABLE = (  # what torn or changed bytes raise
     zipfile.BadZipFile, zlib.error, lzma.LZMAError, struct.error, KeyError, IndexError, ValueError,
     TypeError, AttributeError, EOFError, OverflowError, NotImplementedError, RuntimeError,
@@ -96,7 +95,7 @@ def write_array(archive: zipfile.ZipFile, name: str, values: NDArray[Any]) -> No
     buffer = io.BytesIO()
     values = np.ascontiguousarray(values)
     np.lib.format.write_array(buffer, values, version=(1, 0), allow_pickle=False)
-    info = zipfile.ZipInfo(f"{name}.npy", _EPOCH)
+    info = zipfile.ZipInfo(f"{name}.npy")  # of 1980, so that equal arrays give equal bytes
     archive.writestr(info, buffer.getvalue(), archive.compression, archive.compresslevel)
 
 

@@ -78,10 +78,9 @@ def ask(question: str, view: bool, save: Path | None, as_json: bool, **options: 
     from meal_bayes.viewer.window import check_recording_name
 
     recording = None if save is None else check_recording_name(save)
-    size = options["objects"], options["recordings"]
+    size, seed = (options["objects"], options["recordings"]), options["seed"]
     with terminal.progress("recording training objects", "objects") as advance:
         data = simulated.training_recordings(*size, jobs=options["jobs"], progress=advance)
-    seed = options["seed"]
     learner = Learner(data.domain, agent=opt.agent_value(options["agent"]), seed=seed, logs=None)
     terminal.note(f"learning from {len(data.objects)} objects ...")
     with terminal.showing_compilation():

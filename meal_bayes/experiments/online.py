@@ -53,9 +53,8 @@ class _Unit:
     @property
     def path(self) -> Path:
         """Folder of its logs."""
-        return (
-            self.folder / file_name(self.config.agents[0].name, 200) / f"repeat-{self.repeat:03d}"
-        )
+        agent = file_name(self.config.agents[0].name, 200)
+        return self.folder / agent / f"repeat-{self.repeat:03d}"
 
     @property
     def size(self) -> int:
