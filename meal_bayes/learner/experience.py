@@ -126,11 +126,12 @@ class Experience:
         number, place = self.trial(trial), -1
         if levels is not None:
             o = self.object(object_name)
-            r = UNNUMBERED + len(self.gathered(o))
+            gathered = self.gathered(o)
+            r = UNNUMBERED + len(gathered)
             if instance is not None and instance.object_index >= 0:
                 r = instance.recording
-            same = (self.instances.values[:, :3] == (o, behavior, r)).all(axis=1)
-            place = int(np.flatnonzero(same).max(initial=-1))
+            same = (self.instances.values[gathered, 1:3] == (behavior, r)).all(axis=1)
+            place = int(gathered[same].max(initial=-1))
             if place < 0:
                 features = None if instance is None else instance.features
                 place = self._instance(o, behavior, r, features, k)
