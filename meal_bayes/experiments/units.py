@@ -126,10 +126,12 @@ def _run_claimed(
 ) -> tuple[int, str | None]:
     """Run a unit once nobody else holds it; return its number, and who holds it."""
     number, unit = numbered
+    parts = np.zeros(number + 1)
+    with contextlib.suppress(FileNotFoundError):  # on another machine nobody looks
+        parts = np.memmap(file, float, "r+")
 
     def advance(amount: float) -> None:
-        with contextlib.suppress(FileNotFoundError):  # on another machine
-            np.memmap(file, float, "r+")[number] += amount
+        parts[number] += amount
         if then is not None:
             then()
 
