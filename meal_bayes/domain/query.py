@@ -59,6 +59,11 @@ class Query:
             if self.attributes.count(name) > 1:
                 raise QueryError(f"The query names {name!r} twice; name each attribute once.")
         object.__setattr__(self, "groups", tuple(sorted(tuple(sorted(g)) for g in self.groups)))
+        places = sorted(place for group in self.groups for place in group)
+        if not set(places) <= set(range(len(self))) or len({*places}) < len(places):
+            raise QueryError(
+                f"Groups are {self.groups}; expected places below {len(self)}, none of them twice."
+            )
 
     def __len__(self) -> int:
         """Return N, the number of queried attributes."""

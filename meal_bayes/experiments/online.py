@@ -5,7 +5,6 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import lru_cache, partial
 from pathlib import Path
-from typing import Any
 
 from meal_bayes.datasets import Dataset, load_dataset, load_percepts
 from meal_bayes.datasets.sources import SOURCES
@@ -114,7 +113,14 @@ class _Unit:
 
 
 def run_online(
-    config: OnlineConfig, *, logs: str | Path = "logs", fresh: bool = False, **options: Any
+    config: OnlineConfig,
+    *,
+    logs: str | Path = "logs",
+    jobs: int = 1,
+    cluster: str | None = None,
+    fresh: bool = False,
+    on_progress: Callable[[float, int], None] | None = None,
+    on_note: Callable[[str], None] | None = None,
 ) -> OnlineRun:
     """Run an online experiment; batches that are already whole are not run again.
 
@@ -124,14 +130,13 @@ def run_online(
     ----------
     config : OnlineConfig
         What to run; objects, tasks, failures and recordings are the same for all its agents.
-    logs : str | Path
+    logs, jobs, cluster, on_note : Any
         As of `run_offline`.
     fresh : bool
         Run again what is there already; it is replaced batch by batch.
-    options : Any
-        `jobs`, `cluster` and `on_note` as of `run_offline`; `on_progress` is called with (batches
-        done, batches in all) after every trial, from processes once a second; from a cluster after
-        a repeat of an agent.
+    on_progress : Callable[[float, int], None] | None
+        Called with (batches done, batches in all) after every trial, from processes once a second;
+        from a cluster after a repeat of an agent.
     """
     domain = _protocol(config, 0).dataset.domain  # or say what is wrong
     if config.reward is None:
@@ -145,7 +150,10 @@ def run_online(
         for repeat in range(config.repeats)
         for agent in config.agents
     ]
-    run_units(units, partial(warm_up, config, domain), **options)
+    run_units(
+        units, partial(warm_up, config, domain), jobs=jobs, cluster=cluster,
+        on_progress=on_progress, on_note=on_note,
+    )  # fmt: skip
     return OnlineRun(config, folder)
 
 
