@@ -73,9 +73,8 @@ def percepts_on(momdp: MOMDP, attribute: int, axis: Floats, *, smooth: bool = Fa
     p = joint + false * (1 - axis)  # (E,K,G)
     after = np.divide(joint, p, out=np.broadcast_to(axis, p.shape).copy(), where=p > 0)
     low, fraction = between(axis, after)
-    point, weight = np.empty((*low.shape, 2), np.int64), np.empty((*low.shape, 2))
-    point[..., 0], weight[..., 0] = low, 1 - fraction
-    point[..., 1], weight[..., 1] = np.minimum(low + 1, len(axis) - 1), fraction
+    point = np.stack([low, np.minimum(low + 1, len(axis) - 1)], axis=-1)
+    weight = np.stack([1 - fraction, fraction], axis=-1)
     if smooth:
         point, weight = _cubic(axis, after, low, point, weight)
     shape = (len(p), len(axis), -1)
@@ -158,8 +157,7 @@ def _back_up(backups, value, m, scratch, row):
     """Raise scratch[row] to the value of edge m, one step ahead of the values."""
     outcome, reward, points = backups.outcome, backups.reward, value.shape[1]
     source = min(2, scratch.shape[0])  # not a literal, for which there would be a second kernel
-    for b in range(points):
-        scratch[2, b] = 0.0
+    scratch[2] = 0.0
     for percept in range(1, -1, -1):  # sum over x' of Pr(x', no z) V(x', b) + Pr(x', z) E V(x', b')
         comes = False
         for x in range(value.shape[0]):

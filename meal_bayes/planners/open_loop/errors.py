@@ -84,9 +84,7 @@ def _count_yes(percepts, i, c, e, k, scratch):
 def _sum_classes(weights, i, m, scratch):
     """Sum m outcomes over the latent classes, weighted (N,2,C) -> `truths`."""
     outcomes, truths = scratch.outcomes, scratch.truths
-    for a in range(m):
-        truths[0, a] = 0.0
-        truths[1, a] = 0.0
+    truths[:, :m] = 0.0
     for c in range(outcomes.shape[0]):
         false, true = weights[i, 0, c], weights[i, 1, c]
         for a in range(m):
@@ -106,9 +104,7 @@ def _merge(weights, i, m, scratch):
     outcomes, bins = scratch.outcomes, scratch.bins
     classes, most = outcomes.shape[0], outcomes.shape[1] // _MERGED
     _sum_classes(weights, i, m, scratch)
-    for b in range(most):
-        for c in range(classes):
-            bins[c, b] = 0.0
+    bins[:, :most] = 0.0
     widest = 1e-9
     for a in range(m):
         widest = max(widest, abs(_log_ratio(scratch.truths, a)))
@@ -178,13 +174,10 @@ def tabulate_errors(percepts, counts, attribute, scratch, table):
     thresholds, classes, bins = table.shape[1], table.shape[2], scratch.bins
     for t in range(table.shape[0]):
         i = attribute[t]
-        for c in range(classes):
-            scratch.outcomes[c, 0] = 1.0
+        scratch.outcomes[:, 0] = 1.0
         m = _enumerate(percepts, percepts.classes, counts, t, i, scratch)
         _sum_classes(percepts.classes, i, m, scratch)
-        for c in range(classes):
-            for g in range(thresholds + 1):
-                bins[c, g] = 0.0
+        bins[:, : thresholds + 1] = 0.0
         for a in range(m):  # from this threshold on an outcome speaks for yes
             g = int(
                 np.ceil((SPAN - _log_ratio(scratch.truths, a)) * ((thresholds - 1) / (2.0 * SPAN)))

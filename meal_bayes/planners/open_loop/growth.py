@@ -167,11 +167,8 @@ def grow_plans(ways, growth, chance, out, ends):
     rate, gap = growth.rate, growth.gap
     for row in range(size * n_beliefs * n):
         x, b, e = row // (n_beliefs * n), row // n % n_beliefs, row % n
-        informs = False
-        for other in range(n):
-            counts[other] = 0
+        informs, counts[:], log_r[:] = False, 0, 0.0
         for i in range(log_r.shape[0]):
-            log_r[i] = 0.0
             informs = informs or bhattacharyya[i, e, 1] < 0.0
         if not informs or growth.limit[e] < 1.0 or ways.hop[x, e] < 0:
             continue
