@@ -5,13 +5,14 @@ linearly in each marginal.
 """
 
 from collections.abc import Iterable, Sequence
-from functools import lru_cache, reduce
+from functools import reduce
+from itertools import zip_longest
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes.arrays import Floats, Ints, freeze
+from meal_bayes.arrays import Floats, Ints
 from meal_bayes.momdp import MOMDP
 from meal_bayes.planners.kernels import entry_kernel, kernel
 
@@ -44,19 +45,15 @@ class Table(NamedTuple):
 
     def position(self, belief: Floats) -> int:
         """Return the point of the grid that a belief (N,) is; it must be one."""
-        row = 0
-        for axis, p in zip(self.axes, belief, strict=True):
-            row = row * len(axis) + int(axis.searchsorted(p))
-        return row
+        place = [int(axis.searchsorted(p)) for axis, p in zip(self.axes, belief, strict=True)]
+        return int(np.ravel_multi_index(place, tuple(self.size)))
 
 
 def make_table(axes: Sequence[Floats], value: Floats) -> Table:
     """Build a table of values (X-1,B) over the product of axes."""
     size = np.array([len(axis) for axis in axes])
-    points = np.ones((len(axes), int(size.max())))
-    for row, axis in zip(points, axes, strict=True):
-        row[: len(axis)] = axis
-    return Table(points, size, np.ascontiguousarray(value))
+    points = np.array([*zip_longest(*axes, fillvalue=1.0)]).T
+    return Table(np.ascontiguousarray(points), size, np.ascontiguousarray(value))
 
 
 def refine(table: Table, attribute: int, axis: Floats) -> Table:
@@ -101,18 +98,13 @@ def make_axis(momdp: MOMDP, attribute: int, level: int) -> Floats:
     """
     ratio = (momdp.correct - momdp.incorrect) / max(float(momdp.cost.min()), 1e-9)
     reach = float(np.clip(np.log(max(ratio, 1.0)), _WIDEST / 2, _WIDEST))
-    return _uneven_axis(_prior_log_odds(momdp, attribute), reach, level)
-
-
-@lru_cache(maxsize=64)
-def _uneven_axis(prior: float, reach: float, level: int) -> Floats:
     even = np.linspace(0.0, reach / 2, 2**level + 1)
     rest = np.linspace(reach / 2, reach, max(2**level // 2, 1) + 1)
     half = np.concatenate([even, rest[1:]])
-    log_odds = prior + np.concatenate([-half[:0:-1], half])
+    log_odds = _prior_log_odds(momdp, attribute) + np.concatenate([-half[:0:-1], half])
     if np.abs(log_odds).min() > 1e-6:  # no point of the axis yet
         log_odds = np.sort(np.append(log_odds, 0.0))
-    return freeze(np.concatenate([[0.0], 1 / (1 + np.exp(-log_odds)), [1.0]]))
+    return np.concatenate([[0.0], 1 / (1 + np.exp(-log_odds)), [1.0]])
 
 
 def even_axis(momdp: MOMDP, attribute: int, inner: int) -> Floats:

@@ -29,9 +29,9 @@ What is left out of the state, and what then holds:
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import ClassVar, NamedTuple
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,7 +50,7 @@ from meal_bayes.planners.factored.grid import (
     refine,
     value_after,
 )
-from meal_bayes.planners.factored.sweep import Edges, Matrices, make_backups, percepts_on, sweep
+from meal_bayes.planners.factored.sweep import Edges, make_backups, percepts_on, sweep
 from meal_bayes.planners.open_loop.policy import OpenLoop
 from meal_bayes.planners.solver import Decision, History, choose
 
@@ -179,13 +179,6 @@ def _rounded_up(table: Table) -> Table:
     return table._replace(value=np.nextafter(table.value.astype(np.float32), np.float32(np.inf)))
 
 
-class _Grid(NamedTuple):
-    """Upper bounds, and how often each of the N axes was refined."""
-
-    table: Table
-    levels: tuple[int, ...]
-
-
 class _ValueIteration:
     """Value iteration of a MOMDP of infinite precision and one latent class a truth.
 
@@ -195,7 +188,6 @@ class _ValueIteration:
     def __init__(self, momdp: MOMDP, problem: Compiled, tolerance: float) -> None:
         self.momdp, self.problem, self.tolerance = momdp, problem, tolerance
         self.edges = Edges.of(momdp, problem)
-        self._percepts: dict[tuple[int, int], Matrices] = {}  # by attribute, and size of its axis
 
     def bounds(self, points: int) -> Table:
         """Compute upper bounds on a grid of so many points at most.
@@ -204,29 +196,30 @@ class _ValueIteration:
         every round tries each axis at half its steps for one sweep, keeps the one that lowered the
         bound at the start most for the points it took, and sweeps until nothing changes.
         """
-        grid, fall = self._lowered(self._coarsest(points)), np.inf
-        moving = np.flatnonzero(grid.table.size > 1).tolist()
-        while fall > self.tolerance and (even := self._finer(grid, moving, points // _EVENLY)):
-            even = self._lowered(even)
-            grid, fall = even, self._fall(grid, even)
+        table, fall = self._swept(self._coarsest(points)), np.inf
+        finer = dict.fromkeys(np.flatnonzero(table.size > 1).tolist(), 1)  # next level of an axis
+        while fall > self.tolerance and (even := self._finer(table, finer, points // _EVENLY)):
+            even = self._swept(even)
+            table, fall = even, self._fall(table, even)
+            finer = {i: level + 1 for i, level in finer.items()}
         fine: set[int] = set()
 
-        def merit(finer: _Grid) -> float:
-            growth = math.log(finer.table.value.shape[1] / grid.table.value.shape[1])
-            return self._fall(grid, finer) / growth
+        def merit(other: Table) -> float:
+            growth = math.log(other.value.shape[1] / table.value.shape[1])
+            return self._fall(table, other) / growth
 
         while True:
-            finer = {i: self._finer(grid, [i], points) for i in moving if i not in fine}
-            tried = {i: g for i, g in finer.items() if g is not None}
+            tables = {i: self._finer(table, {i: finer[i]}, points) for i in finer if i not in fine}
+            tried = {i: each for i, each in tables.items() if each}
             if not tried:
-                return grid.table
+                return table
             best = next(iter(tried))
             if len(tried) > 1:
-                tried = {i: self._lowered(g, sweeps=1) for i, g in tried.items()}
+                tried = {i: self._swept(each, sweeps=1) for i, each in tried.items()}
                 best = max(tried, key=lambda i: merit(tried[i]))
-            chosen = self._lowered(tried[best])
-            fine = fine | {best} if self._fall(grid, chosen) <= self.tolerance else set()
-            grid = chosen
+            chosen = self._swept(tried[best])
+            fine = fine | {best} if self._fall(table, chosen) <= self.tolerance else set()
+            table, finer[best] = chosen, finer[best] + 1
 
     def estimate(self, bounds: Table, points: int) -> Table:
         """Estimate the optimum by smooth interpolation, starting from bounds.
@@ -243,26 +236,20 @@ class _ValueIteration:
             return bounds
         for i, each in zip(moving.tolist(), inner, strict=True):
             bounds = refine(bounds, i, even_axis(self.momdp, i, each))
-        return self._swept(bounds, _SMOOTHED, _SMOOTH_SETTLED, smooth=True)
+        return self._swept(bounds, _SMOOTHED, smooth=True)
 
-    def _swept(self, table: Table, sweeps: int, settled: float, *, smooth: bool) -> Table:
+    def _swept(self, table: Table, sweeps: int = _SWEEPS, *, smooth: bool = False) -> Table:
         """Iterate values on their own grid until a sweep changes none of them."""
-        percepts = []
-        for i, axis in enumerate(table.axes):
-            key = i, len(axis)
-            if key not in self._percepts:
-                self._percepts[key] = percepts_on(self.momdp, i, axis, smooth=smooth)
-            percepts.append(self._percepts[key])
+        axes = enumerate(table.axes)
+        percepts = [percepts_on(self.momdp, i, axis, smooth=smooth) for i, axis in axes]
         value = table.value.astype(np.float64)
         backups = make_backups(self.momdp, self.edges, table, percepts)
         scratch = np.zeros((4, value.shape[1]))
-        sweep(backups, value, scratch, settled * self.tolerance, sweeps, smooth)
+        settled = (_SMOOTH_SETTLED if smooth else _SETTLED) * self.tolerance
+        sweep(backups, value, scratch, settled, sweeps, smooth)
         return table._replace(value=value)
 
-    def _lowered(self, grid: _Grid, sweeps: int = _SWEEPS) -> _Grid:
-        return grid._replace(table=self._swept(grid.table, sweeps, _SETTLED, smooth=False))
-
-    def _coarsest(self, points: int) -> _Grid:
+    def _coarsest(self, points: int) -> Table:
         """Build the coarsest grid, of a constant that no value exceeds."""
         momdp, moves = self.momdp, np.asarray(self.edges.moves.any(axis=1))
         axes = [
@@ -276,7 +263,7 @@ class _ValueIteration:
                 f"`points` allows {points}. Raise it, or plan with POMCP, which needs none."
             )
         value = np.full((momdp.terminal, size), self._constant_bound())
-        return _Grid(make_table(axes, value), (0,) * len(axes))
+        return make_table(axes, value)
 
     def _constant_bound(self) -> float:
         """Bound every value by the best ending, or the best pay for ever."""
@@ -292,22 +279,20 @@ class _ValueIteration:
             )
         return float(max(best, (pay[lasting] / leak[lasting]).max(initial=-np.inf)))
 
-    def _finer(self, grid: _Grid, attributes: Sequence[int], points: int) -> _Grid | None:
-        """Divide the steps of some axes by two; None if the grid would have too many points."""
-        table, levels, size = grid.table, list(grid.levels), grid.table.size.copy()
-        axes = {i: make_axis(self.momdp, i, levels[i] + 1) for i in attributes}
-        for i, axis in axes.items():
-            size[i] = len(axis)
-        if not attributes or math.prod(size.tolist()) > points:
+    def _finer(self, table: Table, levels: Mapping[int, int], points: int) -> Table | None:
+        """Refine some axes to their levels; None if the grid would have too many points."""
+        axes = {i: make_axis(self.momdp, i, level) for i, level in levels.items()}
+        size = [len(axes.get(i, axis)) for i, axis in enumerate(table.axes)]
+        if not axes or math.prod(size) > points:
             return None
         for i, axis in axes.items():
-            table, levels[i] = refine(table, i, axis), levels[i] + 1
-        return _Grid(table, tuple(levels))
+            table = refine(table, i, axis)
+        return table
 
-    def _fall(self, grid: _Grid, finer: _Grid) -> float:
+    def _fall(self, table: Table, finer: Table) -> float:
         """Compute by how much the bound at the start has fallen."""
         x, prior = self.momdp.start, self.momdp.prior
-        before, after = (t.value[x, t.position(prior)] for t in (grid.table, finer.table))
+        before, after = (t.value[x, t.position(prior)] for t in (table, finer))
         return float(before - after)
 
 
