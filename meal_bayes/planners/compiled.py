@@ -5,7 +5,8 @@ discount g and Pr(nothing happens) f: V = -cost + discount * E V(next),
 cost = c / (1 - g f), discount = g (1 - f) / (1 - g f).
 """
 
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,8 +17,10 @@ from meal_bayes.momdp import MOMDP
 _INFORMATIVE = 3e-4  # bits: percepts with less information on the class are not planned with
 _ROUNDING = 1e-12
 _PRICE = 1e-4  # of r+ - r-: behaviors that cost less are planned with as if they cost this
-_DIAGRAMS = 16  # whose dynamics are remembered
+_DIAGRAMS = 16  # whose dynamics and ways are remembered
 
+K = TypeVar("K")
+V = TypeVar("V")
 
 STEP = np.dtype([
     ("legal", np.bool_),
@@ -39,10 +42,6 @@ class Dynamics(NamedTuple):
     step: NDArray[np.void]  # (X,E) records of `STEP`
     branch: NDArray[np.void]  # (X,E,B) records of `BRANCH`, the outcomes of a step
     exit_value: float  # of abstaining, -inf where the agent may not
-
-    def outcomes(self, x: int, e: int) -> list[tuple[float, int, bool]]:
-        """Return probability, next x, and whether a percept comes, of each outcome of a step."""
-        return [(p, to, senses) for p, to, senses in self.branch[x, e].tolist() if p > 0]
 
 
 class Percepts(NamedTuple):
@@ -112,11 +111,16 @@ def dynamics_of(momdp: MOMDP, price: float = _PRICE) -> Dynamics:
     key = (
         b"".join(part.tobytes() for part in parts) + repr((momdp.discount, momdp.abstain)).encode()
     )
-    if key not in _known:
-        if len(_known) >= _DIAGRAMS:
-            _known.clear()
-        _known[key] = _dynamics(momdp, cost)
-    return _known[key]
+    return remember(_known, key, lambda: _dynamics(momdp, cost))
+
+
+def remember(made: dict[K, V], key: K, make: Callable[[], V]) -> V:
+    """Make a value once a key; a few are remembered."""
+    if key not in made:
+        if len(made) >= _DIAGRAMS:
+            made.clear()
+        made[key] = make()
+    return made[key]
 
 
 def _dynamics(momdp: MOMDP, cost: Floats) -> Dynamics:

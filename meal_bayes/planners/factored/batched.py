@@ -45,7 +45,7 @@ def batched_value_iteration(momdp: MOMDP, rates: Floats, prior: Floats) -> Float
             new = np.broadcast_to(floor, value[x].shape).copy()
             for e in np.flatnonzero(dynamics.step["legal"][x]).tolist():
                 step, ahead = dynamics.step[x, e], np.zeros_like(new)
-                for p, to, senses in dynamics.outcomes(x, e):
+                for p, to, senses in dynamics.branch[x, e].tolist():
                     ahead += p * (_expectation(percepts[e], value[to]) if senses else value[to])
                 np.maximum(new, step["discount"] * ahead - step["cost"], out=new)
             change = max(change, float(np.abs(new - value[x]).max()))

@@ -1,6 +1,7 @@
 """The library of open-loop plans of a MOMDP: grown, selected, compared, and tabulated."""
 
 import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 from meal_bayes.arrays import Floats, Ints
 from meal_bayes.momdp import MOMDP
 from meal_bayes.momdp.observation import predictive
-from meal_bayes.planners.compiled import Compiled, Dynamics, class_prior
+from meal_bayes.planners.compiled import Compiled, Dynamics, class_prior, remember
 from meal_bayes.planners.open_loop.errors import (
     FEW_OUTCOMES,
     OUTCOMES,
@@ -30,7 +31,6 @@ _KEPT = 14  # plans an x, besides one for every first behavior and what is left 
 _CANDIDATES = 10  # times N: candidates an x and a belief that are looked at closely
 _BEGUN = 2  # and of each first behavior
 _COUNTED = 8  # percepts of one behavior that growing looks ahead to
-_DIAGRAMS = 16  # whose ways are remembered
 
 
 class Candidates(NamedTuple):
@@ -71,8 +71,7 @@ class Diagram:
                     state = int(self.ways.end[state, goal])
                 paths.add((x, path[:_LENGTH]))
         start, rows = zip(*sorted(paths), strict=True)
-        every = np.array([*itertools.zip_longest(*rows, fillvalue=-1)]).T
-        return _cheapest(_summed_up(self, np.array(start), every, _last(every)))
+        return _cheapest(_complete(self, start, rows))
 
 
 _known: dict[int, Diagram] = {}  # by the identity of dynamics that they hold
@@ -80,12 +79,7 @@ _known: dict[int, Diagram] = {}  # by the identity of dynamics that they hold
 
 def diagram_of(dynamics: Dynamics) -> Diagram:
     """Find the ways of a diagram, once."""
-    key = id(dynamics.step)
-    if key not in _known:
-        if len(_known) >= _DIAGRAMS:
-            _known.clear()
-        _known[key] = Diagram(dynamics, find_ways(dynamics))
-    return _known[key]
+    return remember(_known, id(dynamics.step), lambda: Diagram(dynamics, find_ways(dynamics)))
 
 
 def plan_library(momdp: MOMDP, problem: Compiled) -> Plans:
@@ -130,8 +124,7 @@ def plan_library(momdp: MOMDP, problem: Compiled) -> Plans:
 def retabulate(plans: Plans, problem: Compiled) -> Plans:
     """Tabulate the errors of the same plans in another MOMDP of the query."""
     x = np.repeat(np.arange(len(plans.first) - 1), np.diff(plans.first))
-    unread = np.empty((len(x), 0), np.int16)
-    same = Candidates(x, unread, plans.plan, plans.observation_counts, plans.executions)
+    same = Candidates(x, np.empty((len(x), 0), np.int16), *plans[1:4])  # paths are not read
     return _tabulated(problem, same, OUTCOMES)
 
 
@@ -222,13 +215,9 @@ def _promising(
     chosen = np.zeros(len(peak), np.bool_)
     chosen[order[np.arange(len(group)) - np.searchsorted(group, group) < _BEGUN]] = True
     most = _CANDIDATES * min(len(bhattacharyya), _MANY)
-    first = np.searchsorted(candidates.x, np.arange(problem.dynamics.step.shape[0] + 1))
-    for start, end in itertools.pairwise(first.tolist()):
-        if end - start > most:
-            best = np.argpartition(-value[:, start:end], most, axis=1)[:, :most]
-            chosen[start + best] = True
-        else:
-            chosen[start:end] = True
+    for same in np.split(np.arange(len(peak)), np.flatnonzero(np.diff(candidates.x)) + 1):
+        best = np.argpartition(-value[:, same], min(most, len(same) - 1), axis=1)[:, :most]
+        chosen[same[best]] = True
     return np.flatnonzero(chosen)
 
 
@@ -262,9 +251,11 @@ def _summed_up(diagram: Diagram, start: Ints, path: Ints, ends: NDArray[np.bool_
     return Candidates(start[r], cut, plan, *sums)
 
 
-def _last(path: Ints) -> NDArray[np.bool_]:
-    """Mark the last steps of paths (R,L)."""
-    return np.asarray(np.arange(path.shape[1]) == (path >= 0).sum(axis=1)[:, None] - 1)
+def _complete(diagram: Diagram, start: Sequence[int], paths: Sequence[Sequence[int]]) -> Candidates:
+    """Sum up paths (R) of any length that stop behind their last steps."""
+    path = np.array([*itertools.zip_longest(*paths, fillvalue=-1)]).T
+    last = np.arange(path.shape[1]) == (path >= 0).sum(axis=1)[:, None] - 1
+    return _summed_up(diagram, np.array(start), path, last)
 
 
 def _tours(problem: Compiled, diagram: Diagram) -> Candidates:
@@ -282,10 +273,10 @@ def _tours(problem: Compiled, diagram: Diagram) -> Candidates:
             gain = (ways.observation_counts[state] > 0) @ (pay * left) - ways.cost[state]
             gain = np.where(left & (ways.hop[state] >= 0), gain, -np.inf)
             goal = int(gain.argmax()) if gain.max() > 0 else -1
-        start.append(x)
-        paths.append((*path, *(-1,) * _LENGTH)[:_LENGTH])
-    every = np.array(paths)
-    return _summed_up(diagram, np.array(start), every, every >= 0)
+        beginnings = [path[: k + 1] for k in range(len(path[:_LENGTH]))]
+        start += [x] * len(beginnings)
+        paths += beginnings
+    return _complete(diagram, start, paths)
 
 
 def _cheapest(candidates: Candidates) -> Candidates:
@@ -299,17 +290,13 @@ def _cheapest(candidates: Candidates) -> Candidates:
 def _with_remainders(diagram: Diagram, plans: Candidates) -> Candidates:
     """Add what is left of plans after each of their steps."""
     start, paths, ways = [], [], diagram.ways
-    for x, path in zip(plans.x.tolist(), plans.path.tolist(), strict=True):
-        state = x
+    for x, row in zip(plans.x.tolist(), plans.path, strict=True):
+        path, state = row[row >= 0].tolist(), x
         for k, a in enumerate(path):
-            if a < 0:
-                break
             start.append(state)
-            paths.append(path[k:] + [-1] * k)
+            paths.append(path[k:])
             state = int(ways.target[state, a])
-    path = np.array(paths)
-    path = path[:, : int((path >= 0).sum(axis=1).max())]
-    return _summed_up(diagram, np.array(start), path, _last(path))
+    return _complete(diagram, start, paths)
 
 
 def _tabulated(problem: Compiled, candidates: Candidates, held: int) -> Plans:
@@ -318,20 +305,13 @@ def _tabulated(problem: Compiled, candidates: Candidates, held: int) -> Plans:
     rows, counts, attribute = [], [], []
     for i, informative in enumerate(percepts.informative):
         told = candidates.observation_counts * informative
-        first, row = _distinct(told)
+        distinct, row = _distinct(told)
         rows.append(row + tables)
-        counts.append(told[first])
-        attribute += [i] * len(first)
-        tables += len(first)
+        counts.append(told[distinct])
+        attribute += [i] * len(distinct)
+        tables += len(distinct)
     table = np.empty((tables, THRESHOLDS, percepts.rows.shape[2]))
     scratch = make_scratch(percepts, 0, 0, held)
     tabulate_errors(percepts, np.concatenate(counts), np.array(attribute), scratch, table)
-    size = problem.dynamics.step.shape[0]
-    return Plans(
-        first=np.searchsorted(candidates.x, np.arange(size + 1)),
-        plan=candidates.plan,
-        observation_counts=candidates.observation_counts,
-        executions=candidates.executions,
-        row=np.column_stack(rows),
-        table=table,
-    )
+    first = np.searchsorted(candidates.x, np.arange(problem.dynamics.step.shape[0] + 1))
+    return Plans(first, *candidates[2:], np.column_stack(rows), table)
