@@ -163,8 +163,7 @@ class Remembering:
 
 def unvalued(momdp: MOMDP, action: int) -> Decision:
     """Return the decision of a policy that compares no values."""
-    nothing = np.full(momdp.n_behaviors + 1, np.nan)
-    return Decision(action, nothing, nothing, np.zeros(momdp.n_behaviors + 1, dtype=np.int64))
+    return Decision.exact(action, np.full(momdp.n_behaviors + 1, np.nan))
 
 
 def choose(

@@ -117,9 +117,7 @@ def _next_percept(ways, x, growth, chance, b):
         if ways.hop[x, e] < 0:
             continue
         end, k, last = ways.end[x, e], 1, 0.0
-        while True:
-            if counts[e] + k > growth.limit[e]:
-                break
+        while counts[e] + k <= growth.limit[e]:
             for i in range(log_r.shape[1]):
                 log_r[1, i] = log_r[0, i]
                 for o in range(n):

@@ -174,11 +174,7 @@ def is_idle(model, x, a, total):
     """Test whether a behavior cannot help: no other x, no informative percept, no bonus."""
     if model.dynamics.step[x, a].moves or (model.shaped and total[a] < model.paid[a]):
         return False
-    if total[a] < model.percepts.limit[a]:
-        for i in range(model.percepts.informative.shape[0]):
-            if model.percepts.informative[i, a]:
-                return False
-    return True
+    return total[a] >= model.percepts.limit[a] or not model.percepts.informative[:, a].any()
 
 
 @called_kernel

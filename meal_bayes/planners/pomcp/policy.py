@@ -82,10 +82,8 @@ class POMCP:
     def __post_init__(self) -> None:
         budget = self.simulations if self.milliseconds is None else self.milliseconds
         if budget < 0 or self.exploration < 0 or self.capacity < 1 or self.points < 0:
-            raise SettingsError(
-                "POMCP needs a budget, exploration and points >= 0, and capacity >= 1; "
-                f"found {self}."
-            )
+            needed = "a budget, exploration and points >= 0, and capacity >= 1"
+            raise SettingsError(f"POMCP needs {needed}; found {self}.")
         if self.backup not in _BACKUPS:
             raise SettingsError(f"POMCP has backups {_BACKUPS}; found {self.backup!r}.")
 

@@ -173,8 +173,7 @@ def _open_node(model, tabled, scratch, tree, node):
                 reward = _step_reward(model, x, a, scratch.chance, scratch.total)
                 value = reward + model.dynamics.step[x, a].discount * mean
         edge = tree.edge[node, a]
-        edge.visits, edge.first, edge.count = 0, -1, 0
-        edge.value = value
+        edge.visits, edge.first, edge.count, edge.value = 0, -1, 0, value
         tree.node[node].value = max(tree.node[node].value, value)
 
 
