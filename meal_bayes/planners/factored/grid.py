@@ -101,7 +101,8 @@ def make_axis(momdp: MOMDP, attribute: int, level: int) -> Floats:
     even = np.linspace(0.0, reach / 2, 2**level + 1)
     rest = np.linspace(reach / 2, reach, max(2**level // 2, 1) + 1)
     half = np.concatenate([even, rest[1:]])
-    log_odds = _prior_log_odds(momdp, attribute) + np.concatenate([-half[:0:-1], half])
+    odds = momdp.prior[attribute] / (1 - momdp.prior[attribute])
+    log_odds = np.log(odds) + np.concatenate([-half[:0:-1], half])
     if np.abs(log_odds).min() > 1e-6:  # no point of the axis yet
         log_odds = np.sort(np.append(log_odds, 0.0))
     return np.concatenate([[0.0], 1 / (1 + np.exp(-log_odds)), [1.0]])
@@ -116,13 +117,9 @@ def even_axis(momdp: MOMDP, attribute: int, inner: int) -> Floats:
     shift = (0.5 * (false + true) * np.abs(np.log(true / false))).sum(axis=1)  # (E,)
     shift = np.where(informative_pairs(momdp)[attribute], shift, 0.0)
     reach = float(np.clip(_PERCEPTS * shift.max(), _NEAREST + _STEP * inner, _WIDEST))
-    log_odds = _prior_log_odds(momdp, attribute) + np.linspace(-reach, reach, inner)
+    odds = momdp.prior[attribute] / (1 - momdp.prior[attribute])
+    log_odds = np.log(odds) + np.linspace(-reach, reach, inner)
     return np.concatenate([[0.0], 1 / (1 + np.exp(-log_odds)), [1.0]])
-
-
-def _prior_log_odds(momdp: MOMDP, attribute: int) -> float:
-    prior = float(momdp.prior[attribute])
-    return float(np.log(prior / (1 - prior)))
 
 
 def make_scratch(table: Table, levels: int) -> Floats:

@@ -200,13 +200,13 @@ class _ValueIteration:
         finer = dict.fromkeys(np.flatnonzero(table.size > 1).tolist(), 1)  # next level of an axis
         while fall > self.tolerance and (even := self._finer(table, finer, points // _EVENLY)):
             even = self._swept(even)
-            table, fall = even, self._fall(table, even)
+            table, fall = even, self._at_start(table) - self._at_start(even)
             finer = {i: level + 1 for i, level in finer.items()}
         fine: set[int] = set()
 
         def merit(other: Table) -> float:
             growth = math.log(other.value.shape[1] / table.value.shape[1])
-            return self._fall(table, other) / growth
+            return (self._at_start(table) - self._at_start(other)) / growth
 
         while True:
             tables = {i: self._finer(table, {i: finer[i]}, points) for i in finer if i not in fine}
@@ -218,7 +218,8 @@ class _ValueIteration:
                 tried = {i: self._swept(each, sweeps=1) for i, each in tried.items()}
                 best = max(tried, key=lambda i: merit(tried[i]))
             chosen = self._swept(tried[best])
-            fine = fine | {best} if self._fall(table, chosen) <= self.tolerance else set()
+            fall = self._at_start(table) - self._at_start(chosen)
+            fine = fine | {best} if fall <= self.tolerance else set()
             table, finer[best] = chosen, finer[best] + 1
 
     def estimate(self, bounds: Table, points: int) -> Table:
@@ -289,11 +290,9 @@ class _ValueIteration:
             table = refine(table, i, axis)
         return table
 
-    def _fall(self, table: Table, finer: Table) -> float:
-        """Compute by how much the bound at the start has fallen."""
-        x, prior = self.momdp.start, self.momdp.prior
-        before, after = (t.value[x, t.position(prior)] for t in (table, finer))
-        return float(before - after)
+    def _at_start(self, table: Table) -> float:
+        """Return the bound at the start."""
+        return float(table.value[self.momdp.start, table.position(self.momdp.prior)])
 
 
 def _inner_points(size: Floats, points: int) -> list[int]:
