@@ -218,10 +218,10 @@ def test_a_domain_of_one_s_own_comes_back(table, tmp_path, name):
     [
         (lambda t: "toy", "found str"),
         (lambda t: {**t, "behaviors": 5}, "expected rows"),
-        (lambda t: {**t, "extends": "/etc/own.toml"}, "Only a TOML file"),
+        (lambda t: {**t, "extends": "/etc/own.toml"}, "Unknown key 'extends'"),
         (lambda t: {**t, "attributes": ["red", "round"]}, "not well formed|'round'"),
         (lambda t: {**t, "diagram": {**t["diagram"], "start": "x7"}}, "x7"),
-        (lambda t: {**t, "report_reward": 1e999}, "inf"),
+        (lambda t: {**t, "report_reward": 1e999}, "Out of range"),
     ],
 )
 def test_a_spoiled_domain_is_a_data_error(table, path, change, message):

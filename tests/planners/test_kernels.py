@@ -42,6 +42,7 @@ assert settings() == before and len(before) > 50
 SIGNATURES = """
 import importlib, pkgutil
 from dataclasses import replace
+LEAVES = "search", "_arrive", "_open_node"  # for leaves of plans, and for those of tables
 from meal_bayes import planners
 from meal_bayes.planners import POMCP, Factored, OpenLoop, warm_up
 for solver in (Factored(500), OpenLoop(), POMCP(5)):
@@ -61,7 +62,7 @@ momdp = replace(momdp, bonus=rng.random(momdp.bonus.shape))
 Factored(500).solve(momdp, rng).decide(History(initial_belief(momdp)), rng)
 for info in pkgutil.walk_packages(planners.__path__, "meal_bayes.planners."):
     for name, value in vars(importlib.import_module(info.name)).items():
-        if len(getattr(value, "signatures", ())) > 1:
+        if len(getattr(value, "signatures", ())) > 1 + (name in LEAVES):
             print(value.py_func.__module__, name, *value.signatures)
 """
 
