@@ -59,10 +59,12 @@ class Query:
             if self.attributes.count(name) > 1:
                 raise QueryError(f"The query names {name!r} twice; name each attribute once.")
         object.__setattr__(self, "groups", tuple(sorted(tuple(sorted(g)) for g in self.groups)))
-        places = sorted(place for group in self.groups for place in group)
-        if not set(places) <= set(range(len(self))) or len({*places}) < len(places):
+        places = [place for group in self.groups for place in group]
+        distinct = len(set(places)) == len(places) and set(places) <= set(range(len(self)))
+        if not distinct or not all(len(group) > 1 for group in self.groups):
             raise QueryError(
-                f"Groups are {self.groups}; expected places below {len(self)}, none of them twice."
+                f"Groups are {self.groups}; expected two or more places below {len(self)} in each, "
+                "none of them twice."
             )
 
     def __len__(self) -> int:
