@@ -40,8 +40,9 @@ def table_of(dataset: str, root: Path | None, perception: str = "default") -> st
     path = table_path(dataset, perception, root=root)
     if path is None or root is None:
         return dataset
-    with progress("percepts", "behaviors") as advance:
-        percepts_for(dataset, perception, root=root, on_progress=advance, on_note=note)
+    if not path.is_file():
+        with progress("percepts", "behaviors") as advance:
+            percepts_for(dataset, perception, root=root, on_progress=advance, on_note=note)
     return str(path)
 
 
