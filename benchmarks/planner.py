@@ -35,6 +35,7 @@ from meal_bayes.seeds import stream
 PIECE = 100  # episodes
 SLOW_EPISODES = 100  # of a peer that takes a tenth of a second a decision
 SEED = 20_260
+BOUND_POINTS = 400_000  # of the bound where policies use 50,000: a minute for five attributes
 SURE = ("olfc", "pomcp:1ms")  # on random problems
 QUICK = ("olfc", "factored", "pomcp:1ms", "greedy", "predefined_plus", "random_legal")
 
@@ -78,7 +79,7 @@ def bound_of(momdp: MOMDP) -> float:
     n = len(momdp.query)
     whole = np.inf
     if n < min(LARGE) and np.isinf(momdp.precision).all():
-        whole = Factored().solve(momdp, np.random.default_rng(0)).upper_bound
+        whole = Factored(BOUND_POINTS).solve(momdp, np.random.default_rng(0)).upper_bound
     if n <= TABLED and whole < np.inf:
         return whole
     return min(whole, upper_bound(momdp, size=1 if n >= min(LARGE) else TABLED))

@@ -33,6 +33,7 @@ class Planner(NamedTuple):
 SEARCHES = (
     *(Planner("pomcp", budget) for budget in ("1ms", "10ms", "1500 simulations")),
     Planner("pomcp-sampled", "1500 simulations"),
+    Planner("pomcp-plans", "1ms"),  # without tables
 )
 BASELINES = (Planner("greedy"), Planner("predefined_plus"), Planner("random_legal"))
 PLANNERS = (  # those that others are compared with come first
@@ -68,6 +69,7 @@ def solver_of(planner: Planner, model: str) -> Solver:
         "factored": Factored,
         "pomcp": lambda: _search(str(planner.budget)),
         "pomcp-sampled": lambda: replace(_search(str(planner.budget)), backup="sampled"),
+        "pomcp-plans": lambda: replace(_search(str(planner.budget)), points=0),
         "greedy": Greedy,
         "predefined_plus": lambda: Predefined(sequence, persistent=True),
         "random_legal": lambda: RandomLegal(50.0),

@@ -27,7 +27,6 @@ from meal_bayes.momdp import MOMDP, Belief, answer_value
 from meal_bayes.momdp.belief import next_percept
 from meal_bayes.planners.compiled import Compiled, compile_momdp, dynamics_of
 from meal_bayes.planners.factored import grid
-from meal_bayes.planners.factored.grid import Table
 from meal_bayes.planners.factored.policy import Factored, FactoredPolicy
 from meal_bayes.planners.open_loop.errors import Scratch
 from meal_bayes.planners.open_loop.library import diagram_of, plan_library, retabulate
@@ -35,12 +34,9 @@ from meal_bayes.planners.open_loop.policy import OpenLoopPolicy
 from meal_bayes.planners.open_loop.values import Plans, plan_values
 from meal_bayes.planners.pomcp.search import ENUMERATE, Tabled, search
 from meal_bayes.planners.pomcp.tree import KEPT, make_sampled, make_tree, standard_errors, top_edges
-from meal_bayes.planners.rollout import simulate
 from meal_bayes.planners.solver import Decision, History, choose, no_errors
 
 _CHUNK = 8  # simulations between two looks at the clock, at first
-_FINE = 2  # attributes up to which tables are within 0.1 % of the optimum (A1, A2)
-_EPISODES, _TRIAL_SIMULATIONS = 64, 8  # in which leaves are compared
 _BACKUPS = ("expected", "sampled")
 
 
@@ -131,27 +127,6 @@ class POMCPPolicy:
         return plan_library(self.momdp, self.problem)
 
     @cached_property
-    def estimate(self) -> Table | None:
-        """The table of the leaf, or None where plans know better.
-
-        Plans are worth no less than they say; a table on a coarse grid may promise what nobody can
-        earn. So where grids are coarse both leaves play the same simulated episodes, and the one
-        that earned more is taken.
-        """
-        if self.tables is None:
-            return None
-        if len(self.momdp.query) <= _FINE:
-            return self.tables.estimate
-        settings = replace(self.settings, simulations=_TRIAL_SIMULATIONS, milliseconds=None)
-        earned = []
-        for table in (self.tables.estimate, None):
-            trial = POMCPPolicy(self.momdp, settings)
-            trial.plans, trial.tables, trial.estimate = self.plans, self.tables, table
-            rng = np.random.Generator(np.random.PCG64(0))
-            earned.append(simulate(self.momdp, trial, _EPISODES, rng).value)
-        return self.tables.estimate if earned[0] >= earned[1] else None
-
-    @cached_property
     def tables(self) -> FactoredPolicy | None:
         """Factored value iteration; None where the marginals are not the state, or too many."""
         momdp, points = self.momdp, self.settings.points
@@ -204,8 +179,10 @@ class POMCPPolicy:
         settings, momdp, lower = self.settings, self.momdp, scratch.value.copy()
         width = self.problem.dynamics.branch.shape[2] * ENUMERATE  # nodes of an expansion, at most
         tree = make_tree(momdp, belief, settings.capacity + width + 1)
-        table = self.estimate
-        tabled = None if table is None else Tabled(table, grid.make_scratch(table, momdp.levels))
+        tabled = None
+        if self.tables is not None:
+            table = self.tables.estimate
+            tabled = Tabled(table, grid.make_scratch(table, momdp.levels))
         sampled = make_sampled(self.problem.percepts, tree.prob[0].copy(), scratch.counts.copy())
         exploration = 0.0 if tabled else settings.exploration * self.problem.gap
         options = np.array([0, exploration, settings.backup == "sampled"], dtype=float)
