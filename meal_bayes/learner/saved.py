@@ -30,7 +30,7 @@ from meal_bayes.learner.experience import Experience
 from meal_bayes.learner.fitted import Fitted
 from meal_bayes.perception import Perception
 from meal_bayes.perception.perceiver import BehaviorClassifier
-from meal_bayes.perception.recordings import FeatureSpace
+from meal_bayes.perception.recordings import FeatureSpace, Whitening
 from meal_bayes.perception.stacked import KernelFit, Stacker
 from meal_bayes.posterior import ConfusionPosterior
 from meal_bayes.posterior.trait import SharedTrait
@@ -39,12 +39,12 @@ from meal_bayes.untrusted import UNREADABLE, read_array, read_member, read_meta,
 if TYPE_CHECKING:
     from meal_bayes.learner.learner import Learner
 
-_FORMAT = 8
+_FORMAT = 9
 _TEXT = "learner.json"
 _ROWS = ("instances", "levels", "labels", "executions", "feedback", "known")
 _FITTED = ("perception", "knowledge", "refitted", "seen", "levels", "counted")
 _KINDS: tuple[type[Any], ...] = (
-    Perception, BehaviorClassifier, KernelFit, FeatureSpace, Stacker, Knowledge,
+    Perception, BehaviorClassifier, KernelFit, FeatureSpace, Whitening, Stacker, Knowledge,
     ConfusionPosterior, SharedTrait, PerceptTable,
 )  # fmt: skip
 _CLASSES = {kind.__name__: kind for kind in _KINDS}

@@ -24,6 +24,22 @@ _SEED = 0  # of the order in which neighbors are dealt to folds
 
 
 @dataclass(frozen=True, slots=True)
+class Whitening(FrozenArrays):
+    """The map I + basis' gain basis of rows, which stretches r directions by 1 + gain.
+
+    Applied by its factors, as r is often far below d: products of d x d would take a third of an
+    online run on ISPY32.
+    """
+
+    basis: Floats  # (r,d), orthonormal
+    gain: Floats  # (r,)
+
+    def of(self, rows: Floats) -> Floats:
+        """Whiten rows (B,d)."""
+        return np.asarray(rows + ((rows @ self.basis.T) * self.gain) @ self.basis)
+
+
+@dataclass(frozen=True, slots=True)
 class FeatureSpace(FrozenArrays):
     """Standardized recordings and the kernel between them, without labels.
 
@@ -31,9 +47,9 @@ class FeatureSpace(FrozenArrays):
     standardized and clipped at 5 standard deviations; constant ones are dropped. Where repeats of
     objects are known, directions in which they differ are shrunk (within-object whitening).
 
-    Of D features those at `varying` (d,) vary; `rows` (n,d) are the recordings, standardized, after
-    `mix` (d,d), the whitening. The width of an RBF is the median distance between two recordings
-    times a learned factor.
+    Of D features those at `varying` (d,) vary; `rows` (n,d) are the recordings, standardized and
+    whitened. The width of an RBF is the median distance between two recordings times a learned
+    factor.
     """
 
     varying: Ints
@@ -42,13 +58,13 @@ class FeatureSpace(FrozenArrays):
     rows: Floats
     kernel: str
     width: float
-    mix: Floats | None = None
+    whitening: Whitening | None = None
 
     def standardize(self, features: NDArray[np.floating]) -> Floats:
         """Transform raw features (B,D) to this space, (B,d)."""
         squashed = _squash(features)[:, self.varying]
         rows = np.clip((squashed - self.center) / self.scale, -_FAR, _FAR)
-        return np.asarray(rows if self.mix is None else rows @ self.mix)
+        return np.asarray(rows if self.whitening is None else self.whitening.of(rows))
 
     def similarity(self, rows: Floats) -> Floats:
         """Compute the kernel of standardized rows (B,d) with this space's recordings, (B,n)."""
@@ -71,9 +87,9 @@ def fit_space(
     varying = np.flatnonzero(sd > _CONSTANT * np.abs(squashed).max(axis=0, initial=0.0))
     center, scale = squashed[:, varying].mean(axis=0), sd[varying]
     rows = np.clip((squashed[:, varying] - center) / scale, -_FAR, _FAR)
-    mix = None if objects is None else _whitening(rows, objects)
-    rows = rows if mix is None else rows @ mix
-    return FeatureSpace(varying, center, scale, rows, kernel, _median_distance(rows), mix)
+    whitening = None if objects is None else _whitening(rows, objects)
+    rows = rows if whitening is None else whitening.of(rows)
+    return FeatureSpace(varying, center, scale, rows, kernel, _median_distance(rows), whitening)
 
 
 def joint_kernel(kernels: Floats) -> Floats:
@@ -86,8 +102,8 @@ def joint_kernel(kernels: Floats) -> Floats:
     return np.asarray(np.prod(kernels, axis=0) ** (1.0 / len(kernels)))
 
 
-def _whitening(rows: Floats, objects: NDArray[np.integer]) -> Floats | None:
-    """Return (d,d), which scales directions of within-object variance v by sqrt(e / (v + e)).
+def _whitening(rows: Floats, objects: NDArray[np.integer]) -> Whitening | None:
+    """Return what scales directions of within-object variance v by sqrt(e / (v + e)).
 
     None where no object is repeated. With few repeats most directions stay as they are.
     """
@@ -101,10 +117,7 @@ def _whitening(rows: Floats, objects: NDArray[np.integer]) -> Floats | None:
     freedom = repeated.sum() - (count > 1).sum()
     _, values, basis = np.linalg.svd((rows - mean[index])[repeated], full_matrices=False)
     gain = np.sqrt(_WITHIN / (values**2 / freedom + _WITHIN)) - 1.0
-    mix: Floats = basis.T @ (gain[:, None] * basis)
-    mix[np.diag_indices_from(mix)] += 1.0
-    mix.setflags(write=False)  # so that no space copies what may have millions of entries
-    return mix
+    return Whitening(basis, gain)
 
 
 def _squash(features: NDArray[np.floating]) -> Floats:
