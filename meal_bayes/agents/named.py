@@ -69,6 +69,7 @@ AGENTS = {
         # What comes from the belief, and what from exploring.
         replace(_BAYES, name="bayes_no_bonus", exploration=NoBonus()),
         replace(_BAYES, name="bayes_itrs", exploration=ITRSBonus()),
+        replace(_BAYES, name="bayes_itrs_auto", exploration=FittedITRSBonus()),
         replace(_BAYES, name="iterative_morc_bayes", trained_by=_ITERATIVE),
     )
 }
