@@ -1,8 +1,4 @@
-"""Tables over a grid of marginal beliefs: their axes, and values between the points.
-
-The grid is a product of axes, one an attribute. Between its points, values are interpolated
-linearly in each marginal.
-"""
+"""Tables over a product grid of marginal beliefs: their axes, and values between the points."""
 
 from collections.abc import Iterable, Sequence
 from functools import reduce
@@ -42,11 +38,6 @@ class Table(NamedTuple):
             return both.reshape(*left.shape[:-1], -1)
 
         return reduce(cross, parts)
-
-    def position(self, belief: Floats) -> int:
-        """Return the point of the grid that a belief (N,) is; it must be one."""
-        place = [int(axis.searchsorted(p)) for axis, p in zip(self.axes, belief, strict=True)]
-        return int(np.ravel_multi_index(place, tuple(self.size)))
 
 
 def make_table(axes: Sequence[Floats], value: Floats) -> Table:

@@ -44,13 +44,14 @@ from meal_bayes.planners.factored.grid import (
     Table,
     add_values_ahead,
     even_axis,
+    informative_pairs,
     make_axis,
     make_scratch,
     make_table,
     refine,
     value_after,
 )
-from meal_bayes.planners.factored.sweep import Edges, make_backups, percepts_on, sweep
+from meal_bayes.planners.factored.sweep import make_backups, sweep
 from meal_bayes.planners.open_loop.policy import OpenLoop
 from meal_bayes.planners.solver import Decision, History, choose
 
@@ -110,12 +111,16 @@ class Factored:
         momdp = replace(momdp, bonus=np.where((momdp.limit <= 0)[:, None], 0.0, momdp.bonus))
         tolerance = self.tolerance * max(momdp.correct - momdp.incorrect, 1e-9)
         free = _ValueIteration(momdp, compile_momdp(momdp, price=0.0), tolerance)
-        moves, problem = free.edges.moves, compile_momdp(momdp)
-        many = moves.any(axis=1).sum() == _MANY
+        many = free.moves.any(axis=1).sum() == _MANY
         bound = free.bounds((_FINER if many else 1) * self.points)
-        paid = _ValueIteration(momdp, problem, tolerance)
+        paid = _ValueIteration(momdp, compile_momdp(momdp), tolerance)
         estimate = paid.estimate(bound, _FINER * self.points)
-        return FactoredPolicy(momdp, problem, moves, _rounded_up(bound), _rounded_up(estimate))
+        # Rounded up, in float32, a table stays an upper bound.
+        tables = (
+            table._replace(value=np.nextafter(table.value.astype(np.float32), np.float32(np.inf)))
+            for table in (bound, estimate)
+        )
+        return FactoredPolicy(momdp, paid.problem, paid.moves, *tables)
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,17 +144,14 @@ class FactoredPolicy:
         ending = answer_value(momdp, initial_belief(momdp))
         free = replace(self, problem=compile_momdp(momdp, price=0.0))
         ahead = float(free.upper_bounds(x, momdp.prior).max())
-        return min(max(ending, ahead), self.value_at(x, momdp.prior))
+        rows, prior = self.problem.percepts.rows, np.array(momdp.prior)
+        scratch = make_scratch(self.bound, rows.shape[3])
+        value = float(value_after(self.bound, rows, self.moves, x, -1, prior, scratch))
+        return min(max(ending, ahead), value)
 
     def upper_bounds(self, x: int, prob: Floats) -> Floats:
         """Bound the value of each behavior (E,) from x at marginals (N,); -inf where not legal."""
         return self._values_ahead(self.bound, x, prob)
-
-    def value_at(self, x: int, prob: Floats) -> float:
-        """Bound the value from x at marginals (N,); those that no percept moves count as prior."""
-        rows = self.problem.percepts.rows
-        scratch = make_scratch(self.bound, rows.shape[3])
-        return float(value_after(self.bound, rows, self.moves, x, -1, np.array(prob), scratch))
 
     def decide(self, history: History, rng: np.random.Generator) -> Decision:
         """Choose the best action by one step ahead of the estimate, which may pass the bound."""
@@ -174,11 +176,6 @@ class FactoredPolicy:
         return np.where(step["legal"], out, -np.inf)
 
 
-def _rounded_up(table: Table) -> Table:
-    """Convert a table to float32, rounded up: it stays an upper bound."""
-    return table._replace(value=np.nextafter(table.value.astype(np.float32), np.float32(np.inf)))
-
-
 class _ValueIteration:
     """Value iteration of a MOMDP of infinite precision and one latent class a truth.
 
@@ -187,7 +184,7 @@ class _ValueIteration:
 
     def __init__(self, momdp: MOMDP, problem: Compiled, tolerance: float) -> None:
         self.momdp, self.problem, self.tolerance = momdp, problem, tolerance
-        self.edges = Edges.of(momdp, problem)
+        self.moves = informative_pairs(momdp)
 
     def bounds(self, points: int) -> Table:
         """Compute upper bounds on a grid of so many points at most.
@@ -241,10 +238,8 @@ class _ValueIteration:
 
     def _swept(self, table: Table, sweeps: int = _SWEEPS, *, smooth: bool = False) -> Table:
         """Iterate values on their own grid until a sweep changes none of them."""
-        axes = enumerate(table.axes)
-        percepts = [percepts_on(self.momdp, i, axis, smooth=smooth) for i, axis in axes]
         value = table.value.astype(np.float64)
-        backups = make_backups(self.momdp, self.edges, table, percepts)
+        backups = make_backups(self.momdp, self.problem.dynamics, table, smooth=smooth)
         scratch = np.zeros((4, value.shape[1]))
         settled = (_SMOOTH_SETTLED if smooth else _SETTLED) * self.tolerance
         sweep(backups, value, scratch, settled, sweeps, smooth)
@@ -252,7 +247,7 @@ class _ValueIteration:
 
     def _coarsest(self, points: int) -> Table:
         """Build the coarsest grid, of a constant that no value exceeds."""
-        momdp, moves = self.momdp, np.asarray(self.edges.moves.any(axis=1))
+        momdp, moves = self.momdp, np.asarray(self.moves.any(axis=1))
         axes = [
             make_axis(momdp, i, 0) if moved else momdp.prior[i : i + 1]
             for i, moved in enumerate(moves.tolist())
@@ -291,8 +286,11 @@ class _ValueIteration:
         return table
 
     def _at_start(self, table: Table) -> float:
-        """Return the bound at the start."""
-        return float(table.value[self.momdp.start, table.position(self.momdp.prior)])
+        """Return the bound at the start, which is a point of the grid."""
+        axes = zip(table.axes, self.momdp.prior, strict=True)
+        place = [int(axis.searchsorted(p)) for axis, p in axes]
+        point = np.ravel_multi_index(place, tuple(table.size))
+        return float(table.value[self.momdp.start, point])
 
 
 def _inner_points(size: Floats, points: int) -> list[int]:
