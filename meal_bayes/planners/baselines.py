@@ -136,22 +136,16 @@ class Greedy:
 def _most_bits(momdp: MOMDP, ways: Ways, history: History, rng: np.random.Generator) -> Decision:
     """Choose the first behavior on the way to the most bits per second."""
     belief = history.belief
-    stop = answer_value(momdp, belief)
-    values = np.full(momdp.n_behaviors + 1, np.nan)
-    values[-1] = stop
-    entropy = belief.entropy
+    stop, entropy = answer_value(momdp, belief), belief.entropy
+    values = np.append(np.full(momdp.n_behaviors, np.nan), stop)
     bit_value = (momdp.correct - stop) / entropy if entropy > 0 else 0.0
-    best_rate, action = 0.0, best_answer(momdp, belief)
-    for e, gained in enumerate(information_gain(momdp, belief)):
-        first = int(ways.hop[belief.x, e])
-        price = float(ways.cost[belief.x, e])
-        if first < 0 or gained <= 0:
-            continue
-        net = gained * bit_value - price
-        values[first] = np.fmax(values[first], stop + net)
-        rate = gained / max(price, 1e-9)
-        if net > 0 and rate > best_rate:
-            best_rate, action = rate, first
+    gain, first, price = information_gain(momdp, belief), ways.hop[belief.x], ways.cost[belief.x]
+    goal = (first >= 0) & (gain > 0)
+    net = np.where(goal, gain * bit_value - price, -np.inf)
+    np.fmax.at(values, first[goal], stop + net[goal])
+    rate = np.where(net > 0, gain / np.maximum(price, 1e-9), 0.0)
+    best = int(rate.argmax())
+    action = int(first[best]) if rate[best] > 0 else best_answer(momdp, belief)
     return Decision.exact(action, values)
 
 
