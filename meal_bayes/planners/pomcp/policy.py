@@ -129,13 +129,11 @@ class POMCPPolicy:
     @cached_property
     def tables(self) -> FactoredPolicy | None:
         """Factored value iteration; None where the marginals are not the state, or too many."""
-        momdp, points = self.momdp, self.settings.points
-        known = np.isinf(momdp.precision).all() and np.isinf(momdp.limit).all()
-        if not points or not known or not momdp.class_is_truth:
+        if not self.settings.points or not np.isinf(self.momdp.limit).all():
             return None
         try:
-            return Factored(points).solve(momdp, np.random.default_rng(0))
-        except SettingsError:  # too many attributes, or shaping that promises without end
+            return Factored(self.settings.points).solve(self.momdp, np.random.default_rng(0))
+        except SettingsError:  # not Eq. 8, too many attributes, shaping that promises without end
             return None
 
     def decide(self, history: History, rng: np.random.Generator) -> Decision:
@@ -149,36 +147,27 @@ class POMCPPolicy:
         if certain is not None:
             return certain
         scratch = plan_values(self.problem, self.plans, belief)
-        lower, upper = scratch.value.copy(), None
+        lower, upper = scratch.value.copy(), np.full(self.momdp.n_behaviors, np.inf)
         if self.tables is not None:
             upper = self.tables.upper_bounds(belief.x, belief.positive)
-        decision = self._settled(belief, lower, upper) or self._search(end, belief, scratch, rng)
-        if upper is None:
+        decision = _settled(self.momdp, belief, lower, upper)
+        decision = decision or self._search(end, belief, scratch, rng)
+        if self.tables is None:
             return decision
         worth = np.append(lower, decision.values[-1])[min(decision.action, len(lower))]
         return replace(decision, gap=float(max(0.0, upper.max() - worth)))
-
-    def _settled(self, belief: Belief, lower: Floats, upper: Floats | None) -> Decision | None:
-        """Decide by bounds alone, where an action is worth at least what any other is at most."""
-        helpful = np.isfinite(lower)
-        action, values = choose(self.momdp, belief, lower)
-        chosen = min(action, len(lower))
-        if upper is None:
-            # One behavior against the answer: the search may yet raise the behavior.
-            if helpful.sum() > 1 or (chosen == len(lower) and helpful.any()):
-                return None
-            upper = np.full(len(lower), -np.inf)
-        others = np.append(np.where(helpful, upper, -np.inf), values[-1])
-        others[chosen] = -np.inf
-        return Decision.exact(action, values) if values[chosen] >= others.max() else None
 
     def _search(
         self, end: float | None, belief: Belief, scratch: Scratch, rng: np.random.Generator
     ) -> Decision:
         """Decide by a tree; `scratch.value` holds the lower bounds of the behaviors."""
-        settings, momdp, lower = self.settings, self.momdp, scratch.value.copy()
+        settings, momdp = self.settings, self.momdp
         width = self.problem.dynamics.branch.shape[2] * ENUMERATE  # nodes of an expansion, at most
         tree = make_tree(momdp, belief, settings.capacity + width + 1)
+        tree.edge["value"][0], tree.edge["first"][0] = (
+            scratch.value,
+            -1,
+        )  # until a simulation opens the root
         tabled = None
         if self.tables is not None:
             table = self.tables.estimate
@@ -196,12 +185,9 @@ class POMCPPolicy:
 
         done = grow(settings.simulations) if end is None else _within(end, grow)
         rng.bit_generator.state = lent.bit_generator.state
-        if not done:
-            tree.edge["value"][0], tree.edge["visits"][0], tree.edge["first"][0] = lower, 0, -1
         action, values = choose(momdp, belief, tree.edge["value"][0])
         visits = tree.edge["visits"][0]
-        errors = no_errors(values)
-        errors[:-1][visits > 0] = standard_errors(tree)[visits > 0]
+        errors = no_errors(values) + np.append(standard_errors(tree), 0.0)
         rows = sampled.kept[action, : min(KEPT, visits[action])] if action < len(visits) else None
         visits = np.append(visits, tree.node["visits"][0] - visits.sum())
         return Decision(action, values, errors, visits, top_edges(tree), done, rows)
@@ -222,12 +208,10 @@ def _certain(momdp: MOMDP, belief: Belief) -> Decision | None:
         return None
     ways = diagram_of(dynamics).ways
     error = next_percept(momdp, belief).min(axis=2).sum(axis=2)  # (N,E) Bayes error of a percept
-    used = (ways.observation_counts[belief.x] > 0) & (
-        belief.percept_counts[0].sum(axis=1) < momdp.limit
-    )  # (goal,E)
+    left = belief.percept_counts[0].sum(axis=1) < momdp.limit
+    used = (ways.observation_counts[belief.x] > 0) & left  # (goal,E)
     least = np.where(used[:, None], error, 1.0 - belief.right[:, None]).min(axis=2)  # (goal,N)
-    value = momdp.report_reward(1.0 - least)
-    value = ways.discount[belief.x] * value - ways.cost[belief.x]
+    value = ways.discount[belief.x] * momdp.report_reward(1.0 - least) - ways.cost[belief.x]
     best = float(np.where(ways.hop[belief.x] >= 0, value, -np.inf).max(initial=-np.inf))
     ending = answer_value(momdp, belief)
     if best <= ending:
@@ -235,6 +219,15 @@ def _certain(momdp: MOMDP, belief: Belief) -> Decision | None:
     values = np.full(momdp.n_behaviors + 1, np.nan)
     values[legal[0]], values[-1] = best, ending
     return Decision.exact(int(legal[0]), values)
+
+
+def _settled(momdp: MOMDP, belief: Belief, lower: Floats, upper: Floats) -> Decision | None:
+    """Decide by bounds alone, where an action is worth at least what any other is at most."""
+    action, values = choose(momdp, belief, lower)
+    chosen = min(action, len(lower))
+    others = np.append(np.where(np.isfinite(lower), upper, -np.inf), values[-1])
+    others[chosen] = -np.inf
+    return Decision.exact(action, values) if values[chosen] >= others.max() else None
 
 
 def _within(end: float, grow: Callable[[int], int]) -> int:
