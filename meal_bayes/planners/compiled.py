@@ -69,7 +69,7 @@ class Compiled(NamedTuple):
     gap: float  # r+ - r-
 
 
-_known: dict[bytes, Dynamics] = {}  # at most _DIAGRAMS of them: the MOMDPs of a run share one
+_known: dict[object, Dynamics] = {}  # at most _DIAGRAMS of them: the MOMDPs of a run share one
 
 
 def compile_momdp(momdp: MOMDP, paid: float = np.inf, price: float = _PRICE) -> Compiled:
@@ -94,23 +94,14 @@ def compile_momdp(momdp: MOMDP, paid: float = np.inf, price: float = _PRICE) -> 
     )
 
 
-def class_prior(momdp: MOMDP) -> Floats:
-    """Compute Pr(latent class) (N,C) before a trial, none of them 0."""
-    chance = np.clip(np.stack([1 - momdp.prior, momdp.prior], axis=1), 1e-9, 1.0)  # (N,2)
-    prior = np.clip((chance[:, :, None] * momdp.latent_classes).sum(axis=1), 1e-21, 1.0)
-    return np.asarray(prior / prior.sum(axis=1, keepdims=True))
-
-
 def dynamics_of(momdp: MOMDP, price: float = _PRICE) -> Dynamics:
     """Compile what diagram, costs and discount make, once for all MOMDPs that share them.
 
     Behaviors cost at least `price` of r+ - r-: undiscounted, free ones could go on for ever.
     """
     cost = np.maximum(momdp.cost, price * (momdp.correct - momdp.incorrect))
-    parts = (momdp.transition, momdp.observation_probability, momdp.legal, cost, momdp.cost)
-    key = (
-        b"".join(part.tobytes() for part in parts) + repr((momdp.discount, momdp.abstain)).encode()
-    )
+    arrays = momdp.transition, momdp.observation_probability, momdp.legal, cost
+    key = (*(array.tobytes() for array in arrays), momdp.discount, momdp.abstain)
     return remember(_known, key, lambda: _dynamics(momdp, cost))
 
 

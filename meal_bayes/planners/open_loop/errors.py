@@ -176,6 +176,7 @@ def tabulate_errors(percepts, counts, attribute, scratch, table):
     next to the log-odds of a belief.
     """
     thresholds, classes, bins = table.shape[1], table.shape[2], scratch.bins
+    scale = (thresholds - 1) / (2.0 * SPAN)
     for t in range(table.shape[0]):
         i = attribute[t]
         scratch.outcomes[:, 0] = 1.0
@@ -183,9 +184,7 @@ def tabulate_errors(percepts, counts, attribute, scratch, table):
         _sum_classes(percepts.classes, i, m, scratch)
         bins[:, : thresholds + 1] = 0.0
         for a in range(m):  # from this threshold on an outcome speaks for yes
-            g = int(
-                np.ceil((SPAN - _log_ratio(scratch.truths, a)) * ((thresholds - 1) / (2.0 * SPAN)))
-            )
+            g = int(np.ceil((SPAN - _log_ratio(scratch.truths, a)) * scale))
             g = min(max(g, 0), thresholds)
             for c in range(classes):
                 bins[c, g] += scratch.outcomes[c, a]

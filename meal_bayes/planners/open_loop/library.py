@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from meal_bayes.arrays import Floats, Ints
 from meal_bayes.momdp import MOMDP
 from meal_bayes.momdp.observation import predictive
-from meal_bayes.planners.compiled import Compiled, Dynamics, class_prior, remember
+from meal_bayes.planners.compiled import Compiled, Dynamics, remember
 from meal_bayes.planners.open_loop.errors import (
     FEW_OUTCOMES,
     OUTCOMES,
@@ -98,13 +98,14 @@ def plan_library(momdp: MOMDP, problem: Compiled) -> Plans:
         return Plans(first, np.zeros((0,), PLAN), none, none.astype(float), none[:, :n], table)
     rng = np.random.Generator(np.random.PCG64(n))
     spread = rng.uniform(-4.0, 4.0, (_JUDGED * min(n, _MANY), n))
-    beliefs = _tilted(problem, class_prior(momdp), np.concatenate([0 * spread[:1], spread]))
+    beliefs = _tilted(momdp, problem, np.concatenate([0 * spread[:1], spread]))
     bhattacharyya = _log_bhattacharyya(problem)
-    parts = [_grown(problem, diagram, beliefs[:_GROWN], bhattacharyya), diagram.simple]
+    chance = (beliefs * problem.percepts.truth[:, 1]).sum(axis=2)  # (B,N)
+    parts = [_grown(problem, diagram, chance[:_GROWN], bhattacharyya), diagram.simple]
     if problem.shaped and (diagram.ways.hop >= 0).any():
         parts.append(_tours(problem, diagram))
     candidates = _cheapest(Candidates(*map(np.concatenate, zip(*parts, strict=True))))
-    candidates = candidates.select(_promising(problem, candidates, beliefs, bhattacharyya))
+    candidates = candidates.select(_promising(problem, candidates, chance, bhattacharyya))
     plans = _tabulated(problem, candidates, FEW_OUTCOMES)
     wins = np.zeros(len(plans.plan), np.int64)  # beliefs at which a plan is the best of its x
     wins_most = np.zeros(len(plans.plan), np.bool_)
@@ -121,14 +122,7 @@ def plan_library(momdp: MOMDP, problem: Compiled) -> Plans:
     return _tabulated(problem, _cheapest(_with_remainders(diagram, winners)), OUTCOMES)
 
 
-def retabulate(plans: Plans, problem: Compiled) -> Plans:
-    """Tabulate the errors of the same plans in another MOMDP of the query."""
-    x = np.repeat(np.arange(len(plans.first) - 1), np.diff(plans.first))
-    same = Candidates(x, np.empty((len(x), 0), np.int16), *plans[1:4])  # paths are not read
-    return _tabulated(problem, same, OUTCOMES)
-
-
-def _tilted(problem: Compiled, prior: Floats, spread: Floats) -> Floats:
+def _tilted(momdp: MOMDP, problem: Compiled, spread: Floats) -> Floats:
     """Move the prior's log-odds by a spread (B,N) -> Pr(latent class) (B,N,C), as percepts would.
 
     Evidence weighs the classes by exp(s Pr(true | class)), which moves the log-odds by s where the
@@ -140,6 +134,9 @@ def _tilted(problem: Compiled, prior: Floats, spread: Floats) -> Floats:
         yes, no = ((beliefs * likelihood).sum(axis=-1).clip(1e-300) for likelihood in (true, false))
         return np.asarray(np.log(yes / no))
 
+    chance = np.clip(np.stack([1 - momdp.prior, momdp.prior], axis=1), 1e-9, 1.0)  # (N,2)
+    prior = np.clip((chance[:, :, None] * momdp.latent_classes).sum(axis=1), 1e-21, 1.0)  # (N,C)
+    prior /= prior.sum(axis=1, keepdims=True)
     wanted, beliefs = log_odds(prior) + spread, prior[None]
     evidence = np.zeros_like(spread)
     for _ in range(1 if problem.percepts.class_is_truth else _ROUNDS):
@@ -167,30 +164,29 @@ def _log_bhattacharyya(problem: Compiled) -> Floats:
 
 
 def _grown(
-    problem: Compiled, diagram: Diagram, beliefs: Floats, bhattacharyya: Floats
+    problem: Compiled, diagram: Diagram, chance: Floats, bhattacharyya: Floats
 ) -> Candidates:
-    """Grow plans at beliefs (B,N,C) from every x to every first percept; with their beginnings."""
-    step, percepts = problem.dynamics.step, problem.percepts
+    """Grow plans at beliefs (B,N) from every x to every first percept; with their beginnings."""
+    step, limit = problem.dynamics.step, problem.percepts.limit
     size, n = step.shape
-    path = np.full((size, len(beliefs), n, _LENGTH), -1)
+    path = np.full((size, len(chance), n, _LENGTH), -1)
     ends = np.zeros(path.shape, np.bool_)
-    chance = (beliefs * percepts.truth[:, 1]).sum(axis=2)
     cost = np.where(diagram.ways.senses & step["legal"], step["cost"], np.inf).min(axis=0)
     rate = (-bhattacharyya[..., 1] / cost).max(axis=1)  # (N,)
     growth = Growth(
-        bhattacharyya, rate, percepts.limit, problem.incorrect, problem.gap,
+        bhattacharyya, rate, limit, problem.incorrect, problem.gap,
         np.zeros(n, np.int64), np.zeros((2, len(rate))),
     )  # fmt: skip
     length = grow_plans(diagram.ways, growth, chance, path, ends)
-    start, shape = np.repeat(np.arange(size), len(beliefs) * n), (-1, length)
+    start, shape = np.repeat(np.arange(size), len(chance) * n), (-1, length)
     beginnings = ends[..., :length].reshape(shape)
     return _summed_up(diagram, start, path[..., :length].reshape(shape), beginnings)
 
 
 def _promising(
-    problem: Compiled, candidates: Candidates, beliefs: Floats, bhattacharyya: Floats
+    problem: Compiled, candidates: Candidates, chance: Floats, bhattacharyya: Floats
 ) -> NDArray[np.intp]:
-    """Select candidates by an estimate of their values at beliefs (B,N,C).
+    """Select candidates by an estimate of their values at beliefs (B,N).
 
     An error is at most sqrt(b (1 - b)) times the Bhattacharyya coefficient of the percepts
     [Kailath1967]. The best few from each x at each belief stay, and _BEGUN of each first behavior.
@@ -199,8 +195,7 @@ def _promising(
     counts = np.minimum(candidates.observation_counts, within)
     every = np.arange(counts.shape[1])
     affine = np.exp(bhattacharyya[:, every, counts].sum(axis=2))  # (N,J)
-    chance = (beliefs * problem.percepts.truth[:, 1]).sum(axis=2)  # (B,N)
-    right = np.ones((len(beliefs), len(counts)))
+    right = np.ones((len(chance), len(counts)))
     for unsure, each in zip(np.sqrt(chance * (1.0 - chance)).T, affine, strict=True):
         right *= 1.0 - unsure[:, None] * each
     cost, discount = candidates.plan["cost"], candidates.plan["discount"]
@@ -251,11 +246,13 @@ def _summed_up(diagram: Diagram, start: Ints, path: Ints, ends: NDArray[np.bool_
     return Candidates(start[r], cut, plan, *sums)
 
 
-def _complete(diagram: Diagram, start: Sequence[int], paths: Sequence[Sequence[int]]) -> Candidates:
-    """Sum up paths (R) of any length that stop behind their last steps."""
+def _complete(
+    diagram: Diagram, start: Sequence[int], paths: Sequence[Sequence[int]], *, whole: bool = True
+) -> Candidates:
+    """Sum up paths (R) of any length, whole or in all their beginnings."""
     path = np.array([*itertools.zip_longest(*paths, fillvalue=-1)]).T
     last = np.arange(path.shape[1]) == (path >= 0).sum(axis=1)[:, None] - 1
-    return _summed_up(diagram, np.array(start), path, last)
+    return _summed_up(diagram, np.array(start), path, last if whole else path >= 0)
 
 
 def _tours(problem: Compiled, diagram: Diagram) -> Candidates:
@@ -273,10 +270,9 @@ def _tours(problem: Compiled, diagram: Diagram) -> Candidates:
             gain = (ways.observation_counts[state] > 0) @ (pay * left) - ways.cost[state]
             gain = np.where(left & (ways.hop[state] >= 0), gain, -np.inf)
             goal = int(gain.argmax()) if gain.max() > 0 else -1
-        beginnings = [path[: k + 1] for k in range(len(path[:_LENGTH]))]
-        start += [x] * len(beginnings)
-        paths += beginnings
-    return _complete(diagram, start, paths)
+        start.append(x)
+        paths.append(path[:_LENGTH])
+    return _complete(diagram, start, paths, whole=False)
 
 
 def _cheapest(candidates: Candidates) -> Candidates:
@@ -289,22 +285,28 @@ def _cheapest(candidates: Candidates) -> Candidates:
 
 def _with_remainders(diagram: Diagram, plans: Candidates) -> Candidates:
     """Add what is left of plans after each of their steps."""
-    start, paths, ways = [], [], diagram.ways
+    start, paths = [], []
     for x, row in zip(plans.x.tolist(), plans.path, strict=True):
-        path, state = row[row >= 0].tolist(), x
-        for k, a in enumerate(path):
+        state, path = x, row[row >= 0].tolist()
+        while path:
             start.append(state)
-            paths.append(path[k:])
-            state = int(ways.target[state, a])
+            paths.append(path)
+            state, path = int(diagram.ways.target[state, path[0]]), path[1:]
     return _complete(diagram, start, paths)
 
 
 def _tabulated(problem: Compiled, candidates: Candidates, held: int) -> Plans:
-    """Tabulate the errors; plans with equal percepts of an attribute share a row."""
+    first = np.searchsorted(candidates.x, np.arange(problem.dynamics.step.shape[0] + 1))
+    empty = np.empty((0, 0), np.int64), np.empty((0, 0, 0))
+    return retabulate(Plans(first, *candidates[2:], *empty), problem, held)
+
+
+def retabulate(plans: Plans, problem: Compiled, held: int = OUTCOMES) -> Plans:
+    """Tabulate the errors of plans in a MOMDP; equal percepts of an attribute share a row."""
     percepts, tables = problem.percepts, 0
     rows, counts, attribute = [], [], []
     for i, informative in enumerate(percepts.informative):
-        told = candidates.observation_counts * informative
+        told = plans.observation_counts * informative
         distinct, row = _distinct(told)
         rows.append(row + tables)
         counts.append(told[distinct])
@@ -313,5 +315,4 @@ def _tabulated(problem: Compiled, candidates: Candidates, held: int) -> Plans:
     table = np.empty((tables, THRESHOLDS, percepts.rows.shape[2]))
     scratch = make_scratch(percepts, 0, 0, held)
     tabulate_errors(percepts, np.concatenate(counts), np.array(attribute), scratch, table)
-    first = np.searchsorted(candidates.x, np.arange(problem.dynamics.step.shape[0] + 1))
-    return Plans(first, *candidates[2:], np.column_stack(rows), table)
+    return plans._replace(row=np.column_stack(rows), table=table)

@@ -182,9 +182,8 @@ def evaluate_plans(model, plans, x, prob, scratch, floor, useful):
     """Evaluate the best plan from x by first behavior -> `scratch.value`; return the best.
 
     `scratch.best` holds the plans; `scratch.counts` and `total` are the percepts so far. Above a
-    `floor` of -inf only the best of all is sought, and `floor` returned where none exceeds it;
-    then errors computed before are used, as an attribute's belief is the same after equal
-    `scratch.shown`: `forget_errors` comes before the first of such beliefs.
+    `floor` of -inf only the best of all is sought, and `floor` returned where none exceeds it; then
+    errors computed before are used: an attribute's belief is the same after equal `scratch.shown`.
     Plans that the tables do not hold are computed in the order of their tabulated values,
     which are nearly always too high, COMPUTED a behavior: to leave some out keeps a lower bound.
 
