@@ -153,12 +153,11 @@ class Remembering:
         """Choose the next action, as the last time in the same place."""
         belief = history.belief
         key = belief.x, belief.percept_counts.tobytes()
-        decision = self._made.get(key)
-        if decision is None:
+        if key not in self._made:
             place = hashlib.blake2b(key[1], digest_size=8).hexdigest()
             luck = stream(0, "remembered decisions", belief.x, place)
-            decision = self._made[key] = self.policy.decide(history, luck)
-        return decision
+            self._made[key] = self.policy.decide(history, luck)
+        return self._made[key]
 
 
 def unvalued(momdp: MOMDP, action: int) -> Decision:
