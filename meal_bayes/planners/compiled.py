@@ -115,8 +115,7 @@ def remember(made: dict[K, V], key: K, make: Callable[[], V]) -> V:
 
 
 def _dynamics(momdp: MOMDP, cost: Floats) -> Dynamics:
-    size = len(momdp.x_names)
-    states = np.arange(size)
+    states = np.arange(len(momdp.x_names))
     idle = (momdp.transition * (1 - momdp.observation_probability))[:, states, states].T  # (X,E)
     idle = np.where(momdp.legal, idle, 0.0)
     moved = momdp.transition.transpose(1, 0, 2).copy()  # (X,E,X)
@@ -129,17 +128,14 @@ def _dynamics(momdp: MOMDP, cost: Floats) -> Dynamics:
     step["cost"] = cost / remaining
     step["discount"] = momdp.discount * (1 - idle) / remaining
     step["bonus_scale"] = 1 / remaining
-    happens = np.where(1 - idle > 0, 1 - idle, 1.0)
-    width = max(1, int(((sensed > _ROUNDING).sum(2) + (silent > _ROUNDING).sum(2)).max()))
-    branch = np.zeros((*idle.shape, width), BRANCH)
-    for x, e in np.argwhere(step["legal"]).tolist():
-        outcomes = [
-            (mass / happens[x, e], target, senses)
-            for target in range(size)
-            for mass, senses in ((sensed[x, e, target], True), (silent[x, e, target], False))
-            if mass > _ROUNDING
-        ]
-        branch[x, e, : len(outcomes)] = outcomes
+    # Outcomes (X,E,2X): each next x with a percept, then without.
+    mass = np.stack([sensed, silent], axis=3).reshape(*idle.shape, -1)
+    possible = mass > _ROUNDING
+    branch = np.zeros((*idle.shape, max(1, int(possible.sum(axis=2).max()))), BRANCH)
+    x, e, k = np.nonzero(possible & step["legal"][..., None])
+    at = x, e, possible.cumsum(axis=2)[x, e, k] - 1
+    branch["p"][at] = mass[x, e, k] / np.where(1 - idle > 0, 1 - idle, 1.0)[x, e]
+    branch["x"][at], branch["senses"][at] = k // 2, k % 2 == 0
     step["moves"] = ((branch["p"] > 0) & (branch["x"] != states[:, None, None])).any(axis=2)
     return Dynamics(step, branch, 0.0 if momdp.abstain else -np.inf)
 
