@@ -40,17 +40,8 @@ from meal_bayes.arrays import Floats
 from meal_bayes.errors import SettingsError
 from meal_bayes.momdp import MOMDP, answer_value, initial_belief
 from meal_bayes.planners.compiled import Compiled, compile_momdp
-from meal_bayes.planners.factored.grid import (
-    Table,
-    add_values_ahead,
-    even_axis,
-    informative_pairs,
-    make_axis,
-    make_scratch,
-    make_table,
-    refine,
-    value_after,
-)
+from meal_bayes.planners.factored import grid
+from meal_bayes.planners.factored.grid import Table
 from meal_bayes.planners.factored.sweep import make_backups, sweep
 from meal_bayes.planners.open_loop.policy import OpenLoop
 from meal_bayes.planners.solver import Decision, History, choose
@@ -145,8 +136,8 @@ class FactoredPolicy:
         free = replace(self, problem=compile_momdp(momdp, price=0.0))
         ahead = float(free.upper_bounds(x, momdp.prior).max())
         rows, prior = self.problem.percepts.rows, np.array(momdp.prior)
-        scratch = make_scratch(self.bound, rows.shape[3])
-        value = float(value_after(self.bound, rows, self.moves, x, -1, prior, scratch))
+        scratch = grid.make_scratch(self.bound, rows.shape[3])
+        value = float(grid.value_after(self.bound, rows, self.moves, x, -1, prior, scratch))
         return min(max(ending, ahead), value)
 
     def upper_bounds(self, x: int, prob: Floats) -> Floats:
@@ -171,8 +162,8 @@ class FactoredPolicy:
         if problem.shaped:
             bonus = (1 - prob) @ problem.bonus[..., 0] + prob @ problem.bonus[..., 1]
             out += step["bonus_scale"] * bonus
-        scratch, prob = make_scratch(table, percepts.rows.shape[3]), np.array(prob)
-        add_values_ahead(problem.dynamics, percepts, table, self.moves, x, prob, scratch, out)
+        scratch, prob = grid.make_scratch(table, percepts.rows.shape[3]), np.array(prob)
+        grid.add_values_ahead(problem.dynamics, percepts, table, self.moves, x, prob, scratch, out)
         return np.where(step["legal"], out, -np.inf)
 
 
@@ -184,7 +175,7 @@ class _ValueIteration:
 
     def __init__(self, momdp: MOMDP, problem: Compiled, tolerance: float) -> None:
         self.momdp, self.problem, self.tolerance = momdp, problem, tolerance
-        self.moves = informative_pairs(momdp)
+        self.moves = grid.informative_pairs(momdp)
 
     def bounds(self, points: int) -> Table:
         """Compute upper bounds on a grid of so many points at most.
@@ -233,7 +224,7 @@ class _ValueIteration:
         if min(inner) < _LEAST:
             return bounds
         for i, each in zip(moving.tolist(), inner, strict=True):
-            bounds = refine(bounds, i, even_axis(self.momdp, i, each))
+            bounds = grid.refine(bounds, i, grid.even_axis(self.momdp, i, each))
         return self._swept(bounds, _SMOOTHED, smooth=True)
 
     def _swept(self, table: Table, sweeps: int = _SWEEPS, *, smooth: bool = False) -> Table:
@@ -249,7 +240,7 @@ class _ValueIteration:
         """Build the coarsest grid, of a constant that no value exceeds."""
         momdp, moves = self.momdp, np.asarray(self.moves.any(axis=1))
         axes = [
-            make_axis(momdp, i, 0) if moved else momdp.prior[i : i + 1]
+            grid.make_axis(momdp, i, 0) if moved else momdp.prior[i : i + 1]
             for i, moved in enumerate(moves.tolist())
         ]
         size = math.prod(len(axis) for axis in axes)
@@ -259,7 +250,7 @@ class _ValueIteration:
                 f"`points` allows {points}. Raise it, or plan with POMCP, which needs none."
             )
         value = np.full((momdp.terminal, size), self._constant_bound())
-        return make_table(axes, value)
+        return grid.make_table(axes, value)
 
     def _constant_bound(self) -> float:
         """Bound every value by the best ending, or the best pay for ever."""
@@ -277,12 +268,12 @@ class _ValueIteration:
 
     def _finer(self, table: Table, levels: Mapping[int, int], points: int) -> Table | None:
         """Refine some axes to their levels; None if the grid would have too many points."""
-        axes = {i: make_axis(self.momdp, i, level) for i, level in levels.items()}
+        axes = {i: grid.make_axis(self.momdp, i, level) for i, level in levels.items()}
         size = [len(axes.get(i, axis)) for i, axis in enumerate(table.axes)]
         if not axes or math.prod(size) > points:
             return None
         for i, axis in axes.items():
-            table = refine(table, i, axis)
+            table = grid.refine(table, i, axis)
         return table
 
     def _at_start(self, table: Table) -> float:

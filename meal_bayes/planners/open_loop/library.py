@@ -13,13 +13,7 @@ from meal_bayes.arrays import Floats, Ints
 from meal_bayes.momdp import MOMDP
 from meal_bayes.momdp.observation import predictive
 from meal_bayes.planners.compiled import Compiled, Dynamics, remember
-from meal_bayes.planners.open_loop.errors import (
-    FEW_OUTCOMES,
-    OUTCOMES,
-    THRESHOLDS,
-    make_scratch,
-    tabulate_errors,
-)
+from meal_bayes.planners.open_loop import errors
 from meal_bayes.planners.open_loop.growth import Growth, Ways, find_ways, grow_plans
 from meal_bayes.planners.open_loop.values import PLAN, Plans, best_plans, plan_scratch
 
@@ -94,7 +88,7 @@ def plan_library(momdp: MOMDP, problem: Compiled) -> Plans:
     if not problem.dynamics.step["legal"].any():  # nothing can be done, as where everything fails
         size, behaviors = problem.dynamics.step.shape
         first, none = np.zeros(size + 1, np.int64), np.zeros((0, behaviors), np.int64)
-        table = np.ones((1, THRESHOLDS, problem.percepts.rows.shape[2]))
+        table = np.ones((1, errors.THRESHOLDS, problem.percepts.rows.shape[2]))
         return Plans(first, np.zeros((0,), PLAN), none, none.astype(float), none[:, :n], table)
     rng = np.random.Generator(np.random.PCG64(n))
     spread = rng.uniform(-4.0, 4.0, (_JUDGED * min(n, _MANY), n))
@@ -106,7 +100,7 @@ def plan_library(momdp: MOMDP, problem: Compiled) -> Plans:
         parts.append(_tours(problem, diagram))
     candidates = _cheapest(Candidates(*map(np.concatenate, zip(*parts, strict=True))))
     candidates = candidates.select(_promising(problem, candidates, chance, bhattacharyya))
-    plans = _tabulated(problem, candidates, FEW_OUTCOMES)
+    plans = _tabulated(problem, candidates, errors.FEW_OUTCOMES)
     wins = np.zeros(len(plans.plan), np.int64)  # beliefs at which a plan is the best of its x
     wins_most = np.zeros(len(plans.plan), np.bool_)
     scratch, every = plan_scratch(problem.percepts, plans), np.arange(momdp.n_behaviors)
@@ -119,7 +113,7 @@ def plan_library(momdp: MOMDP, problem: Compiled) -> Plans:
         often = start + np.argsort(-wins[start:end], kind="stable")[:_KEPT]
         wins_most[often[wins[often] > 0]] = True
     winners = candidates.select(np.flatnonzero(wins_most))
-    return _tabulated(problem, _cheapest(_with_remainders(diagram, winners)), OUTCOMES)
+    return _tabulated(problem, _cheapest(_with_remainders(diagram, winners)), errors.OUTCOMES)
 
 
 def _tilted(momdp: MOMDP, problem: Compiled, spread: Floats) -> Floats:
@@ -301,7 +295,7 @@ def _tabulated(problem: Compiled, candidates: Candidates, held: int) -> Plans:
     return retabulate(Plans(first, *candidates[2:], *empty), problem, held)
 
 
-def retabulate(plans: Plans, problem: Compiled, held: int = OUTCOMES) -> Plans:
+def retabulate(plans: Plans, problem: Compiled, held: int = errors.OUTCOMES) -> Plans:
     """Tabulate the errors of plans in a MOMDP; equal percepts of an attribute share a row."""
     percepts, tables = problem.percepts, 0
     rows, counts, attribute = [], [], []
@@ -312,7 +306,7 @@ def retabulate(plans: Plans, problem: Compiled, held: int = OUTCOMES) -> Plans:
         counts.append(told[distinct])
         attribute += [i] * len(distinct)
         tables += len(distinct)
-    table = np.empty((tables, THRESHOLDS, percepts.rows.shape[2]))
-    scratch = make_scratch(percepts, 0, 0, held)
-    tabulate_errors(percepts, np.concatenate(counts), np.array(attribute), scratch, table)
+    table = np.empty((tables, errors.THRESHOLDS, percepts.rows.shape[2]))
+    scratch = errors.make_scratch(percepts, 0, 0, held)
+    errors.tabulate_errors(percepts, np.concatenate(counts), np.array(attribute), scratch, table)
     return plans._replace(row=np.column_stack(rows), table=table)
