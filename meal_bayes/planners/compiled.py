@@ -19,7 +19,6 @@ _ROUNDING = 1e-12
 _PRICE = 1e-4  # of r+ - r-: behaviors that cost less are planned with as if they cost this
 _DIAGRAMS = 16  # whose dynamics and ways are remembered
 
-K = TypeVar("K")
 V = TypeVar("V")
 
 STEP = np.dtype([
@@ -105,7 +104,7 @@ def dynamics_of(momdp: MOMDP, price: float = _PRICE) -> Dynamics:
     return remember(_known, key, lambda: _dynamics(momdp, cost))
 
 
-def remember(made: dict[K, V], key: K, make: Callable[[], V]) -> V:
+def remember(made: dict[object, V], key: object, make: Callable[[], V]) -> V:
     """Make a value once a key; a few are remembered."""
     if key not in made:
         if len(made) >= _DIAGRAMS:

@@ -16,8 +16,6 @@ _LARGEST, _POINTS = 7.0, 57  # log-odds from -7 to 7
 _SWEEPS = 60  # at most
 _SETTLED = 1e-4  # of r+ - r-
 
-_Outcomes = list[tuple[Floats, Ints, Floats]]  # Pr(z), point below and weight above, (B,G)
-
 
 def batched_value_iteration(momdp: MOMDP, rates: Floats, prior: Floats) -> Floats:
     """Compute the values of B single-attribute problems at their priors, (B,), s of reward.
@@ -59,21 +57,18 @@ def batched_value_iteration(momdp: MOMDP, rates: Floats, prior: Floats) -> Float
     return np.asarray((1 - fraction) * first[row, low] + fraction * first[row, low + 1])
 
 
-def _outcomes(yes: Floats, grid: Floats, belief: Floats) -> _Outcomes:
-    """Compute where a percept of rates (B,2) takes every belief of every problem, by level."""
+def _outcomes(yes: Floats, grid: Floats, belief: Floats) -> tuple[Floats, Ints, Floats]:
+    """Compute Pr(z) of rates (B,2), and the point below b' and the weight above it, (2,B,G)."""
     rates = np.clip(np.stack([1 - yes, yes]), 1e-6, 1.0)[..., None]  # (2 levels,B,2 truths,1)
     prob = rates[:, :, 1] * belief + rates[:, :, 0] * (1 - belief)  # (2,B,G)
     at = np.arange(len(grid)) + np.log(rates[:, :, 1] / rates[:, :, 0]) / (grid[1] - grid[0])
     at = np.clip(at, 0, len(grid) - 1)
     low = np.minimum(at.astype(np.intp), len(grid) - 2)
-    return list(zip(prob, low, at - low, strict=True))
+    return prob, low, at - low
 
 
-def _expectation(outcomes: _Outcomes, value: Floats) -> Floats:
+def _expectation(outcomes: tuple[Floats, Ints, Floats], value: Floats) -> Floats:
     """Compute the expected value (B,G) after a percept."""
-    total = np.zeros_like(value)
-    for prob, low, fraction in outcomes:
-        below = np.take_along_axis(value, low, axis=1)
-        above = np.take_along_axis(value, low + 1, axis=1)
-        total += prob * (below + fraction * (above - below))
-    return total
+    prob, low, fraction = outcomes
+    below, above = (np.take_along_axis(value[None], at, axis=2) for at in (low, low + 1))
+    return np.asarray((prob * (below + fraction * (above - below))).sum(axis=0))

@@ -68,7 +68,7 @@ class Diagram:
         return _cheapest(_complete(self, start, rows))
 
 
-_known: dict[int, Diagram] = {}  # by the identity of dynamics that they hold
+_known: dict[object, Diagram] = {}  # by the identity of dynamics that they hold
 
 
 def diagram_of(dynamics: Dynamics) -> Diagram:
