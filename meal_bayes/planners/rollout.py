@@ -38,12 +38,7 @@ class Rollouts:
 
 
 def simulate(
-    momdp: MOMDP,
-    policy: Policy,
-    episodes: int,
-    rng: np.random.Generator,
-    *,
-    max_steps: int = 100,
+    momdp: MOMDP, policy: Policy, episodes: int, rng: np.random.Generator, *, max_steps: int = 100
 ) -> Rollouts:
     """Simulate episodes; truths, objects' rows and failures are drawn from the MOMDP.
 

@@ -7,7 +7,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes.arrays import FrozenArrays
+from meal_bayes.arrays import Floats, FrozenArrays
 from meal_bayes.momdp import MOMDP, Belief, answer_value, best_answer
 from meal_bayes.seeds import stream
 
@@ -110,13 +110,8 @@ class History:
 
     def after(self, belief: Belief, action: int, perceived: bool, cost: float) -> "History":
         """Return the history one step on, of a behavior that cost so much and led to a belief."""
-        return History(
-            belief,
-            (*self.actions, action),
-            (*self.perceived, perceived),
-            (*self.moved, belief.x),
-            self.cost + cost,
-        )
+        actions, came = (*self.actions, action), (*self.perceived, perceived)
+        return History(belief, actions, came, (*self.moved, belief.x), self.cost + cost)
 
 
 class Policy(Protocol):
@@ -165,9 +160,7 @@ def unvalued(momdp: MOMDP, action: int) -> Decision:
     return Decision.exact(action, np.full(momdp.n_behaviors + 1, np.nan))
 
 
-def choose(
-    momdp: MOMDP, belief: Belief, values: NDArray[np.float64]
-) -> tuple[int, NDArray[np.float64]]:
+def choose(momdp: MOMDP, belief: Belief, values: Floats) -> tuple[int, Floats]:
     """Choose the most valuable behavior, or answer where none is worth more.
 
     Of values (E,), -inf where not legal; return the action, and the values (E+1,) of all behaviors

@@ -164,10 +164,7 @@ class POMCPPolicy:
         settings, momdp = self.settings, self.momdp
         width = self.problem.dynamics.branch.shape[2] * ENUMERATE  # nodes of an expansion, at most
         tree = make_tree(momdp, belief, settings.capacity + width + 1)
-        tree.edge["value"][0], tree.edge["first"][0] = (
-            scratch.value,
-            -1,
-        )  # until a simulation opens the root
+        tree.edge["value"][0], tree.edge["first"][0] = scratch.value, -1  # before simulations
         tabled = None
         if self.tables is not None:
             table = self.tables.estimate
