@@ -1,7 +1,7 @@
 """The library of open-loop plans of a MOMDP: grown, selected, compared, and tabulated."""
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -25,6 +25,8 @@ _KEPT = 14  # plans an x, besides one for every first behavior and what is left 
 _CANDIDATES = 10  # times N: candidates an x and a belief that are looked at closely
 _BEGUN = 2  # and of each first behavior
 _COUNTED = 8  # percepts of one behavior that growing looks ahead to
+
+_Walk = tuple[int, Sequence[int]]  # an x, and behaviors from there
 
 
 class Candidates(NamedTuple):
@@ -64,8 +66,7 @@ class Diagram:
                     path = (*path, *self.ways.path(state, goal))
                     state = int(self.ways.end[state, goal])
                 paths.add((x, path[:_LENGTH]))
-        start, rows = zip(*sorted(paths), strict=True)
-        return _cheapest(_complete(self, start, rows))
+        return _cheapest(_complete(self, sorted(paths)))
 
 
 _known: dict[object, Diagram] = {}  # by the identity of dynamics that they hold
@@ -95,9 +96,9 @@ def plan_library(momdp: MOMDP, problem: Compiled) -> Plans:
     beliefs = _tilted(momdp, problem, np.concatenate([0 * spread[:1], spread]))
     bhattacharyya = _log_bhattacharyya(problem)
     chance = (beliefs * problem.percepts.truth[:, 1]).sum(axis=2)  # (B,N)
-    parts = [_grown(problem, diagram, chance[:_GROWN], bhattacharyya), diagram.simple]
+    parts = [_grow(problem, diagram, chance[:_GROWN], bhattacharyya), diagram.simple]
     if problem.shaped and (diagram.ways.hop >= 0).any():
-        parts.append(_tours(problem, diagram))
+        parts.append(_complete(diagram, _tours(problem, diagram.ways), whole=False))
     candidates = _cheapest(Candidates(*map(np.concatenate, zip(*parts, strict=True))))
     candidates = candidates.select(_promising(problem, candidates, chance, bhattacharyya))
     plans = _tabulated(problem, candidates, errors.FEW_OUTCOMES)
@@ -113,7 +114,8 @@ def plan_library(momdp: MOMDP, problem: Compiled) -> Plans:
         often = start + np.argsort(-wins[start:end], kind="stable")[:_KEPT]
         wins_most[often[wins[often] > 0]] = True
     winners = candidates.select(np.flatnonzero(wins_most))
-    return _tabulated(problem, _cheapest(_with_remainders(diagram, winners)), errors.OUTCOMES)
+    remainders = _complete(diagram, _remainders(winners, diagram.ways))
+    return _tabulated(problem, _cheapest(remainders), errors.OUTCOMES)
 
 
 def _tilted(momdp: MOMDP, problem: Compiled, spread: Floats) -> Floats:
@@ -157,9 +159,7 @@ def _log_bhattacharyya(problem: Compiled) -> Floats:
     return np.where(percepts.informative[..., None], out, 0.0)
 
 
-def _grown(
-    problem: Compiled, diagram: Diagram, chance: Floats, bhattacharyya: Floats
-) -> Candidates:
+def _grow(problem: Compiled, diagram: Diagram, chance: Floats, bhattacharyya: Floats) -> Candidates:
     """Grow plans at beliefs (B,N) from every x to every first percept; with their beginnings."""
     step, limit = problem.dynamics.step, problem.percepts.limit
     size, n = step.shape
@@ -240,20 +240,17 @@ def _summed_up(diagram: Diagram, start: Ints, path: Ints, ends: NDArray[np.bool_
     return Candidates(start[r], cut, plan, *sums)
 
 
-def _complete(
-    diagram: Diagram, start: Sequence[int], paths: Sequence[Sequence[int]], *, whole: bool = True
-) -> Candidates:
-    """Sum up paths (R) of any length, whole or in all their beginnings."""
+def _complete(diagram: Diagram, walks: Iterable[_Walk], *, whole: bool = True) -> Candidates:
+    """Sum up walks (R) of any length, whole or in all their beginnings."""
+    start, paths = zip(*walks, strict=True)
     path = np.array([*itertools.zip_longest(*paths, fillvalue=-1)]).T
     last = np.arange(path.shape[1]) == (path >= 0).sum(axis=1)[:, None] - 1
     return _summed_up(diagram, np.array(start), path, last if whole else path >= 0)
 
 
-def _tours(problem: Compiled, diagram: Diagram) -> Candidates:
+def _tours(problem: Compiled, ways: Ways) -> Iterator[_Walk]:
     """Build tours: after every first behavior, to the best-paid first percept while it pays."""
-    ways = diagram.ways
     pay = np.where(problem.paid > 0, problem.bonus.mean(axis=2).sum(axis=0), 0.0)
-    start, paths = [], []
     for x, first in np.argwhere(ways.hop >= 0).tolist():
         path: tuple[int, ...] = ()
         state, goal, left = x, first, np.ones(len(pay), np.bool_)
@@ -264,9 +261,7 @@ def _tours(problem: Compiled, diagram: Diagram) -> Candidates:
             gain = (ways.observation_counts[state] > 0) @ (pay * left) - ways.cost[state]
             gain = np.where(left & (ways.hop[state] >= 0), gain, -np.inf)
             goal = int(gain.argmax()) if gain.max() > 0 else -1
-        start.append(x)
-        paths.append(path[:_LENGTH])
-    return _complete(diagram, start, paths, whole=False)
+        yield x, path[:_LENGTH]
 
 
 def _cheapest(candidates: Candidates) -> Candidates:
@@ -277,16 +272,13 @@ def _cheapest(candidates: Candidates) -> Candidates:
     return candidates.select(cost[first])
 
 
-def _with_remainders(diagram: Diagram, plans: Candidates) -> Candidates:
-    """Add what is left of plans after each of their steps."""
-    start, paths = [], []
+def _remainders(plans: Candidates, ways: Ways) -> Iterator[_Walk]:
+    """List plans, and what is left of them after each of their steps."""
     for x, row in zip(plans.x.tolist(), plans.path, strict=True):
         state, path = x, row[row >= 0].tolist()
         while path:
-            start.append(state)
-            paths.append(path)
-            state, path = int(diagram.ways.target[state, path[0]]), path[1:]
-    return _complete(diagram, start, paths)
+            yield state, path
+            state, path = int(ways.target[state, path[0]]), path[1:]
 
 
 def _tabulated(problem: Compiled, candidates: Candidates, held: int) -> Plans:
