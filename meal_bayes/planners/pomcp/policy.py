@@ -138,20 +138,18 @@ class POMCPPolicy:
 
     def decide(self, history: History, rng: np.random.Generator) -> Decision:
         """Choose the best value, by search where anything is left to decide."""
-        belief, end = history.belief, None
-        if self.momdp.query.groups:  # nodes of the tree hold attributes that are independent
-            return OpenLoopPolicy(self.momdp, self.problem, self.plans).decide(history, rng)
+        momdp, belief, end = self.momdp, history.belief, None
+        if momdp.query.groups:  # nodes of the tree hold attributes that are independent
+            return OpenLoopPolicy(momdp, self.problem, self.plans).decide(history, rng)
         if self.settings.milliseconds is not None:
             end = time.thread_time() + 1e-3 * self.settings.milliseconds
-        certain = _certain(self.momdp, belief)
-        if certain is not None:
+        if certain := _certain(momdp, belief):
             return certain
         scratch = plan_values(self.problem, self.plans, belief)
-        lower, upper = scratch.value.copy(), np.full(self.momdp.n_behaviors, np.inf)
+        lower, upper = scratch.value.copy(), np.full(momdp.n_behaviors, np.inf)
         if self.tables is not None:
             upper = self.tables.upper_bounds(belief.x, belief.positive)
-        decision = _settled(self.momdp, belief, lower, upper)
-        decision = decision or self._search(end, belief, scratch, rng)
+        decision = _settled(momdp, belief, lower, upper) or self._search(end, belief, scratch, rng)
         if self.tables is None:
             return decision
         worth = np.append(lower, decision.values[-1])[min(decision.action, len(lower))]
