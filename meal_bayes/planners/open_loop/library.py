@@ -187,8 +187,7 @@ def _promising(
     """
     within = np.minimum(problem.percepts.limit, _COUNTED - 1).astype(np.int64)
     counts = np.minimum(candidates.observation_counts, within)
-    every = np.arange(counts.shape[1])
-    affine = np.exp(bhattacharyya[:, every, counts].sum(axis=2))  # (N,J)
+    affine = np.exp(bhattacharyya[:, np.arange(counts.shape[1]), counts].sum(axis=2))  # (N,J)
     right = np.ones((len(chance), len(counts)))
     for unsure, each in zip(np.sqrt(chance * (1.0 - chance)).T, affine, strict=True):
         right *= 1.0 - unsure[:, None] * each
