@@ -26,14 +26,11 @@ class Ways(NamedTuple):
 
     def path(self, x: int, behavior: int) -> tuple[int, ...]:
         """Return the behaviors from x to a percept of one of them; empty where there is no way."""
-        path: tuple[int, ...] = ()
-        while self.hop[x, behavior] >= 0:
-            a = int(self.hop[x, behavior])
-            path = (*path, a)
-            if a == behavior and self.senses[x, a]:
-                return path
-            x = int(self.target[x, a])
-        return path
+        a = int(self.hop[x, behavior])
+        if a < 0:
+            return ()
+        arrived = a == behavior and self.senses[x, a]
+        return (a,) if arrived else (a, *self.path(int(self.target[x, a]), behavior))
 
 
 class Growth(NamedTuple):
