@@ -1,7 +1,6 @@
 """Tables over a product grid of marginal beliefs: their axes, and values between the points."""
 
 from collections.abc import Iterable, Sequence
-from functools import reduce
 from itertools import zip_longest
 from typing import Any, NamedTuple
 
@@ -32,12 +31,11 @@ class Table(NamedTuple):
 
     def combined(self, parts: Iterable[Floats], combine: np.ufunc) -> Floats:
         """Combine numbers (..,G) of each axis's points into one a point of the grid, (..,B)."""
-
-        def cross(left: Floats, part: Floats) -> Floats:
-            both: Floats = combine(left[..., None], part[..., None, :])
-            return both.reshape(*left.shape[:-1], -1)
-
-        return reduce(cross, parts)
+        product, *others = parts
+        for part in others:
+            pairs = combine(product[..., None], part[..., None, :])
+            product = pairs.reshape(*product.shape[:-1], -1)
+        return product
 
 
 def make_table(axes: Sequence[Floats], value: Floats) -> Table:
