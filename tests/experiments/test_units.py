@@ -205,11 +205,12 @@ def alone(tmp_path_factory, contents):
 
 @pytest.mark.long
 def test_what_is_killed_beside_another_ends_the_same(alone, tmp_path, contents):
-    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    started = [
-        subprocess.Popen([sys.executable, "-c", CODE, str(tmp_path), str(last)], env=environment)
-        for last in (40, 170, 0)  # killed in the first unit, in a later one, never
-    ]
+    environment, started = {**os.environ, "PYTHONPATH": str(ROOT)}, []
+    for last in (40, 170, 0):  # killed in the first unit, in a later one, never
+        command = [sys.executable, "-c", CODE, str(tmp_path), str(last)]
+        started.append(subprocess.Popen(command, env=environment))
+        while started[0].poll() is None and not list(tmp_path.rglob("*.active")):
+            time.sleep(0.01)  # until the first has a unit, so that no other takes all
     codes = [process.wait() for process in started]
     assert codes[0] == -signal.SIGKILL
     assert codes[2] == 0
