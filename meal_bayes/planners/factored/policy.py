@@ -42,7 +42,7 @@ from meal_bayes.momdp import MOMDP, answer_value, initial_belief
 from meal_bayes.planners.compiled import Compiled, compile_momdp
 from meal_bayes.planners.factored import grid
 from meal_bayes.planners.factored.grid import Table
-from meal_bayes.planners.factored.sweep import make_backups, sweep
+from meal_bayes.planners.factored.sweep import Edges, make_backups, percepts_on, sweep
 from meal_bayes.planners.open_loop.policy import OpenLoop
 from meal_bayes.planners.solver import Decision, History, choose
 
@@ -102,7 +102,7 @@ class Factored:
         momdp = replace(momdp, bonus=np.where((momdp.limit <= 0)[:, None], 0.0, momdp.bonus))
         tolerance = self.tolerance * max(momdp.correct - momdp.incorrect, 1e-9)
         free = _ValueIteration(momdp, compile_momdp(momdp, price=0.0), tolerance)
-        many = free.moves.any(axis=1).sum() == _MANY
+        many = free.edges.moves.any(axis=1).sum() == _MANY
         bound = free.bounds((_FINER if many else 1) * self.points)
         paid = _ValueIteration(momdp, compile_momdp(momdp), tolerance)
         estimate = paid.estimate(bound, _FINER * self.points)
@@ -111,7 +111,7 @@ class Factored:
             table._replace(value=np.nextafter(table.value.astype(np.float32), np.float32(np.inf)))
             for table in (bound, estimate)
         )
-        return FactoredPolicy(momdp, paid.problem, paid.moves, *tables)
+        return FactoredPolicy(momdp, paid.problem, paid.edges.moves, *tables)
 
 
 @dataclass(frozen=True, slots=True)
@@ -175,7 +175,7 @@ class _ValueIteration:
 
     def __init__(self, momdp: MOMDP, problem: Compiled, tolerance: float) -> None:
         self.momdp, self.problem, self.tolerance = momdp, problem, tolerance
-        self.moves = grid.informative_pairs(momdp)
+        self.edges = Edges.of(momdp, problem)
 
     def bounds(self, points: int) -> Table:
         """Compute upper bounds on a grid of so many points at most.
@@ -229,8 +229,10 @@ class _ValueIteration:
 
     def _swept(self, table: Table, sweeps: int = _SWEEPS, *, smooth: bool = False) -> Table:
         """Iterate values on their own grid until a sweep changes none of them."""
+        axes = enumerate(table.axes)
+        percepts = [percepts_on(self.momdp, i, axis, smooth=smooth) for i, axis in axes]
         value = table.value.astype(np.float64)
-        backups = make_backups(self.momdp, self.problem.dynamics, table, smooth=smooth)
+        backups = make_backups(self.momdp, self.edges, table, percepts)
         scratch = np.zeros((4, value.shape[1]))
         settled = (_SMOOTH_SETTLED if smooth else _SETTLED) * self.tolerance
         sweep(backups, value, scratch, settled, sweeps, smooth)
@@ -238,7 +240,7 @@ class _ValueIteration:
 
     def _coarsest(self, points: int) -> Table:
         """Build the coarsest grid, of a constant that no value exceeds."""
-        momdp, moves = self.momdp, np.asarray(self.moves.any(axis=1))
+        momdp, moves = self.momdp, np.asarray(self.edges.moves.any(axis=1))
         axes = [
             grid.make_axis(momdp, i, 0) if moved else momdp.prior[i : i + 1]
             for i, moved in enumerate(moves.tolist())

@@ -5,25 +5,56 @@ all K^N percept vectors is a Kronecker product of N sparse matrices, applied one
 other: 2 K N multiplications a point instead of (2 K)^N.
 """
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from meal_bayes.arrays import Floats, Ints
 from meal_bayes.momdp import MOMDP
-from meal_bayes.planners.compiled import Dynamics
+from meal_bayes.planners.compiled import Compiled
 from meal_bayes.planners.factored.grid import Table, between, informative_pairs
 from meal_bayes.planners.kernels import entry_kernel, kernel
 
 _BLOCK = 32  # rows that fit the cache together
 _LOOPED = 0.2  # of what a visit to an x has changed: what its loops may still change
 
+Matrices = tuple[Ints, Floats]  # columns and entries (E,G,J) of sparse matrices (G,G)
 
-class Backups(NamedTuple):
-    """All that a sweep reads besides the values; edges are the M legal pairs of x and behavior."""
+
+class Edges(NamedTuple):
+    """The M legal pairs of x and behavior, whatever the grid."""
 
     edge: Ints  # (M,3) x, behavior, and 1 if it may keep x
     outcome: Floats  # (M,2,X-1) discounted Pr(next x), without and with a percept
+    reward: Floats  # (M,1+N) a constant, and slopes in the marginals
+    exit_value: float  # of abstaining
+    moves: NDArray[np.bool_]  # (N,E) do percepts move the belief?
+
+    @classmethod
+    def of(cls, momdp: MOMDP, problem: Compiled) -> "Edges":
+        """List the legal pairs of a problem."""
+        dynamics = problem.dynamics
+        x, e = np.nonzero(dynamics.step["legal"][: momdp.terminal])
+        step, branch = dynamics.step[x, e], dynamics.branch[x, e]  # (M,), (M,B)
+        p = step["discount"][:, None] * branch["p"]  # 0 beyond the branches
+        outcome, rows = np.zeros((len(x), 2, momdp.terminal)), np.arange(len(x))
+        at = rows[:, None], branch["senses"].astype(int), branch["x"]
+        np.add.at(outcome, at, p)
+        bonus = np.vstack([momdp.bonus[..., 0].sum(axis=0), np.diff(momdp.bonus)[..., 0]])
+        reward = step["bonus_scale"][:, None] * bonus[:, e].T
+        reward[:, 0] -= step["cost"]
+        edge = np.stack([x, e, outcome[rows, :, x].any(axis=1)], axis=1)
+        moves = informative_pairs(momdp)
+        return cls(np.ascontiguousarray(edge), outcome, reward, dynamics.exit_value, moves)
+
+
+class Backups(NamedTuple):
+    """All that a sweep reads besides the values."""
+
+    edge: Ints  # of `Edges`, as `outcome`
+    outcome: Floats
     reward: Floats  # (M,B), or (M,1) where it is the same for every belief
     floor: Floats  # (B,) value of ending
     size: Ints  # (N,) of the axes
@@ -31,8 +62,8 @@ class Backups(NamedTuple):
     weight: Floats  # (N,E,G,J) entries
 
 
-def percepts_on(momdp: MOMDP, attribute: int, axis: Floats, *, smooth: bool) -> tuple[Ints, Floats]:
-    """Build the sparse matrices (G,G) of an attribute's percepts: columns and entries (E,G,J).
+def percepts_on(momdp: MOMDP, attribute: int, axis: Floats, *, smooth: bool = False) -> Matrices:
+    """Build the sparse matrices of an attribute's percepts, one a behavior.
 
     Row g weighs the points beside each belief that may follow point g: linearly in the belief,
     never below a convex function (J = 2K), or smooth, cubic in log-odds, but no bound (J = 4K).
@@ -69,29 +100,21 @@ def _cubic(axis: Floats, at: Floats, low: Ints, point: Ints, weight: Floats) -> 
     return point, weight
 
 
-def make_backups(momdp: MOMDP, dynamics: Dynamics, table: Table, *, smooth: bool) -> Backups:
-    """Build the arrays of `sweep` for the grid of a table."""
-    axes, moves = table.axes, informative_pairs(momdp)
-    x, e = np.nonzero(dynamics.step["legal"][: momdp.terminal])
-    step, branch = dynamics.step[x, e], dynamics.branch[x, e]  # (M,), (M,B)
-    outcome, rows = np.zeros((len(x), 2, momdp.terminal)), np.arange(len(x))
-    to = rows[:, None], branch["senses"].astype(int), branch["x"]
-    np.add.at(outcome, to, step["discount"][:, None] * branch["p"])  # 0 beyond the branches
-    edge = np.stack([x, e, outcome[rows, :, x].any(axis=1)], axis=1)
-    reward = (step["bonus_scale"] * momdp.bonus[..., 0].sum(axis=0)[e] - step["cost"])[:, None]
-    slopes = step["bonus_scale"] * np.diff(momdp.bonus)[:, e, 0]  # (N,M) in the marginals
-    if slopes.any():
-        pay = table.combined(map(np.multiply, slopes[..., None], axes), np.add)
+def make_backups(momdp: MOMDP, edges: Edges, table: Table, percepts: Sequence[Matrices]) -> Backups:
+    """Build the arrays of `sweep` for the grid of a table and the percepts (N,) on its axes."""
+    axes, reward = table.axes, np.ascontiguousarray(edges.reward[:, :1])  # one layout, one kernel
+    if edges.reward[:, 1:].any():
+        slopes = edges.reward[:, 1:].T[..., None]  # (N,M,1)
+        pay = table.combined(map(np.multiply, slopes, axes), np.add)
         reward = np.add(reward, pay, out=pay)
-    percepts = [percepts_on(momdp, i, axis, smooth=smooth) for i, axis in enumerate(axes)]
-    shape = (*moves.shape, table.points.shape[1], percepts[0][0].shape[2])
+    shape = (*edges.moves.shape, table.points.shape[1], max(part.shape[2] for part, _ in percepts))
     point, weight = np.zeros(shape, np.int64), np.zeros(shape)
     for i, (size, part) in enumerate(zip(table.size.tolist(), percepts, strict=True)):
         point[i, :, :size], weight[i, :, :size] = part
-    point[~moves, 0, 0] = -1
+    point[~edges.moves, 0, 0] = -1
     right = table.combined((np.maximum(axis, 1 - axis) for axis in axes), np.multiply)  # (B,)
-    floor = np.maximum(momdp.report_reward(right[:, None]), dynamics.exit_value)
-    return Backups(np.ascontiguousarray(edge), outcome, reward, floor, table.size, point, weight)
+    floor = np.maximum(momdp.report_reward(right[:, None]), edges.exit_value)
+    return Backups(edges.edge, edges.outcome, reward, floor, table.size, point, weight)
 
 
 @entry_kernel
