@@ -6,7 +6,6 @@ each behavior a row, drawn from its Dirichlet given the percepts of this trial, 
 first executed [Katt2017, Guez2012]. Its percepts follow its rows.
 """
 
-from bisect import bisect_left
 from typing import NamedTuple
 
 import numpy as np
@@ -79,21 +78,22 @@ def standard_errors(tree: Tree) -> Floats:
 
 def top_edges(tree: Tree) -> tuple[TreeEdge, ...]:
     """Return the first two levels of the tree, of the second the most visited edges."""
-    opened = np.flatnonzero(tree.node["visits"][: tree.size[0]]).tolist()  # others have no edges
-    edges: list[TreeEdge] = []
-    below: list[TreeEdge] = []
-    for a, (visits, first, count, _, value) in enumerate(tree.edge[0].tolist()):
-        if not visits:
-            continue
-        for child in opened[bisect_left(opened, first) : bisect_left(opened, first + count)]:
-            observation = tuple(z for z in tree.level[child].tolist() if z >= 0)
-            below += [
-                TreeEdge(2, len(edges), b, observation, edge[0], edge[4])
-                for b, edge in enumerate(tree.edge[child].tolist())
-                if edge[0]
-            ]
-        edges.append(TreeEdge(1, -1, a, (), visits, value))
-    return (*edges, *sorted(below, key=lambda edge: -edge.visits)[:_LOGGED])
+    visits, first, count, _, values = (tree.edge[name][0].tolist() for name in EDGE.names or ())
+    taken = [a for a, n in enumerate(visits) if n]
+    edges = [TreeEdge(1, -1, a, (), visits[a], values[a]) for a in taken]
+    below = [(i, first[a] + k) for i, a in enumerate(taken) for k in range(count[a])]
+    parent, children = np.array(below, np.int64).reshape(-1, 2).T
+    opened = tree.node["visits"][children] > 0  # else without edges
+    children, parent = children[opened], parent[opened]
+    often = tree.edge["visits"][children]
+    child, b = np.nonzero(often)
+    most = np.argsort(-often[child, b], kind="stable")[:_LOGGED]
+    child, b = child[most], b[most]
+    observations = [tuple(z for z in row if z >= 0) for row in tree.level[children[child]].tolist()]
+    value = tree.edge["value"][children[child], b]
+    counts, parents = often[child, b].tolist(), parent[child].tolist()
+    rows = zip(parents, b.tolist(), observations, counts, value.tolist(), strict=True)
+    return (*edges, *(TreeEdge(2, *row) for row in rows))
 
 
 class Sampled(NamedTuple):
