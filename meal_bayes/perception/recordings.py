@@ -27,7 +27,7 @@ _SEED = 0  # of the order in which neighbors are dealt to folds
 class Whitening(FrozenArrays):
     """The map I + basis' gain basis of rows, which stretches r directions by 1 + gain.
 
-    Applied by its factors, as r is often far below d: products of d x d would take a third of an
+    Applied by its factors, as r is often far below d: products of d x d would take a quarter of an
     online run on ISPY32.
     """
 

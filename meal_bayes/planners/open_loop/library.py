@@ -281,6 +281,7 @@ def _remainders(plans: Candidates, ways: Ways) -> Iterator[_Walk]:
 
 
 def _tabulated(problem: Compiled, candidates: Candidates, held: int) -> Plans:
+    """Make plans of candidates, which are in order of x, with their errors."""
     first = np.searchsorted(candidates.x, np.arange(problem.dynamics.step.shape[0] + 1))
     empty = np.empty((0, 0), np.int64), np.empty((0, 0, 0))
     return retabulate(Plans(first, *candidates[2:], *empty), problem, held)
