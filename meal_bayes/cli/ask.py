@@ -94,10 +94,9 @@ def ask(root: Path | None, learn: bool, logs: Path, as_json: bool, **options: An
     keeps the labels that it gets of an object, in a file of the folder of logs.
     """
     from meal_bayes.cli.narration import print_answer, trial_json
-    from meal_bayes.datasets import load_percepts
 
-    config = {"command": "ask", **options, "dataset": opt.table_of(options["dataset"], root)}
-    table = load_percepts(config["dataset"])
+    dataset, table = opt.table_of(options["dataset"], root)
+    config = {"command": "ask", **options, "dataset": dataset}
     memory = _read(_memory(logs, table.domain.data)) if learn else []
     if learn:
         config["labels_before"] = len(memory)

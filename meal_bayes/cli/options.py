@@ -6,9 +6,12 @@ import json
 import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
+
+if TYPE_CHECKING:
+    from meal_bayes.datasets import PerceptTable
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 
@@ -29,21 +32,19 @@ def option(
     return click.option(*name.split(), type=kind, metavar=metavar, help=text, **more)
 
 
-def table_of(dataset: str, root: Path | None, perception: str = "default") -> str:
-    """Return the shipped name, or the path of the .npz, of the table of --dataset and --root.
+def table_of(
+    dataset: str, root: Path | None, perception: str = "default"
+) -> "tuple[str, PerceptTable]":
+    """Return the table of --dataset and --root, after the name by which a run finds it again.
 
     The table of a user's own recordings is computed once, and kept in the cache.
     """
     from meal_bayes.cli.console import note, progress
-    from meal_bayes.experiments.percepts import percepts_for, table_path
+    from meal_bayes.perception import TableSource
 
-    path = table_path(dataset, perception, root=root)
-    if path is None or root is None:
-        return dataset
-    if not path.is_file():
-        with progress("percepts", "behaviors") as advance:
-            percepts_for(dataset, perception, root=root, on_progress=advance, on_note=note)
-    return str(path)
+    source = TableSource.of(dataset, perception, root=root)
+    with progress("percepts", "behaviors") as advance:
+        return source.name, source.load(on_progress=advance, on_note=note)
 
 
 def agent_value(text: str) -> object:

@@ -53,7 +53,6 @@ def posterior(root: Path | None, out: Path | None, as_json: bool, **options: Any
     figures: forest.png, predictive.png, and reliability_each.png and reliability_together.png of
     the beliefs after one behavior and after all.
     """
-    from meal_bayes.datasets import load_percepts
     from meal_bayes.errors import SettingsError
     from meal_bayes.files import check_folder
     from meal_bayes.posterior.draws import rows_of, sensing
@@ -61,9 +60,9 @@ def posterior(root: Path | None, out: Path | None, as_json: bool, **options: Any
 
     if options["method"] == "grid" and options["model"] != "same":
         raise SettingsError("--model crossed needs --method pymc: no grid can hold it.")
-    dataset = opt.table_of(options["dataset"], root)
+    dataset, table = opt.table_of(options["dataset"], root)
     config = {"command": "posterior", **options, "dataset": dataset}
-    table, levels = load_percepts(dataset), config["levels"]
+    levels = config["levels"]
     names = opt.listed(config["attributes"]) if config["attributes"] else table.domain.attributes
     columns = sorted({*table.domain.columns(names)})
     counts = percept_counts(table, levels)[:, columns]  # (O,P,E',2,K)
@@ -225,7 +224,6 @@ def export(file: Path, **options: Any) -> None:
     It is the paper's (Eq. 8: percepts independent given the truth, uniform prior), with the
     confusion matrices that held-out classifiers showed on the data set's recordings.
     """
-    from meal_bayes.datasets import load_percepts
     from meal_bayes.domain import read_query
     from meal_bayes.files import check_output
     from meal_bayes.momdp import Objective, build_momdp, write_pomdp, write_pomdpx
@@ -235,7 +233,7 @@ def export(file: Path, **options: Any) -> None:
     if kind not in _FORMATS:
         raise click.UsageError(f"{file} ends in neither .pomdp nor .pomdpx; give --format.")
     check_output(file, inputs=[options["dataset"]])
-    table = load_percepts(opt.table_of(options["dataset"], options["root"]))
+    _, table = opt.table_of(options["dataset"], options["root"])
     query = read_query(options["query"], table.domain)
     columns = table.domain.columns(query.attributes)
     theta = ConfusionPosterior.from_counts(percept_counts(table, 2))

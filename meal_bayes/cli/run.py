@@ -58,16 +58,12 @@ def offline(root: Path | None, agents: tuple[str, ...], as_json: bool, **setting
     from meal_bayes import experiments
     from meal_bayes.evaluation import summarize
     from meal_bayes.evaluation.statistics import plain
-    from meal_bayes.experiments.percepts import percepts_for
 
     how = {name: settings.pop(name) for name in _HOW}
-    settings["dataset"] = opt.table_of(settings["dataset"], root, settings["perception"])
+    perception = settings["perception"]
+    settings["dataset"], table = opt.table_of(settings["dataset"], root, perception)
     chosen = tuple(map(opt.agent_value, opt.listed(*agents))) or experiments.DEFAULT_AGENTS
     config = experiments.OfflineConfig(**settings, agents=chosen)
-    with terminal.progress("percepts", "behaviors") as advance:
-        table = percepts_for(
-            config.dataset, config.perception, on_progress=advance, on_note=terminal.note
-        )
     with terminal.showing_compilation():
         experiments.warm_up(config, table.domain)
     with terminal.resumed("trials") as advance:

@@ -238,7 +238,7 @@ def load_percepts(name: str | Path, *, domain: Domain | None = None) -> PerceptT
             raise SettingsError(f"No file {name}; give the path of a percept table (.npz).")
         return _read(Path(name), str(name), domain)
     domain = load_domain(name) if domain is None else domain
-    path = Path(__file__).parent / "tables" / f"{domain.data}.npz"
+    path = shipped_path(domain)
     if not path.is_file():
         raise SettingsError(
             f"No percept table ships for {str(name)!r}; expected a domain of roc36, ispy32 or "
@@ -251,6 +251,11 @@ def load_percepts(name: str | Path, *, domain: Domain | None = None) -> PerceptT
 def domain_of(name: str | Path) -> Domain:
     """Return the domain of a shipped name, of a TOML, or of a percept table (.npz)."""
     return load_percepts(name).domain if str(name).endswith(".npz") else load_domain(name)
+
+
+def shipped_path(domain: Domain) -> Path:
+    """Return where the table of a domain's data set lies in the package, if one ships."""
+    return Path(__file__).parent / "tables" / f"{domain.data}.npz"
 
 
 def _read(path: Path, where: str, domain: Domain | None) -> PerceptTable:

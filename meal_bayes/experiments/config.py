@@ -3,15 +3,15 @@
 import dataclasses
 from collections.abc import Iterable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from meal_bayes.agents import Agent, ITRSBonus, as_agent
 from meal_bayes.arrays import check_whole
 from meal_bayes.datasets import Dataset, PerceptTable
-from meal_bayes.display import short_repr
+from meal_bayes.display import short, short_repr
 from meal_bayes.domain import unknown
 from meal_bayes.errors import SettingsError
-from meal_bayes.experiments.percepts import kept_table
 from meal_bayes.learner.settings import LearnerSettings
 from meal_bayes.untrusted import LARGEST
 
@@ -25,8 +25,11 @@ _CHOICES = {
 
 def _as_dict(config: "OfflineConfig | OnlineConfig") -> dict[str, object]:
     """Return plain values, for headers and JSON."""
-    fields = {field.name: getattr(config, field.name) for field in dataclasses.fields(config)}
-    return {**fields, "agents": [agent.name for agent in config.agents]}
+    values = {field.name: getattr(config, field.name) for field in dataclasses.fields(config)}
+    values["agents"] = [agent.name for agent in config.agents]
+    if not isinstance(config.dataset, str):
+        values["dataset"] = short(config.dataset)
+    return values
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,7 +39,8 @@ class OfflineConfig:
     Attributes
     ----------
     dataset : Any
-        A shipped data set, a percept table or its path, or recordings.
+        A shipped data set, a percept table or its path, or recordings (see `TableSource.of`). A
+        run keeps the table of what is in memory in the cache, and names it by its path.
     attributes, trials : int
         N, asked at a time; of each agent.
     agents : tuple[Any, ...]
@@ -69,9 +73,9 @@ class OfflineConfig:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "agents", _checked(self.agents, self.seed, self.reward))
-        if isinstance(self.dataset, Dataset | PerceptTable):
-            object.__setattr__(self, "dataset", kept_table(self.dataset))
-        if not isinstance(self.dataset, str):
+        if isinstance(self.dataset, Path):
+            object.__setattr__(self, "dataset", str(self.dataset))
+        if not isinstance(self.dataset, str | Dataset | PerceptTable):
             raise SettingsError(
                 f"dataset is {self.dataset!r:.40}; give the name of a data set, a percept table, "
                 "its path, or recordings (`load_dataset`, `Dataset.from_frames`)."

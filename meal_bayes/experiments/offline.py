@@ -17,11 +17,11 @@ from meal_bayes.domain import Query
 from meal_bayes.errors import SettingsError
 from meal_bayes.evaluation import summarize
 from meal_bayes.experiments.config import OfflineConfig
-from meal_bayes.experiments.percepts import percepts_for
-from meal_bayes.experiments.store import fingerprint, is_whole, run_folder
+from meal_bayes.experiments.store import is_whole, run_folder
 from meal_bayes.experiments.units import run_units, timed, warm_up
 from meal_bayes.files import file_name
 from meal_bayes.learner import Learner
+from meal_bayes.perception import TableSource
 from meal_bayes.seeds import stream
 from meal_bayes.trial_log import TrialWriter, read_outcomes, read_seconds, read_trials
 from meal_bayes.trials import Task, Trial, TrialOutcomes, trials_frame
@@ -102,7 +102,8 @@ class _Unit:
     def run(self, advance: Callable[[float], None]) -> None:
         if self.done:  # by another process, meanwhile
             return
-        config, table = self.config, _table(self.config)
+        config = self.config
+        table = _loaded(TableSource.of(config.dataset, config.perception))
         learner = Learner(
             table.domain, agent=config.agents[0], seed=config.seed, reward=config.reward,
             percepts=config.percepts, logs=None,
@@ -152,13 +153,14 @@ def run_offline(
     OutputError, LogError
         Logs that cannot be written.
     """
-    table = _table(config)
+    source = TableSource.of(config.dataset, config.perception)
+    table = _loaded(source)
+    config = dataclasses.replace(config, dataset=source.name)  # by which other processes find it
     tasks = offline_tasks(table, config.attributes, config.trials, config.seed)
     name = f"offline-{table.domain.name}-n{config.attributes}-seed{config.seed}"
-    facts: dict[str, object] = {"table": fingerprint(config.dataset)}
-    if config.trials % UNIT == 0:  # its units are those of longer runs
-        facts["trials"] = "whole units"
-    folder = run_folder(logs, name, config, **facts)
+    # Whole units of a short run are the first units of a longer one, so both share a folder.
+    ignore = ("trials",) if config.trials % UNIT == 0 else ()
+    folder = run_folder(logs, name, config, ignore=ignore, table=source.fingerprint)
     place = folder.absolute()  # a cluster's workers live elsewhere
     units = [
         _Unit(
@@ -183,13 +185,10 @@ def run_offline(
     return OfflineRun(config, folder, tuple(paths), seconds)
 
 
-def _table(config: OfflineConfig) -> PerceptTable:
-    return _loaded(config.dataset, config.perception, fingerprint(config.dataset))
-
-
 @lru_cache(maxsize=4)
-def _loaded(dataset: str, perception: str, content: str) -> PerceptTable:
-    return percepts_for(dataset, perception)
+def _loaded(source: TableSource) -> PerceptTable:
+    """Load a table once for all units that a process runs."""
+    return source.load()
 
 
 def askable(table: PerceptTable) -> tuple[str, ...]:

@@ -10,10 +10,11 @@ from meal_bayes.datasets import Dataset, load_dataset, load_percepts
 from meal_bayes.datasets.sources import SOURCES
 from meal_bayes.experiments.config import OnlineConfig
 from meal_bayes.experiments.protocol import ASKED, Environment, Protocol, learnable, restricted
-from meal_bayes.experiments.store import fingerprint, is_whole, run_folder
+from meal_bayes.experiments.store import is_whole, run_folder
 from meal_bayes.experiments.units import run_units, timed, warm_up
 from meal_bayes.files import file_name
 from meal_bayes.learner import Learner
+from meal_bayes.perception.source import fingerprint
 from meal_bayes.trial_log import TrialWriter, log_info, read_outcomes, read_trials, write_trials
 from meal_bayes.trials import BatchOutcomes, Task, TrialOutcomes
 
@@ -142,8 +143,9 @@ def run_online(
     if config.reward is None:
         reward = _REWARD if domain.data in SOURCES else domain.report_reward
         config = dataclasses.replace(config, reward=reward)
-    facts = {"repeats": None, "data": fingerprint(config.dataset, config.root)}
-    folder = run_folder(logs, f"online-{domain.name}-n{config.attributes}", config, **facts)
+    name = f"online-{domain.name}-n{config.attributes}"
+    data = fingerprint(config.dataset, config.root)
+    folder = run_folder(logs, name, config, ignore=("repeats",), data=data)
     place = folder.absolute()  # a cluster's workers live elsewhere
     units = [
         _Unit(dataclasses.replace(config, agents=(agent,)), repeat, place, fresh)

@@ -17,10 +17,10 @@ from typing import Any
 from numpy.typing import ArrayLike
 
 from meal_bayes.datasets import Dataset, cache_folder, load_dataset, save_csv_folder
+from meal_bayes.digests import digest_of
 from meal_bayes.domain import Domain, Query, load_domain
 from meal_bayes.errors import RobotError
 from meal_bayes.experiments.parallel import in_parallel
-from meal_bayes.experiments.store import digest_of
 from meal_bayes.learner import Learner
 from meal_bayes.learner.sessions import open_session
 from meal_bayes.robots.simulated_arm import OnFrame, SimulatedArm, attributes_of, draw_object

@@ -9,12 +9,11 @@ sorts, and its code by the files that it was imported from.
 import contextlib
 import hashlib
 import inspect
-import json
 import logging
 import platform
 import sys
 import uuid
-from functools import lru_cache, partial
+from functools import partial
 from importlib import metadata
 from modulefinder import ModuleFinder
 from pathlib import Path
@@ -24,9 +23,7 @@ from typing import TYPE_CHECKING, Any
 from joblib.hashing import NumpyHasher
 
 from meal_bayes.agents import Agent
-from meal_bayes.datasets.sources import SOURCES, find_folder
-from meal_bayes.domain import load_domain
-from meal_bayes.domain.tables import domain_table
+from meal_bayes.digests import code_digest, digest_of
 from meal_bayes.errors import LogError
 from meal_bayes.files import file_name
 from meal_bayes.trial_log import log_info
@@ -41,16 +38,22 @@ _LIBRARIES = ("numpy", "scipy", "numba", "scikit-learn")  # whose versions may c
 
 
 def run_folder(
-    root: str | Path, name: str, config: "OfflineConfig | OnlineConfig", **facts: object
+    root: str | Path,
+    name: str,
+    config: "OfflineConfig | OnlineConfig",
+    *,
+    ignore: tuple[str, ...] = (),
+    **facts: object,
 ) -> Path:
     """Name the folder of an experiment under `root` by any text, its settings and its code.
 
     It changes with either, so a run that is called again finds its own units, whole, and nobody
     else's. Agents name folders in it: of them the user's code counts alone. Facts stand beside the
-    settings, or in the place of those of their name.
+    settings; those to ignore are the ones that only say how much of the same is run.
     """
     sources = {agent.name: digest for agent in config.agents if (digest := agent_digest(agent))}
-    digest = digest_of({**config.as_dict(), "agents": sources, **facts}, environment())
+    settings = {name: value for name, value in config.as_dict().items() if name not in ignore}
+    digest = digest_of({**settings, "agents": sources, **facts}, environment())
     return Path(root) / f"{file_name(name, 200)}-{digest[:8]}"
 
 
@@ -61,44 +64,6 @@ def is_whole(path: Path) -> bool:
     except LogError as fault:
         log.warning("%s; it is made again", str(fault).partition(";")[0])
         return False
-
-
-def digest_of(*parts: object) -> str:
-    """Compute a digest of JSON values, and of the contents of files, or of all files of folders."""
-    digest = hashlib.sha256()
-    for part in parts:
-        pieces = [] if isinstance(part, Path) else [json.dumps(part, sort_keys=True).encode()]
-        if isinstance(part, Path):
-            for file in [part] if part.is_file() else sorted(part.rglob("*")):
-                if file.is_file() and file.suffix != ".pyc":
-                    pieces += [file.relative_to(part).as_posix().encode(), file.read_bytes()]
-        for piece in pieces:
-            digest.update(hashlib.sha256(piece).digest())
-    return digest.hexdigest()
-
-
-def fingerprint(dataset: str, root: str | None = None) -> str:
-    """Compute a digest of a table or domain of one's own and its recordings.
-
-    A domain counts as it is after all that it extends; nothing of a shipped one, which is code.
-    """
-    parts, path = list[object](), Path(dataset)
-    if path.is_file() and path.suffix in (".npz", ".toml"):
-        parts.append(path if path.suffix == ".npz" else domain_table(load_domain(dataset)))
-    if root is not None and Path(root).is_dir():
-        data = load_domain(dataset).data
-        folder = find_folder(data, Path(root)) if data in SOURCES else None
-        parts.extend([folder] if folder else sorted(Path(root).glob("*.csv")))
-    return digest_of(*parts) if parts else ""
-
-
-@lru_cache(maxsize=1)
-def code_digest() -> str:
-    """Compute a digest of the package's own code and tables."""
-    package = Path(__file__).resolve().parents[1]
-    files = [p for p in sorted(package.rglob("*")) if p.suffix in (".py", ".toml", ".npz", ".xz")]
-    names = [path.relative_to(package).as_posix() for path in files]
-    return digest_of(names, *files)[:16]
 
 
 def environment() -> dict[str, str]:

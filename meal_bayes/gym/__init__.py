@@ -22,10 +22,10 @@ from meal_bayes.datasets import PerceptTable, object_index
 from meal_bayes.domain import Query, unknown
 from meal_bayes.errors import SettingsError
 from meal_bayes.experiments import offline_tasks
-from meal_bayes.experiments.percepts import percepts_for
 from meal_bayes.learner import Learner
 from meal_bayes.learner.sessions import commanded, fit_of, prepare, record, robot_of
 from meal_bayes.momdp import MOMDP
+from meal_bayes.perception import TableSource
 from meal_bayes.planners import Policy, unvalued
 from meal_bayes.robots.recorded import RecordedRobot
 from meal_bayes.seeds import stream
@@ -101,7 +101,7 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
     ) -> None:
         if dataset is None:
             raise SettingsError("Give dataset=, a shipped name, or a percept table of your own.")
-        table = dataset if isinstance(dataset, PerceptTable) else percepts_for(str(dataset))
+        table = TableSource.of(dataset).load()
         chosen = as_agent(agent)
         names = _chosen(table, objects)
         every = offline_tasks(table, attributes, trials, seed)

@@ -9,9 +9,10 @@ from meal_bayes.perception.fitting import build_percept_table, fit_and_validate
 from meal_bayes.perception.perceiver import Perceiver, Perception, RecordedPercepts, SampledPercepts
 from meal_bayes.perception.recordings import fit_spaces
 from meal_bayes.perception.settings import DEFAULT, PAPER, PerceptionSettings, with_classifier
+from meal_bayes.perception.source import TableSource
 
 __all__ = [
     "DEFAULT", "PAPER", "Perceiver", "Perception", "PerceptionSettings", "RecordedPercepts",
-    "SampledPercepts", "build_percept_table", "fit_and_validate", "fit_spaces", "table_counts",
-    "with_classifier",
+    "SampledPercepts", "TableSource", "build_percept_table", "fit_and_validate", "fit_spaces",
+    "table_counts", "with_classifier",
 ]  # fmt: skip

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from meal_bayes.datasets import PerceptTable
 from meal_bayes.domain import load_domain
 from meal_bayes.evaluation import Effect
-from meal_bayes.experiments.percepts import percepts_for
+from meal_bayes.perception import TableSource
 from meal_bayes.seeds import stream
 from paper_repro.figures import confusion_matrices
 from paper_repro.frame import Cell, Result, Setting, Table, paper_values
@@ -39,8 +39,10 @@ def run(setting: Setting) -> Result:
         if protocol not in setting.protocols or (setting.quick and name == "paper"):
             continue  # it is computed for minutes, once
         published = protocol == THEIRS
-        counts = (published_percepts(name, order) if published
-                  else held_out_percepts(percepts_for("roc36", name), order))  # fmt: skip
+        if published:
+            counts = published_percepts(name, order)
+        else:
+            counts = held_out_percepts(TableSource.of("roc36", name).load(), order)
         total = counts.sum(axis=0)  # (P,2,2)
         matrices = total / total.sum(axis=-1, keepdims=True)
         title = f"published, {name}" if published else f"{name} classifiers"
