@@ -65,7 +65,8 @@ def writable_caches() -> Iterator[None]:
     if cache_folder("libraries") is not None:
         yield
         return
-    scratch, before = str(scratch_folder("libraries")), os.environ.get("XDG_CACHE_HOME")
+    scratch = str(scratch_folder("libraries"))
+    before = os.environ.get("XDG_CACHE_HOME")
     os.environ.setdefault("MPLCONFIGDIR", scratch)
     os.environ["XDG_CACHE_HOME"] = scratch
     try:

@@ -132,7 +132,8 @@ def _answer(
     from meal_bayes.learner.sessions import task_of
     from meal_bayes.trial_log import write_trials
 
-    agent, seed = opt.agent_value(config["agent"]), config["seed"]
+    agent = opt.agent_value(config["agent"])
+    seed = config["seed"]
     learner = Learner(table.domain, agent=agent, seed=seed, logs=None).fit(table)
     task, _ = task_of(learner, config["question"], config["object"])
     check_folder(logs)  # once agent, question and object are known to be some

@@ -16,9 +16,12 @@ from rich.segment import Segment
 from rich.table import Table
 from rich.text import Text
 
-_PICTURES, _CONTROLS = 0x2400, 0x20  # pictures of the control characters below it
-_NARROWEST, _USUAL = 20, 80  # columns
-_LABEL, _NARROW = 10, 20  # characters of a label, and the fewest of its text
+_CONTROLS = 0x20  # control characters are those below it
+_PICTURES = 0x2400  # from here on Unicode has pictures of them
+_NARROWEST = 20  # columns; what says to have fewer is of unknown width
+_USUAL = 80  # columns of such a terminal
+_LABEL = 10  # characters of a label, at least
+_NARROW = 20  # characters of the text beside it, at least
 _EVERY = 15.0  # s between lines of progress without a terminal
 
 Advance = Callable[[float, int], None]  # called with (done, in all)
@@ -96,7 +99,8 @@ def print_json(facts: Mapping[str, object]) -> None:
 def print_facts(console: Console, facts: Mapping[str, str], **styles: str) -> None:
     """Print labels and their texts, by label in a style; long texts wrap beside their label."""
     for label, value in facts.items():
-        width, rows = max(console.width - max(len(label), _LABEL) - 3, _NARROW), list[Text]()
+        width = max(console.width - max(len(label), _LABEL) - 3, _NARROW)
+        rows = list[Text]()
         for line in value.splitlines():
             parts = textwrap.wrap(line, width, break_long_words=False) or [""]
             rows += (Text(part, styles.get(label, "")) for part in parts)
@@ -121,7 +125,8 @@ def progress(what: str, unit: str) -> Iterator[Advance]:
 
     One after another, several runs may advance it: each begins with what it found done.
     """
-    console, start = output(stderr=True), time.monotonic()
+    console = output(stderr=True)
+    start = time.monotonic()
     # On no terminal rich prints nothing before the end; then a line tells from time to time.
     bars = rich.progress.Progress(
         rich.progress.SpinnerColumn("line"),  # moves while a long unit does not
@@ -134,13 +139,17 @@ def progress(what: str, unit: str) -> Iterator[Advance]:
         rich.progress.TextColumn("left"),
         console=console, transient=True, expand=True, disable=not console.is_terminal,
     )  # fmt: skip
-    task, first, before, last = bars.add_task(printable(what), total=None), 0.0, math.inf, start
+    task = bars.add_task(printable(what), total=None)
+    first = 0.0
+    before = math.inf
+    last = start
 
     def advance(done: float, total: int) -> None:
         nonlocal start, first, before, last
         now = time.monotonic()
         if done < before - 1:  # a run begins; what was there must not count as speed
-            start, first = now, done
+            start = now
+            first = done
             bars.reset(task, completed=int(done), total=total)
         before = done
         bars.update(task, completed=done, total=total)
@@ -178,7 +187,8 @@ def showing_compilation() -> Iterator[None]:
     """Show that kernels are compiled, once after an install."""
     from meal_bayes.planners import watch_compilation
 
-    text, console = "compiling the planner, once after an install ...", output(stderr=True)
+    text = "compiling the planner, once after an install ..."
+    console = output(stderr=True)
     status = console.status(text, spinner="line")
     start = status.start if console.is_terminal else functools.cache(lambda: note(text))
     try:

@@ -41,7 +41,8 @@ def list_(dataset: str | None, root: Path | None, as_json: bool) -> None:
         return
     rows = []
     for name in SOURCES:
-        table, states = load_percepts(name), verify(name)
+        table = load_percepts(name)
+        states = verify(name)
         rows.append({
             "name": name, "objects": len(table.objects), "behaviors": len(table.domain.behaviors),
             "attributes": len(table.domain.attributes), "recordings": table.recordings,
@@ -177,7 +178,8 @@ def _compare(table: "PerceptTable", name: str) -> None:
     from meal_bayes.datasets import load_percepts
 
     shipped = load_percepts(name)
-    new, old = table.log_odds.astype(float), shipped.log_odds.astype(float)
+    new = table.log_odds.astype(float)
+    old = shipped.log_odds.astype(float)
     same = new.shape == old.shape and bool((np.isnan(new) == np.isnan(old)).all())
     if not same:
         terminal.say(f"the table shipped for {name} holds other objects, behaviors or attributes")

@@ -63,7 +63,8 @@ def show(file: Path, number: int) -> None:
     from meal_bayes.cli.narration import print_trial
     from meal_bayes.trials.text import outcome_facts
 
-    (group, row), console = numbered(file, number), output()
+    group, row = numbered(file, number)
+    console = output()
     facts = outcome_facts(group.outcomes, row)
     if not group.trials:
         print_facts(console, facts)
@@ -154,7 +155,8 @@ def report(logs: tuple[Path, ...], out: Path) -> None:
         outcomes = write_report(files, out, on_progress=advance)
     for problem in files.problems:
         note(f"warning: {problem}; the report counts the whole trials")
-    trials, agents = len(outcomes), len(outcomes.agents)
+    trials = len(outcomes)
+    agents = len(outcomes.agents)
     counted = f"{trials} trial{'s' * (trials != 1)} of {agents} agent{'s' * (agents != 1)}"
     say(f"{out}: {counted}, {out.stat().st_size:,} bytes")
 
@@ -183,7 +185,8 @@ def compare(
     from meal_bayes.trials import TrialOutcomes
 
     repeats: dict[str, int] = {}
-    parts, again = [], []
+    parts = []
+    again = []
     for group in Logs(*logs).groups():
         place = next((name for name in group.file.parts if name.startswith("repeat-")), "")
         parts.append(group.outcomes)

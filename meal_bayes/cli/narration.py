@@ -27,11 +27,15 @@ _CUT: dict[str, Any] = {"no_wrap": True, "overflow": "ellipsis"}  # lines that d
 
 def print_trial(console: Console, trial: "Trial") -> None:
     """Print a finished trial, each step with its decision, outcome and belief."""
-    momdp, names, spent, headed = trial.momdp, trial.task.query.attributes, 0.0, False
+    momdp = trial.momdp
+    names = trial.task.query.attributes
+    spent = 0.0
+    headed = False
     console.print(Text("before any behavior", "bold"))
     _print_belief(console, names, trial.first_belief.positive)
     for number, step in enumerate(trial.steps, start=1):
-        action, spent = step.decision.action, spent + step.cost
+        action = step.decision.action
+        spent = spent + step.cost
         console.print()
         console.print(Text(f"{number}  {momdp.action_label(action)}", "bold"))
         headed |= _print_values(console, momdp, step, heads=not headed)
@@ -52,10 +56,12 @@ def print_trial(console: Console, trial: "Trial") -> None:
 
 def _print_values(console: Console, momdp: "MOMDP", step: "Step", *, heads: bool) -> bool:
     """Print the possible actions and their expected rewards, the chosen one marked, if any."""
-    decision, end = step.decision, momdp.n_behaviors
+    decision = step.decision
+    end = momdp.n_behaviors
     possible = momdp.legal[step.x].nonzero()[0]
     if len(possible) == 1:
-        only, state = momdp.behavior_names[possible[0]], momdp.x_names[step.x]
+        only = momdp.behavior_names[possible[0]]
+        state = momdp.x_names[step.x]
         print_facts(console, {"possible": f"in {state} only {only}, or a report"})
     chosen = min(decision.action, end)
     options = best_options(decision.values, chosen, _OPTIONS)
@@ -64,13 +70,15 @@ def _print_values(console: Console, momdp: "MOMDP", step: "Step", *, heads: bool
         return False
     abstains = decision.action == momdp.abstention
     names = [*momdp.behavior_names, "abstain" if abstains else "report now"]
-    width, simulated = max(len(names[option]) for option in options), decision.simulations > 0
+    width = max(len(names[option]) for option in options)
+    simulated = decision.simulations > 0
     rows = []
     if heads:
         text = "expected reward" + "   simulations" * simulated
         rows.append(Text(f"{'':<{width + 4}}{text}", "dim"))
     for option in sorted(options, key=lambda option: option == end):
-        sign, value = "►" if option == chosen else "", decision.values[option]
+        sign = "►" if option == chosen else ""
+        value = decision.values[option]
         error = decision.value_se[option]
         interval = f"±{error:.1f}" if error >= _SHOWN_ERROR else ""
         line = f"{sign:<2}{names[option]:<{width}}  {value:8.1f} {interval:<7}"
@@ -86,9 +94,11 @@ def _print_values(console: Console, momdp: "MOMDP", step: "Step", *, heads: bool
 def _print_belief(
     console: Console, names: "Sequence[str]", positive: "NDArray[np.float64]"
 ) -> None:
-    width, rows = max(map(len, names)), []
+    width = max(map(len, names))
+    rows = []
     for name, p in zip(names, positive, strict=True):
-        full, line = round(p * _BAR), Text(f"{name:<{width}}  ")
+        full = round(p * _BAR)
+        line = Text(f"{name:<{width}}  ")
         line.append("█" * full, "green" if p > 0.5 else "yellow")  # green is reported
         line.append("░" * (_BAR - full), "dim")
         rows.append(line.append(f" {percent(p):>7}"))

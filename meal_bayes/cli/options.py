@@ -15,9 +15,12 @@ if TYPE_CHECKING:
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 
-LARGEST, NAME_LIMIT = 1e6, 1000  # as `untrusted` has them, which loads NumPy
+# As `untrusted` has them, which loads NumPy: the command line starts without.
+LARGEST = 1e6
+NAME_LIMIT = 1000
 MOST_TRIALS = 10_000_000
-COUNT, AMOUNT = click.IntRange(1, MOST_TRIALS), click.FloatRange(0, LARGEST)
+COUNT = click.IntRange(1, MOST_TRIALS)
+AMOUNT = click.FloatRange(0, LARGEST)
 SEED = click.IntRange(0, 2**63 - 1)
 FILE = click.Path(dir_okay=False, path_type=Path)
 FOLDER = click.Path(file_okay=False, path_type=Path)

@@ -67,7 +67,8 @@ def posterior(root: Path | None, out: Path | None, as_json: bool, **options: Any
     columns = sorted({*table.domain.columns(names)})
     counts = percept_counts(table, levels)[:, columns]  # (O,P,E',2,K)
     senses = sensing(counts)
-    percepts, behaviors = counts[:, :, senses], [*compress(table.domain.behavior_names, senses)]
+    percepts = counts[:, :, senses]
+    behaviors = [*compress(table.domain.behavior_names, senses)]
     name = f"{Path(dataset).stem}-{config['method']}-{config['model']}-{opt.digest(config)}"
     folder = check_folder(out or Path("posteriors") / name)
     prior = config["prior_scale"] * prior_of(percepts)
@@ -94,7 +95,9 @@ def _fit(
     from meal_bayes.seeds import stream
 
     named: dict[str, Any] = {"attributes": attributes, "behaviors": behaviors, "prior": prior}
-    draws, chains, seed = config["draws"], config["chains"], config["seed"]
+    draws = config["draws"]
+    chains = config["chains"]
+    seed = config["seed"]
     if config["method"] == "grid":
         rng = stream(seed, "posterior")
         return draw_grid(counts, rng, **named, draws=draws, chains=chains), xr.Dataset()

@@ -39,12 +39,14 @@ def reproduce(items: tuple[str, ...], as_json: bool, **setting: Any) -> None:
     figures to results/ beside the items; `readme` makes the pages that show them.
     """
     sys.path.insert(0, str(checkout()))
-    frame, pages = import_module(f"{_PACKAGE}.frame"), import_module(f"{_PACKAGE}.pages")
+    frame = import_module(f"{_PACKAGE}.frame")
+    pages = import_module(f"{_PACKAGE}.pages")
     if items == ("readme",):
         for path in pages.write_pages():
             click.echo(path)
         return
-    results, skipped = [], {}
+    results = []
+    skipped = {}
     for item in frame.named(items):
         terminal.note(f"{item} ...")
         try:

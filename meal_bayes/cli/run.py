@@ -176,7 +176,8 @@ def online(
             if repeats == config.repeats or decided(results):
                 break
             repeats = min(2 * repeats, config.repeats)
-    rows, summary = learning_rows(results), summarize_learning(results)
+    rows = learning_rows(results)
+    summary = summarize_learning(results)
     if as_json:
         facts = {"rows": [row.as_dict() for row in rows]}
         facts["summary"] = [row.as_dict() for row in summary]
@@ -190,7 +191,8 @@ def online(
 
 
 def _print_learning(rows: "list[LearningRow]", summary: "list[LearningSummary]") -> None:
-    last, cells = max(row.batch for row in rows), []
+    last = max(row.batch for row in rows)
+    cells = []
     for each in summary:
         end = [row for row in rows if (row.agent, row.batch) == (each.agent, last)]
         means = {
@@ -213,10 +215,12 @@ def _print_differences(results: "list[BatchOutcomes]", summary: "list[LearningSu
     """Print how much more reward agents have than the first, over its hours and at some."""
     from meal_bayes.evaluation.learning import BUDGETS, curves_of, difference_at
 
-    first, rows = summary[0], []
+    first = summary[0]
+    rows = []
     base = curves_of(results, first.agent)
     for each in summary[1:]:
-        curves, area = curves_of(results, each.agent), each.area_reward_difference
+        curves = curves_of(results, each.agent)
+        area = each.area_reward_difference
         gains = (difference_at(curves, base, budget).estimate for budget in BUDGETS)
         reach = "" if math.isnan(each.area_high) else f" ±{each.area_high - area:.1f}"
         differences = (*gains, each.reward_after_difference)

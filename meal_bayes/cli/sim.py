@@ -19,7 +19,8 @@ if TYPE_CHECKING:
 _BLOCK = 20  # trials of one point of the curve
 _FAULT = 1  # exit code of a trial that ended with a robot error
 
-SEVERAL, SOME = click.IntRange(min=2), click.IntRange(min=1)
+SEVERAL = click.IntRange(min=2)
+SOME = click.IntRange(min=1)
 agent_option = opt.option("--agent", None, "bayes", "NAME", "Who answers.")
 
 
@@ -78,7 +79,8 @@ def ask(question: str, view: bool, save: Path | None, as_json: bool, **options: 
     from meal_bayes.viewer.window import check_recording_name
 
     recording = None if save is None else check_recording_name(save)
-    size, seed = (options["objects"], options["recordings"]), options["seed"]
+    size = (options["objects"], options["recordings"])
+    seed = options["seed"]
     with terminal.progress("recording training objects", "objects") as advance:
         data = simulated.training_recordings(*size, jobs=options["jobs"], progress=advance)
     learner = Learner(data.domain, agent=opt.agent_value(options["agent"]), seed=seed, logs=None)
@@ -160,5 +162,6 @@ def _point(done: "list[Trial]", start: int) -> list[str]:
     whole = [trial for trial in block if not trial.ended]
     right = sum(bool(trial.success) for trial in whole) / max(len(whole), 1)
     cost = sum(trial.cost for trial in whole) / max(len(whole), 1)
-    place, faults = f"{start + 1}-{start + len(block)}", len(block) - len(whole)
+    place = f"{start + 1}-{start + len(block)}"
+    faults = len(block) - len(whole)
     return [place, block[0].agent, f"{right:.2f}", f"{cost:.1f}", str(faults)]

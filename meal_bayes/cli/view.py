@@ -58,7 +58,8 @@ def view(
         check_recording_name(save)
     if screenshot is not None:
         check_output(screenshot)
-    logs, last = None if live else Logs(log), 0
+    logs = None if live else Logs(log)
+    last = 0
     if number is not None or screenshot is not None:
         group, row = numbered(log, number or 0)
         last = max(len(group.trials[row].steps) - 1, 0) if group.trials else 0

@@ -141,7 +141,10 @@ def read_features(path: Path, key_columns: Sequence[str], *, header: bool = Fals
     A row of another length, a cell that is no finite number, a header that does not begin with the
     key columns, no rows, or bytes that are not UTF-8 are a `DataError`.
     """
-    lines, count, width, rows = read_rows(path), len(key_columns), 0, []
+    lines = read_rows(path)
+    count = len(key_columns)
+    width = 0
+    rows = []
     if header:
         where, cells = next(lines)
         width = len(cells)
@@ -166,7 +169,8 @@ def read_features(path: Path, key_columns: Sequence[str], *, header: bool = Fals
 
 def _numbers(where: str, cells: list[str], first: int) -> list[float]:
     """Read finite numbers from a column on; unlike `float`, refuse 3_4 and digits of others."""
-    values, text = [np.inf], "".join(cells[first:])
+    values = [np.inf]
+    text = "".join(cells[first:])
     with suppress(ValueError):
         values = list(map(float, cells[first:]))
     if sum(map(abs, values)) <= _LARGEST and text.isascii() and "_" not in text:
@@ -176,7 +180,8 @@ def _numbers(where: str, cells: list[str], first: int) -> list[float]:
             repair = "write one, with a point for decimals"
             raise fault(where, f"{cell[:40]!r} in column {column}", "a number", repair)
         if not abs(float(cell)) <= _LARGEST:
-            content, expected = f"{float(cell)} in column {column}", "a finite number"
+            content = f"{float(cell)} in column {column}"
+            expected = "a finite number"
             repair = "measure again, or remove the recording of all objects"
             raise fault(where, content, f"{expected} (single precision)", repair)
     return values

@@ -75,7 +75,8 @@ class Dataset:
     recording_counts: NDArray[np.int64] = field(init=False, repr=False, compare=False)
     partial: bool = field(default=False, kw_only=True, repr=False, compare=False)
 
-    __repr__, _repr_html_ = facts_repr, facts_html
+    __repr__ = facts_repr
+    _repr_html_ = facts_html
 
     def __post_init__(self) -> None:
         set_frozen(self, labels=freeze(label_values(self.labels), np.int8))
@@ -194,7 +195,8 @@ class Dataset:
 
     def missing(self) -> list[str]:
         """Return the objects and behaviors with fewer than R recordings, as texts."""
-        counts, names = self.recording_counts.T, self.domain.behavior_names
+        counts = self.recording_counts.T
+        names = self.domain.behavior_names
         return [
             f"{self.objects[o]} {counts[e, o]} of {names[e]}"
             for e, o in np.argwhere(counts < self.recordings)

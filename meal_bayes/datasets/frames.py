@@ -158,7 +158,8 @@ def join_features(
         order = by_behavior.setdefault(context[0], natural)
         for key in sorted(row_of.keys() - set(order), key=row_of.__getitem__):
             known = [recording for name, recording in order if name == key[0]]
-            content, where = f"recording {key[1]!r} of {key[0]}", rows.places[row_of[key]]
+            content = f"recording {key[1]!r} of {key[0]}"
+            where = rows.places[row_of[key]]
             expected = f"one of {', '.join(known) or 'none'}"
             raise fault(where, content, expected, "correct the number or remove the row")
         for name, recording in order:

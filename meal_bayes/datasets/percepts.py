@@ -116,11 +116,14 @@ class PerceptTable:
     recording_counts: NDArray[np.int64] = None  # type: ignore[assignment]
     groups: NDArray[np.int64] = None  # type: ignore[assignment]
 
-    __repr__, _repr_html_ = facts_repr, facts_html
+    __repr__ = facts_repr
+    _repr_html_ = facts_html
 
     def __post_init__(self) -> None:
         set_frozen(self, labels=label_values(self.labels))
-        o, e, p = len(self.objects), len(self.domain.behaviors), len(self.domain.attributes)
+        o = len(self.objects)
+        e = len(self.domain.behaviors)
+        p = len(self.domain.attributes)
         r = self.recordings
         if self.groups is None:
             set_frozen(self, groups=np.arange(o))
@@ -294,7 +297,8 @@ def _in_domain_order(
         for name in names:
             if name not in meta[key]:
                 raise DataError(unknown(key[:-1], name, meta[key]))
-    objects, e = tuple(map(str, meta["objects"])), len(meta["behaviors"])
+    objects = tuple(map(str, meta["objects"]))
+    e = len(meta["behaviors"])
     if len(set(objects)) < len(objects):
         raise DataError("An object is named twice; make the table again.")
     labels, log_odds, bins = (arrays[key] for key in ("labels", "log_odds", "training_bins"))

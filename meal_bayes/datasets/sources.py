@@ -269,7 +269,8 @@ def verify(data: str) -> list[tuple[Path, str]]:
     """Compare the cached files with the registry: "ok", "missing" or "changed" each."""
     states = []
     for name, digest in registry(data).items():
-        path, state = cache_folder() / name, "missing"
+        path = cache_folder() / name
+        state = "missing"
         if path.is_file():
             same = hashlib.sha256(path.read_bytes()).hexdigest() == digest
             state = "ok" if same else "changed"

@@ -139,7 +139,9 @@ class TransitionDiagram:
             x: {name for to in closure(x, lambda y: after[y].values()) for name in after[to]}
             for x in self.states
         }
-        left, state, sequence = set(wanted), self.start, list[str]()
+        left = set(wanted)
+        state = self.start
+        sequence = list[str]()
         while ways := list(_ways(after, state, left, cost)):
             names, state = min(ways, key=lambda way: len(left - {way[0][-1]} - reachable[way[1]]))
             sequence += names
@@ -153,13 +155,16 @@ class TransitionDiagram:
 
     def compile(self, behaviors: Sequence[str]) -> TransitionArrays:
         """Compile to arrays over the named behaviors, in their order."""
-        size, index = len(self.states), {name: i for i, name in enumerate(self.states)}
+        size = len(self.states)
+        index = {name: i for i, name in enumerate(self.states)}
         row = {name: e for e, name in enumerate(behaviors)}
         transition = np.zeros((len(behaviors), size, size))
         sensed = np.zeros((len(behaviors), size, size))
         for effect in self.effects:
             for source, target in self._expand(effect):
-                e, x, next_x = row[effect.behavior], index[source], index[target]
+                e = row[effect.behavior]
+                x = index[source]
+                next_x = index[target]
                 transition[e, x, next_x] += effect.probability
                 sensed[e, x, next_x] += effect.probability * effect.senses
         legal = np.asarray(transition.any(axis=2))  # (E,X)
@@ -176,7 +181,8 @@ class TransitionDiagram:
 
 def closure(start: str, follow: Callable[[str], Iterable[str]]) -> set[str]:
     """Return a state and all that follow from it, step by step."""
-    reached, frontier = {start}, [start]
+    reached = {start}
+    frontier = [start]
     while frontier:
         new = set(follow(frontier.pop())) - reached
         reached |= new
@@ -189,7 +195,8 @@ def _ways(
 ) -> Iterator[tuple[tuple[str, ...], str]]:
     """Yield behaviors that end with a wanted one, and the likeliest state after; cheapest first."""
     waiting: list[tuple[float, tuple[str, ...], str]] = [(0.0, (), start)]
-    reached, ended = set[str](), set[str]()
+    reached = set[str]()
+    ended = set[str]()
     while waiting:
         spent, names, state = heapq.heappop(waiting)
         if names and names[-1] in wanted:

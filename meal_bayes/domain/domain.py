@@ -95,7 +95,8 @@ class Domain:
     legal_budget: tuple[float, ...] = (50.0, 80.0, 80.0)
     asked_minimum: int = 0
 
-    __repr__, _repr_html_ = facts_repr, facts_html
+    __repr__ = facts_repr
+    _repr_html_ = facts_html
 
     def _facts(self) -> tuple[str, dict[str, str]]:
         costs = [f"{behavior.name} {behavior.cost:g} s" for behavior in self.behaviors]
@@ -124,12 +125,15 @@ class Domain:
                 if names.count(name) > 1:
                     yield f"The {kind} {name!r} is listed twice; names must be unique."
         for behavior in self.behaviors:
-            name, cost, accuracy = behavior.name, behavior.cost, behavior.answer_accuracy
+            name = behavior.name
+            cost = behavior.cost
+            accuracy = behavior.answer_accuracy
             if not 0 <= cost <= LARGEST:
                 yield f"Behavior {name!r} costs {cost}; give its seconds, 0 to {LARGEST:g}."
             if accuracy is not None and not 0 < accuracy <= 1:
                 yield f"Behavior {name!r} has answer_accuracy {accuracy}; expected one in (0, 1]."
-        used, behaviors = {row.behavior for row in self.diagram.effects}, {*self.behavior_names}
+        used = {row.behavior for row in self.diagram.effects}
+        behaviors = {*self.behavior_names}
         for name in sorted(used - behaviors):
             yield f"The diagram uses behavior {name!r}, which has no entry; add one with its cost."
         for name in sorted(behaviors - used):
@@ -263,7 +267,8 @@ def learn_success(domain: Domain, attempts: NDArray[np.int64]) -> Domain:
     attempts : NDArray[np.int64]
         (E,2) legal executions that failed, and that succeeded.
     """
-    diagram, effects = domain.diagram, []
+    diagram = domain.diagram
+    effects = []
     for effect in diagram.effects:
         failed, succeeded = attempts[domain.behavior_index(effect.behavior)]
         arrow = effect.source, effect.behavior

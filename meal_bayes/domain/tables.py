@@ -37,8 +37,14 @@ from meal_bayes.untrusted import (
 )
 
 _TABLES = Path(__file__).parent / "tables"  # that ship
-_TEXT, _NUMBER, _LIST, _TABLE, _ROWS = "a text", "a number", "a list of texts", "a table", "rows"
-_NUMBERS, _COUNT, _FLAG = "a list of numbers", "a whole number, 0 or more", "true or false"
+_TEXT = "a text"
+_NUMBER = "a number"
+_LIST = "a list of texts"
+_TABLE = "a table"
+_ROWS = "rows"
+_NUMBERS = "a list of numbers"
+_COUNT = "a whole number, 0 or more"
+_FLAG = "true or false"
 _TYPES = {_TEXT: str, _TABLE: dict, _FLAG: bool}
 _PARTS = {_LIST: _TEXT, _ROWS: _TABLE, _NUMBERS: _NUMBER}
 _DOMAIN_KEYS = {
@@ -84,10 +90,12 @@ def load_domain(name: str | Path | Mapping[str, Any]) -> Domain:
     7.0
     """
     if isinstance(name, Mapping):
-        table, name = dict(name), str(name.get("name", "of a dictionary"))
+        table = dict(name)
+        name = str(name.get("name", "of a dictionary"))
     else:
         table = _read(name)
-    source, seen = str(name), {str(name)}
+    source = str(name)
+    seen = {str(name)}
     while "extends" in table:
         parent = str(table.pop("extends"))
         if parent.endswith(".toml") and source.endswith(".toml"):
@@ -95,7 +103,8 @@ def load_domain(name: str | Path | Mapping[str, Any]) -> Domain:
         if parent in seen:
             raise DomainError(f"Domain {name} extends itself through {parent!r}.")
         seen.add(parent)
-        table, source = {**_read(parent), **table}, parent
+        table = {**_read(parent), **table}
+        source = parent
     try:
         return domain_from_table(table)
     except DomainError as error:
@@ -119,14 +128,16 @@ def domain_from_table(table: object) -> Domain:
     for part, form in (("groups", _LIST), ("synonyms", _TEXT)):
         entries = table.get(part, {})
         fields[part] = _fields(f"[{part}]", entries, dict.fromkeys(entries, form), ())
-    behaviors, effects = list[Behavior](), list[Effect]()
+    behaviors = list[Behavior]()
+    effects = list[Effect]()
     for row in table["behaviors"]:
         where = f"behavior {row.get('name', row)!r}"
         behaviors.append(Behavior(**_fields(where, row, _BEHAVIOR_KEYS, ("name", "cost"))))
     for row in diagram["effects"]:
         arrow = _fields(f"effect {row}", row, _EFFECT_KEYS, ("from", "do", "to"))
         effects.append(Effect(**{_FIELDS.get(key, key): value for key, value in arrow.items()}))
-    fields["behaviors"], diagram["effects"] = tuple(behaviors), tuple(effects)
+    fields["behaviors"] = tuple(behaviors)
+    diagram["effects"] = tuple(effects)
     diagram["states"] += (TERMINAL,)
     fields.pop("note", None)
     return Domain(**{**fields, "diagram": TransitionDiagram(**diagram)})
@@ -189,7 +200,9 @@ def _check_sizes(table: dict[str, Any]) -> None:
         if isinstance(name, str) and not 0 < len(name.strip()) <= LETTER_LIMIT:
             letters = f"expected 1 to {LETTER_LIMIT}, not all blank"
             raise DomainError(f"A name has {len(name)} characters; {letters}.")
-    e, x, arrows = len(table["behaviors"]), len(diagram["states"]), len(diagram["effects"])
+    e = len(table["behaviors"])
+    x = len(diagram["states"])
+    arrows = len(diagram["effects"])
     if max(e * (x + 1) ** 2, arrows * x) > DIAGRAM_LIMIT:
         parts = f"{e} behaviors, {x} states and {arrows} effects"
         raise DomainError(f"{parts} make more than {DIAGRAM_LIMIT:,} entries; use fewer of them.")

@@ -176,7 +176,8 @@ def run_offline(
         units, partial(warm_up, config, table.domain), jobs=jobs, cluster=cluster,
         on_progress=on_progress, on_note=on_note,
     )  # fmt: skip
-    paths, seconds = list[Path](), {}
+    paths = list[Path]()
+    seconds = {}
     for number, agent in enumerate(config.agents):
         logs_of_agent = [unit.path for unit in units[number :: len(config.agents)]]
         times = list(map(read_seconds, logs_of_agent))
@@ -193,7 +194,8 @@ def _loaded(source: TableSource) -> PerceptTable:
 
 def askable(table: PerceptTable) -> tuple[str, ...]:
     """Return the attributes with enough positive and negative objects for the domain."""
-    positive, negative = (table.labels == 1).sum(axis=0), (table.labels == 0).sum(axis=0)
+    positive = (table.labels == 1).sum(axis=0)
+    negative = (table.labels == 0).sum(axis=0)
     enough = np.minimum(positive, negative) > table.domain.asked_minimum
     return tuple(name for name, ok in zip(table.domain.attributes, enough, strict=True) if ok)
 
@@ -227,7 +229,8 @@ def offline_tasks(table: PerceptTable, n_attributes: int, trials: int, seed: int
             "of those that can be asked; ask fewer, or label more."
         )
     rng = stream(seed, "tasks", table.domain.data, n_attributes)
-    groups, objects = list(table.domain.groups.values()), range(len(table.objects))
+    groups = list(table.domain.groups.values())
+    objects = range(len(table.objects))
     count = len(objects) * math.comb(len(names), n_attributes)
     if groups and n_attributes <= len(groups):
         pairs = _grouped(table, groups, n_attributes, rng)
@@ -266,7 +269,8 @@ def _grouped(
     table: PerceptTable, groups: list[tuple[str, ...]], n: int, rng: np.random.Generator
 ) -> Iterator[_Pair]:
     """Yield queries that describe the object and queries that do not, in turn (ROC36)."""
-    true, false = list[_Pair](), list[_Pair]()
+    true = list[_Pair]()
+    false = list[_Pair]()
     labels = dict(zip(table.domain.attributes, table.labels.T, strict=True))
     for o in range(len(table.objects)):
         for chosen in itertools.combinations(groups, n):

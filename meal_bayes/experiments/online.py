@@ -75,9 +75,12 @@ class _Unit:
 
     def run(self, advance: Callable[[float], None]) -> None:
         """Run what is not finished."""
-        config, protocol = self.config, _protocol(self.config, self.repeat)
-        learner, environment = _learner(config, protocol), Environment(config, protocol)
-        tests, write = protocol.tests(), partial(self._write, advance, environment, learner)
+        config = self.config
+        protocol = _protocol(self.config, self.repeat)
+        learner = _learner(config, protocol)
+        environment = Environment(config, protocol)
+        tests = protocol.tests()
+        write = partial(self._write, advance, environment, learner)
         for batch in range(config.batches + 1):
             train = config.batches > batch and not self.has(batch + 1, "train")
             test = not self.has(batch, "test")
@@ -99,7 +102,8 @@ class _Unit:
         """Run trials and log them; with the whole log that part of the batch is done."""
         part_of = (0.5 if batch else 1) / len(tasks)  # of a batch that trains and is tested
         run = partial(environment.ask, learner, learn=part == "train")
-        path, trials = self.log(batch, part), timed(run, tasks, advance, part_of)
+        path = self.log(batch, part)
+        trials = timed(run, tasks, advance, part_of)
         header = {
             "config": self.config.as_dict(), "seed": self.config.seed, "agent": learner.agent.name,
             "repeat": self.repeat, "batch": batch, "part": part, **facts,
@@ -177,7 +181,8 @@ def _protocol(config: OnlineConfig, repeat: int) -> Protocol:
 
 def _learner(config: OnlineConfig, protocol: Protocol) -> Learner:
     """Return a learner, pretrained: every behavior once, and all labels, of a part."""
-    dataset, split = protocol.dataset, protocol.split
+    dataset = protocol.dataset
+    split = protocol.split
     learner = Learner(
         dataset.domain, agent=config.agents[0], seed=config.seed, reward=config.reward,
         refit_every=None, learn_success=False, horizon=config.horizon, logs=None,

@@ -138,7 +138,8 @@ def _on_cluster(calls: list[bytes], address: str, meanwhile: Callable[[], None])
         except (TimeoutError, OSError) as fault:
             raise CancelledError from fault
 
-    expected, pool = environment(), client.get_executor(pure=False, retries=3)
+    expected = environment()
+    pool = client.get_executor(pure=False, retries=3)
     try:
         for machine, versions, result in _finished(pool, checked, calls, look):
             if versions != expected:

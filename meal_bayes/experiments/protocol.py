@@ -89,7 +89,8 @@ class ObjectSplit(NamedTuple):
 
 def _draw_split(dataset: Dataset, shares: NDArray[np.intp], seed: int, repeat: int) -> ObjectSplit:
     """Draw parts of these shares, each with three positives of every attribute, or fewer."""
-    count, positive = len(dataset.objects), (dataset.labels == 1).astype(np.intp)
+    count = len(dataset.objects)
+    positive = (dataset.labels == 1).astype(np.intp)
     ends = np.round(np.cumsum(shares) / shares.sum() * count).astype(int)
     starts = np.array([0, *ends[:-1]])
     if (starts == ends).any():
@@ -174,7 +175,8 @@ class Protocol:
         return [self._task("train", batch, i, pairs[j]) for i, j in enumerate(drawn)]
 
     def _pairs(self, objects: NDArray[np.intp]) -> list[tuple[int, tuple[str, ...]]]:
-        names, known = self.dataset.domain.attributes, self.dataset.labels >= 0
+        names = self.dataset.domain.attributes
+        known = self.dataset.labels >= 0
         queries = list(itertools.combinations(range(len(names)), self.attributes))
         return [
             (o, tuple(names[p] for p in query))
@@ -184,7 +186,8 @@ class Protocol:
         ]
 
     def _task(self, part: str, batch: int, index: int, pair: tuple[int, tuple[str, ...]]) -> Task:
-        (o, attributes), data = pair, self.dataset.domain.data
+        o, attributes = pair
+        data = self.dataset.domain.data
         name = self.dataset.objects[o]
         key: tuple[str | int, ...] = (data, part, self.repeat, batch, index, name, *attributes)
         return Task(f"{part} {batch:02d} {index:03d} {name}", Query(attributes), o, name, key)
@@ -194,7 +197,8 @@ class Environment:
     """The environment of an online run: recordings, and a person who is told and asked."""
 
     def __init__(self, config: OnlineConfig, protocol: Protocol) -> None:
-        self._config, self._data = config, protocol.dataset
+        self._config = config
+        self._data = protocol.dataset
         rng = stream(config.seed, "world", self._data.domain.data, protocol.repeat)
         self._recordings = Recordings(protocol.dataset, rng)
 
@@ -212,12 +216,14 @@ class Environment:
 
     def repeat(self, learner: Learner, trial: Trial) -> None:
         """Let a learner experience a trial that is logged; it perceives when it fits next."""
-        task, domain = trial.task, self._data.domain
+        task = trial.task
+        domain = self._data.domain
         robot = self._robot(task, learn=True)
         boundary = Boundary(domain, object_index=task.object_index)
         robot.start()
         for step in trial.steps:
-            e, shown = step.decision.action, None
+            e = step.decision.action
+            shown = None
             if e >= trial.momdp.n_behaviors:
                 continue
             done = boundary.execute(e, robot.execute(domain.behavior_names[e]))
@@ -237,7 +243,8 @@ class Environment:
         learner.tell(trial, dict(zip(trial.task.query.attributes, labels.tolist(), strict=True)))
 
     def _robot(self, task: Task, *, learn: bool) -> RecordedRobot:
-        seed, o = self._config.seed, task.object_index
+        seed = self._config.seed
+        o = task.object_index
         columns = self._data.domain.columns(task.query.attributes)
         order = self._recordings.supply(o) if learn else stream(seed, "recordings", *task.key)
         rng = stream(seed, "percepts", *task.key)

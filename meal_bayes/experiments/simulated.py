@@ -61,7 +61,8 @@ def record_object(
     alter: Callable[[ObjectParameters], ObjectParameters] | None = None,
 ) -> Recorded:
     """Record every behavior on an object of a population; `alter` changes what was drawn of it."""
-    parameters, happened = draw_object(seed, population, number), Happened()
+    parameters = draw_object(seed, population, number)
+    happened = Happened()
     if alter is not None:
         parameters = alter(parameters)
     rows = tuple(
@@ -89,7 +90,8 @@ def _attempt(
 ) -> tuple[str, Mapping[str, ArrayLike] | None]:
     """Execute a behavior once it is legal; return the state, and the features of a success."""
     while True:
-        legal, step = state in LEGAL[behavior], behavior
+        legal = state in LEGAL[behavior]
+        step = behavior
         if not legal:  # go towards a state where it is
             step = "reinit" if READY in LEGAL[behavior] else _TOWARDS.get(state, "reinit")
         try:

@@ -117,7 +117,8 @@ class _AgentHasher(NumpyHasher):  # type: ignore[misc]  # joblib has no types
 def _sources(code: Any) -> set[str]:
     """Digest the file of a function or class, and what it imports from beside it."""
     module = sys.modules.get(code.__module__)
-    top, path = code.__module__.partition(".")[0], Path(getattr(module, "__file__", None) or "")
+    top = code.__module__.partition(".")[0]
+    path = Path(getattr(module, "__file__", None) or "")
     if top in {"meal_bayes", *sys.stdlib_module_names}:
         return set()
     if module is None or not path.is_file():

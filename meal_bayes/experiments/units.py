@@ -105,7 +105,8 @@ def run_units(
                 for number, holder in in_parallel(
                     run, enumerate(todo), jobs=jobs, cluster=cluster, meanwhile=look
                 ):
-                    unit, parts[number] = todo[number], 0
+                    unit = todo[number]
+                    parts[number] = 0
                     if holder is None:
                         done += left[unit.path]
                         look()

@@ -62,7 +62,8 @@ class Machines(NamedTuple):
         n = next(len(values) for values in inputs if values is not None)
         decisions = np.zeros((n, *self.estimators.shape))
         for m, p in np.ndindex(self.estimators.shape):
-            values, estimator = inputs[m], self.estimators[m, p]
+            values = inputs[m]
+            estimator = self.estimators[m, p]
             if values is None:
                 decisions[:, m, p] = np.nan
             elif estimator is not None:
@@ -101,7 +102,9 @@ class KappaPool(NamedTuple):
             if labels.any() and not labels.all():
                 offset, slope = sigmoid[m, p] = fit_sigmoid(decisions[:, m, p], labels)
                 yes = offset + slope * decisions[:, m, p] > THRESHOLD
-                agree, p_yes, p_true = (yes == labels).mean(), yes.mean(), labels.mean()
+                agree = (yes == labels).mean()
+                p_yes = yes.mean()
+                p_true = labels.mean()
                 chance = p_yes * p_true + (1 - p_yes) * (1 - p_true)
                 weights[m, p] = max((agree - chance) / (1 - chance), 0.0)
         return cls(sigmoid, weights)
@@ -122,7 +125,8 @@ class KappaPool(NamedTuple):
 
 def fit_sigmoid(decisions: Floats, truth: Bools) -> Floats:
     """Fit offset and slope of Pr(true | decision), with Platt's softened targets [Platt1999]."""
-    positive, number = int(truth.sum()), len(truth)
+    positive = int(truth.sum())
+    number = len(truth)
     soft = np.where(truth, (positive + 1) / (positive + 2), 1 / (number - positive + 2))
     theta = np.zeros(2)
     features = np.concatenate([decisions, decisions])[None]
@@ -205,7 +209,8 @@ def _nested(
     outputs = np.full(problem.truth.shape, np.nan)
     for fold in problem.names:
         if fold not in left_out:
-            rows, without = problem.folds == fold, left_out | {fold}
+            rows = problem.folds == fold
+            without = left_out | {fold}
             outputs[rows] = _pool(problem, decisions, without).log_odds(decisions[without][rows])
     return outputs
 
@@ -245,7 +250,8 @@ def fit(
     recordings: BehaviorRecordings, settings: PerceptionSettings
 ) -> tuple[ClassifierFit, Floats]:
     """Fit one behavior; as `stacked.fit`, nested outputs by folds."""
-    nested, parts = np.full(recordings.labels.shape, np.nan), []
+    nested = np.full(recordings.labels.shape, np.nan)
+    parts = []
     for attributes, part in recordings.parts():
         problem = _problem(part, settings)
         decisions = problem.decide_without(2)
@@ -294,7 +300,8 @@ def _problem(recordings: BehaviorRecordings, settings: PerceptionSettings) -> Fo
 
     Neighbors are in different folds. Many objects have the same folds for every behavior.
     """
-    objects, known = recordings.objects, recordings.labels[:, 0] >= 0
+    objects = recordings.objects
+    known = recordings.labels[:, 0] >= 0
     units = dealt(objects, settings.folds) if recordings.large else objects
     folds = np.where(known, units, -1)
     if not recordings.large:
@@ -328,8 +335,10 @@ def _fit_stacker(
         scale = np.where(scale > 0, scale, 1.0)
         _, place, sizes = np.unique(objects, return_inverse=True, return_counts=True)
         features = np.ascontiguousarray((decisions / scale).transpose(2, 1, 0))
-        targets, losses = np.where(truth, 1.0, -1.0).T.copy(), np.zeros(len(weights))
-        base, options = 2.0 / sizes[place.ravel()], (settings.nonnegative, settings.balanced)
+        targets = np.where(truth, 1.0, -1.0).T.copy()
+        losses = np.zeros(len(weights))
+        base = 2.0 / sizes[place.ravel()]
+        options = (settings.nonnegative, settings.balanced)
         fit_stackers(base, features, targets, RIDGE, *options, weights, losses)
         weights[:, 1] /= scale
     return Stacker(weights)

@@ -94,7 +94,8 @@ def fit_and_validate(
     NDArray[np.int64]
         (O,P,E,2,K) percepts of each training object by classifiers that never saw it.
     """
-    domain, classifiers = dataset.domain, {}
+    domain = dataset.domain
+    classifiers = {}
     shape = len(dataset.objects), len(domain.attributes), len(domain.behaviors)
     counts = np.zeros((*shape, 2, settings.levels), np.int64)
     gathered = gather(dataset, training_set, settings, spaces)
@@ -116,7 +117,8 @@ def _count(recordings: BehaviorRecordings, nested: Floats, levels: int, n_object
     shown = levels_of(round_log_odds(nested), BIN_EDGES, levels)
     counts = np.zeros((n_objects, nested.shape[1], 2, levels), np.int64)
     row, attribute = np.nonzero(recordings.labels >= 0)
-    truth, level = recordings.labels[row, attribute], shown[row, attribute]
+    truth = recordings.labels[row, attribute]
+    level = shown[row, attribute]
     np.add.at(counts, (recordings.objects[row], attribute, truth, level), 1)
     return counts
 
@@ -215,7 +217,8 @@ def build_percept_table(
     settings = NAMED[perception] if isinstance(perception, str) else perception
     if dataset.recordings > _MOST:
         raise SettingsError(f"{dataset.recordings} recordings of an object; give {_MOST} at most.")
-    domain, n_objects = dataset.domain, len(dataset.objects)
+    domain = dataset.domain
+    n_objects = len(dataset.objects)
     gathered = gather(dataset, TrainingSet.everything(dataset), settings, pairs=True)
     groups = groups_of(gathered.values(), n_objects, settings)
     names = np.unique(groups)
@@ -288,8 +291,11 @@ def _provenance(dataset: Dataset, settings: PerceptionSettings) -> dict[str, str
     for context, values in sorted(dataset.features.items()):
         digest.update(repr(context).encode())
         digest.update(values.tobytes())
-    data, classifier, kind = dataset.domain.data, settings.classifier, type(settings.classifier)
-    home, name = SOURCES.get(data), f"{kind.__module__}:{kind.__qualname__}"
+    data = dataset.domain.data
+    classifier = settings.classifier
+    kind = type(settings.classifier)
+    home = SOURCES.get(data)
+    name = f"{kind.__module__}:{kind.__qualname__}"
     options = {"paper": " --perception paper", "classifier": f" --classifier {name}"}
     names = (field.name for field in fields(settings) if field.name != "classifier")
     provenance = {

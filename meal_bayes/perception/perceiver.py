@@ -76,11 +76,13 @@ class RecordedPercepts:
         SettingsError
             A recording that was not scored.
         """
-        table, domain = self.table, self.table.domain
+        table = self.table
+        domain = self.table.domain
         said = person_says(domain, table.labels, instance, query, self.levels, rng)
         if said is not None:
             return said
-        e, columns = domain.behavior_index(instance.behavior), domain.columns(query.attributes)
+        e = domain.behavior_index(instance.behavior)
+        columns = domain.columns(query.attributes)
         log_odds = table.log_odds[instance.object_index, instance.recording, e, columns]
         if np.isnan(log_odds).any():
             missing = np.array(query.attributes)[np.isnan(log_odds)].tolist()

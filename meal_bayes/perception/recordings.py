@@ -85,7 +85,8 @@ def fit_space(
     squashed = _squash(features)
     sd = squashed.std(axis=0)
     varying = np.flatnonzero(sd > _CONSTANT * np.abs(squashed).max(axis=0, initial=0.0))
-    center, scale = squashed[:, varying].mean(axis=0), sd[varying]
+    center = squashed[:, varying].mean(axis=0)
+    scale = sd[varying]
     rows = np.clip((squashed[:, varying] - center) / scale, -_FAR, _FAR)
     whitening = None if objects is None else _whitening(rows, objects)
     rows = rows if whitening is None else whitening.of(rows)

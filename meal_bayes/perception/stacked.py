@@ -126,7 +126,8 @@ def landmark_problem(
     starts = np.append(starts, len(folds))
     _, place, sizes = np.unique(objects, return_inverse=True, return_counts=True)
     targets = np.ascontiguousarray(np.where(truth, 1.0, -1.0).T)
-    (n_modalities, _, m), k = kernels.shape, len(names)
+    (n_modalities, _, m) = kernels.shape
+    k = len(names)
     features = np.empty(kernels.shape)
     grams = np.zeros((n_modalities, 1 + k, m, m))  # of all features + noise, and of each fold
     products = np.zeros((n_modalities, 1 + k, m, len(targets)))  # with the targets, the same
@@ -136,7 +137,8 @@ def landmark_problem(
         features[i] = solve_triangular(factor, kernels[i].T, lower=True, check_finite=False).T
         for fold, (start, end) in enumerate(pairwise(starts), start=1):
             part = features[i, start:end]
-            grams[i, fold], products[i, fold] = part.T @ part, part.T @ targets[:, start:end].T
+            grams[i, fold] = part.T @ part
+            products[i, fold] = part.T @ targets[:, start:end].T
         grams[i, 0] = grams[i].sum(axis=0) + noise * np.eye(m)
         products[i, 0] = products[i].sum(axis=0)
         (weights,) = _ridge_weights(grams[i : i + 1], products[i : i + 1], names[:0])
@@ -191,14 +193,17 @@ def leave_out(
     n_modalities, n_targets, _ = problem.duals.shape
     weights = np.zeros((len(sets), n_targets, 1 + n_modalities))
     losses = np.zeros((len(sets), n_targets))
-    log_odds, options = [], (RIDGE, settings.nonnegative, settings.balanced)
+    log_odds = []
+    options = (RIDGE, settings.nonnegative, settings.balanced)
     for index, left_out in enumerate(np.asarray(sets, dtype=np.int64)):
-        rows, remaining = problem.rows(left_out), problem.weights.copy()
+        rows = problem.rows(left_out)
+        remaining = problem.weights.copy()
         held, decisions = problem.score(left_out, rows, settings.nested)
         remaining[rows] = 0.0
         if warm is not None:
             weights[index] = warm
-        features, start = decisions.swapaxes(0, 1).copy(), (weights[index], losses[index])
+        features = decisions.swapaxes(0, 1).copy()
+        start = (weights[index], losses[index])
         fit_stackers(remaining, features, problem.targets, *options, *start)
         slopes = np.einsum("mpq,pm->pq", held, weights[index, :, 1:])
         log_odds.append(weights[index, :, :1] + slopes)
@@ -234,7 +239,8 @@ def parts(
     What is left out as one are objects, or folds of them where there are many; not `by_object`,
     recordings or folds of recordings.
     """
-    n, landmarks = len(recordings.objects), recordings.landmarks
+    n = len(recordings.objects)
+    landmarks = recordings.landmarks
     objects = recordings.objects if by_object else np.arange(n)
     groups = objects if landmarks is None else dealt(objects, settings.folds)
     for attributes, part in recordings.parts():
@@ -245,7 +251,8 @@ def parts(
         if landmarks is None:
             problem = kernel_problem(kernels[:, rows][:, :, rows], truth, groups[rows], NOISE)
         else:
-            near, names = (kernels[:, rows], kernels[:, landmarks]), (groups[rows], objects[rows])
+            near = (kernels[:, rows], kernels[:, landmarks])
+            names = (groups[rows], objects[rows])
             problem = landmark_problem(*near, truth, names, NOISE)
         yield Part(rows, attributes, columns, problem)
 
@@ -257,12 +264,14 @@ def fit(recordings: BehaviorRecordings, settings: PerceptionSettings) -> tuple[K
     it is NaN where the label is unknown.
     """
     kernels = recordings.kernels(joint=settings.joint)
-    (n_kernels, _, m), (n, n_attributes) = kernels.shape, recordings.labels.shape
+    (n_kernels, _, m) = kernels.shape
+    (n, n_attributes) = recordings.labels.shape
     dual = np.zeros((n_kernels, n_attributes, m))
     weights = np.zeros((n_attributes, 1 + n_kernels))
     nested = np.full((n, n_attributes), np.nan)
     for part in parts(recordings, kernels, settings, settings.by_object):
-        attributes, problem = part.attributes, part.problem
+        attributes = part.attributes
+        problem = part.problem
         weights[attributes] = leave_out(problem, NOBODY, settings).weights[0]
         nested[np.ix_(part.rows, attributes)] = each_group(problem, settings, weights[attributes])
         dual[np.ix_(np.arange(n_kernels), attributes, part.columns)] = problem.duals

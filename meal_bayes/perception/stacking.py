@@ -76,15 +76,18 @@ def _derivatives(theta, features, target, weight, ridge, rate, gradient, hessian
     """Compute gradient and Hessian (lower triangle) of the objective, in place."""
     n_features, n = features.shape
     scratch = np.empty((2, n))  # residuals w (p - y) and curvatures w p (1 - p)
-    first, second = 0.0, 0.0
+    first = 0.0
+    second = 0.0
     for i in range(n):
         scratch[0, i] = weight[i] * (rate[i] - (1.0 if target[i] > 0 else 0.0))
         scratch[1, i] = weight[i] * rate[i] * (1.0 - rate[i])
         first += scratch[0, i]
         second += scratch[1, i]
-    gradient[0], hessian[0, 0] = first, second
+    gradient[0] = first
+    hessian[0, 0] = second
     for m in range(n_features):
-        first, second = 0.0, 0.0
+        first = 0.0
+        second = 0.0
         for i in range(n):
             first += scratch[0, i] * features[m, i]
             second += scratch[1, i] * features[m, i]
@@ -112,7 +115,8 @@ def _newton_step(theta, gradient, hessian, nonnegative, step):
         if nonnegative and j > 0 and theta[j] <= 0.0 and gradient[j] > 0.0:
             for k in range(len(theta)):
                 hessian[j, k] = hessian[k, j] = 0.0
-            step[j], hessian[j, j] = 0.0, 1.0
+            step[j] = 0.0
+            hessian[j, j] = 1.0
         else:
             largest = max(largest, abs(gradient[j]))
         hessian[j, j] += _JITTER
@@ -131,9 +135,12 @@ def fit_stacker(
     `features` (M,n), `target` (n,) of +-1, `weight` (n,), `theta` (1+M,) intercept first, written;
     with `nonnegative` no slope falls below 0. Returns the loss, ridge included.
     """
-    size, rate = len(theta), np.empty(len(target))
-    gradient, hessian = np.empty(size), np.empty((size, size))
-    step, trial = np.empty(size), np.empty(size)
+    size = len(theta)
+    rate = np.empty(len(target))
+    gradient = np.empty(size)
+    hessian = np.empty((size, size))
+    step = np.empty(size)
+    trial = np.empty(size)
     value = _objective(theta, features, target, weight, ridge, rate)
     for _ in range(_MAX_ITERATIONS):
         _derivatives(theta, features, target, weight, ridge, rate, gradient, hessian)
@@ -158,7 +165,8 @@ def fit_stacker(
 @_kernel
 def _weigh(target, base, balanced, weight):
     """Write `base`, times n/(2 n_c) of each class c, to `weight`; return if both classes remain."""
-    positive, negative = 0.0, 0.0
+    positive = 0.0
+    negative = 0.0
     for i in range(len(target)):
         positive += base[i] if target[i] > 0 else 0.0
         negative += base[i] if target[i] < 0 else 0.0
@@ -217,8 +225,10 @@ def _score_others(inverse, dual, target, starts, out, across, known, decisions):
             for c in range(dual.shape[1]):
                 decisions[p, c] -= known[p, i] * across[i, c]
     for k in range(len(out)):  # its matrix: C^-1[k,k] - C^-1[k,S] C^-1[S,S]^-1 C^-1[S,k]
-        begin, size = starts[k], starts[k + 1] - starts[k]
-        block, vector = np.empty((size, size)), np.empty(size)
+        begin = starts[k]
+        size = starts[k + 1] - starts[k]
+        block = np.empty((size, size))
+        vector = np.empty(size)
         for i in range(size):
             for j in range(i + 1):
                 total = inverse[begin + i, begin + j]
@@ -249,11 +259,13 @@ def score_without(
     which are 0 on S.
     """
     n_modalities, n_targets, n = duals.shape
-    held, decisions = np.empty((n_modalities, n_targets, len(rows))), np.empty(duals.shape)
+    held = np.empty((n_modalities, n_targets, len(rows)))
+    decisions = np.empty(duals.shape)
     out = np.zeros(len(starts) - 1, np.int64)
     for k in left_out:
         out[k] = 1
-    across, known = np.empty((len(rows), n)), np.empty((n_targets, len(rows)))
+    across = np.empty((len(rows), n))
+    known = np.empty((n_targets, len(rows)))
     shared = len(rows) if nested else 0
     for m in range(n_modalities):
         _leave_set(inverses[m], duals[m], targets, rows, held[m], across, known)

@@ -78,7 +78,8 @@ def beliefs_without_itself(draws: xr.Dataset, counts: ArrayLike, *, size: int = 
         [[log_likelihood(shown, mean[i, :, :, t], s[i, :, :, t]) for t in (0, 1)] for i in picked]
     )  # (S,2,O,P,E)
     others = by_truth.sum(axis=0) - by_truth + 1.0  # (O,P,2), for the base rate (n+ + 1) / (n + 2)
-    truth, odds = by_truth[..., 1], np.log(others[..., 1] / others[..., 0])
+    truth = by_truth[..., 1]
+    odds = np.log(others[..., 1] / others[..., 0])
     known = np.asarray(by_truth.any(axis=-1))  # (O,P)
     seen = known[..., None] & (shown.sum(axis=-1) > 0)  # (O,P,E)
     truths = np.broadcast_to(truth[..., None], seen.shape)
@@ -139,11 +140,13 @@ def pointwise_log_likelihood(draws: xr.Dataset, units: Units) -> xr.Dataset:
         members = np.flatnonzero(units.attribute == attribute)
         for e in range(units.counts.shape[1]):
             each, place = np.unique(units.counts[members, e], axis=0, return_inverse=True)
-            rows, weight = mean[:, None, attribute, e], s[:, None, attribute, e]  # (C*S,1,2,K)
+            rows = mean[:, None, attribute, e]  # (C*S,1,2,K)
+            weight = s[:, None, attribute, e]
             scores = log_likelihood(each[:, None].astype(float), rows, weight)  # (C*S,V,2)
             evidence[:, members] += scores[:, place.ravel()]
     unit = np.arange(len(units.names))
-    right, wrong = evidence[:, unit, units.truth], evidence[:, unit, 1 - units.truth]
+    right = evidence[:, unit, units.truth]
+    wrong = evidence[:, unit, 1 - units.truth]
     with np.errstate(divide="ignore"):
         values = np.logaddexp(np.log1p(-epsilon[:, None]) + right, np.log(epsilon[:, None]) + wrong)
     return _by_unit(values, draws, units)

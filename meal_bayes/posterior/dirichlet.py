@@ -53,7 +53,8 @@ class ConfusionPosterior:
                 "behaviors, 2, levels)."
             )
         for name in ("concentration", "dispersion"):
-            values, expected = getattr(self, name), shape[:3] if name == "dispersion" else shape
+            values = getattr(self, name)
+            expected = shape[:3] if name == "dispersion" else shape
             if values.shape != expected or not (values > 0).all():
                 raise SettingsError(
                     f"{name} must be above 0 and of shape {expected}, as the counts have; found "
@@ -107,7 +108,8 @@ class ConfusionPosterior:
         It combines two uncertainties: objects differ (dispersion s), and the mean is known from A
         percepts only. Without the first (s = inf) it is A, without the second (A = inf) it is s.
         """
-        s, a = self.dispersion, self.concentration.sum(axis=-1)
+        s = self.dispersion
+        a = self.concentration.sum(axis=-1)
         with np.errstate(invalid="ignore"):
             both = s * a / (s + a + 1)
         return freeze(np.where(np.isnan(both), np.minimum(s, a), both))
@@ -169,7 +171,8 @@ class ConfusionPosterior:
             Treat the mean as known exactly (precision inf): the paper's Eq. 8.
         """
         picked = np.asarray(columns, dtype=np.intp)
-        alpha, precision = self.concentration[picked], self.precision[picked]
+        alpha = self.concentration[picked]
+        precision = self.precision[picked]
         informative = self.informative[picked]
         pooled = np.broadcast_to(alpha.sum(axis=2, keepdims=True), alpha.shape)
         alpha = np.where(informative[..., None, None], alpha, pooled)

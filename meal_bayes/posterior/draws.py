@@ -56,7 +56,8 @@ def draws_of(
 
 def rows_of(draws: xr.Dataset) -> tuple[Floats, Floats, Floats]:
     """Return m (C*S,P,E,2,K), s (C*S,P,E,2) and epsilon (C*S,), 0 without one, chain by chain."""
-    mean, s = np.maximum(draws["mean"].values, _FLOOR), draws["dispersion"].values
+    mean = np.maximum(draws["mean"].values, _FLOOR)
+    s = draws["dispersion"].values
     epsilon = draws["misperception"].values if "misperception" in draws else np.zeros(s.shape[:2])
     return mean.reshape(-1, *mean.shape[2:]), s.reshape(-1, *s.shape[2:]), epsilon.ravel()
 
@@ -74,11 +75,13 @@ def summarize_draws(draws: xr.Dataset, counts: ArrayLike) -> ConfusionPosterior:
     epsilon = misperceived[:, None, None, None]
     mean = (1 - epsilon[..., None]) * m + epsilon[..., None] * m[..., ::-1, :]
     unlike = (1 - epsilon) * unlike + epsilon * unlike[..., ::-1]
-    center, variance = mean.mean(axis=0), mean.var(axis=0).sum(axis=-1)
+    center = mean.mean(axis=0)
+    variance = mean.var(axis=0).sum(axis=-1)
     weight = (1 - (center**2).sum(axis=-1)) / variance - 1
     ratio = unlike.sum(axis=0) / (1 - (mean**2).sum(axis=-1)).sum(axis=0)  # s / (s + 1)
     columns = sensing(counts)
-    concentration, dispersion = whole.concentration.copy(), whole.dispersion.copy()
+    concentration = whole.concentration.copy()
+    dispersion = whole.dispersion.copy()
     concentration[:, columns] = weight[..., None] * center
     dispersion[:, columns] = ratio / (1 - ratio)
     return ConfusionPosterior(whole.counts, concentration, dispersion)
@@ -109,7 +112,8 @@ def posterior_from(idata: Any, domain: Domain) -> ConfusionPosterior:
 
         idata = load_netcdf(idata)
     try:
-        group, dims = idata["posterior"], ("chain", "draw", *ROW)
+        group = idata["posterior"]
+        dims = ("chain", "draw", *ROW)
         names = {"truth": list(TRUTHS), "level": list(level_names(group["mean"].sizes["level"]))}
         mean = group["mean"].transpose(*dims, "level").sel(names)
         along = {dim: mean[dim].values for dim in ROW}
@@ -187,7 +191,8 @@ def draw_grid(
     *row, levels = np.shape(counts)[1:]
     size = draws * chains
     rows, alpha, prob, *_ = grid_posterior(counts, prior)
-    mean, dispersion = np.empty((size, *alpha.shape)), np.empty((size, len(alpha)))
+    mean = np.empty((size, *alpha.shape))
+    dispersion = np.empty((size, len(alpha)))
     for r, weights in enumerate(prob):
         steps = rng.choice(len(DISPERSIONS), size=size, p=weights)
         dispersion[:, r] = DISPERSIONS[steps]
@@ -206,7 +211,8 @@ def _two_levels(
 ) -> Floats:
     """Draw m (S,2) of row r given the steps (S,) of s on the grid, by the inverse of its CDF."""
     nodes, log_width = quadrature(rows)
-    i, t = np.arange(rows.tails.shape[-1]), np.linspace(-1.0, 1.0, nodes.shape[1])
+    i = np.arange(rows.tails.shape[-1])
+    t = np.linspace(-1.0, 1.0, nodes.shape[1])
     fine = np.linspace(-1.0, 1.0, _FINER * (len(t) - 1) + 1)
     log_odds = CubicSpline(t, np.log(nodes[1]) - np.log(nodes[0]))(fine)
     mean = np.empty((len(steps), 2))

@@ -84,7 +84,8 @@ def integrate(rows: RowStatistics, alpha: Floats) -> Profile:
     """Integrate m of two levels out at every s, under Dirichlet priors (S,2)."""
     m, log_width = quadrature(rows)
     shape = len(DISPERSIONS), m.shape[1]
-    i, j = np.arange(rows.tails.shape[-1]), np.arange(rows.sums.shape[-1])
+    i = np.arange(rows.tails.shape[-1])
+    j = np.arange(rows.sums.shape[-1])
     each = np.log(DISPERSIONS[:, None] * m[:, None, None] + i[:, None, None])  # (2,I,G,M)
     total = np.broadcast_to(-np.log(DISPERSIONS + j[:, None])[..., None], (len(j), *shape))
     ends = np.broadcast_to(np.log(m)[:, None], (2, *shape))
@@ -105,7 +106,8 @@ def integrate(rows: RowStatistics, alpha: Floats) -> Profile:
         score -= peak[block, :, None]
         integrals[block] = np.exp(score, out=score) @ factors
     norm = integrals[..., 0]
-    mean, diversity = integrals[..., 1:3] / norm[..., None], integrals[..., 3] / norm
+    mean = integrals[..., 1:3] / norm[..., None]
+    diversity = integrals[..., 3] / norm
     return Profile(peak + np.log(norm), mean, diversity)
 
 
@@ -252,12 +254,14 @@ def _common_prior(effective: Floats, votes: Bools) -> Floats:
     Its mean is that of the attributes' rows and of one flat row; its weight maximizes the
     Dirichlet-multinomial likelihood of the effective counts (...,P,E,2,K).
     """
-    levels, voting = effective.shape[-1], votes[..., None, None]
+    levels = effective.shape[-1]
+    voting = votes[..., None, None]
     n = effective.sum(axis=-1, keepdims=True)
     rows = (PRIOR_WEIGHT / levels + effective) / (PRIOR_WEIGHT + n)
     mean = (rows * voting).sum(axis=-4, keepdims=True) + 1 / levels
     mean /= voting.sum(axis=-4, keepdims=True) + 1
-    alpha, counts = mean[..., None] * _WEIGHTS, effective[..., None]  # (...,1,E,2,K,W)
+    alpha = mean[..., None] * _WEIGHTS  # (...,1,E,2,K,W)
+    counts = effective[..., None]
     score = (gammaln(alpha + counts) - gammaln(alpha)).sum(axis=-2)
     score += gammaln(_WEIGHTS) - gammaln(_WEIGHTS + n)
     score = (score * voting).sum(axis=-4, keepdims=True)  # (...,1,E,2,W)
@@ -272,7 +276,8 @@ def _graded_prior(effective: Floats, votes: Bools) -> Floats:
     show level k, over all pairs with a vote: 2 q_k r_k / (1 + r_k) and 2 q_k / (1 + r_k). Pairs
     have the weight of their rarer truth.
     """
-    levels, n = effective.shape[-1], effective.sum(axis=-1, keepdims=True)
+    levels = effective.shape[-1]
+    n = effective.sum(axis=-1, keepdims=True)
     rows = (1 / levels + effective) / (1 + n)
     vote = n.min(axis=-2, keepdims=True) * votes[..., None, None]
     pooled = (rows * vote).sum(axis=(-4, -3), keepdims=True) + 1 / levels  # (...,1,1,2,K)

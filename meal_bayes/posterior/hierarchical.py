@@ -38,9 +38,10 @@ from meal_bayes.seeds import stream
 # a BLAS, with a warning where there is none, that no model of ours needs. By Numba, its default
 # from 3.0 on, what is compiled anew and what is loaded round otherwise, unless the order of sums
 # is kept: draws would repeat under a seed from the second run on.
-_folder, _user = scratch_folder("pytensor"), os.environ.get("PYTENSOR_FLAGS", "")  # the last wins
+_folder = scratch_folder("pytensor")
+_user = os.environ.get("PYTENSOR_FLAGS", "")
 _flags = f"base_compiledir={_folder},blas__ldflags=,numba__fastmath=False"
-os.environ["PYTENSOR_FLAGS"] = f"{_flags},{_user}"
+os.environ["PYTENSOR_FLAGS"] = f"{_flags},{_user}"  # the last wins
 with writable_caches(), warnings.catch_warnings():  # ArviZ 0.x announces 1.0 on import
     warnings.filterwarnings("ignore", r"\s*ArviZ is undergoing", FutureWarning)
     import pymc as pm
@@ -51,8 +52,11 @@ pt: Any = pytensor.tensor  # not typed
 ACCEPT = 0.9  # target acceptance: smaller steps than usual, as no draw may diverge
 _LOG_S = np.log(DISPERSIONS)
 _STEP = float(_LOG_S[1] - _LOG_S[0])
-_LOW, _HIGH = float(_LOG_S[0]) - _STEP / 2, float(_LOG_S[-1]) + _STEP / 2  # a point is a cell
-_ROOT, _ROOT_PI = np.sqrt(2.0), np.sqrt(2.0 * np.pi)
+# A point of the grid stands for a cell around it.
+_LOW = float(_LOG_S[0]) - _STEP / 2
+_HIGH = float(_LOG_S[-1]) + _STEP / 2
+_ROOT_2 = np.sqrt(2.0)
+_ROOT_2_PI = np.sqrt(2.0 * np.pi)
 _LEAN = 0.7  # prior log-odds by which true objects lean to the last level, false ones to the first
 _MISPERCEIVED = 0.05  # prior scale of epsilon
 _SPREAD = 0.3  # of the logarithm of a width that only helps the sampler
@@ -169,9 +173,12 @@ def _same(counts: Ints, prior: ArrayLike | None) -> tuple[Any, Any]:
     place = place + pt.exp(width) * pm.Flat("log_s_standard", dims=ROW)
     log_s = _LOW + (_HIGH - _LOW) * pm.math.sigmoid(place)
     jacobian = (width - pt.softplus(place) - pt.softplus(-place)).sum()
-    center, tau = mu[..., None], TAUS  # (T,)
-    inside = pt.log(pt.erf((_HIGH - center) / _ROOT / tau) - pt.erf((_LOW - center) / _ROOT / tau))
-    share = -0.5 * ((log_s[..., None] - center) / tau) ** 2 - inside - np.log(tau * _ROOT_PI / 2)
+    center = mu[..., None]
+    tau = TAUS  # (T,)
+    inside = pt.log(
+        pt.erf((_HIGH - center) / _ROOT_2 / tau) - pt.erf((_LOW - center) / _ROOT_2 / tau)
+    )
+    share = -0.5 * ((log_s[..., None] - center) / tau) ** 2 - inside - np.log(tau * _ROOT_2_PI / 2)
     by_tau = (votes[..., None, None] * share).sum(axis=0) - 0.5 * tau**2  # (E,2,T)
     mean_tau = (pm.math.softmax(by_tau, axis=-1) * tau).sum(axis=-1)
     law = -0.5 * ((width - pt.log(mean_tau)) / _SPREAD) ** 2
@@ -227,7 +234,9 @@ def _patterns(counts: Ints) -> tuple[Ints, Ints]:
 
 def _score(patterns: Ints, mean: Any, s: Any) -> Any:
     """Compute the log-probability (U,2) of each pattern under the row of each truth."""
-    p, e, k = patterns[:, 0], patterns[:, 1], patterns[:, 2:]
+    p = patterns[:, 0]
+    e = patterns[:, 1]
+    k = patterns[:, 2:]
     n = k.sum(axis=-1)
     each = _rising(s[..., None] * mean, int(k.max()))  # (P,E,2,K,I+1)
     every = _rising(s, int(n.max()))  # (P,E,2,J+1)
@@ -251,7 +260,8 @@ def _shared_class(counts: Ints, pattern_of: Ints, scores: Any, epsilon: Any) -> 
     padded = pt.concatenate([scores, pt.zeros((1, 2))])
     evidence = padded[pattern_of[o, p]].sum(axis=1)  # (n,2)
     pair = np.arange(len(o))
-    right, wrong = evidence[pair, truth], evidence[pair, 1 - truth]
+    right = evidence[pair, truth]
+    wrong = evidence[pair, 1 - truth]
     return pt.logaddexp(pt.log1p(-epsilon) + right, pt.log(epsilon) + wrong).sum()
 
 
@@ -259,7 +269,8 @@ def sample(
     model: "pm.Model", sampling: Sampling, name: str = "mcmc", progress: Progress | None = None
 ) -> Any:
     """Run NUTS by a random stream of this name; raise `KeyboardInterrupt` when interrupted."""
-    total, steps = (sampling.draws + sampling.tune) * sampling.chains, count(1)
+    total = (sampling.draws + sampling.tune) * sampling.chains
+    steps = count(1)
     call = None if progress is None else lambda **_: progress(next(steps), total)
     # without a C compiler by Numba, which comes with the package
     mode = {} if config.cxx else {"compile_kwargs": {"mode": "NUMBA"}}

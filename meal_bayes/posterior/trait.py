@@ -45,7 +45,8 @@ _WITHIN = 0.5  # precision of rows given the trait, in units of that given the t
 _BOUNDS = (0.1, 2.0)  # of sigma
 _DRAWS = 2  # selections of one recording of each behavior
 _LEAST = 1e-3  # Pr(a level | t) is at least this: any percept may be a slip
-_MATCHED, _ROUNDS = 1e-4, 50  # tolerance of the rows' mixture, most iterations
+_MATCHED = 1e-4  # tolerance of the rows' mixture
+_ROUNDS = 50  # iterations for it, at most
 _SCORED = 10  # most iterations while sigma is sought: more move it by less than its tolerance
 _TINY = 1e-300
 
@@ -85,10 +86,12 @@ class SharedTrait(FrozenArrays):
         exponential in the trait, whose mixtures are the given rows, and (...,M). At most so many
         `rounds` look for the rows.
         """
-        of_truth, m = np.asarray(confusion, dtype=float), len(self.points)
+        of_truth = np.asarray(confusion, dtype=float)
+        m = len(self.points)
         # Levels come first: to sum over a first axis is fast, over a short last one slow.
         mixture = np.moveaxis(of_truth, -1, 0).reshape(of_truth.shape[-1], -1, 2)  # (K,B,2)
-        wanted, classes = np.log(mixture), self.latent_classes.T
+        wanted = np.log(mixture)
+        classes = self.latent_classes.T
         middle = (wanted[..., 1] + wanted[..., 0]) / 2
         slope = (wanted[..., 1] - wanted[..., 0]) / 2
         for _ in range(rounds):
@@ -117,7 +120,8 @@ def learn_trait(
     labels (O,P) are 1 true, 0 false, -1 unknown (left out, as are objects without percepts), base
     rates (P,) the prior that an attribute is true.
     """
-    counts, truth = np.asarray(levels, dtype=np.intp), np.asarray(labels)
+    counts = np.asarray(levels, dtype=np.intp)
+    truth = np.asarray(labels)
     if not posterior.informative.any():
         return SharedTrait.of_sd(TYPICAL)
     evidence = _Evidence(posterior, counts, truth, np.asarray(base_rates))
@@ -152,13 +156,16 @@ class _Evidence:
         labelled = ((truth >= 0)[:, attribute] & (total > 0)).T  # (V,O)
         present = np.unique(attribute)  # (A,)
         of = present[:, None] == attribute  # (A,V)
-        known, self.of = of @ labelled, of.astype(np.float32)
-        self.known, self.top = int(known.sum()), int(total.max(initial=0))
+        known = of @ labelled
+        self.of = of.astype(np.float32)
+        self.known = int(known.sum())
+        self.top = int(total.max(initial=0))
         # One-hot counts: one matrix product sums a table of log factors over all levels.
         hit = shown[..., None] == np.arange(self.top + 1)  # (O,V,K,top+1)
         hit &= labelled.T[..., None, None]
         self.hit = _by_pair(hit)  # (V,K(top+1),O)
-        rng, cumulative = stream(0, "shared degree"), shown.cumsum(axis=-1)
+        rng = stream(0, "shared degree")
+        cumulative = shown.cumsum(axis=-1)
         pick = rng.random((_DRAWS, *total.shape)) * np.maximum(total, 1)
         drawn = (pick[..., None] >= cumulative).sum(axis=-1)[..., None]  # (D,O,V,1)
         once = (drawn == np.arange(shown.shape[-1])) & labelled.T[..., None]

@@ -44,12 +44,17 @@ class RecordedRobot:
         repeats: bool = False,
         person: Callable[[float], Mapping[str, bool]] | None = None,
     ) -> None:
-        self._domain, self._dataset, self._object = domain, dataset, object_index
+        self._domain = domain
+        self._dataset = dataset
+        self._object = object_index
         self._recordings = np.broadcast_to(recordings, len(domain.behaviors))
-        self._repeats, self._person = repeats, person
-        self._order, self._failures = order, failures
+        self._repeats = repeats
+        self._person = person
+        self._order = order
+        self._failures = failures
         arrays = domain.diagram.compile(domain.behavior_names)
-        self._shows, self._reach = arrays.observation_probability, arrays.transition.cumsum(axis=2)
+        self._shows = arrays.observation_probability
+        self._reach = arrays.transition.cumsum(axis=2)
         self._reach[self._reach > 1 - 1e-12] = 1.0  # no impossible state comes from rounding
 
     @property
@@ -65,20 +70,24 @@ class RecordedRobot:
             self._left: Order = [order[order < count].tolist() for order, count in orders]
         else:
             self._left = [list(recordings) for recordings in self._order]
-        diagram, names = self._domain.diagram, self._domain.behavior_names
-        self._x, self._executed = diagram.states.index(diagram.start), dict.fromkeys(names, 0)
+        diagram = self._domain.diagram
+        names = self._domain.behavior_names
+        self._x = diagram.states.index(diagram.start)
+        self._executed = dict.fromkeys(names, 0)
         self._blocks = list[NDArray[np.float64]]()  # (E,_BLOCK,3) each
         return diagram.start
 
     def execute(self, behavior: str) -> Outcome:
         """Execute a behavior; a success senses its next recording, if one is left."""
         e = self._domain.behavior_index(behavior)
-        spec, (block, place) = self._domain.behaviors[e], divmod(self._executed[behavior], _BLOCK)
+        spec = self._domain.behaviors[e]
+        block, place = divmod(self._executed[behavior], _BLOCK)
         while len(self._blocks) <= block:
             self._blocks.append(self._failures.random((len(self._executed), _BLOCK, 3)))
         self._executed[behavior] += 1
         moved, shown, uniform = self._blocks[block][e, place].tolist()
-        x, self._x = self._x, int(self._reach[e, self._x].searchsorted(moved, side="right"))
+        x = self._x
+        self._x = int(self._reach[e, self._x].searchsorted(moved, side="right"))
         outcome = Outcome(self._domain.diagram.states[self._x])
         if not spec.senses or shown >= self._shows[e, x, self._x]:
             return outcome

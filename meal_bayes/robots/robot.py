@@ -89,7 +89,9 @@ class Boundary:
     def __init__(
         self, domain: Domain, *, object_index: int = -1, sizes: Callable[[], Sizes] = dict
     ) -> None:
-        self._domain, self._object, self._sizes = domain, object_index, sizes
+        self._domain = domain
+        self._object = object_index
+        self._sizes = sizes
         self._x = {name: x for x, name in enumerate(domain.diagram.states)}
         self._warned = set[str]()
 
@@ -118,7 +120,10 @@ class Boundary:
         raise RobotError(f"{where} of the robot came to a state that is not known. {message}")
 
     def _perceived(self, spec: Behavior, outcome: Outcome, next_x: int) -> Execution:
-        accuracy, recording, features, warning = spec.answer_accuracy, outcome.recording, None, ""
+        accuracy = spec.answer_accuracy
+        recording = outcome.recording
+        features = None
+        warning = ""
         if accuracy is None and outcome.answers is not None:
             raise _NoPercept("it does not ask, but came with answers")
         if outcome.features is not None:
@@ -138,7 +143,9 @@ class Boundary:
         """Return the valid features, and a warning of what is wrong with the others."""
         if not isinstance(sensed, Mapping):
             raise _NoPercept(f"features are {type(sensed).__name__}, not {{modality: numbers}}")
-        features, faults, sizes = Features(), list[str](), self._sizes()
+        features = Features()
+        faults = list[str]()
+        sizes = self._sizes()
         for name in spec.modalities:  # what the domain does not know of is left aside
             try:
                 features[name] = _checked(name, sensed, sizes.get((spec.name, name)))

@@ -39,7 +39,8 @@ FAULTS = (
     SettingsError,
 )
 TORN = (EndOfFile, struct.error)  # raised where the file ends inside a record
-_HEAD, _CRC = 9, 4  # bytes of a record before its content, and of a checksum
+_HEAD = 9  # bytes of a record before its content
+_CRC = 4  # bytes of a checksum
 
 
 def read_records(file: BinaryIO, *, begin: int = 0) -> Iterator[McapRecord]:

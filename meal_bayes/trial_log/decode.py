@@ -21,7 +21,8 @@ from meal_bayes.trials import Step, Task, Trial, TrialOutcomes
 from meal_bayes.trials.outcomes import INTEGERS, REALS, TEXTS
 from meal_bayes.untrusted import read_json
 
-NO_HEADER, NO_END = "the header of the run is missing", "the closing record is missing"
+NO_HEADER = "the header of the run is missing"
+NO_END = "the closing record is missing"
 UNFINISHED = "the log ends here"  # why a trial without an outcome was broken off
 
 
@@ -110,7 +111,8 @@ class TrialBuilder:
         if not self._open:
             raise LogCorruptError("an outcome has no trial")
         outcome = schema.OutcomeMessage.FromString(data)
-        number, steps = schema.TrialMessage.FromString(self._open[0]).trial, len(self._open) - 1
+        number = schema.TrialMessage.FromString(self._open[0]).trial
+        steps = len(self._open) - 1
         if (steps, number) != (outcome.steps, outcome.trial):
             raise LogCorruptError(f"trial {number} has {steps} steps, not all of them")
         trial = self._trial(outcome)
@@ -240,7 +242,9 @@ def _belief(message: Any, replayed: NDArray[Any], momdp: MOMDP) -> Belief:
 
 def _step(message: Any, momdp: MOMDP, before: Belief) -> Step:
     n, e, k = before.percept_counts.shape
-    action, counts, levels = message.action, before.percept_counts, list(message.observation)
+    action = message.action
+    counts = before.percept_counts
+    levels = list(message.observation)
     if action >= e:
         if len(message.report) not in (n, 0 if momdp.abstain else n):
             raise LogCorruptError(f"a report of {len(message.report)} values, expected {n}")
@@ -265,7 +269,8 @@ def _step(message: Any, momdp: MOMDP, before: Belief) -> Step:
 
 
 def _tree(message: Any) -> tuple[TreeEdge, ...]:
-    percepts, sizes = message.tree_observation, message.tree_observation_size
+    percepts = message.tree_observation
+    sizes = message.tree_observation_size
     if sum(sizes) != len(percepts):
         raise LogCorruptError("a search tree's percepts do not fit its edges")
     rest = iter(percepts)

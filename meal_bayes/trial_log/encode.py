@@ -20,7 +20,9 @@ from meal_bayes.trials import Step, Trial, TrialOutcomes, task_key
 from meal_bayes.trials.outcomes import INTEGERS, REALS, TEXTS
 
 _SHOWN = 6  # attributes in a line of text
-_INFO, _WARNING = 2, 3  # levels of foxglove.Log
+# Levels of foxglove.Log.
+_INFO = 2
+_WARNING = 3
 
 
 class Packed(NamedTuple):
@@ -43,13 +45,15 @@ class End(NamedTuple):
         """Count what comes next."""
         if isinstance(added, Trial):
             return End(self.trials + 1, self.steps + len(added.steps), self.cost + added.cost)
-        steps, cost = int(added.steps.sum()), math.fsum(added.cost.tolist())
+        steps = int(added.steps.sum())
+        cost = math.fsum(added.cost.tolist())
         return End(self.trials + len(added), self.steps + steps, self.cost + cost)
 
 
 def _momdp(trial: Trial) -> Any:
     """Return a message of a trial's MOMDP and the counts behind it, but for its number."""
-    momdp, query = trial.momdp, trial.momdp.query
+    momdp = trial.momdp
+    query = trial.momdp.query
     number_of = {i: number for number, group in enumerate(query.groups, start=1) for i in group}
     return schema.MomdpMessage(
         attributes=query.attributes,
@@ -90,20 +94,24 @@ class TrialEncoder:
     """
 
     def __init__(self, number: int, momdps: schema.Momdps) -> None:
-        self._number, self._momdps = number, momdps
+        self._number = number
+        self._momdps = momdps
         self._steps = self._edges = self._size = 0
 
     def begin(self, trial: Trial) -> Iterator[Packed]:
         """Pack the start of a trial, after its MOMDP where that is new; its steps come later."""
-        task, first = trial.task, trial.first_belief
-        self._trial, self._before = trial, first
+        task = trial.task
+        first = trial.first_belief
+        self._trial = trial
+        self._before = first
         self._check(start_misfits(trial), first)
         message = _momdp(trial)
         digest = hashlib.blake2b(_bytes(message), digest_size=16).digest()
         last = max((number for number, _ in self._momdps.values()), default=-1)
         message.id, _ = self._momdps.get(digest, (last + 1, 0))
         if message.id > last:
-            time, data = schema.log_time(self._number, 0), message.SerializeToString()
+            time = schema.log_time(self._number, 0)
+            data = message.SerializeToString()
             yield Packed(schema.MOMDPS, time, data, (digest, message.id))
         start = schema.TrialMessage(
             trial=self._number,
@@ -119,11 +127,15 @@ class TrialEncoder:
 
     def step(self, step: Step) -> Iterator[Packed]:
         """Pack the next step with a line of text."""
-        momdp, index, decision = self._trial.momdp, self._steps, step.decision
-        self._steps, self._edges = index + 1, self._edges + len(decision.tree)
+        momdp = self._trial.momdp
+        index = self._steps
+        decision = step.decision
+        self._steps = index + 1
+        self._edges = self._edges + len(decision.tree)
         self._check(step_misfits(step, momdp, index), step.belief)
         # Percept counts stand in the file only where they do not follow from action and percept.
-        change, action = step.belief.percept_counts - self._before.percept_counts, decision.action
+        change = step.belief.percept_counts - self._before.percept_counts
+        action = decision.action
         if step.observation is not None and action < momdp.n_behaviors:
             change[np.arange(len(change)), action, step.observation] -= 1
         self._before = step.belief
@@ -195,10 +207,12 @@ class TrialEncoder:
         return packed
 
     def _line(self, step: Step, index: int) -> str:
-        momdp, percept = self._trial.momdp, "none"
+        momdp = self._trial.momdp
+        percept = "none"
         if step.observation is not None:
             percept = " ".join(map(str, step.observation.tolist()))
-        names, positive = momdp.query.attributes[:_SHOWN], step.belief.positive.tolist()
+        names = momdp.query.attributes[:_SHOWN]
+        positive = step.belief.positive.tolist()
         belief = ", ".join(f"{name} {p:.3f}" for name, p in zip(names, positive, strict=False))
         more = ", ..." if len(positive) > _SHOWN else ""
         warning = f"; {step.warning}" if step.warning else ""
@@ -248,7 +262,8 @@ def limit_misfits(percepts: int, edges: int) -> Iterator[str]:
 def start_misfits(trial: Trial) -> Iterator[str]:
     """Yield what does not fit in a trial, but for its steps."""
     momdp = trial.momdp
-    n, e = len(momdp.query), momdp.n_behaviors
+    n = len(momdp.query)
+    e = momdp.n_behaviors
     if (most := max(n, e, len(momdp.x_names))) > schema.NAME_LIMIT:
         yield f"the MOMDP has {most} attributes, behaviors or x, more than {schema.NAME_LIMIT}"
     if trial.task.query != momdp.query:
@@ -265,12 +280,16 @@ def start_misfits(trial: Trial) -> Iterator[str]:
 
 def step_misfits(step: Step, momdp: MOMDP, index: int) -> Iterator[str]:
     """Yield what in the step of this index does not fit its MOMDP."""
-    n, e, k, decision = len(momdp.query), momdp.n_behaviors, momdp.levels, step.decision
+    n = len(momdp.query)
+    e = momdp.n_behaviors
+    k = momdp.levels
+    decision = step.decision
     problems = list[str]()
     if not 0 <= decision.action < momdp.n_actions:
         answers = f"2^{n}{' + 1' * momdp.abstain}"  # which may be a number of many digits
         problems += [f"action {decision.action}, expected a number below {e} + {answers}"]
-    percepts, rows = step.observation, decision.sampled_rows
+    percepts = step.observation
+    rows = decision.sampled_rows
     if percepts is not None and not ((percepts >= 0) & (percepts < k)).all():
         problems += [f"percepts {percepts.tolist()}, expected levels 0 to {k - 1}"]
     if not np.isfinite(step.cost) or np.isinf(step.reward):  # nan where the truth is not known
@@ -289,7 +308,8 @@ def step_misfits(step: Step, momdp: MOMDP, index: int) -> Iterator[str]:
 
 
 def _belief_misfits(belief: Belief, momdp: MOMDP) -> Iterator[str]:
-    n, log_prob = len(momdp.query), belief.log_prob
+    n = len(momdp.query)
+    log_prob = belief.log_prob
     yield from _shape_misfits(
         log_prob=(log_prob, (n, momdp.n_classes)),
         percept_counts=(belief.percept_counts, (n, momdp.n_behaviors, momdp.levels)),

@@ -85,9 +85,12 @@ class Logs:
         """
         empty = True
         for file, header in self._distinct():
-            scan, place = Scan(file, tolerant=True), 0
+            scan = Scan(file, tolerant=True)
+            place = 0
             for outcomes, trials in grouped(scan):
-                empty, first, place = False, place, place + len(outcomes)
+                empty = False
+                first = place
+                place = place + len(outcomes)
                 yield Group(header, file, range(first, place), outcomes, trials)
             if file.name.endswith(ACTIVE):
                 why = f" ({scan.problems[0]})" if scan.problems else ""
@@ -101,7 +104,8 @@ class Logs:
 
     def _distinct(self) -> list[tuple[Path, dict[str, object]]]:
         """Return the files but for copies; check that they are of one data set, and of one run."""
-        first, units = dict[str, Path](), dict[tuple[str, str, str], Path]()
+        first = dict[str, Path]()
+        units = dict[tuple[str, str, str], Path]()
         files = []
         for file, header in zip(self.files, self._headers, strict=True):
             config = header.get("config")
@@ -187,7 +191,8 @@ class _Tail:
 
     def __init__(self, path: Path) -> None:
         self.name = path.with_name(f"{stem_of(path)}{SUFFIX}")  # the one that is meant
-        self.builder, self.file = TrialBuilder(), path.open("rb")
+        self.builder = TrialBuilder()
+        self.file = path.open("rb")
         self._at = 0  # behind the last whole record
 
     def poll(self) -> Iterator[Trial]:

@@ -21,7 +21,8 @@ from meal_bayes.trial_log.writer import write_trials
 from meal_bayes.trials import Trial, TrialOutcomes
 
 _PROBLEMS = 20  # that are kept of one file
-_FREE_BYTES, _UNPACKING = 64 << 20, 256  # that a file may unpack to, and so often its own size
+_FREE_BYTES = 64 << 20  # that any file may unpack to
+_UNPACKING = 256  # times its own size that a larger one may
 GROUP = 100  # trials whose outcomes are computed at a time
 
 
@@ -105,7 +106,8 @@ def read_header(path: str | Path) -> dict[str, object]:
 
 def log_info(path: str | Path) -> LogInfo:
     """Read what a whole log holds; every byte is checked, no trial decoded; errors as above."""
-    path, builder = find_log(path), TrialBuilder()
+    path = find_log(path)
+    builder = TrialBuilder()
     header = read_header(path)
     with opened(path) as file:
         for record in read_records(file):
@@ -120,7 +122,8 @@ class Scan:
     """One reading of a file; a tolerant one notes the faults and goes on behind them."""
 
     def __init__(self, path: str | Path, *, tolerant: bool = False) -> None:
-        self.path, self._tolerant = find_log(path), tolerant
+        self.path = find_log(path)
+        self._tolerant = tolerant
         if not tolerant and self.path.name.endswith(schema.ACTIVE):
             unfinished = f"{self.path} was not finished by its writer"
             raise LogCorruptError(f"{unfinished}; {_way_out(self.path)}")
@@ -168,7 +171,9 @@ def check_log(path: str | Path) -> LogInfo:
     """Read a file to its end and report its contents and faults; damage does not raise."""
     scan = Scan(path, tolerant=True)
     deque(scan.entries(), maxlen=0)
-    read, header, form = scan.builder.read, scan.builder.header or {}, scan.builder.form
+    read = scan.builder.read
+    header = scan.builder.header or {}
+    form = scan.builder.form
     return LogInfo(scan.path, form, **read._asdict(), header=header, problems=tuple(scan.problems))
 
 

@@ -13,13 +13,18 @@ from google.protobuf import descriptor_pb2, descriptor_pool, message_factory, ti
 from meal_bayes.momdp.model import ARRAYS
 
 FORMAT_VERSION = 5
-FULL, COMPACT = "full", "compact"  # forms of a log: whole trials, or their outcomes alone
+FULL = "full"  # the form of a log that holds whole trials
+COMPACT = "compact"  # ... that holds their outcomes alone
 PROFILES = {FULL: "meal_bayes", COMPACT: "meal_bayes/outcomes"}  # in the MCAP header
 SUFFIX = ".mcap"
 ACTIVE = ".active"  # ends the name of a file that is still being written
 END = "end.json"  # attachment behind the last trial: trials, steps and summed cost (s)
 
-RUN, MOMDPS, TRIAL, STEP, OUTCOME = "/run", "/momdp", "/trial", "/step", "/outcome"
+RUN = "/run"
+MOMDPS = "/momdp"
+TRIAL = "/trial"
+STEP = "/step"
+OUTCOME = "/outcome"
 OUTCOMES = "/outcomes"  # of the compact form: columns of many trials in one message
 LINES = "/log"  # for other tools; reading takes nothing from it
 
@@ -93,7 +98,8 @@ TOPICS = {
 
 def _file_of(full_name: str, fields: str) -> descriptor_pb2.FileDescriptorProto:
     """Build the file of one message; fields are numbered as they stand."""
-    types, (package, name) = descriptor_pb2.FieldDescriptorProto, full_name.split(".")
+    types = descriptor_pb2.FieldDescriptorProto
+    package, name = full_name.split(".")
     file = descriptor_pb2.FileDescriptorProto(
         name=f"{package}/{name}.proto", package=package, syntax="proto3"
     )
@@ -104,9 +110,11 @@ def _file_of(full_name: str, fields: str) -> descriptor_pb2.FileDescriptorProto:
         added = message.field.add(name=field, number=number, label=label)
         if kind == "time":
             file.dependency.append(timestamp_pb2.DESCRIPTOR.name)
-            added.type, added.type_name = types.TYPE_MESSAGE, ".google.protobuf.Timestamp"
+            added.type = types.TYPE_MESSAGE
+            added.type_name = ".google.protobuf.Timestamp"
         elif kind == "level":
-            added.type, added.type_name = types.TYPE_ENUM, f".{full_name}.Level"
+            added.type = types.TYPE_ENUM
+            added.type_name = f".{full_name}.Level"
             level = message.enum_type.add(name="Level")
             for value, word in enumerate(_LEVELS):
                 level.value.add(name=word, number=value)

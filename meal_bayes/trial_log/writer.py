@@ -51,7 +51,8 @@ class TrialWriter:
     def __init__(
         self, path: str | Path, header: Mapping[str, object], form: str = schema.FULL
     ) -> None:
-        self.path, self._form = Path(path), form
+        self.path = Path(path)
+        self._form = form
         if self.path.suffix != SUFFIX:
             raise SettingsError(f"A log's name ends in {SUFFIX}; found {self.path.name!r}.")
         self.active_path = new_draft(self.path)  # its name while it is being written
@@ -156,7 +157,8 @@ class TrialWriter:
     def write_outcomes(self, outcomes: TrialOutcomes, seconds: Iterator[float]) -> None:
         """Append outcomes to a compact log, and the wall-clock seconds of each trial."""
         for begin in range(0, len(outcomes), ROWS):
-            rows, number = outcomes.rows(slice(begin, begin + ROWS)), self.written.trials
+            rows = outcomes.rows(slice(begin, begin + ROWS))
+            number = self.written.trials
             data = encode_outcomes(rows, number)
             self._put([Packed(schema.OUTCOMES, schema.log_time(number, 0), data)])
             self._seconds.update(zip(range(number, number + len(rows)), seconds, strict=False))
@@ -203,7 +205,8 @@ def write_trials(
     trials : Iterable[Trial | TrialOutcomes]
         Whole ones make a full log, outcomes a compact one: columns, 250 trials in a message.
     """
-    entries, times = iter(trials), iter(seconds)
+    entries = iter(trials)
+    times = iter(seconds)
     first = next(entries, None)
     form = schema.COMPACT if isinstance(first, TrialOutcomes) else schema.FULL
     with TrialWriter(path, header, form) as log:

@@ -16,7 +16,10 @@ from meal_bayes.robots.simulated_arm.physics import HIGH, OPEN, Motion, OnFrame,
 from meal_bayes.robots.simulated_arm.sensors import features_of, picture_features
 from meal_bayes.seeds import stream
 
-READY, GRASPED, LIFTED, MOVED = "ready", "grasped", "lifted", "moved"
+READY = "ready"
+GRASPED = "grasped"
+LIFTED = "lifted"
+MOVED = "moved"
 
 _LOW = 0.035  # m, of the fingertips
 _UP = _LOW + 0.10
@@ -91,8 +94,11 @@ class SimulatedArm:
         *path: str | int,
         on_frame: OnFrame | None = None,
     ) -> None:
-        self._parameters, self._seed, self._path = parameters, seed, path
-        self._on_frame, self._starts = on_frame, 0
+        self._parameters = parameters
+        self._seed = seed
+        self._path = path
+        self._on_frame = on_frame
+        self._starts = 0
         self._scene: Scene | None = None
         self._executed = Counter[str]()
 
@@ -143,7 +149,8 @@ class SimulatedArm:
 
 def observe_state(scene: Scene) -> str:
     """Return the state, by the fingertips' switches and the tracker of the object's pose."""
-    place, home = scene.object_place, scene.home
+    place = scene.object_place
+    home = scene.home
     if scene.held():
         return LIFTED if place[2] - home[2] > _OFF_TABLE else GRASPED
     commanded, width = scene.opening

@@ -26,7 +26,9 @@ WALL = 0.002  # m, half the thickness of shell and lid
 SHELL_GROUP = 2  # of the object's geoms; the robot and the table are in group 0
 GIVE = 0.006  # m, how far a wall or the lid can be pressed in
 _BALL_RADIUS = {CONTENTS[1]: 0.0115, CONTENTS[2]: 0.007}  # m
-_SHELL, _BALL = 2, 4  # collision bits; the rest of the scene has bit 1
+# Collision bits; the rest of the scene has bit 1.
+_SHELL = 2
+_BALL = 4
 _PART_MASS = 0.012  # kg, of each side wall and of the lid
 _PART_ARMATURE = 0.02  # kg, keeps stiff springs stable at the scene's time step
 
@@ -64,7 +66,8 @@ def draw_object(seed: int, *path: str | int) -> ObjectParameters:
     color = str(rng.choice(list(_COLORS)))
     shade = np.clip(np.array(_COLORS[color]) + rng.normal(0.0, 0.08, 3), 0.0, 1.0)
     content = str(rng.choice(CONTENTS, p=_CONTENT_PROBABILITY))
-    large, small = int(rng.integers(2, 4)), int(rng.integers(8, 13))
+    large = int(rng.integers(2, 4))
+    small = int(rng.integers(8, 13))
     return ObjectParameters(
         half_width=float(rng.uniform(0.028, 0.036)),
         half_depth=float(rng.uniform(0.028, 0.036)),
@@ -116,8 +119,11 @@ def build_model(parameters: ObjectParameters) -> mujoco.MjModel:
 
 def _add_shell(body: mujoco.MjsBody, parameters: ObjectParameters) -> None:
     """Add a bottom, front and back, and walls and a lid that give inward against their springs."""
-    x, y, z = parameters.half_width, parameters.half_depth, parameters.height / 2
-    stiffness, wall = parameters.stiffness, (WALL, y, z - 2 * WALL)
+    x = parameters.half_width
+    y = parameters.half_depth
+    z = parameters.height / 2
+    stiffness = parameters.stiffness
+    wall = (WALL, y, z - 2 * WALL)
     damping = 1.4 * np.sqrt(stiffness * (_PART_MASS + _PART_ARMATURE))
     mass = (parameters.shell_mass - 3 * _PART_MASS) / 3
     _add_box(body, "bottom", (x - GIVE, y, WALL), (0, 0, -z + WALL), parameters, mass)
@@ -153,7 +159,8 @@ def _add_balls(spec: mujoco.MjSpec, parameters: ObjectParameters) -> None:
     """Add the loose content, stacked on a grid inside the shell."""
     if not parameters.n_balls:
         return
-    radius, axes = _BALL_RADIUS[parameters.content], []
+    radius = _BALL_RADIUS[parameters.content]
+    axes = []
     for half in (parameters.half_width - 2 * WALL, parameters.half_depth - 2 * WALL):
         count = int(half // radius)
         axes.append((np.arange(count) - (count - 1) / 2) * 2 * radius)

@@ -13,7 +13,9 @@ from meal_bayes.robots.simulated_arm.objects import ObjectParameters, build_mode
 CHANNELS = ("force", "push", "fingers", "height", "object_y", "object_z", "load")
 FRAMES_PER_SECOND = 30  # of simulated time
 OPEN = 0.05  # m, of each finger
-_Z, _LEFT = 1, 2  # places in qpos; the hand's joints come first in scene.xml
+# Indices in qpos; the hand's joints come first in scene.xml.
+_Z = 1
+_LEFT = 2
 _APART = 0.01  # m, of each finger
 _FALLEN = -0.1  # m, below the table
 _STRETCH = 0.3  # m, an object that came apart
@@ -60,7 +62,8 @@ class Scene:
     ) -> None:
         self.model = build_model(parameters)
         self.data = mujoco.MjData(self.model)
-        self._rng, self._on_frame = rng, on_frame
+        self._rng = rng
+        self._on_frame = on_frame
         self._object = self.model.body("object").id
         self._is_shell = self.model.body_rootid[self.model.geom_bodyid] == self._object
         self._pads = [self.model.geom(f"pad_{side}").id for side in ("left", "right")]
@@ -93,7 +96,8 @@ class Scene:
         """Reset the object to its place, and simulate until it rests; this costs no time."""
         now = self.data.time
         mujoco.mj_resetData(self.model, self.data)
-        turn, (x, y) = self._rng.normal(0.0, 0.03), self._rng.normal(0.0, 0.002, 2)
+        turn = self._rng.normal(0.0, 0.03)
+        x, y = self._rng.normal(0.0, 0.002, 2)
         self._move_object(float(np.clip(turn, -0.1, 0.1)), np.clip((x, y), -0.004, 0.004))
         self.data.qpos[_Z : _LEFT + 2] = HIGH, OPEN, OPEN
         self.data.ctrl[:] = (0.0, HIGH, OPEN)
@@ -103,7 +107,8 @@ class Scene:
 
     def _move_object(self, turn: float, shift: Floats) -> None:
         """Turn the object and its content about the vertical, rad, and shift them, m."""
-        cos, sin = np.cos(turn), np.sin(turn)
+        cos = np.cos(turn)
+        sin = np.sin(turn)
         spin = np.array([np.cos(turn / 2), 0.0, 0.0, np.sin(turn / 2)])
         for joint in range(self.model.njnt):
             if self.model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_FREE:

@@ -105,7 +105,8 @@ def take_picture(scene: Scene, size: tuple[int, int] = SIZE, *, empty: bool = Fa
 
     Of the `empty` table, as the robot remembers it, the object is left out.
     """
-    model, data = scene.model, scene.data
+    model = scene.model
+    data = scene.data
     camera = model.camera("front").id
     rows, columns = size
     half = np.tan(np.deg2rad(model.cam_fovy[camera]) / 2)
@@ -116,7 +117,8 @@ def take_picture(scene: Scene, size: tuple[int, int] = SIZE, *, empty: bool = Fa
     rays /= np.linalg.norm(rays, axis=1, keepdims=True)
     shown = np.ones(6, dtype=np.uint8)
     shown[SHELL_GROUP] = not empty
-    geoms, far = np.empty(len(rays), dtype=np.int32), np.empty(len(rays))
+    geoms = np.empty(len(rays), dtype=np.int32)
+    far = np.empty(len(rays))
     normals = np.empty((len(rays), 3))
     mujoco.mj_multiRay(
         model, data, data.cam_xpos[camera], rays.ravel(), shown, 1, -1, geoms, far,
@@ -137,14 +139,16 @@ def picture_features(scene: Scene, rng: np.random.Generator) -> dict[str, Floats
     picture += rng.normal(0.0, PIXEL_NOISE, picture.shape)
     difference = np.abs(picture - take_picture(scene, empty=True)).max(axis=2)
     mask = difference > _DIFFERENT
-    rows, columns = mask.sum(axis=1) > 1, mask.sum(axis=0) > 1
+    rows = mask.sum(axis=1) > 1
+    columns = mask.sum(axis=0) > 1
     color = picture[mask].mean(axis=0) if mask.any() else np.zeros(3)
     return {"color": color, "shape": np.array([rows.sum(), columns.sum(), mask.sum()], dtype=float)}
 
 
 def frame_of(scene: Scene) -> Frame:
     """Return the present frame for the viewer: boxes and balls, contact forces, the picture."""
-    model, data = scene.model, scene.data
+    model = scene.model
+    data = scene.data
     ball = model.geom_type == mujoco.mjtGeom.mjGEOM_SPHERE
     shell = model.geom_group == SHELL_GROUP
     wrenches = np.empty((data.ncon, 6))
