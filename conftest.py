@@ -2,6 +2,6 @@
 
 from importlib.util import find_spec
 
-NEEDS_MUJOCO = ["meal_bayes/robots/simulated_arm/*", "meal_bayes/experiments/simulated.py"]
+NEEDS_MUJOCO = ["meal_bayes/simulated_arm/*"]
 
 collect_ignore_glob = [] if find_spec("mujoco") else NEEDS_MUJOCO

@@ -24,19 +24,17 @@ from meal_bayes.evaluation.statistics import clustered
 from meal_bayes.experiments import OnlineConfig, run_online
 from meal_bayes.experiments.parallel import in_parallel
 from meal_bayes.experiments.protocol import restricted
-from meal_bayes.experiments.simulated import (
+from meal_bayes.learner import Learner
+from meal_bayes.perception import build_percept_table
+from meal_bayes.seeds import stream
+from meal_bayes.simulated_arm import ask_new, learn_live, training_recordings
+from meal_bayes.simulated_arm.objects import ObjectParameters
+from meal_bayes.simulated_arm.recordings import (
     DOMAIN,
-    ask_new,
-    learn_live,
     record_objects,
     save_recordings,
     to_dataset,
-    training_recordings,
 )
-from meal_bayes.learner import Learner
-from meal_bayes.perception import build_percept_table
-from meal_bayes.robots.simulated_arm.objects import ObjectParameters
-from meal_bayes.seeds import stream
 
 AGENTS = ("bayes", "morc")
 CURVES = ("iterative_random_legal", "morc_itrs", "bayes")

@@ -19,8 +19,8 @@ import numpy as np
 
 from meal_bayes.evaluation.canvas import save
 from meal_bayes.evaluation.plots import Series, lines
-from meal_bayes.robots.simulated_arm import SimulatedArm, draw_object
-from meal_bayes.robots.simulated_arm.sensors import take_picture
+from meal_bayes.simulated_arm import SimulatedArm, draw_object
+from meal_bayes.simulated_arm.sensors import take_picture
 
 mpl.use("Agg")
 

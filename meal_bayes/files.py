@@ -11,7 +11,7 @@ import re
 import secrets
 import stat
 import tempfile
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
 from meal_bayes.errors import OutputError
@@ -88,6 +88,19 @@ def write_whole(
     """Write a file whole or not at all; text as UTF-8. Parameters and errors as of `draft_of`."""
     with draft_of(path, inputs=inputs) as draft:
         draft.write_bytes(content.encode() if isinstance(content, str) else content)
+
+
+def keep_folder(folder: Path, write: Callable[[Path], object]) -> None:
+    """Let `write` fill a folder, which gets its name when it is whole; the first to end keeps it.
+
+    Errors are those of `check_folder`.
+    """
+    check_folder(folder.parent)
+    with tempfile.TemporaryDirectory(dir=folder.parent, prefix=f"{folder.name}.") as unfinished:
+        draft = Path(unfinished, folder.name)
+        write(draft)
+        if not folder.is_dir():  # another process may have been quicker
+            draft.replace(folder)
 
 
 def replace_whole(draft: Path, target: Path) -> None:

@@ -112,7 +112,7 @@ def sim() -> ModuleType:
     """Return the room of the robot in physics."""
     if find_spec("mujoco") is None:
         missing("no MuJoCo; pip install 'meal-bayes[sim]'")
-    return import_module("meal_bayes.robots.simulated_arm")
+    return import_module("meal_bayes.simulated_arm")
 
 
 @pytest.fixture(scope="session")

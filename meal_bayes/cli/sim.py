@@ -40,7 +40,7 @@ def record(objects: int, recordings: int, out: Path, seed: int, jobs: int) -> No
 
     What fails is tried again; an object that slips again and again has fewer recordings.
     """
-    from meal_bayes.experiments.simulated import record_objects, save_recordings
+    from meal_bayes.simulated_arm.recordings import record_objects, save_recordings
 
     if out.is_dir() and any(out.iterdir()):
         raise click.UsageError(f"--out {out} holds files already; name a new folder.")
@@ -72,9 +72,9 @@ def ask(question: str, view: bool, save: Path | None, as_json: bool, **options: 
     logged step by step.
     """
     from meal_bayes.cli.narration import print_answer, trial_json
-    from meal_bayes.experiments import simulated
     from meal_bayes.learner import Learner
-    from meal_bayes.robots.simulated_arm.sensors import frame_of
+    from meal_bayes.simulated_arm import ask_new, training_recordings
+    from meal_bayes.simulated_arm.sensors import frame_of
     from meal_bayes.viewer import Viewer, write_recording
     from meal_bayes.viewer.window import check_recording_name
 
@@ -82,7 +82,7 @@ def ask(question: str, view: bool, save: Path | None, as_json: bool, **options: 
     size = (options["objects"], options["recordings"])
     seed = options["seed"]
     with terminal.progress("recording training objects", "objects") as advance:
-        data = simulated.training_recordings(*size, jobs=options["jobs"], progress=advance)
+        data = training_recordings(*size, jobs=options["jobs"], progress=advance)
     learner = Learner(data.domain, agent=opt.agent_value(options["agent"]), seed=seed, logs=None)
     terminal.note(f"learning from {len(data.objects)} objects ...")
     with terminal.showing_compilation():
@@ -94,7 +94,7 @@ def ask(question: str, view: bool, save: Path | None, as_json: bool, **options: 
     log = options["logs"] / f"sim-seed{seed}-{asked}-{learner.agent.name}-{settings}.mcap"
     frames: list[Frame] = []
     watched = view or recording is not None
-    trial = simulated.ask_new(
+    trial = ask_new(
         learner, question, seed, log=log,
         on_frame=(lambda scene: frames.append(frame_of(scene))) if watched else None,
     )  # fmt: skip
@@ -128,8 +128,8 @@ def live(trials: int, agent: str, seed: int, logs: Path, as_json: bool) -> None:
     from meal_bayes.agents import as_agent
     from meal_bayes.cli.narration import trial_json
     from meal_bayes.domain import Query
-    from meal_bayes.experiments.simulated import learn_live
     from meal_bayes.learner import Learner
+    from meal_bayes.simulated_arm import learn_live
 
     chosen = as_agent(opt.agent_value(agent))
     settings = opt.digest({"agent": agent, "trials": trials, "seed": seed})

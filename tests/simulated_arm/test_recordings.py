@@ -1,7 +1,6 @@
 """Through the public `Learner`: recorded once, asked about new objects, learning live."""
 
 from dataclasses import replace
-from importlib import import_module
 
 import numpy as np
 import pytest
@@ -15,41 +14,38 @@ ATTRIBUTES = ("heavy", "tall", "soft", "red", "rattles")
 
 
 @pytest.fixture(scope="module")
-def room(sim):
-    return import_module("meal_bayes.experiments.simulated")
-
-
-@pytest.fixture(scope="module")
-def training(room, tmp_path_factory):
+def training(sim, tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("MEAL_BAYES_DATA_DIR", str(tmp_path_factory.mktemp("cache")))
-        yield room.training_recordings(16, 1)
+        yield sim.training_recordings(16, 1)
 
 
-def accuracy(room, data, truths=None):
+def accuracy(sim, data, truths=None):
     """Ask one attribute of each of 30 new objects."""
     learner = Learner("simulated_arm", agent="greedy", logs=None).fit(data)
     right = []
     for number in range(30):
         attribute = ATTRIBUTES[number % len(ATTRIBUTES)]
-        trial = room.ask_new(learner, attribute, 5, number)
+        trial = sim.ask_new(learner, attribute, 5, number)
         truth = trial.truth[0] if truths is None else truths[number]
         right.append(trial.report[0] == truth)
     return np.mean(right)
 
 
 @pytest.mark.long
-def test_recordings_are_made_once_and_kept(room, training, monkeypatch):
+def test_recordings_are_made_once_and_kept(sim, training, monkeypatch):
     assert len(training.objects) == 16
-    monkeypatch.setattr(room, "record_object", None)  # it is not called again
-    again = room.training_recordings(16, 1)
+    monkeypatch.setattr(
+        "meal_bayes.simulated_arm.recordings.record_object", None
+    )  # it is not called again
+    again = sim.training_recordings(16, 1)
     for context, values in training.features.items():
         np.testing.assert_array_equal(again.features[context], values)
 
 
 @pytest.mark.long
 @pytest.mark.filterwarnings("ignore:.*yielded nothing:UserWarning")  # a slip of the hand
-def test_random_labels_bring_accuracy_to_the_base_rate(room, training):
+def test_random_labels_bring_accuracy_to_the_base_rate(sim, training):
     data = training
     rng = stream(0, "labels by a coin")
     labels = rng.integers(0, 2, data.labels.shape).astype(np.int8)
@@ -57,13 +53,13 @@ def test_random_labels_bring_accuracy_to_the_base_rate(room, training):
         columns = data.domain.columns(group)
         labels[:, columns] = rng.permutation(data.labels[:, columns])
     truths = rng.integers(0, 2, 30)
-    by_chance = accuracy(room, replace(data, labels=labels), truths)
+    by_chance = accuracy(sim, replace(data, labels=labels), truths)
     assert abs(by_chance - 0.5) < 2 * np.sqrt(0.25 / 30)
-    assert accuracy(room, data) > 0.5 + 2 * np.sqrt(0.25 / 30)
+    assert accuracy(sim, data) > 0.5 + 2 * np.sqrt(0.25 / 30)
 
 
 @pytest.mark.long
-def test_a_fault_of_the_body_is_logged_and_life_goes_on(room, sim, tmp_path, monkeypatch):
+def test_a_fault_of_the_body_is_logged_and_life_goes_on(sim, tmp_path, monkeypatch):
     execute = sim.SimulatedArm.execute
 
     def failing(arm, behavior):
@@ -75,7 +71,7 @@ def test_a_fault_of_the_body_is_logged_and_life_goes_on(room, sim, tmp_path, mon
 
     monkeypatch.setattr(sim.SimulatedArm, "execute", failing)
     learner = Learner("simulated_arm", agent="random_legal", seed=3, logs=None)
-    done = list(room.learn_live(learner, 3, 3, logs=tmp_path))
+    done = list(sim.learn_live(learner, 3, 3, logs=tmp_path))
     fault = "robot error: RobotError: the object fell off the table"
     assert [trial.ended for trial in done] == ["", fault, ""]
     (broken,) = read_trials(tmp_path / "00002.mcap")

@@ -123,7 +123,7 @@ def test_an_attribute_follows_from_its_threshold(sim, make_object, attribute, sa
 
 @pytest.fixture(scope="module")
 def room(sim):
-    return import_module("meal_bayes.experiments.simulated")
+    return import_module("meal_bayes.simulated_arm.recordings")
 
 
 @pytest.fixture(scope="module")

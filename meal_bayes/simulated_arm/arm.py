@@ -11,10 +11,10 @@ import numpy as np
 from meal_bayes.domain import TERMINAL, load_domain, unknown
 from meal_bayes.errors import RobotError, SettingsError
 from meal_bayes.robots.robot import Outcome
-from meal_bayes.robots.simulated_arm.objects import ObjectParameters
-from meal_bayes.robots.simulated_arm.physics import HIGH, OPEN, Motion, OnFrame, Scene
-from meal_bayes.robots.simulated_arm.sensors import features_of, picture_features
 from meal_bayes.seeds import stream
+from meal_bayes.simulated_arm.objects import ObjectParameters
+from meal_bayes.simulated_arm.physics import HIGH, OPEN, Motion, OnFrame, Scene
+from meal_bayes.simulated_arm.sensors import features_of, picture_features
 
 READY = "ready"
 GRASPED = "grasped"

@@ -8,7 +8,7 @@ import numpy as np
 
 from meal_bayes.arrays import Floats
 from meal_bayes.errors import RobotError
-from meal_bayes.robots.simulated_arm.objects import ObjectParameters, build_model
+from meal_bayes.simulated_arm.objects import ObjectParameters, build_model
 
 CHANNELS = ("force", "push", "fingers", "height", "object_y", "object_z", "load")
 FRAMES_PER_SECOND = 30  # of simulated time

@@ -10,8 +10,8 @@ import numpy as np
 
 from meal_bayes.arrays import Floats
 from meal_bayes.robots.robot import BALL, SHELL, SOLID, Frame
-from meal_bayes.robots.simulated_arm.objects import SHELL_GROUP
-from meal_bayes.robots.simulated_arm.physics import CHANNELS, Scene
+from meal_bayes.simulated_arm.objects import SHELL_GROUP
+from meal_bayes.simulated_arm.physics import CHANNELS, Scene
 
 BINS = 10
 
