@@ -5,7 +5,6 @@ Every array field of a public type goes through `freeze` at birth.
 
 import dataclasses
 from functools import cache
-from numbers import Real
 from types import UnionType
 from typing import Any, get_args, get_origin
 
@@ -107,27 +106,6 @@ def check_whole(name: str, value: object) -> None:
     """Refuse a setting that is no whole number, 0 or more."""
     if not isinstance(value, int | np.integer) or value < 0:
         raise SettingsError(f"{name} is {value!r:.60}; give a whole number, 0 or more.")
-
-
-def real_values(values: ArrayLike) -> NDArray[np.float32]:
-    """Convert numbers to single precision; text, complex and masked numbers are a `ValueError`.
-
-    NumPy would read "4_0" as 40, and drop masks and imaginary parts.
-
-    >>> real_values(["4_0"])
-    Traceback (most recent call last):
-    ValueError: found text; expected real numbers
-    """
-    if np.ma.is_masked(values):
-        raise ValueError("found masked values; expected real numbers")
-    array = np.asarray(values)
-    if array.dtype == object and all(isinstance(value, Real) for value in array.flat):
-        array = array.astype(np.float64)
-    if array.dtype.kind not in "biuf":
-        name = {"U": "text", "S": "bytes", "c": "complex numbers"}.get(array.dtype.kind, "objects")
-        raise ValueError(f"found {name}; expected real numbers")
-    with np.errstate(over="ignore"):  # to infinity, which callers refuse
-        return array.astype(np.float32)
 
 
 class Rows:

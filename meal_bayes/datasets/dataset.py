@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes.arrays import freeze, label_values, real_values, set_frozen
+from meal_bayes.arrays import freeze, label_values, set_frozen
+from meal_bayes.datasets.features import checked_features
 from meal_bayes.datasets.frames import dataset_parts
 from meal_bayes.display import facts_html, facts_repr, listed, short_repr
 from meal_bayes.domain import Domain, unknown
@@ -121,22 +122,22 @@ class Dataset:
         """Check features (O,R,D), and count each object's recordings (O,), before rows of NaN."""
         if context not in self.features:
             raise DataError(f"No features of {context}; the domain promises them.")
+        axes = "objects", "recordings", "features"
         try:
-            values = freeze(real_values(self.features[context]), np.float32)
-        except ValueError as fault:
+            values = freeze(checked_features(self.features[context], axes, absent=True), np.float32)
+        except DataError as fault:
             raise DataError(f"Features of {context}: {fault}.") from None
-        if values.ndim != 3 or values.shape[0] != len(self.objects):
+        if len(values) != len(self.objects):
             raise DataError(
                 f"Features of {context} have shape {values.shape}; "
                 f"expected (objects = {len(self.objects)}, recordings, features)."
             )
-        present = ~np.isnan(values).all(axis=2) | (values.shape[2] == 0)
+        present = ~np.isnan(values).any(axis=2)
         counts = present.sum(axis=1)
-        packed = (present == (np.arange(values.shape[1]) < counts[:, None])).all()
-        if not packed or not np.isfinite(values[present]).all():
+        if not (present == (np.arange(values.shape[1]) < counts[:, None])).all():
             raise DataError(
-                f"Features of {context} hold NaN or infinity; only recordings that are absent may "
-                "be NaN, whole rows after those that are there."
+                f"Features of {context} hold a recording after one that is NaN; only recordings "
+                "that are absent may be NaN, after those that are there."
             )
         return values, counts
 

@@ -10,7 +10,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes.arrays import label_values, real_values
+from meal_bayes.arrays import label_values
+from meal_bayes.datasets.features import checked_features
 from meal_bayes.domain import Domain, unknown
 from meal_bayes.errors import DataError
 
@@ -76,9 +77,15 @@ def _rows(values: Any, objects: Sequence[str], context: Context) -> FeatureRows:
                     f"{source}: found those of {len(values)} objects; expected {len(objects)}, in "
                     "the order of `objects`."
                 )
-            named = zip(objects, (_numbers(part, source) for part in values), strict=True)
-            values = {name: part[~np.isnan(part).all(axis=1)] for name, part in named}
-        parts = {str(name): _numbers(part, source) for name, part in values.items()}
+            parts = {
+                name: _numbers(part, f"{source} of {name}", absent=True)
+                for name, part in zip(objects, values, strict=True)
+            }
+            parts = {name: part[~np.isnan(part).any(axis=1)] for name, part in parts.items()}
+        else:
+            parts = {
+                str(name): _numbers(part, f"{source} of {name}") for name, part in values.items()
+            }
         keys = [(name, str(r)) for name, part in parts.items() for r in range(1, len(part) + 1)]
         sizes = {part.shape[1] for part in parts.values() if len(part)}
         if len(sizes) > 1:
@@ -87,20 +94,14 @@ def _rows(values: Any, objects: Sequence[str], context: Context) -> FeatureRows:
             )
         table = np.concatenate([np.empty((0, *(sizes or {1}))), *filter(len, parts.values())])
     places = [f"{source}, row {n}" for n in range(1, len(keys) + 1)]
-    for row in np.flatnonzero(~np.isfinite(table).all(axis=1)):
-        content = f"NaN or infinity in recording {keys[row][1]} of {keys[row][0]}"
-        raise fault(places[row], content, "finite numbers", "leave the recording out")
     return FeatureRows(source, places, keys, table)
 
 
-def _numbers(rows: Any, source: str) -> NDArray[np.float32]:
+def _numbers(rows: Any, source: str, *, absent: bool = False) -> NDArray[np.float32]:
     try:
-        values = real_values(rows)
-    except (TypeError, ValueError) as fault:
-        raise DataError(f"{source} are not numbers: {fault}.") from None
-    if values.ndim != 2:
-        raise DataError(f"{source} have shape {values.shape}; expected (recordings, features).")
-    return values
+        return checked_features(rows, ("recordings", "features"), absent=absent)
+    except DataError as fault:
+        raise DataError(f"{source}: {fault}.") from None
 
 
 def _labels(

@@ -12,10 +12,9 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from meal_bayes.arrays import real_values
-from meal_bayes.datasets import Instance
+from meal_bayes.datasets import Instance, checked_features
 from meal_bayes.domain import Behavior, Domain, unknown
-from meal_bayes.errors import RobotError
+from meal_bayes.errors import DataError, RobotError
 
 Features = dict[str, NDArray[np.float32]]
 Sizes = Mapping[tuple[str, str], int]  # (behavior, modality) -> D
@@ -169,14 +168,11 @@ def _checked(
     if modality not in sensed:
         raise _NoPercept(f"{modality} is not among {sorted(map(str, sensed))}")
     try:
-        values = real_values(sensed[modality])
-    except (TypeError, ValueError, OverflowError) as fault:
-        raise _NoPercept(f"{modality} does not hold numbers") from fault
-    size = values.size if size is None else size
-    if values.shape != (size,):
-        raise _NoPercept(f"{modality} has shape {values.shape}, expected ({size},)")
-    if not np.isfinite(values).all():
-        raise _NoPercept(f"{modality} holds NaN or infinity")
+        values = checked_features(sensed[modality])
+    except DataError as fault:
+        raise _NoPercept(f"{modality}: {fault}") from fault
+    if size is not None and len(values) != size:
+        raise _NoPercept(f"{modality}: found shape {values.shape}; expected ({size},)")
     return values
 
 

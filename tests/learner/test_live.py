@@ -40,14 +40,14 @@ class Faulty:
 
 GOOD = np.array([40.0, 60.0, 190.0])
 WRONG = {
-    "nan": ({"color": [math.nan, 60, 190]}, "holds NaN or infinity"),
-    "too large for float32": ({"color": [1e39, 60, 190]}, "holds NaN or infinity"),
+    "nan": ({"color": [math.nan, 60, 190]}, "found NaN or infinity"),
+    "too large for float32": ({"color": [1e39, 60, 190]}, "found NaN or infinity"),
     "too long": ({"color": [*GOOD, 1.0]}, r"shape \(4,\), expected \(3,\)"),
     "unknown modality": ({"colour": GOOD}, r"color is not among \['colour'\]"),
     "no modality": ({}, r"color is not among \[\]"),
-    "words": ({"color": ["4_0", "60", "190"]}, "does not hold numbers"),  # 40 to NumPy
-    "masked": ({"color": np.ma.array(GOOD, mask=[1, 0, 0])}, "does not hold numbers"),
-    "ragged": ({"color": [[1, 2], [3]]}, "does not hold numbers"),
+    "words": ({"color": ["4_0", "60", "190"]}, "found text"),  # 40 to NumPy
+    "masked": ({"color": np.ma.array(GOOD, mask=[1, 0, 0])}, "found masked values"),
+    "ragged": ({"color": [[1, 2], [3]]}, "found no array of numbers"),
     "not by modality": (GOOD, r"not \{modality: numbers\}"),
 }
 
