@@ -32,7 +32,7 @@ from sklearn.svm import SVC
 
 from meal_bayes.arrays import Bools, Floats, Ints
 from meal_bayes.datasets.percepts import THRESHOLD
-from meal_bayes.errors import DataError
+from meal_bayes.perception.estimators import blamed, decisions_of, repeatable
 from meal_bayes.perception.recordings import BehaviorRecordings, FeatureSpace, Rows, dealt
 from meal_bayes.perception.settings import PerceptionSettings
 from meal_bayes.perception.stacked import RIDGE, Stacker
@@ -41,21 +41,21 @@ from meal_bayes.perception.stacking import fit_stacker, fit_stackers
 Decisions = Mapping[frozenset[int], Floats]  # folds left out -> (n,M,P) of their rows
 
 _BOX = 10.0  # C of the support vector machines
-_SEED = 0  # of estimators with random states that are not set
 _LOOSE = 1e-2  # decisions are calibrated, and a tighter fit takes up to forty times longer
 _SOFT = 1e-4  # ridge of the sigmoid's slope, for decisions that separate the classes
-_SURE = 1e-3  # probabilities stay this far from 0 and 1: 50 trees that agree are not certain
 
 
 class Machines(NamedTuple):
     """Estimators (M,P) of inputs and attributes, None where a class was missing, and their columns.
 
     An input is what an estimator learns from: the features of all modalities, or the kernel of one
-    modality between recordings, whose columns are the recordings trained on.
+    modality between recordings, whose columns are the recordings trained on. Questions (P,) are the
+    words in which an error names attribute, behavior and the folds that were left out.
     """
 
     estimators: NDArray[np.object_]
     columns: Bools | slice
+    questions: Sequence[str]
 
     def decide(self, inputs: Sequence[Floats | None]) -> Floats:
         """Return decisions (B,M,P) on inputs (B,d): 0 where a class was missing, NaN of None."""
@@ -67,23 +67,10 @@ class Machines(NamedTuple):
             if values is None:
                 decisions[:, m, p] = np.nan
             elif estimator is not None:
-                decisions[:, m, p] = _decisions(estimator, values[:, self.columns])
+                features = np.array(values[:, self.columns])  # it may write into its own copy
+                with blamed(estimator, f"decide {self.questions[p]}"):
+                    decisions[:, m, p] = decisions_of(estimator, features)
         return decisions
-
-
-def _decisions(estimator: Any, features: Floats) -> Floats:
-    """Return one number a row, which rises with the probability of "true"."""
-    if hasattr(estimator, "decision_function"):
-        decisions = np.asarray(estimator.decision_function(features), np.float64)
-    else:
-        prob = np.asarray(estimator.predict_proba(features), np.float64)
-        decisions = logit(np.clip(prob[:, list(estimator.classes_).index(1)], _SURE, 1 - _SURE))
-    if decisions.shape != (len(features),) or not np.isfinite(decisions).all():
-        raise DataError(
-            f"{type(estimator).__name__} decided {decisions.shape} numbers, perhaps not finite; "
-            f"expected one finite number for each of {len(features)} recordings."
-        )
-    return decisions
 
 
 class KappaPool(NamedTuple):
@@ -143,7 +130,8 @@ class FoldProblem:
     recordings' objects, -1 of unknown labels, which are scored and never trained on; units (n,)
     what a percept table holds out: objects, or folds where there are many. `fit_pool` takes
     decisions (r,M,P), truth (r,P) and objects (r,) of some rows, decided by those who never saw
-    them; r may be 0. More than one thread trains only where training is thread-safe.
+    them; r may be 0. Questions (P,) name attribute and behavior in an error. More than one thread
+    trains only where training is thread-safe.
     """
 
     inputs: Floats
@@ -151,6 +139,7 @@ class FoldProblem:
     objects: Ints
     folds: Ints
     units: Ints
+    questions: Sequence[str]
     estimator: Any
     fit_pool: Callable[[Floats, Bools, Ints], Stacker | KappaPool]
     threads: int = 1
@@ -164,12 +153,16 @@ class FoldProblem:
         """Train clones of the estimator on some rows, by their labels alone."""
         pairwise = getattr(self.estimator, "kernel", None) == "precomputed"
         columns = rows if pairwise else slice(None)
+        left_out = ", ".join(map(str, np.setdiff1d(self.names, self.folds[rows]))) or "none"
+        questions = [f"{question} (folds left out: {left_out})" for question in self.questions]
         fitted = np.full((len(self.inputs), self.truth.shape[1]), None)
         for m, p in np.ndindex(fitted.shape):
             labels = self.truth[rows, p].astype(int)
-            if 0 < labels.sum() < len(labels):
-                fitted[m, p] = clone(self.estimator).fit(self.inputs[m][rows][:, columns], labels)
-        return Machines(fitted, columns)
+            features = self.inputs[m][rows][:, columns]
+            if 0 < labels.sum() < len(labels) and features.size:  # else nothing can be learned
+                with blamed(self.estimator, f"learn {questions[p]}"):
+                    fitted[m, p] = clone(self.estimator).fit(features, labels)
+        return Machines(fitted, columns, questions)
 
     def decide(self, trained_on: Bools, rows: Bools) -> Floats:
         """Train on some rows, and decide on others, (B,M,P)."""
@@ -306,7 +299,7 @@ def _problem(recordings: BehaviorRecordings, settings: PerceptionSettings) -> Fo
     folds = np.where(known, units, -1)
     if not recordings.large:
         folds[known] = np.unique(objects[known], return_inverse=True)[1].ravel() % settings.folds
-    data = recordings.labels == 1, objects, folds, units
+    data = recordings.labels == 1, objects, folds, units, recordings.questions
     if settings.method == "paper":
         machine = SVC(C=_BOX, kernel="precomputed", tol=_LOOSE)
         # Support vector machines train without the interpreter's lock; forests, below, set the
@@ -315,14 +308,9 @@ def _problem(recordings: BehaviorRecordings, settings: PerceptionSettings) -> Fo
         return FoldProblem(recordings.kernels(), *data, machine, KappaPool.fitted, threads)
     features = np.hstack([space.rows for space in recordings.spaces])[None]
     pool = partial(_fit_stacker, settings=settings)
-    return FoldProblem(features, *data, repeatable(settings.classifier), pool)
-
-
-def repeatable(classifier: Any) -> Any:
-    """Return a clone whose unset random states are set, so that equal calls give equal results."""
-    parameters = clone(classifier).get_params().items()
-    unset = [n for n, v in parameters if v is None and n.split("__")[-1] == "random_state"]
-    return clone(classifier).set_params(**dict.fromkeys(unset, _SEED))
+    with blamed(settings.classifier, "be copied"):
+        estimator = repeatable(settings.classifier)
+    return FoldProblem(features, *data, estimator, pool)
 
 
 def _fit_stacker(

@@ -154,14 +154,15 @@ class BehaviorRecordings(FrozenArrays):
     """Recordings of one behavior, sorted by object and recording.
 
     Objects (n,) rise; labels (n,P) are 1 true, 0 false, -1 unknown; spaces (M,) are those of the
-    modalities, each with rows (n,d). Landmarks (m,) are rows that all others are compared with;
-    None where there are few recordings, which are all compared with each other. Kernels are wider
-    by the factor `width`.
+    modalities, each with rows (n,d). Questions (P,) name attribute and behavior. Landmarks (m,) are
+    rows that all others are compared with; None where there are few recordings, which are all
+    compared with each other. Kernels are wider by the factor `width`.
     """
 
     objects: Ints
     labels: NDArray[np.int8]
     spaces: tuple[FeatureSpace, ...]
+    questions: tuple[str, ...]
     landmarks: Ints | None = None
     width: float = 1.0
 
@@ -200,7 +201,8 @@ class BehaviorRecordings(FrozenArrays):
         patterns, part = np.unique(self.labels >= 0, axis=1, return_inverse=True)
         for index in np.flatnonzero(patterns.any(axis=0)):
             attributes = np.flatnonzero(part.ravel() == index)
-            yield attributes, replace(self, labels=self.labels[:, attributes])
+            questions = tuple(self.questions[p] for p in attributes)
+            yield attributes, replace(self, labels=self.labels[:, attributes], questions=questions)
 
     def widened(self, factor: float) -> "BehaviorRecordings":
         """Compare the same recordings by wider kernels."""
@@ -291,7 +293,11 @@ def gather(
             space.at(places) for (name, _), space in spaces.items() if name == behavior.name
         )
         if len(rows) and modalities:
-            gathered[e] = BehaviorRecordings(objects, training_set.labels[rows], modalities)
+            labels = training_set.labels[rows]
+            questions = tuple(
+                f"{name!r} by {behavior.name!r}" for name in dataset.domain.attributes
+            )
+            gathered[e] = BehaviorRecordings(objects, labels, modalities, questions)
     if any(
         len(recordings.objects) > settings.exact_recordings
         or (pairs and len(np.unique(recordings.objects)) > settings.exact_objects)

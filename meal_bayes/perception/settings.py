@@ -70,18 +70,10 @@ class PerceptionSettings:
             raise SettingsError(unknown("method", self.method, METHODS))
         if (self.method == "classifier") != (self.classifier is not None):
             raise SettingsError("A classifier and the method 'classifier' go together; give both.")
-        if isinstance(self.classifier, type):
-            name = self.classifier.__name__
-            raise SettingsError(f"classifier is the class {name}; give an instance: {name}().")
-        if self.classifier is not None and not (
-            hasattr(self.classifier, "fit")
-            and hasattr(self.classifier, "get_params")
-            and any(hasattr(self.classifier, n) for n in ("predict_proba", "decision_function"))
-        ):
-            raise SettingsError(
-                f"classifier is {type(self.classifier).__name__}; expected a scikit-learn "
-                "classifier: with fit, get_params, and predict_proba or decision_function."
-            )
+        if self.classifier is not None:
+            from meal_bayes.perception.estimators import check_classifier  # noqa: PLC0415
+
+            check_classifier(self.classifier)  # scikit-learn takes a second
         if self.width is not None and not (self.width > 0 and self.method == "stacked"):
             raise SettingsError(
                 f"width is {self.width}; give a number above 0 to 'stacked', and None to others."

@@ -28,8 +28,7 @@ class Raises:
 def test_anything_becomes_finite_features_or_a_data_error(values):
     try:
         features = checked_features(values)
-    except DataError as fault:
-        assert "found" in str(fault)
+    except DataError:
         return
     assert features.dtype == np.float32
     assert features.ndim == 1

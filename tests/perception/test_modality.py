@@ -168,7 +168,7 @@ def on_a_line(truth_of, objects=40):
     place = np.random.default_rng(0).uniform(0, 8, objects)
     space = FeatureSpace(np.zeros(1), np.zeros(1), np.ones(1), place[:, None], "rbf", 0.5)
     return BehaviorRecordings(
-        np.arange(objects), truth_of(place)[:, None].astype(np.int8), (space,)
+        np.arange(objects), truth_of(place)[:, None].astype(np.int8), (space,), ("it",)
     )
 
 
@@ -209,6 +209,7 @@ def test_losses_without_an_object_are_those_of_a_robot_that_never_met_it(make, r
                 recordings.objects[rest],
                 recordings.labels[rest],
                 tuple(space.at(rest) for space in recordings.spaces),
+                recordings.questions,
             )
             (expected,) = losses(others, np.empty(0, np.int64))
             assert all_losses[1 + held] == pytest.approx(expected, rel=1e-6)
