@@ -42,7 +42,7 @@ def test_arrays_are_read_only():
         ({"labels": [["True", "False"], ["True", "False"]]}, "the label 'True'"),
         ({"objects": ("cup", "cup")}, "'cup' is listed twice"),
         ({"features": {}}, "No features of"),
-        ({"features": {LOOK: np.zeros((2, 3))}}, "have shape"),
+        ({"features": {LOOK: np.zeros((2, 3))}}, "found shape"),
         ({"features": {LOOK: np.full((2, 3, 2), "4_0")}}, "found text"),
         ({"features": {LOOK: np.full((2, 3, 2), 1j)}}, "found complex"),
         ({"features": {**FEATURES, LOOK: np.full((2, 3, 1), np.nan)}}, "infinity for every object"),

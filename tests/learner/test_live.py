@@ -42,7 +42,7 @@ GOOD = np.array([40.0, 60.0, 190.0])
 WRONG = {
     "nan": ({"color": [math.nan, 60, 190]}, "found NaN or infinity"),
     "too large for float32": ({"color": [1e39, 60, 190]}, "found NaN or infinity"),
-    "too long": ({"color": [*GOOD, 1.0]}, r"shape \(4,\), expected \(3,\)"),
+    "too long": ({"color": [*GOOD, 1.0]}, r"shape \(4,\); expected \(3,\)"),
     "unknown modality": ({"colour": GOOD}, r"color is not among \['colour'\]"),
     "no modality": ({}, r"color is not among \[\]"),
     "words": ({"color": ["4_0", "60", "190"]}, "found text"),  # 40 to NumPy
