@@ -45,7 +45,6 @@ class Piece(NamedTuple):
 
     model: str
     planner: Planner
-    reference: str | None
     seed: int
     number: int  # of the stream
     episodes: int
@@ -53,16 +52,16 @@ class Piece(NamedTuple):
 
 def play(piece: Piece) -> tuple[Rollouts, float]:
     """Simulate the episodes of a piece; with the CPU seconds of solving."""
-    momdp = momdp_of(piece.model, piece.reference)
-    policy, seconds = solved(piece.model, piece.planner, piece.reference, piece.seed)
+    momdp = momdp_of(piece.model)
+    policy, seconds = solved(piece.model, piece.planner, piece.seed)
     rng = stream(piece.seed, "planner benchmark", piece.model, piece.number)
     return simulate(momdp, policy, piece.episodes, rng), seconds
 
 
 @lru_cache(maxsize=1)
-def solved(model: str, planner: Planner, reference: str | None, seed: int) -> tuple[Policy, float]:
+def solved(model: str, planner: Planner, seed: int) -> tuple[Policy, float]:
     """Solve after a warm-up, and warm the policy up; CPU seconds of solving."""
-    momdp, solver = momdp_of(model, reference), solver_of(planner, model)
+    momdp, solver = momdp_of(model), solver_of(planner, model)
     rng = stream(seed, "solve", model, planner.name)
     if planner.policy != "sarsop":
         small = restrict(momdp, [0])
@@ -97,7 +96,7 @@ def pieces_of(model: str, planner: Planner, options: argparse.Namespace) -> list
     slow = planner.policy == "pomdp-py"
     episodes = min(options.episodes, SLOW_EPISODES) if slow else options.episodes
     return [
-        Piece(model, planner, options.reference, options.seed, number,
+        Piece(model, planner, options.seed, number,
               max(2, min(PIECE, episodes - first)))
         for number, first in enumerate(range(0, episodes, PIECE))
     ]  # fmt: skip
@@ -158,7 +157,7 @@ def measure(options: argparse.Namespace) -> Iterator[dict[str, Any]]:
             cut = [pieces_of(model, planner, options) for planner in planners]
             pieces = list(itertools.chain(*cut))
             results = pool.map(play, pieces) if options.jobs > 1 else map(play, pieces)
-            momdp, olfc = momdp_of(model, options.reference), None
+            momdp, olfc = momdp_of(model), None
             lower, bound = lower_bound(momdp), bound_of(momdp)
             for planner, mine in zip(planners, cut, strict=True):
                 parts, seconds = zip(*itertools.islice(results, len(mine)), strict=True)
@@ -182,7 +181,6 @@ def parse() -> argparse.Namespace:
     parser.add_argument("--episodes", type=int, help="of each row; 2000 by default")
     parser.add_argument("--jobs", type=int, default=2, help="processes; 2 by default")
     parser.add_argument("--seed", type=int, default=SEED)
-    parser.add_argument("--reference", metavar="DIR", help="or MEAL_BAYES_REFERENCE")
     options = parser.parse_args()
     if options.random:
         seeds = map(int, options.random.split(","))

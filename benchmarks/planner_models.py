@@ -1,7 +1,7 @@
 """The problems of `planner.py`, by name.
 
 - `A1` .. `A5`: the reference models (one to five attributes, noisy rates), which other solvers have
-  solved, from `planner_reference.json` in a folder (`--reference`, or `MEAL_BAYES_REFERENCE`).
+  solved, from `tests/planners/planner_reference.json`, with what they reached.
   Their transition diagram is their own: five x, loops that never fail, illegal behaviors end the
   trial, at the behavior's cost. That is how other solvers abstain in them; here it costs nothing.
 - `clean1` .. `clean5`: the same questions, asked of our own ROC36 perception: shipped tables,
@@ -17,7 +17,6 @@
 """
 
 import json
-import os
 import re
 from collections.abc import Sequence
 from dataclasses import replace
@@ -30,6 +29,7 @@ import numpy as np
 from meal_bayes.domain import Behavior, Domain, Effect, Query, TransitionDiagram, load_domain
 from meal_bayes.momdp import MOMDP, Objective, build_momdp
 
+REFERENCE = Path(__file__).resolve().parents[1] / "tests/planners/planner_reference.json"
 ASKED = ("heavy", "blue", "beans", "green", "glass")  # the first N of them, as in A1 .. A5
 PRECISIONS = (1, 3, 5)
 LARGE = (10, 20, 81)
@@ -45,7 +45,7 @@ MODELS = (
 
 
 @lru_cache(maxsize=1)
-def momdp_of(model: str, reference: str | None) -> MOMDP:
+def momdp_of(model: str) -> MOMDP:
     """Build a model's MOMDP by name."""
     if attributes_of(model) is not None:
         return random_momdp(model)
@@ -55,7 +55,7 @@ def momdp_of(model: str, reference: str | None) -> MOMDP:
         return replace(momdp, prior=np.where(np.arange(len(momdp.query)) < RELEVANT, 0.5, 0.0))
     if kind.startswith("clean"):
         return _learned("roc36", ASKED[: int(kind.removeprefix("clean"))])
-    momdp = load_reference(reference)[kind]
+    momdp = load_reference()[kind]
     if rest:
         precision = float(rest.removeprefix("precision"))
         momdp = replace(momdp, precision=np.full_like(momdp.precision, precision))
@@ -98,13 +98,10 @@ def _large_query(n: int) -> tuple[str, ...]:
     return (*asked, *(name for name in names if name not in asked))[:n]
 
 
-def load_reference(folder: str | Path | None = None) -> dict[str, MOMDP]:
+def load_reference() -> dict[str, MOMDP]:
     """Load the reference models by name, "A1" (one attribute) to "A5"."""
-    named = folder or os.environ.get("MEAL_BAYES_REFERENCE")
-    if not named:
-        raise SystemExit("name the folder of planner_reference.json: --reference DIR")
-    text = (Path(named) / "planner_reference.json").read_text(encoding="utf-8")
-    return {str(model["model"]): build_model(model) for model in json.loads(text)["models"]}
+    models = json.loads(REFERENCE.read_text(encoding="utf-8"))["models"]
+    return {str(model["model"]): build_model(model) for model in models}
 
 
 def build_model(model: dict[str, Any]) -> MOMDP:

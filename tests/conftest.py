@@ -2,13 +2,14 @@
 
 import fcntl
 import os
+import shutil
 from collections.abc import Callable
 from importlib import import_module, resources
 from importlib.util import find_spec
 from pathlib import Path
 from time import sleep
 from types import ModuleType
-from typing import TypeVar
+from typing import NoReturn, TypeVar
 
 import numpy as np
 import pytest
@@ -30,11 +31,21 @@ settings.register_profile("thorough", STEADY, max_examples=100)
 settings.load_profile("quick")
 
 
-def missing(reason: str) -> None:
-    """Skip loudly, or fail where everything is required (CI)."""
-    if os.environ.get("MEAL_BAYES_REQUIRE_ALL") == "1":
+def missing(reason: str, *, required: bool) -> NoReturn:
+    """Skip and say why, or fail where what is missing is required. No test skips but here."""
+    if required:
         pytest.fail(f"required but missing: {reason}")
     pytest.skip(reason)
+
+
+def all_required() -> bool:
+    """Return whether what every machine can have must be there: recordings, the extra `test`."""
+    return os.environ.get("MEAL_BAYES_REQUIRE_ALL") == "1"
+
+
+def view_required() -> bool:
+    """Return whether pictures must be looked at: a Vulkan driver and a browser."""
+    return os.environ.get("MEAL_BAYES_REQUIRE_VIEW") == "1"
 
 
 @pytest.fixture(scope="session")
@@ -79,39 +90,72 @@ def _compiled(tmp_path_factory: pytest.TempPathFactory) -> None:
             warm_up(solver, limit)
 
 
-def folder_of(name: str, variable: str) -> Path:
-    """Return a folder that an environment variable names, or the one beside the repository."""
+def folder_of(name: str, variable: str, *, required: bool) -> Path:
+    """Return a folder that an environment variable names, or the one beside the repository.
+
+    What a variable names has to be there.
+    """
     beside = Path(__file__).resolve().parents[2] / "shared" / name
     folder = Path(os.environ.get(variable, beside))
     if not folder.is_dir():
-        missing(f"no {name} in {folder}; set {variable} to a folder of them")
+        reason = f"no {name} in {folder}; set {variable} to a folder of them"
+        missing(reason, required=required or variable in os.environ)
     return folder
 
 
 @pytest.fixture(scope="session")
 def recordings() -> Path:
     """Return the folder mirror of the public recordings."""
-    return folder_of("datasets", "MEAL_BAYES_DATA_URL")
+    return folder_of("datasets", "MEAL_BAYES_DATA_URL", required=all_required())
 
 
 @pytest.fixture(scope="session")
 def reference() -> Path:
-    """Return the folder of the reference models."""
-    return folder_of("reference", "MEAL_BAYES_REFERENCE")
+    """Return the folder of the files of others, .pomdp and .pomdpx, of the reference models."""
+    return folder_of("reference", "MEAL_BAYES_REFERENCE", required=False)
+
+
+@pytest.fixture(scope="session")
+def pomdpsol() -> str:
+    """Return the program of SARSOP, a peer of our planners."""
+    program = os.environ.get("MEAL_BAYES_POMDPSOL") or shutil.which("pomdpsol")
+    if program is None:
+        missing("no pomdpsol; set MEAL_BAYES_POMDPSOL to it", required=False)
+    return program
+
+
+@pytest.fixture(scope="session")
+def vulkan() -> None:
+    """Ask for a Vulkan driver, by which the viewer draws; one in software will do."""
+    folders = (Path("/usr/share/vulkan/icd.d"), Path("/etc/vulkan/icd.d"))
+    if not any(path for folder in folders for path in folder.glob("*.json")):
+        missing(
+            "no Vulkan driver: apt-get install --no-install-recommends mesa-vulkan-drivers",
+            required=view_required(),
+        )
+
+
+@pytest.fixture(scope="session")
+def browser() -> str:
+    """Return the program of a browser."""
+    program = shutil.which("chromium") or shutil.which("google-chrome")
+    if program is None:
+        missing("no browser: apt-get install chromium", required=view_required())
+    return program
 
 
 @pytest.fixture(scope="session")
 def dask() -> None:
     """Ask for the extra that runs clusters."""
     if find_spec("distributed") is None:
-        missing("no Dask; pip install 'meal-bayes[cluster]'")
+        missing("no Dask; pip install 'meal-bayes[cluster]'", required=all_required())
 
 
 @pytest.fixture(scope="session")
 def sim() -> ModuleType:
     """Return the room of the robot in physics."""
     if find_spec("mujoco") is None:
-        missing("no MuJoCo; pip install 'meal-bayes[sim]'")
+        missing("no MuJoCo; pip install 'meal-bayes[sim]'", required=all_required())
     return import_module("meal_bayes.simulated_arm")
 
 

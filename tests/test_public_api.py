@@ -179,12 +179,6 @@ def typed(entry):
     return True
 
 
-def test_no_file_is_longer_than_350_lines():
-    files = SOURCE.parent.rglob("*.py")
-    lines = {path.name: len(path.read_text("utf-8").splitlines()) for path in files}
-    assert {name: count for name, count in lines.items() if count > 350} == {}
-
-
 ROOT = Path(__file__).resolve().parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 

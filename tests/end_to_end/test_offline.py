@@ -42,7 +42,6 @@ def logs_of(folder):
 
 
 @pytest.mark.long
-@pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="needs a kill that cannot be caught")
 def test_a_killed_run_is_taken_up_where_it_was(tmp_path, monkeypatch):
     monkeypatch.setattr("meal_bayes.experiments.store.code_digest", lambda: "pinned")
     config = OfflineConfig("roc36", 2, 120, ("random", "predefined_plus", "greedy"), seed=5)

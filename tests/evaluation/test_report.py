@@ -2,9 +2,7 @@
 
 import dataclasses
 import html
-import os
 import re
-import shutil
 from pathlib import Path
 
 import matplotlib.pyplot as plt
@@ -162,17 +160,9 @@ def test_a_warning_names_an_unfinished_log(trials, tmp_path):
 
 
 @pytest.mark.long
-def test_it_reads_well_in_a_real_browser(page):
-    browser = shutil.which("chromium") or shutil.which("google-chrome")
-    try:
-        from playwright.sync_api import sync_playwright  # noqa: PLC0415  may be missing
-    except ImportError:
-        sync_playwright = None
-    if browser is None or sync_playwright is None:
-        reason = "no browser: pip install '.[view]', apt-get install chromium"
-        if os.environ.get("MEAL_BAYES_REQUIRE_VIEW") == "1":
-            pytest.fail(f"required but missing: {reason}")
-        pytest.skip(reason)
+def test_it_reads_well_in_a_real_browser(page, browser):
+    from playwright.sync_api import sync_playwright  # noqa: PLC0415  slow
+
     said, asked = [], []
     with sync_playwright() as driver:
         shown = driver.chromium.launch(executable_path=browser, args=["--no-sandbox"])

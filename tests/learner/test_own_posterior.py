@@ -75,7 +75,8 @@ class TestAPosteriorOfOnesOwn:
 @pytest.mark.filterwarnings("ignore")  # of PyMC, about few draws
 def test_a_model_of_ones_own_is_a_page_of_pymc(dataset, tmp_path):
     """The page of the how-to: names of dimensions, truths and levels are the whole contract."""
-    idata_of = pytest.importorskip("meal_bayes.posterior.hierarchical")
+    import pymc  # noqa: PLC0415  slow
+
     page = (ROOT / "docs/how-to/posterior.md").read_text()
     (code,) = (block.split("```")[0] for block in page.split("```py\n") if "pm.Model" in block)
     code = code.replace("pm.sample()", SAMPLE)
@@ -83,7 +84,7 @@ def test_a_model_of_ones_own_is_a_page_of_pymc(dataset, tmp_path):
     for o, i, b in np.ndindex(8, 2, 2):
         counts[o, i, b, labels[o, i], labels[o, i]] = 3
     objects = [f"object {o}" for o in range(8)]
-    space = {"np": np, "mb": meal_bayes, "pm": idata_of.pm, "domain": dataset.domain}
+    space = {"np": np, "mb": meal_bayes, "pm": pymc, "domain": dataset.domain}
     exec(code, space | {"counts": counts, "objects": objects}, space)
     posterior = space["learner"].fits.settings.posterior
     assert posterior.counts.sum() == counts.sum()

@@ -60,7 +60,7 @@ def written(momdp, folder, **options) -> FlatPOMDP:
 @pytest.mark.parametrize("name", ["A1", "A2", "A3"])
 def test_reference_models_equal_the_authors_files(reference, tmp_path, name):
     """But for illegal behaviors: theirs may end a trial by one, at its cost."""
-    momdp = replace(load_reference(reference)[name], abstain=False)
+    momdp = replace(load_reference()[name], abstain=False)
     ours = written(momdp, tmp_path)
     theirs = read_pomdp(reference / f"roc36_{name}.pomdp")
     illegal = np.nonzero(np.repeat(~momdp.legal[:-1], 2 ** len(momdp.query), axis=0))

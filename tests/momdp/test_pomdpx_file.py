@@ -75,7 +75,7 @@ def written(momdp, folder, **options) -> SimpleNamespace:
 @pytest.mark.parametrize("name", ["A1", "A2", "A3"])
 def test_reference_models_equal_the_authors_files(reference, tmp_path, name):
     """But for illegal behaviors: theirs may end a trial by one, at its cost."""
-    momdp = replace(load_reference(reference)[name], abstain=False)
+    momdp = replace(load_reference()[name], abstain=False)
     ours = written(momdp, tmp_path)
     theirs = read_pomdpx(reference / f"roc36_{name}.pomdpx")
     illegal = np.nonzero(~momdp.legal[:-1].T)  # (E,X-1)

@@ -1,7 +1,5 @@
 """The adapter to `pomdpsol`, with programs that stand in for it: good, hanging, failing, lying."""
 
-import os
-import shutil
 import stat
 import sys
 from pathlib import Path
@@ -149,14 +147,11 @@ def test_what_the_format_cannot_hold_is_told(program):
             solve(momdp, program=path)
 
 
-def test_the_real_program_agrees():
-    """Runs where SARSOP is installed: its bound on a small problem is ours."""
-    program = os.environ.get("MEAL_BAYES_POMDPSOL") or shutil.which("pomdpsol")
-    if program is None:
-        pytest.skip("no pomdpsol here; set MEAL_BAYES_POMDPSOL to compare with it")
+def test_the_real_program_agrees(pomdpsol):
+    """Its bound on a small problem is ours."""
     momdp = momdp_of("toy", 2, objective=Objective(abstain=True))
     ours = Factored().solve(momdp, np.random.default_rng(0)).upper_bound
-    assert ours - 0.5 < solve(momdp, program=program).lower_bound < ours
+    assert ours - 0.5 < solve(momdp, program=pomdpsol).lower_bound < ours
 
 
 def test_dense_and_sparse_vectors_are_read(tmp_path):

@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Callable, Iterator, Mapping
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -243,8 +242,8 @@ class Expectimax:
 
 
 def noisy_roc36(n: int) -> MOMDP:
-    """Load a model of the planner reference, A1 to A3, whose rates have four digits here."""
-    return load_reference(Path(__file__).parent)[f"A{n}"]
+    """Load a model of the planner reference, A1 to A5."""
+    return load_reference()[f"A{n}"]
 
 
 def believing(momdp: MOMDP, log_odds: ArrayLike, x: int = 0) -> Belief:

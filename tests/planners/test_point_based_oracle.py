@@ -136,8 +136,8 @@ def test_the_oracle_meets_brute_force_and_the_bound_holds(
     ("name", "at_least", "upper"),
     [("A1", 440.0, 441.3), ("A2", 380.0, 387.7)],  # SARSOP 60 s: 441.298 and 384.6
 )
-def test_reference_models_are_solved_within_known_bounds(reference, name, at_least, upper):
-    momdp = load_reference(reference)[name]
+def test_reference_models_are_solved_within_known_bounds(name, at_least, upper):
+    momdp = load_reference()[name]
     lower = PointBased(momdp).solve(trials=300, sweeps=40)
     assert at_least < lower < upper
     assert lower < Factored().solve(momdp, np.random.default_rng(0)).upper_bound < upper + 0.5

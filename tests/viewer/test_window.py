@@ -2,7 +2,6 @@
 
 import contextlib
 import io
-import os
 import subprocess
 import sys
 import time
@@ -29,22 +28,6 @@ RUN = {
     "accuracy so far, band = one standard error", "agents and worst trials", "run facts",
     "mean cost so far, s, band = one standard error",
 }  # fmt: skip
-
-
-def vulkan_drivers() -> int:
-    """Count the Vulkan drivers, also those in software."""
-    folders = [Path("/usr/share/vulkan/icd.d"), Path("/etc/vulkan/icd.d")]
-    return sum(len(list(folder.glob("*.json"))) for folder in folders)
-
-
-@pytest.fixture(scope="module")
-def vulkan() -> None:
-    """Skip loudly where there is no Vulkan driver."""
-    if not vulkan_drivers():
-        reason = "no Vulkan driver: apt-get install --no-install-recommends mesa-vulkan-drivers"
-        if os.environ.get("MEAL_BAYES_REQUIRE_VIEW") == "1":
-            pytest.fail(f"required but missing: {reason}")
-        pytest.skip(reason)
 
 
 @pytest.fixture(scope="module")

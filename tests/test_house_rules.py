@@ -1,0 +1,137 @@
+"""What CONTRIBUTING says of sizes, imports, skips and the CI, held by every file of the repository."""
+
+import ast
+import re
+import shlex
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+FOLDERS = ("meal_bayes", "paper_repro", "benchmarks", "examples")
+FILE_LINES, FUNCTION_LINES = 350, 60
+
+# Files of one room that import each other. Whoever ends a circle takes it off this list.
+CIRCLES = {
+    ("experiments.config", "experiments.percepts", "experiments.store"),
+    ("learner.learner", "learner.percepts", "learner.saved", "learner.sessions"),
+}
+
+
+def sources(*folders: str) -> Iterator[tuple[str, str]]:
+    """Yield the path and the text of each Python file, by its path as a whole."""
+    for folder in folders:
+        for path in sorted((ROOT / folder).rglob("*.py")):
+            yield path.relative_to(ROOT).as_posix(), path.read_text(encoding="utf-8")
+
+
+def long_functions(text: str) -> list[tuple[str, int]]:
+    """Return the functions that are too long, with their lines, docstrings left out."""
+    results = []
+    for node in ast.walk(ast.parse(text)):
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+            first = node.body[0]
+            documented = ast.get_docstring(node, clean=False) is not None
+            lines = node.end_lineno - node.lineno + 1
+            lines -= (first.end_lineno - first.lineno + 1) * documented
+            if lines > FUNCTION_LINES:
+                results.append((node.name, lines))
+    return results
+
+
+def test_no_file_is_longer_than_350_lines() -> None:
+    lines = {path: len(text.splitlines()) for path, text in sources(*FOLDERS)}
+    assert len(lines) == sum(1 for folder in FOLDERS for _ in (ROOT / folder).rglob("*.py"))
+    assert len(lines) > 200
+    assert {path: count for path, count in lines.items() if count > FILE_LINES} == {}
+
+
+def test_no_function_is_longer_than_60_lines() -> None:
+    found = {path: long_functions(text) for path, text in sources(*FOLDERS)}
+    assert {path: functions for path, functions in found.items() if functions} == {}
+
+
+@pytest.mark.parametrize(("statements", "too_long"), [(59, False), (60, True)])
+def test_a_long_function_is_seen(statements: int, too_long: bool) -> None:
+    body = '    """Do.\n\n    It does.\n    """\n' + "    x = 1\n" * statements
+    within = "class A:\n" + "".join(f"    {line}\n" for line in f"def f():\n{body}".splitlines())
+    assert bool(long_functions(f"def f():\n{body}")) is too_long
+    assert bool(long_functions(within)) is too_long
+
+
+def imports(path: str, text: str) -> set[str]:
+    """Return the modules of the package that a file imports, also for type checkers alone."""
+    names = set()
+    for node in ast.walk(ast.parse(text)):
+        if isinstance(node, ast.Import):
+            names |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            names |= {str(node.module)} | {f"{node.module}.{alias.name}" for alias in node.names}
+    return {name.removeprefix("meal_bayes.") for name in names}
+
+
+def circles(graph: dict[str, set[str]]) -> set[tuple[str, ...]]:
+    """Return the groups of modules of one room each of which imports, in steps, each other."""
+    reached = {module: {module} for module in graph}
+    for _ in graph:
+        for module, targets in graph.items():
+            room = module.partition(".")[0]
+            for target in targets & graph.keys():
+                if target.partition(".")[0] == room:
+                    reached[module] |= reached[target]
+    groups = {
+        tuple(sorted(other for other in reached[module] if module in reached[other]))
+        for module in graph
+    }
+    return {group for group in groups if len(group) > 1}
+
+
+def test_no_files_of_a_room_import_each_other() -> None:
+    """Import contracts see rooms; this sees the files of each, and what only type checkers import.
+
+    A package's own `__init__` collects names of its modules, and is left out.
+    """
+    graph = {}
+    for path, text in sources("meal_bayes"):
+        module = path.removeprefix("meal_bayes/").removesuffix(".py").replace("/", ".")
+        if not module.endswith("__init__"):
+            graph[module] = imports(path, text)
+    assert circles(graph) == CIRCLES
+
+
+def test_a_circle_is_seen() -> None:
+    chain = {"a.x": {"a.y"}, "a.y": {"a.z", "b.x"}, "a.z": set(), "b.x": {"a.x"}}
+    assert circles(chain) == set()  # one over two rooms is what the contracts see
+    assert circles(chain | {"a.z": {"a.x"}}) == {("a.x", "a.y", "a.z")}
+
+
+def test_tests_skip_by_one_door() -> None:
+    """`missing` in tests/conftest.py, which fails where what is missing is required."""
+    past = {
+        path: found
+        for path, text in sources("tests")
+        if (found := re.findall(r"\b(?:importorskip|skipif|(?:pytest|unittest)\.skip\w*)\b", text))
+    }
+    assert past.pop("tests/conftest.py") == ["pytest.skip"]
+    past.pop("tests/test_house_rules.py")
+    assert past == {}
+
+
+def test_variables_that_require_something_are_set_somewhere() -> None:
+    """And a test reads what the CI or its description sets."""
+    name = re.compile(r"MEAL_BAYES_REQUIRE_[A-Z]+")
+    read = {found for path, text in sources("tests") if path.endswith("conftest.py")
+            for found in name.findall(text)}  # fmt: skip
+    frame = (ROOT / ".ci" / "run", *(ROOT / ".github" / "workflows").glob("*.yml"))
+    assert {found for path in frame for found in name.findall(path.read_text("utf-8"))} == read
+
+
+def test_the_site_is_checked_the_same_on_a_laptop_and_where_it_is_published() -> None:
+    """Quiet, MkDocs counts no warnings, and `--strict` has nothing to fail for."""
+    workflow = (ROOT / ".github" / "workflows" / "docs.yml").read_text(encoding="utf-8")
+    script = (ROOT / ".ci" / "run").read_text(encoding="utf-8")
+    for text in (workflow, script):
+        (command,) = re.findall(r"mkdocs build.*", text)
+        assert {"--strict"} <= set(shlex.split(command.replace('"$work/site"', "site")))
+        assert not re.search(r"--quiet|-q\b", command)
