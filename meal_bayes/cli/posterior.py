@@ -117,12 +117,10 @@ def _write(
 ) -> dict[str, Any]:  # fmt: skip
     """Write draws, summary and figures, and return the checks of the fit."""
     import numpy as np
-    import xarray as xr
 
     from meal_bayes.evaluation import calibration, canvas, plots
     from meal_bayes.files import write_whole
     from meal_bayes.posterior import checks, idata
-    from meal_bayes.posterior.draws import ROW, draw_prior, log_prior
     from meal_bayes.seeds import stream
 
     seed = config["seed"]
@@ -130,23 +128,7 @@ def _write(
     terminal.note("checking the fit ...")
     check = checks.predictive_check(draws, counts, stream(seed, "predictive"))
     beliefs = checks.beliefs_without_itself(draws, counts)
-    units = checks.units_of(counts, objects, attributes)
-    shown = xr.DataArray(
-        counts, {"object": list(objects)} | {dim: draws[dim].values for dim in (*ROW, "level")}
-    )
-    groups = {
-        "observed_data": xr.Dataset({"yes": units.yes}),
-        "constant_data": xr.Dataset({"counts": shown}),
-        "posterior_predictive": checks.predict_yes(draws, units, stream(seed, "units")),
-        "log_likelihood": checks.pointwise_log_likelihood(draws, units),
-    }
-    if config["model"] == "same":
-        before = draw_prior(draws, prior, stream(seed, "prior"))
-        groups |= {
-            "prior": before,
-            "prior_predictive": checks.predict_yes(before, units, stream(seed, "unseen")),
-            "log_prior": log_prior(draws, prior),
-        }
+    groups = _groups(draws, counts, prior, objects, config)
     if statistics:
         groups["sample_stats"] = statistics
     made = idata.to_idata(draws.assign_attrs(idata.attributes_of(config)), **groups)
@@ -174,6 +156,38 @@ def _write(
         "predictive_p": check.p_values.tolist(),
         "belief": quality,
     }
+
+
+def _groups(
+    draws: "xr.Dataset", counts: "NDArray[Any]", prior: "NDArray[Any]", objects: tuple[str, ...],
+    config: dict[str, Any],
+) -> dict[str, "xr.Dataset"]:  # fmt: skip
+    """Return the groups of InferenceData beside the draws: data, predictions, likelihood, prior."""
+    import xarray as xr
+
+    from meal_bayes.posterior import checks
+    from meal_bayes.posterior.draws import ROW, draw_prior, log_prior
+    from meal_bayes.seeds import stream
+
+    seed = config["seed"]
+    units = checks.units_of(counts, objects, draws["attribute"].values.tolist())
+    shown = xr.DataArray(
+        counts, {"object": list(objects)} | {dim: draws[dim].values for dim in (*ROW, "level")}
+    )
+    groups = {
+        "observed_data": xr.Dataset({"yes": units.yes}),
+        "constant_data": xr.Dataset({"counts": shown}),
+        "posterior_predictive": checks.predict_yes(draws, units, stream(seed, "units")),
+        "log_likelihood": checks.pointwise_log_likelihood(draws, units),
+    }
+    if config["model"] == "same":
+        before = draw_prior(draws, prior, stream(seed, "prior"))
+        groups |= {
+            "prior": before,
+            "prior_predictive": checks.predict_yes(before, units, stream(seed, "unseen")),
+            "log_prior": log_prior(draws, prior),
+        }
+    return groups
 
 
 def _print(facts: dict[str, Any], *, sampled: bool) -> None:

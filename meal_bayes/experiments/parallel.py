@@ -143,15 +143,7 @@ def _on_cluster(calls: list[bytes], address: str, meanwhile: Callable[[], None])
     try:
         for machine, versions, result in _finished(pool, checked, calls, look):
             if versions != expected:
-                others = ", ".join(
-                    f"{name} {versions.get(name, 'missing')} (here {expected.get(name, 'missing')})"
-                    for name in expected | versions
-                    if versions.get(name) != expected.get(name)
-                )
-                raise SettingsError(
-                    f"A worker on {machine} has other code: {others}; "
-                    "install the same versions on all machines of the cluster."
-                )
+                raise _other_code(machine, versions, expected)
             yield result
     except CancelledError as fault:
         raise SettingsError(
@@ -161,3 +153,16 @@ def _on_cluster(calls: list[bytes], address: str, meanwhile: Callable[[], None])
     finally:
         with contextlib.suppress(TimeoutError, OSError):  # where the scheduler is gone
             client.close(timeout=1)
+
+
+def _other_code(machine: str, versions: dict[str, str], expected: dict[str, str]) -> SettingsError:
+    """Return the error that names what a worker has in other versions than this process."""
+    others = ", ".join(
+        f"{name} {versions.get(name, 'missing')} (here {expected.get(name, 'missing')})"
+        for name in expected | versions
+        if versions.get(name) != expected.get(name)
+    )
+    return SettingsError(
+        f"A worker on {machine} has other code: {others}; "
+        "install the same versions on all machines of the cluster."
+    )

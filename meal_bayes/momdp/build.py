@@ -97,11 +97,8 @@ def build_momdp(
         classes = (classes[:, :, None] * np.eye(2)[:, :, None]).reshape(n, 2, 2 * c)
         rows, spread = np.tile(rows, (1, 1, 2, 1)), np.tile(spread, 2)
     for index, behavior in enumerate(domain.behaviors):
-        if behavior.answer_accuracy is not None:  # right in each attribute, whatever its class
-            true, accuracy = classes[:, 1] > 0, behavior.answer_accuracy
-            rows[:, index] = 0.0
-            rows[:, index, :, 0] = np.where(true, 1.0 - accuracy, accuracy)
-            rows[:, index, :, -1] = np.where(true, accuracy, 1.0 - accuracy)
+        if behavior.answer_accuracy is not None:
+            rows[:, index] = _answer_rows(classes, behavior.answer_accuracy, rows.shape[-1])
             spread[:, index] = np.inf
         elif not behavior.senses:
             rows[:, index] = 1.0 / rows.shape[-1]
@@ -131,6 +128,15 @@ def build_momdp(
         discount=goal.discount,
         abstain=goal.abstain and domain.diagram.abstain,
     )
+
+
+def _answer_rows(classes: NDArray[np.float64], accuracy: float, levels: int) -> NDArray[np.float64]:
+    """Return rows (N,C,K) of answers, which are right in each attribute, whatever the class."""
+    true = classes[:, 1] > 0
+    rows = np.zeros((*true.shape, levels))
+    rows[..., 0] = np.where(true, 1.0 - accuracy, accuracy)
+    rows[..., -1] = np.where(true, accuracy, 1.0 - accuracy)
+    return rows
 
 
 def observation_entropy(momdp: MOMDP) -> NDArray[np.float64]:
