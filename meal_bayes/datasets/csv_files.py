@@ -10,14 +10,15 @@ import re
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from meal_bayes.datasets.dataset import Dataset
-from meal_bayes.datasets.frames import FeatureRows, add_once, fault, join_features
+from meal_bayes.datasets.frames import FeatureRows, add_once, fault, join_features, labelled
 from meal_bayes.domain import Domain, unknown
-from meal_bayes.errors import DataError
+from meal_bayes.errors import DataError, QueryError
 from meal_bayes.files import write_whole
 from meal_bayes.untrusted import read_bytes
 
@@ -35,7 +36,8 @@ def load_csv_folder(domain: Domain, folder: Path) -> Dataset:
     """Read `labels.csv` and one `<behavior>_<modality>.csv` for each context of the domain.
 
     `labels.csv` has the header ``object,<attribute>,...`` and a row an object: 1 true, 0 false,
-    empty unknown. A feature file has the header ``object,recording,<feature>,...`` and a row a
+    empty unknown. A column of a group, in place of its attributes, holds the one that is true. A
+    feature file has the header ``object,recording,<feature>,...`` and a row a
     recording; the files of one behavior are joined by (object, recording) and hold the same rows.
     An object may lack a behavior, or have another number of recordings of it than others. The first
     line that is wrong is a `DataError` with its file, number, and how to repair it.
@@ -79,23 +81,32 @@ def _read_labels(path: Path, domain: Domain) -> tuple[tuple[str, ...], NDArray[n
         expected = f"object,{','.join(domain.attributes[:3])},..."
         repair = "write it so (commas, not semicolons)"
         raise fault(where, f"the header {header[0][:40]!r}", expected, repair)
-    for attribute in domain.attributes:
-        if header.count(attribute) != 1:
-            hint = unknown("column", attribute, header[1:]).removesuffix(".")
-            columns = f"{header.count(attribute)} columns {attribute!r}"
-            raise fault(where, columns, "one", f"add or rename one ({hint})")
-    labels: dict[str, list[int]] = {}
+    names = [name for name in (*domain.attributes, *domain.groups) if name in header[1:]]
+    present = labelled(domain, names)
+    for name in (*domain.attributes, *domain.groups):
+        count = header.count(name)
+        if count > 1 or (name in domain.attributes and name not in present):
+            hint = unknown("column", name, header[1:]).removesuffix(".")
+            raise fault(where, f"{count} columns {name!r}", "one", f"add or rename one ({hint})")
+    labels: dict[str, NDArray[np.int8]] = {}
     for where, cells in rows:
         if len(cells) != len(header):
             expected = f"{len(header)} as in the header"
             repair = "leave unknown values empty: a,1,,0"
             raise fault(where, f"{len(cells)} columns", expected, repair)
+        row: dict[str, Any] = {}
         for column, cell in enumerate(cells[1:], start=1):
-            if cell not in _VALUES:
+            members = domain.groups.get(header[column], ())
+            if cell not in _VALUES and not members:
                 value = f"{cell!r} in column {column + 1} ({header[column]})"
                 raise fault(where, value, "1, 0 or nothing", "write one of them")
-        row = [_VALUES[cells[header.index(name)]] for name in domain.attributes]
-        add_once(labels, where, cells[0], row)
+            row[header[column]] = cell if cell in members else _VALUES.get(cell, cell)
+        try:
+            values = domain.labels({name: row[name] for name in names})
+        except QueryError as error:
+            message = str(error).removesuffix(".")
+            raise fault(where, message, "one value of each group", "correct the row") from None
+        add_once(labels, where, cells[0], values)
     if not labels:
         raise fault(where, "no rows under the header", "a row an object", "add the rows")
     return tuple(labels), np.array(list(labels.values()), dtype=np.int8)

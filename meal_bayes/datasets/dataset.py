@@ -13,7 +13,7 @@ from meal_bayes.datasets.features import checked_features
 from meal_bayes.datasets.frames import dataset_parts
 from meal_bayes.display import facts_html, facts_repr, listed, short_repr
 from meal_bayes.domain import Domain, unknown
-from meal_bayes.errors import DataError, SettingsError
+from meal_bayes.errors import DataError, QueryError, SettingsError
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,8 +89,7 @@ class Dataset:
         for name, count in Counter(self.objects).items():
             if count > 1:
                 raise DataError(f"Object {name!r} is listed twice; names must be unique.")
-        if (misfit := self.domain.group_misfit(self.labels)) is not None:
-            raise DataError(f"{self.objects[misfit[0]]!r} is {misfit[1]}.")
+        set_frozen(self, labels=complete_labels(self.domain, self.objects, self.labels))
         frozen: dict[tuple[str, str], NDArray[np.float32]] = {}
         counts = np.zeros((len(self.objects), len(self.domain.behaviors)), np.int64)
         for context in self.domain.contexts:
@@ -162,8 +161,9 @@ class Dataset:
             (O,R,D) in the order of `objects`.
         labels : Any
             A frame with a row an object (its name in a column ``object`` or in the index) and a
-            column an attribute; a dictionary from the object to its {attribute: value}; an array
-            (O,P). Values are 1 or True, 0 or False; -1, None, NaN or nothing are unknown.
+            column an attribute, or a group; a dictionary from the object to its {attribute: value}
+            or {group: value}; an array (O,P). Values are 1 or True, 0 or False, or the one of a
+            group; -1, None, NaN or nothing are unknown.
         objects : Sequence[str] | None
             (O,) names, needed for arrays; those of the labels by default.
 
@@ -224,6 +224,25 @@ class Dataset:
             for modality in self.domain.behaviors[index].modalities
         }
         return Instance(object_index, behavior, recording, features)
+
+
+def complete_labels(
+    domain: Domain, objects: Sequence[str], labels: NDArray[np.int8]
+) -> NDArray[np.int8]:
+    """Return labels (O,P) of objects with what the values of groups imply.
+
+    Raises
+    ------
+    DataError
+        An object with two values of a group, or with none.
+    """
+    complete, nothing = labels.copy(), np.full(len(domain.attributes), -1, np.int8)
+    for o, name in enumerate(objects if domain.groups else ()):
+        try:
+            complete[o] = domain.replace(nothing, labels[o])
+        except QueryError as fault:
+            raise DataError(f"{name!r} is {fault}.") from None
+    return freeze(complete, np.int8)
 
 
 def object_index(objects: tuple[str, ...], name: str) -> int:

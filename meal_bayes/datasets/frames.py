@@ -10,10 +10,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes.arrays import label_values
 from meal_bayes.datasets.features import checked_features
 from meal_bayes.domain import Domain, unknown
-from meal_bayes.errors import DataError
+from meal_bayes.errors import DataError, QueryError
 
 Context = tuple[str, str]  # behavior, modality
 _KEYS = ["object", "recording"]
@@ -110,13 +109,14 @@ def _labels(
     """Return the objects (O,) and the labels (O,P) in the domain's order."""
     if hasattr(labels, "columns"):
         frame = labels.set_index("object") if "object" in labels.columns else labels
+        columns = [name for name in (*domain.attributes, *domain.groups) if name in frame.columns]
         for attribute in domain.attributes:
-            if attribute not in frame.columns:
+            if attribute not in labelled(domain, columns):
                 raise DataError(f"Labels: {unknown('column', attribute, map(str, frame.columns))}")
         if frame.index.has_duplicates:
             raise DataError("An object has two rows of labels; give each one.")
-        columns = frame[list(domain.attributes)].astype(object)
-        values = {str(name): dict(row) for name, row in columns.iterrows()}
+        rows = frame[list(dict.fromkeys(columns))].astype(object).iterrows()
+        values = {str(name): dict(row) for name, row in rows}
     elif isinstance(labels, Mapping):
         values = {str(name): dict(row) for name, row in labels.items()}
     else:
@@ -130,12 +130,16 @@ def _labels(
     names = tuple(values) if objects is None else tuple(objects)
     table = np.full((len(names), len(domain.attributes)), -1, np.int8)
     for index, name in enumerate(names):
-        for attribute, value in values.get(name, {}).items():
-            try:
-                table[index, domain.attribute_index(str(attribute))] = label_values(value)
-            except DataError as fault:
-                raise DataError(f"Whether {name!r} is {attribute!r}: {fault}") from None
+        try:
+            table[index] = domain.labels(values.get(name, {}))
+        except (DataError, QueryError) as fault:
+            raise DataError(f"Labels of {name!r}: {fault}") from None
     return names, table
+
+
+def labelled(domain: Domain, columns: Iterable[str]) -> set[str]:
+    """Return the attributes of which some columns, of attributes and groups, hold labels."""
+    return {member for name in columns for member in (name, *domain.groups.get(name, ()))}
 
 
 def join_features(

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from meal_bayes.arrays import freeze, freeze_arrays, label_values, set_frozen
+from meal_bayes.datasets.dataset import complete_labels
 from meal_bayes.display import facts_html, facts_repr, listed
 from meal_bayes.domain import (
     Domain,
@@ -143,6 +144,7 @@ class PerceptTable:
             actual = getattr(self, name).shape
             if actual != shape:
                 raise DataError(f"Percept table: {name} has shape {actual}; expected {shape}.")
+        set_frozen(self, labels=complete_labels(self.domain, self.objects, self.labels))
         if not ((self.recording_counts >= 0) & (self.recording_counts <= r)).all():
             raise DataError(f"Percept table: expected recording_counts in 0 to {r}.")
         if self.training_bins[self.groups, np.arange(o)].any():

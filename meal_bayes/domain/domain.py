@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from meal_bayes.display import facts_html, facts_repr, listed
 from meal_bayes.domain.diagram import TransitionDiagram
+from meal_bayes.domain.labels import label_of, one_value
 from meal_bayes.errors import DomainError, QueryError
 from meal_bayes.untrusted import LARGEST
 
@@ -167,37 +168,85 @@ class Domain:
         """Return the values of an attribute's group; none where it has no group."""
         return next((names for names in self.groups.values() if attribute in names), ())
 
-    def group_misfit(self, labels: NDArray[np.int8]) -> tuple[int, str] | None:
-        """Return the first row of labels (O,P) that no object can have, and why; or None."""
-        for group, members in self.groups.items():
-            of_group = labels[:, self.columns(members)]
-            wrong = ((of_group == 1).sum(axis=1) > 1) | (of_group == 0).all(axis=1)
-            for row in np.flatnonzero(wrong)[:1].tolist():
-                true = [name for name, v in zip(members, of_group[row], strict=True) if v == 1]
-                values = " and ".join(true) or "none"
-                return row, f"{values} of {group!r} ({', '.join(members)}); exactly one is true"
-        return None
+    def labels(self, values: Mapping[str, Any]) -> NDArray[np.int8]:
+        """Return labels (P,) of an object, 1 true, 0 false, -1 unknown, by name.
 
-    def with_values(self, labels: Mapping[str, Any]) -> dict[str, Any]:
-        """Return labels by attribute; ``{"color": "red"}`` is true of red, false of the others.
+        Parameters
+        ----------
+        values : Mapping[str, Any]
+            True or 1, False or 0, None or nothing by attribute; or a value by the name of its
+            group: ``{"metal": False, "fill": "half"}``.
 
         Raises
         ------
         QueryError
-            A group of which two values are true, or none; a value that it does not have.
+            A name or a value that the domain does not have; labels that contradict each other.
+        DataError
+            What is no label, such as 0.5 or "yes".
+
+        Examples
+        --------
+        >>> from meal_bayes.domain import load_domain
+        >>> load_domain("roc36").labels({"weight": "heavy", "blue": True})[:6]
+        array([ 0,  0,  1,  0,  0,  1], dtype=int8)
         """
-        by_name = dict(labels)
+        labels = np.full(len(self.attributes), -1, np.int8)
+        for name, value in values.items():
+            members, word = self.groups.get(name, ()), str(value).strip()
+            if word in members or (members and word and isinstance(value, str)):
+                column, label = self.attribute_index(self._value(name, word)), 1
+            elif name in self.attributes:
+                column, label = self.attribute_index(name), label_of(name, value)
+            elif not members:
+                names = (*self.attributes, *self.groups)
+                raise QueryError(unknown("attribute", str(name), names))
+            elif label_of(name, value) >= 0:
+                raise QueryError(unknown(f"value of {name!r}", word, members))
+            else:
+                continue
+            if label >= 0 and labels[column] == 1 - label:
+                raise QueryError(f"Labels say that it is {self.attributes[column]!r}, and not.")
+            labels[column] = max(label, labels[column])
+        return self.replace(np.full_like(labels, -1), labels)
+
+    def _value(self, group: str, word: str) -> str:
+        """Return the attribute that a word means as the value of a group."""
+        members = self.groups[group]
+        name = word if word in members else self.words.get(fold(word), "")
+        if name not in members:
+            raise QueryError(unknown(f"value of {group!r}", word, members))
+        return name
+
+    def replace(self, row: NDArray[np.int8], new: NDArray[np.int8]) -> NDArray[np.int8]:
+        """Return what is known of an object once new labels are told; every label enters by this.
+
+        A group is one value. One that is true makes the others false, and all but one that are
+        false make that one true. A new value replaces the old one.
+
+        Parameters
+        ----------
+        row : NDArray[np.int8]
+            (P,) labels so far, 1 true, 0 false, -1 unknown.
+        new : NDArray[np.int8]
+            (P,) what is told.
+
+        Returns
+        -------
+        labels : NDArray[np.int8]
+            (P,) of each group one value true and the others false, or none true.
+
+        Raises
+        ------
+        QueryError
+            Two values of a group are true, or none is left.
+        """
+        after = np.where(new >= 0, new, row).astype(np.int8)
         for group, members in self.groups.items():
-            if group not in self.attributes and group in by_name:
-                value = by_name.pop(group)
-                if value not in members:
-                    raise QueryError(unknown(f"value of {group!r}", str(value), members))
-                by_name = {name: name == value for name in members} | by_name
-        values = [by_name.get(name) if self.group_of(name) else None for name in self.attributes]
-        row = np.array([[value if value in (0, 1) else -1 for value in values]], np.int8)
-        if (misfit := self.group_misfit(row)) is not None:
-            raise QueryError(f"Labels are {misfit[1]}.")
-        return by_name
+            columns = self.columns(members)
+            told = one_value(new[columns], group, members)
+            merged = told if 1 in told else np.where(told >= 0, told, row[columns])
+            after[columns] = one_value(merged, group, members)
+        return after
 
     @property
     def behavior_names(self) -> tuple[str, ...]:

@@ -2,8 +2,9 @@
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import zip_longest
 from typing import Any
 
 import numpy as np
@@ -40,6 +41,8 @@ class Query:
     groups : tuple[tuple[int, ...], ...]
         Places of attributes of which exactly one is true: the values of a group. An attribute
         outside is a variable of its own, true or false.
+    group_names : tuple[str, ...]
+        What each group is called; by default by its values, "empty, half or full".
 
     Examples
     --------
@@ -51,6 +54,7 @@ class Query:
 
     attributes: tuple[str, ...]
     groups: tuple[tuple[int, ...], ...] = field(default=(), repr=False)
+    group_names: tuple[str, ...] = field(default=(), repr=False, compare=False)
 
     def __post_init__(self) -> None:
         if not self.attributes:
@@ -58,7 +62,9 @@ class Query:
         for name in self.attributes:
             if self.attributes.count(name) > 1:
                 raise QueryError(f"The query names {name!r} twice; name each attribute once.")
-        object.__setattr__(self, "groups", tuple(sorted(tuple(sorted(g)) for g in self.groups)))
+        named = zip_longest(map(tuple[int, ...], map(sorted, self.groups)), self.group_names)
+        by_place = sorted((group or (), name or "") for group, name in named)
+        object.__setattr__(self, "groups", tuple(group for group, _ in by_place))
         places = [place for group in self.groups for place in group]
         distinct = len(set(places)) == len(places) and set(places) <= set(range(len(self)))
         if not distinct or not all(len(group) > 1 for group in self.groups):
@@ -66,6 +72,13 @@ class Query:
                 f"Groups are {self.groups}; expected two or more places below {len(self)} in each, "
                 "none of them twice."
             )
+        names = tuple(name or self._alternatives(group) for group, name in by_place)
+        object.__setattr__(self, "group_names", names)
+
+    def _alternatives(self, places: Iterable[int]) -> str:
+        """Name a group by its values."""
+        *first, last = (self.attributes[place] for place in places)
+        return f"{', '.join(first)} or {last}"
 
     def __len__(self) -> int:
         """Return N, the number of queried attributes."""
@@ -77,6 +90,47 @@ class Query:
         grouped = {place for group in self.groups for place in group}
         alone = ((place,) for place in range(len(self)) if place not in grouped)
         return tuple(sorted((*self.groups, *alone)))
+
+    @property
+    def questions(self) -> tuple[tuple[str, tuple[int, ...]], ...]:
+        """Name and places of each thing asked: of a group, or of an attribute alone.
+
+        >>> Query(("metal", "empty", "half"), ((1, 2),), ("fill",)).questions
+        (('metal', (0,)), ('fill', (1, 2)))
+        """
+        names = dict(zip(self.groups, self.group_names, strict=True))
+        return tuple((names.get(p, self.attributes[p[0]]), p) for p in self.variables)
+
+    @property
+    def text(self) -> str:
+        """What is asked, as in "metal, fill?"."""
+        return f"{', '.join(name for name, _ in self.questions)}?"
+
+    @property
+    def value_names(self) -> tuple[str, ...]:
+        """Names of the attributes (N,), with their groups, as in "fill: half"."""
+        names = list(self.attributes)
+        for question, places in zip(self.group_names, self.groups, strict=True):
+            for place in places:
+                names[place] = f"{question}: {names[place]}"
+        return tuple(names)
+
+    def by_question(self, values: Sequence[Any] | NDArray[Any]) -> dict[str, Any]:
+        """Return values (N,) of the attributes by question; of a group by its attributes.
+
+        Of truth values, which one of the group is true; None where that is not known.
+        """
+        answers: dict[str, Any] = {}
+        for question, places in self.questions:
+            row = [values[place] for place in places]
+            names = [self.attributes[place] for place in places]
+            if len(places) == 1:
+                answers[question] = row[0]
+            elif all(value is None or isinstance(value, bool) for value in row):
+                answers[question] = next((n for n, v in zip(names, row, strict=True) if v), None)
+            else:
+                answers[question] = dict(zip(names, row, strict=True))
+        return answers
 
     @property
     def _sizes(self) -> tuple[int, ...]:
@@ -200,15 +254,19 @@ def _query(names: Sequence[str], domain: Domain) -> Query:
     Query(tuple(names))  # raises where one is named twice
     attributes: list[str] = []
     groups: list[tuple[int, ...]] = []
+    group_names: list[str] = []
+    group_of = {value: group for group, values in domain.groups.items() for value in values}
     for name in names:
-        members = domain.group_of(name) if name in domain.attributes else domain.groups[name]
+        group = group_of.get(name, "") if name in domain.attributes else name
+        members = domain.groups.get(group, ())
         values = [value for value in names if value in members]
         if len(values) == 1 or not members:
             attributes += [name] if name in domain.attributes else []
         elif members[0] not in attributes:
             groups.append(tuple(range(len(attributes), len(attributes) + len(members))))
+            group_names.append(group)
             attributes += members
-    return Query(tuple(attributes), tuple(groups))
+    return Query(tuple(attributes), tuple(groups), tuple(group_names))
 
 
 def _words(question: str, known: Mapping[str, str], domain: Domain) -> list[str]:

@@ -5,6 +5,7 @@ object, success rates. Rows are added at the end, and are written as they are.
 """
 
 from collections.abc import Iterable, Mapping
+from itertools import groupby
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ from numpy.typing import NDArray
 from meal_bayes.arrays import Rows
 from meal_bayes.datasets import Dataset, Instance, TrainingSet
 from meal_bayes.domain import Domain
-from meal_bayes.errors import DataError
+from meal_bayes.errors import DataError, QueryError
 
 Key = tuple[str | int, ...]
 Labels = NDArray[np.int8]
@@ -103,8 +104,8 @@ class Experience:
                 if behavior.modalities and (number, e, r) not in places
             ]
             self.labels.values[fresh] = dataset.labels[o]
-            columns = np.flatnonzero(dataset.labels[o] >= 0)
-            self.known.values[number, columns] = dataset.labels[o, columns]
+            known = self.known.values[number]
+            self.known.values[number] = self.domain.replace(known, dataset.labels[o])
 
     def execute(
         self, trial: Key, object_name: str, behavior: int, *, success: int,
@@ -146,14 +147,16 @@ class Experience:
         for p in columns:
             self.feedback.append((number, o, p, labels[p]))
         shown = self.shown(trial)
-        self.labels.values[shown[:, None], columns] = labels[columns]
-        self.known.values[o, columns] = labels[columns]
+        for table, rows in ((self.labels.values, shown), (self.known.values, [o])):
+            for row in rows:
+                table[row] = self.domain.replace(table[row], labels)
         return self.gathered(o) if changed else shown
 
     def complete(self, trial: Key) -> None:
         """Give labels that were told during a trial to what it has shown since."""
-        for name, value in self.labels_by(trial).items():
-            self.labels.values[self.shown(trial), self.domain.attribute_index(name)] = value
+        labels = self.domain.labels(self.labels_by(trial))
+        for row in self.shown(trial):
+            self.labels.values[row] = self.domain.replace(self.labels.values[row], labels)
 
     def forget(self, trial: Key) -> NDArray[np.intp]:
         """Withdraw the labels of a trial; return the instances as `label` does."""
@@ -167,14 +170,14 @@ class Experience:
         pretrained = [i for i in self.gathered(o) if instances[i, 4] == GIVEN and i not in shown]
         for p in dict.fromkeys(answers[:, 2].tolist()):
             self.feedback.append((number, o, p, -1))
-            latest = self._latest(o, p)
-            before = int(self.labels.values[pretrained[0], p]) if pretrained else -1
-            self.known.values[o, p] = next(reversed(latest.values()), before)
-            for i in shown:
-                others = [t for t in latest if t == named or (t, i) in shows]
-                rest = before if instances[i, 4] == GIVEN else -1
-                self.labels.values[i, p] = latest[others[-1]] if others else rest
-        self._agree(o)
+        nothing = np.full(len(self.domain.attributes), -1, np.int8)
+        given = self.labels.values[pretrained[0]] if pretrained else nothing
+        told_rows = self._told(o)
+        self.known.values[o] = self._folded(given, [labels for _, labels in told_rows])
+        for i in shown:
+            of_row = [labels for t, labels in told_rows if t == named or (t, i) in shows]
+            before = given if instances[i, 4] == GIVEN else nothing
+            self.labels.values[i] = self._folded(before, of_row)
         return self.gathered(o)
 
     @property
@@ -274,23 +277,33 @@ class Experience:
         self.labels.append(nothing)
         return self.instances.append((o, behavior, recording, row, k))
 
-    def _agree(self, o: int) -> None:
-        """Leave the value of a group that was told last, where two of an object are true."""
-        for values in self.domain.groups.values():
-            columns = np.array(self.domain.columns(values))
-            true = columns[self.known.values[o, columns] == 1]
-            if len(true) > 1:
-                rows = self.feedback.values
-                said = (rows[:, 1] == o) & (rows[:, 3] == 1)
-                last = [np.flatnonzero(said & (rows[:, 2] == p)).max(initial=-1) for p in true]
-                self.known.values[o, np.delete(true, np.argmax(last))] = 0
+    def _folded(self, row: Labels, told_rows: Iterable[Labels]) -> Labels:
+        """Return labels (P,) after others were told, in order.
 
-    def _latest(self, o: int, p: int) -> dict[int, int]:
-        """Return the label that each trial gives to an attribute of an object, in order."""
-        rows = self.feedback.values
-        latest: dict[int, int] = {}
-        for t, value in rows[(rows[:, 1] == o) & (rows[:, 2] == p)][:, [0, 3]].tolist():
-            latest.pop(t, None)
-            if value >= 0:
-                latest[t] = value
-        return latest
+        Where what a denial referred to was withdrawn, so that none of a group is left, it holds
+        alone.
+        """
+        for labels in told_rows:
+            try:
+                row = self.domain.replace(row, labels)
+            except QueryError:
+                groups = map(self.domain.columns, self.domain.groups.values())
+                rest = row.copy()
+                rest[
+                    [p for columns in groups if (labels[columns] >= 0).any() for p in columns]
+                ] = -1
+                row = self.domain.replace(rest, labels)
+        return row
+
+    def _told(self, o: int) -> list[tuple[int, Labels]]:
+        """Return trials and the labels (P,) that they gave an object and hold, in order."""
+        rows = self.feedback.values[self.feedback.values[:, 1] == o]
+        withdrawn = {(t, p): at for at, (t, _, p, value) in enumerate(rows.tolist()) if value < 0}
+        told_rows = []
+        for t, run in groupby(enumerate(rows.tolist()), key=lambda item: item[1][0]):
+            labels = np.full(len(self.domain.attributes), -1, np.int8)
+            for at, (_, _, p, value) in run:
+                if at > withdrawn.get((t, p), -1):
+                    labels[p] = value
+            told_rows.append((t, labels))
+        return told_rows

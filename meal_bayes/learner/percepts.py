@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes.arrays import Levels, label_values
+from meal_bayes.arrays import Levels
 from meal_bayes.datasets import Instance, object_index
 from meal_bayes.domain import Domain, Query
-from meal_bayes.errors import DataError, SettingsError
+from meal_bayes.errors import DataError, QueryError, SettingsError
 from meal_bayes.learner.experience import Experience, told
 from meal_bayes.learner.fitted import Fitted, sampled
 from meal_bayes.momdp import MOMDP
@@ -126,39 +126,22 @@ def tell(learner: "Learner", trial: Trial | str, values: Mapping[str, bool | Non
         if perceived and trial.momdp.levels != learner.agent.levels:
             raise SettingsError("The trial has other levels; give one of this learner's.")
         record_trial(experience, trial)
-    labels = replacing(labels, experience.labels_for([name])[0], learner.domain, name)
+    try:
+        learner.domain.replace(experience.labels_for([name])[0], labels)
+    except QueryError as fault:
+        raise QueryError(f"Then {name!r} would be {fault}.") from None
     rows = experience.label(key, name, labels)
     learner.fits.update(rows, len(experience.shown(key)) * int((labels >= 0).sum()))
 
 
 def checked_labels(values: Mapping[str, bool | None], domain: Domain) -> NDArray[np.int8]:
     """Return labels by attribute as an array (P,); -1 where there is none."""
-    labels = np.full(len(domain.attributes), -1, np.int8)
     if not isinstance(values, Mapping):
         raise SettingsError(f"Labels are {values!r}; give {{attribute: True, False or None}}.")
-    for name, value in domain.with_values(values).items():
-        try:
-            labels[domain.attribute_index(name)] = label_values(value)
-        except (DataError, ValueError) as fault:  # or a list
-            raise SettingsError(f"{name}: {fault}") from None
-    return labels
-
-
-def replacing(
-    labels: NDArray[np.int8], known: NDArray[np.int8], domain: Domain, name: str
-) -> NDArray[np.int8]:
-    """Add to labels (P,) of an object that no other value of a group is true, where it was `known`.
-
-    A `SettingsError` where then no value of a group would be true.
-    """
-    after = labels.copy()
-    for group, values in domain.groups.items():
-        columns = np.array(domain.columns(values))
-        if (labels[columns] == 1).any():
-            after[columns[(labels[columns] < 0) & (known[columns] == 1)]] = 0
-        if (np.where(after[columns] < 0, known[columns], after[columns]) == 0).all():
-            raise SettingsError(f"Then {name!r} would have no {group!r}; say which it has.")
-    return after
+    try:
+        return domain.labels(values)
+    except DataError as fault:
+        raise SettingsError(str(fault)) from None
 
 
 def record_trial(experience: Experience, trial: Trial) -> None:

@@ -185,7 +185,7 @@ def commanded(
     domain, o = fit.knowledge.domain, task.object_index
     columns = domain.columns(task.query.attributes)
     if isinstance(options.get("truth"), Mapping):
-        options["truth"] = domain.with_values(options["truth"])
+        options["truth"] = domain.labels(options["truth"])[columns]
     if isinstance(fit, HeldOut):
         perceiver: Perceiver = fit.perceiver
         if options.get("truth") is None:

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from meal_bayes.datasets import Instance, checked_features
 from meal_bayes.domain import Behavior, Domain, unknown
-from meal_bayes.errors import DataError, RobotError
+from meal_bayes.errors import DataError, QueryError, RobotError
 
 Features = dict[str, NDArray[np.float32]]
 Sizes = Mapping[tuple[str, str], int]  # (behavior, modality) -> D
@@ -32,15 +32,16 @@ class Outcome:
     features : Mapping[str, ArrayLike] | None
         The features (D,) of each of the behavior's modalities; None where nothing was sensed
         (the behavior failed, or has no modalities).
-    answers : Mapping[str, bool] | None
-        Of a behavior that asks a person: what the person said, by attribute.
+    answers : Mapping[str, bool | str] | None
+        Of a behavior that asks a person: what the person said, by attribute, or the value of a
+        group by its name.
     recording : int | None
         Of a robot that replays stored percepts: which of them this is. A real robot leaves it out.
     """
 
     state: str
     features: Mapping[str, ArrayLike] | None = None
-    answers: Mapping[str, bool] | None = None
+    answers: Mapping[str, bool | str] | None = None
     recording: int | None = None
 
 
@@ -133,10 +134,21 @@ class Boundary:
             number = -1 if recording is None else recording  # what a sensor gives has none
             instance = Instance(self._object, spec.name, number, features)
             return Execution(next_x, instance, warning=warning)
-        for name, value in (outcome.answers or {}).items():
-            if name not in self._domain.attributes or not isinstance(value, bool | np.bool_):
+        if outcome.answers is None:
+            return Execution(next_x)
+        return Execution(next_x, answers=self._answers(outcome.answers))
+
+    def _answers(self, said: Mapping[str, bool | str]) -> dict[str, bool]:
+        """Return what a person said by attribute; of a group the value that is true says all."""
+        for name, value in said.items():
+            if not isinstance(value, bool | np.bool_ | str):
                 raise _NoPercept(f"the answer {name!r}: {value!r} is not True or False")
-        return Execution(next_x, answers=outcome.answers)
+        try:
+            labels = self._domain.labels(said)
+        except (DataError, QueryError) as fault:
+            raise _NoPercept(str(fault)) from None
+        pairs = zip(self._domain.attributes, labels.tolist(), strict=True)
+        return {name: value == 1 for name, value in pairs if value >= 0}
 
     def _features(self, spec: Behavior, sensed: object) -> tuple[Features, str]:
         """Return the valid features, and a warning of what is wrong with the others."""

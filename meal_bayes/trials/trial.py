@@ -21,6 +21,7 @@ from meal_bayes.display import (
     table_html,
 )
 from meal_bayes.domain import Query
+from meal_bayes.domain.labels import one_value
 from meal_bayes.errors import DataError, QueryError
 from meal_bayes.momdp import MOMDP, Belief
 from meal_bayes.planners import Decision
@@ -238,10 +239,8 @@ def truth_of(query: Query, truth: Mapping[str, bool] | ArrayLike | None) -> NDAr
             f"truth is {truth}; expected 1, 0 or -1 for each of {list(query.attributes)}, or "
             "{attribute: True or False}."
         )
-    for group in map(list, query.groups):
-        if (values[group] >= 0).all() and values[group].sum() != 1:
-            raise QueryError(
-                f"truth of {[query.attributes[i] for i in group]} is {values[group].tolist()}; "
-                "exactly one of them is true."
-            )
+    values = values.copy()
+    for name, places in zip(query.group_names, map(list, query.groups), strict=True):
+        members = [query.attributes[place] for place in places]
+        values[places] = one_value(values[places], name, members)
     return values

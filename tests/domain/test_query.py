@@ -5,7 +5,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from meal_bayes import load_percepts
 from meal_bayes.datasets import Dataset
 from meal_bayes.domain import Query, load_domain, read_query
 from meal_bayes.errors import DataError, DomainError, QueryError
@@ -161,23 +160,3 @@ def test_data_with_other_than_one_value_of_a_group_are_refused(row):
     Dataset(LAB, ("cup", "jar"), features, [[1, 0, 1, 0], [0, -1, -1, 0]])
     with pytest.raises(DataError, match=r"'jar' is .* of 'fill' .*exactly one is true"):
         Dataset(LAB, ("cup", "jar"), features, [[1, 0, 1, 0], row])
-
-
-def test_the_value_of_a_group_labels_all_its_attributes():
-    assert LAB.with_values({"fill": "half"}) == {"empty": False, "half": True, "full": False}
-    assert LAB.with_values({"metal": True, "full": False}) == {"metal": True, "full": False}
-
-
-@pytest.mark.parametrize(
-    "values",
-    [{"half": True, "full": True}, dict.fromkeys(("empty", "half", "full"), False),
-     {"fill": "heavy"}, {"fill": "half", "full": 1}],
-)  # fmt: skip
-def test_labels_that_contradict_a_group_are_refused(values):
-    with pytest.raises(QueryError, match=r"exactly one is|Unknown value of 'fill'"):
-        LAB.with_values(values)
-
-
-def test_shipped_data_have_one_value_of_each_group():
-    table = load_percepts("roc36")
-    assert table.domain.group_misfit(table.labels) is None

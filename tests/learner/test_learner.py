@@ -178,13 +178,14 @@ class TestAPerceptTable:
 
     def test_a_label_teaches_of_all_other_objects(self, table):
         labels = np.array(table.labels)
-        heavy, name = table.domain.attribute_index("heavy"), table.objects[0]
-        labels[0, heavy] = -1
+        weights, name = table.domain.groups["weight"], table.objects[0]
+        columns = table.domain.columns(weights)
+        labels[0, columns] = -1
         hidden = dataclasses.replace(table, labels=labels)
         learner = Learner("roc36", agent="predefined", logs=None).fit(hidden)
         trial = learner.ask("heavy", name)
         assert trial.success is None
-        learner.tell(trial, {"heavy": bool(table.labels[0, heavy])})
+        learner.tell(trial, {"weight": weights[table.labels[0, columns].argmax()]})
         expected = knowledge_without(table, 5, levels=2, object_level=False)
         knowledge = learner.knowledge(table.objects[5])
         np.testing.assert_allclose(
