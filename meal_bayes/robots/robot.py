@@ -140,6 +140,8 @@ class Boundary:
 
     def _answers(self, said: Mapping[str, bool | str]) -> dict[str, bool]:
         """Return what a person said by attribute; of a group the value that is true says all."""
+        if not isinstance(said, Mapping):
+            raise _NoPercept(f"answers are {said!r:.60}, not {{attribute: True or False}}")
         for name, value in said.items():
             if not isinstance(value, bool | np.bool_ | str):
                 raise _NoPercept(f"the answer {name!r}: {value!r} is not True or False")
