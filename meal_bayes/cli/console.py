@@ -110,7 +110,7 @@ def print_facts(console: Console, facts: Mapping[str, str], **styles: str) -> No
 def print_rows(console: Console, label: str, rows: Iterable[Text], **options: Any) -> None:
     """Print lines of text, the first behind the label; options are those of `Console.print`."""
     for text in rows:
-        console.print(Text(f"  {label:<{_LABEL}} ", "dim").append_text(text), **options)
+        console.print(Text.assemble((f"  {label:<{_LABEL}} ", "dim"), text), **options)
         label = ""
 
 

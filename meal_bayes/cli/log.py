@@ -1,5 +1,6 @@
 """`log`: contents, check and recovery of trial logs; `report` and `compare`: what runs show."""
 
+import math
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -145,14 +146,17 @@ def _as_text(value: object) -> str:
 @_logs
 @option("-o --out", FILE, Path("report.html"), "FILE.html",
         "The page; everything it needs is in it.")  # fmt: skip
-def report(logs: tuple[Path, ...], out: Path) -> None:
+@option(
+    "--reference", None, None, "AGENT", "Compared with; by default the paper's, else the first."
+)
+def report(logs: tuple[Path, ...], out: Path, reference: str | None) -> None:
     """Write one page of the trials in LOGS, files or runs' folders."""
     from meal_bayes.evaluation.report import write_report
     from meal_bayes.trial_log import Logs
 
     files = Logs(*logs)
     with progress("reading", "files") as advance:
-        outcomes = write_report(files, out, on_progress=advance)
+        outcomes = write_report(files, out, reference=reference, on_progress=advance)
     for problem in files.problems:
         note(f"warning: {problem}; the report counts the whole trials")
     trials = len(outcomes)
@@ -161,11 +165,17 @@ def report(logs: tuple[Path, ...], out: Path) -> None:
     say(f"{out}: {counted}, {out.stat().st_size:,} bytes")
 
 
+def _signed(value: float) -> str:
+    return "-" if math.isnan(value) else f"{value:+.3f}"
+
+
 @click.command(short_help="Compare agents by a hierarchical model of their outcomes.")
 @_logs
 @option("--measure", click.Choice(["success", "cost", "reward"]), "success", None,
         "What is compared.")  # fmt: skip
-@option("--reference", None, None, "AGENT", "Compared with; the first one by default.")
+@option(
+    "--reference", None, None, "AGENT", "Compared with; by default the paper's, else the first."
+)
 @option(
     "--margin", click.FloatRange(0, min_open=True), None, "M",
     "Of practical equivalence; .02 of accuracy, 2 s of cost, 10 of reward by default.",
@@ -180,28 +190,25 @@ def compare(
     Effects are shrunk towards each other; `ahead` is the probability of being better than the
     reference, `equivalent` that of differing by less than the margin.
     """
+    from meal_bayes.evaluation.logged import LoggedOutcomes
     from meal_bayes.evaluation.outcome_model import compare_outcomes
     from meal_bayes.trial_log import Logs
-    from meal_bayes.trials import TrialOutcomes
 
-    repeats: dict[str, int] = {}
-    parts = []
-    again = []
-    for group in Logs(*logs).groups():
-        place = next((name for name in group.file.parts if name.startswith("repeat-")), "")
-        parts.append(group.outcomes)
-        again += [repeats.setdefault(place, len(repeats))] * len(group.outcomes)
+    logged = LoggedOutcomes.read(Logs(*logs))
+    measured = logged.measured()
     rows = compare_outcomes(
-        TrialOutcomes.join(parts), measure=measure, reference=reference, repeats=again,
+        measured.outcomes, measure=measure, reference=reference, repeats=measured.repeat,
         margin=margin, seed=seed,
     )  # fmt: skip
+    if logged.heading:
+        note(logged.heading)
     if as_json:
         print_json({"effects": [row.as_dict() for row in rows]})
         return
     say(f"{measure} less {rows[0].reference}'s, by the model of all outcomes")
     columns = {
-        "agent": "{agent}", "trials": "{trials}", "plain": "{plain:+.3f}",
+        "agent": "{agent}", "trials": "{trials}", "same tasks": "{plain}",
         "effect": "{effect:+.3f}", "95 %": "{low:+.3f} to {high:+.3f}", "ahead": "{ahead:.3f}",
         "equivalent": "{equivalent:.3f}",
     }  # fmt: skip
-    print_table(columns, map(asdict, rows))
+    print_table(columns, (asdict(row) | {"plain": _signed(row.plain)} for row in rows))

@@ -8,7 +8,8 @@ from rich.text import Text
 
 from meal_bayes.cli.console import print_facts, print_rows
 from meal_bayes.display import best_options, percent
-from meal_bayes.trials.text import final_facts, gap_text, outcome_text, percept_labels
+from meal_bayes.trials.percepts import percept_labels
+from meal_bayes.trials.text import final_facts, gap_text, outcome_text
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

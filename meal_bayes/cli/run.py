@@ -16,7 +16,6 @@ from meal_bayes.cli.program import Section
 if TYPE_CHECKING:
     from meal_bayes.evaluation import SummaryRow
     from meal_bayes.evaluation.learning import LearningRow, LearningSummary
-    from meal_bayes.trials import BatchOutcomes
 
 _AGAINST = "morc"  # the paper's agent, which the others are compared with
 _MEASURE = "reward"
@@ -111,7 +110,8 @@ def _print_summary(rows: "list[SummaryRow]", paired: "list[dict[str, object]]") 
 
 
 def _signed(value: object) -> str:
-    return f"{value:+.1f}" if isinstance(value, float) else "?"
+    known = isinstance(value, float) and math.isfinite(value)
+    return f"{value:+.1f}" if known else "-"
 
 
 @run.command(short_help="Agents learn while they work, tested after every batch.")
@@ -185,7 +185,7 @@ def online(
     else:
         _print_learning(rows, summary)
         if len(summary) > 1:
-            _print_differences(results, summary)
+            _print_differences(summary)
     terminal.note(f"trials in {finished.folder}")
     terminal.note(f"learning curves: meal-bayes report {finished.folder} -o report.html")
 
@@ -211,22 +211,28 @@ def _print_learning(rows: "list[LearningRow]", summary: "list[LearningSummary]")
     terminal.output().print(Text(text, "dim"), end="")
 
 
-def _print_differences(results: "list[BatchOutcomes]", summary: "list[LearningSummary]") -> None:
-    """Print how much more reward agents have than the first, over its hours and at some."""
-    from meal_bayes.evaluation.learning import BUDGETS, curves_of, difference_at
+def _print_differences(summary: "list[LearningSummary]") -> None:
+    """Print how much more reward agents have than the first, over its hours and at some.
 
+    Nothing is said of hours that an agent has not explored.
+    """
     first = summary[0]
+    others = summary[1:]
+    reached = [
+        hours
+        for hours in first.reward_difference_at
+        if not all(math.isnan(row.reward_difference_at[hours]) for row in others)
+    ]
     rows = []
-    base = curves_of(results, first.agent)
-    for each in summary[1:]:
-        curves = curves_of(results, each.agent)
-        area = each.area_reward_difference
-        gains = (difference_at(curves, base, budget).estimate for budget in BUDGETS)
-        reach = "" if math.isnan(each.area_high) else f" ±{each.area_high - area:.1f}"
-        differences = (*gains, each.reward_after_difference)
-        rows.append((each.agent, f"{area:+.1f}{reach}", *(f"{gain:+.1f}" for gain in differences)))
-    at = (f"at {hours:g} h" for hours in BUDGETS)
-    names = (f"reward less {first.agent}'s", f"first {first.area_hours:.1f} h", *at, "after")
+    for row in others:
+        area = row.area_reward_difference
+        half = "" if math.isnan(row.area_high) else f" ±{row.area_high - area:.1f}"
+        at = (_signed(row.reward_difference_at[hours]) for hours in reached)
+        rows.append((row.agent, f"{area:+.1f}{half}", *at, _signed(row.reward_after_difference)))
+    at_hours = (f"at {hours} h" for hours in reached)
+    names = (
+        f"reward less {first.agent}'s", f"first {first.area_hours:.1f} h", *at_hours, "after",
+    )  # fmt: skip
     console = terminal.output()
     console.print()
     terminal.print_table(names, rows, narrow=True)

@@ -24,7 +24,7 @@ Curves = Mapping[int, Floats]  # hours and mean test rewards (2,B) by repeat
 BUDGETS = (0.5, 1.0, 2.0, 4.0)  # h of exploration
 RATIO = 0.5  # test objects over training objects: the paper's thirds
 _FIRST = 10  # repeats after which a run that goes on looks for the first time
-_LAST = 3  # batches whose beliefs are pooled
+POOLED = 3  # last batches, whose tests' beliefs give one ECE
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -56,6 +56,7 @@ class LearningSummary(Measures):
     area_reward_difference: float  # of the mean test reward over the first H hours
     area_low: float  # of its 95 % interval, corrected as repeats split the same objects
     area_high: float
+    reward_difference_at: dict[str, float]  # at some hours; NaN where a curve ends earlier
     reward_after: float
     reward_after_difference: float
     accuracy_after: float
@@ -93,12 +94,13 @@ def summarize_learning(
 ) -> list[LearningSummary]:
     """Compare every agent with the first one, by intervals of a mass.
 
-    The area is that between curves which are linear between batches, and stay at their end where
-    an agent has explored less than the reference.
+    The area is that between curves which are linear between batches. An agent that stopped earlier
+    than the reference learns no more: it counts with the reward of its last tests.
     """
     agents = tuple(dict.fromkeys(result.agent for result in results))
     curves = {agent: curves_of(results, agent) for agent in agents}
-    base, rows = curves[agents[0]], []
+    base = curves[agents[0]]
+    rows = list[LearningSummary]()
     for agent, curve in curves.items():
         end = float(np.mean([base[repeat][0, -1] for repeat in sorted(curve.keys() & base.keys())]))
         area = _difference(curve, base, partial(mean_until, end=end), mass)
@@ -106,9 +108,10 @@ def summarize_learning(
         batches = [result for result in results if result.agent == agent]
         last = max(result.batch for result in batches)
         final = [result.outcomes for result in batches if result.batch == last]
-        beliefs = [result.outcomes.beliefs() for result in batches if result.batch > last - _LAST]
+        beliefs = [result.outcomes.beliefs() for result in batches if result.batch > last - POOLED]
+        at = {f"{hours:g}": difference_at(curve, base, hours).estimate for hours in BUDGETS}
         rows.append(LearningSummary(
-            agent, end, area.estimate, area.low, area.high,
+            agent, end, area.estimate, area.low, area.high, reward_difference_at=at,
             reward_after=float(np.mean([reward[-1] for _, reward in curve.values()])),
             reward_after_difference=after.estimate,
             accuracy_after=float(np.mean([each.success[each.judged].mean() for each in final])),
@@ -129,7 +132,14 @@ def decided(results: Sequence[BatchOutcomes]) -> bool:
 
 
 def difference_at(curves: Curves, base: Curves, budget: float) -> Interval:
-    """Compare rewards after some hours of exploration, linear between batches."""
+    """Compare rewards after some hours of exploration, linear between batches.
+
+    It is NaN where a curve of a repeat that both have ends earlier: nothing is extrapolated.
+    """
+    shared = curves.keys() & base.keys()
+    ends = [some[repeat][0, -1] for some in (curves, base) for repeat in shared]
+    if not ends or budget > min(ends):
+        return Interval(math.nan, math.nan, math.nan, math.nan)
     return _difference(curves, base, lambda x, y: float(np.interp(budget, x, y)))
 
 

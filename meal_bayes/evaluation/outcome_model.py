@@ -13,6 +13,7 @@ NUTS (PyMC) takes seconds for thousands of trials.
 """
 
 import dataclasses
+import json
 import math
 from typing import Any
 
@@ -23,7 +24,8 @@ from scipy.special import expit
 from meal_bayes.arrays import Floats
 from meal_bayes.errors import SettingsError
 from meal_bayes.evaluation.statistics import MASS, Measures
-from meal_bayes.evaluation.summary import measured
+from meal_bayes.evaluation.summary import measured, paired_rows
+from meal_bayes.palette import reference_agent
 from meal_bayes.trials import TrialOutcomes, Trials
 
 MARGINS = {"success": 0.02, "cost": 2.0, "reward": 10.0}  # regions of practical equivalence
@@ -40,7 +42,7 @@ class AgentEffect(Measures):
     reference: str
     measure: str
     trials: int
-    plain: float  # mean less the reference's, of all trials
+    plain: float  # mean of the differences on the same tasks; NaN where they share none
     effect: float  # the same by the model, shrunk, over new objects and repeats
     low: float  # of its 95 % credible interval
     high: float
@@ -112,7 +114,7 @@ def compare_outcomes(
     measure : str
         "success", "cost" or "reward".
     reference : str | None
-        The agent that others are compared with; the first one by default.
+        The agent that others are compared with; by default the paper's, else the first in order.
     repeats : ArrayLike | None
         (n,) the repeat of each trial, where objects were split anew.
     margin : float | None
@@ -125,18 +127,20 @@ def compare_outcomes(
     Raises
     ------
     SettingsError
-        A measure that is unknown or that no trial has, an unknown reference, a single agent.
+        A measure that is unknown or that no trial has, an unknown reference, a single agent, a
+        task that an agent has twice in a repeat.
     """
     outcomes = TrialOutcomes.of(trials)
     if measure not in MARGINS:
         raise SettingsError(f"Unknown measure {measure!r}; expected {', '.join(MARGINS)}.")
     names = outcomes.agents
-    base = names[0] if reference is None and names else reference
+    base = reference_agent(names) if reference is None and names else reference
     if len(names) < 2 or base not in names:
         raise SettingsError(
             f"Found the agents {', '.join(names) or 'none'}; expected two or more, and the "
             f"reference {base!r} among them; give the logs of each."
         )
+    pairs = _paired(outcomes, repeats, base, measure)
     cells = Cells.of(outcomes, measure, repeats)
     means, queries, index = population_means(cells, sample(cells, draws=draws, seed=seed))
     reach = MARGINS[measure] if margin is None else margin
@@ -149,21 +153,53 @@ def compare_outcomes(
     for asked, chosen in subsets.items():
         weights = np.bincount(index[chosen], cells.trials[chosen], minlength=len(queries))
         levels = np.average(means, axis=2, weights=weights)  # (draws, agents)
-        count, total = (np.bincount(cells.terms["agent"][chosen], value[chosen], len(names))
-                        for value in (cells.trials, cells.total))  # fmt: skip
-        with np.errstate(invalid="ignore"):  # an agent that was not asked them
-            plain = total / count - (total / count)[reference_index]
+        count = np.bincount(cells.terms["agent"][chosen], cells.trials[chosen], len(names))
         for name in (name for name in names if name != base):
             number = cells.agents.index(name)
             effect = levels[:, number] - levels[:, reference_index]
             low, high = np.quantile(effect, [0.5 - MASS / 2, 0.5 + MASS / 2])
             better = effect < 0 if measure == "cost" else effect > 0
             rows.append(AgentEffect(
-                name, base, measure, int(count[number]), float(plain[number]), float(effect.mean()),
-                float(low), float(high), float(better.mean()),
-                float((np.abs(effect) < reach).mean()), reach, asked,
+                agent=name,
+                reference=base,
+                measure=measure,
+                trials=int(count[number]),
+                plain=pairs[name].get(asked, math.nan),
+                effect=float(effect.mean()),
+                low=float(low),
+                high=float(high),
+                ahead=float(better.mean()),
+                equivalent=float((np.abs(effect) < reach).mean()),
+                margin=reach,
+                attributes=asked,
             ))  # fmt: skip
     return rows
+
+
+def _paired(
+    outcomes: TrialOutcomes, repeats: ArrayLike | None, reference: str, measure: str
+) -> dict[str, dict[str, float]]:
+    """Return the mean difference of each agent from the reference, by the attributes asked.
+
+    Those of all tasks that both have are under ""; sets without a task are not there.
+    """
+    if repeats is not None:
+        keys = [json.dumps([str(n), key]) for n, key in zip(
+            np.asarray(repeats).tolist(), outcomes.key.tolist(), strict=True)]  # fmt: skip
+        outcomes = dataclasses.replace(outcomes, key=np.array(keys, object))
+    base = outcomes.of_agent(reference)
+    asked = np.array([", ".join(map(str, row)) for row in base.attribute.tolist()])
+    differences = dict[str, dict[str, float]]()
+    for name in outcomes.agents:
+        other = outcomes.of_agent(name)
+        rows, base_rows = paired_rows(other, base)
+        gain = measured(other, measure)[rows] - measured(base, measure)[base_rows]
+        known = ~np.isnan(gain)
+        sets = {"": known} | {text: known & (asked[base_rows] == text) for text in set(asked)}
+        differences[name] = {
+            text: float(gain[chosen].mean()) for text, chosen in sets.items() if chosen.any()
+        }
+    return differences
 
 
 def sample(cells: Cells, *, draws: int, seed: int) -> dict[str, Floats]:

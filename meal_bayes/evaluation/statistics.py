@@ -23,13 +23,21 @@ class Interval(NamedTuple):
     low: float
     high: float
 
+    def __neg__(self) -> "Interval":
+        """Return the interval of what is subtracted the other way round."""
+        return Interval(-self.estimate, self.se, -self.high, -self.low)
+
 
 def plain(values: Mapping[str, Any]) -> dict[str, Any]:
     """Convert named values for JSON: None for what is NaN or infinite."""
-    return {
-        name: None if isinstance(value, float) and not math.isfinite(value) else value
-        for name, value in values.items()
-    }
+    facts = dict[str, Any]()
+    for name, value in values.items():
+        if isinstance(value, Mapping):
+            facts[name] = plain(value)
+        else:
+            unknown = isinstance(value, float) and not math.isfinite(value)
+            facts[name] = None if unknown else value
+    return facts
 
 
 class Measures:
@@ -37,7 +45,7 @@ class Measures:
 
     __slots__ = ()
 
-    def as_dict(self) -> dict[str, str | int | float | None]:
+    def as_dict(self) -> dict[str, Any]:
         """Return the measures by name, for JSON: None for NaN."""
         return plain(dataclasses.asdict(self))  # type: ignore[call-overload]
 
@@ -81,7 +89,7 @@ class Effect:
                 (gain.estimate - gain.low, loss.high - loss.estimate),
                 (gain.high - gain.estimate, loss.estimate - loss.low),
             )
-            down, up = (math.sqrt(max(a * a + b * b - 2 * rho * a * b, 0.0)) for a, b in reaches)
+            down, up = (math.sqrt(max(a * a + b * b - 2 * rho * (a * b), 0.0)) for a, b in reaches)
             return Interval(self.estimate, self.se, self.estimate - down, self.estimate + up)
         t = float(stdtrit(max(self.units - 1, 1), 0.5 + mass / 2))
         if not self.fraction:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from meal_bayes.arrays import Ints
 from meal_bayes.display import card
 from meal_bayes.errors import SettingsError
 from meal_bayes.evaluation.calibration import (
@@ -124,22 +125,69 @@ def compare(trials: Trials, first: str, second: str, *, measure: str = "reward")
 def difference(first: TrialOutcomes, second: TrialOutcomes, *, measure: str = "reward") -> Effect:
     """Estimate the mean of first - second, clustered by object, over the tasks that both have.
 
-    Trials, a row a task each, are paired by the keys of tasks; measures are those of `mean_effect`.
+    Trials are paired by the keys of their tasks, in the order of these, so that
+    `difference(b, a)` is exactly -`difference(a, b)`; measures are those of `mean_effect`.
+
+    Raises
+    ------
+    SettingsError
+        No task in common; a task that one of them has twice, as in tests after several batches; or
+        a task that is another object's, or another question, in the other.
     """
-    place = {key: row for row, key in enumerate(second.key.tolist())}
-    left = np.array([row for row, key in enumerate(first.key.tolist()) if key in place], int)
-    right = np.array([place[key] for key in first.key[left].tolist()], int)
+    left, right = paired_rows(first, second)
     gain = measured(first, measure)[left] - measured(second, measure)[right]
     known = ~np.isnan(gain)
     if not known.any():
-        names = " and ".join(repr(name) for name in (*first.agents, *second.agents))
         raise SettingsError(
-            f"{names or 'They'} share no task with a {measure}; run both under the same seed."
+            f"{_named(first, second)} share no task with a {measure}; run both under the same seed."
         )
     objects = first.object_name[left][known]
     if measure in _FRACTIONS:
         return paired_fractions(gain[known], partial(clustered, clusters=objects))
     return clustered(gain[known], objects)
+
+
+def paired_rows(first: TrialOutcomes, second: TrialOutcomes) -> tuple[Ints, Ints]:
+    """Return the rows of both, (M,) each, of the tasks that they share, by keys in order.
+
+    Raises
+    ------
+    SettingsError
+        Tasks that do not pair; see `difference`.
+    """
+    left, right = _row_of_task(first), _row_of_task(second)
+    shared = sorted(left.keys() & right.keys())
+    rows = np.array([left[key] for key in shared], int)
+    others = np.array([right[key] for key in shared], int)
+    for key, row, other in zip(shared, rows.tolist(), others.tolist(), strict=True):
+        tasks = [
+            (part.object_name[n], *filter(None, part.attribute[n]))
+            for part, n in ((first, row), (second, other))
+        ]
+        if tasks[0] != tasks[1]:
+            raise SettingsError(
+                f"The task {key} is about {', '.join(tasks[0])} in one and about "
+                f"{', '.join(tasks[1])} in the other of {_named(first, second)}; give trials of "
+                "one run."
+            )
+    return rows, others
+
+
+def _row_of_task(outcomes: TrialOutcomes) -> dict[str, int]:
+    """Return the row of every task by its key; each stands once."""
+    rows = dict[str, int]()
+    for row, key in enumerate(outcomes.key.tolist()):
+        if rows.setdefault(key, row) != row:
+            raise SettingsError(
+                f"{_named(outcomes)} has the task {key} twice; give trials of one run, and of an "
+                "online run the tests after one batch."
+            )
+    return rows
+
+
+def _named(*parts: TrialOutcomes) -> str:
+    names = dict.fromkeys(name for part in parts for name in part.agents)
+    return " and ".join(map(repr, names)) or "They"
 
 
 def _row(agent: str, outcomes: TrialOutcomes, seconds: float) -> SummaryRow:

@@ -1,4 +1,4 @@
-"""Trials as text: percepts, truths and verdicts by name; and as a data frame."""
+"""Trials as text: truths, outcomes and verdicts by name; and as a data frame."""
 
 from collections.abc import Iterable, Sequence
 from typing import Any
@@ -6,26 +6,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes.display import level_names
 from meal_bayes.momdp import MOMDP
 from meal_bayes.planners import Decision
 from meal_bayes.trials.outcomes import TrialOutcomes
 from meal_bayes.trials.trial import Step, Trial
 
 UNKNOWN = "truth unknown"
-_SAME = 1e-9  # probabilities that differ by less are equal
-
-
-def percept_labels(momdp: MOMDP, behavior: int, observation: NDArray[np.int8]) -> list[str]:
-    """Return the level of each queried attribute's percept by name, (N,).
-
-    A percept "says nothing" if all its levels are as likely of true objects as of false ones.
-    """
-    names = level_names(momdp.levels)
-    rows = momdp.rows[:, behavior]  # (N,2,K)
-    informed = np.abs(rows[:, 1] - rows[:, 0]).max(axis=-1) > _SAME
-    percepts = zip(observation, informed, strict=True)
-    return [names[z] if known else "says nothing" for z, known in percepts]
 
 
 def truth_text(

@@ -14,7 +14,6 @@ from meal_bayes.arrays import FrozenArrays, label_values
 from meal_bayes.display import (
     bar_html,
     facts_repr,
-    level_names,
     listed,
     percent,
     short_repr,
@@ -25,6 +24,7 @@ from meal_bayes.domain.labels import one_value
 from meal_bayes.errors import DataError, QueryError
 from meal_bayes.momdp import MOMDP, Belief
 from meal_bayes.planners import Decision
+from meal_bayes.trials.percepts import percept_labels
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,14 +141,16 @@ class Trial(FrozenArrays):
 
     def _repr_html_(self) -> str:
         """Return a table: a row a step, a bar a belief."""
-        names, levels = self.task.query.attributes, level_names(self.momdp.levels)
+        names = self.task.query.attributes
         header = ("", "action", "s", "percept", *(f"Pr({name})" for name in names))
         rows = [("", "", "", "before", *map(bar_html, self.first_belief.positive))]
         for number, step in enumerate(self.steps, start=1):
-            action, percept = self.momdp.action_name(step.decision.action), ""
+            action = step.decision.action
+            percept = ""
             if step.observation is not None:
-                percept = ", ".join(levels[z] for z in step.observation)
-            cells = (str(number), escape(action), f"{step.cost:.1f}", escape(percept))
+                percept = ", ".join(percept_labels(self.momdp, action, step.observation))
+            name = self.momdp.action_name(action)
+            cells = (str(number), escape(name), f"{step.cost:.1f}", escape(percept))
             rows.append((*cells, *map(bar_html, step.belief.positive)))
         title, facts = self._facts()
         text = "; ".join(f"{escape(k)}: {escape(v)}" for k, v in facts.items() if k != "steps")

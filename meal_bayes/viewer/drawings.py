@@ -13,6 +13,7 @@ from scipy.sparse.csgraph import shortest_path
 
 from meal_bayes.display import best_options, level_names, percent
 from meal_bayes.momdp import MOMDP
+from meal_bayes.trials import percept_labels
 from meal_bayes.viewer.labels import action_label, option_label, plain_text
 from meal_bayes.viewer.palette import DIM, GRAY, GREEN, ORANGE, SKY, TEXT, WHITE, Color
 from meal_bayes.viewer.recorder import TrialFrame
@@ -120,8 +121,10 @@ def search_tree(frame: TrialFrame) -> Graph:
     second = [e for e in decision.tree if e.level > 1 and first.get(e.parent) in actions]
     leaves = dict[int, list[str]]()
     for edge in sorted(second, key=lambda e: -e.visits)[:_OUTCOMES]:
-        names = level_names(momdp.levels)
-        percept = ", ".join(names[z] for z in edge.observation if 0 <= z < len(names)) or "nothing"
+        percept = "nothing"
+        if all(0 <= level < momdp.levels for level in edge.observation):
+            labels_of = percept_labels(momdp, first[edge.parent], edge.observation)
+            percept = ", ".join(labels_of)
         text = f"{percept} → {action_label(momdp, edge.action)}  {edge.value:.1f} · {edge.visits}"
         leaves.setdefault(first[edge.parent], []).append(text)
     row, y = box_size("")[1] + _ROW_GAP, 0.0

@@ -1,6 +1,7 @@
 """A trial as text: every outcome has its own, on every terminal, which no name commands."""
 
 import dataclasses
+import html
 import io
 from dataclasses import replace
 
@@ -11,13 +12,15 @@ from rich.console import Console
 from meal_bayes.cli.console import note, output, print_facts
 from meal_bayes.cli.narration import print_answer, print_trial
 from meal_bayes.domain import Query, load_domain
+from meal_bayes.evaluation.report import write_report
 from meal_bayes.learner.api import ask
 from meal_bayes.momdp import build_momdp, initial_belief
 from meal_bayes.planners import unvalued
-from meal_bayes.trial_log import write_trials
+from meal_bayes.trial_log import Logs, write_trials
 from meal_bayes.trials import Step
-from meal_bayes.trials.text import outcome_text, percept_labels
-from meal_bayes.viewer.labels import explain_decision
+from meal_bayes.trials.percepts import percept_labels
+from meal_bayes.trials.text import outcome_text
+from meal_bayes.viewer.labels import explain_decision, narrate
 from meal_bayes.viewer.recorder import Clock
 
 
@@ -74,6 +77,49 @@ def test_a_trial_fits_in_80_columns(agent):
     assert ("compares nothing" in text) == (agent != "greedy")
     assert "\N{FULL BLOCK}" * 15 + "\N{LIGHT SHADE}" * 15 + "  50.0 %" in text
     assert max(map(len, text.splitlines())) <= 80
+
+
+def test_labels_are_dim_and_what_they_say_is_not():
+    trial = ask("heavy, beans", dataset="roc36", object="heavy_blue_beans", agent="greedy")
+    terminal = Console(file=io.StringIO(), width=80, markup=False, record=True)
+    print_trial(terminal, trial)
+    dim, said = [], []
+    for segment in terminal._record_buffer:
+        is_dim = segment.style is not None and segment.style.dim
+        (dim if is_dim else said).append(segment.text.strip())
+    assert sum(map(len, dim)) < (sum(map(len, dim)) + sum(map(len, said))) / 3
+    bright = " ".join(said)
+    for words in (
+        "heavy, beans",
+        "right",
+        f"reward {trial.reward:.1f}",
+        "succeeded, x0",
+        ">99.9 %",
+    ):
+        assert words in bright
+
+
+def test_every_surface_has_the_same_words_for_percepts(tmp_path):
+    trial = ask("heavy, blue", dataset="roc36", object="heavy_blue_beans", agent="greedy")
+    blind = replace(trial, momdp=replace(trial.momdp, confusion=np.full_like(
+        trial.momdp.confusion, 1 / trial.momdp.levels)))  # fmt: skip
+    for shown in (trial, blind):
+        terminal = console()
+        print_trial(terminal, shown)
+        write_trials(tmp_path / "a.mcap", [shown], header={})
+        write_report(Logs(tmp_path), tmp_path / "a.html")
+        page = html.unescape((tmp_path / "a.html").read_text())
+        viewer = "".join(map(narrate, Clock().frames(0, shown)))
+        for step in shown.steps[:-1]:
+            if step.observation is None:
+                continue
+            words = percept_labels(shown.momdp, step.decision.action, step.observation)
+            assert f"heavy: {words[0]}, blue: {words[1]}" in printed(terminal)
+            for text in (shown._repr_html_(), page):
+                assert ", ".join(words) in text
+            assert f"|{words[0]}|" in viewer
+        (tmp_path / "a.mcap").unlink()
+    assert "says nothing, says nothing" in page
 
 
 def test_certainty_is_never_claimed_and_a_trial_without_a_report_is_printed():

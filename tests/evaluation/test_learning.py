@@ -112,7 +112,19 @@ def test_rewards_at_budgets_are_read_off_the_curves():
     )  # fmt: skip
     assert difference_at(fast, base, 0.0).estimate == pytest.approx(0.0)
     assert difference_at(fast, base, 1.0).estimate == pytest.approx(60.0)
-    assert difference_at(fast, base, 9.0).estimate == pytest.approx(0.0)
+
+
+def test_nothing_is_said_of_hours_that_nobody_explored():
+    short, long = curve("short", RISING, hours=0.2), curve("long", RISING, hours=1.0)
+    base, fast = curves_of(long, "long"), curves_of(short, "short")
+    assert not math.isnan(difference_at(fast, base, 1.0).estimate)  # where the short one ends
+    for first, second in ((fast, base), (base, fast)):
+        assert math.isnan(difference_at(first, second, 1.01).estimate)
+    one_ends = fast | {2: fast[2] * np.array([[0.5], [1.0]])}
+    assert math.isnan(difference_at(one_ends, base, 0.9).estimate)
+    row = summarize_learning([*long, *short])[1]
+    assert [hours for hours, value in row.as_dict()["reward_difference_at"].items()
+            if value is not None] == ["0.5", "1"]  # fmt: skip
 
 
 def test_a_run_is_decided_when_every_interval_excludes_0():

@@ -12,8 +12,11 @@ import pytest
 from meal_bayes.errors import LogError
 from meal_bayes.evaluation import summarize
 from meal_bayes.evaluation.plots import belief_trace
-from meal_bayes.evaluation.report import WORST, best_of, worst_of, write_report
+from meal_bayes.evaluation.report import write_report
+from meal_bayes.evaluation.sections import best_of
+from meal_bayes.evaluation.worst import WORST, worst_of
 from meal_bayes.learner.api import ask
+from meal_bayes.palette import ordered_agents
 from meal_bayes.trial_log import Group, Logs, TrialWriter, write_trials
 from meal_bayes.trials import TrialOutcomes, truth_text
 from meal_bayes.viewer.labels import narrate
@@ -68,10 +71,10 @@ def test_the_table_holds_the_measures(trials, page):
 
 def test_attributes_and_behaviors_are_counted(trials, page):
     rows = {row[0]: row for row in cells(page.read_text()) if row}
-    agents = list(dict.fromkeys(trial.agent for trial in sorted(trials, key=lambda t: t.agent)))
+    agents = ordered_agents(AGENTS)
     for name in ("heavy", "beans", "blue"):
         asked = [trial for trial in trials if name in trial.task.query.attributes]
-        assert rows[name][1] == str(len(asked))
+        assert rows[name][1] == str(len(asked) // len(AGENTS))  # trials an agent
         for agent, shown in zip(agents, rows[name][2:], strict=True):
             right = []
             for trial in (trial for trial in asked if trial.agent == agent):
@@ -159,6 +162,14 @@ def test_a_warning_names_an_unfinished_log(trials, tmp_path):
         write_report(Logs(tmp_path / "none"), tmp_path / "r.html")
 
 
+BARS = """[...document.querySelectorAll("td.bar")].map(cell => {
+  const bar = cell.querySelector("i"), text = cell.querySelector(".value");
+  const track = cell.querySelector(".track");
+  return [parseFloat(bar.style.width) / 100, bar.getBoundingClientRect().width,
+          track.getBoundingClientRect().left, text.getBoundingClientRect().right];
+})"""
+
+
 @pytest.mark.long
 def test_it_reads_well_in_a_real_browser(page, browser):
     from playwright.sync_api import sync_playwright  # noqa: PLC0415  slow
@@ -175,6 +186,11 @@ def test_it_reads_well_in_a_real_browser(page, browser):
             assert tab.evaluate("document.documentElement.scrollWidth") <= width
             drawn = "[...document.images].filter(i => i.complete && i.naturalWidth).length"
             assert tab.evaluate(drawn) == tab.evaluate("document.images.length") >= 7
+            bars = tab.evaluate(BARS)
+            assert len(bars) > 20
+            for fraction, length, track, value in bars:  # in pixels
+                assert length == pytest.approx(fraction * 64, abs=0.5)
+                assert track >= value  # beside the number, not through it
         shown.close()
     assert said == []
     assert {url for url in asked if not url.startswith("data:")} == {page.as_uri()}

@@ -1,0 +1,149 @@
+"""Outcomes of logs, and which of them measure an agent: of an online run, its last tests.
+
+The logs of an online run hold training trials, and tests after every batch of them. Pooled, they
+would be measures of nobody: of an agent that knew nothing and of what it became.
+"""
+
+import dataclasses
+import json
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meal_bayes.arrays import Bools, Ints
+from meal_bayes.evaluation.learning import POOLED
+from meal_bayes.trial_log import Group, Logs
+from meal_bayes.trials import BatchOutcomes, TrialOutcomes
+
+TRAINING, TEST = "train", "test"
+_HOUR = 3600.0  # s
+_NONE = -1  # repeat or batch of a trial whose log names none
+
+
+@dataclasses.dataclass(frozen=True, slots=True, eq=False)
+class LoggedOutcomes:
+    """Trials of logs, and what the header of each trial's log says of it.
+
+    Attributes
+    ----------
+    outcomes : TrialOutcomes
+        n trials, whose keys name repeat, batch and part as well, so that trials of two agents with
+        equal keys are of one task after equally much training.
+    repeat, batch : NDArray[np.int64]
+        (n,) -1 where the header names none.
+    part : NDArray[np.object_]
+        (n,) "train", "test", or "" of a run without training.
+    """
+
+    outcomes: TrialOutcomes
+    repeat: Ints
+    batch: Ints
+    part: NDArray[np.object_]
+
+    @classmethod
+    def read(
+        cls, logs: Logs, *, on_group: Callable[[Group], None] | None = None
+    ) -> "LoggedOutcomes":
+        """Read logs as far as they can be read; `on_group` is called with each group of trials.
+
+        Raises
+        ------
+        LogError
+            Not one trial can be read, or the logs are of several data sets.
+        """
+        columns = list[tuple[TrialOutcomes, Ints, Ints, NDArray[np.object_]]]()
+        for group in logs.groups():
+            if on_group is not None:
+                on_group(group)
+            repeat, batch, part = _place(group.header)
+            n = len(group.outcomes)
+            columns.append((
+                _keyed(group.outcomes, repeat, batch, part),
+                np.full(n, repeat),
+                np.full(n, batch),
+                np.full(n, part, object),
+            ))  # fmt: skip
+        outcomes, repeats, batches, parts = zip(*columns, strict=True)
+        return cls(
+            TrialOutcomes.join(outcomes),
+            np.concatenate(repeats),
+            np.concatenate(batches),
+            np.concatenate(parts),
+        )
+
+    def rows(self, chosen: Bools) -> "LoggedOutcomes":
+        """Return some trials, by a mask (n,)."""
+        return LoggedOutcomes(
+            self.outcomes.rows(chosen), self.repeat[chosen], self.batch[chosen], self.part[chosen]
+        )
+
+    @property
+    def last_batch(self) -> int | None:
+        """The last batch after which every agent was tested; None of a run without training."""
+        tested = [
+            self.batch[(self.part == TEST) & (self.outcomes.agent == name)]
+            for name in self.outcomes.agents
+        ]
+        return min((int(batch.max()) for batch in tested if len(batch)), default=None)
+
+    def measured(self, batches: int = 1) -> "LoggedOutcomes":
+        """Return the trials that measure the agents.
+
+        Of an online run those are the tests after the last so many batches, else all trials.
+        """
+        if self.last_batch is None:
+            return self
+        recent = (self.batch > self.last_batch - batches) & (self.batch <= self.last_batch)
+        return self.rows((self.part == "") | ((self.part == TEST) & recent))
+
+    @property
+    def heading(self) -> str:
+        """Say which trials `measured` chose of an online run; empty of any other."""
+        last = self.last_batch
+        if last is None:
+            training = bool((self.part == TRAINING).any())
+            return "Training trials: no agent has been tested yet." if training else ""
+        later = self.batch[self.part == TEST].max() > last
+        all_agents = ", the last that every agent was tested after" if later else ""
+        left_out = len(self.outcomes) - len(self.measured().outcomes)
+        return (
+            f"Tests after batch {last}{all_agents}; ECE is of the tests after the last {POOLED} "
+            f"batches. The {left_out:,} trials of training and of earlier tests are not counted."
+        )
+
+    def batches(self) -> list[BatchOutcomes]:
+        """Return the tests of every agent, repeat and batch, with the hours explored before."""
+        results = list[BatchOutcomes]()
+        for agent in self.outcomes.agents:
+            of_agent = self.outcomes.agent == agent
+            for repeat in np.unique(self.repeat[of_agent]).tolist():
+                own = of_agent & (self.repeat == repeat)
+                trained = own & (self.part == TRAINING)
+                tested = own & (self.part == TEST)
+                for batch in np.unique(self.batch[tested]).tolist():
+                    seconds = self.outcomes.cost[trained & (self.batch <= batch)].sum()
+                    tests = self.outcomes.rows(tested & (self.batch == batch))
+                    hours = float(seconds) / _HOUR
+                    results.append(BatchOutcomes(agent, repeat, batch, hours, tests))
+        return results
+
+
+def _place(header: Mapping[str, Any]) -> tuple[int, int, str]:
+    """Return repeat, batch and part that a header names; -1 and "" where it names none."""
+    repeat, batch, part = header.get("repeat"), header.get("batch"), header.get("part")
+    in_batch = part in (TRAINING, TEST) and isinstance(batch, int)
+    return (
+        repeat if isinstance(repeat, int) else _NONE,
+        batch if in_batch and isinstance(batch, int) else _NONE,
+        str(part) if in_batch else "",
+    )
+
+
+def _keyed(outcomes: TrialOutcomes, repeat: int, batch: int, part: str) -> TrialOutcomes:
+    """Return outcomes whose keys name repeat, batch and part, if there are any."""
+    if (repeat, batch, part) == (_NONE, _NONE, ""):
+        return outcomes
+    keys = [json.dumps([repeat, batch, part, key]) for key in outcomes.key]
+    return dataclasses.replace(outcomes, key=np.array(keys, object))

@@ -1,0 +1,231 @@
+"""Sections of a page about many trials: agents, learning, calibration, attributes, behaviors.
+
+They are dictionaries, whose entries stand at the head of `templates/report.html`.
+"""
+
+import dataclasses
+import math
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from statistics import fmean
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meal_bayes.arrays import Bools
+from meal_bayes.errors import SettingsError
+from meal_bayes.evaluation import plots
+from meal_bayes.evaluation.learning import POOLED
+from meal_bayes.evaluation.logged import LoggedOutcomes
+from meal_bayes.evaluation.statistics import clustered
+from meal_bayes.evaluation.summary import SummaryRow, compare, mean_effect, summarize
+from meal_bayes.palette import ordered_agents
+from meal_bayes.trials import BatchOutcomes, TrialOutcomes
+from meal_bayes.trials.text import UNKNOWN
+
+_FEW = 10  # trials, below which a bar is gray
+
+Section = dict[str, Any]
+
+
+def sections_of(logged: LoggedOutcomes, reference: str) -> list[Section]:
+    """Return the sections about all trials; others are compared with the reference."""
+    measured = logged.measured().outcomes
+    rows = _summaries(logged)
+    agents = {row.agent or "agent": measured.of_agent(row.agent) for row in rows}
+    sections = [
+        _agents(rows, agents, measured, reference),
+        _calibration(rows, logged),
+        _attributes(agents),
+        _behaviors(agents),
+    ]
+    for section in sections:
+        if logged.heading:
+            section["lead"] = logged.heading
+    sections[1:1] = _learning(logged.batches())
+    return sections
+
+
+def _number(value: float, digits: int, se: float = math.nan, unknown: str = "-") -> str:
+    error = "" if math.isnan(se) else f" ± {se:.{digits}f}"
+    return unknown if math.isnan(value) else f"{value:.{digits}f}{error}"
+
+
+def _counted(row: SummaryRow, broken: int) -> str:
+    """Return how many trials there are, and how many of them are not judged, and why."""
+    facts = {UNKNOWN: row.trials - row.judged - broken, "broken off": broken}
+    return f"{row.trials:,}" + "".join(f", {n:,} {why}" for why, n in facts.items() if n)
+
+
+def _agents(
+    rows: Sequence[SummaryRow],
+    agents: Mapping[str, TrialOutcomes],
+    outcomes: TrialOutcomes,
+    reference: str,
+) -> Section:
+    head = ["agent", "trials", "accuracy", "cost, s (sd)", "reward", "NLL", "ECE", "abstained"]
+    cells: list[list[str | Section]] = [
+        [name, _counted(row, int((part.ended != "").sum())),
+         UNKNOWN if math.isnan(row.accuracy) else
+         f"{row.accuracy:.3f} [{_number(row.accuracy_low, 3)}, {_number(row.accuracy_high, 3)}]",
+         f"{row.cost_s:.1f} ({_number(row.cost_sd, 1)})",
+         _number(row.reward, 1, row.reward_se, UNKNOWN),
+         _number(row.nll, 3), _number(row.ece, 3), f"{_number(100 * row.abstained, 1)} %"]
+        for row, (name, part) in zip(rows, agents.items(), strict=True)
+    ]  # fmt: skip
+    # Neither cost nor ECE has a best: both are low where an agent does nothing.
+    best = {
+        2: best_of([round(row.accuracy, 3) for row in rows]),
+        4: best_of([round(row.reward, 1) for row in rows]),
+        5: best_of([-round(row.nll, 3) for row in rows]),
+    }
+    for column, places in best.items():
+        for place in places:
+            cells[place][column] = {"text": cells[place][column], "best": True}
+    figures = []
+    if max(map(len, agents.values())) > 1:
+        points = {
+            name: (mean_effect(part, "success").interval(), mean_effect(part, "cost").interval())
+            for name, part in agents.items()
+            if part.judged.any()
+        }
+        if points:
+            caption = "Accuracy over mean cost with 95 % intervals; objects are clusters."
+            figures.append((plots.accuracy_and_cost(points), caption))
+        costs = {name: part.cost[part.ended == ""] for name, part in agents.items()}
+        caption = "Fraction of trials that cost at most so many seconds."
+        figures.append((plots.cost_distribution(costs), caption))
+    return {
+        "title": "Agents",
+        "tables": [{"head": head, "rows": cells}, *_differences(rows, outcomes, reference)],
+        "figures": figures,
+    }
+
+
+def best_of(merits: Sequence[float]) -> set[int]:
+    """Return the positions of the largest merit; none where all are equal or unknown."""
+    known = {merit for merit in merits if not math.isnan(merit)}
+    return {n for n, merit in enumerate(merits) if len(known) > 1 and merit == max(known)}
+
+
+def _differences(
+    rows: Sequence[SummaryRow], outcomes: TrialOutcomes, reference: str
+) -> Iterator[Section]:
+    """Compare every agent with the reference, on the tasks they share."""
+    cells = []
+    notes = ["Differences on the same tasks, with 95 % intervals:"]
+    for other in (row.agent for row in rows if row.agent != reference):
+        texts = [other]
+        try:
+            for measure in ("reward", "cost"):
+                estimate, se, low, high = compare(outcomes, other, reference, measure=measure)
+                interval = "" if math.isnan(se) else f" [{low:+.1f}, {high:+.1f}]"
+                texts.append(f"{estimate:+.1f}{interval}")
+        except SettingsError as fault:
+            notes.append(str(fault))
+        else:
+            cells.append(texts)
+    if cells or len(notes) > 1:
+        head = [f"less {reference}", "reward", "cost, s"]
+        yield {"head": head, "rows": cells, "note": " ".join(notes if cells else notes[1:])}
+
+
+def _summaries(logged: LoggedOutcomes) -> list[SummaryRow]:
+    """Summarize the trials that measure each agent; ECE pools the tests after some batches."""
+    measured = logged.measured()
+    pooled = logged.measured(POOLED).outcomes
+    rows = {row.agent: row for row in summarize(measured.outcomes)}
+    for row in summarize(pooled):
+        rows[row.agent] = dataclasses.replace(
+            rows[row.agent], ece=row.ece, ece_calibrated=row.ece_calibrated
+        )
+    return [rows[name] for name in ordered_agents(rows)]
+
+
+def _learning(results: Sequence[BatchOutcomes]) -> Iterator[Section]:
+    """Yield the learning curves, where an agent has tests after two batches."""
+    curves = []
+    for name in ordered_agents(result.agent for result in results):
+        of_agent = [result for result in results if result.agent == name]
+        points = []
+        for batch in sorted({result.batch for result in of_agent}):
+            tests = [result for result in of_agent if result.batch == batch]
+            joined = TrialOutcomes.join([result.outcomes for result in tests])
+            if joined.judged.any():
+                accuracy = mean_effect(joined, "success").interval()
+                hours = fmean(result.hours for result in tests)
+                points.append((hours, accuracy.estimate, accuracy.low, accuracy.high))
+        if len(points) > 1:
+            curves.append(plots.Series(name or "agent", *np.transpose(points)))
+    if curves:
+        text = (
+            "Accuracy of each batch's tests over the mean hours of exploration before it, 95 % "
+            "band, objects drawn as wholes."
+        )
+        yield {"title": "Learning", "figures": [(plots.learning_curve(curves), text)]}
+
+
+def _calibration(rows: Sequence[SummaryRow], logged: LoggedOutcomes) -> Section:
+    figures = []
+    pooled = logged.measured(POOLED).outcomes
+    for row in rows:
+        if not math.isnan(row.ece):
+            beliefs = pooled.of_agent(row.agent).beliefs()
+            drawn = plots.reliability_diagram(*beliefs, small=True)
+            caption = f"{row.agent}: ECE {row.ece:.3f}, if calibrated {row.ece_calibrated:.3f}"
+            figures.append((drawn, caption))
+    return {"title": "Calibration", "figures": figures, "kind": "small"}
+
+
+def _attributes(agents: Mapping[str, TrialOutcomes]) -> Section:
+    asked = Counter[str]()
+    for outcomes in agents.values():
+        asked.update(outcomes.attribute[_answerable(outcomes)].tolist())
+    trials = {
+        attribute: [_right(outcomes, attribute) for outcomes in agents.values()]
+        for attribute in sorted(asked, key=lambda name: (-asked[name], name))
+    }
+    cells = []
+    for attribute, columns in trials.items():
+        numbers = sorted({len(right) for right, _ in columns if len(right)})
+        counted = "-".join(f"{n:,}" for n in (numbers[0], numbers[-1])[: len(numbers)])
+        row: list[str | Section] = [attribute, counted]
+        for right, objects in columns:
+            if not len(right):
+                row.append("-")
+                continue
+            estimate, _, low, high = clustered(right, objects, fraction=True).interval()
+            few = len(right) < _FEW
+            text = f"{estimate:.3f}"
+            row.append({"text": text, "bar": estimate, "low": low, "high": high, "few": few})
+        cells.append(row)
+    head = ["attribute", "trials an agent", *agents]
+    return {"title": "Attributes", "tables": [{"head": head, "rows": cells}]}
+
+
+def _answerable(outcomes: TrialOutcomes) -> Bools:
+    """Return whether the truth of each attribute is known, of trials that ended, (n,N)."""
+    return np.asarray((outcomes.truth >= 0) & (outcomes.ended == "")[:, None])
+
+
+def _right(outcomes: TrialOutcomes, attribute: str) -> tuple[Bools, NDArray[np.object_]]:
+    """Return whether an attribute was answered rightly in each trial, and the objects, (M,)."""
+    asked = _answerable(outcomes) & (outcomes.attribute == attribute)
+    right = (outcomes.report == outcomes.truth) & asked
+    trials = asked.any(axis=1)
+    return right.any(axis=1)[trials], outcomes.object_name[trials]
+
+
+def _behaviors(agents: Mapping[str, TrialOutcomes]) -> Section:
+    counts = [(part.executed.sum(axis=0), part.failed.sum(axis=0)) for part in agents.values()]
+    cells = []
+    for column, behavior in enumerate(next(iter(agents.values())).behaviors):
+        row: list[str | Section] = [behavior]
+        for executed, failed in counts:
+            done = executed[column]
+            text = f"{done:,} ({failed[column] / max(done, 1):.0%})"
+            share = done / max(executed.sum(), 1)
+            row.append({"text": text, "bar": share} if done else "-")
+        cells.append(row)
+    return {"title": "Behaviors", "tables": [{"head": ["behavior", *agents], "rows": cells}]}

@@ -1,0 +1,113 @@
+"""Names, order, colors and markers: one table for terminal, pages, figures and viewer.
+
+A color belongs to a name, never to a place in a list, so that one agent looks the same wherever it
+is drawn. Colors of agents and of attributes are Okabe and Ito's, which color-blind readers can
+distinguish, and never share a picture; levels of percepts have colors that nothing else has.
+"""
+
+import zlib
+from collections.abc import Iterable
+from typing import NamedTuple
+
+BLUE, SKY = "#0072B2", "#56B4E9"
+VERMILION, ORANGE = "#D55E00", "#E69F00"
+GREEN, PINK = "#009E73", "#CC79A7"
+GRAY, INK = "#999999", "#444444"
+VIOLET, BLACK = "#8866CC", "#000000"
+ATTRIBUTES = (BLUE, VERMILION, GREEN, PINK, ORANGE, SKY, VIOLET, "#B7A500")
+LEVELS = ("#5E3C99", "#B2ABD2", "#FDB863", "#E66101")  # from the surest "no" to the surest "yes"
+
+
+class Style(NamedTuple):
+    """How an agent is drawn: color, marker and line, by the names that matplotlib has for them."""
+
+    color: str
+    marker: str
+    dash: str = "-"
+
+
+# In the order in which tables and legends name them: the paper's first, then ours.
+_AGENTS = {
+    "morc": Style(VERMILION, "^"),
+    "iterative_morc": Style(VERMILION, "^"),
+    "morc_itrs": Style(ORANGE, "v"),
+    "iterative_random_legal": Style(INK, "+"),
+    "random": Style(GRAY, "x"),
+    "random_legal": Style(INK, "+"),
+    "predefined": Style(GREEN, "D"),
+    "predefined_plus": Style(GREEN, "d"),
+    "greedy": Style(PINK, "P"),
+    "olfc": Style(PINK, "X"),
+    "bayes": Style(BLUE, "o"),
+    "bayes_memory": Style(SKY, "s"),
+}
+_FAMILIES = {  # of variants, whose names begin like these
+    "iterative_morc": Style(VERMILION, "^", "--"),
+    "morc_itrs": Style(ORANGE, "v", "--"),
+    "morc": Style(ORANGE, "v", "--"),
+    "bayes_memory": Style(SKY, "s", "--"),
+    "bayes": Style(BLUE, "o", "--"),
+    "iterative_random": Style(INK, "+", "--"),
+    "random": Style(GRAY, "x", "--"),
+    "predefined": Style(GREEN, "D", "--"),
+    "greedy": Style(PINK, "P", "--"),
+    "olfc": Style(PINK, "X", "--"),
+}
+_OWN = (VIOLET, BLACK)  # of people's own agents
+_OWN_DASHES = ("-", "--", "-.", ":")
+_REFERENCES = ("morc", "iterative_morc")  # the paper's, which others are compared with
+
+
+def agent_style(name: str) -> Style:
+    """Return how an agent is drawn, whatever else is drawn beside it.
+
+    >>> agent_style("bayes").color, agent_style("bayes_no_bonus").dash
+    ('#0072B2', '--')
+    """
+    if name in _AGENTS:
+        return _AGENTS[name]
+    for family, style in _FAMILIES.items():
+        if name.startswith(f"{family}_"):
+            return style
+    number = zlib.crc32(name.encode())  # of the name alone, the same in every process
+    return Style(_OWN[number % 2], "*", _OWN_DASHES[number // 2 % len(_OWN_DASHES)])
+
+
+def ordered_agents(names: Iterable[str]) -> list[str]:
+    """Return agents in the order of tables: the paper's, baselines, ours, people's own by name.
+
+    >>> ordered_agents(["mine", "bayes", "morc"])
+    ['morc', 'bayes', 'mine']
+    """
+    order = list(_AGENTS)
+
+    def place(name: str) -> tuple[int, str]:
+        family = next((each for each in _FAMILIES if name.startswith(f"{each}_")), "")
+        near = name if name in _AGENTS else family
+        return (order.index(near) if near in _AGENTS else len(order), name)
+
+    return sorted(dict.fromkeys(names), key=place)
+
+
+def reference_agent(names: Iterable[str]) -> str:
+    """Return the agent that others are compared with: the paper's, else the first in order.
+
+    >>> reference_agent(["bayes", "random", "morc"]), reference_agent(["bayes", "greedy"])
+    ('morc', 'greedy')
+    """
+    present = ordered_agents(names)
+    return next((name for name in _REFERENCES if name in present), present[0])
+
+
+def attribute_color(place: int) -> str:
+    """Return the color of the attribute at a place of a question."""
+    return ATTRIBUTES[place % len(ATTRIBUTES)]
+
+
+def level_color(level: int, levels: int) -> str:
+    """Return the color of one of K levels of a percept, from "surely no" to "surely yes".
+
+    >>> level_color(0, 2), level_color(1, 2)
+    ('#5E3C99', '#E66101')
+    """
+    return LEVELS[round(level * (len(LEVELS) - 1) / max(levels - 1, 1))]
