@@ -133,7 +133,8 @@ def closed(settings: argparse.Namespace) -> Iterator[Row]:
 
 def same(settings: argparse.Namespace) -> Iterator[Row]:
     """NUTS on the grid's hierarchy: behaviors and truths are independent, so one fit is all."""
-    from meal_bayes.posterior.hierarchical import Sampling, fit_hierarchical  # noqa: PLC0415
+    from meal_bayes.posterior.draws import Sampling  # noqa: PLC0415
+    from meal_bayes.posterior.hierarchical import fit_hierarchical  # noqa: PLC0415
 
     behaviors = SIMULATIONS // 2
     for levels in (2, 4):
@@ -158,7 +159,8 @@ Fit = tuple[int, int, tuple[np.ndarray, ...]]
 
 def fit_crossed(work: tuple[int, np.ndarray]) -> Fit:
     """Fit one simulation's counts; (number, divergences, draws of m, s and epsilon)."""
-    from meal_bayes.posterior.hierarchical import Sampling, fit_hierarchical  # noqa: PLC0415
+    from meal_bayes.posterior.draws import Sampling  # noqa: PLC0415
+    from meal_bayes.posterior.hierarchical import fit_hierarchical  # noqa: PLC0415
 
     number, counts = work
     sample, of_chains = fit_hierarchical(
@@ -215,7 +217,8 @@ def spread_error(values: np.ndarray) -> np.ndarray:
 
 def agree(settings: argparse.Namespace) -> Iterator[Row]:
     """Grid against NUTS on the same hierarchy: some attributes and behaviors of each data set."""
-    from meal_bayes.posterior.hierarchical import Sampling, fit_hierarchical  # noqa: PLC0415
+    from meal_bayes.posterior.draws import Sampling  # noqa: PLC0415
+    from meal_bayes.posterior.hierarchical import fit_hierarchical  # noqa: PLC0415
     from meal_bayes.posterior.idata import convergence, summary_of, to_idata  # noqa: PLC0415
 
     for dataset in ("roc36", "ispy32", "cy101"):

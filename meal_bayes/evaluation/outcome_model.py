@@ -208,6 +208,7 @@ def sample(cells: Cells, *, draws: int, seed: int) -> dict[str, Floats]:
     They are `mean`, the effect of each term by its name, and its spread by `spread of <name>`.
     """
     from meal_bayes.posterior import hierarchical  # noqa: PLC0415  takes seconds
+    from meal_bayes.posterior.draws import Sampling  # noqa: PLC0415
 
     pm: Any = hierarchical.pm  # type: ignore[attr-defined]  # PyMC, once its folders are set
     means, center, scale = cells.total / cells.trials, 0.0, 1.0
@@ -226,7 +227,7 @@ def sample(cells: Cells, *, draws: int, seed: int) -> dict[str, Floats]:
         else:
             noise = pm.HalfNormal("noise", 2.0 * cells.spread / scale) / np.sqrt(cells.trials)
             pm.Normal("means", eta, noise, observed=(means - center) / scale)
-    sampling = hierarchical.Sampling(draws, draws, chains=2, cores=1, seed=seed)
+    sampling = Sampling(draws, draws, chains=2, cores=1, seed=seed)
     trace = hierarchical.sample(model, sampling, "outcomes")
     values = {
         str(name): scale * value.to_numpy().reshape(2 * draws, *value.shape[2:])

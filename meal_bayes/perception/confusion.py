@@ -27,6 +27,14 @@ def table_counts(table: PerceptTable, held_out: int, *, levels: int = 2) -> NDAr
     return by_truth(table.training_levels(held_out, levels), table.labels)
 
 
+def percept_counts(table: PerceptTable, levels: int) -> NDArray[np.int64]:
+    """Count each object's percepts (O,P,E,2,K) by classifiers that never saw it."""
+    level = table.levels_of(table.log_odds, levels)  # (O,R,E,P)
+    computed = ~np.isnan(table.log_odds)
+    is_level = (level[..., None] == np.arange(levels)) & computed[..., None]
+    return by_truth(is_level.sum(axis=1).swapaxes(1, 2), table.labels)
+
+
 def youden(counts: NDArray[Any]) -> NDArray[np.float64]:
     """Return Youden's J = TPR - FPR (...) of counts (...,2,K) [truth, level]; 0 where undefined.
 

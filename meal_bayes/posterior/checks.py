@@ -1,6 +1,6 @@
 """Checks of a posterior by the data it comes from: predicted percepts, held-out beliefs.
 
-ArviZ compares models by the log-likelihood of units under each draw: a unit is an object's percepts
+ArviZ compares models by the log-likelihood of cases under each draw: a case is an object's percepts
 of one attribute, of all behaviors together, so that models with dependent percepts can be compared
 with models without. Its rows theta are integrated out.
 """
@@ -70,39 +70,45 @@ def beliefs_without_itself(draws: xr.Dataset, counts: ArrayLike, *, size: int = 
     """
     sensed = np.asarray(counts)
     by_truth = np.asarray(sensed.any(axis=(2, 4)))  # (O,P,2)
-    shown = sensed.sum(axis=3).astype(float)  # (O,P,E,K)
+    percepts = sensed.sum(axis=3).astype(float)  # (O,P,E,K)
     mean, s, epsilon = rows_of(draws)
-    shown[:, youden(mean.mean(axis=0)) <= 0] = 0
+    percepts[:, youden(mean.mean(axis=0)) <= 0] = 0
     picked = np.linspace(0, len(mean) - 1, min(size, len(mean))).astype(int)
-    each = np.array(
-        [[log_likelihood(shown, mean[i, :, :, t], s[i, :, :, t]) for t in (0, 1)] for i in picked]
+    scores = np.array(
+        [
+            [log_likelihood(percepts, mean[i, :, :, t], s[i, :, :, t]) for t in (0, 1)]
+            for i in picked
+        ]
     )  # (S,2,O,P,E)
-    others = by_truth.sum(axis=0) - by_truth + 1.0  # (O,P,2), for the base rate (n+ + 1) / (n + 2)
+    # The base rate of the others is (n+ + 1) / (n + 2).
+    others = by_truth.sum(axis=0) - by_truth + 1.0  # (O,P,2)
+    prior_odds = np.log(others[..., 1] / others[..., 0])
     truth = by_truth[..., 1]
-    odds = np.log(others[..., 1] / others[..., 0])
-    known = np.asarray(by_truth.any(axis=-1))  # (O,P)
-    seen = known[..., None] & (shown.sum(axis=-1) > 0)  # (O,P,E)
-    truths = np.broadcast_to(truth[..., None], seen.shape)
-    together = odds + _log_ratio(each.sum(axis=-1), truth, epsilon[picked])
-    single = odds[..., None] + _log_ratio(each, truths, epsilon[picked])
+    labelled = np.asarray(by_truth.any(axis=-1))  # (O,P)
+    perceived = labelled[..., None] & (percepts.sum(axis=-1) > 0)  # (O,P,E)
+    truths = np.broadcast_to(truth[..., None], perceived.shape)
+    # Behaviors are independent given the truth and the draw, so their log-likelihoods add up.
+    together = prior_odds + _log_ratio(scores.sum(axis=-1), truth, epsilon[picked])
+    single = prior_odds[..., None] + _log_ratio(scores, truths, epsilon[picked])
     return {
-        "each": (expit(single[seen]), truths[seen]),
-        "together": (expit(together[known]), truth[known]),
+        "each": (expit(single[perceived]), truths[perceived]),
+        "together": (expit(together[labelled]), truth[labelled]),
     }
 
 
 def _log_ratio(scores: Floats, truth: Bools, epsilon: Floats) -> Floats:
     """Compute the log likelihood ratio of the truths without the object; scores (S,2,...)."""
     mixed = epsilon.reshape(-1, *(1 for _ in scores.shape[1:]))
-    with np.errstate(divide="ignore"):
+    with np.errstate(divide="ignore"):  # ln 0, where no object is misperceived
         scores = np.logaddexp(scores + np.log1p(-mixed), scores[:, ::-1] + np.log(mixed))
+    # Importance weights 1 / Pr(the object's percepts | its truth, draw) take the object out.
     weight = -np.where(truth, scores[:, 1], scores[:, 0])
     false, true = logsumexp(scores + weight[:, None], axis=0)
     return np.asarray(true - false)
 
 
-class Units(NamedTuple):
-    """The percepts of one attribute of one object, whose label is known: U units.
+class Cases(NamedTuple):
+    """The percepts of one attribute of one object, whose label is known: U cases.
 
     Names (U,) are "object: attribute"; attributes (U,) columns; counts (U,E,K) those of the
     behaviors that sense.
@@ -115,63 +121,65 @@ class Units(NamedTuple):
 
     @property
     def yes(self) -> xr.DataArray:
-        """How many percepts of each unit say yes, (U,)."""
+        """How many percepts of each case say yes, (U,)."""
         number = self.counts[..., self.counts.shape[2] // 2 :].sum(axis=(1, 2))
-        return xr.DataArray(number, {"unit": self.names})
+        return xr.DataArray(number, {"case": self.names})
 
 
-def units_of(counts: ArrayLike, objects: Sequence[str], attributes: Sequence[str]) -> Units:
-    """List the units of counts (O,P,E,2,K)."""
+def cases_of(counts: ArrayLike, objects: Sequence[str], attributes: Sequence[str]) -> Cases:
+    """List the cases of counts (O,P,E,2,K)."""
     sensed = np.asarray(counts)
     by_truth = np.asarray(sensed.any(axis=(2, 4)))  # (O,P,2)
     o, p = np.nonzero(by_truth.any(axis=-1))
     names = [f"{objects[i]}: {attributes[j]}" for i, j in zip(o.tolist(), p.tolist(), strict=True)]
-    return Units(names, p, by_truth[o, p, 1].astype(np.intp), sensed[o, p].sum(axis=2))
+    return Cases(names, p, by_truth[o, p, 1].astype(np.intp), sensed[o, p].sum(axis=2))
 
 
-def pointwise_log_likelihood(draws: xr.Dataset, units: Units) -> xr.Dataset:
-    """Compute ln Pr(percepts of a unit | draw), nats, (chain, draw, unit), rows integrated out.
+def pointwise_log_likelihood(draws: xr.Dataset, cases: Cases) -> xr.Dataset:
+    """Compute ln Pr(percepts of a case | draw), nats, (chain, draw, case), rows integrated out.
 
     It is called `yes`, as what is observed and predicted, so that ArviZ puts the three together.
     """
     mean, s, epsilon = rows_of(draws)
-    evidence = np.zeros((len(mean), len(units.names), 2))  # of each truth
-    for attribute in np.unique(units.attribute):
-        members = np.flatnonzero(units.attribute == attribute)
-        for e in range(units.counts.shape[1]):
-            each, place = np.unique(units.counts[members, e], axis=0, return_inverse=True)
+    evidence = np.zeros((len(mean), len(cases.names), 2))  # of each truth
+    for attribute in np.unique(cases.attribute):
+        members = np.flatnonzero(cases.attribute == attribute)
+        for e in range(cases.counts.shape[1]):
+            # Many objects have equal counts: each distinct vector (V,K) is scored once.
+            vectors, vector_of = np.unique(cases.counts[members, e], axis=0, return_inverse=True)
             rows = mean[:, None, attribute, e]  # (C*S,1,2,K)
             weight = s[:, None, attribute, e]
-            scores = log_likelihood(each[:, None].astype(float), rows, weight)  # (C*S,V,2)
-            evidence[:, members] += scores[:, place.ravel()]
-    unit = np.arange(len(units.names))
-    right = evidence[:, unit, units.truth]
-    wrong = evidence[:, unit, 1 - units.truth]
+            scores = log_likelihood(vectors[:, None].astype(float), rows, weight)  # (C*S,V,2)
+            evidence[:, members] += scores[:, vector_of.ravel()]
+    number = np.arange(len(cases.names))
+    right = evidence[:, number, cases.truth]
+    wrong = evidence[:, number, 1 - cases.truth]
+    # ln((1 - eps) Pr(percepts | truth) + eps Pr(percepts | the other truth))
     with np.errstate(divide="ignore"):
         values = np.logaddexp(np.log1p(-epsilon[:, None]) + right, np.log(epsilon[:, None]) + wrong)
-    return _by_unit(values, draws, units)
+    return _by_case(values, draws, cases)
 
 
-def predict_yes(draws: xr.Dataset, units: Units, rng: np.random.Generator) -> xr.Dataset:
-    """Draw how many percepts say yes of new objects in place of the units', (chain, draw, unit).
+def predict_yes(draws: xr.Dataset, cases: Cases, rng: np.random.Generator) -> xr.Dataset:
+    """Draw how many percepts say yes of new objects in place of the cases', (chain, draw, case).
 
     Each draw makes a row theta ~ Dirichlet(s m) for each behavior, of which only Pr(yes) matters;
     a misperceived object shows the other truth's rows.
     """
     mean, s, epsilon = rows_of(draws)
-    number = units.counts.sum(axis=2)  # (U,E)
+    number = cases.counts.sum(axis=2)  # (U,E)
     yes = mean[..., mean.shape[-1] // 2 :].sum(axis=-1)  # (C*S,P,E,2)
     drawn = np.empty((len(mean), len(number)), np.int64)
     for out, rate, weight, swap in zip(drawn, yes, s, epsilon, strict=True):
-        truth = units.truth ^ (rng.random(len(number)) < swap)
-        m = rate[units.attribute, :, truth].clip(1e-9, 1 - 1e-9)  # (U,E)
-        a = np.minimum(weight[units.attribute, :, truth], 1e9)
+        truth = cases.truth ^ (rng.random(len(number)) < swap)
+        m = rate[cases.attribute, :, truth].clip(1e-9, 1 - 1e-9)  # (U,E)
+        a = np.minimum(weight[cases.attribute, :, truth], 1e9)
         out[:] = rng.binomial(number, rng.beta(a * m, a * (1 - m))).sum(axis=1)
-    return _by_unit(drawn, draws, units)
+    return _by_case(drawn, draws, cases)
 
 
-def _by_unit(values: ArrayLike, draws: xr.Dataset, units: Units) -> xr.Dataset:
-    coords = {"chain": draws["chain"], "draw": draws["draw"], "unit": units.names}
+def _by_case(values: ArrayLike, draws: xr.Dataset, cases: Cases) -> xr.Dataset:
+    coords = {"chain": draws["chain"], "draw": draws["draw"], "case": cases.names}
     shape = [len(along) for along in coords.values()]
     return xr.Dataset({"yes": (list(coords), np.reshape(values, shape))}, coords)
 
@@ -182,9 +190,9 @@ def log_likelihood(counts: Floats, mean: Floats, precision: Floats) -> Floats:
     Dirichlet-multinomial with rows `mean` (P,E,K) and `precision` (P,E), or what broadcasts with
     the counts; inf takes percepts as independent (Eq. 8).
     """
-    known = np.isinf(precision)
-    s = np.where(known, 1.0, precision)
+    independent = np.isinf(precision)
+    s = np.where(independent, 1.0, precision)
     alpha = s[..., None] * mean
     urn = gammaln(s) - gammaln(s + counts.sum(axis=-1))
     urn = urn + (gammaln(alpha + counts) - gammaln(alpha)).sum(axis=-1)
-    return np.asarray(np.where(known, (counts * np.log(mean)).sum(axis=-1), urn))
+    return np.asarray(np.where(independent, (counts * np.log(mean)).sum(axis=-1), urn))

@@ -7,6 +7,7 @@ the same functions summarize them as a `ConfusionPosterior`, and predict new per
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import compress
 from pathlib import Path
 from typing import Any
@@ -34,6 +35,20 @@ TRUTHS = ("false", "true")
 ROW = ("attribute", "behavior", "truth")
 _FLOOR = 1e-100  # of probabilities, whose gamma functions would overflow
 _FINER = 8  # points for each of the grid's, where m is drawn
+
+
+@dataclass(frozen=True, slots=True)
+class Sampling:
+    """How many `draws` of each chain; by NUTS after `tune` steps, `cores` chains at a time.
+
+    As many as there are processors where `cores` is None; draws repeat under their `seed`.
+    """
+
+    draws: int = 1000
+    tune: int = 1000
+    chains: int = 4
+    cores: int | None = None
+    seed: int = 0
 
 
 def draws_of(

@@ -16,7 +16,6 @@ that the sampler meets neither funnels nor ridges.
 import os
 import warnings
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from itertools import count
 from typing import Any
 
@@ -29,7 +28,7 @@ from meal_bayes.arrays import Ints
 from meal_bayes.cache import scratch_folder, writable_caches
 from meal_bayes.display import level_names
 from meal_bayes.perception.confusion import youden
-from meal_bayes.posterior.draws import ROW, TRUTHS
+from meal_bayes.posterior.draws import ROW, TRUTHS, Sampling
 from meal_bayes.posterior.grid import DISPERSIONS, TAUS, prior_of
 from meal_bayes.processes import ending_context
 from meal_bayes.seeds import stream
@@ -63,20 +62,6 @@ _SPREAD = 0.3  # of the logarithm of a width that only helps the sampler
 _INNER = "_standard"  # ends the names of variables from which others are computed
 
 Progress = Callable[[int, int], None]
-
-
-@dataclass(frozen=True, slots=True)
-class Sampling:
-    """How NUTS samples: `draws` of each chain after `tune` steps, `cores` chains at a time.
-
-    As many as there are processors where `cores` is None; draws repeat under their `seed`.
-    """
-
-    draws: int = 1000
-    tune: int = 1000
-    chains: int = 4
-    cores: int | None = None
-    seed: int = 0
 
 
 def fit_hierarchical(

@@ -56,10 +56,10 @@ def attributes_of(config: Mapping[str, object]) -> dict[str, str]:
 
 
 def unreliable(idata: Any) -> dict[str, float]:
-    """Return the Pareto k of the units whose leave-one-out prediction cannot be trusted.
+    """Return the Pareto k of the cases whose leave-one-out prediction cannot be trusted.
 
-    They are above min(1 - 1 / log10(draws), 0.7) [Vehtari2024]: without such an object the
-    posterior would be another.
+    Cases are those of `checks`. They are above min(1 - 1 / log10(draws), 0.7) [Vehtari2024]:
+    without such an object the posterior would be another.
     """
     with warnings.catch_warnings():  # it says so, and names none
         warnings.simplefilter("ignore")
@@ -67,7 +67,7 @@ def unreliable(idata: Any) -> dict[str, float]:
     k = loo.pareto_k
     draws = idata["posterior"].sizes["chain"] * idata["posterior"].sizes["draw"]
     bad = k[k.values > min(1 - 1 / np.log10(draws), _PARETO)]
-    return dict(zip(bad["unit"].values.tolist(), bad.values.tolist(), strict=True))
+    return dict(zip(bad["case"].values.tolist(), bad.values.tolist(), strict=True))
 
 
 def save_netcdf(idata: Any, path: str | Path) -> Path:

@@ -14,9 +14,9 @@ from scipy.stats import dirichlet_multinomial, norm, truncnorm
 
 from meal_bayes import posterior
 from meal_bayes.perception.confusion import youden
-from meal_bayes.posterior.draws import draw_grid, rows_of, summarize_draws
+from meal_bayes.posterior.draws import Sampling, draw_grid, rows_of, summarize_draws
 from meal_bayes.posterior.grid import DISPERSIONS, TAUS
-from meal_bayes.posterior.hierarchical import Sampling, build_model, fit_hierarchical
+from meal_bayes.posterior.hierarchical import build_model, fit_hierarchical
 from meal_bayes.posterior.idata import convergence, summary_of, to_idata
 
 NAMES = {"attributes": ["red", "full"], "behaviors": ["look", "lift"]}

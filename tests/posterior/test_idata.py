@@ -7,7 +7,7 @@ from scipy.stats import dirichlet, dirichlet_multinomial
 from meal_bayes.domain import load_domain
 from meal_bayes.errors import DataError
 from meal_bayes.posterior import idata
-from meal_bayes.posterior.checks import pointwise_log_likelihood, predict_yes, units_of
+from meal_bayes.posterior.checks import cases_of, pointwise_log_likelihood, predict_yes
 from meal_bayes.posterior.draws import (
     draw_grid,
     draw_prior,
@@ -159,17 +159,17 @@ def test_what_is_no_posterior_is_told(fitted):
 @pytest.mark.filterwarnings("ignore:Estimated shape parameter")  # of six objects
 def test_log_likelihood_is_that_of_each_object(fitted):
     _, counts, draws = fitted
-    units = units_of(counts[:, :, :2], [str(o) for o in range(6)], draws["attribute"].values)
-    values = pointwise_log_likelihood(draws, units)["yes"]
+    cases = cases_of(counts[:, :, :2], [str(o) for o in range(6)], draws["attribute"].values)
+    values = pointwise_log_likelihood(draws, cases)["yes"]
     assert values.shape == (4, 100, 12)
     (mean, s, _), expected = rows_of(draws), 0.0
     for e in range(2):
         k, alpha = counts[2, 1, e, 1], (s[..., None] * mean)[307, 1, e, 1]
         ways = {0: 1, 1: 3, 2: 3, 3: 1}[int(k[0])]
         expected += dirichlet_multinomial(alpha, 3).logpmf(k) - np.log(ways)
-    assert float(values[3, 7].sel(unit="2: heavy")) == pytest.approx(expected)
+    assert float(values[3, 7].sel(case="2: heavy")) == pytest.approx(expected)
     made = idata.to_idata(draws, log_likelihood=values.to_dataset())
-    assert set(idata.unreliable(made)) <= set(units.names)
+    assert set(idata.unreliable(made)) <= set(cases.names)
     made = idata.to_idata(draws, log_likelihood=(10 * values).to_dataset())  # all too sure
     assert min(idata.unreliable(made).values()) > 0.5
 
@@ -178,10 +178,10 @@ def test_predicted_percepts_vary_as_objects_do(fitted):
     """In n percepts of a row with dispersion s, n m (1 - m) (s + n) / (s + 1) is the variance."""
     _, counts, draws = fitted
     same = draws.isel(draw=[0]).isel(draw=np.zeros(5000, int), chain=[0])
-    units = units_of(counts[:, :, :2], [str(o) for o in range(6)], draws["attribute"].values)
-    yes = predict_yes(same, units, np.random.default_rng(0))["yes"][0]
+    cases = cases_of(counts[:, :, :2], [str(o) for o in range(6)], draws["attribute"].values)
+    yes = predict_yes(same, cases, np.random.default_rng(0))["yes"][0]
     mean, s, _ = (values[0] for values in rows_of(same))
-    u = units.names.index("2: heavy")
+    u = cases.names.index("2: heavy")
     m, s = mean[1, :, 1, 1], s[1, :, 1]
     assert float(yes[:, u].mean()) == pytest.approx(3 * m.sum(), abs=0.1)
     variance = (3 * m * (1 - m) * (s + 3) / (s + 1)).sum()
