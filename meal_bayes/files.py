@@ -6,6 +6,7 @@ when the disk is full or the process is killed.
 """
 
 import contextlib
+import hashlib
 import os
 import re
 import secrets
@@ -20,12 +21,28 @@ _LOG_MAGIC = b"\x89MCAP0\r\n"
 
 
 def file_name(text: str, longest: int = 60) -> str:
-    """Return any text as a name of a file, in no other folder.
+    """Return any text as a name of a file, in no other folder; other texts have other names.
 
-    >>> file_name("../a blue cup")
-    '.._a_blue_cup'
+    >>> file_name("bayes")
+    'bayes'
+    >>> file_name("../a blue cup"), file_name("../a_blue_cup")
+    ('.._a_blue_cup-8e83c849', '.._a_blue_cup-ba66d6d8')
     """
-    return re.sub(r"[^\w.-]+", "_", text)[:longest]
+    name = re.sub(r"[^\w.-]+|^\.*$", "_", text)
+    if name != text or len(name.encode()) > longest:  # bytes, of which file systems count 255
+        digest = hashlib.sha256(text.encode(errors="surrogatepass")).hexdigest()[:8]
+        name = f"{name.encode()[: longest - 9].decode(errors='ignore')}-{digest}"
+    return name
+
+
+def add_line(path: Path, line: str) -> None:
+    """Append a line to a text file; a torn last line, or one without its end, stays for itself."""
+    with path.open("ab+") as file:
+        whole = file.tell() == 0
+        if not whole:
+            file.seek(-1, os.SEEK_END)
+            whole = file.read(1) == b"\n"
+        file.write((b"" if whole else b"\n") + line.encode() + b"\n")
 
 
 def check_output(path: str | Path, *, inputs: Iterable[str | Path] = ()) -> Path:

@@ -12,6 +12,7 @@ import lzma
 import os
 import stat
 import struct
+import unicodedata
 import zipfile
 import zlib
 from pathlib import Path
@@ -29,6 +30,7 @@ DEPTH_LIMIT = 32  # lists and tables inside each other
 LARGEST = 1e6  # s: rewards, costs and shaping; beyond it a search may not come to an end
 NAME_LIMIT = 1000  # attributes, behaviors or states of one domain, each
 LETTER_LIMIT = 200  # characters of such a name
+_NO_LETTERS = {"Cc", "Cs", "Zl", "Zp"}  # categories of Unicode
 DIAGRAM_LIMIT = 1_000_000  # entries (E,X,X) of a transition table
 UNREADABLE = (  # what torn or changed bytes raise
     zipfile.BadZipFile, zlib.error, lzma.LZMAError, struct.error, KeyError, IndexError, ValueError,
@@ -55,6 +57,23 @@ def read_bytes(path: Path, limit: int = TEXT_LIMIT) -> bytes:
     if b"\0" in data:
         raise ValueError(f"it has a zero byte at {data.index(0)}, and text has none")
     return data
+
+
+def name_fault(name: object) -> str:
+    """Return why a value cannot be a name in files, columns and logs; "" where it can.
+
+    >>> name_fault(" red")
+    'is empty, or has blanks at its ends'
+    """
+    if not isinstance(name, str):
+        return f"is no text, but {type(name).__name__}"
+    if not name or name != name.strip():
+        return "is empty, or has blanks at its ends"
+    if len(name) > LETTER_LIMIT:
+        return f"has {len(name)} characters, more than {LETTER_LIMIT}"
+    if any(unicodedata.category(letter) in _NO_LETTERS for letter in name):
+        return "holds line ends, control characters or lone surrogates (bytes that are no UTF-8)"
+    return ""
 
 
 def read_json(text: str | bytes) -> object:

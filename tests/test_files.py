@@ -8,12 +8,15 @@ import subprocess
 import sys
 import tracemalloc
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from meal_bayes.cli.console import printable
 from meal_bayes.errors import OutputError
-from meal_bayes.files import check_folder, check_output, draft_of, write_whole
+from meal_bayes.files import add_line, check_folder, check_output, draft_of, file_name, write_whole
 from meal_bayes.untrusted import DEPTH_LIMIT, JSON_LIMIT, read_bytes, read_json
 
 
@@ -207,3 +210,27 @@ def test_what_may_never_end_is_not_read(tmp_path):
 )
 def test_names_are_made_printable(text, shown):
     assert printable(text) == shown
+
+
+@given(st.sets(st.text(st.characters(exclude_categories=[])), min_size=2, max_size=20))
+def test_two_texts_are_never_one_file(texts):
+    names = [file_name(text) for text in texts]
+    assert len(set(names)) == len(texts)
+    for name in names:
+        assert (Path("logs") / name).resolve().parent == Path("logs").resolve()
+        assert len(name.encode()) <= 60
+
+
+LINES = st.text(st.characters(exclude_characters="\n", exclude_categories=["Cs"]), min_size=1)
+
+
+@given(st.lists(LINES, max_size=5), st.integers(0, 9), LINES)
+def test_a_line_is_added_behind_a_torn_one(lines, torn, line):
+    with TemporaryDirectory() as folder:
+        path = Path(folder, "notes")
+        whole = "".join(f"{each}\n" for each in lines).encode()
+        before = whole[: max(len(whole) - torn, 0)]
+        path.write_bytes(before)
+        add_line(path, line)
+        end = b"" if not before or before.endswith(b"\n") else b"\n"
+        assert path.read_bytes() == before + end + line.encode() + b"\n"

@@ -3,7 +3,7 @@
 import json
 import textwrap
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from meal_bayes.trials import Trial
 
 _QUESTION = "Is it heavy, and does it hold beans?"
+_BYTES = "surrogateescape"  # bytes that are no UTF-8 stay as they are
 _SEED = 7  # a trial in which a behavior fails
 
 
@@ -94,6 +95,7 @@ def ask(root: Path | None, learn: bool, logs: Path, as_json: bool, **options: An
     keeps the labels that it gets of an object, in a file of the folder of logs.
     """
     from meal_bayes.cli.narration import print_answer, trial_json
+    from meal_bayes.files import add_line
 
     dataset, table = opt.table_of(options["dataset"], root)
     config = {"command": "ask", **options, "dataset": dataset}
@@ -112,9 +114,9 @@ def ask(root: Path | None, learn: bool, logs: Path, as_json: bool, **options: An
             note("no labels were given, none are kept")
             return
         entry = {"object": config["object"], "labels": labels, "log": str(path)}
-        with _memory(logs, table.domain.data).open("a", encoding="utf-8") as file:
-            file.write(f"{json.dumps(entry)}\n")
-        note(f"kept in {file.name}: {config['object']} is {_text(labels)}")
+        kept = _memory(logs, table.domain.data)
+        add_line(kept, json.dumps(entry))
+        note(f"kept in {kept}: {config['object']} is {_text(labels)}")
     elif not as_json:
         note(f"every decision and its reasons: meal-bayes log show {path}")
 
@@ -220,11 +222,14 @@ def forget(name: str | None, dataset: str, root: Path | None, logs: Path) -> Non
     from meal_bayes.files import write_whole
 
     path = _memory(logs, domain_of(dataset).data)
-    labels = _read(path)
-    others = [entry for entry in labels if name not in (None, entry["object"])]
-    if len(others) < len(labels):
-        write_whole(path, "".join(f"{json.dumps(entry)}\n" for entry in others))
-    note(f"forgot the labels in {len(labels) - len(others)} trials")
+    entries = list(_entries(path))
+    forgotten = [entry is not None and name in (None, entry["object"]) for _, entry in entries]
+    if any(forgotten):  # a line that holds no labels stays
+        others = (
+            f"{line}\n" for (line, _), gone in zip(entries, forgotten, strict=True) if not gone
+        )
+        write_whole(path, "".join(others).encode(errors=_BYTES))
+    note(f"forgot the labels in {sum(forgotten)} trials")
 
 
 def _memory(logs: Path, data: str) -> Path:
@@ -234,18 +239,29 @@ def _memory(logs: Path, data: str) -> Path:
     return logs / f"labels-{file_name(data)}.jsonl"
 
 
-def _read(path: Path) -> list[dict[str, Any]]:
-    """Read labels in the order they were given; a line that holds none is left out."""
+def _entries(path: Path) -> Iterator[tuple[str, dict[str, Any] | None]]:
+    """Yield the lines of a file of labels, with what each tells; None where it holds no labels."""
     from meal_bayes.untrusted import read_json
 
-    labels = []
-    for line in path.read_text(encoding="utf-8").splitlines() if path.is_file() else ():
+    text = path.read_bytes().decode("utf-8-sig", errors=_BYTES) if path.is_file() else ""
+    for line in filter(str.strip, text.split("\n")):
         try:
             entry: Any = read_json(line)
-            values = {str(attribute): value is True for attribute, value in entry["labels"].items()}
-            labels.append({"object": str(entry["object"]), "labels": values, "log": entry["log"]})
+            labels = dict(entry["labels"])
+            told = {"object": str(entry["object"]), "labels": labels, "log": str(entry["log"])}
+            yield line, told if all(isinstance(v, bool) for v in labels.values()) else None
         except (ValueError, TypeError, LookupError, AttributeError):
+            yield line, None
+
+
+def _read(path: Path) -> list[dict[str, Any]]:
+    """Read labels in the order they were given; a line that holds none is left out, and named."""
+    labels = []
+    for line, entry in _entries(path):
+        if entry is None:
             note(f"left out of the memory: {line:.40} in {path}")
+        else:
+            labels.append(entry)
     return labels
 
 

@@ -16,7 +16,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meal_bayes.datasets.dataset import Dataset
-from meal_bayes.datasets.frames import FeatureRows, add_once, fault, join_features, labelled
+from meal_bayes.datasets.frames import (
+    Context,
+    FeatureRows,
+    add_once,
+    fault,
+    join_features,
+    labelled,
+)
 from meal_bayes.domain import Domain, unknown
 from meal_bayes.errors import DataError, QueryError
 from meal_bayes.files import write_whole
@@ -42,9 +49,9 @@ def load_csv_folder(domain: Domain, folder: Path) -> Dataset:
     An object may lack a behavior, or have another number of recordings of it than others. The first
     line that is wrong is a `DataError` with its file, number, and how to repair it.
     """
+    files = _files(domain, folder)
     objects, labels = _read_labels(folder / "labels.csv", domain)
-    files = ((context, folder / "{}_{}.csv".format(*context)) for context in domain.contexts)
-    contexts = ((context, read_features(path, _KEYS, header=True)) for context, path in files)
+    contexts = ((c, read_features(path, _KEYS, header=True)) for c, path in files.items())
     dataset = Dataset(domain, objects, join_features(objects, contexts), labels)
     log.info(
         "%s: read %d objects, up to %d recordings each", folder, len(objects), dataset.recordings
@@ -59,20 +66,39 @@ def save_csv_folder(dataset: Dataset, folder: Path) -> None:
     """
     import pandas as pd  # noqa: PLC0415  takes half a second
 
+    files = _files(dataset.domain, folder)
     objects = np.array(dataset.objects)
-    for (behavior, modality), values in dataset.features.items():
-        counts = dataset.recording_counts[:, dataset.domain.behavior_index(behavior)]
+    for context, path in files.items():
+        values = dataset.features[context]
+        counts = dataset.recording_counts[:, dataset.domain.behavior_index(context[0])]
         o, r = np.nonzero(np.arange(values.shape[1]) < counts[:, None])
         names = [f"f{i}" for i in range(values.shape[2])]
         index = pd.MultiIndex.from_arrays([objects[o], r + 1], names=_KEYS)
         frame = pd.DataFrame(values[o, r], index, names)
         text = frame.to_csv(float_format="%.9g", lineterminator="\n")
-        write_whole(folder / f"{behavior}_{modality}.csv", text)
+        write_whole(path, text)
     labels = pd.DataFrame(
         dataset.labels, pd.Index(objects, name="object"), dataset.domain.attributes
     )
     text = labels.astype("Int8").where(labels >= 0).to_csv(lineterminator="\n")
     write_whole(folder / "labels.csv", text)
+
+
+def _files(domain: Domain, folder: Path) -> dict[Context, Path]:
+    """Name the file of each context; a `DataError` where two would be one, or none in the folder.
+
+    Case plays no part, as on some systems it names no other file.
+    """
+    files: dict[str, object] = {"labels.csv": "the labels"}
+    for context in domain.contexts:
+        name = "{}_{}.csv".format(*context)
+        if name != Path(name).name or "\\" in name:
+            raise DataError(f"{name!r} is no file's name; rename the behavior or modality.")
+        if (other := files.setdefault(name.casefold(), context)) != context:
+            raise DataError(
+                f"{other} and {context} have one file, {name}; rename a behavior or modality."
+            )
+    return {context: folder / "{}_{}.csv".format(*context) for context in domain.contexts}
 
 
 def _read_labels(path: Path, domain: Domain) -> tuple[tuple[str, ...], NDArray[np.int8]]:

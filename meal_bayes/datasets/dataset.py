@@ -14,6 +14,7 @@ from meal_bayes.datasets.frames import dataset_parts
 from meal_bayes.display import facts_html, facts_repr, listed, short_repr
 from meal_bayes.domain import Domain, unknown
 from meal_bayes.errors import DataError, QueryError, SettingsError
+from meal_bayes.untrusted import name_fault
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,9 +87,7 @@ class Dataset:
                 f"labels have shape {self.labels.shape}; expected (objects, attributes) = "
                 f"({len(self.objects)}, {len(self.domain.attributes)})."
             )
-        for name, count in Counter(self.objects).items():
-            if count > 1:
-                raise DataError(f"Object {name!r} is listed twice; names must be unique.")
+        check_objects(self.objects)
         set_frozen(self, labels=complete_labels(self.domain, self.objects, self.labels))
         frozen: dict[tuple[str, str], NDArray[np.float32]] = {}
         counts = np.zeros((len(self.objects), len(self.domain.behaviors)), np.int64)
@@ -243,6 +242,15 @@ def complete_labels(
         except QueryError as fault:
             raise DataError(f"{name!r} is {fault}.") from None
     return freeze(complete, np.int8)
+
+
+def check_objects(objects: tuple[str, ...]) -> None:
+    """Refuse names of objects that files or logs cannot hold, or that two objects have."""
+    for name, count in Counter(objects).items():
+        if fault := name_fault(name):
+            raise DataError(f"The object's name {name!a:.60} {fault}; rename it.")
+        if count > 1:
+            raise DataError(f"Object {name!r} is listed twice; names must be unique.")
 
 
 def object_index(objects: tuple[str, ...], name: str) -> int:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from meal_bayes.arrays import freeze, freeze_arrays, label_values, set_frozen
-from meal_bayes.datasets.dataset import complete_labels
+from meal_bayes.datasets.dataset import check_objects, complete_labels
 from meal_bayes.display import facts_html, facts_repr, listed
 from meal_bayes.domain import (
     Domain,
@@ -122,6 +122,7 @@ class PerceptTable:
 
     def __post_init__(self) -> None:
         set_frozen(self, labels=label_values(self.labels))
+        check_objects(self.objects)
         o = len(self.objects)
         e = len(self.domain.behaviors)
         p = len(self.domain.attributes)

@@ -28,11 +28,11 @@ from meal_bayes.domain.domain import Behavior, Domain, unknown
 from meal_bayes.errors import DomainError, SettingsError
 from meal_bayes.untrusted import (
     DIAGRAM_LIMIT,
-    LETTER_LIMIT,
     LINE_LIMIT,
     NAME_LIMIT,
     TABLE_LIMIT,
     check_depth,
+    name_fault,
     read_bytes,
 )
 
@@ -196,10 +196,9 @@ def _check_sizes(table: dict[str, Any]) -> None:
         if len(entries) > NAME_LIMIT:
             raise DomainError(f"{len(entries)} {key}; expected at most {NAME_LIMIT}.")
         names += [row.get("name") if isinstance(row, dict) else row for row in entries]
-    for name in names:
-        if isinstance(name, str) and not 0 < len(name.strip()) <= LETTER_LIMIT:
-            letters = f"expected 1 to {LETTER_LIMIT}, not all blank"
-            raise DomainError(f"A name has {len(name)} characters; {letters}.")
+    for name in names:  # what is no text is refused where the field is read
+        if isinstance(name, str) and (fault := name_fault(name)):
+            raise DomainError(f"The name {name[:60]!a} {fault}; rename it.")
     e = len(table["behaviors"])
     x = len(diagram["states"])
     arrows = len(diagram["effects"])

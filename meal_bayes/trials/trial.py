@@ -25,6 +25,7 @@ from meal_bayes.errors import DataError, QueryError
 from meal_bayes.momdp import MOMDP, Belief
 from meal_bayes.planners import Decision
 from meal_bayes.trials.percepts import percept_labels
+from meal_bayes.untrusted import name_fault
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,6 +51,10 @@ class Task:
     object_index: int
     object_name: str
     key: tuple[str | int, ...]
+
+    def __post_init__(self) -> None:
+        if fault := name_fault(self.object_name):
+            raise QueryError(f"The object's name {self.object_name!a:.60} {fault}; rename it.")
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,6 +11,7 @@ from meal_bayes.trial_log import read_trials
 from meal_bayes.trials import Trial
 
 OWN = ("--dataset", "kitchen.npz")
+NUMBER = '{"object": "red_jar", "labels": {"red": 1}, "log": ""}'
 BOTH = "Is it crimson, and is it full?"
 
 
@@ -100,7 +101,16 @@ def test_show_and_forget(ask, run):
         assert [t.cost for t in read_trials(log)] == costs  # trials stay
 
 
-@pytest.mark.parametrize("damage", ["{", "[]", '{"object": "red_jar"}', '{"labels": 1}'])
+@pytest.mark.parametrize(
+    "damage",
+    [
+        "{",
+        "[]",
+        '{"object": "a", "labels": {"red": 1}, "log": ""}',
+        '{"object": "red_jar"}',
+        '{"labels": 1}',
+    ],
+)
 def test_a_line_that_holds_no_labels_is_left_out_with_a_note(ask, run, damage):
     ask("Is it red?", "yes\n", "blue_mug")
     (path,) = Path("logs").glob("labels-*.jsonl")
@@ -108,3 +118,15 @@ def test_a_line_that_holds_no_labels_is_left_out_with_a_note(ask, run, damage):
     assert "left out of the memory" in ask("Is it red?", "yes\n").stderr
     assert [name for name, _ in remembered(run)] == ["blue_mug", "red_jar"]
     assert "in 2 trials" in run("memory", "forget", *OWN).stderr
+    assert path.read_text() == f"{damage}\n"  # what nobody can read is not thrown away
+
+
+@pytest.mark.parametrize("torn", [1, 9])
+def test_the_next_label_is_a_line_of_its_own_behind_a_torn_one(ask, run, torn):
+    ask("Is it red?", "yes\n", "blue_mug")
+    ask("Is it full?", "yes\n", "blue_mug")
+    (path,) = Path("logs").glob("labels-*.jsonl")
+    path.write_bytes(b"\xef\xbb\xbf" + path.read_bytes()[:-torn])
+    ask("Is it red?", "yes\n")
+    first, second = ("blue_mug", {"red": False}), ("blue_mug", {"full": True})
+    assert remembered(run) == [first, *[second] * (torn == 1), ("red_jar", {"red": True})]

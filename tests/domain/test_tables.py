@@ -110,7 +110,7 @@ def test_a_circle_of_tables_is_refused(tmp_path):
         ("cost = 5", f"cost = {'9' * 5000}", "not valid TOML"),
         ("cost = 5", f"cost = {LARGEST * 2:.0f}", r"0 to 1e\+06"),
         ('["red", "heavy"]', f'["{"r" * 300}"]', "300 characters"),
-        ('["red", "heavy"]', '["  "]', "all blank"),
+        ('["red", "heavy"]', '["  "]', "blanks at its ends"),
         ("]\n[diagram]", '{ name = "poke", cost = 1 }]\n[diagram]', "'poke' is legal in no state"),
     ],
 )
