@@ -12,7 +12,16 @@ from meal_bayes.agents.agent import Agent
 from meal_bayes.agents.exploration import FittedITRSBonus, InformationBonus, ITRSBonus, NoBonus
 from meal_bayes.domain import Domain, Query, unknown
 from meal_bayes.errors import SettingsError
-from meal_bayes.planners import POMCP, Greedy, OpenLoop, Predefined, Random, RandomLegal, Solver
+from meal_bayes.planners import (
+    POMCP,
+    Greedy,
+    OpenLoop,
+    Predefined,
+    Random,
+    RandomLegal,
+    Solver,
+    Untouched,
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -52,6 +61,8 @@ AGENTS = {
     agent.name: agent
     for agent in (
         Agent("random", _Always(Random())),
+        # Base rates alone: an agent that does not beat it has not been worth its seconds.
+        Agent("prior", _Always(Untouched()), base_rates=True),
         _LEGAL,
         Agent("predefined", _predefined),
         Agent("predefined_plus", partial(_predefined, persistent=True)),

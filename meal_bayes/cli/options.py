@@ -55,7 +55,7 @@ def agent_value(text: str) -> object:
     return named_value(text) if ":" in text else text
 
 
-AGENTS = "random, random_legal, predefined, predefined_plus, greedy, morc, olfc or bayes"
+AGENTS = "prior, random, random_legal, predefined, predefined_plus, greedy, morc, olfc or bayes"
 ONLINE_AGENTS = (
     "iterative_random_legal, iterative_morc, morc_itrs, morc_itrs_auto, bayes, bayes_memory, "
     "bayes_no_bonus, bayes_itrs, bayes_itrs_auto or iterative_morc_bayes"

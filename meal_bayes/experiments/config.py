@@ -16,7 +16,7 @@ from meal_bayes.learner.settings import LearnerSettings
 from meal_bayes.untrusted import LARGEST
 
 DEFAULT_AGENTS = (
-    "random", "random_legal", "predefined", "predefined_plus", "greedy", "morc", "bayes",
+    "prior", "random", "random_legal", "predefined", "predefined_plus", "greedy", "morc", "bayes",
 )  # fmt: skip
 _CHOICES = {
     "log": ("compact", "full"), "normalizer": ("paper", "all"), "answers": ("verdict", "joint"),

@@ -3,7 +3,7 @@
 In: a `MOMDP`. Out: `Policy`, `Decision`.
 """
 
-from meal_bayes.planners.baselines import Greedy, Predefined, Random, RandomLegal
+from meal_bayes.planners.baselines import Greedy, Predefined, Random, RandomLegal, Untouched
 from meal_bayes.planners.factored.batched import batched_value_iteration
 from meal_bayes.planners.factored.policy import Factored
 from meal_bayes.planners.kernels import watch_compilation
@@ -23,5 +23,5 @@ from meal_bayes.planners.solver import (
 __all__ = [
     "POMCP", "Decision", "Factored", "Greedy", "History", "OpenLoop", "OpenLoopPolicy",
     "Policy", "Predefined", "Random", "RandomLegal", "Remembering", "Solver", "TreeEdge",
-    "batched_value_iteration", "unvalued", "warm_up", "watch_compilation",
+    "Untouched", "batched_value_iteration", "unvalued", "warm_up", "watch_compilation",
 ]  # fmt: skip

@@ -1,4 +1,7 @@
-"""The paper's baselines (Sect. 7.1): Random, Random Legal, Predefined, Predefined Plus; Greedy."""
+"""The paper's baselines (Sect. 7.1): Random, Random Legal, Predefined, Predefined Plus; and ours.
+
+Ours are Greedy, and Untouched: what an agent must beat to have been worth its seconds.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -117,6 +120,19 @@ class Predefined:
             if momdp.legal[history.belief.x, behavior]:
                 return unvalued(momdp, behavior)
         return unvalued(momdp, best_report(momdp, history.belief))
+
+
+@dataclass(frozen=True, slots=True)
+class Untouched:
+    """Reports what the prior says is likeliest, at once and for 0 s."""
+
+    def solve(self, momdp: MOMDP, rng: np.random.Generator) -> Baseline:
+        """Return the policy."""
+        return Baseline(partial(_likeliest, momdp), deterministic=True)
+
+
+def _likeliest(momdp: MOMDP, history: History, rng: np.random.Generator) -> Decision:
+    return unvalued(momdp, best_report(momdp, history.belief))
 
 
 @dataclass(frozen=True, slots=True)

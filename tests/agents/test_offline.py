@@ -52,6 +52,15 @@ def same_trial(first, second):
     )
 
 
+def test_prior_answers_by_base_rates_and_touches_nothing(table, make):
+    learner = make.learner(table, load_agent("prior"), 1)
+    trials = [learner.ask(make.task(table, index)) for index in range(6)]
+    for trial in trials:
+        assert trial.cost == 0.0
+        (step,) = trial.steps
+        np.testing.assert_array_equal(trial.report, step.belief.positive > 0.5)
+
+
 @pytest.mark.parametrize("name", AGENTS)
 def test_every_agent_runs_and_repeats_itself(table, make, name):
     agent = fast(name)

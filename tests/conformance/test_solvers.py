@@ -7,7 +7,7 @@ import pytest
 
 from meal_bayes.domain import Behavior, Domain, Effect, Query, TransitionDiagram, load_domain
 from meal_bayes.momdp import Objective, Transition, build_momdp, initial_belief, update_belief
-from meal_bayes.planners import POMCP, Greedy, History, Predefined, Random, RandomLegal
+from meal_bayes.planners import POMCP, Greedy, History, Predefined, Random, RandomLegal, Untouched
 from meal_bayes.planners.factored.policy import Factored
 from meal_bayes.planners.open_loop.policy import OpenLoop
 
@@ -22,6 +22,7 @@ def solvers(domain):
         RandomLegal(30.0),
         Predefined(sequence),
         Predefined(sequence, persistent=True),
+        Untouched(),
         Greedy(),
         OpenLoop(),
         POMCP(0),

@@ -10,7 +10,7 @@ import pytest
 from meal_bayes.domain import load_domain
 from meal_bayes.errors import SettingsError
 from meal_bayes.momdp import Transition, best_report, initial_belief, update_belief
-from meal_bayes.planners import Greedy, History, Predefined, Random, RandomLegal
+from meal_bayes.planners import Greedy, History, Predefined, Random, RandomLegal, Untouched
 from meal_bayes.planners.baselines import information_gain
 
 
@@ -134,6 +134,17 @@ def gain(b, tpr, fpr):
     """Mutual information of one yes/no percept and one attribute, bits."""
     yes = b * tpr + (1 - b) * fpr
     return entropy(yes, 1 - yes) - b * entropy(tpr, 1 - tpr) - (1 - b) * entropy(fpr, 1 - fpr)
+
+
+@pytest.mark.parametrize(
+    ("prior", "likeliest"), [([0.9, 0.2], [1, 0]), ([0.3, 0.6], [0, 1]), ([0.1, 0.4], [0, 0])]
+)
+def test_untouched_reports_the_likeliest_values_at_once(small, prior, likeliest):
+    rates = {"red": {"look": (0.9, 0.1)}, "heavy": {"lift": (0.9, 0.1)}}
+    momdp = small.momdp("toy", rates, prior=prior)
+    history, rng = History(initial_belief(momdp)), np.random.default_rng(0)
+    decision = Untouched().solve(momdp, rng).decide(history, rng)
+    assert decision.action == momdp.n_behaviors + momdp.query.index_of(np.array(likeliest, bool))
 
 
 def decide(momdp, history):
