@@ -301,24 +301,33 @@ def _in_domain_order(
             if name not in meta[key]:
                 raise DataError(unknown(key[:-1], name, meta[key]))
     objects = tuple(map(str, meta["objects"]))
-    e = len(meta["behaviors"])
     if len(set(objects)) < len(objects):
         raise DataError("An object is named twice; make the table again.")
-    labels, log_odds, bins = (arrays[key] for key in ("labels", "log_odds", "training_bins"))
-    every = np.full((len(objects), e), log_odds.shape[1])
+    labels = arrays["labels"]
+    log_odds = arrays["log_odds"]
+    bins = arrays["training_bins"]
+    n_sensing = len(meta["behaviors"])
+    every = np.full((len(objects), n_sensing), log_odds.shape[1])
+    counts = arrays.get("recording_counts", every)
     columns = [meta["attributes"].index(name) for name in domain.attributes]
-    # Behaviors without modalities take the empty row that is appended.
-    rows = [meta["behaviors"].index(b.name) if b.modalities else e for b in domain.behaviors]
+    # Behaviors without modalities take an empty row, which is appended behind the file's.
+    rows = [
+        meta["behaviors"].index(behavior.name) if behavior.modalities else n_sensing
+        for behavior in domain.behaviors
+    ]
     if bins.size // max(bins[0, :, :, 0, 0].size, 1) * len(columns) * len(rows) > 2 * _LARGEST:
         raise DataError(f"{len(rows)} behaviors make a table that fits in no memory.")
+    padded_log_odds = np.insert(log_odds, n_sensing, np.nan, axis=2)  # (O,R,E'+1,P)
+    padded_bins = np.insert(bins[:, columns], n_sensing, 0, axis=2)  # (O,P,E'+1,G,L)
+    padded_counts = np.insert(counts, n_sensing, 0, axis=1)  # (O,E'+1)
     return PerceptTable(
-        domain,
-        objects,
-        labels[:, columns],
-        np.insert(log_odds, e, np.nan, axis=2)[:, :, rows][..., columns],
-        arrays["edges"],
-        np.insert(bins[:, columns], e, 0, axis=2)[:, :, rows].transpose(3, 0, 1, 2, 4),
-        {name: str(text) for name, text in meta["provenance"].items()},
-        np.insert(arrays.get("recording_counts", every), e, 0, axis=1)[:, rows],
-        arrays.get("groups"),  # type: ignore[arg-type]
+        domain=domain,
+        objects=objects,
+        labels=labels[:, columns],
+        log_odds=padded_log_odds[:, :, rows][..., columns],
+        edges=arrays["edges"],
+        training_bins=padded_bins[:, :, rows].transpose(3, 0, 1, 2, 4),
+        provenance={name: str(text) for name, text in meta["provenance"].items()},
+        recording_counts=padded_counts[:, rows],
+        groups=arrays.get("groups"),  # type: ignore[arg-type]
     )

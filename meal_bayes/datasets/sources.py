@@ -80,7 +80,7 @@ def load_roc36(domain: Domain, folder: Path) -> Dataset:
         return rows._replace(keys=[(name, str(next(numbers[name]))) for (name,) in rows.keys])
 
     files = folder / "sensorimotor_features/{}-{}.txt"
-    features = _features(domain, list(words), files, ["object"], 10, numbered)
+    features = _features(domain, list(words), files, ["object"], recordings=10, keyed=numbered)
     return Dataset(domain, tuple(words), features, _labels(domain, words, "ROC36"))
 
 
@@ -108,7 +108,7 @@ def load_ispy32(domain: Domain, folder: Path) -> Dataset:
         return rows._replace(keys=keys)
 
     files = folder / "corl_features/{}_{}.txt"
-    features = _features(domain, objects, files, ["object", "trial"], 5, named)
+    features = _features(domain, objects, files, ["object", "trial"], recordings=5, keyed=named)
     table = load_percepts("ispy32", domain=domain)
     for name in objects:
         if name not in table.objects:
@@ -161,14 +161,19 @@ def load_cy101(domain: Domain, folder: Path) -> Dataset:
         return rows._replace(keys=keys, values=values)
 
     files = folder / "normalized_data_without_noobject/{}_{}.txt"
-    features = _features(domain, objects, files, ["object_t<k>"], 5, corrected)
+    features = _features(domain, objects, files, ["object_t<k>"], recordings=5, keyed=corrected)
     return Dataset(domain, objects, features, labels)
 
 
 def _features(
-    domain: Domain, objects: Sequence[str], files: Path, key_columns: Sequence[str],
-    recordings: int, keyed: Callable[[Context, FeatureRows], FeatureRows],
-) -> dict[Context, NDArray[np.float32]]:  # fmt: skip
+    domain: Domain,
+    objects: Sequence[str],
+    files: Path,
+    key_columns: Sequence[str],
+    *,
+    recordings: int,
+    keyed: Callable[[Context, FeatureRows], FeatureRows],
+) -> dict[Context, NDArray[np.float32]]:
     """Read and join the files of a domain; `keyed` gives rows the keys (object, recording)."""
     paths = ((context, files.with_name(files.name.format(*context))) for context in domain.contexts)
     contexts = ((context, keyed(context, read_features(p, key_columns))) for context, p in paths)

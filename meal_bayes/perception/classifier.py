@@ -89,6 +89,7 @@ class KappaPool(NamedTuple):
             if labels.any() and not labels.all():
                 offset, slope = sigmoid[m, p] = fit_sigmoid(decisions[:, m, p], labels)
                 yes = offset + slope * decisions[:, m, p] > THRESHOLD
+                # Cohen's kappa: agreement beyond chance, of what chance leaves.
                 agree = (yes == labels).mean()
                 p_yes = yes.mean()
                 p_true = labels.mean()
@@ -118,7 +119,9 @@ def fit_sigmoid(decisions: Floats, truth: Bools) -> Floats:
     theta = np.zeros(2)
     features = np.concatenate([decisions, decisions])[None]
     target = np.repeat([1.0, -1.0], number)
-    fit_stacker(features, target, np.concatenate([soft, 1 - soft]), _SOFT, False, theta)
+    # Each decision counts twice: as true with the weight t, as false with 1 - t.
+    weight = np.concatenate([soft, 1 - soft])
+    fit_stacker(features, target, weight, ridge=_SOFT, nonnegative=False, theta=theta)
     return theta
 
 
@@ -127,8 +130,8 @@ class FoldProblem:
     """Recordings of one behavior, the folds of their objects, and how classifiers are trained.
 
     Inputs (M,n,d) are those of `Machines`; objects (n,) rise; folds (n,) are those of the
-    recordings' objects, -1 of unknown labels, which are scored and never trained on; units (n,)
-    what a percept table holds out: objects, or folds where there are many. `fit_pool` takes
+    recordings' objects, -1 of unknown labels, which are scored and never trained on; held groups
+    (n,) what a percept table holds out: objects, or folds where there are many. `fit_pool` takes
     decisions (r,M,P), truth (r,P) and objects (r,) of some rows, decided by those who never saw
     them; r may be 0. Questions (P,) name attribute and behavior in an error. More than one thread
     trains only where training is thread-safe.
@@ -138,7 +141,7 @@ class FoldProblem:
     truth: Bools
     objects: Ints
     folds: Ints
-    units: Ints
+    held_groups: Ints
     questions: Sequence[str]
     estimator: Any
     fit_pool: Callable[[Floats, Bools, Ints], Stacker | KappaPool]
@@ -263,7 +266,7 @@ def outputs(
     o itself is trained anew on all other objects, where they are few.
     """
     problem = _problem(recordings, settings)
-    known = problem.folds >= 0
+    labelled = problem.folds >= 0
     decisions = problem.decide_without(3)
     held_outputs = _nested(problem, decisions)
     training = np.tile(held_outputs, (len(held), 1, 1))
@@ -271,20 +274,20 @@ def outputs(
         side = _nested(problem, decisions, frozenset([h]))
         inside = problem.folds == h  # o's fellows are scored without the fold, as is all else
         side[inside] = held_outputs[inside]
-        training[np.isin(held, problem.units[inside])] = side
+        training[np.isin(held, problem.held_groups[inside])] = side
     if settings.method == "paper" and not recordings.large:
         pools = {h: _pool(problem, decisions, frozenset([h])) for h in problem.names}
 
         def decide_anew(o: int) -> None:
             single = problem.objects == o
-            fresh = problem.decide(known & ~single, single)
+            fresh = problem.decide(labelled & ~single, single)
             held_outputs[single] = pools[int(problem.folds[single][0])].log_odds(fresh)
 
         with ThreadPoolExecutor(problem.threads) as workers:
-            list(workers.map(decide_anew, np.intersect1d(held, problem.objects[known])))
-    if not known.all():
-        decided = problem.decide(known, ~known)
-        held_outputs[~known] = _pool(problem, decisions).log_odds(decided)
+            list(workers.map(decide_anew, np.intersect1d(held, problem.objects[labelled])))
+    if not labelled.all():
+        decided = problem.decide(labelled, ~labelled)
+        held_outputs[~labelled] = _pool(problem, decisions).log_odds(decided)
     return held_outputs, training
 
 
@@ -294,12 +297,14 @@ def _problem(recordings: BehaviorRecordings, settings: PerceptionSettings) -> Fo
     Neighbors are in different folds. Many objects have the same folds for every behavior.
     """
     objects = recordings.objects
-    known = recordings.labels[:, 0] >= 0
-    units = dealt(objects, settings.folds) if recordings.large else objects
-    folds = np.where(known, units, -1)
+    labelled = recordings.labels[:, 0] >= 0
+    held_groups = dealt(objects, settings.folds) if recordings.large else objects
+    folds = np.where(labelled, held_groups, -1)
     if not recordings.large:
-        folds[known] = np.unique(objects[known], return_inverse=True)[1].ravel() % settings.folds
-    data = recordings.labels == 1, objects, folds, units, recordings.questions
+        _, object_of = np.unique(objects[labelled], return_inverse=True)
+        folds[labelled] = object_of.ravel() % settings.folds
+    truth = recordings.labels == 1
+    data = truth, objects, folds, held_groups, recordings.questions
     if settings.method == "paper":
         machine = SVC(C=_BOX, kernel="precomputed", tol=_LOOSE)
         # Support vector machines train without the interpreter's lock; forests, below, set the
@@ -321,12 +326,18 @@ def _fit_stacker(
     if len(truth):
         scale = decisions.std(axis=0)[0]
         scale = np.where(scale > 0, scale, 1.0)
-        _, place, sizes = np.unique(objects, return_inverse=True, return_counts=True)
+        _, object_of, sizes = np.unique(objects, return_inverse=True, return_counts=True)
         features = np.ascontiguousarray((decisions / scale).transpose(2, 1, 0))
         targets = np.where(truth, 1.0, -1.0).T.copy()
-        losses = np.zeros(len(weights))
-        base = 2.0 / sizes[place.ravel()]
-        options = (settings.nonnegative, settings.balanced)
-        fit_stackers(base, features, targets, RIDGE, *options, weights, losses)
+        fit_stackers(
+            2.0 / sizes[object_of.ravel()],  # every object weighs the same
+            features,
+            targets,
+            ridge=RIDGE,
+            nonnegative=settings.nonnegative,
+            balanced=settings.balanced,
+            weights=weights,  # written
+            losses=np.zeros(len(weights)),
+        )
         weights[:, 1] /= scale
     return Stacker(weights)

@@ -45,7 +45,8 @@ from meal_bayes.perception.settings import DEFAULT, NAMED, PerceptionSettings, w
 from meal_bayes.perception.stacked import NOBODY, Problem, leave_out, parts
 from meal_bayes.version import package_version
 
-Halves = NDArray[np.float16]
+Half = np.float16
+Halves = NDArray[Half]
 Map = Callable[[Callable[[Any], Any], Iterable[Any]], Iterable[Any]]  # as `map`, in any order
 
 WIDTHS = (1.0, 1.5, 2.0)  # in median distances
@@ -102,10 +103,11 @@ def fit_and_validate(
     width, _ = learned_widths(gathered.values(), settings)
     for e, recordings in gathered.items():
         fit, nested = method_of(settings).fit(recordings.widened(width), settings)
+        # Worse than chance on held-out objects: its percepts are put at even odds.
         informed = youden(_count(recordings, nested, 2, len(counts)).sum(axis=0)) > 0
         used = informed | (not settings.positive_youden_only)
-        shown = np.where(used, nested, 0.0)
-        counts[:, :, e] = _count(recordings, shown, settings.levels, len(counts))
+        log_odds = np.where(used, nested, 0.0)
+        counts[:, :, e] = _count(recordings, log_odds, settings.levels, len(counts))
         wide = [replace(space, width=width * space.width) for space in recordings.compared]
         spaces_of = dict(zip(domain.behaviors[e].modalities, wide, strict=True))
         classifiers[domain.behaviors[e].name] = BehaviorClassifier(spaces_of, fit, used)
@@ -114,11 +116,11 @@ def fit_and_validate(
 
 def _count(recordings: BehaviorRecordings, nested: Floats, levels: int, n_objects: int) -> Ints:
     """Count the levels of nested outputs (n,P) by object and truth, (O,P,2,K)."""
-    shown = levels_of(round_log_odds(nested), BIN_EDGES, levels)
+    level_of = levels_of(round_log_odds(nested), BIN_EDGES, levels)
     counts = np.zeros((n_objects, nested.shape[1], 2, levels), np.int64)
     row, attribute = np.nonzero(recordings.labels >= 0)
     truth = recordings.labels[row, attribute]
-    level = shown[row, attribute]
+    level = level_of[row, attribute]
     np.add.at(counts, (recordings.objects[row], attribute, truth, level), 1)
     return counts
 
@@ -136,6 +138,7 @@ def learned_widths(
     behavior, perhaps at once; results may come in any order.
     """
     groups = np.fromiter(held, np.int64)
+    # Only the stackers' losses tell widths apart; of other methods the width is the median's.
     fixed = settings.width if settings.method == "stacked" else 1.0
     if fixed is not None:
         return fixed, np.full(len(groups), fixed)
@@ -165,6 +168,7 @@ def _losses_of_widths(
                 everyone = leave_out(problem, NOBODY, settings)
                 (all_losses,) = (everyone.losses * _votes(problem, NOBODY)).sum(axis=1)
                 total[w] += all_losses
+                # Without a group that has no recording here the loss is that of all.
                 present = np.flatnonzero(np.isin(held, problem.groups))
                 sets = np.searchsorted(problem.groups, held[present])[:, None]
                 without = leave_out(problem, sets, settings, everyone.weights[0])
@@ -223,21 +227,32 @@ def build_percept_table(
     groups = groups_of(gathered.values(), n_objects, settings)
     names = np.unique(groups)
     _, widths = learned_widths(gathered.values(), settings, names, each)
-    shape = (dataset.recordings, len(domain.behaviors), len(domain.attributes))
-    log_odds = np.full((n_objects, *shape), np.nan, np.float16)
-    bins = np.zeros((groups.max() + 1, n_objects, *shape[:0:-1], len(BIN_EDGES) + 1), np.uint8)
+    n_behaviors = len(domain.behaviors)
+    n_attributes = len(domain.attributes)
+    n_bins = len(BIN_EDGES) + 1
+    n_groups = groups.max() + 1
+    log_odds = np.full((n_objects, dataset.recordings, n_behaviors, n_attributes), np.nan, Half)
+    bins = np.zeros((n_groups, n_objects, n_attributes, n_behaviors, n_bins), np.uint8)
     score = partial(_score_behavior, names=names, widths=widths, groups=groups, settings=settings)
-    for done, (e, outputs, shown) in enumerate(each(score, gathered.items())):
+    for done, (e, outputs, counts) in enumerate(each(score, gathered.items())):
         objects = gathered[e].objects
         log_odds[objects, number_in_object(objects), e] = outputs
-        bins[names, :, :, e] = shown
+        bins[names, :, :, e] = counts
         if progress is not None:
             progress(done + 1, len(gathered))
     if settings.positive_youden_only:
         _neutralize(log_odds, bins, dataset.labels, groups)
-    known = domain, dataset.objects, dataset.labels
-    origin = _provenance(dataset, settings), dataset.recording_counts
-    return PerceptTable(*known, log_odds, BIN_EDGES, bins, *origin, groups)
+    return PerceptTable(
+        domain=domain,
+        objects=dataset.objects,
+        labels=dataset.labels,
+        log_odds=log_odds,
+        edges=BIN_EDGES,
+        training_bins=bins,
+        provenance=_provenance(dataset, settings),
+        recording_counts=dataset.recording_counts,
+        groups=groups,
+    )
 
 
 def _score_behavior(
@@ -251,8 +266,8 @@ def _score_behavior(
     """
     index, recordings = piece
     n, n_attributes = recordings.labels.shape
-    held_outputs = np.full((n, n_attributes), np.nan, np.float16)
-    shown = np.zeros((len(names), len(groups), n_attributes, len(BIN_EDGES) + 1), np.uint8)
+    held_outputs = np.full((n, n_attributes), np.nan, Half)
+    bin_counts = np.zeros((len(names), len(groups), n_attributes, len(BIN_EDGES) + 1), np.uint8)
     objects, starts = np.unique(recordings.objects, return_index=True)
     with threadpool_limits(1):  # sums of many threads differ in their last bit from those of one
         for width in np.unique(widths):
@@ -260,14 +275,16 @@ def _score_behavior(
             rows = np.isin(groups[recordings.objects], names[chosen])
             for attributes, part in recordings.widened(width).parts():
                 log_odds, training = method_of(settings).outputs(part, names[chosen], settings)
+                # On its own group's recordings a training-side output means nothing.
                 training[names[chosen][:, None] == groups[recordings.objects]] = np.nan
                 held_outputs[np.ix_(rows, attributes)] = round_log_odds(log_odds)[rows]
                 bins = np.searchsorted(BIN_EDGES, round_log_odds(training))  # (h,n,a)
                 bins[np.isnan(training)] = -1
+                # Rows are sorted by object, so each object's recordings sum by `reduceat`.
                 for level in range(len(BIN_EDGES) + 1):
                     counts = np.add.reduceat(bins == level, starts, axis=1, dtype=np.uint8)
-                    shown[..., level][np.ix_(chosen, objects, attributes)] = counts
-    return index, held_outputs, shown
+                    bin_counts[..., level][np.ix_(chosen, objects, attributes)] = counts
+    return index, held_outputs, bin_counts
 
 
 def _neutralize(log_odds: Halves, bins: NDArray[np.uint8], labels: Any, groups: Ints) -> None:
@@ -278,6 +295,7 @@ def _neutralize(log_odds: Halves, bins: NDArray[np.uint8], labels: Any, groups: 
     even = int(np.searchsorted(BIN_EDGES, 0.0))
     for group, counts in enumerate(bins):
         uninformative = youden(by_truth(counts.astype(np.int64), labels).sum(axis=0)) <= 0  # (P,E)
+        # The held-out side, then the training side: all recordings move to the bin of even odds.
         held = (groups == group)[:, None, None, None]
         log_odds[held & uninformative.T & ~np.isnan(log_odds)] = 0.0
         recordings = counts.sum(axis=-1)

@@ -42,15 +42,20 @@ def answer(
 
 
 def person_says(
-    domain: Domain, labels: NDArray[np.int8], instance: Instance, query: Query, levels: int,
+    domain: Domain,
+    labels: NDArray[np.int8],
+    instance: Instance,
+    query: Query,
+    *,
+    levels: int,
     rng: np.random.Generator,
-) -> Levels | None:  # fmt: skip
+) -> Levels | None:
     """Draw the answer of a person who knows labels (O,P); None of behaviors that do not ask."""
     accuracy = domain.behaviors[domain.behavior_index(instance.behavior)].answer_accuracy
     if accuracy is None:
         return None
-    known = labels[instance.object_index, domain.columns(query.attributes)]
-    return answer(known, accuracy, levels, rng)
+    truth = labels[instance.object_index, domain.columns(query.attributes)]
+    return answer(truth, accuracy, levels, rng)
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,7 +83,7 @@ class RecordedPercepts:
         """
         table = self.table
         domain = self.table.domain
-        said = person_says(domain, table.labels, instance, query, self.levels, rng)
+        said = person_says(domain, table.labels, instance, query, levels=self.levels, rng=rng)
         if said is not None:
             return said
         e = domain.behavior_index(instance.behavior)
@@ -116,13 +121,14 @@ class SampledPercepts(FrozenArrays):
     def observe(self, instance: Instance, query: Query, rng: np.random.Generator) -> Levels:
         """Draw each level from the row of the true value (of a coin if unknown), or an answer."""
         levels = self.confusion.shape[-1]
-        said = person_says(self.domain, self.labels, instance, query, levels, rng)
+        said = person_says(self.domain, self.labels, instance, query, levels=levels, rng=rng)
         if said is not None:
             return said
         behavior = self.domain.behavior_index(instance.behavior)
         columns = self.domain.columns(query.attributes)
         labels = self.labels[instance.object_index, columns]
         truth = np.where(labels < 0, rng.integers(2, size=len(labels)), labels)
+        # Inverse of the rows' cumulative distribution: the level is how many edges lie below.
         edges = np.cumsum(self.confusion[columns, behavior, truth], axis=-1)[:, :-1]
         return np.asarray((rng.random((len(edges), 1)) >= edges).sum(axis=-1), np.int8)
 
@@ -203,7 +209,7 @@ class Perception(FrozenArrays):
 
     def observe(self, instance: Instance, query: Query, rng: np.random.Generator) -> Levels:
         """Return percept levels of the queried attributes, (N,), or a person's answer."""
-        said = person_says(self.domain, self.labels, instance, query, self.levels, rng)
+        said = person_says(self.domain, self.labels, instance, query, levels=self.levels, rng=rng)
         if said is not None:
             return said
         return levels_of(self.log_odds(instance, query), BIN_EDGES, self.levels)

@@ -69,8 +69,9 @@ class FeatureSpace(FrozenArrays):
     def similarity(self, rows: Floats) -> Floats:
         """Compute the kernel of standardized rows (B,d) with this space's recordings, (B,n)."""
         product = rows @ self.rows.T
-        if self.kernel == "polynomial":
+        if self.kernel == "polynomial":  # (1 + x.y / d)^2, the paper's
             return (1.0 + product / max(len(self.varying), 1)) ** 2
+        # exp(-|x - y|^2 / width^2)
         return np.exp(-_squared_distance(rows, self.rows) / self.width**2)
 
     def at(self, rows: NDArray[np.integer]) -> "FeatureSpace":
@@ -90,7 +91,10 @@ def fit_space(
     rows = np.clip((squashed[:, varying] - center) / scale, -_FAR, _FAR)
     whitening = None if objects is None else _whitening(rows, objects)
     rows = rows if whitening is None else whitening.of(rows)
-    return FeatureSpace(varying, center, scale, rows, kernel, _median_distance(rows), whitening)
+    width = _median_distance(rows)
+    return FeatureSpace(
+        varying, center, scale, rows, kernel=kernel, width=width, whitening=whitening
+    )
 
 
 def joint_kernel(kernels: Floats) -> Floats:
@@ -115,6 +119,7 @@ def _whitening(rows: Floats, objects: NDArray[np.integer]) -> Whitening | None:
     repeated = count[index] > 1
     if not repeated.any():
         return None
+    # Deviations of repeats from their object's mean; each object takes one degree of freedom.
     freedom = repeated.sum() - (count > 1).sum()
     _, values, basis = np.linalg.svd((rows - mean[index])[repeated], full_matrices=False)
     gain = np.sqrt(_WITHIN / (values**2 / freedom + _WITHIN)) - 1.0

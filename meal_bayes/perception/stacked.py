@@ -106,16 +106,22 @@ def kernel_problem(grams: Floats, truth: Bools, groups: Ints, noise: float) -> P
     duals = targets @ inverses
 
     def score(left_out: Ints, rows: Ints, nested: bool) -> tuple[Floats, Floats]:
-        held, others = score_without(left_out, rows, inverses, duals, targets, starts, nested)
+        held, others = score_without(
+            left_out, rows, inverses, duals, targets, starts=starts, nested=nested
+        )
         return held, others
 
-    return Problem(names, starts, np.repeat(2.0 / sizes, sizes), targets, duals, score)
+    weights = np.repeat(2.0 / sizes, sizes)
+    return Problem(names, starts, weights, targets, duals=duals, score=score)
 
 
 def landmark_problem(
-    kernels: Floats, landmarks: Floats, truth: Bools, groups: tuple[Ints, Ints],
+    kernels: Floats,
+    landmarks: Floats,
+    truth: Bools,
+    groups: tuple[Ints, Ints],
     noise: float,
-) -> Problem:  # fmt: skip
+) -> Problem:
     """Build the normal equations of recordings that are compared with landmarks; groups are folds.
 
     Kernels (M,n,m) are of recordings with landmarks, `landmarks` (M,m,m) those of landmarks with
@@ -124,15 +130,16 @@ def landmark_problem(
     folds, objects = groups
     names, starts = np.unique(folds, return_index=True)
     starts = np.append(starts, len(folds))
-    _, place, sizes = np.unique(objects, return_inverse=True, return_counts=True)
+    _, object_of, sizes = np.unique(objects, return_inverse=True, return_counts=True)
     targets = np.ascontiguousarray(np.where(truth, 1.0, -1.0).T)
-    (n_modalities, _, m) = kernels.shape
+    n_modalities, _, m = kernels.shape
     k = len(names)
     features = np.empty(kernels.shape)
     grams = np.zeros((n_modalities, 1 + k, m, m))  # of all features + noise, and of each fold
     products = np.zeros((n_modalities, 1 + k, m, len(targets)))  # with the targets, the same
     duals = np.empty((n_modalities, len(targets), m))
     for i in range(n_modalities):
+        # phi(x) = L^-1 k(x) of every recording, and its normal equations, fold by fold.
         factor = np.linalg.cholesky(landmarks[i] + _JITTER * np.trace(landmarks[i]) * np.eye(m))
         features[i] = solve_triangular(factor, kernels[i].T, lower=True, check_finite=False).T
         for fold, (start, end) in enumerate(pairwise(starts), start=1):
@@ -141,8 +148,8 @@ def landmark_problem(
             products[i, fold] = part.T @ targets[:, start:end].T
         grams[i, 0] = grams[i].sum(axis=0) + noise * np.eye(m)
         products[i, 0] = products[i].sum(axis=0)
-        (weights,) = _ridge_weights(grams[i : i + 1], products[i : i + 1], names[:0])
-        duals[i] = solve_triangular(factor.T, weights, check_finite=False).T
+        (ridge_weights,) = _ridge_weights(grams[i : i + 1], products[i : i + 1], names[:0])
+        duals[i] = solve_triangular(factor.T, ridge_weights, check_finite=False).T
 
     def score(left_out: Ints, rows: Ints, nested: bool) -> tuple[Floats, Floats]:
         decisions = np.zeros((n_modalities, *targets.shape))
@@ -155,7 +162,8 @@ def landmark_problem(
     def decide(left_out: Ints, some: Floats) -> Floats:
         return np.asarray((some @ _ridge_weights(grams, products, left_out)).transpose(0, 2, 1))
 
-    return Problem(names, starts, 2.0 / sizes[place.ravel()], targets, duals, score)
+    weights = 2.0 / sizes[object_of.ravel()]
+    return Problem(names, starts, weights, targets, duals=duals, score=score)
 
 
 def _ridge_weights(grams: Floats, products: Floats, left_out: Ints) -> Floats:
@@ -194,17 +202,23 @@ def leave_out(
     weights = np.zeros((len(sets), n_targets, 1 + n_modalities))
     losses = np.zeros((len(sets), n_targets))
     log_odds = []
-    options = (RIDGE, settings.nonnegative, settings.balanced)
     for index, left_out in enumerate(np.asarray(sets, dtype=np.int64)):
         rows = problem.rows(left_out)
-        remaining = problem.weights.copy()
         held, decisions = problem.score(left_out, rows, settings.nested)
-        remaining[rows] = 0.0
+        remaining = problem.weights.copy()
+        remaining[rows] = 0.0  # the stacker does not learn from what is left out
         if warm is not None:
             weights[index] = warm
-        features = decisions.swapaxes(0, 1).copy()
-        start = (weights[index], losses[index])
-        fit_stackers(remaining, features, problem.targets, *options, *start)
+        fit_stackers(
+            remaining,
+            decisions.swapaxes(0, 1).copy(),
+            problem.targets,
+            ridge=RIDGE,
+            nonnegative=settings.nonnegative,
+            balanced=settings.balanced,
+            weights=weights[index],  # written
+            losses=losses[index],  # written
+        )
         slopes = np.einsum("mpq,pm->pq", held, weights[index, :, 1:])
         log_odds.append(weights[index, :, :1] + slopes)
     return LeftOut(weights, log_odds, losses)
@@ -251,9 +265,10 @@ def parts(
         if landmarks is None:
             problem = kernel_problem(kernels[:, rows][:, :, rows], truth, groups[rows], NOISE)
         else:
-            near = (kernels[:, rows], kernels[:, landmarks])
-            names = (groups[rows], objects[rows])
-            problem = landmark_problem(*near, truth, names, NOISE)
+            folds_and_objects = (groups[rows], objects[rows])
+            problem = landmark_problem(
+                kernels[:, rows], kernels[:, landmarks], truth, folds_and_objects, NOISE
+            )
         yield Part(rows, attributes, columns, problem)
 
 
@@ -264,8 +279,8 @@ def fit(recordings: BehaviorRecordings, settings: PerceptionSettings) -> tuple[K
     it is NaN where the label is unknown.
     """
     kernels = recordings.kernels(joint=settings.joint)
-    (n_kernels, _, m) = kernels.shape
-    (n, n_attributes) = recordings.labels.shape
+    n_kernels, _, m = kernels.shape
+    n, n_attributes = recordings.labels.shape
     dual = np.zeros((n_kernels, n_attributes, m))
     weights = np.zeros((n_attributes, 1 + n_kernels))
     nested = np.full((n, n_attributes), np.nan)
@@ -304,8 +319,8 @@ def outputs(
         of_first, of_second = np.split(scores.T, [len(rows[first])])
         training[np.ix_(held == problem.groups[first], rows[second])] = of_second
         training[np.ix_(held == problem.groups[second], rows[first])] = of_first
-    unknown = np.setdiff1d(np.arange(len(held_outputs)), part.rows)
-    across = kernels[:, unknown][:, :, part.columns]
+    unlabelled = np.setdiff1d(np.arange(len(held_outputs)), part.rows)
+    across = kernels[:, unlabelled][:, :, part.columns]
     decisions = np.einsum("mbn,mpn->bmp", across, problem.duals)
-    held_outputs[unknown] = Stacker(weights).log_odds(decisions)
+    held_outputs[unlabelled] = Stacker(weights).log_odds(decisions)
     return held_outputs, training

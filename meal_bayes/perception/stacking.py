@@ -78,6 +78,7 @@ def _derivatives(theta, features, target, weight, ridge, rate, gradient, hessian
     scratch = np.empty((2, n))  # residuals w (p - y) and curvatures w p (1 - p)
     first = 0.0
     second = 0.0
+    # g_0 = sum_i w (p - y), H_00 = sum_i w p (1 - p); the slopes' below weigh these by x_m.
     for i in range(n):
         scratch[0, i] = weight[i] * (rate[i] - (1.0 if target[i] > 0 else 0.0))
         scratch[1, i] = weight[i] * rate[i] * (1.0 - rate[i])
@@ -110,6 +111,7 @@ def _newton_step(theta, gradient, hessian, nonnegative, step):
     few coordinates.
     """
     largest = 0.0
+    # The quadratic model H d = -g; a slope that is held at zero leaves it.
     for j in range(len(theta)):
         step[j] = -gradient[j]
         if nonnegative and j > 0 and theta[j] <= 0.0 and gradient[j] > 0.0:
@@ -141,9 +143,11 @@ def fit_stacker(
     hessian = np.empty((size, size))
     step = np.empty(size)
     trial = np.empty(size)
-    value = _objective(theta, features, target, weight, ridge, rate)
+    value = _objective(theta, features, target, weight, ridge, rate=rate)
     for _ in range(_MAX_ITERATIONS):
-        _derivatives(theta, features, target, weight, ridge, rate, gradient, hessian)
+        _derivatives(
+            theta, features, target, weight, ridge, rate=rate, gradient=gradient, hessian=hessian
+        )
         if _newton_step(theta, gradient, hessian, nonnegative, step) < _TOLERANCE * weight.sum():
             break
         length = 1.0
@@ -152,7 +156,7 @@ def fit_stacker(
                 trial[j] = theta[j] + length * step[j]
                 if nonnegative and j > 0 and trial[j] < 0.0:
                     trial[j] = 0.0
-            new = _objective(trial, features, target, weight, ridge, rate)
+            new = _objective(trial, features, target, weight, ridge, rate=rate)
             if new <= value + 1e-13 * abs(value):
                 break
             length *= 0.5
@@ -191,6 +195,7 @@ def _leave_set(inverse, dual, target, rows, held, across, known):
             factor[i, j] = inverse[rows[i], rows[j]]
     _factorize(factor)
     for i in range(q):  # forward substitution, all columns at once
+        # across = L^-1 C^-1[S,:]
         for c in range(n):
             across[i, c] = inverse[rows[i], c]
         for j in range(i):
@@ -198,6 +203,7 @@ def _leave_set(inverse, dual, target, rows, held, across, known):
                 across[i, c] -= factor[i, j] * across[j, c]
         for c in range(n):
             across[i, c] /= factor[i, i]
+    # known = L^-1 (C^-1 y)_S; then the decision y_S - C^-1[S,S]^-1 (C^-1 y)_S by back substitution.
     for p in range(len(dual)):
         for i in range(q):
             known[p, i] = dual[p, rows[i]]
@@ -268,10 +274,11 @@ def score_without(
     known = np.empty((n_targets, len(rows)))
     shared = len(rows) if nested else 0
     for m in range(n_modalities):
-        _leave_set(inverses[m], duals[m], targets, rows, held[m], across, known)
+        _leave_set(inverses[m], duals[m], targets, rows, held=held[m], across=across, known=known)
         _score_others(
-            inverses[m], duals[m], targets, starts, out, across[:shared], known, decisions[m]
-        )
+            inverses[m], duals[m], targets, starts, out,
+            across=across[:shared], known=known, decisions=decisions[m],
+        )  # fmt: skip
     return held, decisions
 
 
@@ -290,7 +297,7 @@ def fit_stackers(
     for p in range(len(targets)):
         if _weigh(targets[p], base, balanced, weight):
             losses[p] = fit_stacker(
-                decisions[p], targets[p], weight, ridge, nonnegative, weights[p]
+                decisions[p], targets[p], weight, ridge, nonnegative, theta=weights[p]
             )
         else:
             losses[p] = 0.0
