@@ -73,7 +73,7 @@ def answers_about(
     for number in numbers:
         rng = stream(seed, "asked attributes", number)
         for attribute in rng.permutation(learner.domain.attributes)[:asked].tolist():
-            learner.asked = 0  # every agent meets the same streams
+            learner._asked = 0  # every agent meets the same streams
             start = time.process_time()
             trial = ask_new(learner, Query((attribute,)), seed, number)
             cpu = time.process_time() - start

@@ -111,7 +111,7 @@ def check_whole(name: str, value: object) -> None:
 class Rows:
     """An array that grows at its end, at constant cost; `width` is that of its further axes."""
 
-    def __init__(self, dtype: type, *width: int) -> None:
+    def __init__(self, dtype: type | np.dtype[Any], *width: int) -> None:
         self._held: NDArray[Any] = np.empty((8, *width), dtype)
         self._count = 0
 

@@ -1,7 +1,7 @@
 """Agents: `Knowledge` and a `Solver` make a `Trial`.
 
-Both algorithms are `learner/sessions.py`, their inner loop is `trials/session.py`, and what they
-learn `learner/fitted.py`; the named agents are a table in `named.py`.
+Algorithm 1 is `learner/held_out.py`, Algorithm 2 `learner/online.py`, their inner loop
+`trials/session.py`; the named agents are a table in `named.py`.
 """
 
 from meal_bayes.agents.agent import Agent

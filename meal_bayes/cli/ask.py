@@ -131,13 +131,12 @@ def _answer(
     """
     from meal_bayes.files import check_folder, file_name
     from meal_bayes.learner import Learner
-    from meal_bayes.learner.sessions import task_of
     from meal_bayes.trial_log import write_trials
 
     agent = opt.agent_value(config["agent"])
     seed = config["seed"]
     learner = Learner(table.domain, agent=agent, seed=seed, logs=None).fit(table)
-    task, _ = task_of(learner, config["question"], config["object"])
+    task = learner.task(config["question"], config["object"])
     check_folder(logs)  # once agent, question and object are known to be some
     start = time.perf_counter()
     if labels is not None:

@@ -12,7 +12,7 @@ from meal_bayes.datasets import Dataset, PerceptTable
 from meal_bayes.display import short, short_repr
 from meal_bayes.domain import unknown
 from meal_bayes.errors import SettingsError
-from meal_bayes.learner.settings import LearnerSettings
+from meal_bayes.learner import LearnerSettings
 from meal_bayes.untrusted import LARGEST
 
 DEFAULT_AGENTS = (

@@ -13,7 +13,7 @@ from meal_bayes.experiments.protocol import ASKED, Environment, Protocol, learna
 from meal_bayes.experiments.store import is_whole, run_folder
 from meal_bayes.experiments.units import run_units, timed, warm_up
 from meal_bayes.files import file_name
-from meal_bayes.learner import Learner
+from meal_bayes.learner import Learner, LearnerSettings
 from meal_bayes.perception.source import fingerprint
 from meal_bayes.trial_log import TrialWriter, log_info, read_outcomes, read_trials, write_trials
 from meal_bayes.trials import BatchOutcomes, Task, TrialOutcomes
@@ -183,16 +183,19 @@ def _learner(config: OnlineConfig, protocol: Protocol) -> Learner:
     """Return a learner, pretrained: every behavior once, and all labels, of a part."""
     dataset = protocol.dataset
     split = protocol.split
-    learner = Learner(
-        dataset.domain, agent=config.agents[0], seed=config.seed, reward=config.reward,
-        refit_every=None, learn_success=False, horizon=config.horizon, logs=None,
-    )  # fmt: skip
-    counted = len(split.train) + len(split.pre) * (config.normalizer == "all")
-    learner.fits.settings = dataclasses.replace(
-        learner.fits.settings,
+    count_given = config.normalizer == "all"
+    counted = len(split.train) + (len(split.pre) if count_given else 0)
+    reward = dataset.domain.report_reward if config.reward is None else config.reward
+    settings = LearnerSettings(
+        seed=config.seed,
+        reward=reward,
+        horizon=config.horizon,
+        refit_every=None,
+        learn_success=False,
         unit=float(dataset.recordings * counted),
-        count_given=config.normalizer == "all",
+        count_given=count_given,
         drawn=dataset.labels if config.percepts == "model" else None,
-        **dict(config.learning),
     )
+    settings = dataclasses.replace(settings, **dict(config.learning))
+    learner = Learner(dataset.domain, agent=config.agents[0], settings=settings, logs=None)
     return learner.fit(protocol.pretraining())

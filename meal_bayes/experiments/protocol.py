@@ -7,12 +7,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes.datasets import Dataset, PerceptTable, object_index
+from meal_bayes.datasets import Dataset, Instance, PerceptTable, object_index
 from meal_bayes.domain import Query
 from meal_bayes.errors import SettingsError
 from meal_bayes.experiments.config import OnlineConfig
 from meal_bayes.learner import Learner, implied
-from meal_bayes.learner.percepts import record_step
 from meal_bayes.perception.perceiver import answer
 from meal_bayes.robots import Boundary
 from meal_bayes.robots.recorded import Order, RecordedRobot, replayable
@@ -221,15 +220,15 @@ class Environment:
         robot = self._robot(task, learn=True)
         boundary = Boundary(domain, object_index=task.object_index)
         robot.start()
+        sensed = list[Instance | None]()
         for step in trial.steps:
             e = step.decision.action
-            shown = None
-            if e >= trial.momdp.n_behaviors:
-                continue
-            done = boundary.execute(e, robot.execute(domain.behavior_names[e]))
-            if done.instance is not None:
-                shown = done.instance, np.full(len(domain.attributes), -1, np.int8)
-            record_step(learner.experience, task, trial.momdp, step, shown)
+            if e < trial.momdp.n_behaviors:
+                outcome = robot.execute(domain.behavior_names[e])
+                sensed.append(boundary.execute(e, outcome).instance)
+            else:
+                sensed.append(None)
+        learner.record(trial, sensed)
         self._tell(learner, trial)
 
     def _tell(self, learner: Learner, trial: Trial) -> None:

@@ -19,12 +19,10 @@ from numpy.typing import NDArray
 
 from meal_bayes.agents import as_agent
 from meal_bayes.datasets import PerceptTable, object_index
-from meal_bayes.domain import Query, unknown
+from meal_bayes.domain import unknown
 from meal_bayes.errors import SettingsError
 from meal_bayes.experiments import offline_tasks
 from meal_bayes.learner import Learner
-from meal_bayes.learner.sessions import commanded, fit_of, prepare, record, robot_of
-from meal_bayes.momdp import MOMDP
 from meal_bayes.perception import TableSource
 from meal_bayes.planners import Policy, unvalued
 from meal_bayes.robots.recorded import RecordedRobot
@@ -109,7 +107,6 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
         if not self.tasks:
             raise SettingsError(f"None of the {trials} tasks is about {sorted(names)}; give more.")
         self._max_steps, self._scale = max_steps, scale
-        self._problems: dict[tuple[int, Query], MOMDP] = {}
         self._learner = Learner(table.domain, agent=chosen, seed=seed, logs=logs).fit(table)
         self._begun: tuple[Session, RecordedRobot] | None = None
         self._policy: Policy | None = None
@@ -138,20 +135,20 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
         by default both are new, by the seed of this or of an earlier call.
         """
         super().reset(seed=seed)
-        index, seed_of_task = (options or {}).get("task"), self._learner.seed
+        index = (options or {}).get("task")
+        seed_of_task = self._learner.settings.seed
         if index is None:
             index = int(self.np_random.integers(len(self.tasks)))
             seed_of_task = int(self.np_random.integers(_SEEDS))
         if not 0 <= index < len(self.tasks):
             raise SettingsError(f"Task {index}; expected 0 to {len(self.tasks) - 1}.")
-        task, learner = self.tasks[index], self._learner
-        if (key := (task.object_index, task.query)) not in self._problems:
-            self._problems[key] = learner.problem(task)
+        task = self.tasks[index]
+        learner = self._learner
         self.close()
-        robot, fit = robot_of(learner, task, seed_of_task), fit_of(learner, task, learn=False)
-        session = commanded(learner, fit, task, self._problems[key], seed=seed_of_task)
-        record(learner, session, task.name)
-        self._begun, self._policy = (session.start(robot.start()), robot), None
+        robot = learner.replay(task, seed=seed_of_task)
+        session = learner.begin(task, state=robot.start(), seed=seed_of_task, commanded=True)
+        self._begun = (session, robot)
+        self._policy = None
         self._steps = 0
         return self._seen()
 
@@ -175,10 +172,9 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
 
     def decide(self) -> int:
         """Return the action that the agent itself would choose."""
-        (running, _), learner = self._running, self._learner
+        running, _ = self._running
         if self._policy is None:
-            fit = fit_of(learner, running.task, learn=False)
-            _, self._policy = prepare(learner, fit, running.task, running.task.key)
+            self._policy = self._learner.policy(running.task)
         return int(self._policy.decide(running.history, running.rng).action)
 
     def close(self) -> None:

@@ -1,10 +1,11 @@
-"""`ask`: one question about one recorded object, answered by one agent."""
+"""`ask`: one question about one recorded object; `recall`: experience from logs."""
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from meal_bayes.datasets import PerceptTable, load_percepts
 from meal_bayes.learner.learner import Learner
+from meal_bayes.trial_log import Logs
 from meal_bayes.trials import Step, Trial
 
 
@@ -58,3 +59,40 @@ def ask(
         table.domain, agent=agent, seed=seed, reward=reward, percepts=percepts, logs=None
     ).fit(table)
     return learner.ask(question, object, on_step=on_step, log=log)
+
+
+def recall(learner: Learner, *logs: str | Path) -> list[Trial]:
+    """Rebuild the experience of a learner from the logs of its robot's trials.
+
+    What was executed, whether it succeeded and what it showed of the attributes asked is in a log;
+    features and labels are not: labels can be told of the trials.
+    Trials that the learner has had, or with other levels than its agent's, are passed over.
+
+    Parameters
+    ----------
+    logs : str or Path
+        Files, or folders of them.
+
+    Returns
+    -------
+    trials : list[Trial]
+        That are experience now, in their order.
+
+    Raises
+    ------
+    LogError
+        Logs that cannot be read, or of several data sets.
+    SettingsError
+        Trials of another domain.
+    """
+    recalled = [
+        trial
+        for group in Logs(*logs).groups()
+        for trial in group.trials
+        if trial.task.key not in learner.experience.trials
+        and trial.momdp.levels == learner.agent.levels
+    ]
+    for trial in recalled:
+        learner.record(trial)
+    learner.refit()
+    return recalled

@@ -1,33 +1,32 @@
 """The `Learner`: an agent and its experience; asked questions, updated by feedback, and saved."""
 
-import threading
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from html import escape
 from pathlib import Path
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from meal_bayes.agents import Agent, Knowledge, as_agent
-from meal_bayes.arrays import check_whole
-from meal_bayes.datasets import Dataset, PerceptTable, object_index
+from meal_bayes.agents import as_agent
+from meal_bayes.datasets import Dataset, Instance, PerceptTable, object_index
 from meal_bayes.domain import Domain, Query, load_domain
-from meal_bayes.errors import SettingsError
-from meal_bayes.learner import sessions
-from meal_bayes.learner.experience import Experience
-from meal_bayes.learner.fitted import Fits, Fitted
-from meal_bayes.learner.percepts import tell
-from meal_bayes.learner.saved import load_learner, save_learner
-from meal_bayes.learner.sessions import Question
-from meal_bayes.learner.settings import LearnerSettings, check_data, own_posterior
-from meal_bayes.momdp import MOMDP
-from meal_bayes.robots import Robot
-from meal_bayes.robots.recorded import RecordedRobot
-from meal_bayes.trials import Session, Trial, run_trial
+from meal_bayes.errors import QueryError, SettingsError
+from meal_bayes.learner import views
+from meal_bayes.learner.answering import Answerer
+from meal_bayes.learner.experience import told
+from meal_bayes.learner.fits import Fits
+from meal_bayes.learner.saved import SavedLearner, read_learner, write_learner
+from meal_bayes.learner.settings import (
+    LearnerSettings,
+    check_data,
+    checked_labels,
+    own_posterior,
+)
+from meal_bayes.learner.trial import check_behaviors, record_step
+from meal_bayes.trials import Trial
 
 
-class Learner:
+class Learner(Answerer):
     """Answers questions about objects, and learns from what it does and is told.
 
     It works with any robot, from nothing or from recordings; with a percept table it replays its
@@ -58,6 +57,8 @@ class Learner:
         Queries to come, for which exploring is valued.
     logs : str or path, optional
         Folder of the logs of trials with a robot; None logs nothing.
+    settings : LearnerSettings, optional
+        All of these but agent and logs, and rarer ones, in one value; then by no name.
 
     Examples
     --------
@@ -82,26 +83,18 @@ class Learner:
         learn_success: bool = True,
         horizon: float = 1000.0,
         logs: str | Path | None = "logs",
+        settings: LearnerSettings | None = None,
     ) -> None:
-        check_whole("seed", seed)
-        self.domain = domain if isinstance(domain, Domain) else load_domain(domain)
-        self._agent = as_agent(agent)
-        settings = LearnerSettings(
-            classifier=classifier,
-            posterior=own_posterior(posterior, self.domain, self._agent),
-            learn_success=learn_success,
-            reward=self.domain.report_reward if reward is None else reward,
-            percepts=percepts,
-        )
-        if not 0 <= horizon < np.inf:
-            raise SettingsError(f"horizon is {horizon}; give queries to come, 0 or more.")
-        self.seed, self.horizon = int(seed), float(horizon)
-        self.reward = None if reward is None else float(reward)
-        self.logs = None if logs is None else Path(logs)
-        self.experience = Experience(self.domain)
-        self.fits = Fits(self.experience, settings, refit_every)
-        self.table: PerceptTable | None = None  # that is replayed
-        self.asked, self.lock = 0, threading.RLock()  # questions with robots
+        domain = domain if isinstance(domain, Domain) else load_domain(domain)
+        chosen = as_agent(agent)
+        if settings is None:
+            settings = LearnerSettings(
+                seed=seed, horizon=horizon, refit_every=refit_every, learn_success=learn_success,
+                reward=domain.report_reward if reward is None else reward,
+                percepts=percepts, classifier=classifier,
+                posterior=own_posterior(posterior, domain, chosen),
+            )  # fmt: skip
+        super().__init__(domain, chosen, settings, logs)
 
     def __repr__(self) -> str:
         data = f"{self.experience!r}" if self.table is None else "a percept table"
@@ -110,18 +103,6 @@ class Learner:
     def _repr_html_(self) -> str:
         shown = self.knowledge() if self.table is None else self.table
         return f"<p>{escape(repr(self))}</p>{shown._repr_html_()}"
-
-    @property
-    def agent(self) -> Agent:
-        """Who decides; another agent learns from the same experience."""
-        return self._agent
-
-    @agent.setter
-    def agent(self, agent: object) -> None:
-        chosen = as_agent(agent)
-        own_posterior(self.fits.settings.posterior, self.domain, chosen)
-        with self.lock:
-            self._agent = chosen
 
     def fit(self, data: Dataset | PerceptTable) -> Self:
         """Learn from recordings, which join the experience, or replay a percept table.
@@ -134,7 +115,7 @@ class Learner:
             Features of another size than those that were learned from.
         """
         check_data(data, self.domain)
-        with self.lock:
+        with self._lock:
             self.table = data if isinstance(data, PerceptTable) else None
             if isinstance(data, Dataset):
                 self.experience.give(data)
@@ -142,136 +123,12 @@ class Learner:
 
     def refit(self) -> Self:
         """Learn everything anew from the experience."""
-        with self.lock:
-            self.fits.clear()
+        with self._lock:
+            self._fits.clear()
             if self.table is None:
-                self.fits.of(self.agent)
+                self._fits.of(self.agent)
                 self.agent.warm_up(self.domain, Query(self.domain.attributes[:1]))
         return self
-
-    def fitted(self, agent: Agent) -> Fitted:
-        """Return what an agent makes of the experience; learned when it is first needed."""
-        with self.lock:
-            return self.fits.of(agent)
-
-    def knowledge(self, object_name: str | None = None) -> Knowledge:
-        """Return what was learned; from a percept table, without one of its objects."""
-        if self.table is None:
-            return self.fitted(self.agent).knowledge
-        if object_name is None:
-            raise SettingsError("A percept table holds only what is known without an object of it.")
-        o = object_index(self.table.objects, object_name)
-        return self.fits.held_out(self.table, self.agent, o).knowledge
-
-    def problem(self, question: Question, object_name: str | None = None) -> MOMDP:
-        """Return the decision problem of a question, as a test of it would have it."""
-        task, _ = sessions.task_of(self, question, object_name)
-        with self.lock:
-            fit = sessions.fit_of(self, task, learn=False)
-            return fit.agent.model(
-                task.query, fit.knowledge, limit=fit.limit, reward=self.reward,
-                labels=sessions.known_labels(self, fit.agent, task),
-            )  # fmt: skip
-
-    def ask(
-        self,
-        question: Question,
-        robot: Robot | str | None = None,
-        *,
-        truth: Mapping[str, bool] | ArrayLike | None = None,
-        object_name: str | None = None,
-        learn: bool = True,
-        log: str | Path | None = None,
-        key: str | int | None = None,
-        **options: Any,
-    ) -> Trial:
-        """Answer a question about the object in front of a robot.
-
-        Every step is on disk before the next behavior. What ends the trial early (the driver, an
-        interruption) is raised once it is logged so far.
-
-        Parameters
-        ----------
-        question : Question
-            A sentence ("Is it heavy?"), a comma list, or names of attributes.
-        robot : Robot or str, optional
-            See `Robot`; or the name of an object of the percept table, which is replayed.
-        truth : mapping or array, optional
-            {attribute: True or False} of what is known; compared with the report afterwards.
-        object_name : str, optional
-            An agent with `memory` recognizes it; by default it is a new object.
-        learn : bool
-            Whether it explores, and becomes experience; else a test, as replays of a table are.
-        log : str or Path, optional
-            Of the trial (.mcap); one in the folder of logs by default.
-        key : str or int, optional
-            Names the random streams; by default the number of questions so far, in replays nothing.
-        **options
-            `max_steps`, `max_cost` and `on_step`, see `Session`.
-
-        Raises
-        ------
-        QueryError
-            A question that cannot be understood.
-        SettingsError
-            No data were fitted of the kind that the robot needs.
-        RobotError
-            The robot came to a state that the domain does not know.
-        """
-        if isinstance(robot, str):
-            object_name, robot = robot, None
-        sessions.check_robot(self, robot)
-        session = sessions.open_session(
-            self, question, object_name, key=key, log=log, truth=truth, learn=learn,
-            limit=robot.limit if isinstance(robot, RecordedRobot) else np.inf, **options,
-        )  # fmt: skip
-        robot = sessions.robot_of(self, session.task, self.seed) if robot is None else robot
-        return run_trial(session, robot)
-
-    def begin(
-        self, question: Question, object_name: str | None = None, *, state: str | None = None,
-        **options: Any,
-    ) -> Session:  # fmt: skip
-        """Begin a trial that somebody else drives; see `Session` for what to do with it.
-
-        Whoever drives executes `behavior`, and gives its `Outcome` to `observe`, until there is no
-        behavior; then `report` is the answer.
-
-        Parameters
-        ----------
-        state : str, optional
-            Where the robot is; the domain's start by default.
-        **options
-            All others are as for `ask`.
-        """
-        state = self.domain.diagram.start if state is None else state
-        session = sessions.open_session(self, question, object_name, state=state, **options)
-        return session.start(state)
-
-    def resume(self, log: str | Path) -> Session:
-        """Go on with a trial whose process ended in the middle of it, from its log.
-
-        The learner is the one that began it, or has been saved before and loaded since. The robot
-        is where the last step of the log led.
-
-        Parameters
-        ----------
-        log : str or Path
-            Of the trial, or its draft.
-
-        Raises
-        ------
-        LogError
-            The log holds no trial that is under way, or not of this learner's.
-        """
-        before, path, header = sessions.interrupted(Path(log))
-        streams, begun = tuple(header["streams"]), dict(header["begun"])
-        start = begun.pop("state", None) or self.domain.diagram.start
-        session = sessions.session_of(self, before.task, streams, truth=before.truth, **begun)
-        session.start(before.momdp.x_names[before.steps[0].x] if before.steps else start)
-        session.repeat(before.steps)
-        session.record(sessions.LiveLog(path, header))
-        return session
 
     def tell(self, trial: Trial | str, values: Mapping[str, bool | None]) -> None:
         """Learn from labels of a trial's object; the posterior is updated at once.
@@ -293,8 +150,28 @@ class Learner:
         SettingsError
             A value that is no label; a trial with other levels than the agent's.
         """
-        with self.lock:
-            tell(self, trial, values)
+        labels = checked_labels(values, self.domain)
+        if not (labels >= 0).any():
+            return
+        name = trial.task.object_name if isinstance(trial, Trial) else trial
+        if not isinstance(name, str):
+            raise SettingsError(f"Labels are of a trial or an object's name; found {name!r:.60}.")
+        with self._lock:
+            key = trial.task.key if isinstance(trial, Trial) else told(name)
+            if self.table is not None:
+                object_index(self.table.objects, name)
+            elif isinstance(trial, Trial) and key not in self.experience.trials:
+                perceived = any(step.observation is not None for step in trial.steps)
+                if perceived and trial.momdp.levels != self.agent.levels:
+                    raise SettingsError("The trial has other levels; give one of this learner's.")
+                self.record(trial)
+            try:
+                self.domain.replace(views.labels_for(self.experience, [name])[0], labels)
+            except QueryError as fault:
+                raise QueryError(f"Then {name!r} would be {fault}.") from None
+            rows = self.experience.label(key, name, labels)
+            labeled = len(self.experience.shown(key)) * int((labels >= 0).sum())
+            self._fits.update(rows, labeled)
 
     def forget(self, trial: Trial) -> None:
         """Forget the labels of a trial; refit without them if the last refit has used them.
@@ -305,15 +182,51 @@ class Learner:
             The trial has no labels.
         """
         key = trial.task.key
-        with self.lock:
-            if not self.experience.labels_by(key):
+        with self._lock:
+            if not views.labels_by(self.experience, key):
                 raise SettingsError(f"The trial {trial.task.name!r} has no labels.")
-            self.fits.withdraw(self.experience.forget(key))
+            rows = self.experience.forget(key)
+            self._fits.withdraw(rows)
+
+    def record(self, trial: Trial, sensed: Sequence[Instance | None] = ()) -> None:
+        """Record a trial of another learner's, or of a log, as experience.
+
+        Percepts are those that its steps show of the attributes asked; labels can be told of it.
+
+        Parameters
+        ----------
+        trial : Trial
+            Of the same behaviors.
+        sensed : Sequence[Instance | None]
+            What each step sensed, where it is known; perceived at the next fit.
+
+        Raises
+        ------
+        SettingsError
+            A trial of other behaviors.
+        """
+        check_behaviors(self.experience, trial)
+        nothing = np.full(len(self.domain.attributes), -1, np.int8)
+        with self._lock:
+            self.experience.trial(trial.task.key)
+            for number, step in enumerate(trial.steps):
+                instance = sensed[number] if sensed else None
+                perceived = None if instance is None else (instance, nothing)
+                record_step(self.experience, trial.task, trial.momdp, step, perceived)
 
     def save(self, path: str | Path) -> None:
         """Write everything into one file, for `load`; the file is there whole or not at all."""
-        with self.lock:
-            save_learner(self, Path(path))
+        with self._lock:
+            fitted = None
+            if self.table is None and self.settings.classifier is None:
+                fitted = self.fitted(self.agent)
+            write_learner(
+                SavedLearner(
+                    self.agent.name, self.settings, self.experience, self.table, fitted,
+                    asked=self._asked, growth=self._fits.growth,
+                ),
+                Path(path),
+            )  # fmt: skip
 
     @classmethod
     def load(
@@ -323,7 +236,7 @@ class Learner:
         agent: object = None,
         classifier: object = None,
         logs: str | Path | None = "logs",
-    ) -> "Learner":
+    ) -> Self:
         """Read a learner from a file; only classifiers of one's own are fitted again.
 
         Parameters
@@ -342,4 +255,14 @@ class Learner:
         SettingsError
             An agent or a classifier of one's own is not given again.
         """
-        return load_learner(cls, Path(path), agent=agent, classifier=classifier, logs=logs)
+        saved = read_learner(Path(path), agent=agent, classifier=classifier)
+        domain = saved.experience.domain
+        learner = cls(domain, agent=saved.agent, settings=saved.settings, logs=logs)
+        learner.experience = saved.experience
+        learner.table = saved.table
+        learner._asked = saved.asked
+        learner._fits = Fits(saved.experience, saved.settings)
+        if saved.fitted is None:
+            return learner.refit()
+        learner._fits.restore(saved.fitted, saved.growth)
+        return learner

@@ -7,27 +7,28 @@ Classifiers of one's own could only be pickled: `load` fits them again, with equ
 they are deterministic.
 """
 
-import dataclasses
 import json
 import zipfile
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass, fields
 from functools import partial
 from itertools import count
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes.agents import Knowledge
+from meal_bayes.agents import Agent, Knowledge, as_agent
 from meal_bayes.agents.named import AGENTS
 from meal_bayes.arrays import Rows
 from meal_bayes.datasets import PerceptTable
 from meal_bayes.domain import Domain, domain_from_table, domain_table
 from meal_bayes.errors import DataError, MealBayesError, SettingsError
 from meal_bayes.files import draft_of
-from meal_bayes.learner.experience import Experience
-from meal_bayes.learner.fitted import Fitted
+from meal_bayes.learner.experience import GATHERED, GIVEN, NONE, Experience
+from meal_bayes.learner.online import Online
+from meal_bayes.learner.settings import LearnerSettings, check_data, own_posterior
 from meal_bayes.perception import Perception
 from meal_bayes.perception.perceiver import BehaviorClassifier
 from meal_bayes.perception.recordings import FeatureSpace, Whitening
@@ -36,10 +37,7 @@ from meal_bayes.posterior import ConfusionPosterior
 from meal_bayes.posterior.trait import SharedTrait
 from meal_bayes.untrusted import UNREADABLE, read_array, read_member, read_meta, write_array
 
-if TYPE_CHECKING:
-    from meal_bayes.learner.learner import Learner
-
-_FORMAT = 9
+_FORMAT = 10
 _TEXT = "learner.json"
 _ROWS = ("instances", "levels", "labels", "executions", "feedback", "known")
 _FITTED = ("perception", "knowledge", "refitted", "seen", "levels", "counted")
@@ -52,10 +50,23 @@ _CLASSES = {kind.__name__: kind for kind in _KINDS}
 Json = Any
 
 
-def save_learner(learner: "Learner", path: Path) -> None:
+@dataclass(frozen=True, slots=True)
+class SavedLearner:
+    """All that a learner is."""
+
+    agent: object  # its name where it is read back
+    settings: LearnerSettings
+    experience: Experience
+    table: PerceptTable | None
+    fitted: Online | None  # what its agent made of the record
+    asked: int
+    growth: list[int]
+
+
+def write_learner(learner: SavedLearner, path: Path) -> None:
     """Write a learner; the file is there whole or not at all, and one that was there stays."""
-    fits, experience, table = learner.fits, learner.experience, learner.table
-    settings, classifier = fits.settings, fits.settings.classifier
+    settings = learner.settings
+    experience = learner.experience
     with (
         draft_of(path) as draft,
         zipfile.ZipFile(draft, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive,
@@ -68,40 +79,33 @@ def save_learner(learner: "Learner", path: Path) -> None:
             return name
 
         fitted = None
-        if table is None and classifier is None:
-            fit = learner.fitted(learner.agent)
-            fitted = {name: getattr(fit, name) for name in _FITTED}
+        if learner.fitted is not None:
+            fitted = {name: getattr(learner.fitted, name) for name in _FITTED}
+        classifier = settings.classifier
+        written = {field.name: getattr(settings, field.name) for field in fields(settings)}
         meta: dict[str, Any] = {
             "format": _FORMAT,
-            "domain": domain_table(learner.domain),
-            "agent": learner.agent.name,
+            "domain": domain_table(experience.domain),
+            "agent": learner.agent,
             "classifier": None if classifier is None else type(classifier).__name__,
-            "options": {
-                **{name: getattr(learner, name) for name in ("seed", "reward", "horizon")},
-                "learn_success": settings.learn_success,
-                "percepts": settings.percepts,
-                "refit_every": fits.refit_every,
-            },
-            "posterior": pack(settings.posterior, keep),
-            "growth": fits.growth,
+            "settings": pack({**written, "classifier": None}, keep),
+            "growth": learner.growth,
             "asked": learner.asked,
             "state": pack(fitted, keep),
-            "table": pack(table, keep),
+            "table": pack(learner.table, keep),
         }
         for name in _ROWS:
             write_array(archive, name, getattr(experience, name).values)
         for name in ("objects", "trials"):
             archive.writestr(name, "\n".join(map(json.dumps, getattr(experience, name))))
-        for i, context in enumerate(learner.domain.contexts):
+        for i, context in enumerate(experience.domain.contexts):
             if context in experience.features:
                 write_array(archive, f"features/{i}", experience.features[context].values)
         archive.writestr(_TEXT, json.dumps(meta, allow_nan=False))
 
 
-def load_learner(
-    kind: "type[Learner]", path: Path, *, agent: object, classifier: object, **options: Any
-) -> "Learner":
-    """Read a learner of a kind; raise as `Learner.load` does."""
+def read_learner(path: Path, *, agent: object, classifier: object) -> SavedLearner:
+    """Read a learner; raise as `Learner.load` does."""
     if not path.is_file():
         raise DataError(f"No file {path}; give the path of a learner that save() wrote.")
     try:
@@ -109,20 +113,24 @@ def load_learner(
             read = partial(read_array, archive)
             meta = read_meta(read_member(archive, _TEXT), _FORMAT)
             domain = domain_from_table(meta["domain"])
-            posterior, state, table = (
-                unpack(meta[name], read, domain) for name in ("posterior", "state", "table")
+            settings, state, table = (
+                unpack(meta[name], read, domain) for name in ("settings", "state", "table")
             )
-            learner = kind(
-                domain, agent=_agent(meta, agent, classifier), classifier=classifier,
-                posterior=posterior, **meta["options"], **options,
-            )  # fmt: skip
-            learner.asked = int(meta["asked"])
-            _read_experience(archive, learner.experience)
+            chosen = as_agent(_agent(meta, agent, classifier))
+            own_posterior(settings["posterior"], domain, chosen)
+            settings = LearnerSettings(**{**settings, "classifier": classifier})
+            experience = Experience(domain)
+            _read_experience(archive, experience)
             if table is not None:
-                return learner.fit(table)
-            if state is None:
-                return learner.refit()
-            learner.fits.restore(_fitted(learner, state), list(map(int, meta["growth"])))
+                check_data(table, domain)
+            fitted = None
+            if state is not None and table is None:
+                fitted = _fitted(experience, chosen, settings, state)
+            before, grown = map(int, meta["growth"])
+            return SavedLearner(
+                chosen, settings, experience, table, fitted,
+                asked=int(meta["asked"]), growth=[before, grown],
+            )  # fmt: skip
     except SettingsError:
         raise
     except (*UNREADABLE, MealBayesError) as fault:
@@ -131,7 +139,6 @@ def load_learner(
         ) from fault
     except OSError as fault:
         raise DataError(f"{path} cannot be read: {fault}.") from fault
-    return learner
 
 
 def _agent(meta: dict[str, Any], agent: object, classifier: object) -> object:
@@ -150,23 +157,28 @@ def _agent(meta: dict[str, Any], agent: object, classifier: object) -> object:
     return name if agent is None else agent
 
 
-def _fitted(learner: "Learner", state: dict[str, Any]) -> Fitted:
+def _fitted(
+    experience: Experience, agent: Agent, settings: LearnerSettings, state: dict[str, Any]
+) -> Online:
     """Return what the agent made of the record; raise where it is another's."""
-    domain, agent = learner.domain, learner.agent
+    domain = experience.domain
     shape = len(domain.attributes), len(domain.behaviors), 2, agent.levels
     if any(state[name].posterior.counts.shape != shape for name in ("knowledge", "refitted")):
         raise ValueError("what was counted does not fit attributes, behaviors and levels")
     for name in ("levels", "counted"):
         state[name], values = Rows(np.int8, len(domain.attributes)), state[name]
         state[name].extend(values)
-    return Fitted(learner.experience, agent, learner.fits.settings, **state)
+    return Online(experience, agent, settings, **state)
 
 
 def _read_experience(archive: zipfile.ZipFile, experience: Experience) -> None:
     """Fill an empty record from a file, once every number in it is known to fit."""
     domain = experience.domain
     held = {name: getattr(experience, name) for name in _ROWS}
-    rows = {name: read_array(archive, name, held[name].values.dtype.str, 2) for name in _ROWS}
+    rows = {
+        name: read_array(archive, name, held[name].values.dtype, held[name].values.ndim)
+        for name in _ROWS
+    }
     objects, trials = (_read_lines(archive, name) for name in ("objects", "trials"))
     trials = [tuple(key) for key in trials]
     sizes = np.zeros(len(domain.behaviors), int)
@@ -180,17 +192,27 @@ def _read_experience(archive: zipfile.ZipFile, experience: Experience) -> None:
             experience.features[context].extend(values)
     n, o, t = len(rows["instances"]), len(objects), len(trials)
     p, e = len(domain.attributes), len(domain.behaviors)
-    features = sizes[rows["instances"][:, 1] % e]  # of each instance's behavior
-    limits = {  # of each column
-        "instances": ((0, o), (0, e), (0, 2**62), (-1, features), (0, 64)),
-        "executions": ((0, t), (0, e), (-1, n), (-1, 2)),
-        "feedback": ((0, t), (0, o), (0, p), (-1, 2)),
-        "levels": ((-1, 64),) * p, "labels": ((-1, 2),) * p, "known": ((-1, 2),) * p,
+    features = sizes[rows["instances"]["behavior"] % e]  # of each instance's behavior
+    limits: dict[str, dict[str, tuple[Any, Any]]] = {  # of each column: the least, and the end
+        "instances": {
+            "object": (0, o), "behavior": (0, e), "recording": (0, 2**62),
+            "features": (NONE, features), "origin": (GIVEN, GATHERED + 1), "scale": (0, 64),
+        },
+        "executions": {
+            "trial": (0, t), "behavior": (0, e), "instance": (NONE, n), "success": (-1, 2)
+        },
+        "feedback": {"trial": (0, t), "object": (0, o), "attribute": (0, p), "value": (-1, 2)},
     }  # fmt: skip
-    for name, columns in limits.items():
-        for values, (least, end) in zip(rows[name].T, columns, strict=True):
-            if ((values < least) | (values >= end)).any():
-                raise ValueError(f"{name} names what there is not")
+    columns = [
+        (name, rows[name][column], limit)
+        for name, of_table in limits.items()
+        for column, limit in of_table.items()
+    ]
+    columns += [("levels", rows["levels"], (-1, 64))]
+    columns += [(name, rows[name], (-1, 2)) for name in ("labels", "known")]
+    for name, values, (least, end) in columns:
+        if ((values < least) | (values >= end)).any():
+            raise ValueError(f"{name} names what there is not")
     if [len(rows[name]) for name in ("levels", "labels", "known")] != [n, n, o]:
         raise ValueError("percepts or labels do not fit instances and objects")
     unique = len(set(objects)) == o and len(set(trials)) == t
@@ -228,7 +250,7 @@ def pack(value: Any, keep: Callable[[NDArray[Any]], str]) -> Json:
     if _CLASSES.get(name) is not type(value):
         raise TypeError(f"{name} cannot be saved")
     names = getattr(value, "_fields", None)  # of a named tuple
-    names = names or [field.name for field in dataclasses.fields(value)]
+    names = names or [field.name for field in fields(value)]
     return {"class": name, "fields": {n: pack(getattr(value, n), keep) for n in names}}
 
 

@@ -1,14 +1,16 @@
 """How a learner learns, and checks of what it is given."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from meal_bayes.agents import Agent
+from meal_bayes.arrays import check_whole
 from meal_bayes.datasets import Dataset, PerceptTable
 from meal_bayes.domain import Domain, unknown
-from meal_bayes.errors import SettingsError
+from meal_bayes.errors import DataError, SettingsError
 from meal_bayes.posterior import ConfusionPosterior
 from meal_bayes.untrusted import LARGEST
 
@@ -17,27 +19,50 @@ _PERCEPTS = ("recorded", "model")
 
 @dataclass(frozen=True, slots=True)
 class LearnerSettings:
-    """How a learner learns, whoever its agent is."""
+    """How a learner learns, whoever its agent is; what `Learner` takes by name is said there.
 
-    classifier: object = None  # of scikit-learn, in place of ours
-    posterior: ConfusionPosterior | None = None  # in place of what given recordings imply
-    by_object: bool = True  # cross-validate over objects; see `PerceptionSettings`
-    learn_success: bool = True  # or take success probabilities from the domain
-    reward: float = 100.0  # r+ = -r- that information is valued for
-    # Labelled instances that make one unit of experience (Eq. 10); None: as many as every object
-    # met would have with as many recordings of a behavior as the one with the most.
+    Attributes
+    ----------
+    by_object : bool
+        Cross-validate over objects, see `PerceptionSettings`.
+    unit : float | None
+        Labelled instances that make one unit of experience (Eq. 10); None: as many as every object
+        met would have with as many recordings of a behavior as the one with the most.
+    count_given : bool
+        Recordings that were given are experience, beside those of trials.
+    shaped_answers : bool
+        An ITRS shapes the rewards of trials that explore nothing, too.
+    drawn : NDArray[np.int8] | None
+        (O,P) labels, by which percepts are drawn from the learned tables.
+    """
+
+    seed: int = 0
+    reward: float = 100.0
+    horizon: float = 1000.0
+    refit_every: float | None = 0.2
+    learn_success: bool = True
+    percepts: str = "recorded"
+    classifier: object = None
+    posterior: ConfusionPosterior | None = None
+    by_object: bool = True
     unit: float | None = None
-    count_given: bool = True  # recordings that were given are experience, beside those of trials
-    shaped_answers: bool = False  # an ITRS shapes the rewards of trials that explore nothing, too
-    drawn: NDArray[np.int8] | None = None  # (O,P) labels, by which percepts are drawn from tables
-    percepts: str = "recorded"  # of a percept table; or "model", drawn from learned matrices
+    count_given: bool = True
+    shaped_answers: bool = False
+    drawn: NDArray[np.int8] | None = None
 
     def __post_init__(self) -> None:
+        check_whole("seed", self.seed)
         if self.percepts not in _PERCEPTS:
             raise SettingsError(unknown("percepts", self.percepts, _PERCEPTS))
         if not 0 < self.reward <= LARGEST:
             raise SettingsError(
                 f"reward is {self.reward}; give a finite number above 0, at most {LARGEST:g}."
+            )
+        if not 0 <= self.horizon < np.inf:
+            raise SettingsError(f"horizon is {self.horizon}; give queries to come, 0 or more.")
+        if self.refit_every is not None and not self.refit_every > 0:
+            raise SettingsError(
+                f"refit_every is {self.refit_every}; give a number above 0, or None."
             )
 
 
@@ -71,3 +96,13 @@ def check_data(data: object, domain: Domain) -> None:
             f"Attributes or behaviors of the data's domain {source.name!r} differ from those of "
             f"{domain.name!r}; load the data for this domain."
         )
+
+
+def checked_labels(values: Mapping[str, bool | None], domain: Domain) -> NDArray[np.int8]:
+    """Return labels by attribute as an array (P,); -1 where there is none."""
+    if not isinstance(values, Mapping):
+        raise SettingsError(f"Labels are {values!r}; give {{attribute: True, False or None}}.")
+    try:
+        return domain.labels(values)
+    except DataError as fault:
+        raise SettingsError(str(fault)) from None

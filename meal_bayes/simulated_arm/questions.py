@@ -7,7 +7,6 @@ from pathlib import Path
 from meal_bayes.domain import Query
 from meal_bayes.errors import RobotError
 from meal_bayes.learner import Learner
-from meal_bayes.learner.sessions import open_session
 from meal_bayes.seeds import stream
 from meal_bayes.simulated_arm.arm import SimulatedArm
 from meal_bayes.simulated_arm.objects import attributes_of, draw_object
@@ -32,10 +31,10 @@ def ask_new(
     """
     parameters = draw_object(seed, population, number)
     arm = SimulatedArm(parameters, seed, population, number, on_frame=on_frame)
-    session = open_session(
-        learner,
+    session = learner.begin(
         question,
         f"{population} {seed}-{number}",
+        state=arm.start(),
         truth=attributes_of(parameters),
         log=log,
         learn=learn,

@@ -117,6 +117,7 @@ class Session:
         self._recorder: Recorder | None = None
         self._decision: Decision | None = None  # whose outcome is waited for
         self._at = "robot"  # which part runs, for `Trial.ended`
+        self._begun = False
         self._ended: str | None = None
 
     def record(self, recorder: Recorder) -> None:
@@ -138,6 +139,11 @@ class Session:
         if self._decision is None:
             return None
         return self.momdp.behavior_names[self._decision.action]
+
+    @property
+    def begun(self) -> bool:
+        """Whether the trial has begun; it may be over."""
+        return self._begun
 
     @property
     def over(self) -> bool:
@@ -162,9 +168,10 @@ class Session:
         SettingsError
             The trial has begun.
         """
-        if self.over or self.steps or self._decision is not None:
+        if self.begun:
             raise SettingsError("This trial has begun; ask again for another.")
         self.belief = self.belief.at(self._boundary.start(state))
+        self._begun = True
         self.history = History(self.belief)
         self._decide()
         return self
@@ -321,11 +328,14 @@ class Session:
 def run_trial(session: Session, robot: Robot) -> Trial:
     """Run a trial to its end: execute what the session names, until it answers.
 
+    One that has begun goes on: the robot is where the session says.
+
     An exception of robot, perceiver or policy, an interruption too, ends the trial: the recorder
     gets the trial so far, with `ended`, and the exception is raised again.
     """
     with session:
-        session.start(robot.start())
+        if not session.begun:
+            session.start(robot.start())
         while (behavior := session.behavior) is not None:
             session.observe(robot.execute(behavior))
     return session.trial

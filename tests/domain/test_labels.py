@@ -11,6 +11,7 @@ from meal_bayes.datasets import Dataset, make_synthetic, save_csv_folder
 from meal_bayes.datasets.csv_files import load_csv_folder
 from meal_bayes.domain import Query, load_domain
 from meal_bayes.errors import DataError, QueryError
+from meal_bayes.learner.views import labels_for
 from meal_bayes.robots import Outcome
 from meal_bayes.robots.robot import Boundary
 from meal_bayes.trials import truth_of
@@ -93,7 +94,7 @@ def test_a_learner_knows_what_the_dictionary_knows(sequence):
         else:
             with pytest.raises(QueryError):
                 learner.tell("jar", told)
-        assert learner.experience.labels_for(["jar"])[0].tolist() == model.row
+        assert labels_for(learner.experience, ["jar"])[0].tolist() == model.row
 
 
 DATA = make_synthetic(LAB, objects=4, recordings=1, rng=np.random.default_rng(0))
@@ -132,7 +133,7 @@ def test_all_doors_understand_the_same(said, tmp_path):
         assert boundary.execute(1, Outcome("x0", answers=values)).answers == by_attribute(expected)
         session = learner.begin(query, truth=values)
         np.testing.assert_array_equal(session.trial.truth, expected)
-    told = learner.experience.labels_for([f"cup {number}" for number in range(len(said))])
+    told = labels_for(learner.experience, [f"cup {number}" for number in range(len(said))])
     np.testing.assert_array_equal(told, [expected] * len(said))
     labels = dict(zip(DATA.objects, said, strict=False))
     frame = pd.DataFrame(
@@ -200,7 +201,7 @@ def test_forgetting_leaves_one_value_or_none():
                 continue
         for number in told[::2]:
             learner.experience.forget((number,))
-            row = learner.experience.labels_for(["jar"])[0]
+            row = labels_for(learner.experience, ["jar"])[0]
             np.testing.assert_array_equal(LAB.replace(NOTHING, row), row)
 
 

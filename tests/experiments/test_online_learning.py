@@ -19,6 +19,7 @@ from meal_bayes.domain import (
 from meal_bayes.experiments import OnlineConfig
 from meal_bayes.experiments.online import _learner
 from meal_bayes.experiments.protocol import Environment, Protocol
+from meal_bayes.learner.views import labelled
 from meal_bayes.momdp import observation_entropy
 from meal_bayes.perception import fit_and_validate
 from meal_bayes.trials import Task
@@ -47,7 +48,7 @@ class Run:
     @property
     def evidence(self):
         memory = self.learner.agent.memory
-        return self.learner.experience.labelled(memory=memory).sum(axis=0).T
+        return labelled(self.learner.experience, memory=memory).sum(axis=0).T
 
     def test(self, task):
         return self.environment.ask(self.learner, task, learn=False)
@@ -261,7 +262,7 @@ class TestPublishedVariants:
         trials, run = trained(name, percepts="model", normalizer="all")
         assert max(len(trial.steps) for trial in trials) < 100
         np.testing.assert_array_equal(run.posterior.counts.sum(axis=(2, 3)), run.evidence)
-        places = run.learner.experience.instances.values[:, :3]
+        places = run.learner.experience.instances.values[["object", "behavior", "recording"]]
         assert len(np.unique(places, axis=0)) == len(places)
 
 

@@ -10,7 +10,7 @@ from meal_bayes.datasets import load_dataset
 from meal_bayes.errors import SettingsError
 from meal_bayes.experiments import OnlineConfig, run_online
 from meal_bayes.experiments.protocol import Environment, Protocol, Recordings
-from meal_bayes.learner import Learner
+from meal_bayes.learner import Learner, LearnerSettings
 from meal_bayes.robots.recorded import RecordedRobot
 from meal_bayes.seeds import stream
 from meal_bayes.trial_log import read_header, read_outcomes, read_trials
@@ -224,14 +224,11 @@ def test_a_live_learner_in_the_protocol_s_order_makes_the_same_trials(config, tm
     domain, seed = dataset.domain, config.seed
     protocol = Protocol.of(dataset, attributes=1, seed=seed, repeat=0, shares=config.split)
     recordings = Recordings(dataset, stream(seed, "world", domain.data, 0))
-    learner = Learner(
-        domain, agent=name, seed=seed, reward=100.0, refit_every=None, learn_success=False,
-        horizon=config.horizon, logs=None,
+    settings = LearnerSettings(  # delta of Eq. 10 is the protocol's
+        seed=seed, reward=100.0, refit_every=None, learn_success=False, horizon=config.horizon,
+        count_given=False, unit=float(dataset.recordings * len(protocol.split.train)),
     )  # fmt: skip
-    learner.fits.settings = replace(  # delta of Eq. 10 is the protocol's
-        learner.fits.settings, count_given=False,
-        unit=float(dataset.recordings * len(protocol.split.train)),
-    )  # fmt: skip
+    learner = Learner(domain, agent=name, settings=settings, logs=None)
     learner.fit(protocol.pretraining())
     live = {}
     for batch in range(3):

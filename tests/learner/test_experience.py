@@ -11,6 +11,7 @@ from meal_bayes.errors import QueryError, SettingsError
 from meal_bayes.experiments.protocol import Recordings
 from meal_bayes.learner import Experience, Learner, implied
 from meal_bayes.learner.experience import UNNUMBERED, told
+from meal_bayes.learner.views import attempts, labelled, labels_by, labels_for, training
 from meal_bayes.robots import Outcome
 
 TOY = load_domain("toy")
@@ -55,8 +56,8 @@ def test_d_holds_what_was_shown_with_its_labels(trials, memory, forgotten):
     known = {}
     for t, (o, _, _) in enumerate(trials):
         known.setdefault(o, {}).update(told[t])
-    dataset, rows, d = experience.data(memory=memory)
-    places = experience.instances.values[rows, :3]
+    dataset, rows, d = training(experience, memory=memory)
+    places = experience.instances.values[["object", "behavior", "recording"]][rows]
     names = {number: name for name, number in experience.objects.items()}
     held = {}
     for (o, e, r), labels in zip(places.tolist(), d.labels.tolist(), strict=True):
@@ -72,7 +73,7 @@ def test_d_holds_what_was_shown_with_its_labels(trials, memory, forgotten):
         labels = experience.known.values[o]
         labels_of = {p: v for p, v in enumerate(labels.tolist()) if v >= 0}
         assert labels_of == known.get(DATASET.objects.index(name), {})
-    counts = experience.labelled(memory=memory)
+    counts = labelled(experience, memory=memory)
     assert counts.sum() == sum(len(labels) for labels in expected.values())
     for (behavior, modality), values in dataset.features.items():
         for place in expected:
@@ -85,11 +86,11 @@ def test_what_was_given_is_given_once():
     experience = Experience(TOY)
     for _ in range(2):
         experience.give(DATASET)
-    dataset, _, d = experience.data(memory=False)
+    dataset, _, d = training(experience, memory=False)
     for context, values in DATASET.features.items():
         np.testing.assert_array_equal(dataset.features[context], values)
     np.testing.assert_array_equal(d.labels, DATASET.labels[d.object])
-    assert experience.labelled(memory=False, given=False).sum() == 0
+    assert labelled(experience, memory=False, given=False).sum() == 0
 
 
 def test_instances_of_a_robot_are_each_new():
@@ -98,7 +99,7 @@ def test_instances_of_a_robot_are_each_new():
         instance = Instance(-1, "look", 0, DATASET.instance(0, "look", number).features)
         levels = np.array([0, 1], np.int8)
         experience.execute(("t",), "cup", 0, success=1, instance=instance, levels=levels)
-    assert experience.instances.values[:, 2].tolist() == [UNNUMBERED + n for n in range(3)]
+    assert experience.instances.values["recording"].tolist() == [UNNUMBERED + n for n in range(3)]
     assert len(experience.executions) == 3
 
 
@@ -106,7 +107,7 @@ def test_attempts_count_what_is_known_to_have_failed_or_succeeded():
     experience = Experience(TOY)
     for success in (1, 0, -1, 1):
         experience.execute(("t",), "cup", 1, success=success)
-    assert experience.attempts.tolist() == [[0, 0], [1, 2], [0, 0]]
+    assert attempts(experience).tolist() == [[0, 0], [1, 2], [0, 0]]
 
 
 class TestRecordings:
@@ -148,7 +149,7 @@ def test_another_value_of_a_group_replaces_the_earlier_one():
     learner.tell("jar", {"content": "rice"})
     learner.tell("jar", {"beans": True})
     known = dict(
-        zip(learner.domain.attributes, learner.experience.labels_for(["jar"])[0], strict=True)
+        zip(learner.domain.attributes, labels_for(learner.experience, ["jar"])[0], strict=True)
     )
     assert (known["rice"], known["beans"]) == (0, 1)
 
@@ -158,7 +159,7 @@ def test_no_label_leaves_a_group_without_a_value_or_with_two():
     values = learner.domain.groups["content"]
     for name in values[:-1]:
         learner.tell("jar", {name: False})
-    assert learner.experience.labels_by(told("jar"))[values[-2]] is False
+    assert labels_by(learner.experience, told("jar"))[values[-2]] is False
     with pytest.raises(QueryError, match="'jar' would be none of 'content'"):
         learner.tell("jar", {values[-1]: False})
     experience = learner.experience
@@ -166,7 +167,7 @@ def test_no_label_leaves_a_group_without_a_value_or_with_two():
         experience.label((number,), "can", learner.domain.labels({name: True}))
     experience.forget((1,))  # by which the first value was not true
     columns = list(learner.domain.columns(values[:3]))
-    assert experience.labels_for(["can"])[0, columns].tolist() == [0, 0, 1]
+    assert labels_for(experience, ["can"])[0, columns].tolist() == [0, 0, 1]
     learner.refit()
 
 

@@ -17,6 +17,7 @@ from meal_bayes.domain import domain_from_table
 from meal_bayes.errors import DataError, LogError, RobotError, SettingsError
 from meal_bayes.evaluation import summarize
 from meal_bayes.learner import Learner
+from meal_bayes.learner.views import attempts, labels_for
 from meal_bayes.robots import Boundary, Outcome
 from meal_bayes.trial_log import check_log, read_trials, recover_log, salvage
 
@@ -265,13 +266,13 @@ def test_what_is_sensed_in_a_motion_that_failed_is_left_aside(dataset, make):
     lifts = [step for step in trial.steps if step.decision.action == 1]
     assert 2 <= len(lifts) <= 3
     assert {step.warning for step in lifts} == {"it failed: what it sensed is left aside"}
-    assert learner.experience.attempts[1].tolist() == [len(lifts), 0]
+    assert attempts(learner.experience)[1].tolist() == [len(lifts), 0]
 
 
 def test_a_way_that_the_diagram_does_not_have_is_no_success(dataset, make):
     learner = make.learner(dataset, make.agent("look", **make.ours))
     learner.ask("red", Faulty(Outcome("held")))
-    assert learner.experience.attempts[0].tolist() == [1, 0]
+    assert attempts(learner.experience)[0].tolist() == [1, 0]
 
 
 def test_labels_reach_what_a_trial_shows_before_and_after_them(dataset, make):
@@ -302,15 +303,15 @@ def test_labels_by_name_teach_as_those_of_trials_do(dataset, make):
 
 def test_to_forget_a_word_restores_the_label_of_the_data(dataset, make):
     learner = make.learner(dataset, make.agent("look", **make.ours))
-    before = learner.experience.labels_for(["cup 1"]).tolist()
+    before = labels_for(learner.experience, ["cup 1"]).tolist()
     trial = learner.ask("red", make.arm(), object_name="cup 1")
     learner.tell(trial, {"red": False})
-    assert learner.experience.labels_for(["cup 1"]).tolist() != before
+    assert labels_for(learner.experience, ["cup 1"]).tolist() != before
     assert repr(learner.experience).endswith(" 1 labels")
     learner.tell(trial, {"red": False})
     assert repr(learner.experience).endswith(" 1 labels")
     learner.forget(trial)
-    assert learner.experience.labels_for(["cup 1"]).tolist() == before
+    assert labels_for(learner.experience, ["cup 1"]).tolist() == before
 
 
 def test_sizes_are_those_of_the_first_features_whoever_gave_them(dataset, make):

@@ -86,14 +86,12 @@ def test_a_model_of_ones_own_is_a_page_of_pymc(dataset, tmp_path):
     objects = [f"object {o}" for o in range(8)]
     space = {"np": np, "mb": meal_bayes, "pm": pymc, "domain": dataset.domain}
     exec(code, space | {"counts": counts, "objects": objects}, space)
-    posterior = space["learner"].fits.settings.posterior
+    posterior = space["learner"].settings.posterior
     assert posterior.counts.sum() == counts.sum()
     assert (posterior.mean[:, :2, 1, 1] > 0.6).all()
     assert (posterior.mean[:, :2, 0, 1] < 0.4).all()
     path = save_netcdf(space["idata"], tmp_path / "own.nc")
-    again = Learner(
-        dataset.domain, agent="greedy", logs=None, posterior=path
-    ).fits.settings.posterior
+    again = Learner(dataset.domain, agent="greedy", logs=None, posterior=path).settings.posterior
     np.testing.assert_array_equal(again.mean, posterior.mean)
 
 

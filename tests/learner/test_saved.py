@@ -11,6 +11,7 @@ from sklearn.linear_model import LogisticRegression
 from meal_bayes.datasets import load_percepts
 from meal_bayes.errors import DataError, MealBayesError, OutputError, SettingsError
 from meal_bayes.learner import Learner
+from meal_bayes.learner.views import attempts, labels_by
 
 STATE = ("counts", "concentration", "dispersion")
 
@@ -53,19 +54,20 @@ def test_everything_comes_back(taught, saved, dataset, agent, make):
     learner, trials = taught
     again = Learner.load(saved, agent=agent, logs=None)
     same(again.knowledge(), learner.knowledge())
-    assert (again.seed, again.reward, again.asked) == (5, 70.0, 3)
+    assert (again.settings.seed, again.settings.reward, again._asked) == (5, 70.0, 3)
     for name in ("instances", "levels", "labels", "executions", "feedback", "known"):
         labels = (getattr(each.experience, name).values for each in (again, learner))
         np.testing.assert_array_equal(*labels)
     assert again.experience.trials == learner.experience.trials
     assert again.experience.objects == learner.experience.objects
-    np.testing.assert_array_equal(again.experience.attempts, learner.experience.attempts)
+    counts = (attempts(each.experience) for each in (again, learner))
+    np.testing.assert_array_equal(*counts)
     asked = [each.ask("red", make.arm(seed=9), learn=False, key=9) for each in (learner, again)]
     np.testing.assert_array_equal(asked[0].last_belief.log_prob, asked[1].last_belief.log_prob)
     again.forget(trials[2])
     again.refit()
     again.forget(trials[0])
-    assert [bool(again.experience.labels_by(t.task.key)) for t in trials] == [False, True, False]
+    assert [bool(labels_by(again.experience, t.task.key)) for t in trials] == [False, True, False]
     same_again = make.learner(dataset, agent, seed=5, reward=70.0)
     assert again.knowledge().posterior.counts.shape == same_again.knowledge().posterior.counts.shape
 
@@ -74,7 +76,7 @@ def test_nothing_is_fitted_again(saved, agent, monkeypatch):
     def fit(*arguments, **options):
         raise AssertionError("fitted again")
 
-    monkeypatch.setattr("meal_bayes.learner.fitted.fit_and_validate", fit)
+    monkeypatch.setattr("meal_bayes.learner.online.fit_and_validate", fit)
     again = Learner.load(saved, agent=agent, logs=None)
     assert again.knowledge().posterior.counts.sum() > 0
 
@@ -84,7 +86,7 @@ def test_a_posterior_of_ones_own_comes_back(dataset, make, tmp_path):
     agent = make.agent("look", **make.ours)
     make.learner(dataset, agent, posterior=fitted).save(tmp_path / "own.mind")
     again = Learner.load(tmp_path / "own.mind", agent=agent, logs=None)
-    np.testing.assert_array_equal(again.fits.settings.posterior.concentration, fitted.concentration)
+    np.testing.assert_array_equal(again.settings.posterior.concentration, fitted.concentration)
     np.testing.assert_array_equal(again.knowledge().posterior.dispersion, fitted.dispersion)
 
 
@@ -151,6 +153,15 @@ def text(**changes):
     return change
 
 
+def setting(**changes):
+    def change(members):
+        meta = json.loads(members["learner.json"])
+        meta["settings"]["table"].update(changes)
+        members["learner.json"] = json.dumps(meta).encode()
+
+    return change
+
+
 def array(name, edit):
     """Change an array."""
 
@@ -165,6 +176,8 @@ def array(name, edit):
 
 def entry(name, column, value):
     """Change one entry of a table."""
+    if isinstance(column, str):
+        return array(name, lambda values: values[column].__setitem__(0, value))
     return array(name, lambda values: values.__setitem__((0, column), value))
 
 
@@ -189,18 +202,18 @@ HOSTILE = {
         {"trials": b"\n".join([members["trials"]] * 2)}
     ),
     "keys that are none": lambda members: members.update({"trials": b"{}"}),
-    "seed": text(options={"seed": "x"}),
-    "reward": text(options={"reward": [1]}),
-    "an option that is none": text(options={"wings": 2}),
+    "seed": setting(seed="x"),
+    "reward": setting(reward=[1]),
+    "a setting that is none": setting(wings=2),
     "growth": text(growth=7),
     "a level too high": entry("levels", 0, 99),
     "a label that is none": entry("labels", 0, 7),
-    "an object that is not there": entry("instances", 0, 99),
-    "a behavior that is not there": entry("instances", 1, 99),
-    "features that are not there": entry("instances", 3, 9999),
-    "an instance that is not there": entry("executions", 2, 9999),
-    "an attribute that is not there": entry("feedback", 2, 9),
-    "a trial that is not there": entry("feedback", 0, 9),
+    "an object that is not there": entry("instances", "object", 99),
+    "a behavior that is not there": entry("instances", "behavior", 99),
+    "features that are not there": entry("instances", "features", 9999),
+    "an instance that is not there": entry("executions", "instance", 9999),
+    "an attribute that is not there": entry("feedback", "attribute", 9),
+    "a trial that is not there": entry("feedback", "trial", 9),
     "features that are no numbers": array("features/0", lambda values: values.fill(np.nan)),
     "another class": state(lambda table: table["perception"].update({"class": "system"})),
     "no perception": state(lambda table: table.pop("perception")),

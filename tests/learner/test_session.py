@@ -8,6 +8,7 @@ import pytest
 
 from meal_bayes.errors import LogError, SettingsError
 from meal_bayes.learner import Learner, recall
+from meal_bayes.learner.views import attempts
 from meal_bayes.robots import Outcome
 from meal_bayes.trial_log import Logs, check_log, read_trials, salvage
 from meal_bayes.trials import trials_frame
@@ -229,7 +230,7 @@ def test_a_trial_of_another_learner_keeps_its_own_percepts(dataset, make):
     second.tell(mine, {"red": True})
     (row,) = second.experience.shown(mine.task.key)
     assert second.experience.levels.values[row, 0] == mine.steps[0].observation[0]
-    assert second.experience.instances.values[row, 3] == -1  # no features of another trial
+    assert second.experience.instances.values["features"][row] == -1  # no features of another trial
 
 
 def test_the_experience_is_rebuilt_from_logs(dataset, make, tmp_path):
@@ -245,7 +246,7 @@ def test_the_experience_is_rebuilt_from_logs(dataset, make, tmp_path):
     before, after = first.experience, again.experience
     for name in ("executions", "feedback", "known"):
         np.testing.assert_array_equal(getattr(before, name).values, getattr(after, name).values)
-    np.testing.assert_array_equal(before.attempts, after.attempts)
+    np.testing.assert_array_equal(attempts(before), attempts(after))
     np.testing.assert_array_equal(before.levels.values[:, 0], after.levels.values[:, 0])
     for learner in (first, again):
         alpha = learner.knowledge().posterior.concentration[0]

@@ -1,0 +1,283 @@
+"""What a learner does when it is asked: its tasks, their problems and policies, their sessions."""
+
+import threading
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from meal_bayes.agents import Agent, Knowledge, as_agent
+from meal_bayes.datasets import PerceptTable, object_index
+from meal_bayes.domain import Domain
+from meal_bayes.errors import SettingsError
+from meal_bayes.files import file_name
+from meal_bayes.learner.experience import Experience, Key
+from meal_bayes.learner.fit import Fit, problem_of
+from meal_bayes.learner.fits import Fits
+from meal_bayes.learner.held_out import replay
+from meal_bayes.learner.online import Online
+from meal_bayes.learner.settings import LearnerSettings, own_posterior
+from meal_bayes.learner.trial import NO_CLASSIFIERS, Question, TrialOptions, session_of, task_of
+from meal_bayes.momdp import MOMDP
+from meal_bayes.planners import Policy
+from meal_bayes.robots import Robot
+from meal_bayes.robots.recorded import RecordedRobot
+from meal_bayes.trial_log.live import LiveLog, interrupted
+from meal_bayes.trials import Session, Step, Task, Trial, run_trial
+from meal_bayes.trials.session import MAX_STEPS
+
+_NO_TABLE = "Give a robot, or fit a percept table (build_percept_table) to replay its objects."
+
+
+class Answerer:
+    """Answers questions: an agent with what it has experienced, or with a percept table."""
+
+    def __init__(
+        self, domain: Domain, agent: Agent, settings: LearnerSettings, logs: str | Path | None
+    ) -> None:
+        self.domain = domain
+        self.settings = settings
+        self.logs = None if logs is None else Path(logs)
+        self.experience = Experience(domain)
+        self.table: PerceptTable | None = None  # that is replayed
+        self._agent = agent
+        self._fits = Fits(self.experience, settings)
+        self._asked = 0  # questions with robots
+        self._lock = threading.RLock()
+
+    @property
+    def agent(self) -> Agent:
+        """Who decides; another agent learns from the same experience."""
+        return self._agent
+
+    @agent.setter
+    def agent(self, agent: object) -> None:
+        chosen = as_agent(agent)
+        own_posterior(self.settings.posterior, self.domain, chosen)
+        with self._lock:
+            self._agent = chosen
+
+    def knowledge(self, object_name: str | None = None) -> Knowledge:
+        """Return what was learned; from a percept table, without one of its objects."""
+        if self.table is None:
+            return self.fitted(self.agent).knowledge
+        if object_name is None:
+            raise SettingsError("A percept table holds only what is known without an object of it.")
+        with self._lock:
+            o = object_index(self.table.objects, object_name)
+            return self._fits.held_out(self.table, self.agent, o).knowledge
+
+    def fitted(self, agent: Agent) -> Online:
+        """Return what an agent makes of the experience; learned when it is first needed."""
+        with self._lock:
+            return self._fits.of(agent)
+
+    def task(self, question: Question, object_name: str | None = None) -> Task:
+        """Return the task that a question would be; an object without a name gets one."""
+        return self._task(question, object_name)[0]
+
+    def problem(self, question: Question, object_name: str | None = None) -> MOMDP:
+        """Return the decision problem of a question, as a test of it would have it."""
+        task = self.task(question, object_name)
+        with self._lock:
+            return problem_of(self._fit(task, learn=False), task)
+
+    def policy(self, question: Question, object_name: str | None = None) -> Policy:
+        """Return who decides about a question, as in a test of it."""
+        task, streams = self._task(question, object_name)
+        with self._lock:
+            fit = self._fit(task, learn=False)
+            return fit.plan(task, streams, limit=np.inf, explore=False)[1]
+
+    def replay(
+        self, question: Question, object_name: str | None = None, *, seed: int | None = None
+    ) -> RecordedRobot:
+        """Return the robot that replays an object of the percept table.
+
+        The seed, by default the learner's, draws what fails and the order of recordings.
+        """
+        if self.table is None:
+            raise SettingsError(_NO_TABLE)
+        seed = self.settings.seed if seed is None else seed
+        repeats = self.settings.percepts == "model"
+        return replay(self.table, self.task(question, object_name), seed, repeats=repeats)
+
+    def ask(
+        self,
+        question: Question,
+        robot: Robot | str | None = None,
+        *,
+        truth: Mapping[str, bool] | ArrayLike | None = None,
+        object_name: str | None = None,
+        learn: bool = True,
+        log: str | Path | None = None,
+        key: str | int | None = None,
+        max_steps: int = MAX_STEPS,
+        max_cost: float | None = None,
+        on_step: Callable[[Step], None] | None = None,
+    ) -> Trial:
+        """Answer a question about the object in front of a robot.
+
+        Every step is on disk before the next behavior. What ends the trial early (the driver, an
+        interruption) is raised once it is logged so far.
+
+        Parameters
+        ----------
+        question : Question
+            A sentence ("Is it heavy?"), a comma list, or names of attributes.
+        robot : Robot or str, optional
+            See `Robot`; or the name of an object of the percept table, which is replayed.
+        truth : mapping or array, optional
+            {attribute: True or False} of what is known; compared with the report afterwards.
+        object_name : str, optional
+            An agent with `memory` recognizes it; by default it is a new object.
+        learn : bool
+            Whether it explores, and becomes experience; else a test, as replays of a table are.
+        log : str or Path, optional
+            Of the trial (.mcap); one in the folder of logs by default.
+        key : str or int, optional
+            Names the random streams; by default the number of questions so far, in replays nothing.
+        max_steps, max_cost, on_step : int, float, callable
+            See `Session`.
+
+        Raises
+        ------
+        QueryError
+            A question that cannot be understood.
+        SettingsError
+            No data were fitted of the kind that the robot needs.
+        RobotError
+            The robot came to a state that the domain does not know.
+        """
+        if isinstance(robot, str):
+            object_name = robot
+            robot = None
+        if isinstance(robot, type) or not (robot is None or hasattr(robot, "execute")):
+            raise SettingsError(
+                f"A robot is an object with start() and execute(behavior); found {robot!r:.60}."
+            )
+        if (robot is None) == (self.table is None):
+            raise SettingsError(_NO_TABLE if robot is None else NO_CLASSIFIERS)
+        limit = robot.limit if isinstance(robot, RecordedRobot) else np.inf
+        options = TrialOptions(truth, learn, limit, max_steps, max_cost, on_step)
+        session = self._open(question, object_name, key, log, options, state=None)
+        return run_trial(session, self.replay(session.task) if robot is None else robot)
+
+    def begin(
+        self,
+        question: Question,
+        object_name: str | None = None,
+        *,
+        state: str | None = None,
+        truth: Mapping[str, bool] | ArrayLike | None = None,
+        learn: bool = True,
+        log: str | Path | None = None,
+        key: str | int | None = None,
+        max_steps: int = MAX_STEPS,
+        max_cost: float | None = None,
+        on_step: Callable[[Step], None] | None = None,
+        commanded: bool = False,
+        seed: int | None = None,
+    ) -> Session:
+        """Begin a trial that somebody else drives; see `Session` for what to do with it.
+
+        Whoever drives executes `behavior`, and gives its `Outcome` to `observe`, until there is no
+        behavior; then `report` is the answer.
+
+        Parameters
+        ----------
+        state : str, optional
+            Where the robot is; the domain's start by default.
+        commanded : bool
+            Whether somebody else decides, too, by `Session.command`.
+        seed : int, optional
+            Of what is drawn; the learner's by default.
+        question, object_name, truth, learn, log, key, max_steps, max_cost, on_step : Any
+            As for `ask`.
+        """
+        state = self.domain.diagram.start if state is None else state
+        options = TrialOptions(
+            truth, learn, max_steps=max_steps, max_cost=max_cost, on_step=on_step,
+            commanded=commanded, seed=seed,
+        )  # fmt: skip
+        return self._open(question, object_name, key, log, options, state).start(state)
+
+    def resume(self, log: str | Path) -> Session:
+        """Go on with a trial whose process ended in the middle of it, from its log.
+
+        The learner is the one that began it, or has been saved before and loaded since. The robot
+        is where the last step of the log led.
+
+        Parameters
+        ----------
+        log : str or Path
+            Of the trial, or its draft.
+
+        Raises
+        ------
+        LogError
+            The log holds no trial that is under way, or not of this learner's.
+        """
+        before, path, header = interrupted(Path(log))
+        streams, begun = tuple(header["streams"]), dict(header["begun"])
+        start = begun.pop("state", None) or self.domain.diagram.start
+        options = TrialOptions(truth=before.truth, **begun)
+        session = self._session(before.task, streams, options)
+        session.start(before.momdp.x_names[before.steps[0].x] if before.steps else start)
+        session.repeat(before.steps)
+        session.record(LiveLog(path, header))
+        return session
+
+    def _fit(self, task: Task, *, learn: bool) -> Fit:
+        """Return what is known for a trial, by who runs it: training may be another agent's."""
+        agent = self.agent
+        if self.table is not None:
+            return self._fits.held_out(self.table, agent, task.object_index)
+        if learn and agent.trained_by is not None:
+            agent = replace(agent.trained_by, name=agent.name)
+        return self._fits.of(agent)
+
+    def _task(
+        self, question: Question, object_name: str | None, key: str | int | None = None
+    ) -> tuple[Task, Key]:
+        """Return the task of a question, and the key of its random streams, by `key`."""
+        key = self._asked if key is None and self.table is None else key
+        return task_of(self.domain, self.table, question, object_name, key)
+
+    def _open(
+        self, question: Question, object_name: str | None, key: str | int | None,
+        log: str | Path | None, options: TrialOptions, state: str | None,
+    ) -> Session:  # fmt: skip
+        """Return the session of a question, logged if there is a place, but not started yet."""
+        with self._lock:
+            task, streams = self._task(question, object_name, key)
+            self._asked += self.table is None and not isinstance(question, Task)
+        session = self._session(task, streams, options)
+        if log is None and self.logs is None:
+            return session
+        place = Path(self.logs or "") / file_name(self.domain.name) if log is None else Path(log)
+        config = {"command": "Learner.ask", "question": str(question), "agent": self.agent.name}
+        header = {
+            "config": config, "seed": self.settings.seed, "data": self.domain.data,
+            "streams": list(session.key),
+            "begun": {
+                "learn": options.learn, "state": state, "max_steps": int(session.max_steps),
+                "max_cost": session.max_cost,
+            },
+        }  # fmt: skip
+        session.record(LiveLog(place, header, session.task.object_name))
+        return session
+
+    def _session(self, task: Task, key: Key, options: TrialOptions) -> Session:
+        """Return the session of a task whose random streams `key` names."""
+        with self._lock:
+            fit = self._fit(task, learn=options.learn)
+        return session_of(fit, task, key, options, lock=self._lock, on_end=self._end)
+
+    def _end(self, trial: Trial) -> None:
+        """Learn from a trial: labels of an object that is recognized are known already."""
+        with self._lock:
+            self.experience.complete(trial.task.key)
+            self._fits.update(self.experience.shown(trial.task.key))

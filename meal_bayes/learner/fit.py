@@ -1,0 +1,98 @@
+"""What a trial needs from whoever knows: a problem, a policy, a perceiver, limits.
+
+Two implementations know it: `HeldOut` (Algorithm 1: a percept table without the object at hand)
+and `Online` (Algorithm 2: the record of a robot that learns while it works).
+"""
+
+from dataclasses import replace
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from meal_bayes.agents import Agent, Knowledge
+from meal_bayes.domain import Query
+from meal_bayes.learner.experience import Experience, Key, Labels
+from meal_bayes.learner.settings import LearnerSettings
+from meal_bayes.learner.views import recognized
+from meal_bayes.momdp import MOMDP
+from meal_bayes.perception import Perceiver, SampledPercepts
+from meal_bayes.planners import POMCP, Policy
+from meal_bayes.seeds import stream
+from meal_bayes.trials import Task
+
+
+class Fit(Protocol):
+    """What one agent knows that asks about an object."""
+
+    record: Experience
+    agent: Agent
+    settings: LearnerSettings
+
+    @property
+    def knowledge(self) -> Knowledge:
+        """What it has learned, without the object where that is held out."""
+
+    @property
+    def limit(self) -> NDArray[np.float64]:
+        """Percepts of each behavior that a trial can have, (E,)."""
+
+    @property
+    def perceiver(self) -> Perceiver:
+        """What turns sensor data into percept levels."""
+
+    def truth(self, query: Query) -> Labels | None:
+        """Return the labels (N,) of an object that is replayed; None of a robot's object."""
+
+    def plan(
+        self, task: Task, streams: Key, *, limit: ArrayLike, explore: bool
+    ) -> tuple[MOMDP, Policy]:
+        """Build and solve the problem of a task.
+
+        Parameters
+        ----------
+        task : Task
+            What is asked, of which object.
+        streams : Key
+            Names the planner's random stream.
+        limit : ArrayLike
+            (E,) or a number: percepts of each behavior that the robot can show in a trial.
+        explore : bool
+            Plan for queries to come as well.
+        """
+
+
+def problem_of(fit: Fit, task: Task, limit: ArrayLike = np.inf, *, recognize: bool = True) -> MOMDP:
+    """Build the MOMDP of a task without a bonus, as a test has it (Alg. 1, l. 1-4)."""
+    return fit.agent.model(
+        task.query, fit.knowledge, limit=limits_of(fit, limit), reward=fit.settings.reward,
+        labels=recognized_labels(fit, task) if recognize else None,
+    )  # fmt: skip
+
+
+def limits_of(fit: Fit, limit: ArrayLike) -> NDArray[np.float64]:
+    """Return percepts of each behavior (E,) that a trial can have, of a robot with a limit."""
+    behaviors = len(fit.record.domain.behaviors)
+    return np.asarray(np.broadcast_to(np.minimum(limit, fit.limit), behaviors), np.float64)
+
+
+def recognized_labels(fit: Fit, task: Task) -> Labels | None:
+    """Return the labels (N,) of a task's object, if the agent recognizes it by any."""
+    if not fit.agent.memory:
+        return None
+    return recognized(fit.record, task.query, task.object_name)
+
+
+def solve(fit: Fit, task: Task, streams: Key, momdp: MOMDP) -> Policy:
+    """Solve a problem of a task by the agent's planner (Alg. 1, l. 5)."""
+    solver = fit.agent.solver(fit.knowledge.domain, task.query)
+    if isinstance(solver, POMCP):
+        solver = replace(solver, paid=fit.agent.exploration.paid)
+    return solver.solve(momdp, stream(fit.settings.seed, "solver", fit.agent.name, *streams))
+
+
+def sampled(knowledge: Knowledge, labels: Labels) -> SampledPercepts:
+    """Return what draws percepts of objects with labels (O,P) from the tables that are known."""
+    every = range(len(knowledge.domain.attributes))
+    confusion, _ = knowledge.posterior.select(every, exact=True)
+    return SampledPercepts(knowledge.domain, labels, confusion)

@@ -1,0 +1,84 @@
+"""Algorithm 1: an object of a percept table is replayed, and left out of all that was learned."""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from meal_bayes.agents import Agent, Knowledge, knowledge_without
+from meal_bayes.datasets import PerceptTable
+from meal_bayes.domain import Query
+from meal_bayes.learner.experience import Experience, Key, Labels
+from meal_bayes.learner.fit import problem_of, sampled, solve
+from meal_bayes.learner.settings import LearnerSettings
+from meal_bayes.learner.views import labels_for
+from meal_bayes.momdp import MOMDP
+from meal_bayes.perception import Perceiver, RecordedPercepts
+from meal_bayes.planners import Policy
+from meal_bayes.robots.recorded import RecordedRobot, replayable
+from meal_bayes.seeds import stream
+from meal_bayes.trials import Task
+
+
+@dataclass(eq=False)
+class HeldOut:
+    """Knowledge of one agent about one object, of which neither recordings nor labels enter it.
+
+    A label that was told of an object of the table without one is training data of the others.
+    """
+
+    record: Experience
+    agent: Agent
+    settings: LearnerSettings
+    table: PerceptTable
+    object_index: int  # of the object that is left out
+
+    @cached_property
+    def labeled(self) -> PerceptTable:
+        """The table, with what was told of objects that had no label."""
+        told = labels_for(self.record, self.table.objects)
+        return replace(self.table, labels=np.where(self.table.labels < 0, told, self.table.labels))
+
+    @cached_property
+    def knowledge(self) -> Knowledge:
+        """What is learned from all objects but this one."""
+        known = knowledge_without(
+            self.labeled, self.object_index, levels=self.agent.levels,
+            object_level=self.agent.object_level,
+        )  # fmt: skip
+        posterior = self.settings.posterior
+        return known if posterior is None else replace(known, posterior=posterior)
+
+    @property
+    def limit(self) -> NDArray[np.float64]:
+        """Recordings of each behavior, (E,); draws from the model do not run out."""
+        counts = replayable(self.table)[self.object_index]
+        return np.where(self.settings.percepts == "recorded", counts, np.inf)
+
+    @cached_property
+    def perceiver(self) -> Perceiver:
+        """What shows percepts: classifiers that never saw the object, or the model itself."""
+        if self.settings.percepts == "recorded":
+            return RecordedPercepts(self.labeled, self.agent.levels)
+        return sampled(self.knowledge, self.labeled.labels)
+
+    def truth(self, query: Query) -> Labels:
+        """Return the labels (N,) of the object; -1 unknown."""
+        columns = self.record.domain.columns(query.attributes)
+        return np.asarray(self.labeled.labels[self.object_index, columns])
+
+    def plan(
+        self, task: Task, streams: Key, *, limit: ArrayLike, explore: bool
+    ) -> tuple[MOMDP, Policy]:
+        """Build and solve the problem of a task (Alg. 1, l. 1-5); replays explore nothing."""
+        momdp = problem_of(self, task, limit)
+        return momdp, solve(self, task, (task.object_name, *task.query.attributes), momdp)
+
+
+def replay(table: PerceptTable, task: Task, seed: int, *, repeats: bool) -> RecordedRobot:
+    """Return the robot that replays the object of a task; a seed names its draws."""
+    return RecordedRobot(
+        table.domain, task.object_index, replayable(table)[task.object_index],
+        stream(seed, "recordings", *task.key), stream(seed, "robot", *task.key), repeats=repeats,
+    )  # fmt: skip

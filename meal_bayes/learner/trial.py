@@ -1,0 +1,213 @@
+"""What a learner needs of a trial: its options, its task, its session, and a record of it."""
+
+import secrets
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from meal_bayes.arrays import Levels
+from meal_bayes.datasets import Instance, PerceptTable, object_index
+from meal_bayes.domain import Domain, Query, read_query
+from meal_bayes.errors import SettingsError
+from meal_bayes.learner.experience import Experience, Key
+from meal_bayes.learner.fit import Fit, problem_of, solve
+from meal_bayes.learner.online import Online
+from meal_bayes.momdp import MOMDP
+from meal_bayes.planners import Policy
+from meal_bayes.robots import Boundary
+from meal_bayes.trials import FaultTolerant, Session, Step, Task, Trial
+from meal_bayes.trials.session import MAX_STEPS
+
+Question = str | Sequence[str] | Query | Task
+NO_CLASSIFIERS = (
+    "A percept table holds no classifiers for a robot's sensors; fit recordings (load_dataset), or "
+    "name an object of the table."
+)
+
+
+@dataclass(frozen=True, slots=True)
+class TrialOptions:
+    """How a trial is run; `Learner.ask` and `Learner.begin` say what each means."""
+
+    truth: Mapping[str, bool] | ArrayLike | None = None
+    learn: bool = True
+    limit: ArrayLike = np.inf  # (E,) percepts of each behavior that the robot can show
+    max_steps: int = MAX_STEPS
+    max_cost: float | None = None
+    on_step: Callable[[Step], None] | None = None
+    commanded: bool = False
+    seed: int | None = None  # of what is drawn; the learner's by default
+
+
+def task_of(
+    domain: Domain, table: PerceptTable | None, question: Question,
+    object_name: str | None, key: str | int | None,
+) -> tuple[Task, Key]:  # fmt: skip
+    """Return the task of a question, and the key of its random streams.
+
+    With a robot the task's own key has an identity that no other trial has, of whatever session,
+    nor has an object without a name. What is drawn does not depend on it, but on `key`.
+    """
+    if isinstance(question, Task):
+        return question, question.key
+    for part, value in (("key", key), ("object_name", object_name)):
+        if not isinstance(value, str | int | None if part == "key" else str | None):
+            raise SettingsError(f"{part} is {value!r:.60}; give a text.")
+    query = question if isinstance(question, Query) else read_query(question, domain)
+    text = f"{query.report_name([True] * len(query))}?"
+    if table is not None:
+        if object_name is None:
+            raise SettingsError(NO_CLASSIFIERS)
+        o = object_index(table.objects, object_name)
+        named = () if key is None else ("key", key)
+        replayed: Key = (table.domain.data, "ask", object_name, *query.attributes, *named)
+        return Task(text, query, o, object_name, replayed), replayed
+    identity = secrets.token_hex(8)
+    name = f"object {identity}" if object_name is None else object_name
+    drawn = f"object {key}" if object_name is None else object_name
+    task = Task(text, query, -1, name, (domain.data, "live", identity, *query.attributes))
+    return task, (domain.data, "live", 0 if key is None else key, drawn, *query.attributes)
+
+
+def session_of(
+    fit: Fit, task: Task, key: Key, options: TrialOptions, *,
+    lock: AbstractContextManager[Any], on_end: Callable[[Trial], None],
+) -> Session:  # fmt: skip
+    """Return the session of a task whose random streams `key` names; replays teach nothing."""
+    domain = fit.record.domain
+    learn = options.learn and isinstance(fit, Online)
+    with lock:
+        momdp, policy = plan_of(fit, task, key, options, explore=learn)
+        if learn:
+            fit.record.trial(task.key)  # it is the learner's own from now on
+    truth = options.truth
+    if isinstance(truth, Mapping):
+        truth = domain.labels(truth)[domain.columns(task.query.attributes)]
+    perceiver = fit.perceiver
+    on_step = options.on_step
+    if learn and isinstance(fit, Online):
+        perceiver = recorder = RecordingPerceiver(fit, task, momdp, lock, on_step)
+        on_step = recorder.record
+    boundary = Boundary(
+        fit.knowledge.domain, object_index=task.object_index, sizes=lambda: fit.record.sizes
+    )
+    return Session(
+        task, momdp, policy, boundary, perceiver,
+        agent=fit.agent.name,
+        seed=fit.settings.seed if options.seed is None else options.seed,
+        key=key,
+        truth=fit.truth(task.query) if truth is None else truth,
+        counts=fit.knowledge.posterior.counts[domain.columns(task.query.attributes)],
+        max_steps=options.max_steps,
+        max_cost=options.max_cost,
+        on_step=on_step,
+        on_end=on_end if learn else None,
+    )  # fmt: skip
+
+
+def plan_of(
+    fit: Fit, task: Task, key: Key, options: TrialOptions, *, explore: bool
+) -> tuple[MOMDP, Policy | None]:
+    """Return the problem of a task and who decides; None where somebody commands."""
+    if options.commanded:
+        return problem_of(fit, task, options.limit), None
+    momdp, policy = fit.plan(task, key, limit=options.limit, explore=explore)
+    if task.object_index < 0:  # recordings run out, the sensors of a robot fail
+        domain = fit.record.domain
+        usual = domain.diagram.compile(domain.behavior_names).transition
+        policy = FaultTolerant(momdp, policy, partial(solve, fit, task, key), usual)
+    return momdp, policy
+
+
+class RecordingPerceiver:
+    """A perceiver that records the executions of a trial, with all that was perceived."""
+
+    def __init__(
+        self, fit: Online, task: Task, momdp: MOMDP, lock: AbstractContextManager[Any],
+        on_step: Callable[[Step], None] | None,
+    ) -> None:  # fmt: skip
+        self._fit = fit
+        self._task = task
+        self._momdp = momdp
+        self._lock = lock
+        self._on_step = on_step
+        self._last: tuple[Instance, NDArray[np.int8]] | None = None
+        number = fit.record.trials.get(task.key, -1)
+        recorded = fit.record.executions.values["trial"] == number
+        self._known = int(recorded.sum())  # before a restart
+
+    def observe(self, instance: Instance, query: Query, rng: np.random.Generator) -> Levels:
+        """Return percept levels of the queried attributes, (N,)."""
+        domain = self._fit.record.domain
+        levels = self._fit.perception.observe(instance, Query(domain.attributes), rng)
+        self._last = instance, levels
+        if self._fit.settings.drawn is not None:  # of the learned tables, not those that came
+            return self._fit.perceiver.observe(instance, query, rng)
+        return levels[domain.columns(query.attributes)]
+
+    def record(self, step: Step) -> None:
+        """Record an executed step; what was recorded before a restart is not recorded again."""
+        last, self._last = self._last, None
+        if self._known:
+            self._known -= 1
+        else:
+            with self._lock:
+                record_step(self._fit.record, self._task, self._momdp, step, last)
+        if self._on_step is not None:
+            self._on_step(step)
+
+
+def implied(report: NDArray[np.bool_], *, right: bool) -> NDArray[np.int8]:
+    """Return the labels (N,) that a verdict on a report (N,) implies; -1 unknown.
+
+    A wrong report of several attributes implies none, as any of them may be wrong (Sect. 7.3).
+    """
+    if right:
+        return report.astype(np.int8)
+    return (~report).astype(np.int8) if len(report) == 1 else np.full(len(report), -1, np.int8)
+
+
+def check_behaviors(record: Experience, trial: Trial) -> None:
+    """Refuse a trial of other behaviors than a record's."""
+    theirs = trial.momdp.behavior_names
+    own = record.domain.behavior_names
+    if theirs != own:
+        raise SettingsError(
+            f"The trial {trial.task.name!r} has the behaviors {', '.join(theirs)}; this learner's "
+            f"domain has {', '.join(own)}. Load the domain of that trial."
+        )
+
+
+def record_step(
+    record: Experience, task: Task, momdp: MOMDP, step: Step,
+    perceived: tuple[Instance, NDArray[np.int8]] | None = None,
+) -> None:  # fmt: skip
+    """Record a step, with what was sensed and the levels (P,) where these are known; no report.
+
+    A step that only shows the queried attributes' percepts is recorded with these.
+    """
+    domain = record.domain
+    e = step.decision.action
+    if e >= momdp.n_behaviors:
+        return
+    instance, levels = perceived or (None, None)
+    shows = step.observation is not None
+    if step.observation is not None and levels is None and domain.behaviors[e].modalities:
+        levels = np.full(len(domain.attributes), -1, np.int8)
+        levels[domain.columns(momdp.query.attributes)] = step.observation
+    # When all recordings are used, a loop that succeeds looks as one that fails.
+    before = step.belief.percept_counts[0, e].sum() - shows
+    success = -1
+    if momdp.legal[step.x, e] and before < momdp.limit[e]:
+        # Where the diagram does not lead, it was not meant to go.
+        meant = momdp.transition[e, step.x, step.next_x] > 0
+        success = int(shows or (step.next_x != step.x and meant))
+    record.execute(
+        task.key, task.object_name, e, success=success, instance=instance,
+        levels=levels, k=momdp.levels,
+    )  # fmt: skip
