@@ -1,28 +1,25 @@
 """Where runs lie: logs/<experiment>/<agent>/<unit>.mcap; a unit is done when its file is sound.
 
-The name of a run has a digest of all that it depends on, code of the user's included. The bytes of
-a pickle by value would do for that, were they equal from process to process: cloudpickle names
-classes at random, and sets come in any order. So an agent's settings are digested by joblib, which
-sorts, and its code by the files that it was imported from.
+The name of a run has a digest of all that it depends on: settings, versions, and of an agent that
+does not ship its values and the files of its code, with what these import from beside them. A trial
+is read again only where it is known to be the agent's own.
 """
 
 import contextlib
 import hashlib
-import inspect
 import logging
 import platform
 import sys
 import uuid
+from collections.abc import Mapping
 from functools import partial
 from importlib import metadata
 from modulefinder import ModuleFinder
 from pathlib import Path
-from types import ModuleType
+from types import FunctionType, MethodType, ModuleType
 from typing import TYPE_CHECKING, Any
 
-from joblib.hashing import NumpyHasher
-
-from meal_bayes.agents import Agent
+from meal_bayes.agents import AGENTS, Agent
 from meal_bayes.digests import code_digest, digest_of
 from meal_bayes.errors import LogError
 from meal_bayes.files import file_name
@@ -34,6 +31,7 @@ if TYPE_CHECKING:
 log = logging.getLogger("meal_bayes.experiments")
 
 _INSTALLED = {"site-packages", "dist-packages"}  # folders of pip's and of the system's
+_PLAIN = (bool, int, float, complex, str, bytes)
 _LIBRARIES = ("numpy", "scipy", "numba", "scikit-learn")  # whose versions may change a number
 
 
@@ -81,51 +79,112 @@ def is_own(module: ModuleType) -> bool:
     return module.__name__.partition(".")[0] not in {"meal_bayes", *sys.stdlib_module_names}
 
 
+class _UnknownError(Exception):
+    """Nobody can say whether a value is the same as in another run."""
+
+
 def agent_digest(agent: Agent) -> str:
-    """Compute a digest of an agent's settings and of the user's code that it goes by, if any."""
-    hasher = _AgentHasher()
-    settings = hasher.hash(agent)
-    if not hasher.sources:
+    """Compute a digest of an agent's settings and of the user's code that it goes by.
+
+    It is "" of an agent that ships. It is that of no other where nobody can know whether the agent
+    is the same as before: it holds a function or class that was made while a program ran, or
+    something without a value, such as an open file.
+    """
+    if agent == AGENTS.get(agent.name):
         return ""
-    return hashlib.sha256(repr((settings, sorted(hasher.sources))).encode()).hexdigest()[:16]
+    try:
+        return digest_of(Description().of(agent))[:16]
+    except (_UnknownError, RecursionError) as why:
+        log.warning(
+            "agent %r holds %s: no earlier trial is known to be its own, so the run has a folder "
+            "of its own (functions and classes of a module can be known)", agent.name, why,
+        )  # fmt: skip
+        return uuid.uuid4().hex
 
 
-class _AgentHasher(NumpyHasher):  # type: ignore[misc]  # joblib has no types
-    """Digests values; functions and classes by name, and what functions are closed over."""
+class Description:
+    """Describes values by lists and texts that are equal for equal values, in every process.
+
+    What is not plain is taken apart as for a pickle, whose own bytes differ from process to
+    process: sets come in any order.
+    """
 
     def __init__(self) -> None:
-        super().__init__("sha256")
-        self.sources = set[str]()  # digests of the code of those that are not this package's
+        self._done: dict[int, tuple[object, object]] = {}  # by identity: a value, and what it is
+        self._path: list[int] = []  # of the values that this one is in
 
-    def reducer_override(self, value: Any) -> Any:
-        """Return how a value is digested, as `pickle.Pickler.reducer_override`."""
-        code = inspect.unwrap(value) if callable(value) else value  # compiled, cached
-        if isinstance(value, frozenset):
-            return str, ("frozenset",), sorted(value, key=repr)
-        if isinstance(code, ModuleType):
-            return str, (code.__name__,)
-        if code is str or not (inspect.isfunction(code) or isinstance(code, type)):
-            return NotImplemented
-        name = f"{code.__module__}.{code.__qualname__}"
-        self.sources |= _sources(code)
-        if isinstance(code, type):
-            return str, (name,)
-        cells = [cell.cell_contents for cell in code.__closure__ or ()]
-        return str, (name,), (code.__defaults__, code.__kwdefaults__, cells)
+    def of(self, value: Any) -> object:
+        """Describe any value; an `_UnknownError` where that cannot be done."""
+        if value is None or isinstance(value, _PLAIN):
+            return [type(value).__name__, repr(value)]
+        if id(value) in self._path:
+            return ["again", self._path.index(id(value))]
+        if id(value) not in self._done:
+            self._path.append(id(value))
+            self._done[id(value)] = value, [type(value).__name__, self._parts(value)]
+            self._path.pop()
+        return self._done[id(value)][1]
+
+    def _parts(self, value: Any) -> object:  # noqa: PLR0911  a kind of values a line
+        made = isinstance(value, type | FunctionType) or hasattr(value, "__wrapped__")
+        if made and not isinstance(value, MethodType):
+            return self._named(value)
+        if isinstance(value, ModuleType):
+            return [value.__name__, self._code(value, {})]
+        if type(value) in (list, tuple):
+            return list(map(self.of, value))
+        if type(value) in (set, frozenset):
+            return sorted(map(self.of, value), key=repr)
+        if type(value) is dict:
+            return sorted(
+                ([self.of(key), self.of(entry)] for key, entry in value.items()), key=repr
+            )
+        try:
+            reduced = value.__reduce_ex__(4)
+            if isinstance(reduced, str):  # a global of this name
+                return [getattr(value, "__module__", None), reduced]
+            parts = [*reduced[:3], *map(list, filter(None, reduced[3:5]))]
+        except Exception as fault:  # whatever it raises
+            raise _UnknownError(f"{type(value).__qualname__}, which has no value") from fault
+        return [self.of(type(value)), *map(self.of, parts)]
+
+    def _named(self, value: Any) -> object:
+        """Describe a function or class by its name, if it can be found by that, and its code."""
+        module, name = sys.modules.get(value.__module__), value.__qualname__
+        found: Any = module
+        for part in name.split("."):
+            found = getattr(found, part, None)
+        if (value.__module__ != "builtins" and found is not value) or module is None:
+            raise _UnknownError(f"{value.__module__}.{name}, which was made while a program ran")
+        kinds = [
+            kind
+            for kind in getattr(value, "__mro__", ())[1:]
+            if is_own(sys.modules[kind.__module__])
+        ]
+        return [value.__module__, name, self._code(module, vars(value)), *map(self.of, kinds)]
+
+    def _code(self, module: ModuleType, attributes: Mapping[str, Any]) -> list[object]:
+        """Describe a user's code by its files, and the plain values that a program may have set."""
+        if not (files := _sources(module)):
+            return []
+        values = []
+        for name, value in [*vars(module).items(), *attributes.items()]:
+            if not name.startswith("__") and isinstance(
+                value, (*_PLAIN, list, tuple, dict, set, frozenset)
+            ):
+                with contextlib.suppress(_UnknownError):
+                    values.append([name, self.of(value)])
+        return [sorted(files), sorted(values, key=repr)]
 
 
-def _sources(code: Any) -> set[str]:
-    """Digest the file of a function or class, and what it imports from beside it."""
-    module = sys.modules.get(code.__module__)
-    top = code.__module__.partition(".")[0]
-    path = Path(getattr(module, "__file__", None) or "")
+def _sources(module: ModuleType) -> set[str]:
+    """Digest the file of a module, and of what it imports from beside it; none of what ships."""
+    top = module.__name__.partition(".")[0]
     if top in {"meal_bayes", *sys.stdlib_module_names}:
         return set()
-    if module is None or not path.is_file():
-        try:
-            return {inspect.getsource(code)}  # typed into a session
-        except (OSError, TypeError):
-            return {uuid.uuid4().hex}  # nothing finds it again
+    path = Path(getattr(module, "__file__", None) or "")
+    if not path.is_file():
+        raise _UnknownError(f"code of {module.__name__}, which is in no file")
     files = _imported(module.__name__, path) if is_own(module) else [path]
     return {hashlib.sha256(file.read_bytes()).hexdigest() for file in {path, *files}}
 

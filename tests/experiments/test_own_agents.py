@@ -1,22 +1,31 @@
 """Agents given as values, in processes and after an edit, and what their digest covers."""
 
+import copy
 import importlib
 import json
 import os
 import subprocess
 import sys
+import threading
+from collections import defaultdict
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import array_shapes, arrays
 
 from meal_bayes.agents import AGENTS, Agent, as_agent
 from meal_bayes.cli import main
 from meal_bayes.errors import SettingsError
 from meal_bayes.experiments import OfflineConfig, OnlineConfig, run_offline, run_online, store
-from meal_bayes.experiments.store import agent_digest
-from meal_bayes.planners import RandomLegal
+from meal_bayes.experiments.store import Description, agent_digest
+from meal_bayes.momdp import best_report
+from meal_bayes.planners import RandomLegal, unvalued
 
 
 @pytest.mark.parametrize("jobs", [1, pytest.param(2, marks=pytest.mark.long)])
@@ -133,14 +142,120 @@ def test_settings_matter_and_shipped_agents_have_no_sources(folder):
     assert {agent_digest(agent) for agent in AGENTS.values()} == {""}
 
 
-def test_what_a_function_is_closed_over_matters(folder):
-    planner = importlib.import_module("planner_of_mine").Planner
+def planner_of(sure):
+    class Untried:
+        def solve(self, momdp, rng):
+            self.momdp = momdp
+            return self
 
-    def made(looks):
-        return lambda domain, query, most=looks: (planner(), looks)
+        def decide(self, history, rng):
+            momdp, belief = self.momdp, history.belief
+            legal = np.flatnonzero(momdp.legal[belief.x, : momdp.n_behaviors])
+            untried = [int(e) for e in legal if e not in history.actions]
+            done = belief.certainty > sure or not untried
+            return unvalued(momdp, best_report(momdp, belief) if done else untried[0])
 
-    digests = [agent_digest(as_agent(made(looks))) for looks in (1, 1, 2)]
-    assert digests[0] == digests[1] != digests[2]
+    return Untried()
+
+
+class Settled:
+    """A planner whose settings are values."""
+
+    limit = 0.5
+
+    def __init__(self, **settings):
+        vars(self).update(settings)
+
+    def solve(self, momdp, rng):
+        raise NotImplementedError
+
+
+UNKNOWN = [
+    planner_of(0.4),
+    lambda domain, query: 0.4,
+    Settled(sure=lambda: 0.4),
+    Settled(lock=threading.Lock()),
+    Settled(later=(n for n in [1])),
+    Settled(inside=[{"deep": {1: (lambda: 1,)}}]),
+    Settled(keyed=defaultdict(lambda: 1)),
+    Settled(called=partial(planner_of, lambda: 1)),
+    replace(AGENTS["bayes"], observation_model=lambda knowledge, columns: None),
+    replace(AGENTS["morc"], trained_by=as_agent(planner_of(0.4))),
+]
+
+
+@pytest.mark.parametrize("value", UNKNOWN, ids=range(len(UNKNOWN)))
+def test_what_cannot_be_known_is_told_and_never_the_same(value, caplog):
+    agent = as_agent(value)
+    assert agent_digest(agent) != agent_digest(agent)
+    assert "a folder of its own" in caplog.text
+
+
+def test_two_planners_of_one_function_do_not_share_a_run(tmp_path):
+    lengths = []
+    for sure in (0.4, 0.9999):
+        config = OfflineConfig("roc36", 1, 3, agents=(planner_of(sure),))
+        run = run_offline(config, logs=tmp_path)
+        lengths.append([len(trial.steps) for trial in run.trials()])
+    assert lengths[0] == [1, 1, 1]
+    assert min(lengths[1]) > 1
+
+
+VALUES = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text() | st.binary()
+    | st.dates() | st.decimals() | st.fractions() | st.uuids()
+    | arrays(st.sampled_from([np.float32, np.int64, np.bool_]), array_shapes(max_side=3)),
+    lambda inner: st.lists(inner, max_size=3)
+    | st.tuples(inner, inner)
+    | st.dictionaries(st.text(max_size=2), inner, max_size=3)
+    | st.frozensets(st.integers() | st.text(), max_size=3)
+    | inner.map(lambda value: Settled(inside=value))
+    | inner.map(lambda value: partial(planner_of, value)),
+    max_leaves=6,
+)  # fmt: skip
+
+
+@given(VALUES, VALUES)
+def test_a_description_is_the_same_exactly_where_the_value_is(value, other):
+    description = Description().of(value)
+    assert description == Description().of(copy.deepcopy(value))
+    assert (description == Description().of(other)) == (written(value) == written(other))
+
+
+def written(value):
+    """Write a value so that equal texts are equal values, of equal types."""
+    if isinstance(value, np.ndarray):
+        return repr((value.dtype, value.shape, value.tobytes()))
+    if isinstance(value, Settled | partial):
+        inside = value.args[0] if isinstance(value, partial) else value.inside
+        return f"{type(value).__name__}({written(inside)})"
+    if isinstance(value, dict):
+        return f"dict({sorted((key, written(each)) for key, each in value.items())})"
+    if isinstance(value, frozenset):
+        return f"frozenset({sorted(map(repr, value))})"
+    if isinstance(value, list | tuple):
+        return f"{type(value).__name__}({list(map(written, value))})"
+    return f"{type(value).__name__}({value!r})"
+
+
+def test_what_a_program_sets_on_a_class_or_module_matters(folder, monkeypatch):
+    module = importlib.import_module("planner_of_mine")
+    digests = [agent_digest(as_agent(module.Planner()))]
+    monkeypatch.setattr(module.Planner, "sure", 0.4, raising=False)
+    digests.append(agent_digest(as_agent(module.Planner())))
+    monkeypatch.setattr(module.Planner, "sure", 0.9, raising=False)
+    digests.append(agent_digest(as_agent(module.Planner())))
+    monkeypatch.setattr(module, "best", 2, raising=False)
+    digests.append(agent_digest(as_agent(module.Planner())))
+    assert len(set(digests)) == 4
+
+
+def test_a_shipped_agent_with_other_settings_is_another(folder):
+    ships = AGENTS["bayes"]
+    digests = {agent_digest(replace(ships, discount=d)) for d in (0.5, 0.6, ships.discount)}
+    assert len(digests) == 3
+    assert agent_digest(ships) == ""
+    assert agent_digest(replace(ships, discount=0.5)) in digests
 
 
 @pytest.mark.long
