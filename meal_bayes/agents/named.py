@@ -101,7 +101,8 @@ def as_agent(value: object) -> Agent:
     value : object
         The name of an agent; an `Agent`; or a planner: an object with a method `solve(momdp, rng)`,
         its class, or a function of domain and query that makes one. A planner gets the observation
-        model, prior and levels of `bayes`, and its own name.
+        model, prior and levels of `bayes`, and its own name: its attribute `name` where that is
+        text, by which two of one class are told apart; else that of its class.
 
     Raises
     ------
@@ -112,7 +113,8 @@ def as_agent(value: object) -> Agent:
         return value
     if isinstance(value, str):
         return load_agent(value)
-    named = getattr(value, "__name__", type(value).__name__)
+    label = getattr(value, "name", None)
+    named = label if isinstance(label, str) else getattr(value, "__name__", type(value).__name__)
     ours = replace(AGENTS["bayes_no_bonus"], name=named)
     if hasattr(value, "solve"):
         planner = value() if isinstance(value, type) else value

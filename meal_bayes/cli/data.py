@@ -24,29 +24,35 @@ def data() -> None:
 
 
 @data.command("list", short_help="List the data sets, or what one holds.")
-@click.argument("dataset", required=False)
+@click.argument("name", required=False)
+@opt.option("--dataset", None, None, "NAME|FILE", "The same as NAME, as other commands take it.")
 @opt.shared("root", "json")
-def list_(dataset: str | None, root: Path | None, as_json: bool) -> None:
+def list_(name: str | None, dataset: str | None, root: Path | None, as_json: bool) -> None:
     """List the data sets that ship as percept tables, and whether their recordings are here.
 
-    With the name of a data set, the path of your own domain (TOML, with --root), or the path of
-    your own table (.npz), list what can be asked of it.
+    With the NAME of a data set, the path of your own domain (TOML, with --root), or the path of
+    your own table (.npz), list what can be asked of it, and of how many objects each attribute
+    is true and false.
     """
     from meal_bayes.datasets import cache_folder, load_dataset, load_percepts, verify
     from meal_bayes.datasets.sources import SOURCES
 
+    if name is not None and dataset is not None:
+        raise click.UsageError(f"{name} and --dataset {dataset} name a data set; give one of them.")
+    dataset = name or dataset
     if dataset is not None:
         held = load_dataset(dataset, root=root) if root is not None else load_percepts(dataset)
         _print_contents(held, as_json=as_json)
         return
     rows = []
-    for name in SOURCES:
-        table = load_percepts(name)
-        states = verify(name)
+    for source in SOURCES:
+        table = load_percepts(source)
+        states = verify(source)
         rows.append({
-            "name": name, "objects": len(table.objects), "behaviors": len(table.domain.behaviors),
-            "attributes": len(table.domain.attributes), "recordings": table.recordings,
-            "files": len(states), "files_cached": sum(s == "ok" for _, s in states),
+            "name": source, "objects": len(table.objects),
+            "behaviors": len(table.domain.behaviors), "attributes": len(table.domain.attributes),
+            "recordings": table.recordings, "files": len(states),
+            "files_cached": sum(state == "ok" for _, state in states),
         })  # fmt: skip
     if as_json:
         terminal.print_json({"datasets": rows, "cache": str(cache_folder())})
@@ -110,14 +116,13 @@ def percepts(
     With --out it is written; a shipped data set's is compared with the one in the package. Its
     behaviors are computed at once by --jobs processes, or by a cluster: the table is the same.
     """
-    from meal_bayes.datasets import load_dataset
-    from meal_bayes.datasets.percepts import save_percepts
+    from meal_bayes.datasets import load_dataset, save_percepts
     from meal_bayes.datasets.sources import SOURCES
     from meal_bayes.display import listed
     from meal_bayes.errors import SettingsError
     from meal_bayes.experiments.parallel import in_parallel
     from meal_bayes.files import check_output
-    from meal_bayes.perception import build_percept_table
+    from meal_bayes.perception import TableSource, build_percept_table
 
     if out is not None:
         if out.suffix != ".npz":
@@ -142,6 +147,10 @@ def percepts(
             recordings, perception=perception, classifier=estimator, progress=advance,
             each=partial(in_parallel, jobs=jobs, cluster=cluster),
         )  # fmt: skip
+    if classifier is None and not shipped:  # what `ask` and runs would compute once more
+        source = TableSource.of(dataset, perception, root=root)
+        if not source.path.is_file():
+            save_percepts(table, source.path)
     if out is not None:
         save_percepts(table, out)
         terminal.say(f"{out}: {_size(table)}")
@@ -150,14 +159,33 @@ def percepts(
 
 
 def _print_contents(table: "PerceptTable | Dataset", *, as_json: bool) -> None:
+    from meal_bayes.experiments import askable
+
     costs = {behavior.name: behavior.cost for behavior in table.domain.behaviors}
+    asked = askable(table)
+    objects_with = {
+        attribute: {"true": int((labels == 1).sum()), "false": int((labels == 0).sum())}
+        for attribute, labels in zip(table.domain.attributes, table.labels.T, strict=True)
+    }
     if as_json:
         names = {"attributes": table.domain.attributes, "objects": table.objects}
-        terminal.print_json({"name": table.domain.name, **names, "behaviors": costs})
+        counts = {"objects_with": objects_with, "asked_by_runs": asked}
+        terminal.print_json({"name": table.domain.name, **names, **counts, "behaviors": costs})
         return
+    counted = [
+        f"{attribute} {count['true']} of {sum(count.values())}"
+        for attribute, count in objects_with.items()
+    ]
     facts = {
         "data set": f"{table.domain.name}: {_size(table)}",
-        "attributes": ", ".join(table.domain.attributes),
+        "attributes": f"{', '.join(counted)} objects",
+    }
+    if len(asked) < len(counted):
+        facts["asked by runs"] = (
+            f"{', '.join(asked) or 'none'}: with more than {table.domain.asked_minimum} objects "
+            "that have it, and that have it not"
+        )
+    facts |= {
         "behaviors": ", ".join(f"{name} {cost:g} s" for name, cost in costs.items()),
         "objects": ", ".join(table.objects),
     }

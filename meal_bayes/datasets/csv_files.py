@@ -24,6 +24,7 @@ from meal_bayes.datasets.frames import (
     join_features,
     labelled,
 )
+from meal_bayes.display import listed
 from meal_bayes.domain import Domain, unknown
 from meal_bayes.errors import DataError, QueryError
 from meal_bayes.files import write_whole
@@ -50,6 +51,7 @@ def load_csv_folder(domain: Domain, folder: Path) -> Dataset:
     line that is wrong is a `DataError` with its file, number, and how to repair it.
     """
     files = _files(domain, folder)
+    _check_names(domain, folder, [path.name for path in files.values()])
     objects, labels = _read_labels(folder / "labels.csv", domain)
     contexts = ((c, read_features(path, _KEYS, header=True)) for c, path in files.items())
     dataset = Dataset(domain, objects, join_features(objects, contexts), labels)
@@ -99,6 +101,20 @@ def _files(domain: Domain, folder: Path) -> dict[Context, Path]:
                 f"{other} and {context} have one file, {name}; rename a behavior or modality."
             )
     return {context: folder / "{}_{}.csv".format(*context) for context in domain.contexts}
+
+
+def _check_names(domain: Domain, folder: Path, contexts: Sequence[str]) -> None:
+    """Refuse a folder that lacks a file and holds one that is of no context: it is misnamed."""
+    expected = ["labels.csv", *contexts]
+    missing = [name for name in expected if not (folder / name).is_file()]
+    strangers = sorted(path.name for path in folder.glob("*.csv") if path.name not in expected)
+    if missing and strangers:
+        raise DataError(
+            f"{folder / missing[0]}: there is no such file, and {listed(strangers)} is of no "
+            f"behavior and modality of {domain.name}; rename it, or add the one that is missing."
+        )
+    if strangers:
+        log.info("%s: not read, as no behavior and modality names it: %s", folder, strangers)
 
 
 def _read_labels(path: Path, domain: Domain) -> tuple[tuple[str, ...], NDArray[np.int8]]:

@@ -189,7 +189,10 @@ def _checked(agents: Iterable[Any], seed: int, reward: float | None) -> tuple[Ag
     names = [agent.name for agent in chosen]
     for name in names:
         if names.count(name) > 1:
-            raise SettingsError(f"Agent {name!r} is named twice; name each once.")
+            raise SettingsError(
+                f"Agent {name!r} is named twice; name each once. Two planners of one class are "
+                "told apart by an attribute `name`."
+            )
     if not chosen:
         raise SettingsError("No agent named; name at least one.")
     return chosen

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from meal_bayes.datasets import PerceptTable
+from meal_bayes.datasets import Dataset, PerceptTable
 from meal_bayes.display import short_repr
 from meal_bayes.domain import Query
 from meal_bayes.errors import SettingsError
@@ -192,7 +192,7 @@ def _loaded(source: TableSource) -> PerceptTable:
     return source.load()
 
 
-def askable(table: PerceptTable) -> tuple[str, ...]:
+def askable(table: PerceptTable | Dataset) -> tuple[str, ...]:
     """Return the attributes with enough positive and negative objects for the domain."""
     positive = (table.labels == 1).sum(axis=0)
     negative = (table.labels == 0).sum(axis=0)

@@ -41,11 +41,25 @@ def test_list_in_words_and_as_json(run):
 
 def test_list_tells_what_can_be_asked(run, table):
     text = run("data", "list", "kitchen.npz").stdout
-    assert "red, full" in text
+    assert "red 4 of 8, full 4 of 8 objects" in text
     assert "lift 4 s" in text
     told = json.loads(run("data", "list", "kitchen.npz", "--json").stdout)
     assert told["behaviors"] == {"look": 1.0, "lift": 4.0}
     assert told["objects"][0] == "red_mug"
+    assert told["objects_with"]["red"] == {"true": 4, "false": 4}
+    assert told == json.loads(run("data", "list", "--dataset", "kitchen.npz", "--json").stdout)
+
+
+def test_list_tells_which_attributes_runs_ask(run):
+    labels = load_percepts("ispy32").labels
+    rarer = np.minimum((labels == 1).sum(axis=0), (labels == 0).sum(axis=0))
+    told = json.loads(run("data", "list", "ispy32", "--json").stdout)
+    assert len(told["asked_by_runs"]) == (rarer > 5).sum()
+    assert "more than 5 objects" in run("data", "list", "ispy32").stdout
+
+
+def test_list_of_two_data_sets_is_refused(fails):
+    assert "give one of them" in fails("data", "list", "roc36", "--dataset", "cy101")
 
 
 def test_fetch_then_verify(run, mirror):
@@ -68,6 +82,8 @@ def test_own_recordings_end_to_end(run, kitchen, jobs):
     built = build_percept_table(load_dataset("kitchen.toml", root="."))
     assert saved.domain == built.domain
     np.testing.assert_array_equal(saved.log_odds, built.log_odds)
+    again = run("ask", "Is it red?", *words, "--object", "red_mug", "--agent", "prior")
+    assert "computing" not in again.stderr
 
 
 def test_a_missing_recording_is_told(run, kitchen):

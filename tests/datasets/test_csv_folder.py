@@ -127,6 +127,14 @@ def test_files_without_rows(files, name):
             load_dataset(files / "own.toml", root=files)
 
 
+@pytest.mark.parametrize("name", ["labels.csv", "look_color.csv", "lift_haptics.csv"])
+@pytest.mark.parametrize("wrong", ["Look-color.csv", "label.csv", "lift_haptic.csv"])
+def test_a_misnamed_file_is_named(files, name, wrong):
+    (files / name).rename(files / wrong)
+    with pytest.raises(DataError, match=f"{name}: there is no such file, and {wrong} is of no"):
+        load_dataset(files / "own.toml", root=files)
+
+
 BROKEN_LABELS = [
     ("cup,0,1", "cup,yes,1", "line 2: found 'yes' in column 2 (heavy); expected 1, 0"),
     ("cup,0,1", "cup,0", "line 2: found 2 columns; expected 3 as in the header"),

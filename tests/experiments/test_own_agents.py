@@ -73,6 +73,15 @@ def test_online_runs_take_them_too(own_data, module, tmp_path, contents):
     assert {result.agent for result in runs[0].results()} == {"Looker"}
 
 
+def test_two_planners_of_one_class_are_told_apart_by_their_names(module):
+    first, second = (module(looks).Looker() for looks in (1, 2))
+    with pytest.raises(SettingsError, match=r"named twice.*an attribute `name`"):
+        OfflineConfig("roc36", agents=(first, second))
+    second.name = "two looks"
+    config = OfflineConfig("roc36", agents=(first, second))
+    assert [agent.name for agent in config.agents] == ["Looker", "two looks"]
+
+
 def test_what_an_agent_is():
     solver = RandomLegal(9.0)
     for value in (solver, RandomLegal, lambda domain, query: solver):
