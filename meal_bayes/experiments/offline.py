@@ -105,9 +105,13 @@ class _Unit:
         config = self.config
         table = _loaded(TableSource.of(config.dataset, config.perception))
         learner = Learner(
-            table.domain, agent=config.agents[0], seed=config.seed, reward=config.reward,
-            percepts=config.percepts, logs=None,
-        ).fit(table)  # fmt: skip
+            table.domain,
+            agent=config.agents[0],
+            seed=config.seed,
+            reward=config.reward,
+            percepts=config.percepts,
+            logs=None,
+        ).fit(table)
         header = {"config": config.as_dict(), "seed": config.seed}
         with TrialWriter(self.path, header) as log:
             for trial, taken in timed(learner.ask, self.tasks, advance):
@@ -161,11 +165,11 @@ def run_offline(
     # Whole units of a short run are the first units of a longer one, so both share a folder.
     ignore = ("trials",) if config.trials % UNIT == 0 else ()
     folder = run_folder(logs, name, config, ignore=ignore, table=source.fingerprint)
-    place = folder.absolute()  # a cluster's workers live elsewhere
+    absolute = folder.absolute()  # a cluster's workers live elsewhere
     units = [
         _Unit(
             dataclasses.replace(config, agents=(agent,)),
-            place / file_name(agent.name, 200) / f"unit-{first // UNIT:04d}.mcap",
+            absolute / file_name(agent.name, 200) / f"unit-{first // UNIT:04d}.mcap",
             tasks[first:][:UNIT],
             fresh,
         )
@@ -173,12 +177,17 @@ def run_offline(
         for agent in config.agents
     ]
     run_units(
-        units, partial(warm_up, config, table.domain), jobs=jobs, cluster=cluster,
-        on_progress=on_progress, on_note=on_note,
-    )  # fmt: skip
+        units,
+        partial(warm_up, config, table.domain),
+        jobs=jobs,
+        cluster=cluster,
+        on_progress=on_progress,
+        on_note=on_note,
+    )
     paths = list[Path]()
     seconds = {}
     for number, agent in enumerate(config.agents):
+        # Units go round the agents, so every len(agents)-th is of this one.
         logs_of_agent = [unit.path for unit in units[number :: len(config.agents)]]
         times = list(map(read_seconds, logs_of_agent))
         seconds[agent.name] = math.fsum(map(math.fsum, times)) if all(times) else math.nan
@@ -228,6 +237,7 @@ def offline_tasks(table: PerceptTable, n_attributes: int, trials: int, seed: int
             f"{n_attributes} attributes asked, but no object has labels of more than {labelled} "
             "of those that can be asked; ask fewer, or label more."
         )
+    # The stream names no agent: all are asked the same.
     rng = stream(seed, "tasks", table.domain.data, n_attributes)
     groups = list(table.domain.groups.values())
     objects = range(len(table.objects))
@@ -239,10 +249,12 @@ def offline_tasks(table: PerceptTable, n_attributes: int, trials: int, seed: int
     else:
         queries = itertools.combinations(names, n_attributes)
         pairs = _rounds(list(itertools.product(objects, queries)), rng)
-    known = dict(zip(table.domain.attributes, (table.labels >= 0).T, strict=True))
-    labelled_pairs = (pair for pair in pairs if all(known[name][pair[0]] for name in pair[1]))
+    has_label = dict(zip(table.domain.attributes, (table.labels >= 0).T, strict=True))
+    judgeable = (
+        (o, attributes) for o, attributes in pairs if all(has_label[name][o] for name in attributes)
+    )
     tasks = []
-    for index, (o, attributes) in enumerate(itertools.islice(labelled_pairs, trials)):
+    for index, (o, attributes) in enumerate(itertools.islice(judgeable, trials)):
         name = table.objects[o]
         key: tuple[str | int, ...] = (table.domain.data, index, name, *attributes)
         tasks.append(Task(f"{index:05d} {name}", Query(attributes), o, name, key))

@@ -67,11 +67,15 @@ class _Unit:
         """Return whether the log of a part of a batch is there and sound."""
         return not self.fresh and is_whole(self.log(batch, part))
 
+    def finished(self, batch: int) -> bool:
+        """Return whether the logs of a batch are there and sound; batch 0 trains on nothing."""
+        trained = batch == 0 or self.has(batch, "train")
+        return trained and self.has(batch, "test")
+
     @property
     def done(self) -> int:
         """How many batches are finished."""
-        parts = [("test",), *[("train", "test")] * self.config.batches]
-        return sum(all(self.has(b, p) for p in ps) for b, ps in enumerate(parts))
+        return sum(self.finished(batch) for batch in range(self.config.batches + 1))
 
     def run(self, advance: Callable[[float], None]) -> None:
         """Run what is not finished."""
@@ -87,27 +91,42 @@ class _Unit:
             if test or train:
                 learner.refit()
             if test:
-                pretrained = [protocol.dataset.objects[o] for o in protocol.split.pre]
-                write(batch, "test", tests, {} if batch else {"pretrained": pretrained})
+                pretrained = None if batch else protocol.pretrained
+                write(batch=batch, part="test", tasks=tests, pretrained=pretrained)
             if train:
-                write(batch + 1, "train", protocol.training(batch + 1, config.trials), {})
+                tasks = protocol.training(batch + 1, config.trials)
+                write(batch=batch + 1, part="train", tasks=tasks)
             elif batch < config.batches:
                 for trial in read_trials(self.log(batch + 1, "train")):
                     environment.repeat(learner, trial)
 
     def _write(
-        self, advance: Callable[[float], None], environment: Environment, learner: Learner,
-        batch: int, part: str, tasks: list[Task], facts: dict[str, object],
-    ) -> None:  # fmt: skip
+        self,
+        advance: Callable[[float], None],
+        environment: Environment,
+        learner: Learner,
+        *,
+        batch: int,
+        part: str,
+        tasks: list[Task],
+        pretrained: list[str] | None = None,
+    ) -> None:
         """Run trials and log them; with the whole log that part of the batch is done."""
-        part_of = (0.5 if batch else 1) / len(tasks)  # of a batch that trains and is tested
+        # A batch counts 1, half of it its training; the first has none.
+        fraction = (0.5 if batch else 1) / len(tasks)
         run = partial(environment.ask, learner, learn=part == "train")
         path = self.log(batch, part)
-        trials = timed(run, tasks, advance, part_of)
-        header = {
-            "config": self.config.as_dict(), "seed": self.config.seed, "agent": learner.agent.name,
-            "repeat": self.repeat, "batch": batch, "part": part, **facts,
-        }  # fmt: skip
+        trials = timed(run, tasks, advance, fraction)
+        header: dict[str, object] = {
+            "config": self.config.as_dict(),
+            "seed": self.config.seed,
+            "agent": learner.agent.name,
+            "repeat": self.repeat,
+            "batch": batch,
+            "part": part,
+        }
+        if pretrained is not None:
+            header["pretrained"] = pretrained
         if part == "test" and self.config.log == "compact":
             made, seconds = zip(*trials, strict=True)
             write_trials(path, [TrialOutcomes.of(made)], header=header, seconds=seconds)

@@ -148,6 +148,11 @@ class Protocol:
                 )
         return protocol
 
+    @property
+    def pretrained(self) -> list[str]:
+        """Names of the objects for pretraining."""
+        return [self.dataset.objects[o] for o in self.split.pre]
+
     def pretraining(self) -> Dataset:
         """Return recording 1 of each behavior, and all labels, of the objects known before."""
         known = np.zeros(len(self.dataset.objects), np.bool_)
@@ -169,7 +174,8 @@ class Protocol:
         """Draw the training tasks of a batch: object and query uniform."""
         pairs = self._pairs(self.split.train)
         data = self.dataset.domain.data
-        rng = stream(self.seed, "training", data, self.attributes, self.repeat, batch)
+        path = ("training", data, self.attributes, self.repeat, batch)
+        rng = stream(self.seed, *path)
         drawn = rng.integers(len(pairs), size=trials).tolist()
         return [self._task("train", batch, i, pairs[j]) for i, j in enumerate(drawn)]
 

@@ -78,12 +78,12 @@ def run_units(
     """
     if jobs < 1:
         raise SettingsError(f"jobs is {jobs}; give the number of processes, 1 or more.")
-    left = {unit.path: unit.size - unit.done for unit in units}
+    remaining = {unit.path: unit.size - unit.done for unit in units}
     total = sum(unit.size for unit in units)
-    done = total - sum(left.values())
+    done = total - sum(remaining.values())
     report = on_progress or (lambda *_: None)
     report(done, total)
-    todo = [unit for unit in units if left[unit.path]]
+    todo = [unit for unit in units if remaining[unit.path]]
     if not todo:
         return
     for folder in {unit.path.parent for unit in todo}:
@@ -91,35 +91,67 @@ def run_units(
     warm_up()
     announced = set[str]()
     with TemporaryDirectory(prefix="meal_bayes-") as name:
-        file = Path(name, "parts")
-        parts = np.memmap(file, float, "w+", shape=len(todo))  # done of each unit under way
+        progress = Progress(Path(name, "parts"), len(todo))
 
         def look() -> None:
-            report(done + float(parts.sum()), total)
+            report(done + progress.under_way, total)
 
         try:
+            # First what nobody has claimed; then what others had, once they let go of it.
             for wait in (False, True):
-                held: list[Unit] = []
+                claimed_by_others: list[Unit] = []
                 alone = cluster is None and min(jobs, len(todo)) == 1
-                run = partial(_run_claimed, file=file, then=look if alone else None, wait=wait)
+                run = partial(
+                    _run_claimed, file=progress.file, then=look if alone else None, wait=wait
+                )
                 for number, holder in in_parallel(
                     run, enumerate(todo), jobs=jobs, cluster=cluster, meanwhile=look
                 ):
                     unit = todo[number]
-                    parts[number] = 0
+                    progress.clear(number)  # it counts as a whole from here on, or not at all
                     if holder is None:
-                        done += left[unit.path]
+                        done += remaining[unit.path]
                         look()
                         continue
-                    held.append(unit)
+                    claimed_by_others.append(unit)
                     if holder not in announced:
                         announced.add(holder)
                         waiting = f"{unit.path} is being made by {holder}; waiting for it"
                         (on_note or log.warning)(waiting)
-                todo = held
+                todo = claimed_by_others
         except KeyboardInterrupt:
             report(done, total)
             raise
+
+
+class Progress:
+    """How much of each unit under way is done, in a file that processes of this machine share."""
+
+    def __init__(self, file: Path, units: int) -> None:
+        self.file = file
+        self._done = np.memmap(file, float, "w+", shape=units)
+
+    @property
+    def under_way(self) -> float:
+        """Trials or batches done of all units under way."""
+        return float(self._done.sum())
+
+    def clear(self, number: int) -> None:
+        """Forget a unit that has ended."""
+        self._done[number] = 0
+
+    @staticmethod
+    def counter(file: Path, number: int) -> Callable[[float], None]:
+        """Return what a process calls with how much more of its unit is done."""
+        try:
+            done = np.memmap(file, float, "r+")
+        except FileNotFoundError:  # a machine of a cluster, where nobody looks
+            return lambda _: None
+
+        def advance(amount: float) -> None:
+            done[number] += amount
+
+        return advance
 
 
 def _run_claimed(
@@ -127,12 +159,10 @@ def _run_claimed(
 ) -> tuple[int, str | None]:
     """Run a unit once nobody else holds it; return its number, and who holds it."""
     number, unit = numbered
-    parts = np.zeros(number + 1)
-    with contextlib.suppress(FileNotFoundError):  # on another machine nobody looks
-        parts = np.memmap(file, float, "r+")
+    count = Progress.counter(file, number)
 
     def advance(amount: float) -> None:
-        parts[number] += amount
+        count(amount)
         if then is not None:
             then()
 
@@ -147,15 +177,20 @@ def _run_claimed(
 
 
 def timed(
-    run: Callable[[Task], Trial], tasks: Iterable[Task], advance: Callable[[float], None],
-    part: float = 1,
-) -> Iterator[tuple[Trial, float]]:  # fmt: skip
-    """Run trials one by one, each a part of a unit; yield each with the wall-clock s it took."""
+    run: Callable[[Task], Trial],
+    tasks: Iterable[Task],
+    advance: Callable[[float], None],
+    fraction: float = 1,
+) -> Iterator[tuple[Trial, float]]:
+    """Run trials one by one; yield each with the wall-clock s it took.
+
+    A trial is such a fraction of what its unit counts: all of a trial, or a fraction of a batch.
+    """
     for task in tasks:
         start = time.perf_counter()
         trial = run(task)
         seconds = time.perf_counter() - start
-        advance(part)
+        advance(fraction)
         yield trial, seconds
 
 

@@ -125,7 +125,7 @@ def fit_posterior(
         draws, statistics = fit_hierarchical(
             percepts, **named, model=model, sampling=sampling, progress=progress
         )
-    return PosteriorFit(counts, draws, statistics, prior, model, sampling.seed)
+    return PosteriorFit(counts, draws, statistics, prior, model=model, seed=sampling.seed)
 
 
 def check_method(method: str, model: str) -> None:

@@ -94,6 +94,7 @@ class SharedTrait(FrozenArrays):
         classes = self.latent_classes.T
         middle = (wanted[..., 1] + wanted[..., 0]) / 2
         slope = (wanted[..., 1] - wanted[..., 0]) / 2
+        # Rows softmax(middle + slope t); Newton-like steps until their mixtures are the given ones.
         for _ in range(rounds):
             rows = self.points * slope[..., None]  # (K,B,M), in place from here
             rows += middle[..., None]
@@ -125,7 +126,7 @@ def learn_trait(
     if not posterior.informative.any():
         return SharedTrait.of_sd(TYPICAL)
     evidence = _Evidence(posterior, counts, truth, np.asarray(base_rates))
-    if not evidence.known:
+    if not evidence.n_perceived:
         return SharedTrait.of_sd(TYPICAL)
     best = minimize_scalar(
         lambda log: evidence.loss(SharedTrait.of_sd(np.exp(log))),
@@ -151,50 +152,57 @@ class _Evidence:
         confusion, precision = posterior.select(range(truth.shape[1]))
         self.confusion = confusion[attribute, behavior]  # (V,2,K)
         self.precision = precision[attribute, behavior]  # (V,2)
-        shown = counts[:, attribute, behavior]  # (O,V,K)
-        total = shown.sum(axis=-1)  # (O,V)
+        percepts = counts[:, attribute, behavior]  # (O,V,K)
+        total = percepts.sum(axis=-1)  # (O,V)
         labelled = ((truth >= 0)[:, attribute] & (total > 0)).T  # (V,O)
         present = np.unique(attribute)  # (A,)
-        of = present[:, None] == attribute  # (A,V)
-        known = of @ labelled
-        self.of = of.astype(np.float32)
-        self.known = int(known.sum())
-        self.top = int(total.max(initial=0))
+        pairs_of_attribute = present[:, None] == attribute  # (A,V)
+        perceived = pairs_of_attribute @ labelled  # (A,O)
+        self.pairs_of_attribute = pairs_of_attribute.astype(np.float32)
+        self.n_perceived = int(perceived.sum())
+        self.most_percepts = int(total.max(initial=0))
         # One-hot counts: one matrix product sums a table of log factors over all levels.
-        hit = shown[..., None] == np.arange(self.top + 1)  # (O,V,K,top+1)
-        hit &= labelled.T[..., None, None]
-        self.hit = _by_pair(hit)  # (V,K(top+1),O)
+        one_hot = percepts[..., None] == np.arange(self.most_percepts + 1)  # (O,V,K,top+1)
+        one_hot &= labelled.T[..., None, None]
+        self.one_hot_counts = _by_pair(one_hot)  # (V,K(top+1),O)
+        # Single recordings: of each object and pair one percept, drawn in proportion to its counts.
         rng = stream(0, "shared degree")
-        cumulative = shown.cumsum(axis=-1)
+        cumulative = percepts.cumsum(axis=-1)
         pick = rng.random((_DRAWS, *total.shape)) * np.maximum(total, 1)
-        drawn = (pick[..., None] >= cumulative).sum(axis=-1)[..., None]  # (D,O,V,1)
-        once = (drawn == np.arange(shown.shape[-1])) & labelled.T[..., None]
-        self.once = _by_pair(once.reshape(-1, *shown.shape[1:]))  # (V,K,D x O)
+        level = (pick[..., None] >= cumulative).sum(axis=-1)[..., None]  # (D,O,V,1)
+        single = (level == np.arange(percepts.shape[-1])) & labelled.T[..., None]
+        self.single_recordings = _by_pair(single.reshape(-1, *percepts.shape[1:]))  # (V,K,D x O)
         prior = (np.log(base_rates) - np.log1p(-base_rates)).astype(np.float32)
         sign = np.where(truth == 1, 1, -1).T.astype(np.float32)
         balance = (base_rates * (1 - base_rates))[:, None]
-        apart, together = (
+        by_behavior, joint = (
             weight / max(weight.sum(), _TINY)
-            for weight in (balance[attribute] * labelled, balance[present] * known)
+            for weight in (balance[attribute] * labelled, balance[present] * perceived)
         )
-        together = np.concatenate([together] + _DRAWS * [together / _DRAWS], axis=1)
-        self.apart = prior[attribute], sign[attribute], apart
-        self.together = prior[present], np.tile(sign[present], 1 + _DRAWS), together
+        # All recordings together, then each draw of single ones; the draws share one weight.
+        joint = np.concatenate([joint, *(joint / _DRAWS for _ in range(_DRAWS))], axis=1)
+        self.by_behavior = prior[attribute], sign[attribute], by_behavior
+        self.joint = prior[present], np.tile(sign[present], 1 + _DRAWS), joint
 
     def loss(self, trait: SharedTrait) -> float:
         """Return the sum of the three means, and the prior of sigma."""
         rows, precision = trait.select(self.confusion, self.precision, rounds=_SCORED)
         log_classes = np.log(np.maximum(trait.latent_classes, _TINY)).astype(np.float32)
-        # Dirichlet-multinomial log-likelihoods of all recordings, up to a constant in t
+        # Dirichlet-multinomial log-likelihoods of all recordings, up to a constant in t:
+        # sum_k ln alpha_k (alpha_k + 1) ... (alpha_k + n_k - 1), from a table of rising factorials.
         alpha = np.minimum(precision[:, 0], 1e9)[:, None, None] * rows  # where it is inf
-        table = np.zeros((*rows.shape, self.top + 1), np.float32)  # (V,M,K,top+1)
-        np.log(alpha[..., None] + np.arange(self.top)).cumsum(axis=-1, out=table[..., 1:])
-        repeated = table.reshape(*rows.shape[:2], -1) @ self.hit  # (V,M,O)
-        once = np.log(rows).astype(np.float32) @ self.once  # (V,M,D x O)
-        every = np.concatenate([repeated, once], axis=2)
-        every = (self.of @ every.reshape(len(rows), -1)).reshape(-1, *every.shape[1:])
-        loss = _loss(repeated, log_classes, *self.apart) + _loss(every, log_classes, *self.together)
-        return loss + 0.5 * trait.sd**2 / self.known
+        table = np.zeros((*rows.shape, self.most_percepts + 1), np.float32)  # (V,M,K,top+1)
+        factors = alpha[..., None] + np.arange(self.most_percepts)
+        np.log(factors).cumsum(axis=-1, out=table[..., 1:])
+        repeated = table.reshape(*rows.shape[:2], -1) @ self.one_hot_counts  # (V,M,O)
+        single = np.log(rows).astype(np.float32) @ self.single_recordings  # (V,M,D x O)
+        # Behaviors are independent given the trait: the pairs of an attribute add up.
+        both = np.concatenate([repeated, single], axis=2)
+        summed = self.pairs_of_attribute @ both.reshape(len(rows), -1)
+        joint = summed.reshape(-1, *both.shape[1:])  # (A,M,(1+D) x O)
+        loss = _loss(repeated, log_classes, *self.by_behavior)
+        loss += _loss(joint, log_classes, *self.joint)
+        return loss + 0.5 * trait.sd**2 / self.n_perceived
 
 
 def _by_pair(one_hot: Bools) -> NDArray[np.float32]:

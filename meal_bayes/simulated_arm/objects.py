@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
@@ -110,9 +111,10 @@ def build_model(parameters: ObjectParameters) -> mujoco.MjModel:
     body.add_freejoint(name="object")
     _add_shell(body, parameters)
     if parameters.content == "slab":
-        inner = parameters.half_width - GIVE - 2 * WALL, parameters.half_depth - 2 * WALL, 0.01
-        low = -parameters.height / 2 + 2 * WALL + inner[2]
-        _add_box(body, "slab", inner, (0, 0, low), parameters, parameters.content_mass)
+        size = (parameters.half_width - GIVE - 2 * WALL, parameters.half_depth - 2 * WALL, 0.01)
+        low = -parameters.height / 2 + 2 * WALL + size[2]
+        box = Box("slab", size, position=(0, 0, low), mass=parameters.content_mass)
+        _add_box(body, box, parameters)
     _add_balls(spec, parameters)
     return spec.compile()
 
@@ -124,35 +126,60 @@ def _add_shell(body: mujoco.MjsBody, parameters: ObjectParameters) -> None:
     z = parameters.height / 2
     stiffness = parameters.stiffness
     wall = (WALL, y, z - 2 * WALL)
+    # Below the critical 2 sqrt(k m): a wall swings back once, as plastic does.
     damping = 1.4 * np.sqrt(stiffness * (_PART_MASS + _PART_ARMATURE))
     mass = (parameters.shell_mass - 3 * _PART_MASS) / 3
-    _add_box(body, "bottom", (x - GIVE, y, WALL), (0, 0, -z + WALL), parameters, mass)
+    bottom = Box("bottom", (x - GIVE, y, WALL), position=(0, 0, -z + WALL), mass=mass)
+    _add_box(body, bottom, parameters)
     for side, sign in (("front", -1), ("back", 1)):
-        place = (0.0, sign * (y - WALL), -2 * WALL)
-        _add_box(body, side, (x - 2 * WALL, WALL, z - 4 * WALL), place, parameters, mass)
-    for name, side, inward, size, place in (
+        size = (x - 2 * WALL, WALL, z - 4 * WALL)
+        position = (0.0, sign * (y - WALL), -2 * WALL)
+        _add_box(body, Box(side, size, position, mass), parameters)
+    # Each of these slides inward on a joint of its own, against a spring.
+    for name, side, inward, size, position in (
         ("wall_left", "left", (1, 0, 0), wall, (WALL - x, 0, 0)),
         ("wall_right", "right", (-1, 0, 0), wall, (x - WALL, 0, 0)),
         ("lid", "top", (0, 0, -1), (x - 2 * WALL, y, WALL), (0, 0, z - WALL)),
     ):
         part = body.add_body(name=name)
         part.add_joint(
-            name=name, type=mujoco.mjtJoint.mjJNT_SLIDE, axis=inward, limited=True,
-            range=[0, GIVE], armature=_PART_ARMATURE, solref_limit=[0.01, 1],
-            stiffness=np.full(3, stiffness), damping=np.full(3, damping),
-        )  # fmt: skip
-        _add_box(part, side, size, place, parameters, _PART_MASS)
+            name=name,
+            type=mujoco.mjtJoint.mjJNT_SLIDE,
+            axis=inward,
+            limited=True,
+            range=[0, GIVE],
+            armature=_PART_ARMATURE,
+            solref_limit=[0.01, 1],
+            stiffness=np.full(3, stiffness),
+            damping=np.full(3, damping),
+        )
+        _add_box(part, Box(side, size, position, _PART_MASS), parameters)
 
 
-def _add_box(
-    body: mujoco.MjsBody, name: str, size: Vector, place: Vector, parameters: ObjectParameters,
-    mass: float,
-) -> None:  # fmt: skip
+class Box(NamedTuple):
+    """A box of the shell or inside it: half sizes and middle, m, and mass, kg."""
+
+    name: str
+    size: Vector
+    position: Vector
+    mass: float
+
+
+def _add_box(body: mujoco.MjsBody, box: Box, parameters: ObjectParameters) -> None:
+    """Add a box to a body, with the color and the friction of the object."""
     body.add_geom(
-        name=name, type=mujoco.mjtGeom.mjGEOM_BOX, size=size, pos=place, mass=mass,
-        rgba=[*parameters.rgb, 1], friction=[parameters.friction, 0.02, 0.0001], priority=1,
-        contype=_SHELL, conaffinity=1, group=SHELL_GROUP,
-    )  # fmt: skip
+        name=box.name,
+        type=mujoco.mjtGeom.mjGEOM_BOX,
+        size=box.size,
+        pos=box.position,
+        mass=box.mass,
+        rgba=[*parameters.rgb, 1],
+        friction=[parameters.friction, 0.02, 0.0001],
+        priority=1,
+        contype=_SHELL,
+        conaffinity=1,
+        group=SHELL_GROUP,
+    )
 
 
 def _add_balls(spec: mujoco.MjSpec, parameters: ObjectParameters) -> None:
@@ -166,13 +193,20 @@ def _add_balls(spec: mujoco.MjSpec, parameters: ObjectParameters) -> None:
         axes.append((np.arange(count) - (count - 1) / 2) * 2 * radius)
     layers = 2 * WALL + radius * (1 + 2.05 * np.arange(12))
     grid = [(x, y, z) for z, y, x in product(layers, axes[1], axes[0])]
-    for number, place in enumerate(grid[: parameters.n_balls]):
-        ball = spec.worldbody.add_body(name=f"ball_{number}", pos=place)
+    for number, position in enumerate(grid[: parameters.n_balls]):
+        ball = spec.worldbody.add_body(name=f"ball_{number}", pos=position)
         ball.add_freejoint(name=f"ball_{number}")
         ball.add_geom(
-            name=f"ball_{number}", type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[radius, 0, 0],
-            mass=parameters.content_mass / parameters.n_balls, rgba=[0.9, 0.75, 0.2, 1],
-            condim=1, priority=2,
-            solref=[0.005, 1], solimp=[0.9, 0.99, 0.001, 0.5, 2],
-            contype=_BALL, conaffinity=1 | _SHELL | _BALL, group=SHELL_GROUP,
-        )  # fmt: skip
+            name=f"ball_{number}",
+            type=mujoco.mjtGeom.mjGEOM_SPHERE,
+            size=[radius, 0, 0],
+            mass=parameters.content_mass / parameters.n_balls,
+            rgba=[0.9, 0.75, 0.2, 1],
+            condim=1,  # without friction, so that balls roll
+            priority=2,  # their contacts are their own, also with the shell
+            solref=[0.005, 1],
+            solimp=[0.9, 0.99, 0.001, 0.5, 2],
+            contype=_BALL,
+            conaffinity=1 | _SHELL | _BALL,
+            group=SHELL_GROUP,
+        )

@@ -141,8 +141,9 @@ class Scene:
         self.model.actuator("z").forcerange = limit
         channels = np.empty((steps, len(CHANNELS)))
         for step in range(steps):
-            part = (step + 1) / steps
-            smooth = part**3 * (10 - 15 * part + 6 * part**2)  # minimum jerk
+            # Minimum jerk: 10 t^3 - 15 t^4 + 6 t^5, at rest at both ends.
+            fraction = (step + 1) / steps
+            smooth = fraction**3 * (10 - 15 * fraction + 6 * fraction**2)
             self.data.ctrl[:] = begin + smooth * (end - begin)
             if motion.wave is not None:
                 height, hertz = motion.wave

@@ -55,11 +55,11 @@ def record_object(
     happened = Happened()
     if alter is not None:
         parameters = alter(parameters)
-    rows = tuple(
-        _record(SimulatedArm(parameters, seed, population, number, "recording", row), happened)
-        for row in range(recordings)
-    )
-    return Recorded(f"object_{number:03d}", parameters, rows, happened)
+    rows = list[Recording]()
+    for row in range(recordings):
+        path = (population, number, "recording", row)  # names the random streams of the arm
+        rows.append(_record(SimulatedArm(parameters, seed, *path), happened))
+    return Recorded(f"object_{number:03d}", parameters, tuple(rows), happened)
 
 
 def _record(arm: SimulatedArm, happened: Happened) -> Recording:

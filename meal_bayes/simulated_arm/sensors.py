@@ -41,12 +41,12 @@ Modality = Callable[[Channels], Floats]  # makes its features, (10,)
 
 def sense(channels: Floats, rng: np.random.Generator) -> dict[str, Floats]:
     """Return noisy measurements (T,) of the true channels (T, channels), by name."""
-    shown = {}
+    measured = {}
     for name, values in zip(CHANNELS, channels.T, strict=True):
         white, bias = NOISE[name]
         error = bias * rng.standard_normal() + white * rng.standard_normal(len(values))
-        shown[name] = values + error
-    return shown
+        measured[name] = values + error
+    return measured
 
 
 def _in_bins(values: Floats, statistic: Callable[[Floats], float] = np.mean) -> Floats:
@@ -110,20 +110,32 @@ def take_picture(scene: Scene, size: tuple[int, int] = SIZE, *, empty: bool = Fa
     camera = model.camera("front").id
     rows, columns = size
     half = np.tan(np.deg2rad(model.cam_fovy[camera]) / 2)
+    # A ray through the middle of each pixel; the camera looks along its -z axis.
     up = half * (1 - 2 * (np.arange(rows) + 0.5) / rows)
     right = half * columns / rows * (2 * (np.arange(columns) + 0.5) / columns - 1)
     local = np.stack([*np.meshgrid(right, up), np.full((rows, columns), -1.0)], axis=-1)
     rays = local.reshape(-1, 3) @ data.cam_xmat[camera].reshape(3, 3).T
     rays /= np.linalg.norm(rays, axis=1, keepdims=True)
-    shown = np.ones(6, dtype=np.uint8)
-    shown[SHELL_GROUP] = not empty
+    visible = np.ones(6, dtype=np.uint8)  # by group of geoms
+    visible[SHELL_GROUP] = not empty
     geoms = np.empty(len(rays), dtype=np.int32)
     far = np.empty(len(rays))
     normals = np.empty((len(rays), 3))
     mujoco.mj_multiRay(
-        model, data, data.cam_xpos[camera], rays.ravel(), shown, 1, -1, geoms, far,
-        normals.ravel(), len(rays), _FAR,
-    )  # fmt: skip
+        model,
+        data,
+        pnt=data.cam_xpos[camera],
+        vec=rays.ravel(),
+        geomgroup=visible,
+        flg_static=1,
+        bodyexclude=-1,
+        geomid=geoms,  # written, -1 where a ray meets nothing
+        dist=far,  # written
+        normal=normals.ravel(),  # written
+        nray=len(rays),
+        cutoff=_FAR,
+    )
+    # Lambert's law over ambient light; of both sides, as normals point either way.
     brightness = 0.55 + 0.45 * np.abs(normals @ _LIGHT)
     colors = model.geom_rgba[geoms, :3] * brightness[:, None]
     colors[geoms < 0] = _BACKGROUND
@@ -153,19 +165,20 @@ def frame_of(scene: Scene) -> Frame:
     shell = model.geom_group == SHELL_GROUP
     wrenches = np.empty((data.ncon, 6))
     for number, wrench in enumerate(wrenches):
-        mujoco.mj_contactForce(model, data, number, wrench)
+        mujoco.mj_contactForce(model, data, number, wrench)  # in the contact's own axes
     axes = data.contact.frame.reshape(-1, 3, 3)
     turns = np.empty((model.ngeom, 4))
     for turn, matrix in zip(turns, data.geom_xmat, strict=True):
         mujoco.mju_mat2Quat(turn, matrix)  # w, x, y, z
+    sizes = np.where(ball[:, None], model.geom_size[:, :1], model.geom_size)
     return Frame(
-        scene.seconds,
-        data.geom_xpos.astype(np.float32),
-        np.where(ball[:, None], model.geom_size[:, :1], model.geom_size).astype(np.float32),
-        np.roll(turns, -1, axis=1).astype(np.float32),
-        model.geom_rgba[:, :3].astype(np.float32),
-        np.where(ball, BALL, np.where(shell, SHELL, SOLID)).astype(np.int8),
-        data.contact.pos.astype(np.float32),
-        (wrenches[:, None, :3] @ axes)[:, 0].astype(np.float32),
-        take_picture(scene).astype(np.float32),
+        seconds=scene.seconds,
+        centers=data.geom_xpos.astype(np.float32),
+        half_sizes=sizes.astype(np.float32),
+        quaternions=np.roll(turns, -1, axis=1).astype(np.float32),  # to x, y, z, w
+        colors=model.geom_rgba[:, :3].astype(np.float32),
+        shapes=np.where(ball, BALL, np.where(shell, SHELL, SOLID)).astype(np.int8),
+        contacts=data.contact.pos.astype(np.float32),
+        forces=(wrenches[:, None, :3] @ axes)[:, 0].astype(np.float32),
+        picture=take_picture(scene).astype(np.float32),
     )

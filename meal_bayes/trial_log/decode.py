@@ -216,7 +216,7 @@ def _momdp(message: Any) -> tuple[MOMDP, NDArray[np.float64] | None]:
     if not all(0 < count <= schema.NAME_LIMIT for count in (n, e, x)):
         raise LogCorruptError(f"a MOMDP has {n} attributes, {e} behaviors and {x} x")
     counts = _array(message.row_counts, (n, e, 2, -1)) if message.row_counts else None
-    of_group = list(message.group) or [0] * n
+    of_group = list(message.group) or [0 for _ in range(n)]
     groups = tuple(
         tuple(i for i in range(n) if of_group[i] == number) for number in sorted({*of_group} - {0})
     )
@@ -275,7 +275,12 @@ def _tree(message: Any) -> tuple[TreeEdge, ...]:
         raise LogCorruptError("a search tree's percepts do not fit its edges")
     rest = iter(percepts)
     observations = [tuple(islice(rest, size)) for size in sizes]
-    return tuple(starmap(TreeEdge, zip(
-        message.tree_level, message.tree_parent, message.tree_action, observations,
-        message.tree_visits, message.tree_value, strict=True,
-    )))  # fmt: skip
+    columns = (  # in the order of `TreeEdge`
+        message.tree_level,
+        message.tree_parent,
+        message.tree_action,
+        observations,
+        message.tree_visits,
+        message.tree_value,
+    )
+    return tuple(starmap(TreeEdge, zip(*columns, strict=True)))

@@ -135,7 +135,7 @@ class TrialWriter:
         try:
             yield
         except OSError as fault:
-            draft = f" ({trials} trials are kept in {self.active_path})" * (trials > 0)
+            draft = f" ({trials} trials are kept in {self.active_path})" if trials else ""
             why = fault.strerror or fault
             raise LogError(f"{self.path} cannot be written: {why}{draft}.") from fault
         except (SettingsError, TypeError, ValueError, OverflowError) as fault:
