@@ -157,22 +157,40 @@ def _ask_labels(trial: "Trial", known: set[str]) -> dict[str, bool]:
     """Ask a person about the answer, and each attribute that neither it nor `known` tells."""
     from meal_bayes.learner import implied
 
-    names = trial.task.query.attributes
+    query = trial.task.query
+    names = query.attributes
     labels: dict[str, bool] = {}
     right: bool | None = False
     if trial.report is not None:
-        said = trial.task.query.report_name(trial.report.tolist())
+        said = query.report_name(trial.report.tolist())
         right = _prompt(f"The answer was: {said}. Was that right?")
         if right is not None:
             pairs = zip(names, implied(trial.report, right=right).tolist(), strict=True)
             labels = {name: label == 1 for name, label in pairs if label >= 0}
     if right is False:
-        for name in names:
-            if name not in labels and name not in known:
-                reply = _prompt(f"Is it {name}?")
-                if reply is not None:
-                    labels[name] = reply
+        for question, places in query.questions:
+            members = [names[place] for place in places]
+            if {*members} & ({*labels} | known):
+                continue
+            if len(members) > 1:
+                labels |= _prompt_value(question, members)
+            elif (reply := _prompt(f"Is it {question}?")) is not None:
+                labels[question] = reply
     return labels
+
+
+def _prompt_value(group: str, members: Sequence[str]) -> dict[str, bool]:
+    """Return a person's reply to which value of a group it is, by attribute; {} where unknown."""
+    text = terminal.printable(f"What {group} is it? [{', '.join(members)}; Enter: do not know]")
+    kind = click.Choice(["", *members], case_sensitive=False)
+    try:
+        reply: str = click.prompt(
+            text, type=kind, default="", show_choices=False, show_default=False, err=True
+        )
+    except click.Abort:
+        click.echo(err=True)
+        return {}
+    return {name: name == reply for name in members} if reply else {}
 
 
 def _prompt(text: str) -> bool | None:

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+    from meal_bayes.domain import Query
     from meal_bayes.momdp import MOMDP
     from meal_bayes.trials import Step, Trial
 
@@ -29,7 +30,8 @@ _CUT: dict[str, Any] = {"no_wrap": True, "overflow": "ellipsis"}  # lines that d
 def print_trial(console: Console, trial: "Trial") -> None:
     """Print a finished trial, each step with its decision, outcome and belief."""
     momdp = trial.momdp
-    names = trial.task.query.attributes
+    query = trial.task.query
+    names = query.value_names
     spent = 0.0
     headed = False
     console.print(Text("before any behavior", "bold"))
@@ -47,7 +49,8 @@ def print_trial(console: Console, trial: "Trial") -> None:
         outcome = {"outcome": outcome_text(momdp, step)}
         if step.observation is not None:
             percepts = percept_labels(momdp, action, step.observation)
-            outcome["percept"] = ", ".join(map(": ".join, zip(names, percepts, strict=True)))
+            pairs = zip(query.questions, percepts, strict=True)
+            outcome["percept"] = ", ".join(f"{name}: {word}" for (name, _), word in pairs)
         print_facts(console, outcome | facts, warning="yellow")
         _print_belief(console, names, step.belief.positive)
         print_facts(console, {"cost": f"{step.cost:g} s, in all {spent:.1f} s"})
@@ -122,33 +125,33 @@ def _print_end(console: Console, trial: "Trial") -> None:
 
 def trial_json(trial: "Trial") -> dict[str, object]:
     """Return a trial as JSON values."""
-    names = trial.task.query.attributes
+    query = trial.task.query
     truth = [None if value < 0 else value == 1 for value in trial.truth.tolist()]
     return {
         "object": trial.task.object_name,
-        "attributes": list(names),
+        "attributes": list(query.attributes),
         "agent": trial.agent,
-        "report": _by_name(names, trial.report),
-        "truth": dict(zip(names, truth, strict=True)),
+        "report": _by_question(query, trial.report),
+        "truth": query.by_question(truth),
         "success": trial.success,
         "ended": trial.ended,
         "cost_s": trial.cost,
         "reward": None if math.isnan(trial.reward) else trial.reward,
-        "belief": _by_name(names, trial.last_belief.positive),
+        "belief": _by_question(query, trial.last_belief.positive),
         "steps": [
             {
                 "x": trial.momdp.x_names[step.x],
                 "action": trial.momdp.action_name(step.decision.action),
                 "next_x": trial.momdp.x_names[step.next_x],
-                "percept": _by_name(names, step.observation),
+                "percept": _by_question(query, step.observation),
                 "warning": step.warning,
                 "cost_s": step.cost,
-                "belief": _by_name(names, step.belief.positive),
+                "belief": _by_question(query, step.belief.positive),
             }
             for step in trial.steps
         ],
     }
 
 
-def _by_name(names: tuple[str, ...], values: "NDArray[Any] | None") -> dict[str, object] | None:
-    return None if values is None else dict(zip(names, values.tolist(), strict=True))
+def _by_question(query: "Query", values: "NDArray[Any] | None") -> dict[str, object] | None:
+    return None if values is None else query.by_question(values.tolist())

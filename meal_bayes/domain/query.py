@@ -115,6 +115,24 @@ class Query:
                 names[place] = f"{question}: {names[place]}"
         return tuple(names)
 
+    @classmethod
+    def named(cls, value_names: Sequence[str]) -> "Query":
+        """Return the query of which these are the `value_names`.
+
+        >>> Query.named(["metal", "fill: empty", "fill: half"]).text
+        'metal, fill?'
+        """
+        parts = [name.rpartition(": ") for name in value_names]
+        places: dict[str, list[int]] = {}
+        for place, (question, _, _) in enumerate(parts):
+            places.setdefault(question, []).append(place)
+        groups = {name: tuple(of) for name, of in places.items() if name and len(of) > 1}
+        grouped = {place for group in groups.values() for place in group}
+        attributes = (
+            parts[place][2] if place in grouped else name for place, name in enumerate(value_names)
+        )
+        return cls(tuple(attributes), tuple(groups.values()), tuple(groups))
+
     def by_question(self, values: Sequence[Any] | NDArray[Any]) -> dict[str, Any]:
         """Return values (N,) of the attributes by question; of a group by its attributes.
 

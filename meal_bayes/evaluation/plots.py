@@ -86,7 +86,7 @@ def belief_trace(trial: Trial) -> Axes:
     e, names = trial.momdp.n_behaviors, trial.momdp.behavior_names
     actions = [step.decision.action for step in trial.steps]
     with axes_to_draw(None) as to:
-        columns = zip(trial.task.query.attributes, positive.T, trial.truth, strict=True)
+        columns = zip(trial.task.query.value_names, positive.T, trial.truth, strict=True)
         for color, marker, (attribute, belief, truth) in _styled(columns):
             to.plot(belief, color=color, marker=marker, ms=4, lw=1.6, label=attribute)
             end = truth if truth >= 0 else np.nan

@@ -214,7 +214,7 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
         return observation, {
             "action_mask": self.action_masks().astype(np.int8),
             "object": running.task.object_name,
-            "query": query,
+            "query": tuple(name for name, _ in running.task.query.questions),
             "success": bool(self.trial.success) if reported else None,
         }
 

@@ -141,12 +141,12 @@ class MOMDP:
     def _facts(self) -> tuple[str, dict[str, str]]:
         """Return a title and what a reader should know first."""
         rates = self.rows[..., self.levels // 2 :].sum(axis=-1)  # (N,E,2)
-        youden, names = rates[..., 1] - rates[..., 0], self.query.attributes
+        youden, names = rates[..., 1] - rates[..., 0], self.query.value_names
         best = zip(names, youden.argmax(axis=1), youden.max(axis=1), strict=True)
         largest = [f"{name} by {self.behavior_names[e]} ({j:.2f})" for name, e, j in best]
         paid = f"{self.correct:g} or {self.incorrect:g} for a report, discount {self.discount:g}"
         values = self.query.n_values if self.query.groups else f"2^{len(names)}"
-        return f"MOMDP of {', '.join(names)}", {
+        return f"MOMDP of {self.query.text.removesuffix('?')}", {
             "states": f"{self.n_states}: {listed(self.x_names)} and {values} values",
             "actions": f"{self.n_actions}: {listed(self.behavior_names)} and the reports",
             "percepts": f"{self.levels} levels, {self.n_classes} latent classes",

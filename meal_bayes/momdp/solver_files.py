@@ -82,7 +82,7 @@ def _pomdp(momdp: MOMDP, tables: FileTables) -> Iterator[str]:
     states = [[f"s{x}p{y}" for y in tables.y_names] for x in range(end)]
     start = np.zeros((end, len(tables.y_names)))
     start[momdp.start] = tables.prior
-    yield f"# query: {_remark(', '.join(momdp.query.attributes))}"
+    yield f"# query: {_remark(momdp.query.text)}"
     for x, x_name in enumerate(momdp.x_names[:-1]):
         yield f"# s{x}: {_remark(x_name)}"
     yield f"discount: {_number(momdp.discount)}"

@@ -223,7 +223,7 @@ def _momdp(message: Any) -> tuple[MOMDP, NDArray[np.float64] | None]:
     classes = len(message.latent_classes) // (2 * n)
     size = {"n": n, "e": e, "x": x, "c": classes, "k": -1, "2": 2}
     momdp = MOMDP(
-        query=Query(tuple(message.attributes), groups),
+        query=Query(tuple(message.attributes), groups, tuple(message.group_name)),
         x_names=tuple(message.x_names),
         behavior_names=tuple(message.behavior_names),
         **{name: getattr(message, name) for name in schema.MOMDP_NUMBERS},

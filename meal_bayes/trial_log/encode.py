@@ -61,6 +61,7 @@ def _momdp(trial: Trial) -> Any:
         behavior_names=momdp.behavior_names,
         row_counts=_values(trial.counts),
         group=[number_of.get(i, 0) for i in range(len(query))] if query.groups else [],
+        group_name=query.group_names,
         **{name: getattr(momdp, name) for name in schema.MOMDP_NUMBERS},
         **{name: _values(getattr(momdp, name)) for name in schema.MOMDP_ARRAYS},
     )
@@ -211,7 +212,7 @@ class TrialEncoder:
         percept = "none"
         if step.observation is not None:
             percept = " ".join(map(str, step.observation.tolist()))
-        names = momdp.query.attributes[:_SHOWN]
+        names = momdp.query.value_names[:_SHOWN]
         positive = step.belief.positive.tolist()
         belief = ", ".join(f"{name} {p:.3f}" for name, p in zip(names, positive, strict=False))
         more = ", ..." if len(positive) > _SHOWN else ""

@@ -54,7 +54,7 @@ class TrialOutcomes:
     object_index : NDArray[np.int64]
         (n,) places in the data set; -1 of an object without recordings.
     attribute : Texts
-        (n,N) names of the attributes asked.
+        (n,N) names of the attributes asked, of those of a group as in "fill: half".
     truth, report : NDArray[np.int8]
         (n,N) 1 true, 0 false, -1 unknown, or where the agent abstained.
     positive : NDArray[np.float64]
@@ -221,7 +221,7 @@ def _columns(trial: Trial) -> _Part:
         "key": [task_key(task.key)],
         "object_index": [task.object_index],
         "object_name": [task.object_name],
-        "attribute": [task.query.attributes],
+        "attribute": [task.query.value_names],
         "truth": [trial.truth],
         "report": [report],
         "positive": [trial.last_belief.positive],

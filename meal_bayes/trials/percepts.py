@@ -1,5 +1,7 @@
 """The words for percepts, one wording on all surfaces."""
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -11,12 +13,34 @@ _SAME = 1e-9  # probabilities that differ by less are equal
 
 
 def percept_labels(momdp: MOMDP, behavior: int, observation: ArrayLike) -> list[str]:
-    """Return the level of each queried attribute's percept by name, (N,).
+    """Return the percept of each question by name; of a group the value that it speaks for.
 
     A percept "says nothing" if all its levels are as likely of true objects as of false ones.
     """
     names = level_names(momdp.levels)
     rows = momdp.rows[:, behavior]  # (N,2,K)
     informed = np.abs(rows[:, 1] - rows[:, 0]).max(axis=-1) > _SAME
-    percepts = zip(np.asarray(observation).tolist(), informed.tolist(), strict=True)
-    return [names[level] if known else SILENT for level, known in percepts]
+    percept = np.asarray(observation).tolist()
+    labels = []
+    for _, places in momdp.query.questions:
+        telling = [place for place in places if informed[place]]
+        levels = [percept[place] for place in telling]
+        if not telling:
+            labels.append(SILENT)
+        elif len(places) == 1:
+            labels.append(names[levels[0]])
+        else:
+            members = [momdp.query.attributes[place] for place in telling]
+            labels.append(_spoken_for(names, members, levels))
+    return labels
+
+
+def _spoken_for(names: Sequence[str], members: Sequence[str], levels: Sequence[int]) -> str:
+    """Return what percept levels of a group's members say, as in "surely half"."""
+    top = max(levels)
+    likeliest = " or ".join(m for m, z in zip(members, levels, strict=True) if z == top)
+    if top >= len(names) // 2:
+        return f"{names[top].removesuffix('yes')} {likeliest}".strip()
+    least = min(levels)
+    denied = " or ".join(m for m, z in zip(members, levels, strict=True) if z == least < top)
+    return f"{names[least].removesuffix('no')} not {denied}".strip() if denied else "none of them"

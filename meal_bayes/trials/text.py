@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from meal_bayes.domain import Query
 from meal_bayes.momdp import MOMDP
 from meal_bayes.planners import Decision
 from meal_bayes.trials.outcomes import TrialOutcomes
@@ -14,15 +15,12 @@ from meal_bayes.trials.trial import Step, Trial
 UNKNOWN = "truth unknown"
 
 
-def truth_text(
-    attributes: Sequence[str],
-    truth: Sequence[int] | NDArray[np.int8],
-    groups: Sequence[Sequence[int]] = (),
-) -> str:
+def truth_text(query: Query, truth: Sequence[int] | NDArray[np.int8]) -> str:
     """Return the known truths (N,) by name, and "unknown" where one of them is not known.
 
-    Of a group (places of its values) only the value that is true is named.
+    Of a group only the value that is true is named.
     """
+    attributes, groups = query.attributes, query.groups
     implied = {i for group in groups for i in group if any(truth[k] == 1 for k in group)}
     known = [
         name if value == 1 else f"not {name}"
@@ -57,7 +55,7 @@ def final_facts(trial: Trial) -> dict[str, str]:
     query, answer = trial.task.query, "abstained; every report was too risky"
     if trial.ended:
         answer = f"none; {trial.ended}"
-    truth = truth_text(query.attributes, trial.truth, query.groups)
+    truth = truth_text(query, trial.truth)
     facts = {"answer": answer, "truth": truth}
     if trial.report is not None:
         facts["answer"] = query.report_name(trial.report)
@@ -69,14 +67,15 @@ def final_facts(trial: Trial) -> dict[str, str]:
 
 def outcome_facts(outcomes: TrialOutcomes, row: int) -> dict[str, str]:
     """Return question, object, agent, answer, truth and cost of one trial of many."""
-    names = [name for name in outcomes.attribute[row] if name]
-    report, truth = outcomes.report[row][: len(names)], outcomes.truth[row][: len(names)]
+    query = Query.named([name for name in outcomes.attribute[row] if name])
+    report = outcomes.report[row][: len(query)]
+    truth = outcomes.truth[row][: len(query)]
     return {
-        "question": f"{', '.join(names)}?",
+        "question": query.text,
         "object": outcomes.object_name[row],
         "agent": outcomes.agent[row],
-        "answer": truth_text(names, report) if report[0] >= 0 else "abstained",
-        "truth": truth_text(names, truth),
+        "answer": truth_text(query, report) if report[0] >= 0 else "abstained",
+        "truth": truth_text(query, truth),
         "cost": f"{outcomes.cost[row]:.1f} s, reward {outcomes.reward[row]:.1f}",
     }
 
@@ -97,7 +96,7 @@ def trials_frame(trials: Iterable[Trial]) -> Any:
             "agent": trial.agent,
             "task": trial.task.name,
             "object": trial.task.object_name,
-            "query": ", ".join(query.attributes),
+            "query": query.text.removesuffix("?"),
             "report": None if trial.report is None else query.report_name(trial.report),
             "truth": query.report_name(truth == 1) if (truth >= 0).all() else None,
             "success": trial.success,

@@ -129,14 +129,15 @@ class Trial(FrozenArrays):
     __repr__ = facts_repr
 
     def _facts(self) -> tuple[str, dict[str, str]]:
-        names, report = self.task.query.attributes, "none"
+        query = self.task.query
+        report = "none"
         if self.report is not None:
             known = {True: "right", False: "wrong", None: "truth not known"}[self.success]
-            report = f"{self.task.query.report_name(self.report)} ({known})"
-        beliefs = zip(names, self.last_belief.positive, strict=True)
+            report = f"{query.report_name(self.report)} ({known})"
+        beliefs = zip(query.value_names, self.last_belief.positive, strict=True)
         actions = [self.momdp.action_name(step.decision.action) for step in self.steps]
-        asked = f"is {self.task.object_name} {', '.join(names)}?"
-        return f"Trial of {self.agent or 'an agent'}: {asked}", {
+        title = f"Trial of {self.agent or 'an agent'} with {self.task.object_name}: {query.text}"
+        return title, {
             "report": report,
             "belief": ", ".join(f"{name} {percent(value)}" for name, value in beliefs),
             "steps": listed(actions, 12) or "none",
@@ -146,7 +147,7 @@ class Trial(FrozenArrays):
 
     def _repr_html_(self) -> str:
         """Return a table: a row a step, a bar a belief."""
-        names = self.task.query.attributes
+        names = self.task.query.value_names
         header = ("", "action", "s", "percept", *(f"Pr({name})" for name in names))
         rows = [("", "", "", "before", *map(bar_html, self.first_belief.positive))]
         for number, step in enumerate(self.steps, start=1):

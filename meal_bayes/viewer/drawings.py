@@ -161,7 +161,7 @@ def _stacked(boxes: Sequence[Label]) -> list[Label]:
 
 def belief_bars(frame: TrialFrame) -> Picture:
     """Draw Pr(attribute is true) as bars from 0 to 100 %; a line marks it before the step."""
-    names = frame.trial.task.query.attributes[:_SHOWN]
+    names = frame.trial.task.query.value_names[:_SHOWN]
     pixels = np.zeros((len(names) * _LANE, _BAR, 4), np.uint8)
     labels = []
     for i, name in enumerate(names):

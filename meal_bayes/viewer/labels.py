@@ -34,9 +34,12 @@ def option_label(momdp: MOMDP, decision: Decision, option: int) -> str:
 def narrate(frame: TrialFrame) -> str:
     """Return the text of a frame: question, step, outcome, beliefs, answer."""
     trial, momdp, step = frame.trial, frame.trial.momdp, frame.step
-    names = list(map(plain_text, trial.task.query.attributes))
+    query = trial.task.query
+    names = list(map(plain_text, query.value_names))
     about = f"{plain_text(trial.task.object_name)} · agent {plain_text(trial.agent)}"
-    lines, percepts = [f"### {' and '.join(names)}?", about, ""], [""] * len(names)
+    asked = " and ".join(plain_text(name) for name, _ in query.questions)
+    lines = [f"### {asked}?", about, ""]
+    percepts = [""] * len(query)
     if step is None:
         lines.append(f"**trial {frame.time.trial}, before any behavior**")
     else:
@@ -48,7 +51,9 @@ def narrate(frame: TrialFrame) -> str:
         lines += [f"**trial {frame.time.trial}, {name}**", "", spent]
         lines += [f"**{plain_text(step.warning)}**"] if step.warning else []
         if step.observation is not None:
-            percepts = percept_labels(momdp, action, step.observation)
+            words = percept_labels(momdp, action, step.observation)
+            for (_, places), word in zip(query.questions, words, strict=True):
+                percepts[places[0]] = word
     lines += ["", "|attribute|belief|percept|", "|---|---|---|"]
     rows = list(zip(names, frame.belief.positive, percepts, strict=True))
     lines += [f"|{name}|{percent(p)}|{word}|" for name, p, word in rows[:_ATTRIBUTES]]

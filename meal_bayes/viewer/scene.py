@@ -66,7 +66,7 @@ class Scene:
         to.add(DECISION, rr.TextDocument, time, text=[explain_decision(frame)])
         to.add(ENTROPY, rr.Scalars, time, scalars=[frame.belief.entropy])
         to.add(COST, rr.Scalars, time, scalars=[frame.spent])
-        names = frame.trial.task.query.attributes
+        names = frame.trial.task.query.value_names
         for name, p in zip(names, frame.belief.positive.tolist(), strict=True):
             to.add(self._belief(name), rr.Scalars, time, scalars=[p])
         if frame.step is not None:  # the report first, where a legend begins
@@ -85,7 +85,7 @@ class Scene:
 
     def close(self, trial: Trial, time: Time) -> None:
         """End a trial in the free row behind it, where lines break and lanes end."""
-        for entity in (*map(self._belief, trial.task.query.attributes), ENTROPY, COST):
+        for entity in (*map(self._belief, trial.task.query.value_names), ENTROPY, COST):
             self._to.add(entity, rr.Scalars, time, scalars=_GAP)
         actions = trial.momdp.n_behaviors + 1
         self._value_row(trial.momdp.behavior_names, _GAP * actions, [0.0] * actions, time)
@@ -156,8 +156,10 @@ class Scene:
             if percept is None:
                 self._lane(lane, time)
             else:
-                text = f"{plain_text(trial.task.query.attributes[i])}: {names[i]}"
-                self._lane(lane, time, text, level_color(int(percept[i]), momdp.levels))
+                question, places = trial.task.query.questions[i]
+                text = f"{plain_text(question)}: {names[i]}"
+                level = max(int(percept[place]) for place in places)
+                self._lane(lane, time, text, level_color(level, momdp.levels))
 
     def _lane(self, lane: str, time: Time, state: str = "", color: Color = GRAY) -> None:
         """Begin a state of a lane; without one, end the last."""
@@ -171,7 +173,7 @@ class Scene:
 
     @staticmethod
     def _percept_lanes(trial: Trial) -> list[str]:
-        return [f"percept_{i + 1}" for i in range(min(len(trial.truth), _PERCEPTS))]
+        return [f"percept_{i + 1}" for i in range(min(len(trial.task.query.questions), _PERCEPTS))]
 
 
 def add_robot(to: Recorder, trial: Trial, frames: Sequence[Frame], start: Time) -> None:

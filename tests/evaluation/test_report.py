@@ -211,8 +211,8 @@ def unknown():
 
 
 def test_words_for_what_is_unknown(unknown):
-    assert truth_text(unknown[2].task.query.attributes, unknown[2].truth) == "not heavy, unknown"
-    assert truth_text(unknown[0].task.query.attributes, unknown[0].truth) == "heavy, blue"
+    assert truth_text(unknown[2].task.query, unknown[2].truth) == "not heavy, unknown"
+    assert truth_text(unknown[0].task.query, unknown[0].truth) == "heavy, blue"
     assert unknown[2].success is unknown[3].success is None
 
 

@@ -77,7 +77,7 @@ def test_own_classifier(capsys):
     losses = {line.split()[0]: float(line.split()[-1]) for line in lines if "log-loss" in line}
     assert len(losses) == 4
     assert max(losses[name] for name in ("ours", "forest", "logistic")) < losses["base"]
-    assert any(line.startswith("Trial of greedy: is object_01 red?") for line in lines)
+    assert any(line.startswith("Trial of greedy with object_01: red?") for line in lines)
 
 
 @pytest.mark.long
