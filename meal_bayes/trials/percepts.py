@@ -40,7 +40,7 @@ def _spoken_for(names: Sequence[str], members: Sequence[str], levels: Sequence[i
     top = max(levels)
     likeliest = " or ".join(m for m, z in zip(members, levels, strict=True) if z == top)
     if top >= len(names) // 2:
-        return f"{names[top].removesuffix('yes')} {likeliest}".strip()
+        return f"{names[top].removesuffix('yes')}{likeliest}"
     least = min(levels)
     denied = " or ".join(m for m, z in zip(members, levels, strict=True) if z == least < top)
-    return f"{names[least].removesuffix('no')} not {denied}".strip() if denied else "none of them"
+    return f"{names[least].removesuffix('no')}not {denied}" if denied else "none of them"

@@ -27,7 +27,7 @@ def test_what_is_asked_is_named(trial):
     assert trial.task.query.text == "color, heavy?"
     assert trial.task.name == "color, heavy?"
     assert "with heavy_blue_beans: color, heavy?" in repr(trial)
-    assert "color: blue 100.0 %" in repr(trial) or "color: blue >99.9 %" in repr(trial)
+    assert "color: blue 99." in repr(trial)
     assert "Pr(color: brown)" in trial._repr_html_()
     assert "MOMDP of color, heavy" in repr(trial.momdp)
     assert trials_frame([trial]).loc[0, "query"] == "color, heavy"
@@ -42,7 +42,7 @@ def test_a_terminal_and_json_say_the_value(trial):
     console = Console(file=io.StringIO(), width=100)
     print_trial(console, trial)
     text = console.file.getvalue()
-    assert "color: blue" in text
+    assert "color: surely blue" in text
     assert "brown: no" not in text
     values = trial_json(trial)
     assert values["report"] == values["truth"] == {"color": "blue", "heavy": True}
