@@ -39,6 +39,7 @@ from meal_bayes.posterior import ConfusionPosterior
 from meal_bayes.posterior.checks import log_likelihood
 from meal_bayes.posterior.trait import learn_trait, truth_evidence
 from meal_bayes.seeds import stream
+from paper_repro.inference import bootstrap_interval
 
 DEFAULT = "shared trait"
 LEVELS = {"counts": 2, "object level": 2, "graded": 4, DEFAULT: 4}
@@ -174,9 +175,6 @@ def score(
     positive: Floats, truth: NDArray[np.bool_], objects: NDArray[np.int64]
 ) -> dict[str, float]:
     """Measure beliefs."""
-    # in a checkout of the whole repository
-    from paper_repro.inference import bootstrap_interval  # noqa: PLC0415
-
     nll = bootstrap_interval(
         negative_log_likelihood(positive, truth), objects, stream(0, "calibration"), draws=SETS
     )

@@ -24,6 +24,7 @@ from meal_bayes.evaluation.outcome_model import compare_outcomes
 from meal_bayes.evaluation.summary import measured
 from meal_bayes.seeds import stream
 from meal_bayes.trials import TrialOutcomes
+from paper_repro.inference import holm, level_above, level_below
 
 OBJECTS, REPEATS, ATTRIBUTES, AGENTS = 60, 10, 6, 2
 TESTED = OBJECTS // 3
@@ -121,9 +122,6 @@ def main() -> None:
             rows.append(
                 _row(f"{measure}: the interval contains the truth", world, method, hits, width)
             )
-    # in a checkout of the whole repository
-    from paper_repro.inference import holm, level_above, level_below  # noqa: PLC0415
-
     for world, taught in WORLDS.items():
         false = []
         for number in range(options.simulations):

@@ -13,6 +13,8 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 T = TypeVar("T")
+# Benchmarks share functions with the paper's items, which lie beside them and are not installed.
+sys.path.append(str(Path(__file__).resolve().parents[1]))
 SPAWN = multiprocessing.get_context("spawn")  # processes that hold nothing but what they need
 
 

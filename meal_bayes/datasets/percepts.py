@@ -128,9 +128,9 @@ class PerceptTable:
         p = len(self.domain.attributes)
         r = self.recordings
         if self.groups is None:
-            set_frozen(self, groups=np.arange(o))
+            set_frozen(self, groups=np.arange(o))  # type: ignore[unreachable]
         if self.recording_counts is None:
-            counts = np.zeros((o, e), np.int64)
+            counts = np.zeros((o, e), np.int64)  # type: ignore[unreachable]
             counts[:, self.domain.recorded] = r
             set_frozen(self, recording_counts=counts)
         freeze_arrays(self)

@@ -235,7 +235,8 @@ def read_query(question: str | Sequence[str], domain: Domain) -> Query:
     >>> read_query("What color is it?", load_domain("roc36")).report_names
     ('brown', 'green', 'blue')
     """
-    if not isinstance(question, str | Sequence) or not all(isinstance(q, str) for q in question):
+    named: Any = question  # users give anything
+    if not isinstance(named, str | Sequence) or not all(isinstance(name, str) for name in named):
         raise QueryError(f"A question is a sentence or names; found {question!r:.60}.")
     plural = {fold(name) + "s": name for name in domain.groups}
     known = plural | {fold(name): name for name in domain.groups} | domain.words

@@ -166,9 +166,10 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
             if running.behavior is not None:
                 running.observe(robot.execute(running.behavior))
             reward = float(running.steps[-1].reward)
-        truncated = not running.over and self._steps >= self._max_steps
+        ended = bool(running.over)  # it may have been ended since
+        truncated = not ended and self._steps >= self._max_steps
         observation, info = self._seen()
-        return observation, self._scale * reward, running.over, truncated, info
+        return observation, self._scale * reward, ended, truncated, info
 
     def decide(self) -> int:
         """Return the action that the agent itself would choose."""

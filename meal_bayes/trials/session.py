@@ -7,7 +7,7 @@ loop (`run_trial`), a callback, another thread. Between two steps nothing runs.
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Protocol, Self
+from typing import Any, Protocol, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -100,7 +100,8 @@ class Session:
         on_end: Callable[[Trial], None] | None = None,
     ) -> None:
         check_whole("max_steps", max_steps)
-        if max_cost is not None and not (isinstance(max_cost, float | int) and max_cost >= 0):
+        cost_limit: Any = max_cost  # users give anything
+        if max_cost is not None and not (isinstance(cost_limit, float | int) and cost_limit >= 0):
             raise SettingsError(f"max_cost is {max_cost!r:.60}; give seconds, 0 or more.")
         self.task, self.momdp, self.agent = task, momdp, agent
         self.belief: Belief = initial_belief(momdp)
