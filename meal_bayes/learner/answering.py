@@ -4,6 +4,7 @@ import threading
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -154,9 +155,10 @@ class Answerer:
         if isinstance(robot, str):
             object_name = robot
             robot = None
-        if isinstance(robot, type) or not (robot is None or hasattr(robot, "execute")):
+        driver: Any = robot  # users give anything
+        if isinstance(driver, type) or not (driver is None or hasattr(driver, "execute")):
             raise SettingsError(
-                f"A robot is an object with start() and execute(behavior); found {robot!r:.60}."
+                f"A robot is an object with start() and execute(behavior); found {driver!r:.60}."
             )
         if (robot is None) == (self.table is None):
             raise SettingsError(_NO_TABLE if robot is None else NO_CLASSIFIERS)
