@@ -1,9 +1,8 @@
 """`meal-bayes ask`, `demo`: one question about one object; `memory`: the labels it received."""
 
-import json
 import textwrap
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,10 +17,10 @@ from meal_bayes.cli.program import Section
 
 if TYPE_CHECKING:
     from meal_bayes.datasets import PerceptTable
+    from meal_bayes.learner.memory import Remembered
     from meal_bayes.trials import Trial
 
 _QUESTION = "Is it heavy, and does it hold beans?"
-_BYTES = "surrogateescape"  # bytes that are no UTF-8 stay as they are
 _SEED = 7  # a trial in which a behavior fails
 
 
@@ -95,42 +94,42 @@ def ask(root: Path | None, learn: bool, logs: Path, as_json: bool, **options: An
     keeps the labels that it gets of an object, in a file of the folder of logs.
     """
     from meal_bayes.cli.narration import print_answer, trial_json
-    from meal_bayes.files import add_line
+    from meal_bayes.learner.memory import LabelMemory, Remembered
 
     dataset, table = opt.table_of(options["dataset"], root)
     config = {"command": "ask", **options, "dataset": dataset}
-    memory = _read(_memory(logs, table.domain.data)) if learn else []
-    if learn:
-        config["labels_before"] = len(memory)
-    trial, path = _answer(table, config, logs, memory if learn else None)
+    memory = LabelMemory(logs, table.domain.data)
+    remembered = memory.read() if learn else None
+    if remembered is not None:
+        config["labels_before"] = len(remembered)
+    trial, path = _answer(table, config, logs, remembered)
     if as_json:
         print_json({"config": config, "trial": trial_json(trial), "log": str(path)})
     else:
         print_answer(output(), trial)
-    if learn:
-        told = (entry["labels"] for entry in memory if entry["object"] == config["object"])
+    if remembered is not None:
+        told = (entry.labels for entry in remembered if entry.object == config["object"])
         labels = _ask_labels(trial, set().union(*told))
         if not labels:
             note("no labels were given, none are kept")
             return
-        entry = {"object": config["object"], "labels": labels, "log": str(path)}
-        kept = _memory(logs, table.domain.data)
-        add_line(kept, json.dumps(entry))
-        note(f"kept in {kept}: {config['object']} is {_text(labels)}")
+        memory.add(Remembered(config["object"], labels, str(path)))
+        note(f"kept in {memory.path}: {config['object']} is {_text(labels)}")
     elif not as_json:
         note(f"every decision and its reasons: meal-bayes log show {path}")
 
 
 def _answer(
     table: "PerceptTable", config: Mapping[str, Any], logs: Path,
-    labels: Sequence[Mapping[str, Any]] | None = None,
+    remembered: "list[Remembered] | None" = None,
 ) -> "tuple[Trial, Path]":  # fmt: skip
     """Ask what a command's settings say, and return the trial with the path of its log.
 
-    Labels are those that people gave before, None where objects are not recognized.
+    Remembered are the labels that people gave before, None where objects are not recognized.
     """
     from meal_bayes.files import check_folder, file_name
     from meal_bayes.learner import Learner
+    from meal_bayes.learner.memory import tell_remembered
     from meal_bayes.trial_log import write_trials
 
     agent = opt.agent_value(config["agent"])
@@ -139,12 +138,9 @@ def _answer(
     task = learner.task(config["question"], config["object"])
     check_folder(logs)  # once agent, question and object are known to be some
     start = time.perf_counter()
-    if labels is not None:
+    if remembered is not None:
         learner.agent = replace(learner.agent, memory=True)
-    for entry in labels or ():
-        if entry["object"] in table.objects:
-            known = {k: v for k, v in entry["labels"].items() if k in table.domain.attributes}
-            learner.tell(entry["object"], known)
+        tell_remembered(learner, remembered)
     with terminal.showing_compilation():
         trial = learner.ask(task)
     path = logs / f"{config['command']}-{file_name(task.object_name)}-{opt.digest(config)}.mcap"
@@ -218,15 +214,16 @@ def memory() -> None:
 def show(dataset: str, root: Path | None, logs: Path, as_json: bool) -> None:
     """List the labels of the objects of a data set, the latest last."""
     from meal_bayes.datasets.percepts import domain_of
+    from meal_bayes.learner.memory import LabelMemory
 
-    labels = _read(_memory(logs, domain_of(dataset).data))
+    remembered = LabelMemory(logs, domain_of(dataset).data).read()
     if as_json:
-        print_json({"memory": labels})
+        print_json({"memory": [entry._asdict() for entry in remembered]})
         return
-    if not labels:
+    if not remembered:
         note(f'no labels yet; ask with --learn: meal-bayes ask --learn "..." --logs {logs}')
         return
-    cells = ((entry["object"], _text(entry["labels"]), Path(entry["log"]).name) for entry in labels)
+    cells = ((entry.object, _text(entry.labels), Path(entry.log).name) for entry in remembered)
     terminal.print_table(("object", "is", "log"), cells, left=("is", "log"))
 
 
@@ -236,50 +233,10 @@ def show(dataset: str, root: Path | None, logs: Path, as_json: bool) -> None:
 def forget(name: str | None, dataset: str, root: Path | None, logs: Path) -> None:
     """Forget labels; the trials stay in their logs."""
     from meal_bayes.datasets.percepts import domain_of
-    from meal_bayes.files import write_whole
+    from meal_bayes.learner.memory import LabelMemory
 
-    path = _memory(logs, domain_of(dataset).data)
-    entries = list(_entries(path))
-    forgotten = [entry is not None and name in (None, entry["object"]) for _, entry in entries]
-    if any(forgotten):  # a line that holds no labels stays
-        others = (
-            f"{line}\n" for (line, _), gone in zip(entries, forgotten, strict=True) if not gone
-        )
-        write_whole(path, "".join(others).encode(errors=_BYTES))
-    note(f"forgot the labels in {sum(forgotten)} trials")
-
-
-def _memory(logs: Path, data: str) -> Path:
-    """Name the file of a data set's labels: a line of JSON a trial."""
-    from meal_bayes.files import file_name
-
-    return logs / f"labels-{file_name(data)}.jsonl"
-
-
-def _entries(path: Path) -> Iterator[tuple[str, dict[str, Any] | None]]:
-    """Yield the lines of a file of labels, with what each tells; None where it holds no labels."""
-    from meal_bayes.untrusted import read_json
-
-    text = path.read_bytes().decode("utf-8-sig", errors=_BYTES) if path.is_file() else ""
-    for line in filter(str.strip, text.split("\n")):
-        try:
-            entry: Any = read_json(line)
-            labels = dict(entry["labels"])
-            told = {"object": str(entry["object"]), "labels": labels, "log": str(entry["log"])}
-            yield line, told if all(isinstance(v, bool) for v in labels.values()) else None
-        except (ValueError, TypeError, LookupError, AttributeError):
-            yield line, None
-
-
-def _read(path: Path) -> list[dict[str, Any]]:
-    """Read labels in the order they were given; a line that holds none is left out, and named."""
-    labels = []
-    for line, entry in _entries(path):
-        if entry is None:
-            note(f"left out of the memory: {line:.40} in {path}")
-        else:
-            labels.append(entry)
-    return labels
+    trials = LabelMemory(logs, domain_of(dataset).data).forget(name)
+    note(f"forgot the labels in {trials} trials")
 
 
 def _text(labels: dict[str, bool]) -> str:

@@ -251,15 +251,20 @@ class Environment:
         seed = self._config.seed
         o = task.object_index
         columns = self._data.domain.columns(task.query.attributes)
-        order = self._recordings.supply(o) if learn else stream(seed, "recordings", *task.key)
+        # In training, recordings of an object are used up; a test has all of them.
+        order = self._recordings.supply(o) if learn else None
         rng = stream(seed, "percepts", *task.key)
 
         def person(accuracy: float) -> dict[str, bool]:
             said = answer(self._data.labels[o, columns], accuracy, 2, rng)
             return dict(zip(task.query.attributes, (said == 1).tolist(), strict=True))
 
-        return RecordedRobot(
-            self._data.domain, o, self._recordings.counts[o], order,
-            stream(seed, "robot", *task.key), self._data,
-            repeats=self._config.percepts == "model", person=person,
-        )  # fmt: skip
+        return RecordedRobot.of(
+            self._data,
+            o,
+            seed=seed,
+            key=task.key,
+            order=order,
+            repeats=self._config.percepts == "model",
+            person=person,
+        )

@@ -17,7 +17,6 @@ from meal_bayes.momdp import MOMDP
 from meal_bayes.perception import Perceiver, RecordedPercepts
 from meal_bayes.planners import Policy
 from meal_bayes.robots.recorded import RecordedRobot, replayable
-from meal_bayes.seeds import stream
 from meal_bayes.trials import Task
 
 
@@ -78,7 +77,4 @@ class HeldOut:
 
 def replay(table: PerceptTable, task: Task, seed: int, *, repeats: bool) -> RecordedRobot:
     """Return the robot that replays the object of a task; a seed names its draws."""
-    return RecordedRobot(
-        table.domain, task.object_index, replayable(table)[task.object_index],
-        stream(seed, "recordings", *task.key), stream(seed, "robot", *task.key), repeats=repeats,
-    )  # fmt: skip
+    return RecordedRobot.of(table, task.object_index, seed=seed, key=task.key, repeats=repeats)

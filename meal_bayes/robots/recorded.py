@@ -1,6 +1,6 @@
 """A robot that replays recordings: failures from the diagram, percepts from a data set."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 from meal_bayes.datasets import Dataset, PerceptTable
 from meal_bayes.domain import Domain
 from meal_bayes.robots.robot import Outcome
+from meal_bayes.seeds import stream
 
 Order = list[list[int]]  # (E,) lists of the recordings to come, the next one last
 
@@ -53,9 +54,37 @@ class RecordedRobot:
         self._order = order
         self._failures = failures
         arrays = domain.diagram.compile(domain.behavior_names)
-        self._shows = arrays.observation_probability
-        self._reach = arrays.transition.cumsum(axis=2)
-        self._reach[self._reach > 1 - 1e-12] = 1.0  # no impossible state comes from rounding
+        self._sensing = arrays.observation_probability
+        self._cumulative = arrays.transition.cumsum(axis=2)  # (E,X,X)
+        self._cumulative[self._cumulative > 1 - 1e-12] = 1.0  # or rounding makes states possible
+
+    @classmethod
+    def of(
+        cls,
+        data: Dataset | PerceptTable,
+        object_index: int,
+        *,
+        seed: int,
+        key: Iterable[str | int],
+        order: Order | None = None,
+        repeats: bool = False,
+        person: Callable[[float], Mapping[str, bool]] | None = None,
+    ) -> "RecordedRobot":
+        """Return the robot of one trial, which replays an object of recordings or of a table.
+
+        The seed and the key of the trial's task name its random streams: of the failures, and of
+        the order of recordings, unless that is given.
+        """
+        return cls(
+            data.domain,
+            object_index,
+            replayable(data)[object_index],
+            order=stream(seed, "recordings", *key) if order is None else order,
+            failures=stream(seed, "robot", *key),
+            dataset=data if isinstance(data, Dataset) else None,
+            repeats=repeats,
+            person=person,
+        )
 
     @property
     def limit(self) -> NDArray[np.float64]:
@@ -67,9 +96,9 @@ class RecordedRobot:
         if isinstance(self._order, np.random.Generator):
             size = len(self._recordings), int(self._recordings.max())
             orders = zip(self._order.random(size).argsort(axis=1), self._recordings, strict=True)
-            self._left: Order = [order[order < count].tolist() for order, count in orders]
+            self._unused: Order = [order[order < count].tolist() for order, count in orders]
         else:
-            self._left = [list(recordings) for recordings in self._order]
+            self._unused = [list(recordings) for recordings in self._order]
         diagram = self._domain.diagram
         names = self._domain.behavior_names
         self._x = diagram.states.index(diagram.start)
@@ -81,26 +110,28 @@ class RecordedRobot:
         """Execute a behavior; a success senses its next recording, if one is left."""
         e = self._domain.behavior_index(behavior)
         spec = self._domain.behaviors[e]
-        block, place = divmod(self._executed[behavior], _BLOCK)
+        block, row = divmod(self._executed[behavior], _BLOCK)
+        # Blocks for all behaviors at once: draws of one do not depend on how often others ran.
         while len(self._blocks) <= block:
             self._blocks.append(self._failures.random((len(self._executed), _BLOCK, 3)))
         self._executed[behavior] += 1
-        moved, shown, uniform = self._blocks[block][e, place].tolist()
+        transition_draw, sensing_draw, recording_draw = self._blocks[block][e, row].tolist()
         x = self._x
-        self._x = int(self._reach[e, self._x].searchsorted(moved, side="right"))
+        self._x = int(self._cumulative[e, x].searchsorted(transition_draw, side="right"))
         outcome = Outcome(self._domain.diagram.states[self._x])
-        if not spec.senses or shown >= self._shows[e, x, self._x]:
+        if not spec.senses or sensing_draw >= self._sensing[e, x, self._x]:
             return outcome
         if not spec.modalities:
             if self._person is not None and spec.answer_accuracy is not None:
                 return Outcome(outcome.state, answers=self._person(spec.answer_accuracy))
             return Outcome(outcome.state, recording=ANSWERED)
         if self._repeats and not isinstance(self._order, np.random.Generator):
-            self._left[e].insert(0, recording := self._left[e].pop())  # in their order, for ever
+            recording = self._unused[e].pop()
+            self._unused[e].insert(0, recording)  # in their order, for ever
         elif self._repeats:
-            recording = int(uniform * self._recordings.max())
-        elif self._left[e]:
-            recording = self._left[e].pop()
+            recording = int(recording_draw * self._recordings.max())
+        elif self._unused[e]:
+            recording = self._unused[e].pop()
         else:
             return outcome
         if self._dataset is None:
