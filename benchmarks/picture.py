@@ -1,25 +1,29 @@
-"""Make the README's picture of the viewer from the sample log, and the sample log itself.
+"""Make the pictures of README and site from the sample log, and the sample log itself.
 
-    python benchmarks/picture.py          docs/viewer.png from logs/sample.mcap
-    python benchmarks/picture.py --log    logs/sample.mcap anew, then the picture
+    python benchmarks/picture.py             docs/assets/trial*.svg from logs/sample.mcap
+    python benchmarks/picture.py --viewer    docs/viewer.png too
+    python benchmarks/picture.py --log       logs/sample.mcap anew, then the pictures of the trial
 
-The picture needs a Vulkan driver, which may be one in software: on Debian and Ubuntu
+The picture of the viewer needs a Vulkan driver, which may be one in software: on Debian and Ubuntu
 `apt-get install --no-install-recommends mesa-vulkan-drivers`.
 """
 
 import argparse
 import io
 import tempfile
+from itertools import product
 from pathlib import Path
 
 from PIL import Image
 
+from meal_bayes.canvas import save
 from meal_bayes.learner.api import ask
 from meal_bayes.trial_log import read_header, read_trials, write_trials
 from meal_bayes.viewer import take_picture, write_recording
 
 ROOT = Path(__file__).resolve().parents[1]
-LOG, PICTURE = ROOT / "logs" / "sample.mcap", ROOT / "docs" / "viewer.png"
+LOG, VIEWER = ROOT / "logs" / "sample.mcap", ROOT / "docs" / "viewer.png"
+PICTURES = ROOT / "docs" / "assets"
 QUESTIONS = (  # the first is the one that is shown
     ("Is it heavy, and does it hold beans?", "heavy_blue_beans"),
     ("Is it blue?", "light_blue_glass"),
@@ -40,7 +44,17 @@ def make_log(path: Path) -> None:
     print(f"{path}: {len(trials)} trials, {path.stat().st_size:,} bytes")
 
 
-def make_picture(log: Path, path: Path) -> None:
+def draw_trial(log: Path, folder: Path) -> list[Path]:
+    """Draw the trial for wide and for narrow columns, on light and on dark pages."""
+    trial = list(read_trials(log))[SHOWN]
+    paths = []
+    for narrow, dark in product((False, True), repeat=2):
+        name = "trial" + ("-narrow" if narrow else "") + ("-dark" if dark else "")
+        paths.append(save(trial.plot(dark=dark, narrow=narrow), folder / f"{name}.svg"))
+    return paths
+
+
+def take_viewer_picture(log: Path, path: Path) -> None:
     """Show the last behavior before the answer."""
     trial = list(read_trials(log))[SHOWN]
     with tempfile.TemporaryDirectory() as folder:
@@ -56,9 +70,14 @@ def main() -> None:
     """Read the command line."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--log", action="store_true", help="make the sample log anew")
-    if parser.parse_args().log:
+    parser.add_argument("--viewer", action="store_true", help="take the picture of the viewer too")
+    options = parser.parse_args()
+    if options.log:
         make_log(LOG)
-    make_picture(LOG, PICTURE)
+    for path in draw_trial(LOG, PICTURES):
+        print(f"{path}: {path.stat().st_size:,} bytes")
+    if options.viewer:
+        take_viewer_picture(LOG, VIEWER)
 
 
 if __name__ == "__main__":

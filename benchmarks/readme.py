@@ -12,6 +12,7 @@ differ.
 import argparse
 import difflib
 import json
+import math
 import os
 import re
 import shlex
@@ -21,6 +22,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
+
+from scipy.special import stdtrit
+
+from meal_bayes.canvas import Axes, axes_to_draw, legend, name_axes, save
+from meal_bayes.palette import agent_style, lightened
 
 ROOT = Path(__file__).resolve().parents[1]
 README = ROOT / "README.md"
@@ -75,13 +81,28 @@ BELIEVED = {"counts": "Eq. 8", "shared trait": "`bayes`"}  # observation models
 PAGES = {  # where each block stands
     "demo": README,
     "summary": README,
+    "finding": ROOT / "docs" / "results" / "index.md",
     "results": ROOT / "docs" / "results" / "index.md",
     "paper-classifiers": ROOT / "docs" / "results" / "index.md",
     "beliefs": ROOT / "docs" / "results" / "beliefs.md",
     "online": ROOT / "docs" / "results" / "online.md",
 }
-MEASURED_BLOCKS = ("demo", "results", "summary", "beliefs")  # written by default, in this order
+MEASURED_BLOCKS = (
+    "demo",
+    "results",
+    "summary",
+    "finding",
+    "beliefs",
+)  # written by default, in this order
 SUMMARIZED = ("predefined_plus", "morc", "bayes")
+OURS = "bayes"
+OBJECTS = {"ROC36": 36, "CY101": 101, "ISPY32": 32}  # clusters of standard errors
+RESULTS = {ROOT / "docs" / "assets" / "results.svg": False,
+           ROOT / "docs" / "assets" / "results-dark.svg": True}  # fmt: skip
+PICTURE = """<picture><source media="(prefers-color-scheme: dark)" \
+srcset="docs/assets/results-dark.svg">
+<img src="docs/assets/results.svg" width="840" alt="Mean reward of a trial with its 95 % interval, \
+by question and agent"></picture>"""
 
 
 def main() -> int:
@@ -104,7 +125,11 @@ def content(name: str) -> str:
     if name == "demo":
         return demo_block()
     if name == "summary":
-        return summary_table(measured())
+        for path, dark in RESULTS.items():
+            save(draw_results(measured(), dark=dark), path)
+        return summary_block(measured())
+    if name == "finding":
+        return finding(measured())
     if name == "online":
         rows = json.loads(run(ONLINE))["summary"]
         keep({ONLINE: rows})
@@ -197,18 +222,69 @@ def online_block(summary: list[dict[str, Any]]) -> str:
     return "\n".join(lines)
 
 
-def summary_table(tables: Mapping[str, list[dict[str, Any]]]) -> str:
-    """Make the one table of the README: what three agents reach, and below it the commands."""
-    head = ["question", *(f"`{agent}`: accuracy, cost, reward" for agent in SUMMARIZED)]
-    lines = [_row(head), _row(["---", *["--:"] * len(SUMMARIZED)])]
+def summary_block(tables: Mapping[str, list[dict[str, Any]]]) -> str:
+    """Return what the README says of its picture of results, made of the same rows."""
+    return f"{PICTURE}\n\n{finding(tables)}"
+
+
+def finding(tables: Mapping[str, list[dict[str, Any]]]) -> str:
+    """Say where our agent earns more than both of the paper's, by more than two standard errors."""
+    ahead, behind, near = [], [], []
     for entry in RUNS:
         rows = {row["agent"]: row for row in tables[entry.command]}
-        cells = [entry.title]
-        for row in (rows[agent] for agent in SUMMARIZED):
-            _, accuracy, _, reward, *_ = _cells(row)
-            cells.append(f"{accuracy}, {_number(row['cost_s'], 1)} s, {reward}")
-        lines.append(_row(cells))
-    return "\n".join([*lines, "", "```sh", *(entry.command for entry in RUNS), "```"])
+        ours, best = rows[OURS], max(
+            (rows[name] for name in SUMMARIZED if name != OURS), key=lambda row: row["reward"]
+        )  # fmt: skip
+        gain = ours["reward"] - best["reward"]
+        error = math.hypot(ours["reward_se"], best["reward_se"])
+        text = f"{entry.title} ({gain:+.0f} ± {error:.0f} against `{best['agent']}`"
+        wrong = round((1 - ours["accuracy"]) * ours["trials"])
+        if abs(gain) > 2 * error:
+            (ahead if gain > 0 else behind).append(f"{text})")
+        else:
+            near.append(f"{text}; it answered {wrong} of {ours['trials']} wrongly)")
+    parts = []
+    for places, words in ((ahead, "earns more than both of the paper's agents on"),
+                          (behind, "earns less than the better of them on"),
+                          (near, "is not told apart from the better of them on")):  # fmt: skip
+        if places:
+            parts.append(f"{words} {' and on '.join(places)}")
+    return f"`{OURS}` {'; it '.join(parts)}."
+
+
+def draw_results(tables: Mapping[str, list[dict[str, Any]]], *, dark: bool) -> Axes:
+    """Draw the reward of three agents with 95 % intervals, a row a question."""
+    ink = "#E8EBEF" if dark else "#1C2430"
+    with axes_to_draw(None, width=8.4, height=2.9) as ax:
+        for number, name in enumerate(SUMMARIZED):
+            style = agent_style(name)
+            color = lightened(style.color) if dark else style.color
+            for place, entry in enumerate(RUNS):
+                (row,) = (row for row in tables[entry.command] if row["agent"] == name)
+                half = row["reward_se"] * float(
+                    stdtrit(OBJECTS[entry.title.split(",")[0]] - 1, 0.975)
+                )
+                y = place + 0.22 * (number - 1)
+                ax.errorbar(
+                    row["reward"], y, xerr=half, fmt=style.marker, color=color, ms=7,
+                    elinewidth=1.8, label=name if place == 0 else None,
+                )  # fmt: skip
+                ax.text(row["reward"] + half + 5, y, f"{row['reward']:.0f}", color=color,
+                        va="center", size=9)  # fmt: skip
+        ax.set_yticks(range(len(RUNS)), [entry.title for entry in RUNS])
+        ax.set(ylim=(len(RUNS) - 0.5, -0.5), xlim=(0, 545))
+        name_axes(ax, "mean reward of a trial (+500 or +300 right, -1 a second), 95 % interval", "",
+                  grid="x")  # fmt: skip
+        legend(ax, len(SUMMARIZED), above=True)
+        ax.patch.set_alpha(0)
+        ax.figure.patch.set_alpha(0)
+        for text in (*ax.get_xticklabels(), *ax.get_yticklabels(), ax.xaxis.label,
+                     *ax.get_legend().get_texts()):  # fmt: skip
+            text.set_color(ink)
+            text.set_size(10)
+        for side in ax.spines.values():
+            side.set_color(ink)
+    return ax
 
 
 def beliefs_table(rows: list[dict[str, Any]]) -> str:

@@ -12,7 +12,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 import meal_bayes as mb
-from meal_bayes.evaluation.canvas import save
+from meal_bayes.canvas import save
 from meal_bayes.evaluation.plots import cost_distribution, reliability_diagram
 
 AGENTS = ("random_legal", "predefined_plus", "greedy")

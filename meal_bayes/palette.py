@@ -104,6 +104,16 @@ def attribute_color(place: int) -> str:
     return ATTRIBUTES[place % len(ATTRIBUTES)]
 
 
+def lightened(color: str, part: float = 0.4) -> str:
+    """Return a color mixed with white, for a dark ground.
+
+    >>> lightened("#0072B2")
+    '#66aad1'
+    """
+    channels = (int(color[at : at + 2], 16) for at in (1, 3, 5))
+    return "#" + "".join(f"{round(c + part * (255 - c)):02x}" for c in channels)
+
+
 def level_color(level: int, levels: int) -> str:
     """Return the color of one of K levels of a percept, from "surely no" to "surely yes".
 

@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from meal_bayes.canvas import COLORS, Axes, axes_to_draw, legend, name_axes
 from meal_bayes.display import level_names
 from meal_bayes.domain import TransitionDiagram
 from meal_bayes.domain.diagram import ANY_STATE
-from meal_bayes.evaluation.canvas import COLORS, Axes, axes_to_draw, legend, name_axes
 from meal_bayes.evaluation.plots import reach
 from meal_bayes.evaluation.statistics import Interval
 

@@ -11,9 +11,10 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
+from meal_bayes import canvas
 from meal_bayes.domain import unknown
 from meal_bayes.errors import MealBayesError, SettingsError
-from meal_bayes.evaluation import Effect, canvas
+from meal_bayes.evaluation import Effect
 from meal_bayes.files import write_whole
 from meal_bayes.trial_log import read_seconds
 from paper_repro.statements import PROTOCOLS, THEIRS, Evidence, judged, verdict

@@ -18,6 +18,7 @@ from meal_bayes.cli.console import (
 )
 from meal_bayes.cli.options import FILE, MOST_TRIALS, option, shared
 from meal_bayes.cli.program import Section
+from meal_bayes.files import check_output
 
 if TYPE_CHECKING:
     from meal_bayes.trial_log import LogInfo
@@ -59,12 +60,24 @@ def info(file: Path, as_json: bool) -> None:
 @log.command(short_help="Show one trial step by step; of a compact log its outcome.")
 @_file
 @option("--trial number", click.IntRange(0, MOST_TRIALS), 0, "N", "Which trial, counted from 0.")
-def show(file: Path, number: int) -> None:
-    """Show one trial of a log, or of a run's folder, step by step; of a compact log its outcome."""
+@option("--picture", FILE, None, "FILE.svg", "Draw it instead, as SVG, PNG or PDF by the ending.")
+@click.option("--dark", is_flag=True, help="Draw for a dark page.")
+@click.option("--narrow", is_flag=True, help="Draw for a narrow column, as on a phone.")
+def show(file: Path, number: int, picture: Path | None, dark: bool, narrow: bool) -> None:
+    """Show one trial of a log, or of a run's folder, step by step; of a compact log its outcome.
+
+    The picture says on one axis of seconds what the robot did, what it believed, and why it
+    stopped.
+    """
     from meal_bayes.cli.narration import print_trial
     from meal_bayes.trials.text import outcome_facts
 
+    if picture is None and (dark or narrow):
+        raise click.UsageError("--dark and --narrow are of a picture; give --picture FILE.svg.")
     group, row = numbered(file, number)
+    if picture is not None:
+        _draw(file, group, row, picture, dark=dark, narrow=narrow)
+        return
     console = output()
     facts = outcome_facts(group.outcomes, row)
     if not group.trials:
@@ -74,6 +87,19 @@ def show(file: Path, number: int) -> None:
     print_facts(console, {name: facts[name] for name in ("question", "object", "agent")})
     console.print()
     print_trial(console, group.trials[row])
+
+
+def _draw(file: Path, group: "Group", row: int, path: Path, *, dark: bool, narrow: bool) -> None:
+    """Write the picture of a trial."""
+    from meal_bayes.canvas import check_figure_name, save
+    from meal_bayes.errors import SettingsError
+
+    if not group.trials:
+        raise SettingsError(f"{file} holds outcomes alone; a picture needs a log with steps.")
+    check_figure_name(path)
+    check_output(path, inputs=[group.file])
+    save(group.trials[row].plot(dark=dark, narrow=narrow), path)
+    say(f"{path}: {path.stat().st_size:,} bytes")
 
 
 def numbered(file: Path, number: int) -> "tuple[Group, int]":

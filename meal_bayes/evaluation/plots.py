@@ -1,18 +1,21 @@
 """Figures of trials and of posteriors; each is drawn into a new figure, and its axes returned."""
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from itertools import cycle
-from typing import NamedTuple, TypeVar
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from meal_bayes.canvas import COLORS, Axes, axes_to_draw, legend, name_axes
 from meal_bayes.evaluation.calibration import BINS, bins_of, checked_cases
-from meal_bayes.evaluation.canvas import COLORS, MARKERS, Axes, axes_to_draw, legend, name_axes
 from meal_bayes.evaluation.statistics import Interval, wilson_interval
-from meal_bayes.trials import Trial
+from meal_bayes.palette import agent_style
+from meal_bayes.trials.strip import trial_strip
 
-Entry = TypeVar("Entry")
+__all__ = [
+    "Series", "accuracy_and_cost", "cost_distribution", "forest", "learning_curve", "lines",
+    "predictive", "reach", "reliability_diagram", "trial_strip",
+]  # fmt: skip
 
 _GRAY = "#7A7A7A"
 _MANY = 25  # points on a line, beyond which they get no markers
@@ -35,9 +38,10 @@ class Series(NamedTuple):
 def lines(series: Sequence[Series], *, x_label: str, y_label: str, ax: Axes | None = None) -> Axes:
     """Draw lines with error bands over x (as Fig. 9)."""
     with axes_to_draw(ax) as to:
-        for color, marker, (name, x, y, low, high) in _styled(series):
+        for name, x, y, low, high in series:
+            color, marker, dash = agent_style(name)
             shown = marker if len(x) <= _MANY else None
-            to.plot(x, y, color=color, marker=shown, ms=4, lw=1.6, label=name)
+            to.plot(x, y, color=color, marker=shown, ls=dash, ms=4, lw=1.6, label=name)
             if low is not None and high is not None:
                 to.fill_between(x, low, high, color=color, alpha=0.18, lw=0)
         name_axes(to, x_label, y_label)
@@ -52,11 +56,13 @@ def learning_curve(series: Sequence[Series], *, ax: Axes | None = None) -> Axes:
     return ax
 
 
-def reliability_diagram(positive: ArrayLike, truth: ArrayLike, *, small: bool = False) -> Axes:
+def reliability_diagram(
+    positive: ArrayLike, truth: ArrayLike, *, small: bool = False, agent: str = "bayes"
+) -> Axes:
     """Draw the fraction of true attributes over the belief, with Wilson's 95 % intervals.
 
     Points on the diagonal are calibrated; gray columns are the fraction of beliefs in each bin. A
-    `small` one, of several side by side, has no legend.
+    `small` one, of several side by side, has no legend. The color is the agent's.
     """
     b, true = checked_cases(positive, truth)
     index = bins_of(b)
@@ -70,7 +76,7 @@ def reliability_diagram(positive: ArrayLike, truth: ArrayLike, *, small: bool = 
         intervals = [wilson_interval(int(hits[i]), int(n[i])) for i in filled]
         mean = np.array([b[index == i].mean() for i in filled])
         to.errorbar(
-            mean, hits[filled] / n[filled], reach(intervals), fmt="o", ms=4.5, color=COLORS[0],
+            mean, hits[filled] / n[filled], reach(intervals), fmt="o", ms=4.5, color=agent_style(agent).color,
             capsize=2, elinewidth=1, label="true",
         )  # fmt: skip
         name_axes(to, "belief", "fraction true")
@@ -79,33 +85,13 @@ def reliability_diagram(positive: ArrayLike, truth: ArrayLike, *, small: bool = 
         return to
 
 
-def belief_trace(trial: Trial) -> Axes:
-    """Draw a trial's beliefs after every step, over the behaviors in order; circles are truths."""
-    beliefs = [trial.first_belief, *(step.belief for step in trial.steps)]
-    positive = np.array([belief.positive for belief in beliefs])  # (T+1,N)
-    e, names = trial.momdp.n_behaviors, trial.momdp.behavior_names
-    actions = [step.decision.action for step in trial.steps]
-    with axes_to_draw(None) as to:
-        columns = zip(trial.task.query.value_names, positive.T, trial.truth, strict=True)
-        for color, marker, (attribute, belief, truth) in _styled(columns):
-            to.plot(belief, color=color, marker=marker, ms=4, lw=1.6, label=attribute)
-            end = truth if truth >= 0 else np.nan
-            to.plot(len(beliefs) - 0.88, end, "o", mfc="none", mec=color, ms=9, clip_on=False)
-        to.axhline(0.5, color=_GRAY, lw=0.8, ls=":")
-        labels = ["prior", *(names[a] if a < e else "report" for a in actions)]
-        to.set_xticks(range(len(labels)), labels, rotation=35, ha="right", rotation_mode="anchor")
-        name_axes(to, "", "belief that it is true", grid="y")
-        to.set(ylim=(-0.04, 1.04), xlim=(-0.2, len(labels) - 0.6))
-        legend(to, max(len(trial.truth), 2))
-        return to
-
-
 def cost_distribution(groups: Mapping[str, ArrayLike]) -> Axes:
     """Draw the fraction of trials over the cost they stay within, one step line an agent."""
     with axes_to_draw(None) as to:
-        for color, _, (group, costs) in _styled(groups.items()):
+        for group, costs in groups.items():
+            color, _, dash = agent_style(group)
             values, counts = np.unique(np.asarray(costs, float), return_counts=True)
-            to.ecdf(values, counts, color=color, lw=1.6, label=group)
+            to.ecdf(values, counts, color=color, ls=dash, lw=1.6, label=group)
         name_axes(to, "cost of a trial, s", "fraction of trials")
         to.set_ylim(0, 1.02)
         _scale_costs(to, [np.asarray(costs, float).mean() for costs in groups.values()])
@@ -116,7 +102,8 @@ def cost_distribution(groups: Mapping[str, ArrayLike]) -> Axes:
 def accuracy_and_cost(points: Mapping[str, tuple[Interval, Interval]]) -> Axes:
     """Draw accuracy over mean cost, s, with the intervals of both, a point an agent."""
     with axes_to_draw(None) as to:
-        for color, marker, (agent, (accuracy, cost)) in _styled(points.items()):
+        for agent, (accuracy, cost) in points.items():
+            color, marker, _ = agent_style(agent)
             to.errorbar(
                 cost.estimate, accuracy.estimate, xerr=reach([cost]), yerr=reach([accuracy]),
                 fmt=marker, color=color, ms=5.5, elinewidth=1.1, capsize=2.5, label=agent,
@@ -194,10 +181,6 @@ def predictive(observed: ArrayLike, predicted: ArrayLike) -> Axes:
         name_axes(to, f'percepts of {x[-1]} that say "yes"', "fraction of cases", grid="y")
         legend(to, 4)
         return to
-
-
-def _styled(entries: Iterable[Entry]) -> Iterator[tuple[str, str, Entry]]:
-    return zip(cycle(COLORS), cycle(MARKERS), entries, strict=False)
 
 
 def _scale_costs(ax: Axes, means: Sequence[float]) -> None:

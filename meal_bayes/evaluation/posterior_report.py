@@ -5,7 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from meal_bayes.evaluation import calibration, canvas, plots
+from meal_bayes import canvas
+from meal_bayes.evaluation import calibration, plots
 from meal_bayes.files import write_whole
 from meal_bayes.posterior import checks, idata
 from meal_bayes.posterior.draws import rows_of

@@ -12,8 +12,8 @@ from typing import Any
 
 from jinja2 import Environment, PackageLoader
 
+from meal_bayes.canvas import render
 from meal_bayes.errors import SettingsError
-from meal_bayes.evaluation.canvas import render
 from meal_bayes.evaluation.logged import LoggedOutcomes
 from meal_bayes.evaluation.sections import sections_of
 from meal_bayes.evaluation.worst import Worst, trial_section, worst_of

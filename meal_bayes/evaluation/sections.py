@@ -172,7 +172,7 @@ def _calibration(rows: Sequence[SummaryRow], logged: LoggedOutcomes) -> Section:
     for row in rows:
         if not math.isnan(row.ece):
             beliefs = pooled.of_agent(row.agent).beliefs()
-            drawn = plots.reliability_diagram(*beliefs, small=True)
+            drawn = plots.reliability_diagram(*beliefs, small=True, agent=row.agent)
             caption = f"{row.agent}: ECE {row.ece:.3f}, if calibrated {row.ece_calibrated:.3f}"
             figures.append((drawn, caption))
     return {"title": "Calibration", "figures": figures, "kind": "small"}

@@ -56,8 +56,7 @@ def trial_section(worst: Worst) -> Section:
     if trial is None:
         return {"title": title, "verdict": verdict, "text": f"{text}; {file} holds no steps"}
     caption = (
-        "Belief after each step; the circles at the end are the truth. A gap is the reward that \
-the best action may be worth more, at most, where a bound is known."
+        "Behaviors, beliefs, and the worth of one more percept; circles at the end are the truth."
     )
     head = ["", "behavior", "s", "percept", "belief", "gap"]
     return {
@@ -66,7 +65,7 @@ the best action may be worth more, at most, where a bound is known."
         "text": text,
         "command": f"meal-bayes view {file} --trial {number}",
         "tables": [{"head": head, "rows": list(_steps(trial)), "texts": (1, 3, 4)}],
-        "figures": [(plots.belief_trace(trial), caption)] if len(trial.steps) > 1 else [],
+        "figures": [(plots.trial_strip(trial), caption)] if trial.steps else [],
     }
 
 

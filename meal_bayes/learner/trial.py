@@ -59,7 +59,7 @@ def task_of(
         if not isinstance(value, str | int | None if part == "key" else str | None):
             raise SettingsError(f"{part} is {value!r:.60}; give a text.")
     query = question if isinstance(question, Query) else read_query(question, domain)
-    text = query.text
+    text = question if isinstance(question, str) else query.text
     if table is not None:
         if object_name is None:
             raise SettingsError(NO_CLASSIFIERS)

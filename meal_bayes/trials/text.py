@@ -50,6 +50,16 @@ def gap_text(decision: Decision) -> str:
     return "" if decision.gap is None else f"at most {decision.gap:.1f} below the best"
 
 
+def verdict_text(trial: Trial) -> str:
+    """Return the answer of a trial and whether it is right, in one line."""
+    if trial.ended:
+        return f"no answer: {trial.ended}"
+    if trial.report is None:
+        return "abstained: every answer was too risky"
+    known = {True: "right", False: "wrong", None: UNKNOWN}[trial.success]
+    return f"{trial.task.query.report_name(trial.report)} ({known})"
+
+
 def final_facts(trial: Trial) -> dict[str, str]:
     """Return the answer of a trial, its truth, the verdict where there is one, and the cost."""
     query, answer = trial.task.query, "abstained; every report was too risky"

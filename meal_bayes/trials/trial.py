@@ -1,11 +1,12 @@
 """Records of a trial: its task, its steps, what came of it."""
 
+from base64 import b64encode
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import reduce
 from html import escape
 from operator import add
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -26,6 +27,9 @@ from meal_bayes.momdp import MOMDP, Belief
 from meal_bayes.planners import Decision
 from meal_bayes.trials.percepts import percept_labels
 from meal_bayes.untrusted import name_fault
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,6 +59,11 @@ class Task:
     def __post_init__(self) -> None:
         if fault := name_fault(self.object_name):
             raise QueryError(f"The object's name {self.object_name!a:.60} {fault}; rename it.")
+
+    @property
+    def question(self) -> str:
+        """The question as it was asked, else the names of what is asked."""
+        return self.name if self.name.endswith("?") else self.query.text
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,8 +154,14 @@ class Trial(FrozenArrays):
             **({"warnings": listed(self.warnings, 3)} if self.warnings else {}),
         }
 
+    def plot(self, *, dark: bool = False, narrow: bool = False) -> "Axes":
+        """Draw the trial in one picture; see `meal_bayes.trials.strip.trial_strip`."""
+        from meal_bayes.trials.strip import trial_strip  # noqa: PLC0415  matplotlib takes a second
+
+        return trial_strip(self, dark=dark, narrow=narrow)
+
     def _repr_html_(self) -> str:
-        """Return a table: a row a step, a bar a belief."""
+        """Return the picture, on light and on dark pages, and a table: a row a step."""
         names = self.task.query.value_names
         header = ("", "action", "s", "percept", *(f"Pr({name})" for name in names))
         rows = [("", "", "", "before", *map(bar_html, self.first_belief.positive))]
@@ -160,7 +175,22 @@ class Trial(FrozenArrays):
             rows.append((*cells, *map(bar_html, step.belief.positive)))
         title, facts = self._facts()
         text = "; ".join(f"{escape(k)}: {escape(v)}" for k, v in facts.items() if k != "steps")
-        return f"{table_html(title, header, rows)}<p>{text}</p>"
+        picture = f"{self._picture_html(title)}<br>" if self.steps else ""
+        return f"{picture}{table_html(title, header, rows)}<p>{text}</p>"
+
+    def _picture_html(self, title: str) -> str:
+        """Return the picture as HTML, which holds it; dark where the page's reader prefers that."""
+        from meal_bayes.canvas import render  # noqa: PLC0415  as above
+
+        light, dark = (
+            "data:image/svg+xml;base64," + b64encode(render(self.plot(dark=dark), "svg")).decode()
+            for dark in (False, True)
+        )
+        return (
+            f'<picture><source media="(prefers-color-scheme: dark)" srcset="{dark}">'
+            f'<img src="{light}" alt="{escape(title)}" style="width:100%;max-width:900px">'
+            "</picture>"
+        )
 
     def to_frame(self) -> Any:
         """Return a pandas data frame, a row a step; percepts are missing where none came."""

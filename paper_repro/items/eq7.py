@@ -5,7 +5,8 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes.evaluation import Effect, canvas, plots
+from meal_bayes import canvas
+from meal_bayes.evaluation import Effect, plots
 from meal_bayes.seeds import stream
 from meal_bayes.trials import TrialOutcomes
 from paper_repro.frame import Cell, Result, Setting, Table, asked

@@ -2,7 +2,8 @@
 
 from collections.abc import Callable, Mapping
 
-from meal_bayes.evaluation import canvas, difference, mean_effect
+from meal_bayes import canvas
+from meal_bayes.evaluation import difference, mean_effect
 from meal_bayes.trials import TrialOutcomes
 from paper_repro.figures import bars
 from paper_repro.frame import Cell, Result, Setting, Table, asked, paper_values

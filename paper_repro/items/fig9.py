@@ -4,7 +4,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from meal_bayes.evaluation import Effect, canvas, clustered, mean_effect, plots
+from meal_bayes import canvas
+from meal_bayes.evaluation import Effect, clustered, mean_effect, plots
 from meal_bayes.trials import TrialOutcomes
 from paper_repro.frame import Cell, Result, Setting, Table, paper_values
 from paper_repro.inference import change_of_means

@@ -6,7 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from meal_bayes.evaluation import Effect, canvas, compare_outcomes, difference, resampled
+from meal_bayes import canvas
+from meal_bayes.evaluation import Effect, compare_outcomes, difference, resampled
 from meal_bayes.evaluation.outcome_model import MARGINS, AgentEffect
 from meal_bayes.trials import TrialOutcomes
 from paper_repro.frame import Cell, Result, Setting, Table, asked, paper_values

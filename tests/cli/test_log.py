@@ -1,13 +1,16 @@
 """`log`: what a file holds, one trial of it, whether it is sound, what a torn one still has."""
 
 import json
+import shutil
 from pathlib import Path
 
 import pytest
 
+import meal_bayes
 from meal_bayes.trial_log import FORMAT_VERSION, check_log, read_trials, write_trials, writer
 from meal_bayes.trials import TrialOutcomes
 
+SAMPLE = Path(meal_bayes.__file__).resolve().parents[1] / "logs" / "sample.mcap"
 HEADER = {"config": {"dataset": "roc36", "agents": ["greedy"]}, "seed": 4}
 
 
@@ -93,3 +96,19 @@ def test_what_is_no_sound_log_is_told(fails, torn, log, monkeypatch):
         told = fails("log", command, "new.mcap")
         assert f"format {FORMAT_VERSION + 1}" in told
         assert f"reads format {FORMAT_VERSION}" in told
+
+
+def test_a_trial_is_drawn_from_its_log(run, tmp_path):
+    shutil.copy(SAMPLE, tmp_path / "a.mcap")
+    for name, options in (("a.svg", ()), ("b.png", ("--dark",)), ("c.svg", ("--narrow",))):
+        told = run("log", "show", "a.mcap", "--picture", name, *options)
+        assert told.stdout == f"{name}: {Path(name).stat().st_size:,} bytes\n"
+    assert Path("a.svg").read_bytes() != Path("c.svg").read_bytes()
+    for words, says in (
+        (("--picture", "a.gif"), "ends in .png, .pdf or .svg"),
+        (("--dark",), "--dark and --narrow are of a picture"),
+        (("--picture", "a.mcap"), "ends in .png, .pdf or .svg"),
+    ):
+        told = run("log", "show", "a.mcap", *words)
+        assert told.exit_code != 0
+        assert says in " ".join(told.stderr.split())

@@ -147,7 +147,8 @@ def test_measured_tables_are_those_of_the_kept_rows() -> None:
     for run in (*MAKER["RUNS"], MAKER["PAPER_RUN"]):
         assert MAKER["table_of"](run, rows[run.command]) in text_of(pages["results"])
     made = {
-        "summary": MAKER["summary_table"](rows),
+        "summary": MAKER["summary_block"](rows),
+        "finding": MAKER["finding"](rows),
         "beliefs": MAKER["beliefs_table"](rows[MAKER["BELIEFS"]]),
         "online": MAKER["online_block"](rows[MAKER["ONLINE"]]),
     }

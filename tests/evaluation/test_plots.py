@@ -4,12 +4,14 @@ import matplotlib as mpl
 import numpy as np
 import pytest
 
+from meal_bayes import canvas
+from meal_bayes.canvas import save
 from meal_bayes.errors import SettingsError
-from meal_bayes.evaluation import canvas, plots
-from meal_bayes.evaluation.canvas import save
+from meal_bayes.evaluation import plots
 from meal_bayes.evaluation.plots import Series, forest, predictive
 from meal_bayes.evaluation.statistics import Interval, wilson_interval
 from meal_bayes.learner.api import ask
+from meal_bayes.palette import agent_style
 
 X = np.arange(4.0)
 TWO = [Series("a", X, X / 4, X / 4 - 0.1, X / 4 + 0.1), Series("b", X, 1 - X / 4)]
@@ -26,7 +28,7 @@ def every_figure(trial):
     yield plots.lines(TWO, x_label="cost, s", y_label="accuracy")
     yield plots.learning_curve(TWO)
     yield plots.reliability_diagram(positive, positive > 0.5)
-    yield plots.belief_trace(trial)
+    yield plots.trial_strip(trial)
     yield plots.cost_distribution({"a": [1.0, 5.0, 5.0], "b": [2.0]})
     yield plots.accuracy_and_cost({"a": (half, Interval(4.0, 1.0, 2.0, 6.0)), "b": (half, half)})
 
@@ -38,8 +40,8 @@ def every_figure(trial):
 def test_every_figure_is_labelled_and_written(trial, tmp_path, ending, magic):
     before = dict(mpl.rcParams)
     for number, ax in enumerate(every_figure(trial)):
-        assert ax.get_xlabel() or ax.get_xticklabels()
-        assert ax.get_xlabel() or ax.get_ylabel()
+        axes = ax.figure.axes
+        assert any(each.get_xlabel() or each.get_ylabel() for each in axes)
         path = canvas.save(ax, tmp_path / "figures" / f"{number}{ending}")
         assert path.read_bytes().startswith(magic)
         assert path.stat().st_size > 2000
@@ -69,21 +71,51 @@ def test_the_reliability_diagram_counts():
     assert np.allclose(ends[0][:, 1], wilson_interval(1, 10)[2:])
 
 
-def test_the_trace_is_the_trials_beliefs(trial):
-    ax = plots.belief_trace(trial)
-    beliefs = [trial.first_belief, *(step.belief for step in trial.steps)]
-    drawn = [line for line in ax.lines if line.get_label() in trial.task.query.attributes]
+def test_the_lines_of_a_trial_are_its_beliefs(trial):
+    ax = plots.trial_strip(trial)
+    done = [step for step in trial.steps if step.decision.action < trial.momdp.n_behaviors]
+    beliefs = [trial.first_belief, *(step.belief for step in done)]
+    drawn = [line for line in ax.lines if line.get_drawstyle() == "steps-post"]
     expected = np.array([belief.positive for belief in beliefs]).T
     np.testing.assert_allclose([line.get_ydata() for line in drawn], expected)
-    labels = [label.get_text() for label in ax.get_xticklabels()]
-    assert labels[:2] == ["prior", "look"]
-    assert labels[-1] == "report"
+    seconds = np.cumsum([0.0, *(step.cost for step in done)])
+    np.testing.assert_allclose([line.get_xdata() for line in drawn], [seconds] * 2)
+
+
+AGENTS = ("bayes", "morc", "random", "bayes_memory", "somebody")
+
+
+def colors_of(ax):
+    """Return the color of each agent in the legend of a figure."""
+    handles, labels = ax.get_legend_handles_labels()
+    lines = [handle.lines[0] if hasattr(handle, "lines") else handle for handle in handles]
+    return {label: line.get_color() for label, line in zip(labels, lines, strict=True)}
+
+
+def drawn_by(names):
+    """Yield every figure that has a color an agent."""
+    half = Interval(0.5, 0.1, 0.3, 0.7)
+    series = [Series(name, X, X / 4) for name in names]
+    yield plots.lines(series, x_label="x", y_label="y")
+    yield plots.learning_curve(series)
+    yield plots.cost_distribution({name: [1.0, 2.0] for name in names})
+    yield plots.accuracy_and_cost(dict.fromkeys(names, (half, half)))
+
+
+def test_a_color_is_an_agent_s_whatever_else_is_drawn_and_in_which_order():
+    alone = {name: agent_style(name).color for name in AGENTS}
+    assert len({alone[name] for name in AGENTS}) == len(AGENTS)
+    for names in (AGENTS, AGENTS[::-1], AGENTS[1:], ("bayes", "somebody")):
+        for ax in drawn_by(names):
+            assert colors_of(ax) == {name: alone[name] for name in names}
+    small = plots.reliability_diagram([0.1, 0.9], [False, True], agent="morc")
+    assert colors_of(small)["true"] == agent_style("morc").color
 
 
 @pytest.mark.parametrize(("largest", "scale"), [(9.0, "linear"), (90.0, "symlog")])
 def test_one_point_an_agent_on_the_plane_of_accuracy_and_cost(largest, scale):
     nan = float("nan")
-    costs = {"a": 0.0, "b": 5.0, "c": largest}
+    costs = {"bayes": 0.0, "morc": 5.0, "bayes_memory": largest}
     accuracy = Interval(0.5, 0.1, 0.3, 0.6)
     points = {name: (accuracy, Interval(x, nan, nan, nan)) for name, x in costs.items()}
     ax = plots.accuracy_and_cost(points)

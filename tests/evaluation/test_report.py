@@ -11,7 +11,7 @@ import pytest
 
 from meal_bayes.errors import LogError
 from meal_bayes.evaluation import summarize
-from meal_bayes.evaluation.plots import belief_trace
+from meal_bayes.evaluation.plots import trial_strip
 from meal_bayes.evaluation.report import write_report
 from meal_bayes.evaluation.sections import best_of
 from meal_bayes.evaluation.worst import WORST, worst_of
@@ -235,9 +235,8 @@ def test_a_report_is_made_of_the_unknown(unknown, tmp_path, chosen):
 
 def test_circles_stand_where_the_truth_is_known(unknown):
     for trial, known in ((unknown[0], 2), (unknown[2], 1)):
-        axes = belief_trace(trial)
-        ends = [line.get_ydata()[0] for line in axes.lines if line.get_marker() == "o"
-                and len(line.get_ydata()) == 1]  # fmt: skip
+        axes = trial_strip(trial)
+        ends = [line.get_ydata()[0] for line in axes.lines if line.get_mfc() == "none"]
         assert np.isfinite(ends).sum() == known
         plt.close("all")
 

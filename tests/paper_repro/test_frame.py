@@ -10,11 +10,11 @@ import pytest
 
 from meal_bayes import read_trials
 from meal_bayes.agents import load_agent
+from meal_bayes.canvas import save
 from meal_bayes.datasets import load_percepts
 from meal_bayes.domain import Query, load_domain
 from meal_bayes.errors import SettingsError
 from meal_bayes.evaluation import Effect, Interval, mean_effect
-from meal_bayes.evaluation.canvas import save
 from meal_bayes.momdp import build_momdp
 from meal_bayes.perception import table_counts
 from paper_repro import figures, frame, offline, online, pages, published

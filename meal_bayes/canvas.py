@@ -36,10 +36,15 @@ _STYLE: Any = {  # names of matplotlib's settings
 }
 
 
+def drawn_in_style() -> contextlib.AbstractContextManager[None]:
+    """Return a context in which figures have our style."""
+    return mpl.rc_context(_STYLE)
+
+
 @contextlib.contextmanager
 def axes_to_draw(ax: Axes | None, *, width: float = 4.8, height: float = 2.9) -> Iterator[Axes]:
     """Yield `ax`, or the Axes of a new figure (inches), in our style while the block runs."""
-    with mpl.rc_context(_STYLE):
+    with drawn_in_style():
         if ax is None:
             ax = Figure(figsize=(width, height), layout="constrained").subplots()
         yield ax
@@ -65,16 +70,21 @@ def legend(ax: Axes, count: int, *, above: bool = False) -> None:
 def save(ax: Axes, path: str | Path) -> Path:
     """Write the figure of an Axes as PNG, PDF or SVG, as the name ends; equal ones equally."""
     path = Path(path)
-    if path.suffix[1:] not in _WITHOUT_DATE:
-        raise SettingsError(f"A figure's name ends in .png, .pdf or .svg; found {path.name!r}.")
+    check_figure_name(path)
     write_whole(path, render(ax, path.suffix[1:]))
     return path
+
+
+def check_figure_name(path: Path) -> None:
+    """Raise a `SettingsError` unless a name ends in .png, .pdf or .svg."""
+    if path.suffix[1:] not in _WITHOUT_DATE:
+        raise SettingsError(f"A figure's name ends in .png, .pdf or .svg; found {path.name!r}.")
 
 
 def render(ax: Axes, kind: str) -> bytes:
     """Return the figure of an Axes as a file of a kind: "png", "pdf" or "svg"."""
     buffer = io.BytesIO()
     figure = cast("Figure", ax.get_figure(root=True))
-    with mpl.rc_context(_STYLE):
+    with drawn_in_style():
         figure.savefig(buffer, format=kind, dpi=160, metadata=_WITHOUT_DATE[kind])
     return buffer.getvalue()

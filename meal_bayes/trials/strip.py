@@ -1,0 +1,349 @@
+"""One picture of a trial: what the robot tried, what it came to believe, and why it stopped.
+
+Three bands on one axis of seconds. Behaviors are blocks as wide as their cost. Beliefs are lines
+that change where a percept comes, whose words stand there. The bars below say what one more percept
+is worth: the expected reward of the best behavior less that of answering now. Where that falls
+below 0 the robot stops.
+"""
+
+import textwrap
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
+from typing import Any, NamedTuple, cast
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from meal_bayes.arrays import Floats
+from meal_bayes.canvas import drawn_in_style
+from meal_bayes.display import percent
+from meal_bayes.palette import attribute_color, lightened
+from meal_bayes.trials.percepts import SILENT, percept_labels
+from meal_bayes.trials.text import verdict_text
+from meal_bayes.trials.trial import Step, Trial
+
+_ATTRIBUTES = 6  # that are drawn
+_LETTER = 0.64  # width of a letter, of the size of the font
+_HEIGHT = 1.35  # of a line of text, of the size of the font
+_DPI = 100
+_BENDS = 0.02  # change of a belief, below which its line bends for no eye
+_CAPTIONS = (
+    "what it does: a block is as wide as the seconds it costs",
+    "what it believes (0, 50, 100 %), and what a percept said where that changes",
+    "what one more percept is worth over answering now: below 0 it stops",
+)
+
+
+class Look(NamedTuple):
+    """Sizes and colors: inches, points, and the ink on the page's own ground."""
+
+    width: float
+    height: float
+    font: float
+    ink: str
+    soft: str
+    block: str
+    margins: tuple[float, float]  # left and right of the axis of seconds, of the width
+    bands: tuple[float, float, float]  # heights
+    dark: bool
+
+    def color(self, place: int) -> str:
+        """Return the color of an attribute, which is lighter on a dark ground."""
+        color = attribute_color(place)
+        return lightened(color) if self.dark else color
+
+
+class _Moment(NamedTuple):
+    """One behavior: when it begins and ends (s), and what came of it."""
+
+    name: str
+    begin: float
+    end: float
+    failed: bool
+    words: Sequence[str]  # of each attribute's percept; "" of none
+    belief: Floats  # (N,) after it
+
+
+def trial_strip(trial: Trial, *, dark: bool = False, narrow: bool = False) -> Axes:
+    """Draw a trial on one axis of seconds, on a transparent ground; return the axes of beliefs.
+
+    Parameters
+    ----------
+    trial : Trial
+        With its steps, as full logs hold them.
+    dark : bool
+        Whether the page has a dark ground.
+    narrow : bool
+        Whether it is drawn for a column of some 370 pixels, a phone's, in place of 840.
+
+    Notes
+    -----
+    The worth of one more percept at a decision is max over behaviors b of Q(b), less Q(best
+    answer). Behaviors of equal worth to the tenth are told apart by nothing here.
+    """
+    look = _look(dark=dark, narrow=narrow)
+    with drawn_in_style():
+        figure = Figure(figsize=(look.width, look.height), dpi=_DPI)
+        left, right = look.margins
+        blocks, beliefs, worth = figure.subplots(
+            3,
+            sharex=True,
+            height_ratios=look.bands,
+            gridspec_kw={"left": left, "right": 1 - right, "top": _top(look), "bottom": _low(look),
+                         "hspace": 0.4 if narrow else 0.24},
+        )  # fmt: skip
+        moments = list(_moments(trial))
+        end = max(trial.cost, 1e-9)
+        for ax, caption in zip((blocks, beliefs, worth), _CAPTIONS, strict=True):
+            text = textwrap.fill(caption, 42) if narrow else caption
+            ax.text(0, 1.02, text, transform=ax.transAxes, color=look.soft, size=look.font,
+                    va="bottom", linespacing=1.0)  # fmt: skip
+            ax.patch.set_alpha(0)
+            ax.set_xlim(0, end)
+            ax.tick_params(colors=look.soft, labelsize=look.font, length=0)
+            for side in ax.spines.values():
+                side.set_visible(False)
+        figure.patch.set_alpha(0)
+        _draw_title(figure, trial, look)
+        _draw_blocks(blocks, moments, trial, look)
+        _draw_beliefs(beliefs, moments, trial, look)
+        _draw_worth(worth, trial, look)
+        worth.xaxis.set_visible(True)
+        worth.set_xlabel("seconds", color=look.soft, fontsize=look.font, labelpad=1)
+    return cast("Axes", beliefs)
+
+
+def _look(*, dark: bool, narrow: bool) -> Look:
+    ink, soft, block = ("#E8EBEF", "#A9B2BD", "#3A4450") if dark else (
+        "#1C2430", "#5D6876", "#E4E8ED")  # fmt: skip
+    if narrow:
+        return Look(4.0, 5.6, 9.0, ink, soft, block, (0.19, 0.2), (1.3, 2.5, 1.0), dark)
+    return Look(12.0, 4.8, 12.0, ink, soft, block, (0.125, 0.15), (1.05, 2.2, 1.0), dark)
+
+
+def _top(look: Look) -> float:
+    return 1 - (5.4 if look.width < 6 else 4.1) * look.font * _HEIGHT / 72 / look.height
+
+
+def _low(look: Look) -> float:
+    return 2.3 * look.font * _HEIGHT / 72 / look.height
+
+
+def _moments(trial: Trial) -> Iterator[_Moment]:
+    """Yield the behaviors of a trial in order."""
+    momdp = trial.momdp
+    seconds = 0.0
+    for step in trial.steps:
+        action = step.decision.action
+        if action >= momdp.n_behaviors:
+            continue
+        begin, seconds = seconds, seconds + step.cost
+        senses = bool(momdp.observation_probability[action].max() > 0)
+        nothing_changed = step.x == step.next_x and step.observation is None
+        words = [""] * len(trial.truth)
+        if step.observation is not None:
+            labels = percept_labels(momdp, action, step.observation)
+            words = ["" if label == SILENT else label for label in labels]
+        failed = step.observation is None and (senses or nothing_changed)
+        name = momdp.behavior_names[action]
+        yield _Moment(name, begin, seconds, failed, words, step.belief.positive)
+
+
+def _draw_title(figure: Figure, trial: Trial, look: Look) -> None:
+    """Write the question and the answer above the bands."""
+    top = 1 - 0.35 * look.font / 72 / look.height
+    size = look.font * (1.05 if look.width < 6 else 1.25)
+    letters = int(0.96 * look.width * 72 / (_LETTER * 1.1 * size))  # of a bold line
+    question = textwrap.shorten(trial.task.question, letters, placeholder=" ...")
+    answer = f"answer after {trial.cost:.1f} s: {verdict_text(trial)}"
+    if trial.report is None:
+        answer = verdict_text(trial)
+    below = top - size * _HEIGHT / 72 / look.height
+    figure.text(0.01, top, question, va="top", color=look.ink, size=size, weight="bold")
+    lines = textwrap.wrap(answer, letters, max_lines=2 if look.width < 6 else 1, placeholder=" ...")
+    figure.text(0.01, below, "\n".join(lines), va="top", color=look.ink, size=size)
+
+
+def _draw_blocks(ax: Axes, moments: Sequence[_Moment], trial: Trial, look: Look) -> None:
+    """Draw behaviors as blocks of their cost, names in them; failed ones are hatched."""
+    ax.set(ylim=(0, 1), yticks=[])
+    scale = _points_a_second(ax)
+    height = _points_high(ax)
+    ground: Any = {"facecolor": look.block, "edgecolor": "none", "pad": 0.5}
+    for moment in moments:
+        width = moment.end - moment.begin
+        ax.bar(
+            moment.begin, 1, width, align="edge", color=look.block, lw=1.2,
+            edgecolor=look.soft if moment.failed else "none",
+            hatch="////" if moment.failed else None,
+        )  # fmt: skip
+        ax.axvline(moment.end, color=look.soft, lw=0.8)
+        lines = moment.name.split("_")
+        across = _LETTER * look.font * max(map(len, lines))  # points, of the lines
+        down = _HEIGHT * look.font * len(lines)
+        room = width * scale
+        text = "\n".join(lines)
+        rotation = 0
+        size = look.font
+        if across > room or down > height:
+            rotation = 90
+            if down > room or across > height:  # in one line, as large as the band lets it be
+                text = moment.name
+                size = min(look.font, 0.98 * height / (_LETTER * len(text)))
+        if rotation == 0 or room > 0.45 * size:
+            ax.text(
+                moment.begin + width / 2, 0.5, text, ha="center", va="center", color=look.ink,
+                size=size, rotation=rotation, linespacing=1.0,
+                bbox=ground if moment.failed else None,
+            )  # fmt: skip
+    end = moments[-1].end if moments else 0.0
+    words = "answers" if trial.report is not None else "abstains"
+    ax.annotate(
+        words if not trial.ended else "broken\noff", (end, 0.5), (6, 0), color=look.ink,
+        textcoords="offset points", va="center", ha="left", size=look.font, weight="bold",
+        annotation_clip=False,
+    )  # fmt: skip
+
+
+def _draw_beliefs(ax: Axes, moments: Sequence[_Moment], trial: Trial, look: Look) -> None:
+    """Draw the belief in each attribute, named and numbered at both ends, percepts where it bends.
+
+    A circle at the right end is the truth.
+    """
+    names = trial.task.query.value_names[:_ATTRIBUTES]
+    start = trial.first_belief.positive
+    times = np.array([0.0, *(moment.end for moment in moments)])
+    beliefs = np.array([start, *(moment.belief for moment in moments)])  # (T+1,N)
+    ax.set(ylim=(-0.08, 1.12), yticks=[0, 0.5, 1], yticklabels=[])
+    ax.grid(axis="y", color=look.soft, alpha=0.25, lw=0.8)
+    taken = _Taken(ax, look.font)
+    lines = 2 if look.width < 6 else 1  # of a label at an end
+    gap = lines * 1.15 * look.font * 1.2 / _points_high(ax)
+    for place, name in enumerate(names):
+        color = look.color(place)
+        ax.plot(times, beliefs[:, place], drawstyle="steps-post", color=color, lw=2.2,
+                solid_capstyle="butt")  # fmt: skip
+        ax.plot(times[1:], beliefs[1:, place], "o", color=color, ms=4.5, clip_on=False)
+        if place < len(trial.truth) and trial.truth[place] >= 0 and moments:
+            ax.plot(times[-1], trial.truth[place], "o", mfc="none", mec=color, ms=10, mew=1.4,
+                    clip_on=False)  # fmt: skip
+        for when, values in ((0, beliefs[0]), (-1, beliefs[-1])):
+            heights = _apart(values[: len(names)], gap)
+            text = f"{name} {percent(values[place])}"
+            if look.width < 6:
+                text = text.replace(" ", "\n", 1)
+            side = ("right", -8) if when == 0 else ("left", 10)
+            ax.annotate(
+                text, (times[when], heights[place]), (side[1], 0), textcoords="offset points",
+                ha=side[0], va="center", color=color, size=look.font, annotation_clip=False,
+                linespacing=1.0, weight="bold" if when else "normal",
+            )  # fmt: skip
+    for number, moment in enumerate(moments):
+        for place, word in enumerate(moment.words[: len(names)]):
+            change = float(beliefs[number + 1, place] - beliefs[number, place])
+            if word and abs(change) > _BENDS:
+                at = (moment.end, float(beliefs[number + 1, place]))
+                width = moment.end - moment.begin
+                taken.write(word, at, width, look.color(place), up=change > 0)
+
+
+class _Taken:
+    """Writes words near points, where no other word stands."""
+
+    def __init__(self, ax: Axes, font: float) -> None:
+        self._ax, self._font = ax, font
+        self._across = 1 / _points_a_second(ax)  # s a point
+        self._up = 1.2 / _points_high(ax)  # of the axis a point
+        self._boxes = list[tuple[float, float, float, float]]()
+
+    def write(
+        self, word: str, at: tuple[float, float], room: float, color: str, *, up: bool
+    ) -> None:
+        """Write a word over the block before its point, else behind it, above or below."""
+        wide = _LETTER * self._font * len(word) * self._across
+        high = self._font * self._up
+        gap = 5 * self._across
+        before, behind = at[0] - wide - gap, at[0] + gap
+        lefts = [before, behind] if wide < room + 2 * gap and before >= 0 else [behind, before]
+        rise = [0.45 * high, -1.35 * high] if up else [-1.35 * high, 0.45 * high]
+        steps = [shift + extra for extra in (0.0, 1.2 * high, -1.2 * high) for shift in rise]
+        end = self._ax.get_xlim()[1]
+        for bottom in steps:
+            for left in lefts:
+                low = at[1] + bottom
+                box = (left, low, left + wide, low + high)
+                inside = low >= -0.08 and low + high <= 1.14 and left >= 0 and box[2] <= end
+                if inside and not any(_overlap(box, other) for other in self._boxes):
+                    self._boxes.append(box)
+                    self._ax.text(left, low + high / 2, word, color=color, size=self._font,
+                                  va="center", ha="left", style="italic")  # fmt: skip
+                    return
+
+
+def _overlap(one: tuple[float, ...], other: tuple[float, ...]) -> bool:
+    return one[0] < other[2] and other[0] < one[2] and one[1] < other[3] and other[1] < one[3]
+
+
+def _draw_worth(ax: Axes, trial: Trial, look: Look) -> None:
+    """Draw what one more percept is worth at each decision; the first one below 0 says "stop"."""
+    decisions = list(_worths(trial))
+    known = [worth for _, _, worth in decisions if not np.isnan(worth)]
+    ax.set(yticks=[])
+    if not known:
+        ax.text(0, 0.45, "this agent follows a rule and compares nothing", color=look.ink,
+                transform=ax.transAxes, size=look.font, va="center")  # fmt: skip
+        return
+    top = max([*known, 1.0])
+    ax.set_ylim(-0.12 * top, 1.5 * top)
+    ax.axhline(0, color=look.soft, lw=1)
+    last = -np.inf  # s up to which numbers stand already
+    for step, begin, worth in decisions:
+        if np.isnan(worth):
+            continue
+        goes_on = step.decision.action < trial.momdp.n_behaviors
+        number = f"{worth:+.0f}".replace("-", "\u2212")
+        if goes_on:
+            ax.bar(begin, worth, step.cost, align="edge", color=look.soft, alpha=0.45,
+                   edgecolor=look.ink, lw=0.6)  # fmt: skip
+            wide = _LETTER * look.font * len(number) / _points_a_second(ax)
+            middle = max(begin + step.cost / 2, last + wide * 0.68, wide * 0.5)
+            last = middle + wide / 2
+            ax.text(middle, max(worth, 0.0) + 0.05 * top, number, color=look.ink,
+                    size=look.font, ha="center", va="bottom")  # fmt: skip
+        else:
+            ax.annotate(
+                f"{number}: stop", (begin, 0), (6, 0), textcoords="offset points", ha="left",
+                va="bottom", color=look.ink, size=look.font, weight="bold", annotation_clip=False,
+            )  # fmt: skip
+
+
+def _worths(trial: Trial) -> Iterator[tuple[Step, float, float]]:
+    """Yield each step, when it was decided (s), and what a behavior was worth over an answer."""
+    seconds = 0.0
+    for step in trial.steps:
+        values = step.decision.values
+        behaviors = values[:-1][~np.isnan(values[:-1])]
+        worth = float(behaviors.max() - values[-1]) if len(behaviors) else np.nan
+        yield step, seconds, worth
+        seconds += step.cost
+
+
+def _apart(values: Floats, gap: float) -> Floats:
+    """Return heights near values (N,) that are at least a gap apart."""
+    order = np.argsort(values)
+    heights = np.array(values, float)
+    for lower, upper in pairwise(order.tolist()):
+        heights[upper] = max(heights[upper], heights[lower] + gap)
+    excess = max(float(heights.max()) - 1.06, 0.0)
+    return np.asarray(heights - excess)
+
+
+def _points_a_second(ax: Axes) -> float:
+    figure: Any = ax.figure
+    return float(ax.get_position().width * figure.get_figwidth() * 72 / ax.get_xlim()[1])
+
+
+def _points_high(ax: Axes) -> float:
+    figure: Any = ax.figure
+    return float(ax.get_position().height * figure.get_figheight() * 72)
