@@ -20,7 +20,6 @@ Axes = axes.Axes
 COLORS = (
     "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#B7A500"
 )  # fmt: skip
-MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*")
 _WITHOUT_DATE = {"png": {"Software": None}, "pdf": {"CreationDate": None}, "svg": {"Date": None}}
 _STYLE: Any = {  # names of matplotlib's settings
     "text.parse_math": False,  # names are data: a dollar sign in them is a dollar sign

@@ -76,8 +76,8 @@ def reliability_diagram(
         intervals = [wilson_interval(int(hits[i]), int(n[i])) for i in filled]
         mean = np.array([b[index == i].mean() for i in filled])
         to.errorbar(
-            mean, hits[filled] / n[filled], reach(intervals), fmt="o", ms=4.5, color=agent_style(agent).color,
-            capsize=2, elinewidth=1, label="true",
+            mean, hits[filled] / n[filled], reach(intervals), fmt="o", ms=4.5,
+            color=agent_style(agent).color, capsize=2, elinewidth=1, label="true",
         )  # fmt: skip
         name_axes(to, "belief", "fraction true")
         to.set(xlim=(-0.05, 1.05), ylim=(-0.05, 1.05), aspect="equal")

@@ -88,8 +88,12 @@ AGENTS = ("bayes", "morc", "random", "bayes_memory", "somebody")
 def colors_of(ax):
     """Return the color of each agent in the legend of a figure."""
     handles, labels = ax.get_legend_handles_labels()
-    lines = [handle.lines[0] if hasattr(handle, "lines") else handle for handle in handles]
-    return {label: line.get_color() for label, line in zip(labels, lines, strict=True)}
+    colors = {}
+    for label, handle in zip(labels, handles, strict=True):
+        line = handle.lines[0] if hasattr(handle, "lines") else handle
+        if hasattr(line, "get_color"):
+            colors[label] = line.get_color()
+    return colors
 
 
 def drawn_by(names):
