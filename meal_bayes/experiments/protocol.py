@@ -13,7 +13,7 @@ from meal_bayes.errors import SettingsError
 from meal_bayes.experiments.config import OnlineConfig
 from meal_bayes.learner import Learner, implied
 from meal_bayes.perception.perceiver import answer
-from meal_bayes.robots import Boundary
+from meal_bayes.robots import OutcomeChecker
 from meal_bayes.robots.recorded import Order, RecordedRobot, replayable
 from meal_bayes.seeds import stream
 from meal_bayes.trials import Task, Trial
@@ -224,14 +224,14 @@ class Environment:
         task = trial.task
         domain = self._data.domain
         robot = self._robot(task, learn=True)
-        boundary = Boundary(domain, object_index=task.object_index)
+        checker = OutcomeChecker(domain, object_index=task.object_index)
         robot.start()
         sensed = list[Instance | None]()
         for step in trial.steps:
             e = step.decision.action
             if e < trial.momdp.n_behaviors:
                 outcome = robot.execute(domain.behavior_names[e])
-                sensed.append(boundary.execute(e, outcome).instance)
+                sensed.append(checker.execute(e, outcome).instance)
             else:
                 sensed.append(None)
         learner.record(trial, sensed)

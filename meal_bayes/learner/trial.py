@@ -19,7 +19,7 @@ from meal_bayes.learner.fit import Fit, problem_of, solve
 from meal_bayes.learner.online import Online
 from meal_bayes.momdp import MOMDP
 from meal_bayes.planners import Policy
-from meal_bayes.robots import Boundary
+from meal_bayes.robots import OutcomeChecker
 from meal_bayes.trials import FaultTolerant, Session, Step, Task, Trial
 from meal_bayes.trials.session import MAX_STEPS
 
@@ -93,11 +93,11 @@ def session_of(
     if learn and isinstance(fit, Online):
         perceiver = recorder = RecordingPerceiver(fit, task, momdp, lock, on_step)
         on_step = recorder.record
-    boundary = Boundary(
+    checker = OutcomeChecker(
         fit.knowledge.domain, object_index=task.object_index, sizes=lambda: fit.record.sizes
     )
     return Session(
-        task, momdp, policy, boundary, perceiver,
+        task, momdp, policy, checker, perceiver,
         agent=fit.agent.name,
         seed=fit.settings.seed if options.seed is None else options.seed,
         key=key,

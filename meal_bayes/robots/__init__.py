@@ -1,9 +1,9 @@
 """Robots: execute a behavior, observe the next state, return the features that were sensed.
 
 In: a `Domain`, and recordings. Out: `Outcome`s, by names. A real robot
-implements `Robot`; `Boundary` checks what it returns.
+implements `Robot`; `OutcomeChecker` checks what it returns.
 """
 
-from meal_bayes.robots.robot import Boundary, Outcome, Robot
+from meal_bayes.robots.robot import Outcome, OutcomeChecker, Robot
 
-__all__ = ["Boundary", "Outcome", "Robot"]
+__all__ = ["Outcome", "OutcomeChecker", "Robot"]

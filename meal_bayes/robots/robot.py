@@ -1,7 +1,7 @@
-"""The interface that the driver of a real robot implements, by names alone, and its boundary.
+"""The interface that the driver of a real robot implements, by names alone, and its checker.
 
-At the boundary a robot's outcomes are checked, once, and become indices. Any robot may make frames
-for the viewer.
+What a robot returns is checked once, there, and becomes indices. Any robot may make frames for the
+viewer.
 """
 
 import warnings
@@ -76,7 +76,7 @@ class _NoPercept(Exception):
     """The features or answers are invalid."""
 
 
-class Boundary:
+class OutcomeChecker:
     """What a robot returns, checked: every outcome fits the domain, and has indices for names.
 
     A state that the domain does not know raises `RobotError`. A modality that is missing, of

@@ -17,7 +17,7 @@ from meal_bayes.errors import LogError, SettingsError
 from meal_bayes.momdp import MOMDP, Belief, Transition, best_answer, initial_belief, update_belief
 from meal_bayes.perception import Perceiver
 from meal_bayes.planners import Decision, History, Policy, unvalued
-from meal_bayes.robots import Boundary, Outcome, Robot
+from meal_bayes.robots import Outcome, OutcomeChecker, Robot
 from meal_bayes.robots.robot import Execution
 from meal_bayes.seeds import stream
 from meal_bayes.trials.trial import Step, Task, Trial, truth_of
@@ -56,7 +56,7 @@ class Session:
         The decision problem.
     policy : Policy | None
         Decides; None where somebody else commands, by `command`.
-    boundary : Boundary
+    checker : OutcomeChecker
         Checks what the robot returns.
     perceiver : Perceiver
         Turns sensor data into percept levels.
@@ -86,7 +86,7 @@ class Session:
         task: Task,
         momdp: MOMDP,
         policy: Policy | None,
-        boundary: Boundary,
+        checker: OutcomeChecker,
         perceiver: Perceiver,
         *,
         agent: str = "",
@@ -109,7 +109,7 @@ class Session:
         self.steps: list[Step] = []
         self.report: NDArray[np.bool_] | None = None
         self.max_steps, self.max_cost = max_steps, max_cost
-        self._policy, self._boundary, self._perceiver = policy, boundary, perceiver
+        self._policy, self._checker, self._perceiver = policy, checker, perceiver
         self._counts, self.key = counts, task.key if key is None else key
         self.rng = stream(seed, "planner", agent, *self.key)  # of the policy
         self._luck = stream(seed, "percepts", *self.key)  # drawn from tables, same for every agent
@@ -171,7 +171,7 @@ class Session:
         """
         if self.begun:
             raise SettingsError("This trial has begun; ask again for another.")
-        self.belief = self.belief.at(self._boundary.start(state))
+        self.belief = self.belief.at(self._checker.start(state))
         self._begun = True
         self.history = History(self.belief)
         self._decide()
@@ -192,7 +192,7 @@ class Session:
         if self._decision is None:
             raise SettingsError("No behavior is under way: the trial is over, or has not begun.")
         self._at, action = "robot", self._decision.action
-        execution = self._boundary.execute(action, outcome)
+        execution = self._checker.execute(action, outcome)
         self._at, x, cost = "perceiver", self.belief.x, float(self.momdp.cost[action])
         if execution.next_x == x and not self.momdp.observation_probability[action, x, x]:
             sensed = execution.instance is not None or execution.answers is not None

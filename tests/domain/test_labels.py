@@ -13,7 +13,7 @@ from meal_bayes.domain import Query, load_domain
 from meal_bayes.errors import DataError, QueryError
 from meal_bayes.learner.views import labels_for
 from meal_bayes.robots import Outcome
-from meal_bayes.robots.robot import Boundary
+from meal_bayes.robots.robot import OutcomeChecker
 from meal_bayes.trials import truth_of
 
 GROUPS = {"fill": ["empty", "half", "full"], "size": ["small", "large"]}
@@ -125,12 +125,12 @@ def by_attribute(labels):
 def test_all_doors_understand_the_same(said, tmp_path):
     expected = LAB.labels(said[0])
     learner = Learner(LAB, agent="greedy", logs=None)
-    boundary = Boundary(ASKING)
+    checker = OutcomeChecker(ASKING)
     query = Query(LAB.attributes)
     for number, values in enumerate(said):
         np.testing.assert_array_equal(LAB.labels(values), expected)
         learner.tell(f"cup {number}", values)
-        assert boundary.execute(1, Outcome("x0", answers=values)).answers == by_attribute(expected)
+        assert checker.execute(1, Outcome("x0", answers=values)).answers == by_attribute(expected)
         session = learner.begin(query, truth=values)
         np.testing.assert_array_equal(session.trial.truth, expected)
     told = labels_for(learner.experience, [f"cup {number}" for number in range(len(said))])
@@ -173,7 +173,7 @@ def test_no_door_takes_what_cannot_be(values):
         learner.begin("metal", truth=values)
     with pytest.raises(DataError, match=DATA.objects[0]):
         Dataset.from_frames(LAB, DATA.features, {DATA.objects[0]: values}, objects=DATA.objects)
-    said = Boundary(ASKING).execute(1, Outcome("x0", answers=values))
+    said = OutcomeChecker(ASKING).execute(1, Outcome("x0", answers=values))
     assert said.answers is None
     assert "no percept of ask" in said.warning
 

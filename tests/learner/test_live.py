@@ -18,7 +18,7 @@ from meal_bayes.errors import DataError, LogError, RobotError, SettingsError
 from meal_bayes.evaluation import summarize
 from meal_bayes.learner import Learner
 from meal_bayes.learner.views import attempts, labels_for
-from meal_bayes.robots import Boundary, Outcome
+from meal_bayes.robots import Outcome, OutcomeChecker
 from meal_bayes.trial_log import check_log, read_trials, recover_log, salvage
 
 HERE = Path(__file__).parent
@@ -238,7 +238,7 @@ def test_a_person_who_is_asked_answers_by_name(make):
         (Outcome("x0", {"color": [1.0]}), None, True),
         (Outcome("x0"), None, False),
     ):
-        result = Boundary(domain).execute(0, outcome)
+        result = OutcomeChecker(domain).execute(0, outcome)
         assert result.answers == answers
         assert bool(result.warning) == warned
         assert result.instance is None

@@ -7,7 +7,7 @@ import pytest
 
 from meal_bayes.datasets import Dataset, make_synthetic
 from meal_bayes.domain import Domain, load_domain
-from meal_bayes.robots import Boundary
+from meal_bayes.robots import OutcomeChecker
 from meal_bayes.robots.recorded import RecordedRobot
 from meal_bayes.robots.robot import Execution
 
@@ -21,17 +21,17 @@ def dataset_of(domain: Domain) -> Dataset:
 
 
 class CheckedRobot:
-    """A robot behind its boundary."""
+    """A robot behind its checker."""
 
     def __init__(self, robot: RecordedRobot, domain: Domain, *, object_index: int) -> None:
         self.robot, self.names = robot, domain.behavior_names
-        self.boundary = Boundary(domain, object_index=object_index)
+        self.checker = OutcomeChecker(domain, object_index=object_index)
 
     def start(self) -> int:
-        return self.boundary.start(self.robot.start())
+        return self.checker.start(self.robot.start())
 
     def execute(self, behavior: int) -> Execution:
-        return self.boundary.execute(behavior, self.robot.execute(self.names[behavior]))
+        return self.checker.execute(behavior, self.robot.execute(self.names[behavior]))
 
 
 def looked_up(domain, seed, failure_seed=0, o=1, **options):

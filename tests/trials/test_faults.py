@@ -10,7 +10,7 @@ from meal_bayes.agents import load_agent
 from meal_bayes.domain import Query, load_domain
 from meal_bayes.momdp import Objective, build_momdp, initial_belief
 from meal_bayes.planners import History
-from meal_bayes.robots import Boundary, Outcome
+from meal_bayes.robots import Outcome, OutcomeChecker
 from meal_bayes.trials import FaultTolerant, Session, Task, run_trial
 from meal_bayes.trials.faults import faults_of
 
@@ -55,9 +55,10 @@ def trial_of(name, robot, momdp):
         return agent.solver(DOMAIN, momdp.query).solve(problem, np.random.default_rng(0))
 
     policy = FaultTolerant(momdp, solve(momdp), solve, momdp.transition)
+    checker = OutcomeChecker(DOMAIN)
     session = Session(
-        task, momdp, policy, Boundary(DOMAIN), Undecided(), agent=name, truth=[True], max_steps=40
-    )  # fmt: skip
+        task, momdp, policy, checker, Undecided(), agent=name, truth=[True], max_steps=40
+    )
     return run_trial(session, robot)
 
 

@@ -10,7 +10,7 @@ from meal_bayes.domain import Query, load_domain
 from meal_bayes.errors import QueryError, SettingsError
 from meal_bayes.momdp import Objective, Transition, build_momdp, initial_belief, update_belief
 from meal_bayes.planners import unvalued
-from meal_bayes.robots import Boundary, Outcome
+from meal_bayes.robots import Outcome, OutcomeChecker
 from meal_bayes.seeds import stream
 from meal_bayes.trials import Session, Task, run_trial, truth_of
 
@@ -72,7 +72,7 @@ def trial_of(momdp, policy, outcomes=(), percepts=(), *, truth=(True, False), **
     robot, eyes = ScriptedRobot(momdp.x_names, *outcomes), ScriptedPercepts(*percepts)
     domain = load_domain("toy" if "lift" in momdp.behavior_names else "roc36_published")
     session = Session(
-        task, momdp, policy, Boundary(domain), eyes, agent="script", truth=truth, **options
+        task, momdp, policy, OutcomeChecker(domain), eyes, agent="script", truth=truth, **options
     )
     trial = run_trial(session, robot)
     assert robot.started == 1
