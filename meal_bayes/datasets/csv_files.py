@@ -73,6 +73,7 @@ def save_csv_folder(dataset: Dataset, folder: Path) -> None:
     for context, path in files.items():
         values = dataset.features[context]
         counts = dataset.recording_counts[:, dataset.domain.behavior_index(context[0])]
+        # Recordings that an object has; rows of NaN behind them are not written.
         o, r = np.nonzero(np.arange(values.shape[1]) < counts[:, None])
         names = [f"f{i}" for i in range(values.shape[2])]
         index = pd.MultiIndex.from_arrays([objects[o], r + 1], names=_KEYS)
@@ -226,8 +227,10 @@ def _numbers(where: str, cells: list[str], first: int) -> list[float]:
     text = "".join(cells[first:])
     with suppress(ValueError):
         values = list(map(float, cells[first:]))
+    # One sum decides for the whole row, as ISPY32 has 4,096 columns: where it is finite and in
+    # range, so is each value. Only a row that fails is looked at cell by cell, for the message.
     if sum(map(abs, values)) <= _LARGEST and text.isascii() and "_" not in text:
-        return values  # each is finite too
+        return values
     for column, cell in enumerate(cells[first:], start=first + 1):
         if not _NUMBER.fullmatch(cell):
             repair = "write one, with a point for decimals"

@@ -153,19 +153,20 @@ def join_features(
     `recordings`, named from 1; by default what the first context of a behavior has, 2 before 10. An
     unknown object or recording, one that comes twice or is missing is a `DataError`.
     """
-    place = {name: o for o, name in enumerate(objects)}
+    index = {name: o for o, name in enumerate(objects)}
     by_behavior: dict[str, list[Context]] = {}  # what each one's first context holds, in order
     tables: dict[Context, tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.floating]]] = {}
     for context, rows in contexts:
-        row_of = _row_of(rows, place)
-        every = product(objects, map(str, range(1, recordings + 1))) if recordings else row_of
-        natural = sorted(every, key=lambda key: (place[key[0]], len(key[1]), key[1]))
+        row_of = _row_of(rows, index)
+        keys = product(objects, map(str, range(1, recordings + 1))) if recordings else row_of
+        # By object, then number: of texts without leading zeros a shorter one is less.
+        natural = sorted(keys, key=lambda key: (index[key[0]], len(key[1]), key[1]))
         order = by_behavior.setdefault(context[0], natural)
         for key in sorted(row_of.keys() - set(order), key=row_of.__getitem__):
-            known = [recording for name, recording in order if name == key[0]]
+            numbers = [recording for name, recording in order if name == key[0]]
             content = f"recording {key[1]!r} of {key[0]}"
             where = rows.places[row_of[key]]
-            expected = f"one of {', '.join(known) or 'none'}"
+            expected = f"one of {', '.join(numbers) or 'none'}"
             raise fault(where, content, expected, "correct the number or remove the row")
         for name, recording in order:
             if (name, recording) not in row_of:
@@ -176,7 +177,8 @@ def join_features(
                     f"expected {[known for known, _ in order].count(name)} of it, as in the other "
                     "features of this behavior; add the row, or remove the recording from all."
                 )
-        o = np.array([place[name] for name, _ in order], np.int64)
+        # Rows lie object by object, so a row's number within its object is its recording.
+        o = np.array([index[name] for name, _ in order], np.int64)
         r = np.arange(len(o)) - np.searchsorted(o, o)
         tables[context] = o, r, rows.values[[row_of[key] for key in order]]
     most = max((int(r.max(initial=-1)) + 1 for _, r, _ in tables.values()), default=0)

@@ -202,8 +202,10 @@ def save_percepts(table: PerceptTable, path: str | Path) -> None:
         "behaviors": [table.domain.behavior_names[i] for i in sensing],
         "provenance": dict(table.provenance),
     }
+    # A shipped domain may be corrected later; the user's own has no other home than this file.
     if table.domain.name not in domain_names() or load_domain(table.domain.name) != table.domain:
         meta["domain_table"] = domain_table(table.domain)
+    # Behaviors without modalities have no percepts: the file leaves their empty rows out.
     arrays = {
         "meta": np.frombuffer(json.dumps(meta).encode(), np.uint8),
         "labels": table.labels,

@@ -75,6 +75,7 @@ def load_roc36(domain: Domain, folder: Path) -> Dataset:
             raise fault(where, f"{name!r}", "weight_color_content", "restore the name")
         add_once(words, where, name, name.split("_"))
 
+    # Recordings have no number in the files: count the rows of each object.
     def numbered(_: Context, rows: FeatureRows) -> FeatureRows:
         numbers: dict[str, Iterator[int]] = defaultdict(lambda: count(1))
         return rows._replace(keys=[(name, str(next(numbers[name]))) for (name,) in rows.keys])
@@ -309,6 +310,7 @@ def fetch(data: str) -> Path:
             )
         return folder
     pooch.get_logger().setLevel("WARNING")  # it would log every file on the terminal
+    # Each file is checked by its digest, also where a mirror gave it.
     keeper = pooch.create(path=folder, base_url=base, registry=registry(data))
     web = base.startswith(("http://", "https://"))
     copy = pooch.HTTPDownloader() if web else lambda url, target, _: shutil.copyfile(url, target)

@@ -109,6 +109,7 @@ class TransitionDiagram:
         for (source, behavior), outcomes in outgoing.items():
             if (total := sum(outcomes.values())) > 1 + 1e-9:
                 yield f"{behavior!r} in {source!r} has total probability {total:g}; lower it to 1."
+        # A state that nothing leads to is a misspelled name more often than not.
         arrows = {(x, target) for (x, _), outcomes in outgoing.items() for target in outcomes}
         reached = closure(self.start, lambda state: (to for x, to in arrows if x == state))
         if lost := [repr(state) for state in states if state not in reached]:
@@ -139,13 +140,19 @@ class TransitionDiagram:
             x: {name for to in closure(x, lambda y: after[y].values()) for name in after[to]}
             for x in self.states
         }
-        left = set(wanted)
+        missing = set(wanted)
         state = self.start
         sequence = list[str]()
-        while ways := list(_ways(after, state, left, cost)):
-            names, state = min(ways, key=lambda way: len(left - {way[0][-1]} - reachable[way[1]]))
-            sequence += names
-            left.discard(names[-1])
+
+        def lost_by(way: Way) -> int:
+            """Count the wanted behaviors that can no longer be reached after a way."""
+            return len(missing - {way.behaviors[-1]} - reachable[way.state])
+
+        while ways := list(_ways(after, state, missing, cost)):
+            way = min(ways, key=lost_by)  # the cheapest of those that lose least
+            sequence += way.behaviors
+            state = way.state
+            missing.discard(way.behaviors[-1])
         return tuple(sequence)
 
     @property
@@ -168,13 +175,15 @@ class TransitionDiagram:
                 transition[e, x, next_x] += effect.probability
                 sensed[e, x, next_x] += effect.probability * effect.senses
         legal = np.asarray(transition.any(axis=2))  # (E,X)
-        # (E,X) failure: x stays, nothing is perceived; rounding must not make it negative
+        # What the arrows leave of each row is failure: x stays, nothing is perceived. Rounding must
+        # not make it negative.
         rest = np.maximum(1.0 - transition.sum(axis=2), 0.0)
         ends = ~legal & self.abstain
         ends[:, -1] = True
         stays = np.arange(size)
         transition[:, stays, stays] += np.where(ends, 0.0, rest)
         transition[:, :, -1] += np.where(ends, rest, 0.0)
+        # Pr(a percept | behavior, x, next x): the arrows that sense, of all that lead there.
         probability = np.divide(sensed, transition, out=np.zeros_like(sensed), where=transition > 0)
         return TransitionArrays(freeze(transition), freeze(probability), freeze(legal.T, np.bool_))
 
@@ -190,10 +199,17 @@ def closure(start: str, follow: Callable[[str], Iterable[str]]) -> set[str]:
     return reached
 
 
+class Way(NamedTuple):
+    """Behaviors one after another, and the likeliest state after them."""
+
+    behaviors: tuple[str, ...]
+    state: str
+
+
 def _ways(
     after: Mapping[str, Mapping[str, str]], start: str, wanted: Set[str], cost: Mapping[str, float]
-) -> Iterator[tuple[tuple[str, ...], str]]:
-    """Yield behaviors that end with a wanted one, and the likeliest state after; cheapest first."""
+) -> Iterator[Way]:
+    """Yield the ways that end with a wanted behavior, cheapest first (Dijkstra's algorithm)."""
     waiting: list[tuple[float, tuple[str, ...], str]] = [(0.0, (), start)]
     reached = set[str]()
     ended = set[str]()
@@ -202,7 +218,7 @@ def _ways(
         if names and names[-1] in wanted:
             if names[-1] not in ended:
                 ended.add(names[-1])
-                yield names, state
+                yield Way(names, state)
         elif state not in reached:
             reached.add(state)
             for name, target in after[state].items():

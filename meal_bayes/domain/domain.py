@@ -133,6 +133,7 @@ class Domain:
                 yield f"Behavior {name!r} costs {cost}; give its seconds, 0 to {LARGEST:g}."
             if accuracy is not None and not 0 < accuracy <= 1:
                 yield f"Behavior {name!r} has answer_accuracy {accuracy}; expected one in (0, 1]."
+        # Names that must be in two places: the list of behaviors and the diagram.
         used = {row.behavior for row in self.diagram.effects}
         behaviors = {*self.behavior_names}
         for name in sorted(used - behaviors):
@@ -150,6 +151,7 @@ class Domain:
             if len(members) < 2 or any(grouped.count(name) > 1 for name in members):
                 values = f"The group {group!r} is {list(members)}"
                 yield f"{values}; give two or more attributes, each once and in no other group."
+        # Questions are read whatever the case, so words must differ in more than that.
         words = [fold(word) for word in (*self.attributes, *self.synonyms)]
         for word in words:
             if words.count(word) > 1:

@@ -94,6 +94,7 @@ def load_domain(name: str | Path | Mapping[str, Any]) -> Domain:
         name = str(name.get("name", "of a dictionary"))
     else:
         table = _read(name)
+    # The table that names the next parent: paths are relative to its own folder.
     source = str(name)
     seen = {str(name)}
     while "extends" in table:
@@ -121,6 +122,7 @@ def domain_from_table(table: object) -> Domain:
     """
     if not isinstance(table, dict):
         raise DomainError(f"A domain is a table of keys; found {type(table).__name__}.")
+    # Keys and forms first, then sizes: `Domain` checks what the values mean together.
     required = ("name", "attributes", "behaviors", "diagram")
     fields = _fields("the domain", table, _DOMAIN_KEYS, required)
     diagram = _fields("[diagram]", table["diagram"], _DIAGRAM_KEYS, ("states", "start", "effects"))

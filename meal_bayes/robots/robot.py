@@ -130,6 +130,7 @@ class OutcomeChecker:
             if accuracy is not None:
                 raise _NoPercept("it asks a person; give answers, not features")
             features, warning = self._features(spec, outcome.features)
+        # A percept comes from features, or by the number of a recording that was scored before.
         if features is not None or recording is not None:
             number = -1 if recording is None else recording  # what a sensor gives has none
             instance = Instance(self._object, spec.name, number, features)
@@ -164,6 +165,7 @@ class OutcomeChecker:
                 features[name] = _checked(name, sensed, sizes.get((spec.name, name)))
             except _NoPercept as fault:
                 faults.append(str(fault))
+        # One modality is enough: the classifiers' pool does without the others.
         if not features:
             raise _NoPercept("; ".join(faults) or "it has no modalities")
         if not faults:

@@ -106,6 +106,7 @@ class TrialEncoder:
         self._trial = trial
         self._before = first
         self._check(start_misfits(trial), first)
+        # Many trials share a MOMDP: it is written once, and named by its number from then on.
         message = _momdp(trial)
         digest = hashlib.blake2b(_bytes(message), digest_size=16).digest()
         last = max((number for number, _ in self._momdps.values()), default=-1)
@@ -162,6 +163,7 @@ class TrialEncoder:
             tree_observation=[z for edge in decision.tree for z in edge.observation],
             **_belief(step.belief, replayed=not change.any()),
         )
+        # The same in a line of text, for viewers of MCAP files that do not know our messages.
         line = schema.LogMessage(
             level=_WARNING if step.warning else _INFO,
             message=self._line(step, index),
@@ -291,6 +293,7 @@ def step_misfits(step: Step, momdp: MOMDP, index: int) -> Iterator[str]:
         problems += [f"action {decision.action}, expected a number below {e} + {answers}"]
     percepts = step.observation
     rows = decision.sampled_rows
+    # A reader would index arrays by these numbers: out of range they must not get in, or out.
     if percepts is not None and not ((percepts >= 0) & (percepts < k)).all():
         problems += [f"percepts {percepts.tolist()}, expected levels 0 to {k - 1}"]
     if not np.isfinite(step.cost) or np.isinf(step.reward):  # nan where the truth is not known

@@ -123,9 +123,8 @@ class Logs:
                         "code or other recordings make them; name the logs of one run."
                     )
             files.append((file, header))
-            name = config.get("dataset") or header.get(
-                "data"
-            )  # objects are known by their numbers in it
+            # Objects are known by their numbers in a data set, so trials of two do not mix.
+            name = config.get("dataset") or header.get("data")
             if isinstance(name, str):
                 first.setdefault(name, file)
         if len(first) > 1:
