@@ -21,12 +21,24 @@ from meal_bayes.cli.view import view
 @click.group(
     cls=Program,
     commands=[
-        demo, ask, memory, run, reproduce, view, report, compare, posterior, data, log, export,
-        sim, doctor,
+        demo,
+        ask,
+        memory,
+        run,
+        reproduce,
+        view,
+        report,
+        compare,
+        posterior,
+        data,
+        log,
+        export,
+        sim,
+        doctor,
     ],
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
     epilog="Start with: meal-bayes demo",
-)  # fmt: skip
+)
 @click.version_option(package_name="meal-bayes", message="meal-bayes %(version)s")
 def main() -> None:
     """Choose which behaviors a robot tries before it answers a question about an object."""

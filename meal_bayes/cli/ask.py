@@ -85,9 +85,10 @@ def demo(seed: int, logs: Path) -> None:
 @click.option("--object", required=True, metavar="NAME", help="The object asked about.")
 @opt.option("--agent", None, "bayes", "NAME", f"Who answers: {opt.AGENTS}; or {opt.OWN}.")
 @click.option(
-    "--learn", is_flag=True,
+    "--learn",
+    is_flag=True,
     help="Ask whether the answer was right, and use earlier labels; see `meal-bayes memory`.",
-)  # fmt: skip
+)
 @opt.shared("seed", "logs", "json")
 def ask(root: Path | None, learn: bool, logs: Path, as_json: bool, **options: Any) -> None:
     """Answer a question about an object, such as "Is it heavy, and does it hold beans?".
@@ -103,6 +104,7 @@ def ask(root: Path | None, learn: bool, logs: Path, as_json: bool, **options: An
     config = {"command": "ask", **options, "dataset": dataset}
     memory = LabelMemory(logs, table.domain.data)
     remembered = memory.read() if learn else None
+    # Labels change the answer, so their number is a part of what names the log.
     if remembered is not None:
         config["labels_before"] = len(remembered)
     trial, path = _answer(table, config, logs, remembered)
@@ -123,9 +125,11 @@ def ask(root: Path | None, learn: bool, logs: Path, as_json: bool, **options: An
 
 
 def _answer(
-    table: "PerceptTable", config: Mapping[str, Any], logs: Path,
+    table: "PerceptTable",
+    config: Mapping[str, Any],
+    logs: Path,
     remembered: "list[Remembered] | None" = None,
-) -> "tuple[Trial, Path]":  # fmt: skip
+) -> "tuple[Trial, Path]":
     """Ask what a command's settings say, and return the trial with the path of its log.
 
     Remembered are the labels that people gave before, None where objects are not recognized.

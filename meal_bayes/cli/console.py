@@ -34,11 +34,13 @@ def printable(text: str) -> str:
     True
     """
     return "".join(
-        sign if sign.isprintable() or sign == "\n"
-        else chr(_PICTURES + ord(sign)) if ord(sign) < _CONTROLS
+        sign
+        if sign.isprintable() or sign == "\n"
+        else chr(_PICTURES + ord(sign))
+        if ord(sign) < _CONTROLS
         else "\N{REPLACEMENT CHARACTER}"
         for sign in text
-    )  # fmt: skip
+    )
 
 
 def say(text: object) -> None:
@@ -119,6 +121,36 @@ def note(text: str) -> None:
     output(stderr=True).print(text, style="dim", soft_wrap=True)
 
 
+class _Pace:
+    """How fast a run goes, from what it found done when it began."""
+
+    def __init__(self, now: float) -> None:
+        self._start = now
+        self._first = 0.0  # done when it began
+        self._previous = math.inf  # done when it was last looked at
+        self._last_line = now
+
+    def begins_anew(self, done: float, now: float) -> bool:
+        """Look at what is done; return whether another run begins with it."""
+        anew = done < self._previous - 1
+        if anew:  # what was there must not count as speed
+            self._start = now
+            self._first = done
+        self._previous = done
+        return anew
+
+    def is_line_due(self, done: float, now: float) -> bool:
+        """Return whether it is time for a line, and anything was done to tell the pace by."""
+        due = now - self._last_line >= _EVERY and done > self._first
+        if due:
+            self._last_line = now
+        return due
+
+    def seconds_left(self, done: float, total: int, now: float) -> float:
+        """Estimate the seconds to the end by the pace so far."""
+        return (now - self._start) / (done - self._first) * (total - done)
+
+
 @contextlib.contextmanager
 def progress(what: str, unit: str) -> Iterator[Advance]:
     """Show fraction done, time passed and time left: a bar on a terminal, else lines.
@@ -126,7 +158,6 @@ def progress(what: str, unit: str) -> Iterator[Advance]:
     One after another, several runs may advance it: each begins with what it found done.
     """
     console = output(stderr=True)
-    start = time.monotonic()
     # On no terminal rich prints nothing before the end; then a line tells from time to time.
     bars = rich.progress.Progress(
         rich.progress.SpinnerColumn("line"),  # moves while a long unit does not
@@ -137,26 +168,22 @@ def progress(what: str, unit: str) -> Iterator[Advance]:
         rich.progress.TimeElapsedColumn(),
         rich.progress.TimeRemainingColumn(),
         rich.progress.TextColumn("left"),
-        console=console, transient=True, expand=True, disable=not console.is_terminal,
-    )  # fmt: skip
+        console=console,
+        transient=True,
+        expand=True,
+        disable=not console.is_terminal,
+    )
     task = bars.add_task(printable(what), total=None)
-    first = 0.0
-    before = math.inf
-    last = start
+    pace = _Pace(time.monotonic())
 
     def advance(done: float, total: int) -> None:
-        nonlocal start, first, before, last
         now = time.monotonic()
-        if done < before - 1:  # a run begins; what was there must not count as speed
-            start = now
-            first = done
+        if pace.begins_anew(done, now):
             bars.reset(task, completed=int(done), total=total)
-        before = done
         bars.update(task, completed=done, total=total)
-        if bars.disable and now - last >= _EVERY and first < done < total:
-            last = now
-            left = (now - start) / (done - first) * (total - done)
-            note(f"{what}: {int(done)}/{total} {unit}, {left:.0f} s left")
+        if bars.disable and done < total and pace.is_line_due(done, now):
+            seconds = pace.seconds_left(done, total, now)
+            note(f"{what}: {int(done)}/{total} {unit}, {seconds:.0f} s left")
 
     with bars:
         yield advance

@@ -96,21 +96,30 @@ def verify(dataset: str) -> None:
 
 
 @data.command()
-@opt.option("--dataset", None, None, "NAME|FILE", "A data set, or your own domain (TOML).",
-        required=True)  # fmt: skip
+@opt.option(
+    "--dataset", None, None, "NAME|FILE", "A data set, or your own domain (TOML).", required=True
+)
 @opt.shared("perception")
 @opt.option(
-    "--classifier", None, None, "MODULE:NAME",
+    "--classifier",
+    None,
+    None,
+    "MODULE:NAME",
     "A scikit-learn classifier in their place: sklearn.ensemble:RandomForestClassifier, or an "
     "instance in a module of your own.",
-)  # fmt: skip
+)
 @opt.shared("root")
 @opt.option("--out", opt.FILE, None, "FILE.npz", "Where to write the table.")
 @opt.shared("jobs", "cluster")
 def percepts(
-    dataset: str, perception: str, classifier: str | None, root: Path | None, out: Path | None,
-    jobs: int, cluster: str | None,
-) -> None:  # fmt: skip
+    dataset: str,
+    perception: str,
+    classifier: str | None,
+    root: Path | None,
+    out: Path | None,
+    jobs: int,
+    cluster: str | None,
+) -> None:
     """Compute a percept table from recordings.
 
     With --out it is written; a shipped data set's is compared with the one in the package. Its
@@ -128,6 +137,7 @@ def percepts(
         if out.suffix != ".npz":
             raise SettingsError(f"--out {out}: give a name that ends in .npz.")
         check_output(out, inputs=[dataset])
+    # A class is taken with its defaults; an instance of the user's as it is.
     estimator = None if classifier is None else opt.named_value(classifier)
     estimator = estimator() if isinstance(estimator, type) else estimator
     shipped = dataset in SOURCES
@@ -144,9 +154,12 @@ def percepts(
         terminal.note(f"fewer than {recordings.recordings} recordings: {listed(missing)}")
     with terminal.progress(f"percepts of {recordings.domain.name}", "behaviors") as advance:
         table = build_percept_table(
-            recordings, perception=perception, classifier=estimator, progress=advance,
+            recordings,
+            perception=perception,
+            classifier=estimator,
+            progress=advance,
             each=partial(in_parallel, jobs=jobs, cluster=cluster),
-        )  # fmt: skip
+        )
     if classifier is None and not shipped:  # what `ask` and runs would compute once more
         source = TableSource.of(dataset, perception, root=root)
         if not source.path.is_file():

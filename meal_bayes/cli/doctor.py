@@ -38,9 +38,10 @@ def doctor(as_json: bool) -> None:
     }
     facts = {}
     for name, check in checks.items():
+        # One part that is broken must not hide the others.
         try:
             facts[name] = check()
-        except Exception as fault:  # a broken part is what this command is for
+        except Exception as fault:
             text = " ".join(str(fault).split())[:100]
             facts[name] = f"broken: {type(fault).__name__}: {text}"
     if as_json:

@@ -170,8 +170,9 @@ def _as_text(value: object) -> str:
 
 @click.command(short_help="Write one page (HTML) of a run: tables, figures, worst trials.")
 @_logs
-@option("-o --out", FILE, Path("report.html"), "FILE.html",
-        "The page; everything it needs is in it.")  # fmt: skip
+@option(
+    "-o --out", FILE, Path("report.html"), "FILE.html", "The page; everything it needs is in it."
+)
 @option(
     "--reference", None, None, "AGENT", "Compared with; by default the paper's, else the first."
 )
@@ -187,8 +188,13 @@ def report(logs: tuple[Path, ...], out: Path, reference: str | None) -> None:
         note(f"warning: {problem}; the report counts the whole trials")
     trials = len(outcomes)
     agents = len(outcomes.agents)
-    counted = f"{trials} trial{'s' * (trials != 1)} of {agents} agent{'s' * (agents != 1)}"
+    counted = f"{_counted(trials, 'trial')} of {_counted(agents, 'agent')}"
     say(f"{out}: {counted}, {out.stat().st_size:,} bytes")
+
+
+def _counted(number: int, noun: str) -> str:
+    """Return a number of things, such as "1 trial" or "2 trials"."""
+    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
 
 
 def _signed(value: float) -> str:
@@ -197,20 +203,28 @@ def _signed(value: float) -> str:
 
 @click.command(short_help="Compare agents by a hierarchical model of their outcomes.")
 @_logs
-@option("--measure", click.Choice(["success", "cost", "reward"]), "success", None,
-        "What is compared.")  # fmt: skip
+@option(
+    "--measure", click.Choice(["success", "cost", "reward"]), "success", None, "What is compared."
+)
 @option(
     "--reference", None, None, "AGENT", "Compared with; by default the paper's, else the first."
 )
 @option(
-    "--margin", click.FloatRange(0, min_open=True), None, "M",
+    "--margin",
+    click.FloatRange(0, min_open=True),
+    None,
+    "M",
     "Of practical equivalence; .02 of accuracy, 2 s of cost, 10 of reward by default.",
-)  # fmt: skip
+)
 @shared("seed", "json")
 def compare(
-    logs: tuple[Path, ...], measure: str, reference: str | None, margin: float | None, seed: int,
+    logs: tuple[Path, ...],
+    measure: str,
+    reference: str | None,
+    margin: float | None,
+    seed: int,
     as_json: bool,
-) -> None:  # fmt: skip
+) -> None:
     """Compare the agents in LOGS, files or runs' folders, on the tasks that they were given.
 
     Effects are shrunk towards each other; `ahead` is the probability of being better than the
@@ -223,9 +237,13 @@ def compare(
     logged = LoggedOutcomes.read(Logs(*logs))
     measured = logged.measured()
     rows = compare_outcomes(
-        measured.outcomes, measure=measure, reference=reference, repeats=measured.repeat,
-        margin=margin, seed=seed,
-    )  # fmt: skip
+        measured.outcomes,
+        measure=measure,
+        reference=reference,
+        repeats=measured.repeat,
+        margin=margin,
+        seed=seed,
+    )
     if logged.heading:
         note(logged.heading)
     if as_json:

@@ -78,7 +78,7 @@ def _print_values(console: Console, momdp: "MOMDP", step: "Step", *, heads: bool
     simulated = decision.simulations > 0
     rows = []
     if heads:
-        text = "expected reward" + "   simulations" * simulated
+        text = "expected reward   simulations" if simulated else "expected reward"
         rows.append(Text(f"{'':<{width + 4}}{text}", "dim"))
     for option in sorted(options, key=lambda option: option == end):
         sign = "►" if option == chosen else ""
@@ -103,8 +103,8 @@ def _print_belief(
     for name, p in zip(names, positive, strict=True):
         full = round(p * _BAR)
         line = Text(f"{name:<{width}}  ")
-        line.append("█" * full, "green" if p > 0.5 else "yellow")  # green is reported
-        line.append("░" * (_BAR - full), "dim")
+        line.append("".ljust(full, "█"), "green" if p > 0.5 else "yellow")  # green is reported
+        line.append("".ljust(_BAR - full, "░"), "dim")
         rows.append(line.append(f" {percent(p):>7}"))
     print_rows(console, "belief", rows, **_CUT)
 

@@ -123,6 +123,7 @@ def named_value(name: str) -> Any:
     module, _, attribute = name.partition(":")
     if not module or not attribute:
         raise SettingsError(f"{name!r} names no value; write it as package.module:name.")
+    # A script of the user's lies in the current folder, which an installed program does not search.
     if "" not in sys.path and str(Path.cwd()) not in sys.path:
         sys.path.insert(0, str(Path.cwd()))  # as `python -m` does
     try:

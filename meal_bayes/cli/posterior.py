@@ -17,19 +17,28 @@ _FORMATS = ("pomdp", "pomdpx")
 @click.command(short_help="Fit the confusion matrices, check the fit, save and draw it.")
 @opt.shared("dataset", "root")
 @opt.option(
-    "--method", click.Choice(["grid", "pymc"]), "grid", None,
+    "--method",
+    click.Choice(["grid", "pymc"]),
+    "grid",
+    None,
     "Exact quadrature in a second, or NUTS in minutes.",
-)  # fmt: skip
+)
 @opt.option(
-    "--model", click.Choice(["same", "crossed"]), "same", None,
+    "--model",
+    click.Choice(["same", "crossed"]),
+    "same",
+    None,
     "The grid's, or attributes crossed with behaviors that err together (pymc only).",
-)  # fmt: skip
+)
 @opt.option("--attributes", None, None, "A,B", "The attributes to fit; all by default.")
 @opt.option("--levels", click.IntRange(2, 8), 2, "K", "Of a percept: 2, 4 or 8.")
 @opt.option(
-    "--prior-scale", click.FloatRange(0, 1000, min_open=True), 1.0, "F",
+    "--prior-scale",
+    click.FloatRange(0, 1000, min_open=True),
+    1.0,
+    "F",
     "Weight of the prior of the rows, of that which is learned from the data.",
-)  # fmt: skip
+)
 @opt.option(
     "--out", opt.FOLDER, None, "DIR", "Folder of what is written; one in posteriors/ by default."
 )
@@ -70,9 +79,13 @@ def posterior(root: Path | None, out: Path | None, as_json: bool, **options: Any
     sampling = Sampling(config["draws"], config["tune"], config["chains"], seed=config["seed"])
     with terminal.progress("NUTS", "steps") as advance:
         fit = fit_posterior(
-            counts, method=config["method"], model=config["model"],
-            prior_scale=config["prior_scale"], sampling=sampling, progress=advance,
-        )  # fmt: skip
+            counts,
+            method=config["method"],
+            model=config["model"],
+            prior_scale=config["prior_scale"],
+            sampling=sampling,
+            progress=advance,
+        )
     terminal.note("checking the fit ...")
     facts = write_posterior(fit, folder, config)
     if as_json:
@@ -93,6 +106,7 @@ def _print(facts: dict[str, Any], *, sampled: bool) -> None:
         name: "NLL {nll:.3f}, ECE {ece:.3f} ({ece_calibrated:.3f} if calibrated)".format(**quality)
         for name, quality in facts["belief"].items()
     }
+    # Draws of the grid are independent; of NUTS the worst variable decides.
     convergence = "independent, from the grid"
     if sampled:
         worst = max(row["r_hat"] for row in facts["convergence"])
@@ -122,9 +136,12 @@ def _print(facts: dict[str, Any], *, sampled: bool) -> None:
 @click.command(short_help="Write a query's decision problem for other solvers.")
 @click.argument("file", type=click.Path(dir_okay=False, path_type=Path))
 @opt.option(
-    "--format", click.Choice(_FORMATS), None, None,
+    "--format",
+    click.Choice(_FORMATS),
+    None,
+    None,
     "What FILE's name ends in, by default. SARSOP reads both, pomdpx better.",
-)  # fmt: skip
+)
 @opt.shared("dataset", "root")
 @opt.option("--query", None, None, "A,B,...", "The attributes asked.", required=True)
 def export(file: Path, **options: Any) -> None:

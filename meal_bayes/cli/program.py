@@ -57,7 +57,8 @@ class Program(Section):
             if fault.filename is not None:
                 text = f"{fault.filename}: {why}; give another place, or repair this one."
             _fail(text, SYSTEM)
-        except UnicodeEncodeError as fault:  # logs and pages are UTF-8
+        # Logs and pages are UTF-8; a file's name need not be.
+        except UnicodeEncodeError as fault:
             shown = os.fsencode(fault.object).decode("utf-8", "backslashreplace")
             _fail(f"{shown!r} is not UTF-8 text; rename the file, or set a UTF-8 locale.")
         except MemoryError:
@@ -78,6 +79,7 @@ def _hold_streams() -> None:
         sys.stderr = open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115, PTH123
     if sys.stdout is None:
         _fail("Standard output is closed, so nothing could be shown; give it a place.", SYSTEM)
+    # A name that the terminal's encoding lacks is shown by a question mark, not by an error.
     for stream in (sys.stdout, sys.stderr):
         with contextlib.suppress(AttributeError):  # a test's stream may not have it
             stream.reconfigure(errors="replace")  # type: ignore[union-attr]

@@ -19,18 +19,22 @@ _PACKAGE = "paper_repro"
 @click.argument("items", nargs=-1, required=True, metavar="ITEM...|all|readme")
 @click.option("--quick", is_flag=True, help="A few trials each; results beside the logs.")
 @click.option(
-    "--as-published", is_flag=True,
+    "--as-published",
+    is_flag=True,
     help="The paper's own settings alone: percepts drawn from the matrices.",
-)  # fmt: skip
+)
 @opt.shared("seed", "jobs", "cluster", "logs")
 @opt.option("--trials", opt.COUNT, None, "T", "Of an agent offline, at most.")
 @opt.option(
     "--repeats", click.IntRange(0, opt.MOST_TRIALS), None, "R", "Of online runs, at most; 0: none."
 )
 @opt.option(
-    "--only", None, "", "TEXT",
+    "--only",
+    None,
+    "",
+    "TEXT",
     "Of Fig. 10's panels, those with TEXT in their title; the others are not run.",
-)  # fmt: skip
+)
 @opt.shared("json")
 def reproduce(items: tuple[str, ...], as_json: bool, **setting: Any) -> None:
     """Run ITEMs of the paper (table3, fig8, ...), or all, and judge its statements.
@@ -38,6 +42,7 @@ def reproduce(items: tuple[str, ...], as_json: bool, **setting: Any) -> None:
     Trials are kept under the logs, so a run that was stopped goes on. A full run writes tables and
     figures to results/ beside the items; `readme` makes the pages that show them.
     """
+    # The items are no part of the wheel: they are imported from the checkout.
     sys.path.insert(0, str(checkout()))
     frame = import_module(f"{_PACKAGE}.frame")
     pages = import_module(f"{_PACKAGE}.pages")

@@ -34,20 +34,29 @@ def run() -> None:
 @opt.option("--attributes", click.IntRange(1, opt.NAME_LIMIT), 2, "N", "Asked at a time.")
 @opt.option("--trials", opt.COUNT, 400, "T", "For each agent.")
 @opt.option(
-    "--agent agents", None, None, "NAME",
+    "--agent agents",
+    None,
+    None,
+    "NAME",
     f"{opt.AGENTS}; or {opt.OWN}; may be repeated, or a comma list. All of them by default.",
     multiple=True,
-)  # fmt: skip
+)
 @opt.shared("seed", "jobs", "cluster")
 @opt.option(
-    "--percepts", click.Choice(["recorded", "model"]), "recorded", None,
+    "--percepts",
+    click.Choice(["recorded", "model"]),
+    "recorded",
+    None,
     "Of real recordings, or drawn from the learned confusion matrices.",
-)  # fmt: skip
+)
 @opt.shared("perception")
 @opt.option(
-    "--reward", click.FloatRange(0, opt.LARGEST, min_open=True), None, "R",
+    "--reward",
+    click.FloatRange(0, opt.LARGEST, min_open=True),
+    None,
+    "R",
     "For a right answer, and taken for a wrong one; the data set's by default.",
-)  # fmt: skip
+)
 @opt.shared("logs", "fresh", "json")
 def offline(root: Path | None, agents: tuple[str, ...], as_json: bool, **settings: Any) -> None:
     """Run agents on the same queries about objects they never learned from.
@@ -63,6 +72,7 @@ def offline(root: Path | None, agents: tuple[str, ...], as_json: bool, **setting
     settings["dataset"], table = opt.table_of(settings["dataset"], root, perception)
     chosen = tuple(map(opt.agent_value, opt.listed(*agents))) or experiments.DEFAULT_AGENTS
     config = experiments.OfflineConfig(**settings, agents=chosen)
+    # Compiled before the bar of the trials, which would stand still meanwhile.
     with terminal.showing_compilation():
         experiments.warm_up(config, table.domain)
     with terminal.resumed("trials") as advance:
@@ -118,34 +128,49 @@ def _signed(value: object) -> str:
 @opt.shared("dataset", "root")
 @opt.option("--attributes", click.IntRange(1, opt.NAME_LIMIT), 1, "N", "Asked at a time.")
 @opt.option(
-    "--agent agents", None, None, "NAME",
+    "--agent agents",
+    None,
+    None,
+    "NAME",
     f"{opt.ONLINE_AGENTS}; any agent of `run offline`; or {opt.OWN}; may be repeated, or a comma "
     "list. The others are compared with the first. iterative_morc, morc_itrs, bayes and "
-    "bayes_memory by default.", multiple=True,
-)  # fmt: skip
+    "bayes_memory by default.",
+    multiple=True,
+)
 @opt.option("--batches", opt.COUNT, 10, "B", "Refits.")
 @opt.option("--trials", opt.COUNT, 40, "T", "Of training, a batch.")
 @opt.option("--repeats", opt.COUNT, None, "R", "Runs on other splits of the objects; 1 by default.")
 @click.option(
-    "--until-decided", is_flag=True,
+    "--until-decided",
+    is_flag=True,
     help="Run 10, 20, 40, ... repeats until every agent's interval excludes 0, at most "
     f"--repeats, {_MOST} by default.",
-)  # fmt: skip
+)
 @opt.option(
-    "--split", opt.COUNT, (33, 33, 34), "A B C",
-    "Shares of objects known before, met in training, and tested on.", nargs=3,
-)  # fmt: skip
+    "--split",
+    opt.COUNT,
+    (33, 33, 34),
+    "A B C",
+    "Shares of objects known before, met in training, and tested on.",
+    nargs=3,
+)
 @opt.option("--alpha", opt.AMOUNT, None, "A", "Of Eq. 11, s a bit; 6 by default.")
 @opt.option("--beta", opt.AMOUNT, None, "B", "Of Eq. 11, s; 30 by default.")
 @opt.option(
-    "--normalizer", click.Choice(["paper", "all"]), "paper", None,
+    "--normalizer",
+    click.Choice(["paper", "all"]),
+    "paper",
+    None,
     "Of Eq. 10: experience gathered in training, as in the paper, or in pretraining too.",
-)  # fmt: skip
+)
 @opt.shared("seed", "jobs", "cluster")
 @opt.option(
-    "--log", click.Choice(["compact", "full"]), "compact", None,
+    "--log",
+    click.Choice(["compact", "full"]),
+    "compact",
+    None,
     "Form of the logs of test trials; a compact one keeps outcomes, no steps.",
-)  # fmt: skip
+)
 @opt.shared("logs", "fresh", "json")
 def online(
     root: Path | None, agents: tuple[str, ...], until_decided: bool, as_json: bool, **settings: Any
@@ -170,6 +195,7 @@ def online(
     with terminal.resumed("batches") as advance:
         how |= {"on_progress": advance, "on_note": terminal.note}
         repeats = min(_STEP, config.repeats) if until_decided else config.repeats
+        # Repeats double until the intervals decide; those that are there are not run again.
         while True:
             finished = run_online(replace(config, repeats=repeats), **how)
             results = list(finished.results())

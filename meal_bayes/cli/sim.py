@@ -32,8 +32,14 @@ def sim() -> None:
 @sim.command(short_help="Record objects as a data set of your own.")
 @opt.option("--objects", SEVERAL, 30, None, "That are drawn from the seed.")
 @opt.option("--recordings", SOME, 5, None, "Of each behavior on each of them.")
-@opt.option("--out", opt.FOLDER, None, "DIR", "For the CSV files and the table of the domain.",
-            required=True)  # fmt: skip
+@opt.option(
+    "--out",
+    opt.FOLDER,
+    None,
+    "DIR",
+    "For the CSV files and the table of the domain.",
+    required=True,
+)
 @opt.shared("seed", "jobs")
 def record(objects: int, recordings: int, out: Path, seed: int, jobs: int) -> None:
     """Record every behavior on objects drawn from the seed, as CSV files and a TOML.
@@ -59,8 +65,14 @@ def record(objects: int, recordings: int, out: Path, seed: int, jobs: int) -> No
 @agent_option
 @opt.option("--objects", SEVERAL, 30, None, "Training objects; recorded once, then kept.")
 @opt.option("--recordings", SOME, 3, None, "Recordings of each.")
-@opt.option("--jobs", SOME, os.cpu_count() or 1, None, "Processes that record them.",
-        show_default="one a core")  # fmt: skip
+@opt.option(
+    "--jobs",
+    SOME,
+    os.cpu_count() or 1,
+    None,
+    "Processes that record them.",
+    show_default="one a core",
+)
 @click.option("--view", is_flag=True, help="See the arm beside beliefs and values, in rerun.")
 @opt.option("--save", opt.FILE, None, "FILE.rrd", "Write what --view would show.")
 @opt.shared("seed", "logs", "json")
@@ -92,12 +104,16 @@ def ask(question: str, view: bool, save: Path | None, as_json: bool, **options: 
     settings = opt.digest({**config, "question": question})
     asked = "-".join(re.findall(r"\w+", question.lower()))[:50]
     log = options["logs"] / f"sim-seed{seed}-{asked}-{learner.agent.name}-{settings}.mcap"
+    # Frames are made only where somebody looks: a picture casts 3,072 rays.
     frames: list[Frame] = []
     watched = view or recording is not None
     trial = ask_new(
-        learner, question, seed, log=log,
+        learner,
+        question,
+        seed,
+        log=log,
         on_frame=(lambda scene: frames.append(frame_of(scene))) if watched else None,
-    )  # fmt: skip
+    )
     if as_json:
         terminal.print_json({**trial_json(trial), "seed": seed, "log": str(log)})
     else:

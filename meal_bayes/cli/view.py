@@ -23,20 +23,30 @@ if TYPE_CHECKING:
 @click.command(short_help="Show trials step by step: beliefs, values, search, percepts.")
 @click.argument("log", type=click.Path(path_type=Path))
 @option(
-    "--trial number", click.IntRange(0, MOST_TRIALS), None, "N",
+    "--trial number",
+    click.IntRange(0, MOST_TRIALS),
+    None,
+    "N",
     "Show only this trial step by step, counted from 0; all of them by default.",
-)  # fmt: skip
+)
 @option("--save", FILE, None, "FILE.rrd", "Write the recording and open no viewer.")
 @option(
-    "--screenshot", FILE, None, "FILE.png",
+    "--screenshot",
+    FILE,
+    None,
+    "FILE.png",
     "Write a picture of the viewer at the last behavior, and open no window.",
-)  # fmt: skip
+)
 @click.option("--web", is_flag=True, help="Serve a page for the browser, to this machine only.")
 @click.option("--live", is_flag=True, help="Follow a run that is still writing LOG.")
 def view(
-    log: Path, number: int | None, save: Path | None, screenshot: Path | None, web: bool,
+    log: Path,
+    number: int | None,
+    save: Path | None,
+    screenshot: Path | None,
+    web: bool,
     live: bool,
-) -> None:  # fmt: skip
+) -> None:
     """Show the trials of LOG, a file or a run's folder, in the rerun viewer.
 
     The window has a tab for the trial under the cursor and one for the whole run; a compact log,
@@ -64,6 +74,7 @@ def view(
         group, row = numbered(log, number or 0)
         last = max(len(group.trials[row].steps) - 1, 0) if group.trials else 0
     if save is not None and logs is not None:
+        # rerun writes into a draft, so that a full disk leaves no half recording.
         try:
             with draft_of(save, inputs=logs.files) as draft:
                 trials = _record(log, logs, draft, number)
@@ -111,9 +122,11 @@ def _follow(log: Path, viewer: "Viewer") -> None:
     if not log.exists():
         note(f"waiting for {log} ...")
     follower = follow(
-        log, viewer.url, watching=lambda: viewer.running,
+        log,
+        viewer.url,
+        watching=lambda: viewer.running,
         on_trials=lambda trials: note(f"{trials} trials"),
-    )  # fmt: skip
+    )
     for problem in follower.problems:
         note(f"warning: {problem}; the whole trials before it are shown")
     if viewer.running:

@@ -176,9 +176,13 @@ def run_online(
         for agent in config.agents
     ]
     run_units(
-        units, partial(warm_up, config, domain), jobs=jobs, cluster=cluster,
-        on_progress=on_progress, on_note=on_note,
-    )  # fmt: skip
+        units,
+        partial(warm_up, config, domain),
+        jobs=jobs,
+        cluster=cluster,
+        on_progress=on_progress,
+        on_note=on_note,
+    )
     return OnlineRun(config, folder)
 
 
@@ -193,9 +197,12 @@ def _loaded(name: str, root: str | None, content: str) -> Dataset:
 def _protocol(config: OnlineConfig, repeat: int) -> Protocol:
     content = fingerprint(config.dataset, config.root)
     return Protocol.of(
-        _loaded(config.dataset, config.root, content), attributes=config.attributes,
-        seed=config.seed, repeat=repeat, shares=config.split,
-    )  # fmt: skip
+        _loaded(config.dataset, config.root, content),
+        attributes=config.attributes,
+        seed=config.seed,
+        repeat=repeat,
+        shares=config.split,
+    )
 
 
 def _learner(config: OnlineConfig, protocol: Protocol) -> Learner:

@@ -120,9 +120,14 @@ class Protocol:
 
     @classmethod
     def of(
-        cls, dataset: Dataset, *, attributes: int, seed: int, repeat: int,
+        cls,
+        dataset: Dataset,
+        *,
+        attributes: int,
+        seed: int,
+        repeat: int,
         shares: tuple[int, int, int] | tuple[tuple[str, ...], ...],
-    ) -> "Protocol":  # fmt: skip
+    ) -> "Protocol":
         """Split the objects by shares, or by their names.
 
         By shares three of every attribute come into each part, or as many as can be.

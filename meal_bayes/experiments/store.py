@@ -97,8 +97,10 @@ def agent_digest(agent: Agent) -> str:
     except (_UnknownError, RecursionError) as why:
         log.warning(
             "agent %r holds %s: no earlier trial is known to be its own, so the run has a folder "
-            "of its own (functions and classes of a module can be known)", agent.name, why,
-        )  # fmt: skip
+            "of its own (functions and classes of a module can be known)",
+            agent.name,
+            why,
+        )
         return uuid.uuid4().hex
 
 

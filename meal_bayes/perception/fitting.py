@@ -256,9 +256,12 @@ def build_percept_table(
 
 
 def _score_behavior(
-    piece: tuple[int, BehaviorRecordings], names: Ints, widths: NDArray[np.float64], groups: Ints,
+    piece: tuple[int, BehaviorRecordings],
+    names: Ints,
+    widths: NDArray[np.float64],
+    groups: Ints,
     settings: PerceptionSettings,
-) -> tuple[int, Halves, NDArray[np.uint8]]:  # fmt: skip
+) -> tuple[int, Halves, NDArray[np.uint8]]:
     """Score one behavior, given by its number and recordings, without each group, (G,) names.
 
     Widths (G,) are those of the kernels. Returns the number, the held-out outputs (n,P), and how

@@ -253,9 +253,14 @@ def _score_others(inverse, dual, target, starts, out, across, known, decisions):
 
 @_kernel
 def score_without(
-    left_out: Ints, rows: Ints, inverses: Floats, duals: Floats, targets: Floats, starts: Ints,
+    left_out: Ints,
+    rows: Ints,
+    inverses: Floats,
+    duals: Floats,
+    targets: Floats,
+    starts: Ints,
     nested: bool,
-) -> tuple[Floats, Floats]:  # fmt: skip
+) -> tuple[Floats, Floats]:
     """Decide by classifiers that never saw S: on S itself, and on each other object k.
 
     S are the objects `left_out` (s,), of `rows` (q,). `inverses` (M,n,n) and `duals` (M,P,n) are
@@ -276,17 +281,29 @@ def score_without(
     for m in range(n_modalities):
         _leave_set(inverses[m], duals[m], targets, rows, held=held[m], across=across, known=known)
         _score_others(
-            inverses[m], duals[m], targets, starts, out,
-            across=across[:shared], known=known, decisions=decisions[m],
-        )  # fmt: skip
+            inverses[m],
+            duals[m],
+            targets,
+            starts,
+            out,
+            across=across[:shared],
+            known=known,
+            decisions=decisions[m],
+        )
     return held, decisions
 
 
 @_kernel
 def fit_stackers(
-    base: Floats, decisions: Floats, targets: Floats, ridge: float, nonnegative: bool,
-    balanced: bool, weights: Floats, losses: Floats,
-) -> None:  # fmt: skip
+    base: Floats,
+    decisions: Floats,
+    targets: Floats,
+    ridge: float,
+    nonnegative: bool,
+    balanced: bool,
+    weights: Floats,
+    losses: Floats,
+) -> None:
     """Fit one stacker an attribute on decisions (P,M,n) on recordings of weight `base` (n,).
 
     What is left out has the weight 0. Newton's method starts from `weights` (P,1+M), intercept and

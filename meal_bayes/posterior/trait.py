@@ -145,9 +145,12 @@ class _Evidence:
     """
 
     def __init__(
-        self, posterior: ConfusionPosterior, counts: NDArray[np.intp], truth: NDArray[np.int8],
+        self,
+        posterior: ConfusionPosterior,
+        counts: NDArray[np.intp],
+        truth: NDArray[np.int8],
         base_rates: Floats,
-    ) -> None:  # fmt: skip
+    ) -> None:
         attribute, behavior = np.nonzero(posterior.informative)  # (V,); A attributes have a pair
         confusion, precision = posterior.select(range(truth.shape[1]))
         self.confusion = confusion[attribute, behavior]  # (V,2,K)
@@ -211,9 +214,12 @@ def _by_pair(one_hot: Bools) -> NDArray[np.float32]:
 
 
 def _loss(
-    log_likelihood: NDArray[np.float32], log_classes: NDArray[np.float32],
-    prior: NDArray[np.float32], sign: NDArray[np.float32], weight: Floats,
-) -> float:  # fmt: skip
+    log_likelihood: NDArray[np.float32],
+    log_classes: NDArray[np.float32],
+    prior: NDArray[np.float32],
+    sign: NDArray[np.float32],
+    weight: Floats,
+) -> float:
     """Sum the weighted -ln Pr(truth | percepts) of log-likelihoods (B,M,O).
 
     The prior log-odds (B,) are of each belief; sign and weight (B,O) of its truth, each object's.

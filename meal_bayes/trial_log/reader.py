@@ -133,7 +133,7 @@ class Scan:
     def entries(self) -> Iterator[Trial | TrialOutcomes]:
         """Yield every whole trial, or of a compact log the outcomes of many trials each."""
         with opened(self.path) as file:
-            # A small file may unpack to gigabytes (LZ4 and Zstandard compress zeros a thousandfold).
+            # A small file may claim to unpack to gigabytes: zeros compress a thousandfold.
             self.builder.limit = _FREE_BYTES + _UNPACKING * os.fstat(file.fileno()).st_size
             with self._noting():
                 for record in read_records(file):
