@@ -10,8 +10,9 @@ has a method `decide`. The observation model, the prior and the logs are those o
 from dataclasses import dataclass
 
 import meal_bayes as mb
-from meal_bayes.momdp import best_report
+from meal_bayes.momdp import MOMDP, best_report
 from meal_bayes.planners import unvalued
+from meal_bayes.testing import check_solver
 
 
 @dataclass
@@ -22,20 +23,26 @@ class Cautious:
     patience: int = 12  # behaviors
 
     def solve(self, momdp, rng):
-        self.momdp = momdp
-        return self
+        return CautiousPolicy(self, momdp)  # a new one for each problem
+
+
+@dataclass
+class CautiousPolicy:
+    planner: Cautious
+    momdp: MOMDP
 
     def decide(self, history, rng):
-        momdp, belief = self.momdp, history.belief
+        planner, momdp, belief = self.planner, self.momdp, history.belief
         legal = [e for e in range(momdp.n_behaviors) if momdp.legal[belief.x, e]]
-        tired = len(history.actions) >= self.patience
-        if belief.certainty >= self.sure or tired or not legal:
+        tired = len(history.actions) >= planner.patience
+        if belief.certainty >= planner.sure or tired or not legal:
             return unvalued(momdp, best_report(momdp, belief))
         untried = [e for e in legal if e not in history.actions] or legal
         return unvalued(momdp, min(untried, key=lambda e: momdp.cost[e]))
 
 
 def main(trials=20):
+    check_solver(Cautious())
     config = mb.OfflineConfig(
         "roc36", attributes=2, trials=trials, agents=("random_legal", "predefined_plus", Cautious())
     )

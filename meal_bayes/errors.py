@@ -32,6 +32,10 @@ class RobotError(MealBayesError):
     """A robot that does not do what its driver promises, such as a state that is not known."""
 
 
+class ConformanceError(MealBayesError):
+    """A solver, robot or classifier that does not keep to what `meal_bayes.testing` checks."""
+
+
 class OutputError(MealBayesError):
     """A file that cannot be written: its place, the disk, or what it would replace."""
 

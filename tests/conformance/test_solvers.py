@@ -1,15 +1,16 @@
 """What every solver owes: legal, repeatable, and an answer at every belief that can be reached."""
 
-from dataclasses import fields, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from meal_bayes.domain import Behavior, Domain, Effect, Query, TransitionDiagram, load_domain
-from meal_bayes.momdp import Objective, Transition, build_momdp, initial_belief, update_belief
+from meal_bayes.momdp import Objective, build_momdp, initial_belief
 from meal_bayes.planners import POMCP, Greedy, History, Predefined, Random, RandomLegal, Untouched
 from meal_bayes.planners.factored.policy import Factored
 from meal_bayes.planners.open_loop.policy import OpenLoop
+from meal_bayes.testing import check_solver
 
 DOMAINS = ["toy", "roc36", "roc36_published", "ispy32", "cy101"]
 LIMIT = 2  # recordings: used up soon
@@ -43,54 +44,8 @@ def momdp_of(domain, n, levels, seed, *, n_classes=1, **options):
     return build_momdp(domain, query, confusion, latent_classes=shares, **options)
 
 
-def equal(first, second):
-    return all(
-        np.array_equal(a, b, equal_nan=True) if isinstance(a, np.ndarray) else a == b
-        for a, b in ((getattr(first, f.name), getattr(second, f.name)) for f in fields(first))
-    )
-
-
-def check(momdp, history, decision):
-    """Legal, or an answer; and values where they belong."""
-    x, e = history.belief.x, momdp.n_behaviors
-    momdp.check_action(x, decision.action)
-    for values in (decision.values, decision.value_se, decision.visits):
-        assert values.shape == (e + 1,)
-    assert (decision.visits >= 0).all()
-    assert not (decision.value_se < 0).any()
-    assert not np.isinf(decision.values).any()
-
-
 def follow(momdp, solver, seed, steps=12):
-    """Follow the policy where it goes, and where it would report take any legal behavior."""
-    rng = np.random.default_rng(seed)
-    policy, again = (solver.solve(momdp, np.random.default_rng(1)) for _ in range(2))
-    history = History(initial_belief(momdp))
-    for step in range(steps):
-        seed = int(rng.integers(2**31))
-        decision = policy.decide(history, np.random.default_rng(seed))
-        check(momdp, history, decision)
-        assert equal(decision, again.decide(history, np.random.default_rng(seed)))
-        x, action = history.belief.x, decision.action
-        legal = np.flatnonzero(momdp.legal[x])
-        if not len(legal):
-            assert action >= momdp.n_behaviors
-            return
-        if action >= momdp.n_behaviors or step % 3 == 2:
-            action = int(rng.choice(legal))
-        history = execute(momdp, history, action, rng)
-
-
-def execute(momdp, history, action, rng):
-    """Take any outcome that is possible, any percept that is."""
-    belief, percept = history.belief, None
-    x = int(rng.choice(np.flatnonzero(momdp.transition[action, belief.x])))
-    left = belief.percept_counts[0, action].sum() < momdp.limit[action]
-    if momdp.observation_probability[action, belief.x, x] > rng.random() and left:
-        rows = np.einsum("nc,nck->nk", np.exp(belief.log_prob), momdp.confusion[:, action])
-        percept = np.array([rng.choice(np.flatnonzero(row > 0)) for row in rows])
-    after = update_belief(belief, momdp, Transition(action, x, percept))
-    return history.after(after, action, percept is not None, float(momdp.cost[action]))
+    check_solver(solver, [momdp], seed=seed, steps=steps)
 
 
 def cases(largest=np.inf):
@@ -185,8 +140,8 @@ def test_used_up_recordings(name):
         history = History(initial_belief(momdp).at(x))
         for solver in solvers(domain):
             rng = np.random.default_rng(4)
+            check_solver(solver, [replace(momdp, start=x)], steps=1)
             decision = solver.solve(momdp, rng).decide(history, rng)
-            check(momdp, history, decision)
             if isinstance(solver, Greedy | OpenLoop | POMCP):
                 assert decision.action >= momdp.n_behaviors
 

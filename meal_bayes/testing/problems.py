@@ -1,0 +1,56 @@
+"""Decision problems of many kinds, on which solvers are checked."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from meal_bayes.arrays import Floats
+from meal_bayes.domain import Domain, Query, load_domain
+from meal_bayes.momdp import MOMDP, Objective, build_momdp
+
+_PERCEPTS = 2  # of a behavior: used up soon
+
+
+def example_problems(seed: int = 0, *, known_rows: bool = False) -> Iterator[MOMDP]:
+    """Yield small problems of several kinds, with random confusion matrices.
+
+    One to three attributes, two and four levels, costs and diagrams of the shipped domains;
+    percepts that run out, priors and percepts that are certain, agents that may abstain, rewards
+    that are discounted or not. Without `known_rows` also objects with rows of their own (finite
+    precision), and truths that share latent classes.
+
+    Parameters
+    ----------
+    seed : int
+        Of the matrices.
+    known_rows : bool
+        Whether to leave out what the paper's Eq. 8 excludes, for solvers that need it.
+    """
+    rng = np.random.default_rng(seed)
+    toy, roc36, cy101 = (load_domain(name) for name in ("toy", "roc36", "cy101"))
+    abstaining = Objective(abstain=True)
+    undiscounted = Objective(discount=1.0)
+    yield build_momdp(toy, _query(toy, 1), _rows(rng, toy, 1, 2))
+    yield build_momdp(toy, _query(toy, 2), _rows(rng, toy, 2, 4), limit=_PERCEPTS)
+    yield build_momdp(
+        roc36, _query(roc36, 3), _rows(rng, roc36, 3, 2), limit=_PERCEPTS, objective=abstaining
+    )
+    yield build_momdp(cy101, _query(cy101, 1), _rows(rng, cy101, 1, 2), prior=0.1)
+    yield build_momdp(toy, _query(toy, 2), _rows(rng, toy, 2, 2), limit=0, objective=undiscounted)
+    deciding = np.tile(np.eye(2), (2, len(toy.behaviors), 1, 1))
+    yield build_momdp(toy, _query(toy, 2), deciding, prior=[0.5, 1.0], objective=abstaining)
+    if known_rows:
+        return
+    yield build_momdp(roc36, _query(roc36, 2), _rows(rng, roc36, 2, 4), 4.0, limit=_PERCEPTS)
+    classes = rng.dirichlet(np.ones(3), (2, 2))
+    shared = rng.dirichlet(np.ones(4), (2, len(toy.behaviors), 3))
+    yield build_momdp(toy, _query(toy, 2), shared, 2.0, latent_classes=classes)
+
+
+def _query(domain: Domain, n: int) -> Query:
+    return Query(domain.attributes[:n])
+
+
+def _rows(rng: np.random.Generator, domain: Domain, n: int, levels: int) -> Floats:
+    """Draw confusion matrices (n,E,2,levels)."""
+    return rng.dirichlet(np.ones(levels), (n, len(domain.behaviors), 2))

@@ -1,0 +1,198 @@
+"""The check of a robot's driver: states, features and answers, as the domain describes them."""
+
+import warnings
+from collections import Counter
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meal_bayes.domain import Behavior, Domain
+from meal_bayes.errors import ConformanceError, RobotError
+from meal_bayes.robots import Outcome, OutcomeChecker, Robot
+from meal_bayes.robots.robot import Execution
+
+_SOON = 3  # successes of a behavior that must have yielded a percept once
+
+
+def check_robot(
+    robot: Robot, domain: Domain, *, trials: int = 5, steps: int = 12, seed: int = 0
+) -> None:
+    """Check the driver of a robot. **The robot moves:** it executes `trials` x `steps` behaviors.
+
+    In each trial it executes legal behaviors, those that were executed least often first. States
+    must be the domain's, and follow its diagram; features must be finite numbers, of the behavior's
+    modalities and always of the same size; answers must come of behaviors that ask; what was
+    returned must not change afterwards; and a behavior that senses must yield a percept some time.
+
+    Parameters
+    ----------
+    robot : Robot
+        An object with `start()` and `execute(behavior)`, and an object in front of it.
+    domain : Domain
+        Its attributes, behaviors and states.
+    trials, steps : int
+        How many trials, and behaviors in each at most.
+    seed : int
+        Of the choice among behaviors that were executed equally often.
+
+    Raises
+    ------
+    ConformanceError
+        What was found, what was expected, and how to mend it.
+    """
+    name = type(robot).__name__
+    candidate: Any = robot  # users give anything
+    methods = (getattr(candidate, method, None) for method in ("start", "execute"))
+    if isinstance(candidate, type) or not all(map(callable, methods)):
+        raise ConformanceError(
+            f"A robot is an object with start() and execute(behavior); found {candidate!r:.60}. "
+            "Give an instance of a class that has these two methods."
+        )
+    check = _Check(robot, domain, name)
+    rng = np.random.default_rng(seed)
+    for _ in range(trials):
+        check.trial(steps, rng)
+    check.check_percepts()
+
+
+class _Check:
+    """A robot, its domain, and what was seen of it so far."""
+
+    def __init__(self, robot: Any, domain: Domain, name: str) -> None:
+        self.robot = robot
+        self.domain = domain
+        self.name = name
+        self.diagram = domain.diagram.compile(domain.behavior_names)
+        self.sizes = dict[tuple[str, str], int]()
+        self.checker = OutcomeChecker(domain, sizes=lambda: self.sizes)
+        self.executed = Counter[int]()
+        self.succeeded = Counter[int]()
+        self.perceived = Counter[int]()
+        self.returned: list[tuple[str, NDArray[Any], NDArray[Any]]] = []  # and a copy of then
+
+    def fail(self, found: str, mend: str) -> ConformanceError:
+        return ConformanceError(f"{self.name}: {found} {mend}")
+
+    def trial(self, steps: int, rng: np.random.Generator) -> None:
+        """Start, and execute the legal behaviors, the least executed ones first."""
+        x = self.index(lambda: self.checker.start(self.call("start()", self.robot.start)))
+        for _ in range(steps):
+            legal = np.flatnonzero(self.diagram.legal[x]).tolist()
+            if not legal:
+                break
+            rarely = min(self.executed[behavior] for behavior in legal)
+            choices = [behavior for behavior in legal if self.executed[behavior] == rarely]
+            behavior = int(rng.choice(choices))
+            self.executed[behavior] += 1
+            x = self.execute(behavior, x)
+        self.check_returned()
+
+    def execute(self, behavior: int, x: int) -> int:
+        """Execute a behavior in state x, check its outcome, and return the next state."""
+        spec = self.domain.behaviors[behavior]
+        outcome = self.call(f"execute({spec.name!r})", lambda: self.robot.execute(spec.name))
+        execution = self.index(lambda: self.checker.execute(behavior, outcome))
+        if execution.warning:
+            raise self.fail(
+                f"{execution.warning}.",
+                f"The domain says that {spec.name!r} has the modalities {list(spec.modalities)}; "
+                "return a finite number for each feature, or no features where it failed.",
+            )
+        self.check_move(spec, x, execution.next_x)
+        self.check_outcome(spec, outcome)
+        expected = self.diagram.observation_probability[behavior, x, execution.next_x]
+        self.check_sense(spec, execution, expected)
+        self.succeeded[behavior] += bool(spec.senses and expected > 0)
+        self.perceived[behavior] += execution.instance is not None or bool(execution.answers)
+        return int(execution.next_x)
+
+    def call(self, what: str, function: Any) -> Any:
+        """Call the driver's own code."""
+        try:
+            return function()
+        except Exception as fault:  # whatever it raises
+            raise self.fail(
+                f"{what} raised {type(fault).__name__}: {fault}.",
+                "An exception ends a trial; for a behavior that failed, return the state that the "
+                "robot is in and no features.",
+            ) from fault
+
+    def index(self, function: Any) -> Any:
+        """Return what the package's own checker makes of a value; its error as one of ours."""
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")  # the same as in the execution, which is told
+                return function()
+        except RobotError as fault:
+            raise ConformanceError(f"{self.name}: {fault}") from fault
+
+    def check_move(self, spec: Behavior, x: int, next_x: int) -> None:
+        """Check that the diagram leads there."""
+        index = self.domain.behavior_names.index(spec.name)
+        reached = np.flatnonzero(self.diagram.transition[index, x])
+        if next_x not in reached:
+            states = self.domain.diagram.states
+            raise self.fail(
+                f"{spec.name!r} in {states[x]!r} came to {states[next_x]!r}.",
+                f"The domain's diagram leads to {[states[place] for place in reached]} alone; add "
+                "the effect there, or report the state that the robot is in.",
+            )
+
+    def check_outcome(self, spec: Behavior, outcome: Outcome) -> None:
+        """Check what the package lets pass: sizes, modalities that are not the behavior's."""
+        features = outcome.features or {}
+        foreign = sorted(set(features) - set(spec.modalities))
+        if foreign:
+            raise self.fail(
+                f"{spec.name!r} returned features of {foreign}.",
+                f"The domain says that its modalities are {list(spec.modalities)}; add what is "
+                "missing there, or leave it out here.",
+            )
+        for modality, values in features.items():
+            array = np.asarray(values)
+            self.sizes.setdefault((spec.name, modality), array.size)
+            self.returned.append((f"{spec.name!r}, {modality}", array, array.copy()))
+        if spec.answer_accuracy is not None and outcome.answers is not None and not outcome.answers:
+            raise self.fail(
+                f"{spec.name!r} returned answers that are empty.",
+                "Leave answers out where the person said nothing.",
+            )
+        whole = isinstance(outcome.recording, int | np.integer | None)
+        if not whole or isinstance(outcome.recording, bool):
+            raise self.fail(
+                f"{spec.name!r} returned the recording {outcome.recording!r:.60}.",
+                "Leave `recording` out; a robot that replays recordings gives their number.",
+            )
+
+    def check_sense(self, spec: Behavior, execution: Execution, expected: float) -> None:
+        """Check that no percept comes where the diagram says that none can."""
+        if execution.instance is not None and not (spec.senses and expected > 0):
+            raise self.fail(
+                f"{spec.name!r} yields a percept although the domain says that it cannot where "
+                f"it leads to {self.domain.diagram.states[execution.next_x]!r}.",
+                "Return no features where a behavior failed, or let its effect sense.",
+            )
+
+    def check_returned(self) -> None:
+        """Check that earlier features are what they were: drivers like to reuse a buffer."""
+        for where, array, then in self.returned:
+            if not np.array_equal(array, then, equal_nan=array.dtype.kind in "fc"):
+                raise self.fail(
+                    f"features that were returned ({where}) have changed since.",
+                    "Return a copy of a buffer that is written again.",
+                )
+
+    def check_percepts(self) -> None:
+        """Check that every behavior that senses has yielded a percept."""
+        silent = [
+            self.domain.behaviors[behavior].name
+            for behavior, count in sorted(self.succeeded.items())
+            if count >= _SOON and not self.perceived[behavior]
+        ]
+        if silent:
+            raise self.fail(
+                f"{silent} never yielded a percept, although they came to where they sense.",
+                "Return Outcome(state, {modality: numbers}), or take their modalities out of the "
+                "domain.",
+            )

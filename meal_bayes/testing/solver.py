@@ -1,0 +1,249 @@
+"""The check of a solver: what its policies decide, from what, and whether they repeat it."""
+
+import copy
+import random
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import fields, is_dataclass, replace
+from typing import Any, TypeVar
+
+import cloudpickle
+import numpy as np
+
+from meal_bayes.errors import ConformanceError, MealBayesError
+from meal_bayes.momdp import MOMDP, Transition, initial_belief, update_belief
+from meal_bayes.planners import Decision, History, Solver
+from meal_bayes.testing.problems import example_problems
+
+Result = TypeVar("Result")
+
+
+def check_solver(
+    solver: Solver, problems: Iterable[MOMDP] | None = None, *, seed: int = 0, steps: int = 12
+) -> None:
+    """Check a solver on problems of many kinds.
+
+    It must solve each, decide for a legal behavior or an answer at every belief that comes about,
+    with values in their places; repeat its decisions under equal generators, whatever was solved or
+    decided before; and change neither the problem, nor the history, nor NumPy's global generator.
+
+    Parameters
+    ----------
+    solver : Solver
+        An object with a method `solve(momdp, rng)`.
+    problems : Iterable[MOMDP] | None
+        What it must solve; `example_problems()` by default. A solver that is made for one kind of
+        problem is checked on that kind, such as `example_problems(known_rows=True)`.
+    seed : int
+        Of the trials that are played.
+    steps : int
+        Of a trial, at most.
+
+    Raises
+    ------
+    ConformanceError
+        What was found, what was expected, and how to mend it.
+    """
+    candidate: Any = solver  # users give anything
+    name = type(solver).__name__
+    if isinstance(candidate, type) or not callable(getattr(candidate, "solve", None)):
+        raise ConformanceError(
+            f"A solver is an object with solve(momdp, rng); found {candidate!r:.60}. "
+            "Give an instance of a class that has this method."
+        )
+    _check_processes(solver, name)
+    given = list(example_problems(seed) if problems is None else problems)
+    for number, momdp in enumerate(given):
+        other = given[number - 1]
+        if other is momdp:  # the only one: the same with percepts turned round
+            other = replace(momdp, confusion=momdp.confusion[..., ::-1])
+        _Check(solver, momdp, f"{name}, problem {number}").play(other, seed, steps)
+
+
+def _check_processes(solver: Any, name: str) -> None:
+    try:
+        cloudpickle.dumps(solver)
+    except Exception as fault:  # whatever an object raises that cannot be copied
+        raise ConformanceError(
+            f"{name} cannot be sent to other processes, as runs with several jobs do "
+            f"({type(fault).__name__}: {fault}). Make open files, locks and threads in solve()."
+        ) from fault
+
+
+class _Check:
+    """A solver on one problem; `where` begins every message."""
+
+    def __init__(self, solver: Any, momdp: MOMDP, where: str) -> None:
+        self.solver = solver
+        self.momdp = momdp
+        self.where = where
+
+    def fail(self, found: str, mend: str) -> ConformanceError:
+        return ConformanceError(f"{self.where}: {found} {mend}")
+
+    def play(self, other: MOMDP, seed: int, steps: int) -> None:
+        """Follow the policy where it goes; where it would answer, take any legal behavior."""
+        rng = np.random.default_rng(seed)
+        policy = self.solve(self.momdp)
+        again = self.solve(self.momdp)
+        self.solve(other)  # which must not change what was solved before
+        history = History(initial_belief(self.momdp))
+        decided: list[tuple[History, int, Decision]] = []
+        for step in range(steps):
+            luck = int(rng.integers(2**31))
+            decision = self.decide(policy, history, luck)
+            self.check(decision, history)
+            self.check_repeats(decision, self.decide(again, history, luck), "another policy of it")
+            decided.append((history, luck, decision))
+            legal = np.flatnonzero(self.momdp.legal[history.belief.x])
+            if not len(legal):
+                break
+            action = int(decision.action)
+            if action >= self.momdp.n_behaviors or step % 3 == 2:
+                action = int(rng.choice(legal))
+            history = _executed(self.momdp, history, action, rng)
+        for history, luck, decision in decided:  # as the next trial would
+            later = self.decide(policy, history, luck)
+            self.check_repeats(decision, later, "the same policy in a later trial")
+        self.check_deterministic(policy, decided)
+
+    def solve(self, momdp: MOMDP) -> Any:
+        """Return the policy, which is fresh for each call."""
+        with self.unchanged(momdp, "solve() changes the MOMDP.", "Copy what you change."):
+            policy = self.call(
+                "solve()", lambda: self.solver.solve(momdp, np.random.default_rng(1))
+            )
+        if isinstance(policy, type) or not callable(getattr(policy, "decide", None)):
+            raise self.fail(
+                f"solve() returned {policy!r:.60}.",
+                "Return a policy: an object with a method decide(history, rng).",
+            )
+        return policy
+
+    def decide(self, policy: Any, history: History, luck: int) -> Decision:
+        """Return the policy's decision, of which only the kind has been checked."""
+        mend = "Histories, beliefs and MOMDPs are values: copy what you change."
+        with (
+            self.unchanged(history, "decide() changes the history.", mend),
+            self.unchanged(self.momdp, "decide() changes the MOMDP.", mend),
+        ):
+            decision = self.call(
+                f"decide() after {len(history.actions)} steps, in "
+                f"{self.momdp.x_names[history.belief.x]!r}",
+                lambda: policy.decide(history, np.random.default_rng(luck)),
+            )
+        if not isinstance(decision, Decision):
+            raise self.fail(
+                f"decide() returned {type(decision).__name__}.",
+                "Return a Decision; unvalued(momdp, action) makes one of an action alone.",
+            )
+        return decision
+
+    def call(self, what: str, function: Callable[[], Result]) -> Result:
+        """Call the solver's own code; global generators must stay as they are."""
+        before = np.random.get_state()[1].copy(), random.getstate()  # type: ignore[index]  # noqa: NPY002
+        try:
+            result = function()
+        except Exception as fault:  # whatever it raises
+            raise self.fail(
+                f"{what} raised {type(fault).__name__}: {fault}",
+                "It must decide at every belief that can come about, also where percepts have run "
+                "out or the belief is certain (log-odds of plus and minus infinity).",
+            ) from fault
+        after = np.random.get_state()[1], random.getstate()  # type: ignore[index]  # noqa: NPY002
+        if not np.array_equal(before[0], after[0]) or before[1] != after[1]:
+            raise self.fail(
+                f"{what} draws from a global generator.",
+                "Draw from the rng that is given, so that runs repeat under a seed.",
+            )
+        return result
+
+    @contextmanager
+    def unchanged(self, value: object, found: str, mend: str) -> Iterator[None]:
+        before = copy.deepcopy(value)
+        yield
+        if not _equal(before, value):
+            raise self.fail(found, mend)
+
+    def check(self, decision: Decision, history: History) -> None:
+        """Check a decision: legal, or an answer; and values where they belong."""
+        momdp = self.momdp
+        if isinstance(decision.action, bool) or not isinstance(decision.action, int | np.integer):
+            raise self.fail(
+                f"the action is {decision.action!r:.60}.",
+                f"Give an index: below {momdp.n_behaviors} a behavior, from there on a report.",
+            )
+        try:
+            momdp.check_action(history.belief.x, int(decision.action))
+        except MealBayesError as fault:
+            raise self.fail(str(fault), "momdp.legal[belief.x] has the legal behaviors.") from fault
+        shape = (momdp.n_behaviors + 1,)
+        for field in ("values", "value_se", "visits"):
+            found = np.shape(getattr(decision, field))
+            if found != shape:
+                raise self.fail(
+                    f"Decision.{field} has shape {found}.",
+                    f"Give {shape}: one entry for each behavior, then one for the best answer.",
+                )
+        if np.isinf(decision.values).any():
+            raise self.fail(
+                f"Decision.values hold infinity: {decision.values}.", "Give NaN for no value."
+            )
+        if (decision.value_se < 0).any() or (np.asarray(decision.visits) < 0).any():
+            raise self.fail(
+                "Decision.value_se or visits are negative.",
+                "Standard errors are 0 where a value is exact, NaN where unknown; visits count.",
+            )
+        if decision.gap is not None and not decision.gap >= 0:
+            raise self.fail(
+                f"Decision.gap is {decision.gap}.",
+                "It is what the best action may be worth more, at most: 0 or more, or None.",
+            )
+
+    def check_repeats(self, first: Decision, second: Decision, whose: str) -> None:
+        """Check that two decisions from equal histories and generators are equal."""
+        if not _equal(first, second):
+            raise self.fail(
+                f"from the same history and generator, {whose} decides differently: "
+                f"action {first.action} with {first.values}, then {second.action} with "
+                f"{second.values}.",
+                "Draw from the rng that is given alone; keep nothing from one trial or problem to "
+                "the next: let solve() return a new policy object each time.",
+            )
+
+    def check_deterministic(
+        self, policy: Any, decided: list[tuple[History, int, Decision]]
+    ) -> None:
+        """Check of a policy that says so that its decisions depend on the belief alone."""
+        if not getattr(policy, "deterministic", False):
+            return
+        for history, luck, decision in decided:
+            bare = self.decide(policy, History(history.belief), luck)
+            if bare.action != decision.action:
+                raise self.fail(
+                    f"it says that it is deterministic, and decides for {bare.action} instead of "
+                    f"{decision.action} where the history lacks the steps before.",
+                    "Leave `deterministic` out where decisions depend on more than the belief.",
+                )
+
+
+def _executed(momdp: MOMDP, history: History, action: int, rng: np.random.Generator) -> History:
+    """Take any outcome that is possible, and any percept that is."""
+    belief = history.belief
+    percept = None
+    x = int(rng.choice(np.flatnonzero(momdp.transition[action, belief.x])))
+    left = belief.percept_counts[0, action].sum() < momdp.limit[action]
+    if momdp.observation_probability[action, belief.x, x] > rng.random() and left:
+        rows = np.einsum("nc,nck->nk", np.exp(belief.log_prob), momdp.confusion[:, action])
+        percept = np.array([rng.choice(np.flatnonzero(row > 0)) for row in rows])
+    after = update_belief(belief, momdp, Transition(action, x, percept))
+    return history.after(after, action, percept is not None, float(momdp.cost[action]))
+
+
+def _equal(first: Any, second: Any) -> bool:
+    """Compare values field by field, arrays with NaN equal to NaN."""
+    if is_dataclass(first) and type(first) is type(second):
+        return all(_equal(getattr(first, f.name), getattr(second, f.name)) for f in fields(first))
+    if isinstance(first, np.ndarray) and isinstance(second, np.ndarray):
+        return np.array_equal(first, second, equal_nan=first.dtype.kind in "fc")
+    return bool(first == second)
