@@ -92,7 +92,8 @@ class Belief(FrozenArrays):
     @property
     def marginals(self) -> list[NDArray[np.float64]]:
         """Probabilities of each variable's values, in the order of `Query.variables`."""
-        positive, places = self.positive, {i: group for group in self.groups for i in group}
+        positive = self.positive
+        places = {i: group for group in self.groups for i in group}
         return [
             positive[list(places[i])] if i in places else np.array([1.0 - p, p])
             for i, p in enumerate(positive)
@@ -161,7 +162,8 @@ def log_odds(momdp: MOMDP, log_prob: NDArray[np.float64]) -> NDArray[np.float64]
             prior = momdp.prior[group]
             log_ratio = odds[..., group] - (np.log(prior) - np.log1p(-prior))
             weight = np.log(prior) + (1 - 1 / len(group)) * log_ratio
-            weight[..., prior == 0], weight[..., prior == 1] = -np.inf, 0.0
+            weight[..., prior == 0] = -np.inf
+            weight[..., prior == 1] = 0.0
             others = np.where(np.eye(len(group), dtype=bool), -np.inf, weight[..., None, :])
             odds[..., group] = weight - np.logaddexp.reduce(others, axis=-1)
     return odds
@@ -214,7 +216,8 @@ def update_belief(belief: Belief, momdp: MOMDP, transition: Transition) -> Belie
     attributes = np.arange(n)
     percept_counts = belief.percept_counts[:, e]
     total = percept_counts.sum(axis=1)
-    mean, precision = momdp.confusion[attributes, e, :, levels], momdp.precision[:, e]  # (N,C)
+    mean = momdp.confusion[attributes, e, :, levels]
+    precision = momdp.precision[:, e]  # (N,C)
     counts = percept_counts[attributes, levels][:, None]
     with np.errstate(divide="ignore", invalid="ignore"):  # nan where no class is possible
         log_prob = belief.log_prob + np.log(predictive(mean, precision, counts, total[:, None]))
@@ -235,7 +238,8 @@ def update_belief(belief: Belief, momdp: MOMDP, transition: Transition) -> Belie
 def next_percept(momdp: MOMDP, belief: Belief) -> NDArray[np.float64]:
     """Compute Pr(truth, level) of the next percept of each behavior and attribute, (N,E,2,K)."""
     counts = belief.percept_counts[:, :, None]  # (N,E,1,K)
-    total, precision = counts.sum(axis=3, keepdims=True), momdp.precision[..., None]
+    total = counts.sum(axis=3, keepdims=True)
+    precision = momdp.precision[..., None]
     rows = predictive(momdp.confusion, precision, counts, total)  # (N,E,C,K)
     prob = np.exp(belief.log_prob[:, None] + momdp.log_truth)  # (N,2,C) Pr(truth, class)
     if belief.groups:

@@ -80,13 +80,15 @@ def build_momdp(
     SettingsError
         Arrays of other shapes, or values that a MOMDP cannot have.
     """
-    n, e = len(query), len(domain.behaviors)
+    n = len(query)
+    e = len(domain.behaviors)
     answers = [behavior.answer_accuracy is not None for behavior in domain.behaviors]
     identity = np.tile(np.eye(2), (n, 1, 1))
     classes = identity if latent_classes is None else np.asarray(latent_classes, dtype=float)
     if classes.ndim != 3 or classes.shape[:2] != (n, 2):
         raise SettingsError(f"latent_classes has shape {classes.shape}; expected ({n},2,C).")
-    rows, c = np.array(confusion, dtype=float), classes.shape[-1]
+    rows = np.array(confusion, dtype=float)
+    c = classes.shape[-1]
     if rows.ndim != 4 or rows.shape[:3] != (n, e, c):
         raise SettingsError(
             f"confusion has shape {rows.shape}; expected ({n} queried, {e} behaviors, {c} latent "
@@ -95,7 +97,8 @@ def build_momdp(
     spread = np.array(np.broadcast_to(precision, (n, e, c)), dtype=float)
     if any(answers) and (classes > 0).all(axis=1).any():  # split every class by truth: C -> 2C
         classes = (classes[:, :, None] * np.eye(2)[:, :, None]).reshape(n, 2, 2 * c)
-        rows, spread = np.tile(rows, (1, 1, 2, 1)), np.tile(spread, 2)
+        rows = np.tile(rows, (1, 1, 2, 1))
+        spread = np.tile(spread, 2)
     for index, behavior in enumerate(domain.behaviors):
         if behavior.answer_accuracy is not None:
             rows[:, index] = _answer_rows(classes, behavior.answer_accuracy, rows.shape[-1])
@@ -103,7 +106,8 @@ def build_momdp(
         elif not behavior.senses:
             rows[:, index] = 1.0 / rows.shape[-1]
     arrays = domain.diagram.compile(domain.behavior_names)
-    goal, reward = objective or Objective(), domain.report_reward
+    goal = objective or Objective()
+    reward = domain.report_reward
     senses = np.array([behavior.senses for behavior in domain.behaviors])
     chance = np.array(np.broadcast_to(prior, (n,)), dtype=float)
     for group in map(list, query.groups):

@@ -121,8 +121,10 @@ def flatten(momdp: MOMDP) -> FlatPOMDP:
         Finite precision, whose state would have to carry the percept counts; several latent
         classes a truth; or too many attributes for dense arrays.
     """
-    n_y, n_z = momdp.query.n_values, momdp.levels ** len(momdp.query) + 1
-    n_a, end = momdp.n_actions, momdp.terminal
+    n_y = momdp.query.n_values
+    n_z = momdp.levels ** len(momdp.query) + 1
+    n_a = momdp.n_actions
+    end = momdp.terminal
     living = end * n_y  # states but `term`
     _check_size(momdp, n_a * momdp.n_states**2 * n_z, _DENSE)
     transition = np.zeros((n_a, momdp.n_states, momdp.n_states))
@@ -157,7 +159,8 @@ def flatten(momdp: MOMDP) -> FlatPOMDP:
 
 def file_tables(momdp: MOMDP) -> FileTables:
     """Convert a MOMDP to the tables of a file; errors as of `write_pomdp`."""
-    n_y, n_z = momdp.query.n_values, momdp.levels ** len(momdp.query)
+    n_y = momdp.query.n_values
+    n_z = momdp.levels ** len(momdp.query)
     perceived = int(momdp.observation_probability.any(axis=1).sum())  # behaviors at an x'
     size = n_y * (perceived * n_z + n_y + momdp.n_behaviors * momdp.terminal)  # O, rewards, T
     _check_size(momdp, size, _LARGEST)
@@ -198,7 +201,8 @@ def _percept_rates(momdp: MOMDP, reached: NDArray[np.bool_]) -> NDArray[np.float
 
 def _identifiers(names: Iterable[str], taken: Iterable[str]) -> tuple[str, ...]:
     """Turn names into identifiers of the formats, all different."""
-    used, identifiers = {*taken, *_RESERVED}, []
+    used = {*taken, *_RESERVED}
+    identifiers = []
     for name in names:
         word = re.sub(r"[^A-Za-z0-9_]", "_", name)[:60]
         word = word if word[:1].isalpha() else f"n{word}"

@@ -87,7 +87,8 @@ class MOMDP:
     abstain: bool = False
     log_truth: NDArray[np.float64] = field(init=False, repr=False)
 
-    __repr__, _repr_html_ = facts_repr, facts_html
+    __repr__ = facts_repr
+    _repr_html_ = facts_html
 
     def __post_init__(self) -> None:
         freeze_arrays(self)
@@ -100,7 +101,8 @@ class MOMDP:
         size = {"n": len(self.query), "e": self.n_behaviors, "x": len(self.x_names), "2": 2}
         size |= {"c": self.latent_classes.size // (2 * size["n"]), "k": self.levels}
         for name, axes in ARRAYS.items():
-            shape, expected = getattr(self, name).shape, tuple(size[axis] for axis in axes)
+            shape = getattr(self, name).shape
+            expected = tuple(size[axis] for axis in axes)
             if shape != expected:
                 raise SettingsError(f"MOMDP.{name} has shape {shape}; expected {expected}.")
         for name in ("transition", "confusion", "latent_classes"):
@@ -110,7 +112,8 @@ class MOMDP:
         for group in self.query.groups:
             if not np.isclose(self.prior[list(group)].sum(), 1.0):
                 raise SettingsError(f"MOMDP.prior of a group must sum to 1, found {self.prior}.")
-        tiny, huge = np.nextafter(0.0, 1.0), np.finfo(float).max
+        tiny = np.nextafter(0.0, 1.0)
+        huge = np.finfo(float).max
         for name, low, high, text in (
             ("prior", 0.0, 1.0, "lie in [0, 1]"),
             ("observation_probability", 0.0, 1.0, "lie in [0, 1]"),
@@ -141,7 +144,8 @@ class MOMDP:
     def _facts(self) -> tuple[str, dict[str, str]]:
         """Return a title and what a reader should know first."""
         rates = self.rows[..., self.levels // 2 :].sum(axis=-1)  # (N,E,2)
-        youden, names = rates[..., 1] - rates[..., 0], self.query.value_names
+        youden = rates[..., 1] - rates[..., 0]
+        names = self.query.value_names
         best = zip(names, youden.argmax(axis=1), youden.max(axis=1), strict=True)
         largest = [f"{name} by {self.behavior_names[e]} ({j:.2f})" for name, e, j in best]
         paid = f"{self.correct:g} or {self.incorrect:g} for a report, discount {self.discount:g}"

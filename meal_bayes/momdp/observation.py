@@ -42,7 +42,8 @@ def sample_rows(
     The rows `mean` (...,K) are those of its latent class, `precision` (...) their weight (inf: the
     mean itself), `counts` (...,K) the percepts that the object has shown.
     """
-    rows, weight = np.asarray(mean, dtype=float), np.asarray(precision, dtype=float)[..., None]
+    rows = np.asarray(mean, dtype=float)
+    weight = np.asarray(precision, dtype=float)[..., None]
     known = np.isinf(weight)
     gamma = rng.standard_gamma(np.where(known, 1.0, weight) * rows + counts) + 1e-300
     return np.where(known, rows, gamma / gamma.sum(axis=-1, keepdims=True))

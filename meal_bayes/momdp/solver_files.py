@@ -78,7 +78,8 @@ def _check_observable(momdp: MOMDP, tables: FileTables) -> None:
 
 
 def _pomdp(momdp: MOMDP, tables: FileTables) -> Iterator[str]:
-    end, percepts = momdp.terminal, tables.percept_names
+    end = momdp.terminal
+    percepts = tables.percept_names
     states = [[f"s{x}p{y}" for y in tables.y_names] for x in range(end)]
     start = np.zeros((end, len(tables.y_names)))
     start[momdp.start] = tables.prior
@@ -114,7 +115,9 @@ def _behavior(momdp: MOMDP, tables: FileTables, e: int, states: list[list[str]])
             for target in np.flatnonzero(row[:-1]):
                 yield f"T: {name} : {state} : {states[target][y]} {_number(row[target])}"
     for x in np.flatnonzero(tables.comes[e] + tables.moves[e]):
-        comes, silent, moves = tables.comes[e, x], 1 - tables.comes[e, x], tables.moves[e, x]
+        comes = tables.comes[e, x]
+        silent = 1 - tables.comes[e, x]
+        moves = tables.moves[e, x]
         for state, row in zip(states[x], percept_probabilities(momdp, e), strict=True):
             yield f"O: {name} : {state} : na {_number(0.0 if moves else silent)}"
             if moves and silent > 0:
@@ -129,7 +132,9 @@ def _remark(text: str) -> str:
 
 
 def _pomdpx(momdp: MOMDP, tables: FileTables) -> Iterator[str]:
-    states, actions, n_x = tables.x_names, tables.action_names, len(tables.x_names)
+    states = tables.x_names
+    actions = tables.action_names
+    n_x = len(tables.x_names)
     hidden = [f"y{name}" for name in tables.y_names]
     yield '<?xml version="1.0" encoding="ISO-8859-1"?>'
     yield '<pomdpx version="0.1" id="meal">'

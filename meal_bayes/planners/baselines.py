@@ -15,8 +15,8 @@ from meal_bayes.errors import SettingsError
 from meal_bayes.momdp import MOMDP, Belief, answer_value, best_answer, best_report
 from meal_bayes.momdp.belief import next_percept
 from meal_bayes.planners.compiled import dynamics_of
+from meal_bayes.planners.open_loop.candidates import diagram_of
 from meal_bayes.planners.open_loop.growth import Ways
-from meal_bayes.planners.open_loop.library import diagram_of
 from meal_bayes.planners.solver import Decision, History, unvalued
 
 
@@ -42,7 +42,8 @@ class Random:
 
 
 def _report_or_behavior(momdp: MOMDP, history: History, rng: np.random.Generator) -> Decision:
-    legal, query = np.flatnonzero(momdp.legal[history.belief.x]), momdp.query
+    legal = np.flatnonzero(momdp.legal[history.belief.x])
+    query = momdp.query
     if rng.random() * (float(query.n_values) + len(legal)) < len(legal):
         return unvalued(momdp, int(rng.choice(legal)))
     # Drawn bit by bit, as 2^81 reports fit in no machine integer.
@@ -110,7 +111,8 @@ class Predefined:
         return Baseline(partial(self._next, momdp))
 
     def _next(self, momdp: MOMDP, history: History, rng: np.random.Generator) -> Decision:
-        position, before = 0, momdp.start
+        position = 0
+        before = momdp.start
         for perceived, after in zip(history.perceived, history.moved, strict=True):
             failed = not perceived and after == before
             position += not (failed and self.persistent)
@@ -152,10 +154,13 @@ class Greedy:
 def _most_bits(momdp: MOMDP, ways: Ways, history: History, rng: np.random.Generator) -> Decision:
     """Choose the first behavior on the way to the most bits per second."""
     belief = history.belief
-    stop, entropy = answer_value(momdp, belief), belief.entropy
+    stop = answer_value(momdp, belief)
+    entropy = belief.entropy
     values = np.append(np.full(momdp.n_behaviors, np.nan), stop)
     bit_value = (momdp.correct - stop) / entropy if entropy > 0 else 0.0
-    gain, first, price = information_gain(momdp, belief), ways.hop[belief.x], ways.cost[belief.x]
+    gain = information_gain(momdp, belief)
+    first = ways.hop[belief.x]
+    price = ways.cost[belief.x]
     goal = (first >= 0) & (gain > 0)
     net = np.where(goal, gain * bit_value - price, -np.inf)
     np.fmax.at(values, first[goal], stop + net[goal])
@@ -168,7 +173,8 @@ def _most_bits(momdp: MOMDP, ways: Ways, history: History, rng: np.random.Genera
 def information_gain(momdp: MOMDP, belief: Belief) -> Floats:
     """Compute the mutual information (E,), bits, of each behavior's next percept and the truth."""
     joint = next_percept(momdp, belief)  # (N,E,2,K)
-    true, (n, e) = joint.sum(axis=3), joint.shape[:2]
+    true = joint.sum(axis=3)
+    n, e = joint.shape[:2]
     gain = _entropy(true) + _entropy(joint.sum(axis=2)) - _entropy(joint.reshape(n, e, -1))
     left = belief.percept_counts[0].sum(axis=1) < momdp.limit
     return np.where(left, gain.clip(0.0).sum(axis=0), 0.0)

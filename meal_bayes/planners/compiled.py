@@ -134,14 +134,16 @@ def _dynamics(momdp: MOMDP, cost: Floats) -> Dynamics:
     x, e, k = np.nonzero(possible & step["legal"][..., None])
     at = x, e, possible.cumsum(axis=2)[x, e, k] - 1
     branch["p"][at] = mass[x, e, k] / np.where(1 - idle > 0, 1 - idle, 1.0)[x, e]
-    branch["x"][at], branch["senses"][at] = k // 2, k % 2 == 0
+    branch["x"][at] = k // 2
+    branch["senses"][at] = k % 2 == 0
     step["moves"] = ((branch["p"] > 0) & (branch["x"] != states[:, None, None])).any(axis=2)
     return Dynamics(step, branch, 0.0 if momdp.abstain else -np.inf)
 
 
 def _information(momdp: MOMDP) -> Floats:
     """Compute the mutual information (N,E), bits, of a percept and the class at even odds."""
-    rows, p = momdp.confusion, momdp.latent_classes.mean(axis=1)[:, None, :, None]
+    rows = momdp.confusion
+    p = momdp.latent_classes.mean(axis=1)[:, None, :, None]
     mixed = (p * rows).sum(axis=2, keepdims=True)
     ratio = np.log2(np.clip(rows, 1e-300, None) / np.clip(mixed, 1e-300, None))
     return np.asarray((p * rows * ratio).sum(axis=(2, 3)))

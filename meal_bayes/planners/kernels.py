@@ -3,9 +3,15 @@
 `entry_kernel` makes a kernel that Python calls; `kernel` one that only kernels call, without the
 wrappers that Python would need (a seventh of the compile time), and inlined, as a call would pass
 all fields of all arrays of its named tuples, some 200 words; `called_kernel` one that is too large
-to be inlined everywhere. A kernel is compiled again in every entry kernel that leads to it, so
-these are few. Nothing in a kernel allocates, so no references are counted: callers bring scratch
-buffers.
+to be inlined everywhere. These two are not optimized by themselves, nor kept on disk: LLVM sees all
+that an entry kernel leads to at once, and what it had done before would be done again at every
+level (a third of the compile time). A kernel is compiled again in every entry kernel that leads to
+it, so these are few. Nothing in a kernel allocates, so no references are counted: callers bring
+scratch buffers.
+
+In a call from kernel to kernel a literal has a type of its own, such as `Literal[int](0)`, and the
+callee is compiled once more for it. So a constant argument is typed: `np.int64(0)`,
+`np.bool_(True)`, `NO_BEHAVIOR`; and so is a variable that begins with a constant and is passed on.
 
 numba's cache looks at a kernel's own file alone, but kernels call kernels of other files, so a
 digest of every file that may hold one is part of the cache's version: after an edit to any of
@@ -16,14 +22,35 @@ import contextlib
 import hashlib
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
+import numpy as np
+from numba import njit
 from numba.core import event
+from numba.core.compiler import Compiler
 
 from meal_bayes.cache import compile_kernel
 
+Index = int | np.int64
+NO_BEHAVIOR: Index = np.int64(-1)  # where a kernel takes or returns a behavior
+
+
+class _CalledCompiler(Compiler):  # type: ignore[misc]  # numba has no types
+    """Compiles a kernel to code that is optimized where it is linked."""
+
+    def compile_extra(self, function: Callable[..., Any]) -> Any:
+        library = self.state.targetctx.codegen().create_library(function.__qualname__)
+        library._optimize_final_module = lambda: None
+        self.state.library = library
+        return super().compile_extra(function)
+
+
 _OPTIONS = {"nogil": True, "error_model": "numpy", "_nrt": False}
-_CALLED = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+_CALLED = {
+    "no_cpython_wrapper": True,
+    "no_cfunc_wrapper": True,
+    "pipeline_class": _CalledCompiler,
+}
 _OBSERVATION = Path(__file__).parents[1] / "momdp" / "observation.py"
 _DIGEST = hashlib.blake2b(digest_size=8)
 for _path in (*sorted(Path(__file__).parent.rglob("*.py")), _OBSERVATION):
@@ -37,24 +64,26 @@ def entry_kernel(function: Callable[..., Any]) -> Callable[..., Any]:
 
 def called_kernel(function: Callable[..., Any]) -> Callable[..., Any]:
     """Compile a large kernel that only kernels call."""
-    return _versioned(compile_kernel(function, **_OPTIONS, **_CALLED))
+    return cast(Callable[..., Any], njit(function, **_OPTIONS, **_CALLED))
 
 
 def kernel(function: Callable[..., Any]) -> Callable[..., Any]:
     """Compile a kernel that only kernels call, and inline it there."""
-    return _versioned(compile_kernel(function, **_OPTIONS, **_CALLED, forceinline=True))
+    return cast(Callable[..., Any], njit(function, **_OPTIONS, **_CALLED, forceinline=True))
 
 
 def _versioned(compiled: Callable[..., Any]) -> Callable[..., Any]:
-    held = getattr(getattr(compiled, "_cache", None), "_cache_file", None)
-    if held is not None:  # None where nothing is cached
-        held._version = f"{held._version} {_DIGEST.hexdigest()}"
+    cache_file = getattr(getattr(compiled, "_cache", None), "_cache_file", None)
+    if cache_file is not None:  # None where nothing is cached
+        cache_file._version = f"{cache_file._version} {_DIGEST.hexdigest()}"
     return compiled
 
 
 class _Watch(event.Listener):  # type: ignore[misc]  # numba has no types
     def __init__(self, begin: Callable[[], None], end: Callable[[], None]) -> None:
-        self._begin, self._end, self._depth = begin, end, 0
+        self._begin = begin
+        self._end = end
+        self._depth = 0
 
     def on_start(self, event: object) -> None:
         self._depth += 1

@@ -22,7 +22,8 @@ def warm_up(solver: Solver, limit: float = 3) -> None:
         and rates are known (Eq. 8), and plans otherwise: two kernels.
     """
     if isinstance(solver, POMCP | OpenLoop | Factored):
-        domain, rng = load_domain("toy"), np.random.Generator(np.random.PCG64(0))
+        domain = load_domain("toy")
+        rng = np.random.Generator(np.random.PCG64(0))
         rows = np.broadcast_to([[0.6, 0.4], [0.4, 0.6]], (1, len(domain.behaviors), 2, 2))
         momdp = build_momdp(domain, Query(domain.attributes[:1]), rows, limit=limit)
         solver.solve(momdp, rng).decide(History(initial_belief(momdp)), rng)

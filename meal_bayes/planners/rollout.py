@@ -2,6 +2,7 @@
 
 import time
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -66,47 +67,78 @@ def simulate(
     """
     if episodes < 2:
         raise SettingsError(f"episodes is {episodes}; a standard error needs two or more.")
-    rows = [_episode(momdp, policy, luck, max_steps) for luck in rng.spawn(episodes)]
-    *measures, decisions, simulations, cpu = zip(*rows, strict=True)
-    returns, certainty, success, cost, abstained = map(np.array, measures)
-    counted = sum(decisions), sum(simulations), sum(cpu)
-    return Rollouts(returns, certainty, success, cost, abstained, *counted)
+    played = [_episode(momdp, policy, luck, max_steps) for luck in rng.spawn(episodes)]
+    return Rollouts(
+        returns=np.array([episode.value for episode in played]),
+        certainty=np.array([episode.certainty for episode in played]),
+        success=np.array([episode.success for episode in played]),
+        cost=np.array([episode.cost for episode in played]),
+        abstained=np.array([episode.abstained for episode in played]),
+        decisions=sum(episode.decisions for episode in played),
+        simulations=sum(episode.simulations for episode in played),
+        cpu_s=sum(episode.cpu_s for episode in played),
+    )
 
 
-def _episode(
-    world: MOMDP, policy: Policy, rng: np.random.Generator, max_steps: int
-) -> tuple[float, float, bool, float, bool, int, int, float]:
-    """Simulate one episode; return its row of `Rollouts`."""
+class _Episode(NamedTuple):
+    """What a policy came to in one episode; see `Rollouts`."""
+
+    value: float
+    certainty: float
+    success: bool
+    cost: float
+    abstained: bool
+    decisions: int
+    simulations: int
+    cpu_s: float
+
+
+def _episode(world: MOMDP, policy: Policy, rng: np.random.Generator, max_steps: int) -> _Episode:
+    """Simulate one episode."""
     world_rng, policy_rng = rng.spawn(2)
     true, rows = _object(world, world_rng)
-    history, total, scale = History(initial_belief(world)), 0.0, 1.0
-    report, certainty, simulations, cpu = None, 0.0, 0, 0.0
+    history = History(initial_belief(world))
+    value = 0.0
+    scale = 1.0
+    report = None
+    simulations = 0
+    cpu_s = 0.0
     for step in range(max_steps + 1):
         belief = history.belief
         action = best_answer(world, belief)
         if step < max_steps:
             before = time.process_time()
             decision = policy.decide(history, policy_rng)
-            cpu += time.process_time() - before
-            action, simulations = decision.action, simulations + decision.simulations
+            cpu_s += time.process_time() - before
+            action = decision.action
+            simulations += decision.simulations
         if action >= world.n_behaviors:
             report = world.reported(action)
             break
         world.check_action(belief.x, action)
         x, percept = _execute(world, belief, action, rows, world_rng)
         cost = float(world.cost[action])
-        total -= scale * cost
+        value -= scale * cost
         scale *= world.discount
         after = update_belief(belief, world, Transition(action, x, percept))
         history = history.after(after, action, percept is not None, cost)
         if x == world.terminal:
             break
+    certainty = 0.0
     if report is not None:
         right = history.belief.agreement(report)
-        total += scale * float(world.report_reward(right))
+        value += scale * float(world.report_reward(right))
         certainty = float(right.prod())
-    success = report is not None and bool((report == true).all())
-    return total, certainty, success, history.cost, report is None, step + 1, simulations, cpu
+    return _Episode(
+        value=value,
+        certainty=certainty,
+        success=report is not None and bool((report == true).all()),
+        cost=history.cost,
+        abstained=report is None,
+        decisions=step + 1,
+        simulations=simulations,
+        cpu_s=cpu_s,
+    )
 
 
 def _object(world: MOMDP, rng: np.random.Generator) -> tuple[NDArray[np.bool_], Floats]:
@@ -114,9 +146,10 @@ def _object(world: MOMDP, rng: np.random.Generator) -> tuple[NDArray[np.bool_], 
     true = rng.random(len(world.query)) < world.prior
     for group in map(list, world.query.groups):
         true[group] = np.arange(len(group)) == _draw(world.prior[group], rng)
-    each = np.arange(len(true))
+    attributes = np.arange(len(true))
     latent = [_draw(world.latent_classes[i, v], rng) for i, v in enumerate(true.astype(int))]
-    mean, precision = world.confusion[each, :, latent], world.precision[each, :, latent]
+    mean = world.confusion[attributes, :, latent]
+    precision = world.precision[attributes, :, latent]
     return true, sample_rows(mean, precision, 0.0, rng)
 
 

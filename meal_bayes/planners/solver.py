@@ -110,7 +110,8 @@ class History:
 
     def after(self, belief: Belief, action: int, perceived: bool, cost: float) -> "History":
         """Return the history one step on, of a behavior that cost so much and led to a belief."""
-        actions, came = (*self.actions, action), (*self.perceived, perceived)
+        actions = (*self.actions, action)
+        came = (*self.perceived, perceived)
         return History(belief, actions, came, (*self.moved, belief.x), self.cost + cost)
 
 
@@ -166,6 +167,7 @@ def choose(momdp: MOMDP, belief: Belief, values: Floats) -> tuple[int, Floats]:
     Of values (E,), -inf where not legal; return the action, and the values (E+1,) of all behaviors
     (nan for -inf) and of the best answer.
     """
-    best, every = int(values.argmax()), np.append(values, answer_value(momdp, belief))
+    best = int(values.argmax())
+    every = np.append(values, answer_value(momdp, belief))
     action = best if values[best] > every[-1] else best_answer(momdp, belief)
     return action, np.where(np.isneginf(every), np.nan, every)

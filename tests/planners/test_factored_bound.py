@@ -10,8 +10,9 @@ from planner_bound import upper_bound
 from meal_bayes.domain import Query
 from meal_bayes.momdp import MOMDP, Objective, initial_belief
 from meal_bayes.planners import History
-from meal_bayes.planners.factored.grid import informative_pairs, make_scratch, value_after
+from meal_bayes.planners.factored.grid import informative_pairs, make_reader, value_after
 from meal_bayes.planners.factored.policy import Factored
+from meal_bayes.planners.kernels import NO_BEHAVIOR
 
 RNG = np.random.default_rng(0)  # nothing in the solver is random
 
@@ -103,8 +104,8 @@ def depth_for(momdp, work=2_000):
 
 def bound_at(policy, x, b):
     """Value of the table of bounds; marginals that no percept moves count as prior."""
-    table, rows = policy.bound, policy.problem.percepts.rows
-    return value_after(table, rows, policy.moves, x, -1, b, make_scratch(table, rows.shape[3]))
+    reader = make_reader(policy.bound, policy.model.percepts.rows, policy.moves)
+    return value_after(reader, x, NO_BEHAVIOR, b)
 
 
 class TestTheBound:

@@ -10,8 +10,9 @@ from meal_bayes.domain import load_domain
 from meal_bayes.momdp import Objective, Transition, initial_belief, update_belief
 from meal_bayes.planners import POMCP, History, OpenLoop
 from meal_bayes.planners.compiled import compile_momdp
+from meal_bayes.planners.entry import best_plans
 from meal_bayes.planners.open_loop.library import plan_library
-from meal_bayes.planners.open_loop.values import best_plans, plan_scratch
+from meal_bayes.planners.open_loop.values import make_evaluator
 
 
 def with_bonus(momdp, pay):
@@ -21,7 +22,15 @@ def with_bonus(momdp, pay):
     return replace(momdp, bonus=bonus)
 
 
-def values_of(problem, plans, belief):
+def with_evidence(evaluator, counts):
+    """Return an evaluator after percepts (N,E,K)."""
+    evidence = evaluator.scratch.evidence
+    evidence.counts[:] = counts
+    evidence.total[:] = np.sum(counts, axis=2)[0]
+    return evaluator
+
+
+def values_of(model, plans, belief):
     """Values (J,) of every plan from x, each as if it were the only one."""
     values, rows = [], ("plan", "observation_counts", "executions", "row")
     for j in range(plans.first[belief.x], plans.first[belief.x + 1]):
@@ -29,14 +38,9 @@ def values_of(problem, plans, belief):
         single = plans._replace(
             first=first, **{name: getattr(plans, name)[j : j + 1] for name in rows}
         )
-        scratch = plan_scratch(problem.percepts, single)
-        scratch.counts[:], scratch.total[:] = (
-            belief.percept_counts,
-            belief.percept_counts[0].sum(axis=1),
-        )
+        evaluator = with_evidence(make_evaluator(model, single), belief.percept_counts)
         prob = np.exp(belief.log_prob)
-        value, _ = best_plans(problem, single, belief.x, prob[None], scratch)
-        values.append(value.max())
+        values.append(best_plans(evaluator, belief.x, prob[None]).value.max())
     return np.array(values)
 
 
@@ -130,10 +134,10 @@ def made(momdp):
 
 def values_at(problem, plans, x, weight, seen=None):
     """Best plan value by first behavior, (E,)."""
-    scratch = plan_scratch(problem.percepts, plans)
+    evaluator = make_evaluator(problem, plans)
     if seen is not None:
-        scratch.counts[:], scratch.total[:] = seen, np.sum(seen, axis=2)[0]
-    return best_plans(problem, plans, x, weight[None], scratch)[0][0]
+        with_evidence(evaluator, seen)
+    return best_plans(evaluator, x, weight[None]).value[0]
 
 
 @pytest.mark.parametrize("name", DOMAINS)

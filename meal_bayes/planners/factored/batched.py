@@ -12,7 +12,8 @@ from meal_bayes.arrays import Floats, Ints
 from meal_bayes.momdp import MOMDP
 from meal_bayes.planners.compiled import dynamics_of
 
-_LARGEST, _POINTS = 7.0, 57  # log-odds from -7 to 7
+_LARGEST = 7.0
+_POINTS = 57  # log-odds from -7 to 7
 _SWEEPS = 60  # at most
 _SETTLED = 1e-4  # of r+ - r-
 
@@ -42,7 +43,8 @@ def batched_value_iteration(momdp: MOMDP, rates: Floats, prior: Floats) -> Float
         for x in range(momdp.terminal)[::-1]:  # latest first
             new = np.broadcast_to(floor, value[x].shape).copy()
             for e in np.flatnonzero(dynamics.step["legal"][x]).tolist():
-                step, ahead = dynamics.step[x, e], np.zeros_like(new)
+                step = dynamics.step[x, e]
+                ahead = np.zeros_like(new)
                 for p, to, senses in dynamics.branch[x, e].tolist():
                     ahead += p * (_expectation(percepts[e], value[to]) if senses else value[to])
                 np.maximum(new, step["discount"] * ahead - step["cost"], out=new)
@@ -52,7 +54,8 @@ def batched_value_iteration(momdp: MOMDP, rates: Floats, prior: Floats) -> Float
             break
     at = (np.log(prior / (1 - prior)) + _LARGEST) * ((_POINTS - 1) / (2 * _LARGEST))
     low = np.clip(at.astype(np.intp), 0, _POINTS - 2)
-    fraction, row = np.clip(at - low, 0.0, 1.0), np.arange(len(prior))
+    fraction = np.clip(at - low, 0.0, 1.0)
+    row = np.arange(len(prior))
     first = value[momdp.start]
     return np.asarray((1 - fraction) * first[row, low] + fraction * first[row, low + 1])
 

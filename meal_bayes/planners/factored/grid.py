@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from meal_bayes.arrays import Floats, Ints
 from meal_bayes.momdp import MOMDP
-from meal_bayes.planners.kernels import entry_kernel, kernel
+from meal_bayes.planners.kernels import NO_BEHAVIOR, entry_kernel, kernel
 
 _EQUAL = 1e-12  # rows of truths that differ by less, which is rounding, are equal
 _WIDEST = 10.0  # log-odds that an axis reaches from the prior, at most; certainty follows
@@ -38,6 +38,15 @@ class Table(NamedTuple):
         return product
 
 
+class Reader(NamedTuple):
+    """A table, and what reads the values that are expected of it after a percept."""
+
+    table: Table
+    rows: Floats  # (N,E,2,K) Pr(level | truth)
+    moves: NDArray[np.bool_]  # (N,E) do percepts move the belief?
+    beside: Floats  # (2,M) points beside next beliefs and their weights; of one axis in the end
+
+
 def make_table(axes: Sequence[Floats], value: Floats) -> Table:
     """Build a table of values (X-1,B) over the product of axes."""
     size = np.array([len(axis) for axis in axes])
@@ -52,7 +61,8 @@ def refine(table: Table, attribute: int, axis: Floats) -> Table:
     high = np.minimum(low + 1, len(axes[attribute]) - 1)
     left = len(table.value) * int(table.size[:attribute].prod())
     old = table.value.reshape(left, len(axes[attribute]), -1)
-    below, above = old[:, low], old[:, high]
+    below = old[:, low]
+    above = old[:, high]
     below *= (1 - fraction)[:, None]
     above *= fraction[:, None]
     below += above
@@ -65,7 +75,8 @@ def between(axis: Floats, at: Floats) -> tuple[Ints, Floats]:
     last = len(axis) - 1
     low = (axis.searchsorted(at, side="right") - 1).clip(0, max(last - 1, 0))
     below = axis[low]
-    width, fraction = axis[np.minimum(low + 1, last)] - below, np.zeros_like(at)
+    width = axis[np.minimum(low + 1, last)] - below
+    fraction = np.zeros_like(at)
     np.divide(at - below, width, out=fraction, where=width > 0)
     return low, fraction.clip(0.0, 1.0, out=fraction)
 
@@ -111,16 +122,18 @@ def even_axis(momdp: MOMDP, attribute: int, inner: int) -> Floats:
     return np.concatenate([[0.0], 1 / (1 + np.exp(-log_odds)), [1.0]])
 
 
-def make_scratch(table: Table, levels: int) -> Floats:
-    """Build the buffer of `value_after`: points and their weights; of one axis in the last 2K."""
-    along = 2 * levels
-    return np.empty((2, along ** int((table.size > 1).sum()) + along))
+def make_reader(table: Table, rows: Floats, moves: NDArray[np.bool_]) -> Reader:
+    """Make a reader of a table, for percepts of these rows (N,E,2,K); `moves` is (N,E)."""
+    along = 2 * rows.shape[3]  # points that one axis has beside the beliefs after a percept
+    several = along ** int((table.size > 1).sum())
+    return Reader(table, rows, moves, beside=np.empty((2, several + along)))
 
 
 @kernel
 def _locate(table, i, prob):
-    """Find the point below a belief, and the weight of the point above it."""
-    low, high = 0, table.size[i] - 1
+    """Find the point below a belief, and the weight of the point above it, by bisection."""
+    low = 0
+    high = table.size[i] - 1
     if high == 0:
         return low, 0.0
     while high - low > 1:
@@ -129,56 +142,85 @@ def _locate(table, i, prob):
             low = middle
         else:
             high = middle
-    below, above = table.points[i, low], table.points[i, high]
+    below = table.points[i, low]
+    above = table.points[i, high]
     return low, min(max((prob - below) / (above - below), 0.0), 1.0)
 
 
+@kernel
+def _points_beside(reader, i, behavior, b):
+    """List the points beside the beliefs that may follow b after a percept, weighted by Pr(z).
+
+    Bayes' rule: b' = b Pr(z | true) / Pr(z), Pr(z) = b Pr(z | true) + (1 - b) Pr(z | false).
+    Returns how many, at the end of `beside`.
+    """
+    rows = reader.rows
+    levels = rows.shape[3]
+    last = reader.beside.shape[1] - 2 * levels
+    count = 0
+    # Where no percept moves the belief, the one "percept" is certain, and the belief stays.
+    moved = behavior >= 0 and reader.table.size[i] > 1 and reader.moves[i, behavior]
+    for z in range(levels if moved else 1):
+        p = 1.0
+        after = b
+        if moved:
+            # joint = Pr(true, z)
+            joint = b * rows[i, behavior, 1, z]
+            p = joint + (1.0 - b) * rows[i, behavior, 0, z]
+            if p <= 0.0:
+                continue
+            after = joint / p
+        low, fraction = _locate(reader.table, i, after)
+        # Linear between the two points next to b'; at a point of the axis it is the only one.
+        reader.beside[0, last + count] = low
+        reader.beside[1, last + count] = p * (1.0 - fraction)
+        count += 1
+        if fraction > 0.0:
+            reader.beside[0, last + count] = low + 1
+            reader.beside[1, last + count] = p * fraction
+            count += 1
+    return count
+
+
 @entry_kernel
-def value_after(table, confusion, moves, x, behavior, prob, scratch):
+def value_after(reader, x, behavior, prob):
     """Compute the expected value at x of a belief (N,) after a percept of a behavior (none = -1).
 
     The next belief in each attribute is spread over the points beside it, at most 2K of them.
-    `moves` (N,E) says which percepts move the belief; `scratch` is that of `make_scratch`.
     """
-    levels = confusion.shape[3]
-    axis = scratch.shape[1] - 2 * levels
-    scratch[0, 0], scratch[1, 0], count = 0.0, 1.0, 1
-    for i in range(prob.shape[0]):  # b_i' = b_i Pr(z | true) / Pr(z) with Pr(z)
-        moved, beside = behavior >= 0 and table.size[i] > 1 and moves[i, behavior], 0
-        for z in range(levels if moved else 1):
-            p, after = 1.0, prob[i]
-            if moved:
-                joint = prob[i] * confusion[i, behavior, 1, z]
-                p = joint + (1.0 - prob[i]) * confusion[i, behavior, 0, z]
-                if p <= 0.0:
-                    continue
-                after = joint / p
-            low, fraction = _locate(table, i, after)
-            scratch[0, axis + beside], scratch[1, axis + beside] = low, p * (1.0 - fraction)
-            beside += 1
-            if fraction > 0.0:
-                scratch[0, axis + beside], scratch[1, axis + beside] = low + 1, p * fraction
-                beside += 1
+    table = reader.table
+    beside = reader.beside
+    last = beside.shape[1] - 2 * reader.rows.shape[3]
+    # E V(b') = sum over z_1 .. z_N and the corners beside b' of prod_i (Pr(z_i) weight_i) V: the
+    # product of the attributes' points, one attribute after the other, in place.
+    beside[0, 0] = 0.0
+    beside[1, 0] = 1.0
+    count = 1
+    for i in range(prob.shape[0]):
+        along = _points_beside(reader, i, behavior, prob[i])
         for k in range(count - 1, -1, -1):  # from the end, as each makes way for several
-            offset, part = scratch[0, k] * table.size[i], scratch[1, k]
-            for j in range(beside):
-                scratch[0, k * beside + j] = offset + scratch[0, axis + j]
-                scratch[1, k * beside + j] = part * scratch[1, axis + j]
-        count *= beside
+            offset = beside[0, k] * table.size[i]
+            weight = beside[1, k]
+            for j in range(along):
+                beside[0, k * along + j] = offset + beside[0, last + j]
+                beside[1, k * along + j] = weight * beside[1, last + j]
+        count *= along
     value = 0.0
     for k in range(count):
-        value += scratch[1, k] * table.value[x, int(scratch[0, k])]
+        value += beside[1, k] * table.value[x, int(beside[0, k])]
     return value
 
 
 @entry_kernel
-def add_values_ahead(dynamics, percepts, table, moves, x, prob, scratch, out):
+def add_values_ahead(model, reader, x, prob, out):
     """Add to `out` (E,) the discounted expected value after each legal behavior from x."""
+    dynamics = model.dynamics
     for e in range(out.shape[0]):
         step = dynamics.step[x, e]
         for k in range(dynamics.branch.shape[2]):
             branch = dynamics.branch[x, e, k]
+            # Q(x, b, a) = R + g sum_k p_k E V(x_k, b'), of which R is in `out` already
             if step.legal and branch.p > 0.0:
-                behavior = e if branch.senses and percepts.limit[e] > 0.0 else -1
-                mean = value_after(table, percepts.rows, moves, branch.x, behavior, prob, scratch)
-                out[e] += step.discount * branch.p * mean
+                perceives = branch.senses and model.percepts.limit[e] > 0.0
+                behavior = e if perceives else NO_BEHAVIOR
+                out[e] += step.discount * branch.p * value_after(reader, branch.x, behavior, prob)

@@ -28,6 +28,7 @@ What is left out of the state, and what then holds:
   what the table started from. The bound holds, but is idle, and the policy may go round.
 """
 
+import itertools
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -41,8 +42,9 @@ from meal_bayes.errors import SettingsError
 from meal_bayes.momdp import MOMDP, answer_value, initial_belief
 from meal_bayes.planners.compiled import Compiled, compile_momdp
 from meal_bayes.planners.factored import grid
-from meal_bayes.planners.factored.grid import Table
-from meal_bayes.planners.factored.sweep import Edges, make_backups, percepts_on, sweep
+from meal_bayes.planners.factored.grid import Reader, Table
+from meal_bayes.planners.factored.sweep import Edges, Ending, make_backups, percepts_on, sweep
+from meal_bayes.planners.kernels import NO_BEHAVIOR
 from meal_bayes.planners.open_loop.policy import OpenLoop
 from meal_bayes.planners.solver import Decision, History, choose
 
@@ -50,7 +52,8 @@ _FINER = 8  # times `points` are those of the estimate, and of the bound of _MAN
 _MANY = 5  # of fewer, the bound has points enough
 _SWEEPS = 1_000  # at most; a table is a bound after any number of them
 _SETTLED = 0.05  # of the tolerance: a sweep that changes less is the last
-_SMOOTHED, _SMOOTH_SETTLED = 150, 0.1  # the same of the estimate
+_SMOOTH_SWEEPS = 150  # the same of the estimate
+_SMOOTH_SETTLED = 0.1
 _INNER = (0, 101, 41, 25, 15)  # uncertain beliefs on an axis of the estimate, by N; five share
 _LEAST = 9  # fewer are no grid
 _EVENLY = 30  # an even grid has at most this share of the points, as halving N axes adds many
@@ -111,7 +114,7 @@ class Factored:
             table._replace(value=np.nextafter(table.value.astype(np.float32), np.float32(np.inf)))
             for table in (bound, estimate)
         )
-        return FactoredPolicy(momdp, paid.problem, paid.edges.moves, *tables)
+        return FactoredPolicy(momdp, paid.model, paid.edges.moves, *tables)
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,7 +122,7 @@ class FactoredPolicy:
     """Policy of `Factored`: tables of upper bounds, and of estimates next to the optimum."""
 
     momdp: MOMDP
-    problem: Compiled
+    model: Compiled
     moves: NDArray[np.bool_]  # (N,E) do percepts move the belief?
     bound: Table
     estimate: Table
@@ -131,13 +134,12 @@ class FactoredPolicy:
 
         Certified, unless percepts run out and shaping takes pay away for them.
         """
-        momdp, x = self.momdp, self.momdp.start
+        momdp = self.momdp
         ending = answer_value(momdp, initial_belief(momdp))
-        free = replace(self, problem=compile_momdp(momdp, price=0.0))
-        ahead = float(free.upper_bounds(x, momdp.prior).max())
-        rows, prior = self.problem.percepts.rows, np.array(momdp.prior)
-        scratch = grid.make_scratch(self.bound, rows.shape[3])
-        value = float(grid.value_after(self.bound, rows, self.moves, x, -1, prior, scratch))
+        free = replace(self, model=compile_momdp(momdp, price=0.0))
+        ahead = float(free.upper_bounds(momdp.start, momdp.prior).max())
+        prior = np.array(momdp.prior)
+        value = float(grid.value_after(self._reader(self.bound), momdp.start, NO_BEHAVIOR, prior))
         return min(max(ending, ahead), value)
 
     def upper_bounds(self, x: int, prob: Floats) -> Floats:
@@ -146,24 +148,32 @@ class FactoredPolicy:
 
     def decide(self, history: History, rng: np.random.Generator) -> Decision:
         """Choose the best action by one step ahead of the estimate, which may pass the bound."""
-        momdp, belief, prob = self.momdp, history.belief, history.belief.positive
+        momdp = self.momdp
+        belief = history.belief
         exhausted = (belief.percept_counts[0].sum(axis=1) >= momdp.limit) & (momdp.limit > 0)
         if (exhausted & (self.moves.any(axis=0) | momdp.bonus.any(axis=(0, 2)))).any():
             return OpenLoop().solve(momdp, rng).decide(history, rng)
-        ahead = self._values_ahead(self.estimate, belief.x, prob)
-        ahead = np.minimum(ahead, self.upper_bounds(belief.x, prob))
+        ahead = self._values_ahead(self.estimate, belief.x, belief.positive)
+        ahead = np.minimum(ahead, self.upper_bounds(belief.x, belief.positive))
         return Decision.exact(*choose(momdp, belief, ahead))
+
+    def estimate_reader(self) -> Reader:
+        """Make a reader of the estimate, for percepts that inform enough to be planned with."""
+        percepts = self.model.percepts
+        return grid.make_reader(self.estimate, percepts.rows, percepts.informative)
+
+    def _reader(self, table: Table) -> Reader:
+        return grid.make_reader(table, self.model.percepts.rows, self.moves)
 
     def _values_ahead(self, table: Table, x: int, prob: Floats) -> Floats:
         """Compute the value (E,) of each behavior by a table; -inf where not legal."""
-        problem = self.problem
-        step, percepts = problem.dynamics.step[x], problem.percepts
+        model = self.model
+        step = model.dynamics.step[x]
         out = -step["cost"]
-        if problem.shaped:
-            bonus = (1 - prob) @ problem.bonus[..., 0] + prob @ problem.bonus[..., 1]
+        if model.shaped:
+            bonus = (1 - prob) @ model.bonus[..., 0] + prob @ model.bonus[..., 1]
             out += step["bonus_scale"] * bonus
-        scratch, prob = grid.make_scratch(table, percepts.rows.shape[3]), np.array(prob)
-        grid.add_values_ahead(problem.dynamics, percepts, table, self.moves, x, prob, scratch, out)
+        grid.add_values_ahead(model, self._reader(table), x, np.array(prob), out)
         return np.where(step["legal"], out, -np.inf)
 
 
@@ -173,9 +183,11 @@ class _ValueIteration:
     An axis is fine enough when halving its steps lowers the bound by no more than `tolerance` (s).
     """
 
-    def __init__(self, momdp: MOMDP, problem: Compiled, tolerance: float) -> None:
-        self.momdp, self.problem, self.tolerance = momdp, problem, tolerance
-        self.edges = Edges.of(momdp, problem)
+    def __init__(self, momdp: MOMDP, model: Compiled, tolerance: float) -> None:
+        self.momdp = momdp
+        self.model = model
+        self.tolerance = tolerance
+        self.edges = Edges.of(momdp, model)
 
     def bounds(self, points: int) -> Table:
         """Compute upper bounds on a grid of so many points at most.
@@ -184,11 +196,13 @@ class _ValueIteration:
         every round tries each axis at half its steps for one sweep, keeps the one that lowered the
         bound at the start most for the points it took, and sweeps until nothing changes.
         """
-        table, fall = self._swept(self._coarsest(points)), np.inf
+        table = self._swept(self._coarsest(points))
+        fall = np.inf
         finer = dict.fromkeys(np.flatnonzero(table.size > 1).tolist(), 1)  # next level of an axis
         while fall > self.tolerance and (even := self._finer(table, finer, points // _EVENLY)):
             even = self._swept(even)
-            table, fall = even, self._at_start(table) - self._at_start(even)
+            fall = self._at_start(table) - self._at_start(even)
+            table = even
             finer = {i: level + 1 for i, level in finer.items()}
         fine: set[int] = set()
 
@@ -198,17 +212,18 @@ class _ValueIteration:
 
         while True:
             tables = {i: self._finer(table, {i: finer[i]}, points) for i in finer if i not in fine}
-            tried = {i: each for i, each in tables.items() if each}
+            tried = {i: finer_table for i, finer_table in tables.items() if finer_table}
             if not tried:
                 return table
             best = next(iter(tried))
             if len(tried) > 1:
-                tried = {i: self._swept(each, sweeps=1) for i, each in tried.items()}
+                tried = {i: self._swept(candidate, sweeps=1) for i, candidate in tried.items()}
                 best = max(tried, key=lambda i: merit(tried[i]))
             chosen = self._swept(tried[best])
             fall = self._at_start(table) - self._at_start(chosen)
             fine = fine | {best} if fall <= self.tolerance else set()
-            table, finer[best] = chosen, finer[best] + 1
+            table = chosen
+            finer[best] += 1
 
     def estimate(self, bounds: Table, points: int) -> Table:
         """Estimate the optimum by smooth interpolation, starting from bounds.
@@ -223,9 +238,9 @@ class _ValueIteration:
         inner = _inner_points(bounds.size[moving].astype(float), points)
         if min(inner) < _LEAST:
             return bounds
-        for i, each in zip(moving.tolist(), inner, strict=True):
-            bounds = grid.refine(bounds, i, grid.even_axis(self.momdp, i, each))
-        return self._swept(bounds, _SMOOTHED, smooth=True)
+        for i, points_inside in zip(moving.tolist(), inner, strict=True):
+            bounds = grid.refine(bounds, i, grid.even_axis(self.momdp, i, points_inside))
+        return self._swept(bounds, _SMOOTH_SWEEPS, smooth=True)
 
     def _swept(self, table: Table, sweeps: int = _SWEEPS, *, smooth: bool = False) -> Table:
         """Iterate values on their own grid until a sweep changes none of them."""
@@ -233,9 +248,8 @@ class _ValueIteration:
         percepts = [percepts_on(self.momdp, i, axis, smooth=smooth) for i, axis in axes]
         value = table.value.astype(np.float64)
         backups = make_backups(self.momdp, self.edges, table, percepts)
-        scratch = np.zeros((4, value.shape[1]))
         settled = (_SMOOTH_SETTLED if smooth else _SETTLED) * self.tolerance
-        sweep(backups, value, scratch, settled, sweeps, smooth)
+        sweep(backups, value, np.zeros((4, value.shape[1])), Ending(settled, sweeps, smooth))
         return table._replace(value=value)
 
     def _coarsest(self, points: int) -> Table:
@@ -256,8 +270,9 @@ class _ValueIteration:
 
     def _constant_bound(self) -> float:
         """Bound every value by the best ending, or the best pay for ever."""
-        step, bonus = self.problem.dynamics.step, self.momdp.bonus.max(axis=2).sum(axis=0)
-        best = max(self.momdp.correct, self.problem.dynamics.exit_value)
+        step = self.model.dynamics.step
+        bonus = self.momdp.bonus.max(axis=2).sum(axis=0)
+        best = max(self.momdp.correct, self.model.dynamics.exit_value)
         pay = (bonus * step["bonus_scale"] - step["cost"])[step["legal"]]
         leak = 1 - step["discount"][step["legal"]]
         lasting = leak > 0
@@ -288,10 +303,13 @@ class _ValueIteration:
 
 def _inner_points(size: Floats, points: int) -> list[int]:
     """Return the uncertain beliefs of the estimate's axes; of many, those refined most get most."""
-    n, least, scale = len(size), _LEAST + 2, 1.0
+    n = len(size)
+    least = _LEAST + 2
+    scale = 1.0
     if n < len(_INNER) or least**n > points:
-        return [min(_INNER[min(n, len(_INNER) - 1)], int(points ** (1 / n)))] * n
+        even = min(_INNER[min(n, len(_INNER) - 1)], int(points ** (1 / n)))
+        return list(itertools.repeat(even, n))
     size = size * (points / size.prod()) ** (1 / n)
     while np.maximum(size * scale, least).prod() > points:
         scale *= 0.98
-    return [int(each) - 2 for each in np.maximum(size * scale, least)]
+    return [int(points_on) - 2 for points_on in np.maximum(size * scale, least)]

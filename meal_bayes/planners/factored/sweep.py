@@ -33,21 +33,35 @@ class Edges(NamedTuple):
     moves: NDArray[np.bool_]  # (N,E) do percepts move the belief?
 
     @classmethod
-    def of(cls, momdp: MOMDP, problem: Compiled) -> "Edges":
+    def of(cls, momdp: MOMDP, model: Compiled) -> "Edges":
         """List the legal pairs of a problem."""
-        dynamics = problem.dynamics
+        dynamics = model.dynamics
         x, e = np.nonzero(dynamics.step["legal"][: momdp.terminal])
-        step, branch = dynamics.step[x, e], dynamics.branch[x, e]  # (M,), (M,B)
+        step = dynamics.step[x, e]  # (M,)
+        branch = dynamics.branch[x, e]  # (M,B)
         p = step["discount"][:, None] * branch["p"]  # 0 beyond the branches
-        outcome, rows = np.zeros((len(x), 2, momdp.terminal)), np.arange(len(x))
-        at = rows[:, None], branch["senses"].astype(int), branch["x"]
-        np.add.at(outcome, at, p)
+        outcome = np.zeros((len(x), 2, momdp.terminal))
+        row = np.arange(len(x))
+        np.add.at(outcome, (row[:, None], branch["senses"].astype(int), branch["x"]), p)
         bonus = np.vstack([momdp.bonus[..., 0].sum(axis=0), np.diff(momdp.bonus)[..., 0]])
         reward = step["bonus_scale"][:, None] * bonus[:, e].T
         reward[:, 0] -= step["cost"]
-        edge = np.stack([x, e, outcome[rows, :, x].any(axis=1)], axis=1)
-        moves = informative_pairs(momdp)
-        return cls(np.ascontiguousarray(edge), outcome, reward, dynamics.exit_value, moves)
+        edge = np.stack([x, e, outcome[row, :, x].any(axis=1)], axis=1)
+        return cls(
+            edge=np.ascontiguousarray(edge),
+            outcome=outcome,
+            reward=reward,
+            exit_value=dynamics.exit_value,
+            moves=informative_pairs(momdp),
+        )
+
+
+class Matrix(NamedTuple):
+    """A sparse matrix of an attribute's percept; rows of J entries, a multiple of four."""
+
+    size: int  # rows and columns; G or fewer
+    point: Ints  # (G,J) columns
+    weight: Floats  # (G,J) entries
 
 
 class Backups(NamedTuple):
@@ -76,15 +90,16 @@ def percepts_on(momdp: MOMDP, attribute: int, axis: Floats, *, smooth: bool = Fa
     point = np.stack([low, np.minimum(low + 1, len(axis) - 1)], axis=-1)
     weight = np.stack([1 - fraction, fraction], axis=-1)
     if smooth:
-        point, weight = _cubic(axis, after, low, point, weight)
+        point, weight = _cubic(axis, after, point, weight)
     shape = (len(p), len(axis), -1)
-    point, weight = (part.transpose(0, 2, 1, 3) for part in (point, p[..., None] * weight))
-    return point.reshape(shape), weight.reshape(shape)
+    by_point = point.transpose(0, 2, 1, 3).reshape(shape)
+    return by_point, (p[..., None] * weight).transpose(0, 2, 1, 3).reshape(shape)
 
 
-def _cubic(axis: Floats, at: Floats, low: Ints, point: Ints, weight: Floats) -> tuple[Ints, Floats]:
+def _cubic(axis: Floats, at: Floats, point: Ints, weight: Floats) -> tuple[Ints, Floats]:
     """Interpolate by the cubic through four points in log-odds; linearly next to certainty."""
     last = len(axis) - 1
+    low = point[..., 0]
     point = np.concatenate([point, point], axis=-1)
     weight = np.concatenate([weight, np.zeros_like(weight)], axis=-1)
     inner = (low > 0) & (low < last - 1)
@@ -92,73 +107,119 @@ def _cubic(axis: Floats, at: Floats, low: Ints, point: Ints, weight: Floats) -> 
         return point, weight
     log_odds = np.log(axis[1:-1]) - np.log1p(-axis[1:-1])
     four = np.clip(low[inner] - 1, 1, last - 4)[:, None] + np.arange(4)
-    x, node = np.log(at[inner]) - np.log1p(-at[inner]), log_odds[four - 1]  # (B,), (B,4)
+    x = np.log(at[inner]) - np.log1p(-at[inner])  # (B,)
+    node = log_odds[four - 1]  # (B,4)
+    # Lagrange: factor_i = prod_{j != i} (x - node_j) / (node_i - node_j)
     factor = np.ones_like(node)
     for i, j in np.argwhere(~np.eye(4, dtype=np.bool_)).tolist():
         factor[:, i] *= (x - node[:, j]) / (node[:, i] - node[:, j])
-    point[inner], weight[inner] = four, factor
+    point[inner] = four
+    weight[inner] = factor
     return point, weight
 
 
 def make_backups(momdp: MOMDP, edges: Edges, table: Table, percepts: Sequence[Matrices]) -> Backups:
     """Build the arrays of `sweep` for the grid of a table and the percepts (N,) on its axes."""
-    axes, reward = table.axes, np.ascontiguousarray(edges.reward[:, :1])  # one layout, one kernel
+    axes = table.axes
+    reward = np.ascontiguousarray(edges.reward[:, :1])  # one layout, one kernel
     if edges.reward[:, 1:].any():
         slopes = edges.reward[:, 1:].T[..., None]  # (N,M,1)
         pay = table.combined(map(np.multiply, slopes, axes), np.add)
         reward = np.add(reward, pay, out=pay)
     shape = (*edges.moves.shape, table.points.shape[1], max(part.shape[2] for part, _ in percepts))
-    point, weight = np.zeros(shape, np.int64), np.zeros(shape)
-    for i, (size, part) in enumerate(zip(table.size.tolist(), percepts, strict=True)):
-        point[i, :, :size], weight[i, :, :size] = part
+    point = np.zeros(shape, np.int64)
+    weight = np.zeros(shape)
+    for i, (size, (columns, entries)) in enumerate(zip(table.size.tolist(), percepts, strict=True)):
+        point[i, :, :size] = columns
+        weight[i, :, :size] = entries
     point[~edges.moves, 0, 0] = -1
     right = table.combined((np.maximum(axis, 1 - axis) for axis in axes), np.multiply)  # (B,)
-    floor = np.maximum(momdp.report_reward(right[:, None]), edges.exit_value)
-    return Backups(edges.edge, edges.outcome, reward, floor, table.size, point, weight)
+    return Backups(
+        edge=edges.edge,
+        outcome=edges.outcome,
+        reward=reward,
+        floor=np.maximum(momdp.report_reward(right[:, None]), edges.exit_value),
+        size=table.size,
+        point=point,
+        weight=weight,
+    )
+
+
+class Ending(NamedTuple):
+    """When value iteration ends, and how it interpolates."""
+
+    settled: float  # a sweep that changes no value by more is the last
+    sweeps: int  # at most
+    smooth: bool  # is interpolation smooth?
 
 
 @entry_kernel
-def sweep(backups, value, scratch, settled, sweeps, smooth):
+def sweep(backups, value, scratch, ending):
     """Update the values (X-1,B) of every x, latest first, until a sweep changes none by `settled`.
 
-    Values only fall, unless interpolation is smooth. Within a sweep, an x is backed up again while
-    behaviors that keep it lower its values; not if smooth. `scratch` (4,B) comes with zeros.
+    Values only fall, unless interpolation is smooth. `scratch` (4,B) comes with zeros.
     """
-    edge, points = backups.edge, value.shape[1]
-    for _ in range(sweeps):
+    for _ in range(ending.sweeps):
         largest = 0.0
         for x in range(value.shape[0] - 1, -1, -1):
-            for b in range(points):
-                scratch[0, b] = backups.floor[b]
-            fallen, keeps, loops = 0.0, min(0, x), False
-            while True:  # once those that leave x, then those that may keep it
-                for m in range(edge.shape[0]):
-                    if edge[m, 0] == x and edge[m, 2] == keeps:
-                        loops = keeps == 1
-                        _back_up(backups, value, m, scratch, keeps)
-                fall = 0.0
-                for b in range(points):
-                    if keeps == 1:
-                        new = scratch[1, b] if smooth else min(scratch[1, b], value[x, b])
-                        fall = max(fall, abs(value[x, b] - new))
-                        value[x, b] = new
-                    scratch[1, b] = scratch[0, b]
-                fallen = max(fallen, fall)
-                if keeps == 1 and (smooth or not loops or fall <= max(settled, _LOOPED * fallen)):
-                    break
-                keeps = min(1, points)
-            largest = max(largest, fallen)
-        if largest <= settled:
+            largest = max(largest, _update(backups, value, x, scratch, ending))
+        if largest <= ending.settled:
             return
 
 
 @kernel
+def _update(backups, value, x, scratch, ending):
+    """Update the values (B,) of one x; return the largest change.
+
+    V(x, b) = max(stop(b), max_a R(x, a, b) + g sum over x', z of Pr(x', z | x, a, b) V(x', b'_z))
+
+    The behaviors that leave x look ahead at other x alone, whose values stay: they are backed up
+    once. Then those that may keep x, over again while they lower its values; once, if smooth.
+    """
+    edge = backups.edge
+    points = value.shape[1]
+    # scratch[0]: the best of ending and of the behaviors that leave x.
+    for b in range(points):
+        scratch[0, b] = backups.floor[b]
+    for m in range(edge.shape[0]):
+        if edge[m, 0] == x and edge[m, 2] == 0:
+            _back_up(backups, value, m, scratch, np.int64(0))
+    # scratch[1]: the best of all, which begins with those.
+    for b in range(points):
+        scratch[1, b] = scratch[0, b]
+    changed = 0.0
+    while True:
+        loops = False
+        for m in range(edge.shape[0]):
+            if edge[m, 0] == x and edge[m, 2] == 1:
+                loops = True
+                _back_up(backups, value, m, scratch, np.int64(1))
+        # min(U, T U): what is an upper bound stays one, and only falls.
+        change = 0.0
+        for b in range(points):
+            new = scratch[1, b] if ending.smooth else min(scratch[1, b], value[x, b])
+            change = max(change, abs(value[x, b] - new))
+            value[x, b] = new
+            scratch[1, b] = scratch[0, b]
+        changed = max(changed, change)
+        if ending.smooth or not loops or change <= max(ending.settled, _LOOPED * changed):
+            return changed
+
+
+@kernel
 def _back_up(backups, value, m, scratch, row):
-    """Raise scratch[row] to the value of edge m, one step ahead of the values."""
-    outcome, reward, points = backups.outcome, backups.reward, value.shape[1]
-    source = min(2, scratch.shape[0])  # not a literal, for which there would be a second kernel
+    """Raise scratch[row] to the value of edge m, one step ahead of the values.
+
+    sum over x' of Pr(x', no z) V(x', b) + Pr(x', z) E V(x', b'_z), and the edge's reward
+    """
+    outcome = backups.outcome
+    reward = backups.reward
+    points = value.shape[1]
+    e = backups.edge[m, 1]
+    source = np.int64(2)
     scratch[2] = 0.0
-    for percept in range(1, -1, -1):  # sum over x' of Pr(x', no z) V(x', b) + Pr(x', z) E V(x', b')
+    # First what is shown a percept, whose expectation moves all at once; then what shows none.
+    for percept in range(1, -1, -1):
         comes = False
         for x in range(value.shape[0]):
             p = outcome[m, percept, x]
@@ -166,41 +227,51 @@ def _back_up(backups, value, m, scratch, row):
                 comes = True
                 for b in range(points):
                     scratch[source, b] += p * value[x, b]
+        # E over K^N percept vectors = the attributes' matrices, one axis after the other.
         if percept == 1 and comes:
-            left = min(1, points)  # no literal either
+            earlier = np.int64(1)  # points of the axes before i
             for i in range(backups.size.shape[0]):
-                if backups.point[i, backups.edge[m, 1], 0, 0] >= 0:
-                    _expect(backups, i, backups.edge[m, 1], left, scratch, source)
+                if backups.point[i, e, 0, 0] >= 0:
+                    matrix = Matrix(backups.size[i], backups.point[i, e], backups.weight[i, e])
+                    _expect(matrix, earlier, scratch, source)
                     source = 5 - source
-                left *= backups.size[i]
+                earlier *= backups.size[i]
     for b in range(points):
         pay = reward[m, b if reward.shape[1] > 1 else 0]
         scratch[row, b] = max(scratch[row, b], scratch[source, b] + pay)
 
 
 @kernel
-def _expect(backups, i, e, left, scratch, source):
-    """Compute the expectation of scratch[source] over percepts of attribute i -> [5 - source].
+def _expect(matrix, earlier, scratch, source):
+    """Compute the expectation of scratch[source] over percepts of one attribute -> [5 - source].
 
-    Rows have J entries, a multiple of four. The innermost loop runs over the later attributes, or,
-    for the last one, over a block of the earlier ones.
+    Values lie as (points of earlier axes, points of this, points of later): the matrix is applied
+    to the middle index. The innermost loop runs over the later points, or, for the last attribute,
+    over a block of the earlier ones.
     """
-    point, weight, size = backups.point, backups.weight, backups.size[i]
-    value, out = scratch[source], scratch[5 - source]
-    right = scratch.shape[1] // (left * size)
-    rows, step = (1, 1) if right > 1 else (_BLOCK, size)
-    for first in range(0, left, rows):
-        width = right if right > 1 else min(rows, left - first) * step
+    size = matrix.size
+    point = matrix.point
+    weight = matrix.weight
+    value = scratch[source]
+    out = scratch[5 - source]
+    later = scratch.shape[1] // (earlier * size)
+    # out[f, g, r] = sum_j weight[g, j] value[f, point[g, j], r], four entries j at a time
+    rows = 1 if later > 1 else _BLOCK
+    step = 1 if later > 1 else size
+    for first in range(0, earlier, rows):
+        width = later if later > 1 else min(rows, earlier - first) * step
         for g in range(size):
-            to = (first * size + g) * right
-            for j in range(0, point.shape[3], 4):
+            to = (first * size + g) * later
+            for j in range(0, point.shape[1], 4):
                 keep = 0.0 if j == 0 else 1.0
-                a = (first * size + point[i, e, g, j]) * right
-                b = (first * size + point[i, e, g, j + 1]) * right
-                c = (first * size + point[i, e, g, j + 2]) * right
-                d = (first * size + point[i, e, g, j + 3]) * right
-                s, t = weight[i, e, g, j], weight[i, e, g, j + 1]
-                u, v = weight[i, e, g, j + 2], weight[i, e, g, j + 3]
+                a = (first * size + point[g, j]) * later
+                b = (first * size + point[g, j + 1]) * later
+                c = (first * size + point[g, j + 2]) * later
+                d = (first * size + point[g, j + 3]) * later
+                s = weight[g, j]
+                t = weight[g, j + 1]
+                u = weight[g, j + 2]
+                v = weight[g, j + 3]
                 for r in range(0, width, step):
                     first_two = s * value[np.uintp(a + r)] + t * value[np.uintp(b + r)]
                     last_two = u * value[np.uintp(c + r)] + v * value[np.uintp(d + r)]

@@ -23,53 +23,75 @@ THRESHOLDS = 65  # thresholds of a table, even in log-odds
 predictive = kernel(observation_predictive)
 
 
-class Scratch(NamedTuple):
-    """Buffers for one caller's intermediate results, and the percepts of the trial so far."""
+class Evidence(NamedTuple):
+    """The percepts of a trial so far: the state of a finite-precision belief, besides x."""
 
-    counts: Floats  # (N,E,K) percepts so far, by level
-    total: Floats  # (E,) percepts so far
-    outcomes: Floats  # (C,M) Pr(what a plan's percepts show, latent class)
+    counts: Floats  # (N,E,K) by level
+    total: Floats  # (E,)
+
+
+class Row(NamedTuple):
+    """Indices of a row of the confusion matrices."""
+
+    attribute: int
+    behavior: int
+    latent_class: int
+
+
+class Scratch(NamedTuple):
+    """The evidence of a trial, and buffers for one caller's intermediate results."""
+
+    evidence: Evidence
+    outcomes: Floats  # (C,M) Pr(outcome of a plan's percepts, latent class)
     bins: Floats  # (C,M) the same, while it is merged or counted
-    truths: Floats  # (2,M) Pr(what a plan's percepts show, truth)
+    truths: Floats  # (2,M) Pr(outcome of a plan's percepts, truth)
     chance: Floats  # (N,) Pr(attribute is true)
     threshold: Ints  # (N,) the decision threshold that was best last
     guess: Floats  # (J,) tabulated values of plans that must be computed
-    tried: Ints  # (E,) plans computed, by first behavior
+    computed: Ints  # (E,) plans computed, by first behavior
     value: Floats  # (E,) value of the best plan, by first behavior; -inf where there is none
     best: Ints  # (E,) the best plan, by first behavior
-    error: Floats  # (T,K+1) Bayes errors after the percepts of a row, by `shown`; -1 = not computed
-    shown: Ints  # (N,) column of `error`: the last percept's level plus 1; 0 where none was
+    error: Floats  # (T,K+1) Bayes errors after a row's percepts, by `column`; -1 = not computed
+    column: Ints  # (N,) of `error`: the last percept's level plus 1; 0 where none was
 
 
-def make_scratch(percepts: Percepts, plans: int, rows: int, held: int = FEW_OUTCOMES) -> Scratch:
+def make_scratch(
+    percepts: Percepts, plans: int, rows: int, capacity: int = FEW_OUTCOMES
+) -> Scratch:
     """Create the buffers for a MOMDP, so many plans of one x and rows of the error table."""
     n, e, c, k = percepts.rows.shape
     return Scratch(
-        counts=np.zeros((n, e, k)),
-        total=np.zeros(e),
-        outcomes=np.empty((c, held)),
-        bins=np.empty((c, held)),
-        truths=np.empty((2, held)),
+        evidence=Evidence(counts=np.zeros((n, e, k)), total=np.zeros(e)),
+        outcomes=np.empty((c, capacity)),
+        bins=np.empty((c, capacity)),
+        truths=np.empty((2, capacity)),
         chance=np.zeros(n),
         threshold=np.zeros(n, np.int64),
         guess=np.zeros(plans),
-        tried=np.zeros(e, np.int64),
+        computed=np.zeros(e, np.int64),
         value=np.zeros(e),
         best=np.zeros(e, np.int64),
         error=np.full((rows, k + 1), -1.0),
-        shown=np.zeros(n, np.int64),
+        column=np.zeros(n, np.int64),
     )
 
 
 @kernel
-def _count_yes(percepts, i, c, e, k, scratch):
+def _count_yes(percepts, row, k, scratch):
     """Compute Pr(j of the next k percepts are yes | class), j = 0..k -> row c of `bins`."""
-    levels, out = percepts.rows.shape[3], scratch.bins
-    mean, yes = 0.0, 0.0
+    i, e, c = row
+    levels = percepts.rows.shape[3]
+    evidence = scratch.evidence
+    out = scratch.bins
+    # The upper half of the levels says yes: with its mean and count a row is a Beta.
+    mean = 0.0
+    yes = 0.0
     for z in range(levels // 2, levels):
         mean += percepts.rows[i, e, c, z]
-        yes += scratch.counts[i, e, z]
-    s, total = percepts.precision[i, e, c], scratch.total[e]
+        yes += evidence.counts[i, e, z]
+    s = percepts.precision[i, e, c]
+    total = evidence.total[e]
+    # One percept after the other: P(j + 1 of t + 1) = P(j of t) q + P(j + 1 of t) (1 - q').
     out[c, 0] = 1.0
     for t in range(k):
         out[c, t + 1] = 0.0
@@ -83,10 +105,12 @@ def _count_yes(percepts, i, c, e, k, scratch):
 @kernel
 def _sum_classes(weights, i, m, scratch):
     """Sum m outcomes over the latent classes, weighted (N,2,C) -> `truths`."""
-    outcomes, truths = scratch.outcomes, scratch.truths
+    outcomes = scratch.outcomes
+    truths = scratch.truths
     truths[:, :m] = 0.0
     for c in range(outcomes.shape[0]):
-        false, true = weights[i, 0, c], weights[i, 1, c]
+        false = weights[i, 0, c]
+        true = weights[i, 1, c]
         for a in range(m):
             truths[0, a] += outcomes[c, a] * false
             truths[1, a] += outcomes[c, a] * true
@@ -100,11 +124,15 @@ def _log_ratio(truths, a):
 
 @kernel
 def _merge(weights, i, m, scratch):
-    """Merge outcomes of like likelihood ratio; return how many are left."""
-    outcomes, bins = scratch.outcomes, scratch.bins
-    classes, most = outcomes.shape[0], outcomes.shape[1] // _MERGED
+    """Merge outcomes of like likelihood ratio; return how many remain."""
+    outcomes = scratch.outcomes
+    bins = scratch.bins
+    classes = outcomes.shape[0]
+    most = outcomes.shape[1] // _MERGED
     _sum_classes(weights, i, m, scratch)
     bins[:, :most] = 0.0
+    # Bins are even in log likelihood ratio. Who is told the bin alone errs no less than who is told
+    # the outcome, so merging can only raise the Bayes error.
     widest = 1e-9
     for a in range(m):
         widest = max(widest, abs(_log_ratio(scratch.truths, a)))
@@ -114,36 +142,43 @@ def _merge(weights, i, m, scratch):
         b = max(0, min(most - 1, b))
         for c in range(classes):
             bins[c, b] += outcomes[c, a]
-    left = 0
+    # Bins that nothing fell into are passed over.
+    remaining = 0
     for b in range(most):
-        filled = 0.0
+        mass = 0.0
         for c in range(classes):
-            outcomes[c, left] = bins[c, b]
-            filled += bins[c, b]
-        if filled > 0.0:
-            left += 1
-    return left
+            outcomes[c, remaining] = bins[c, b]
+            mass += bins[c, b]
+        if mass > 0.0:
+            remaining += 1
+    return remaining
 
 
 @kernel
-def _enumerate(percepts, weights, counts, plan, i, scratch):
-    """Multiply column 0 of `outcomes` by all that a plan may perceive; return their number."""
-    outcomes, bins = scratch.outcomes, scratch.bins
-    classes, held = outcomes.shape
-    m = min(1, held)
-    for e in range(counts.shape[1]):
-        if counts[plan, e] == 0 or not percepts.informative[i, e]:
+def _enumerate(percepts, weights, counts, i, scratch):
+    """Multiply column 0 of `outcomes` by all that percepts (E,) may show; return their number."""
+    outcomes = scratch.outcomes
+    bins = scratch.bins
+    classes, capacity = outcomes.shape
+    m = np.int64(1)
+    for e in range(counts.shape[0]):
+        if counts[e] == 0 or not percepts.informative[i, e]:
             continue
-        left = min(float(counts[plan, e]), percepts.limit[e] - scratch.total[e])
-        while left > 0.0:
-            k = int(min(left, _MERGED - 1.0))
-            left = left - k if percepts.known[e] else 0.0  # else the next depend on these
-            if m * (k + 1) > held:
+        # Percepts beyond `limit` never come. Those of a known row are independent and taken in
+        # groups; others depend on each other, and only a first group is taken: a lower bound.
+        remaining = min(float(counts[e]), percepts.limit[e] - scratch.evidence.total[e])
+        while remaining > 0.0:
+            k = int(min(remaining, _MERGED - 1.0))
+            remaining = remaining - k if percepts.known[e] else 0.0
+            if m * (k + 1) > capacity:
                 m = _merge(weights, i, m, scratch)
+            # Pr(outcome, j of k | class) = Pr(outcome | class) Pr(j of k | class), in place, from
+            # the last outcome down, as each makes way for k + 1.
             for c in range(classes):
-                _count_yes(percepts, i, c, e, k, scratch)
+                _count_yes(percepts, Row(i, e, c), k, scratch)
                 # Held apart, as to read them between writes takes 15 % of a search.
-                no, yes = bins[c, 0], bins[c, 1]
+                no = bins[c, 0]
+                yes = bins[c, 1]
                 for a in range(m - 1, -1, -1):
                     u = outcomes[c, a]
                     for j in range(k, 1, -1):
@@ -155,12 +190,14 @@ def _enumerate(percepts, weights, counts, plan, i, scratch):
 
 
 @kernel
-def plan_error(percepts, counts, plan, i, prob, scratch):
-    """Compute attribute i's Bayes error after a plan, from a belief (N,C) and percepts so far."""
+def plan_error(percepts, counts, i, prob, scratch):
+    """Compute attribute i's Bayes error after a plan's percepts (E,), from a belief (N,C)."""
     for c in range(prob.shape[1]):
         scratch.outcomes[c, 0] = prob[i, c]
-    m, error = _enumerate(percepts, percepts.truth, counts, plan, i, scratch), 0.0
+    m = _enumerate(percepts, percepts.truth, counts, i, scratch)
+    # err_i = sum over outcomes of min(Pr(outcome, false), Pr(outcome, true))
     _sum_classes(percepts.truth, i, m, scratch)
+    error = 0.0
     for a in range(m):
         error += min(scratch.truths[0, a], scratch.truths[1, a])
     return error
@@ -170,26 +207,31 @@ def plan_error(percepts, counts, plan, i, prob, scratch):
 def tabulate_errors(percepts, counts, attribute, scratch, table):
     """Tabulate Pr(error | latent class) at decision thresholds -> table (T,G,C).
 
-    Row t: after the percepts uses[t] (T,E), of attribute[t] (T,). Threshold g decides yes where the
-    likelihood ratio outweighs prior log-odds -SPAN .. SPAN, even in g. No threshold's
+    Row t: after the percepts counts[t] (T,E), of attribute[t] (T,). Threshold g decides yes where
+    the likelihood ratio outweighs prior log-odds -SPAN .. SPAN, even in g. No threshold's
     error is below the Bayes error; where the class is the truth, the best thresholds are those
     next to the log-odds of a belief.
     """
-    thresholds, classes, bins = table.shape[1], table.shape[2], scratch.bins
+    thresholds = table.shape[1]
+    classes = table.shape[2]
+    bins = scratch.bins
     scale = (thresholds - 1) / (2.0 * SPAN)
     for t in range(table.shape[0]):
         i = attribute[t]
         scratch.outcomes[:, 0] = 1.0
-        m = _enumerate(percepts, percepts.classes, counts, t, i, scratch)
+        m = _enumerate(percepts, percepts.classes, counts[t], i, scratch)
         _sum_classes(percepts.classes, i, m, scratch)
+        # From threshold g on an outcome speaks for yes.
         bins[:, : thresholds + 1] = 0.0
-        for a in range(m):  # from this threshold on an outcome speaks for yes
+        for a in range(m):
             g = int(np.ceil((SPAN - _log_ratio(scratch.truths, a)) * scale))
             g = min(max(g, 0), thresholds)
             for c in range(classes):
                 bins[c, g] += scratch.outcomes[c, a]
+        # Pr(error | class) = Pr(false | class) Pr(yes | class) + Pr(true | class) Pr(no | class)
         for c in range(classes):
-            yes, no = 0.0, 0.0
+            yes = 0.0
+            no = 0.0
             for g in range(thresholds):
                 yes += bins[c, g]
                 table[t, g, c] = percepts.truth[i, 0, c] * yes

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from meal_bayes.arrays import Floats, Ints
 from meal_bayes.planners.compiled import Dynamics
-from meal_bayes.planners.kernels import entry_kernel, kernel
+from meal_bayes.planners.kernels import NO_BEHAVIOR, Index, entry_kernel, kernel
 
 CELLS = 8  # of the seconds that may follow, when a bound looks ahead
 
@@ -33,8 +33,29 @@ class Ways(NamedTuple):
         return (a,) if arrived else (a, *self.path(int(self.target[x, a]), behavior))
 
 
+class Paths(NamedTuple):
+    """Plans that are grown, from every x, at B beliefs, to every first percept."""
+
+    behavior: Ints  # (X,B,E,L) executed, padded by -1
+    ends: NDArray[np.bool_]  # (X,B,E,L) does a beginning end here, with the percept gone for?
+
+
+class Origin(NamedTuple):
+    """Where a plan begins."""
+
+    x: Index
+    goal: Index  # behavior of its first percept
+
+
+class Place(NamedTuple):
+    """Where a plan has come to."""
+
+    x: Index
+    length: Index  # behaviors so far
+
+
 class Growth(NamedTuple):
-    """What percepts say, and how many a plan has so far."""
+    """What percepts tell, and what a plan has gathered so far."""
 
     bhattacharyya: Floats  # (N,E,U) log coefficient of u percepts, 0 where they do not inform
     rate: Floats  # (N,) its greatest fall a second
@@ -47,39 +68,46 @@ class Growth(NamedTuple):
 
 def find_ways(dynamics: Dynamics) -> Ways:
     """Find the cheapest ways by Dijkstra's algorithm from every x."""
-    step, likely = dynamics.step, dynamics.branch["p"].argmax(axis=2)[:, :, None]
-    target = np.take_along_axis(dynamics.branch["x"], likely, axis=2)[:, :, 0]
-    senses = np.take_along_axis(dynamics.branch["senses"], likely, axis=2)[:, :, 0]
-    shape = step.shape
+    step = dynamics.step
+    likeliest = dynamics.branch["p"].argmax(axis=2)[:, :, None]
     ways = Ways(
-        target, senses, np.full(shape, -1), np.zeros(shape, np.int64), np.zeros(shape),
-        np.ones(shape), np.zeros((*shape, shape[1]), np.int64),
-    )  # fmt: skip
-    for start in range(shape[0]):
+        target=np.take_along_axis(dynamics.branch["x"], likeliest, axis=2)[:, :, 0],
+        senses=np.take_along_axis(dynamics.branch["senses"], likeliest, axis=2)[:, :, 0],
+        hop=np.full(step.shape, -1),
+        end=np.zeros(step.shape, np.int64),
+        cost=np.zeros(step.shape),
+        discount=np.ones(step.shape),
+        observation_counts=np.zeros((*step.shape, step.shape[1]), np.int64),
+    )
+    for start in range(len(step)):
         queue: list[tuple[float, int, tuple[int, ...]]] = [(0.0, start, ())]
-        reached: set[int] = set()
+        settled: set[int] = set()
         while queue:
             cost, x, path = heapq.heappop(queue)
-            if x in reached:
+            if x in settled:
                 continue
-            reached.add(x)
+            settled.add(x)
             for a in np.flatnonzero(step["legal"][x]).tolist():
-                if senses[x, a] and ways.hop[start, a] < 0:
-                    _note(ways, step, start, (*path, a))
-                spent = cost + float(step["cost"][x, a])
-                heapq.heappush(queue, (spent, int(target[x, a]), (*path, a)))
+                if ways.senses[x, a] and ways.hop[start, a] < 0:
+                    _record_way(ways, step, start, (*path, a))
+                after = cost + float(step["cost"][x, a])
+                heapq.heappush(queue, (after, int(ways.target[x, a]), (*path, a)))
     return ways
 
 
-def _note(ways: Ways, step: NDArray[np.void], start: int, path: tuple[int, ...]) -> None:
+def _record_way(ways: Ways, step: NDArray[np.void], start: int, path: tuple[int, ...]) -> None:
     """Record the way along a path, which ends with a percept."""
-    x, scale, goal = start, 1.0, path[-1]
+    goal = path[-1]
+    x = start
+    scale = 1.0
     for a in path:
         ways.observation_counts[start, goal, a] += ways.senses[x, a]
         ways.cost[start, goal] += scale * step["cost"][x, a]
         scale *= step["discount"][x, a]
         x = int(ways.target[x, a])
-    ways.hop[start, goal], ways.end[start, goal], ways.discount[start, goal] = path[0], x, scale
+    ways.hop[start, goal] = path[0]
+    ways.end[start, goal] = x
+    ways.discount[start, goal] = scale
 
 
 @kernel
@@ -90,7 +118,7 @@ def _log_affinity(bhattacharyya, i, e, k):
 
 
 @kernel
-def _right(log_r, rate, seconds, chance, b):
+def _right(log_r, rate, seconds, chance):
     """Estimate Pr(right report) after percepts of log coefficient log_r, and rate a second more.
 
     Percepts of coefficient r = sum_z sqrt(p1 p0) leave an error of at least
@@ -98,22 +126,31 @@ def _right(log_r, rate, seconds, chance, b):
     """
     right = 1.0
     for i in range(log_r.shape[0]):
-        p, r = chance[b, i], log_r[i] - seconds * rate[i]
-        right *= 0.5 + 0.5 * np.sqrt(max(0.0, 1.0 - 4.0 * p * (1.0 - p) * np.exp(2.0 * r)))
+        b = chance[i]
+        r = log_r[i] - seconds * rate[i]
+        right *= 0.5 + 0.5 * np.sqrt(max(0.0, 1.0 - 4.0 * b * (1.0 - b) * np.exp(2.0 * r)))
     return right
 
 
 @kernel
-def _next_percept(ways, x, growth, chance, b):
-    """Choose the percepts that add most log Pr(right) a second -> behavior (-1 = none), number."""
-    bhattacharyya, counts = growth.bhattacharyya, growth.counts
-    log_r, rate = growth.log_r, growth.rate
-    best, best_e, best_k, n = 1e-12, -1, 1, counts.shape[0]
-    right = _right(log_r[0], rate, 0.0, chance, b)
+def _next_percept(ways, growth, x, chance):
+    """Choose the percepts that add most log Pr(right) a second -> behavior, number."""
+    bhattacharyya = growth.bhattacharyya
+    counts = growth.counts
+    log_r = growth.log_r
+    n = counts.shape[0]
+    right = _right(log_r[0], growth.rate, 0.0, chance)
+    best = 1e-12
+    best_e = NO_BEHAVIOR
+    best_k = 1
     for e in range(n):
         if ways.hop[x, e] < 0:
             continue
-        end, k, last = ways.end[x, e], 1, 0.0
+        end = ways.end[x, e]
+        # One percept more of the same behavior, as long as that raises the gain a second: where
+        # rows are known or percepts weak, the second is worth what the first is.
+        k = 1
+        last = 0.0
         while counts[e] + k <= growth.limit[e]:
             for i in range(log_r.shape[1]):
                 log_r[1, i] = log_r[0, i]
@@ -123,74 +160,111 @@ def _next_percept(ways, x, growth, chance, b):
                         more += k - 1 if o == e else 0
                         log_r[1, i] += _log_affinity(bhattacharyya, i, o, counts[o] + more)
                         log_r[1, i] -= _log_affinity(bhattacharyya, i, o, counts[o])
-            # ln Pr(right | k more) - ln Pr(right), a second
+            # (ln Pr(right | k more) - ln Pr(right)) / (cost of the way and of k - 1 repeats)
             price = ways.cost[x, e] + (k - 1) * ways.cost[end, e] + 1e-6
-            gain = np.log(_right(log_r[1], rate, 0.0, chance, b) / right) / price
+            gain = np.log(_right(log_r[1], growth.rate, 0.0, chance) / right) / price
             if gain > best:
-                best, best_e, best_k = gain, e, k
-            if gain <= last or ways.end[end, e] != end or ways.hop[end, e] != e:
+                best = gain
+                best_e = e
+                best_k = k
+            repeats = ways.end[end, e] == end and ways.hop[end, e] == e
+            if gain <= last or not repeats:
                 break
-            last, k = gain, k + 1
+            last = gain
+            k += 1
     return best_e, best_k
 
 
 @kernel
-def _best_ahead(growth, chance, b, base, reward, spare):
+def _best_ahead(growth, chance, base, reward, spare):
     """Bound what a plan can still come to, if every second were the best for each attribute.
 
     `base` is its value with a wrong report, `reward` what a right one adds; more than `spare`
     seconds cannot pay. Within a cell of seconds, the first are paid and the last have been of use.
     """
+    # max over cells of base + reward Pr(right | end of the cell) - seconds at its beginning
     best = -np.inf
     for cell in range(CELLS):
         seconds = spare * (cell + 1) / CELLS
-        right = _right(growth.log_r[0], growth.rate, seconds, chance, b)
+        right = _right(growth.log_r[0], growth.rate, seconds, chance)
         best = max(best, base + reward * right - spare * cell / CELLS)
     return best
 
 
-@entry_kernel
-def grow_plans(ways, growth, chance, out, ends):
-    """Grow a plan for each x, belief (B,N) and first percept -> out (X,B,E,L), padded by -1.
+@kernel
+def _informs(growth, e):
+    """Test whether a first percept of a behavior tells anything of any attribute, and may come."""
+    informs = False
+    for i in range(growth.log_r.shape[1]):
+        informs = informs or growth.bhattacharyya[i, e, 1] < 0.0
+    return informs and growth.limit[e] >= 1.0
 
-    Rows hold the behaviors executed; `ends` marks beginnings that end with the percept gone for. To
-    fix the first percept in turn keeps expensive beginnings in play. A plan is grown until nothing
-    that could follow would pay, or it is full. Returns the length of the longest.
+
+@kernel
+def _follow_way(ways, growth, path, place, goal):
+    """Append the way to a percept of a behavior, as far as the path has room; return its end."""
+    counts = growth.counts
+    log_r = growth.log_r[0]
+    state, filled = place
+    arrived = False
+    while not arrived and filled < path.behavior.shape[0]:
+        a = ways.hop[state, goal]
+        arrived = a == goal and ways.senses[state, a]
+        if ways.senses[state, a]:
+            for i in range(log_r.shape[0]):
+                log_r[i] += _log_affinity(growth.bhattacharyya, i, a, counts[a] + 1)
+                log_r[i] -= _log_affinity(growth.bhattacharyya, i, a, counts[a])
+            counts[a] += 1
+        path.behavior[filled] = a
+        path.ends[filled] = arrived
+        filled += 1
+        state = ways.target[state, a]
+    return Place(state, filled)
+
+
+@kernel
+def _grow_plan(ways, growth, chance, path, origin):
+    """Grow a plan from x, to the percept of a first behavior and on -> path; return its length."""
+    x, goal = origin
+    log_r = growth.log_r[0]
+    growth.counts[:] = 0
+    log_r[:] = 0.0
+    place = Place(x, np.int64(0))
+    repeats = 1
+    cost = 0.0
+    scale = 1.0
+    # What to report at once is worth, before anything is perceived.
+    best = growth.incorrect + growth.gap * _right(log_r, growth.rate, 0.0, chance)
+    while goal >= 0 and place.length < path.behavior.shape[0]:
+        # Go for the percepts chosen last: cost += scale c, scale *= g.
+        for _ in range(repeats):
+            cost += scale * ways.cost[place.x, goal]
+            scale *= ways.discount[place.x, goal]
+            place = _follow_way(ways, growth, path, place, goal)
+        # V = g r- - c + g (r+ - r-) Pr(right), and stop where nothing that follows can pay.
+        base = scale * growth.incorrect - cost
+        reward = scale * growth.gap
+        best = max(best, base + reward * _right(log_r, growth.rate, 0.0, chance))
+        spare = base + reward - best
+        if spare <= 0.0 or _best_ahead(growth, chance, base, reward, spare) <= best:
+            break
+        goal, repeats = _next_percept(ways, growth, place.x, chance)
+    return place.length
+
+
+@entry_kernel
+def grow_plans(ways, growth, chance, paths):
+    """Grow a plan for each x, belief (B,N) and first percept -> paths; return the longest's length.
+
+    To fix the first percept in turn keeps expensive beginnings in play. A plan is grown until
+    nothing that could follow would pay, or it is full.
     """
-    size, n_beliefs, n, length = out.shape
-    bhattacharyya, counts, log_r, longest = growth.bhattacharyya, growth.counts, growth.log_r[0], 1
-    rate, gap = growth.rate, growth.gap
-    for row in range(size * n_beliefs * n):
-        x, b, e = row // (n_beliefs * n), row // n % n_beliefs, row % n
-        informs, counts[:], log_r[:] = False, 0, 0.0
-        for i in range(log_r.shape[0]):
-            informs = informs or bhattacharyya[i, e, 1] < 0.0
-        if not informs or growth.limit[e] < 1.0 or ways.hop[x, e] < 0:
-            continue
-        state, filled, k, goal, cost, scale = x, 0, 1, e, 0.0, 1.0
-        best = growth.incorrect + gap * _right(log_r, rate, 0.0, chance, b)
-        while goal >= 0 and filled < length:
-            for _ in range(k):
-                cost += scale * ways.cost[state, goal]
-                scale *= ways.discount[state, goal]
-                arrived = False
-                while not arrived and filled < length:
-                    a = ways.hop[state, goal]
-                    arrived = a == goal and ways.senses[state, a]
-                    if ways.senses[state, a]:
-                        for i in range(log_r.shape[0]):
-                            log_r[i] += _log_affinity(bhattacharyya, i, a, counts[a] + 1)
-                            log_r[i] -= _log_affinity(bhattacharyya, i, a, counts[a])
-                        counts[a] += 1
-                    out[x, b, e, filled] = a
-                    ends[x, b, e, filled] = arrived
-                    filled += 1
-                    state = ways.target[state, a]
-            base, reward = scale * growth.incorrect - cost, scale * gap
-            best = max(best, base + reward * _right(log_r, rate, 0.0, chance, b))
-            spare = base + reward - best
-            if spare <= 0.0 or _best_ahead(growth, chance, b, base, reward, spare) <= best:
-                break
-            goal, k = _next_percept(ways, state, growth, chance, b)
-        longest = max(longest, filled)
+    longest = 1
+    for x in range(paths.behavior.shape[0]):
+        for b in range(paths.behavior.shape[1]):
+            for e in range(paths.behavior.shape[2]):
+                if _informs(growth, e) and ways.hop[x, e] >= 0:
+                    path = Paths(paths.behavior[x, b, e], paths.ends[x, b, e])
+                    length = _grow_plan(ways, growth, chance[b], path, Origin(x, e))
+                    longest = max(longest, length)
     return longest

@@ -1,152 +1,125 @@
-"""The library of open-loop plans of a MOMDP: grown, selected, compared, and tabulated."""
+"""The library of open-loop plans of a MOMDP, in three steps: grow, compete, complete."""
 
 import itertools
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
-from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes.arrays import Floats, Ints
+from meal_bayes.arrays import Floats
 from meal_bayes.momdp import MOMDP
 from meal_bayes.momdp.observation import predictive
-from meal_bayes.planners.compiled import Compiled, Dynamics, remember
+from meal_bayes.planners.compiled import Compiled
+from meal_bayes.planners.entry import best_plans
 from meal_bayes.planners.open_loop import errors
-from meal_bayes.planners.open_loop.growth import Growth, Ways, find_ways, grow_plans
-from meal_bayes.planners.open_loop.values import PLAN, Plans, best_plans, plan_scratch
+from meal_bayes.planners.open_loop.candidates import (
+    LENGTH,
+    Candidates,
+    Diagram,
+    cheapest,
+    diagram_of,
+    distinct,
+    remainders,
+    sum_up,
+    sum_up_walks,
+    tours,
+)
+from meal_bayes.planners.open_loop.growth import Growth, Paths, grow_plans
+from meal_bayes.planners.open_loop.values import PLAN, Plans, make_evaluator
 
 _GROWN = 4  # beliefs for which plans are grown from every x, to every first percept
-_JUDGED, _MANY = 16, 5  # times N, up to N = 5: beliefs at which plans compete to be kept
+_JUDGED = 16  # times N, up to N = _MANY: beliefs at which plans compete to be kept
+_MANY = 5
 _ROUNDS = 6  # of moving them apart
-_LENGTH = 96  # behaviors of a plan
-_KEPT = 14  # plans an x, besides one for every first behavior and what is left of them on the way
+_WINNERS = 14  # plans an x, besides one for every first behavior and what remains of them
 _CANDIDATES = 10  # times N: candidates an x and a belief that are looked at closely
-_BEGUN = 2  # and of each first behavior
+_OF_FIRST = 2  # and of each first behavior
 _COUNTED = 8  # percepts of one behavior that growing looks ahead to
 
-_Walk = tuple[int, Sequence[int]]  # an x, and behaviors from there
 
-
-class Candidates(NamedTuple):
-    """Plans with the paths that they follow."""
-
-    x: Ints  # (J,) where they start
-    path: NDArray[np.int16]  # (J,L) behaviors, padded by -1
-    plan: NDArray[np.void]  # as in `Plans`, like the following
-    observation_counts: Ints
-    executions: Floats
-
-    def select(self, rows: NDArray[np.intp]) -> "Candidates":
-        """Select some of them."""
-        return Candidates._make(part[rows] for part in self)
-
-
-@dataclass(frozen=True)
-class Diagram:
-    """What plans need of a diagram; made once for all MOMDPs that share it."""
-
-    dynamics: Dynamics
-    ways: Ways
-
-    @cached_property
-    def simple(self) -> Candidates:
-        """Every legal behavior; one or two percepts of one, then none, one or two of another."""
-        legal = self.dynamics.step["legal"]
-        paths = set[tuple[int, tuple[int, ...]]]((x, (a,)) for x, a in np.argwhere(legal).tolist())
-        for x in range(len(legal)):
-            goals = np.flatnonzero(self.ways.hop[x] >= 0).tolist()
-            for e, k, f, more in itertools.product(goals, (1, 2), goals, (0, 1, 2)):
-                path: tuple[int, ...] = ()
-                state = x
-                for goal in [e] * k + [f] * more:
-                    if self.ways.hop[state, goal] < 0:
-                        break  # there is no way back
-                    path = (*path, *self.ways.path(state, goal))
-                    state = int(self.ways.end[state, goal])
-                paths.add((x, path[:_LENGTH]))
-        return _cheapest(_complete(self, sorted(paths)))
-
-
-_known: dict[object, Diagram] = {}  # by the identity of dynamics that they hold
-
-
-def diagram_of(dynamics: Dynamics) -> Diagram:
-    """Find the ways of a diagram, once."""
-    return remember(_known, id(dynamics.step), lambda: Diagram(dynamics, find_ways(dynamics)))
-
-
-def plan_library(momdp: MOMDP, problem: Compiled) -> Plans:
+def plan_library(momdp: MOMDP, model: Compiled) -> Plans:
     """Build the plan library of a MOMDP.
 
-    For a spread of beliefs, plans are grown from every x; they and their beginnings compete at
-    further beliefs, and the winners are kept. Every legal behavior keeps its best plan, so that
-    none is without a lower bound. What is left of a kept plan after each of its steps is kept as
-    well: who follows a plan and looks again can only gain, and never puts off its end.
+    1. *Grow.* For a spread of beliefs, plans are grown from every x to every first percept, and
+       percept by percept from there. They, their beginnings, and simple plans are the candidates.
+    2. *Compete.* At further beliefs, and from every x, candidates are valued; winners are kept.
+       Every legal behavior keeps its best plan, so that none is without a lower bound.
+    3. *Complete.* What remains of a winner after each of its steps joins the library: who follows a
+       plan and looks again can only gain, and never puts off its end.
     """
-    diagram, n = diagram_of(problem.dynamics), len(momdp.query)
-    if not problem.dynamics.step["legal"].any():  # nothing can be done, as where everything fails
-        size, behaviors = problem.dynamics.step.shape
-        first, none = np.zeros(size + 1, np.int64), np.zeros((0, behaviors), np.int64)
-        table = np.ones((1, errors.THRESHOLDS, problem.percepts.rows.shape[2]))
-        return Plans(first, np.zeros((0,), PLAN), none, none.astype(float), none[:, :n], table)
+    if not model.dynamics.step["legal"].any():  # as where everything fails
+        return _no_plans(momdp, model)
+    diagram = diagram_of(model.dynamics)
+    beliefs = _spread_beliefs(momdp, model)
+    candidates = _grow(model, diagram, beliefs)
+    winners = _compete(model, candidates, beliefs)
+    return _complete(model, diagram, winners)
+
+
+def _no_plans(momdp: MOMDP, model: Compiled) -> Plans:
+    """Return the library of a MOMDP in which nothing can be done."""
+    n_states, n_behaviors = model.dynamics.step.shape
+    return Plans(
+        first=np.zeros(n_states + 1, np.int64),
+        plan=np.zeros((0,), PLAN),
+        observation_counts=np.zeros((0, n_behaviors), np.int64),
+        executions=np.zeros((0, n_behaviors)),
+        row=np.zeros((0, len(momdp.query)), np.int64),
+        table=np.ones((1, errors.THRESHOLDS, model.percepts.rows.shape[2])),
+    )
+
+
+def _spread_beliefs(momdp: MOMDP, model: Compiled) -> Floats:
+    """Draw beliefs (B,N,C) around the prior, of which the first is the prior itself."""
+    n = len(momdp.query)
     rng = np.random.Generator(np.random.PCG64(n))
     spread = rng.uniform(-4.0, 4.0, (_JUDGED * min(n, _MANY), n))
-    beliefs = _tilted(momdp, problem, np.concatenate([0 * spread[:1], spread]))
-    bhattacharyya = _log_bhattacharyya(problem)
-    chance = (beliefs * problem.percepts.truth[:, 1]).sum(axis=2)  # (B,N)
-    parts = [_grow(problem, diagram, chance[:_GROWN], bhattacharyya), diagram.simple]
-    if problem.shaped and (diagram.ways.hop >= 0).any():
-        parts.append(_complete(diagram, _tours(problem, diagram.ways), whole=False))
-    candidates = _cheapest(Candidates(*map(np.concatenate, zip(*parts, strict=True))))
-    candidates = candidates.select(_promising(problem, candidates, chance, bhattacharyya))
-    plans = _tabulated(problem, candidates, errors.FEW_OUTCOMES)
-    wins = np.zeros(len(plans.plan), np.int64)  # beliefs at which a plan is the best of its x
-    wins_most = np.zeros(len(plans.plan), np.bool_)
-    scratch, every = plan_scratch(problem.percepts, plans), np.arange(momdp.n_behaviors)
-    for x, (start, end) in enumerate(itertools.pairwise(plans.first.tolist())):
-        value, best = best_plans(problem, plans, x, beliefs, scratch)  # (B,E)
-        highest = (value == value.max(axis=1, keepdims=True)) & (best >= 0)
-        np.add.at(wins, best[highest], 1)
-        peak = best[value.argmax(axis=0), every]  # of each first behavior where it is worth most
-        wins_most[peak[peak >= 0]] = True
-        often = start + np.argsort(-wins[start:end], kind="stable")[:_KEPT]
-        wins_most[often[wins[often] > 0]] = True
-    winners = candidates.select(np.flatnonzero(wins_most))
-    remainders = _complete(diagram, _remainders(winners, diagram.ways))
-    return _tabulated(problem, _cheapest(remainders), errors.OUTCOMES)
+    return _tilted(momdp, model, np.concatenate([0 * spread[:1], spread]))
 
 
-def _tilted(momdp: MOMDP, problem: Compiled, spread: Floats) -> Floats:
+def _tilted(momdp: MOMDP, model: Compiled, spread: Floats) -> Floats:
     """Move the prior's log-odds by a spread (B,N) -> Pr(latent class) (B,N,C), as percepts would.
 
     Evidence weighs the classes by exp(s Pr(true | class)), which moves the log-odds by s where the
-    class is the truth. Elsewhere by less, so more is added; of shared classes none may suffice.
+    class is the truth. Elsewhere by less, so that more is added, in rounds; if both truths share a
+    class, no weight of the classes may reach these odds, and the rounds stop short of them.
     """
-    false, true = problem.percepts.truth.transpose(1, 0, 2)  # (N,C)
+    false, true = model.percepts.truth.transpose(1, 0, 2)  # (N,C)
 
     def log_odds(beliefs: Floats) -> Floats:
-        yes, no = ((beliefs * likelihood).sum(axis=-1).clip(1e-300) for likelihood in (true, false))
+        yes = (beliefs * true).sum(axis=-1).clip(1e-300)
+        no = (beliefs * false).sum(axis=-1).clip(1e-300)
         return np.asarray(np.log(yes / no))
 
     chance = np.clip(np.stack([1 - momdp.prior, momdp.prior], axis=1), 1e-9, 1.0)  # (N,2)
     prior = np.clip((chance[:, :, None] * momdp.latent_classes).sum(axis=1), 1e-21, 1.0)  # (N,C)
     prior /= prior.sum(axis=1, keepdims=True)
-    wanted, beliefs = log_odds(prior) + spread, prior[None]
+    wanted = log_odds(prior) + spread
+    beliefs = prior[None]
     evidence = np.zeros_like(spread)
-    for _ in range(1 if problem.percepts.class_is_truth else _ROUNDS):
+    for _ in range(1 if model.percepts.class_is_truth else _ROUNDS):
         evidence = evidence + wanted - log_odds(beliefs)
         beliefs = prior * np.exp(evidence[:, :, None] * true)
     return np.ascontiguousarray(beliefs / beliefs.sum(axis=2, keepdims=True))
 
 
-def _log_bhattacharyya(problem: Compiled) -> Floats:
+def _grow(model: Compiled, diagram: Diagram, beliefs: Floats) -> Candidates:
+    """Grow plans at the first beliefs (B,N,C); return them and simple ones, the promising alone."""
+    bhattacharyya = _log_bhattacharyya(model)
+    chance = (beliefs * model.percepts.truth[:, 1]).sum(axis=2)  # (B,N)
+    parts = [_grown(model, diagram, chance[:_GROWN], bhattacharyya), diagram.simple]
+    if model.shaped and (diagram.ways.hop >= 0).any():
+        parts.append(sum_up_walks(diagram, tours(model, diagram.ways), beginnings=True))
+    candidates = cheapest(Candidates(*map(np.concatenate, zip(*parts, strict=True))))
+    return candidates.select(_promising(model, candidates, chance, bhattacharyya))
+
+
+def _log_bhattacharyya(model: Compiled) -> Floats:
     """Compute log sum_j sqrt(Pr(j of k say yes | true) Pr(j | false)), (N,E,U) for k < U."""
-    percepts = problem.percepts
+    percepts = model.percepts
     yes = percepts.rows[..., percepts.rows.shape[3] // 2 :].sum(axis=-1)[..., None]  # (N,E,C,1)
-    s, j = percepts.precision[..., None], np.arange(_COUNTED)
-    counts = np.zeros((*yes.shape[:3], _COUNTED))
+    s = percepts.precision[..., None]
+    j = np.arange(_COUNTED)
+    counts = np.zeros((*yes.shape[:3], _COUNTED))  # Pr(j of k say yes | class)
     counts[..., 0] = 1.0
     out = np.zeros((*yes.shape[:2], _COUNTED))
     for k in range(_COUNTED - 1):
@@ -159,49 +132,47 @@ def _log_bhattacharyya(problem: Compiled) -> Floats:
     return np.where(percepts.informative[..., None], out, 0.0)
 
 
-def _grow(problem: Compiled, diagram: Diagram, chance: Floats, bhattacharyya: Floats) -> Candidates:
+def _grown(model: Compiled, diagram: Diagram, chance: Floats, bhattacharyya: Floats) -> Candidates:
     """Grow plans at beliefs (B,N) from every x to every first percept; with their beginnings."""
-    step, limit = problem.dynamics.step, problem.percepts.limit
-    size, n = step.shape
-    path = np.full((size, len(chance), n, _LENGTH), -1)
-    ends = np.zeros(path.shape, np.bool_)
+    step = diagram.dynamics.step
+    n_states, n_behaviors = step.shape
+    shape = n_states, len(chance), n_behaviors, LENGTH
+    paths = Paths(behavior=np.full(shape, -1), ends=np.zeros(shape, np.bool_))
     cost = np.where(diagram.ways.senses & step["legal"], step["cost"], np.inf).min(axis=0)
-    rate = (-bhattacharyya[..., 1] / cost).max(axis=1)  # (N,)
     growth = Growth(
-        bhattacharyya, rate, limit, problem.incorrect, problem.gap,
-        np.zeros(n, np.int64), np.zeros((2, len(rate))),
-    )  # fmt: skip
-    length = grow_plans(diagram.ways, growth, chance, path, ends)
-    start, shape = np.repeat(np.arange(size), len(chance) * n), (-1, length)
-    beginnings = ends[..., :length].reshape(shape)
-    return _summed_up(diagram, start, path[..., :length].reshape(shape), beginnings)
+        bhattacharyya=bhattacharyya,
+        rate=(-bhattacharyya[..., 1] / cost).max(axis=1),
+        limit=model.percepts.limit,
+        incorrect=model.incorrect,
+        gap=model.gap,
+        counts=np.zeros(n_behaviors, np.int64),
+        log_r=np.zeros((2, len(bhattacharyya))),
+    )
+    length = grow_plans(diagram.ways, growth, chance, paths)
+    start = np.repeat(np.arange(n_states), len(chance) * n_behaviors)
+    path = paths.behavior[..., :length].reshape(-1, length)
+    return sum_up(diagram, start, path, paths.ends[..., :length].reshape(-1, length))
 
 
 def _promising(
-    problem: Compiled, candidates: Candidates, chance: Floats, bhattacharyya: Floats
+    model: Compiled, candidates: Candidates, chance: Floats, bhattacharyya: Floats
 ) -> NDArray[np.intp]:
     """Select candidates by an estimate of their values at beliefs (B,N).
 
     An error is at most sqrt(b (1 - b)) times the Bhattacharyya coefficient of the percepts
-    [Kailath1967]. The best few from each x at each belief stay, and _BEGUN of each first behavior.
+    [Kailath1967]. The best few from each x at each belief stay, and _OF_FIRST of each first
+    behavior.
     """
-    within = np.minimum(problem.percepts.limit, _COUNTED - 1).astype(np.int64)
-    counts = np.minimum(candidates.observation_counts, within)
-    affine = np.exp(bhattacharyya[:, np.arange(counts.shape[1]), counts].sum(axis=2))  # (N,J)
-    right = np.ones((len(chance), len(counts)))
-    for unsure, each in zip(np.sqrt(chance * (1.0 - chance)).T, affine, strict=True):
-        right *= 1.0 - unsure[:, None] * each
-    cost, discount = candidates.plan["cost"], candidates.plan["discount"]
-    value = discount * (problem.incorrect + problem.gap * right) - cost  # (B,J)
-    if problem.shaped:
-        paid = np.minimum(1.0, problem.paid / np.maximum(candidates.observation_counts, 1))
-        pay = problem.bonus.mean(axis=2).sum(axis=0)
-        value += (paid * (candidates.observation_counts > 0) * candidates.executions) @ pay
-    peak, action = value.max(axis=0), candidates.plan["action"]
+    value = _estimated_values(model, candidates, chance, bhattacharyya)  # (B,J)
+    chosen = np.zeros(value.shape[1], np.bool_)
+    # Of each x and first behavior, those that are worth most at the belief where they are best.
+    peak = value.max(axis=0)
+    action = candidates.plan["action"]
     order = np.lexsort((-peak, action, candidates.x))
-    group = candidates.x[order] * counts.shape[1] + action[order]
-    chosen = np.zeros(len(peak), np.bool_)
-    chosen[order[np.arange(len(group)) - np.searchsorted(group, group) < _BEGUN]] = True
+    group = candidates.x[order] * model.dynamics.step.shape[1] + action[order]
+    rank = np.arange(len(group)) - np.searchsorted(group, group)
+    chosen[order[rank < _OF_FIRST]] = True
+    # Of each x and belief, those that are worth most.
     most = _CANDIDATES * min(len(bhattacharyya), _MANY)
     for same in np.split(np.arange(len(peak)), np.flatnonzero(np.diff(candidates.x)) + 1):
         best = np.argpartition(-value[:, same], min(most, len(same) - 1), axis=1)[:, :most]
@@ -209,96 +180,80 @@ def _promising(
     return np.flatnonzero(chosen)
 
 
-def _distinct(rows: Ints) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Find the first of each distinct row of small integers >= 0, and each row's place in these."""
-    keys = rows.astype(">u2").view(f"S{2 * rows.shape[1]}").ravel()
-    return np.unique(keys, return_index=True, return_inverse=True)[1:]
+def _estimated_values(
+    model: Compiled, candidates: Candidates, chance: Floats, bhattacharyya: Floats
+) -> Floats:
+    """Estimate the values (B,J) of candidates by bounds of their errors; see `_promising`."""
+    within = np.minimum(model.percepts.limit, _COUNTED - 1).astype(np.int64)
+    counts = np.minimum(candidates.observation_counts, within)
+    affinity = np.exp(bhattacharyya[:, np.arange(counts.shape[1]), counts].sum(axis=2))  # (N,J)
+    right = np.ones((len(chance), len(counts)))
+    for unsure, factor in zip(np.sqrt(chance * (1.0 - chance)).T, affinity, strict=True):
+        right *= 1.0 - unsure[:, None] * factor
+    cost = candidates.plan["cost"]
+    value = candidates.plan["discount"] * (model.incorrect + model.gap * right) - cost
+    if model.shaped:
+        paid = np.minimum(1.0, model.paid / np.maximum(candidates.observation_counts, 1))
+        pay = model.bonus.mean(axis=2).sum(axis=0)
+        value += (paid * (candidates.observation_counts > 0) * candidates.executions) @ pay
+    return np.asarray(value)
 
 
-def _summed_up(diagram: Diagram, start: Ints, path: Ints, ends: NDArray[np.bool_]) -> Candidates:
-    """Sum up the beginnings of paths (R,L) from start (R,) that stop behind the steps `ends`."""
-    length, x = path.shape[1], np.empty_like(path)
-    x[:, 0] = start
-    for t in range(length - 1):
-        x[:, t + 1] = diagram.ways.target[x[:, t], path[:, t]]
-    step = diagram.dynamics.step[x, path]
-    # cost = sum_k (prod_{j<k} g_j) c_k, discount = prod_k g_k
-    discount = step["discount"].cumprod(axis=1)
-    before = np.hstack([np.ones((len(path), 1)), discount[:, :-1]])
-    cost, executed = (before * step["cost"]).cumsum(axis=1), before * step["bonus_scale"]
-    r, end = np.nonzero(ends)
-    cut = np.full((len(r), _LENGTH), -1, np.int16)  # copying paths would take half of the time
-    cut[:, :length] = np.where(np.arange(length) <= end[:, None], path.astype(np.int16)[r], -1)
-    plan = np.zeros(len(r), PLAN)
-    plan["action"], plan["cost"], plan["discount"] = path[r, 0], cost[r, end], discount[r, end]
-    sums = []
-    for each in (diagram.ways.senses[x, path].astype(np.int64), executed):
-        steps = np.zeros((*path.shape, diagram.dynamics.step.shape[1]), each.dtype)  # (R,L,E)
-        np.put_along_axis(steps, path[..., None], each[..., None], axis=2)
-        sums.append(steps.cumsum(axis=1, out=steps)[r, end])
-    return Candidates(start[r], cut, plan, *sums)
+def _compete(model: Compiled, candidates: Candidates, beliefs: Floats) -> Candidates:
+    """Value candidates at beliefs (B,N,C); of every x, return those that win.
+
+    These are the _WINNERS plans that are the best of all at most beliefs, and for each first
+    behavior the plan that is best at the belief where going for it is worth most.
+    """
+    plans = _tabulated(model, candidates, errors.FEW_OUTCOMES)
+    evaluator = make_evaluator(model, plans)
+    behaviors = np.arange(model.dynamics.step.shape[1])
+    winner = np.zeros(len(plans.plan), np.bool_)
+    for x, (start, end) in enumerate(itertools.pairwise(plans.first.tolist())):
+        best = best_plans(evaluator, x, beliefs)  # (B,E)
+        is_highest = (best.value == best.value.max(axis=1, keepdims=True)) & (best.plan >= 0)
+        wins = np.bincount(best.plan[is_highest] - start, minlength=end - start)
+        ranking = np.argsort(-wins, kind="stable")[:_WINNERS]
+        winner[start + ranking[wins[ranking] > 0]] = True
+        of_first = best.plan[best.value.argmax(axis=0), behaviors]
+        winner[of_first[of_first >= 0]] = True
+    return candidates.select(np.flatnonzero(winner))
 
 
-def _complete(diagram: Diagram, walks: Iterable[_Walk], *, whole: bool = True) -> Candidates:
-    """Sum up walks (R) of any length, whole or in all their beginnings."""
-    start, paths = zip(*walks, strict=True)
-    path = np.array([*itertools.zip_longest(*paths, fillvalue=-1)]).T
-    last = np.arange(path.shape[1]) == (path >= 0).sum(axis=1)[:, None] - 1
-    return _summed_up(diagram, np.array(start), path, last if whole else path >= 0)
+def _complete(model: Compiled, diagram: Diagram, winners: Candidates) -> Plans:
+    """Add what remains of the winners after each of their steps; tabulate all their errors."""
+    plans = cheapest(sum_up_walks(diagram, remainders(winners, diagram.ways)))
+    return _tabulated(model, plans, errors.OUTCOMES)
 
 
-def _tours(problem: Compiled, ways: Ways) -> Iterator[_Walk]:
-    """Build tours: after every first behavior, to the best-paid first percept while it pays."""
-    pay = np.where(problem.paid > 0, problem.bonus.mean(axis=2).sum(axis=0), 0.0)
-    for x, first in np.argwhere(ways.hop >= 0).tolist():
-        path: tuple[int, ...] = ()
-        state, goal, left = x, first, np.ones(len(pay), np.bool_)
-        while goal >= 0 and len(path) < _LENGTH:
-            path = (*path, *ways.path(state, goal))
-            state = int(ways.end[state, goal])
-            left[list(path)] = False
-            gain = (ways.observation_counts[state] > 0) @ (pay * left) - ways.cost[state]
-            gain = np.where(left & (ways.hop[state] >= 0), gain, -np.inf)
-            goal = int(gain.argmax()) if gain.max() > 0 else -1
-        yield x, path[:_LENGTH]
-
-
-def _cheapest(candidates: Candidates) -> Candidates:
-    """Keep the cheapest plan of equal x, first behavior and percepts, in order of x."""
-    cost = np.argsort(candidates.plan["cost"], kind="stable")
-    x, action = candidates.x[cost], candidates.plan["action"][cost]
-    first, _ = _distinct(np.column_stack([x, action, candidates.observation_counts[cost]]))
-    return candidates.select(cost[first])
-
-
-def _remainders(plans: Candidates, ways: Ways) -> Iterator[_Walk]:
-    """List plans, and what is left of them after each of their steps."""
-    for x, row in zip(plans.x.tolist(), plans.path, strict=True):
-        state, path = x, row[row >= 0].tolist()
-        while path:
-            yield state, path
-            state, path = int(ways.target[state, path[0]]), path[1:]
-
-
-def _tabulated(problem: Compiled, candidates: Candidates, held: int) -> Plans:
+def _tabulated(model: Compiled, candidates: Candidates, capacity: int) -> Plans:
     """Make plans of candidates, which are in order of x, with their errors."""
-    first = np.searchsorted(candidates.x, np.arange(problem.dynamics.step.shape[0] + 1))
-    empty = np.empty((0, 0), np.int64), np.empty((0, 0, 0))
-    return retabulate(Plans(first, *candidates[2:], *empty), problem, held)
+    states = np.arange(model.dynamics.step.shape[0] + 1)
+    plans = Plans(
+        first=np.searchsorted(candidates.x, states),
+        plan=candidates.plan,
+        observation_counts=candidates.observation_counts,
+        executions=candidates.executions,
+        row=np.empty((0, 0), np.int64),
+        table=np.empty((0, 0, 0)),
+    )
+    return retabulate(plans, model, capacity)
 
 
-def retabulate(plans: Plans, problem: Compiled, held: int = errors.OUTCOMES) -> Plans:
+def retabulate(plans: Plans, model: Compiled, capacity: int = errors.OUTCOMES) -> Plans:
     """Tabulate the errors of plans in a MOMDP; equal percepts of an attribute share a row."""
-    percepts, tables = problem.percepts, 0
-    rows, counts, attribute = [], [], []
+    percepts = model.percepts
+    rows, counts = [], []
+    attribute: list[int] = []
+    n_rows = 0
     for i, informative in enumerate(percepts.informative):
-        told = plans.observation_counts * informative
-        distinct, row = _distinct(told)
-        rows.append(row + tables)
-        counts.append(told[distinct])
-        attribute += [i] * len(distinct)
-        tables += len(distinct)
-    table = np.empty((tables, errors.THRESHOLDS, percepts.rows.shape[2]))
-    scratch = errors.make_scratch(percepts, 0, 0, held)
+        informing = plans.observation_counts * informative
+        first, place = distinct(informing)
+        rows.append(place + n_rows)
+        counts.append(informing[first])
+        attribute.extend(itertools.repeat(i, len(first)))
+        n_rows += len(first)
+    table = np.empty((n_rows, errors.THRESHOLDS, percepts.rows.shape[2]))
+    scratch = errors.make_scratch(percepts, plans=0, rows=0, capacity=capacity)
     errors.tabulate_errors(percepts, np.concatenate(counts), np.array(attribute), scratch, table)
     return plans._replace(row=np.column_stack(rows), table=table)

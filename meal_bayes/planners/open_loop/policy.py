@@ -17,8 +17,9 @@ from meal_bayes.momdp import MOMDP, Belief
 from meal_bayes.momdp.belief import log_odds
 from meal_bayes.momdp.observation import predictive, sample_rows
 from meal_bayes.planners.compiled import Compiled, compile_momdp
+from meal_bayes.planners.entry import plan_values
 from meal_bayes.planners.open_loop.library import plan_library
-from meal_bayes.planners.open_loop.values import Plans, plan_values
+from meal_bayes.planners.open_loop.values import Plans
 from meal_bayes.planners.solver import Decision, History, choose
 
 _SAMPLES = 192
@@ -37,8 +38,8 @@ class OpenLoop:
 
     def solve(self, momdp: MOMDP, rng: np.random.Generator) -> "OpenLoopPolicy":
         """Build the plan library; nothing in it is random."""
-        problem = compile_momdp(momdp)
-        return OpenLoopPolicy(momdp, problem, plan_library(momdp, problem))
+        model = compile_momdp(momdp)
+        return OpenLoopPolicy(momdp, model, plan_library(momdp, model))
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,40 +47,41 @@ class OpenLoopPolicy:
     """Policy of `OpenLoop`."""
 
     momdp: MOMDP
-    problem: Compiled
+    model: Compiled
     plans: Plans
     deterministic: bool = True
 
     def decide(self, history: History, rng: np.random.Generator) -> Decision:
         """Choose the first behavior of the best plan."""
         belief = history.belief
-        values = plan_values(self.problem, self.plans, belief).value
+        values = plan_values(self.model, self.plans, belief).scratch.value
         if self.momdp.query.groups:
-            coupled = _coupled_values(self.momdp, self.problem, self.plans, belief, rng)
+            coupled = self._coupled_values(belief, rng)
             values = np.where(np.isneginf(values), values, coupled)
         return Decision.exact(*choose(self.momdp, belief, values))
 
-
-def _coupled_values(
-    momdp: MOMDP, problem: Compiled, plans: Plans, belief: Belief, rng: np.random.Generator
-) -> Floats:
-    """Estimate the value of the best plan of each first behavior (E,); -inf where there is none."""
-    span = slice(*plans.first[belief.x : belief.x + 2])
-    left = np.maximum(momdp.limit - belief.percept_counts[0].sum(axis=1), 0)
-    used = np.minimum(plans.observation_counts[span], np.minimum(left, _PERCEPTS)).astype(int)
-    counts, row = np.unique(used, axis=0, return_inverse=True)
-    right = _right(momdp, belief, counts, rng)[row.ravel()]
-    plan = plans.plan[span]
-    value = plan["discount"] * (momdp.incorrect + problem.gap * right) - plan["cost"]
-    if problem.shaped:
-        truth = np.stack([1 - belief.positive, belief.positive], axis=1)  # (N,2)
-        bonus = (problem.bonus * truth[:, None]).sum(axis=(0, 2))  # (E,)
-        paid = np.maximum(problem.paid - belief.percept_counts[0].sum(axis=1), 0.0)
-        fraction = np.minimum(1.0, paid / np.maximum(plans.observation_counts[span], 1))
-        value += (plans.executions[span] * fraction * (used > 0)) @ bonus
-    best = np.full(momdp.n_behaviors, -np.inf)
-    np.maximum.at(best, plan["action"], value)
-    return best
+    def _coupled_values(self, belief: Belief, rng: np.random.Generator) -> Floats:
+        """Estimate the value of the best plan of each first behavior (E,); -inf without a plan."""
+        momdp = self.momdp
+        model = self.model
+        from_x = slice(*self.plans.first[belief.x : belief.x + 2])
+        plan = self.plans.plan[from_x]
+        planned = self.plans.observation_counts[from_x]
+        total = belief.percept_counts[0].sum(axis=1)
+        most = np.minimum(np.maximum(momdp.limit - total, 0), _PERCEPTS)
+        coming = np.minimum(planned, most).astype(int)
+        counts, row = np.unique(coming, axis=0, return_inverse=True)
+        right = _right(momdp, belief, counts, rng)[row.ravel()]
+        value = plan["discount"] * (momdp.incorrect + model.gap * right) - plan["cost"]
+        if model.shaped:
+            truth = np.stack([1 - belief.positive, belief.positive], axis=1)  # (N,2)
+            bonus = (model.bonus * truth[:, None]).sum(axis=(0, 2))  # (E,)
+            unpaid = np.maximum(model.paid - total, 0.0)
+            fraction = np.minimum(1.0, unpaid / np.maximum(planned, 1))
+            value += (self.plans.executions[from_x] * fraction * (coming > 0)) @ bonus
+        best = np.full(momdp.n_behaviors, -np.inf)
+        np.maximum.at(best, plan["action"], value)
+        return best
 
 
 def _right(momdp: MOMDP, belief: Belief, counts: Ints, rng: np.random.Generator) -> Floats:
@@ -87,16 +89,18 @@ def _right(momdp: MOMDP, belief: Belief, counts: Ints, rng: np.random.Generator)
     evidence = _sampled_evidence(momdp, belief, int(counts.max(initial=0)), rng)
     best = [row.argmax() for row in belief.marginals]
     right = np.full(len(counts), belief.certainty)
-    for j, used in enumerate(counts):
-        of = np.flatnonzero(used)
-        after = belief.log_prob + evidence[used[of], of].sum(axis=0)  # (S,N,C)
+    for j, count in enumerate(counts):
+        behavior = np.flatnonzero(count)
+        after = belief.log_prob + evidence[count[behavior], behavior].sum(axis=0)  # (S,N,C)
         positive = expit(log_odds(momdp, after))
-        likeliest = same = np.ones(_SAMPLES)
+        likeliest = np.ones(_SAMPLES)  # Pr(the report that is best after the percepts)
+        unchanged = np.ones(_SAMPLES)  # Pr(the report that is best now)
         for places, value in zip(momdp.query.variables, best, strict=True):
             row = positive[:, list(places)]
             row = row if len(places) > 1 else np.hstack([1.0 - row, row])
-            likeliest, same = likeliest * row.max(axis=1), same * row[:, value]
-        right[j] += (likeliest - same).mean()
+            likeliest = likeliest * row.max(axis=1)
+            unchanged = unchanged * row[:, value]
+        right[j] += (likeliest - unchanged).mean()
     return right
 
 
@@ -105,25 +109,28 @@ def _sampled_evidence(momdp: MOMDP, belief: Belief, most: int, rng: np.random.Ge
 
     Behaviors come before samples, so that a plan picks its own with one index.
     """
-    (n, e, k), each = belief.percept_counts.shape, np.arange(len(momdp.query))
+    n, e, k = belief.percept_counts.shape
+    attributes = np.arange(n)
     truth = np.zeros((_SAMPLES, n), int)
     for places, prob in zip(momdp.query.variables, belief.marginals, strict=True):
         value = rng.choice(len(prob), _SAMPLES, p=prob / prob.sum())
         truth[:, places] = (value[:, None] == np.arange(len(prob)))[:, -len(places) :]
-    of_class = np.exp(belief.log_prob + momdp.log_truth.transpose(1, 0, 2))[truth, each]  # (S,N,C)
-    below = of_class.cumsum(axis=2) < rng.random((_SAMPLES, n, 1)) * of_class.sum(axis=2)[..., None]
+    # The class: Pr(c | truth, percepts) ~ Pr(c | percepts) Pr(truth | c)
+    joint = np.exp(belief.log_prob + momdp.log_truth.transpose(1, 0, 2))[truth, attributes]
+    below = joint.cumsum(axis=2) < rng.random((_SAMPLES, n, 1)) * joint.sum(axis=2)[..., None]
     latent = below.sum(axis=2)  # (S,N)
-    means, precisions = momdp.confusion[each, :, latent], momdp.precision[each, :, latent]
+    means = momdp.confusion[attributes, :, latent]
+    precisions = momdp.precision[attributes, :, latent]
     rows = sample_rows(means, precisions, belief.percept_counts, rng)  # (S,N,E,K)
+    # Percepts of these rows, one after the other, and what each says of every class.
     counts = np.tile(belief.percept_counts, (_SAMPLES, 1, 1, 1))
     sample, place, behavior = np.ogrid[:_SAMPLES, :n, :e]
     evidence = np.zeros((most + 1, e, _SAMPLES, n, momdp.n_classes))
     for u in range(most):
         z = (rows.cumsum(axis=3) <= rng.random((_SAMPLES, n, e, 1))).sum(axis=3).clip(max=k - 1)
-        prob = predictive(
-            momdp.confusion[place, behavior, :, z], momdp.precision,
-            counts[sample, place, behavior, z, None], counts.sum(axis=3)[..., None],
-        )  # fmt: skip
+        mean = momdp.confusion[place, behavior, :, z]
+        count = counts[sample, place, behavior, z, None]
+        prob = predictive(mean, momdp.precision, count, counts.sum(axis=3)[..., None])
         evidence[u + 1] = evidence[u] + np.log(prob.clip(1e-300)).transpose(2, 0, 1, 3)
         counts[sample, place, behavior, z] += 1
     return evidence

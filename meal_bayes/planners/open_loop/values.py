@@ -11,9 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meal_bayes.arrays import Floats, Ints
-from meal_bayes.momdp import Belief
-from meal_bayes.planners.compiled import Compiled, Percepts
-from meal_bayes.planners.kernels import called_kernel, entry_kernel, kernel
+from meal_bayes.planners.compiled import Compiled
+from meal_bayes.planners.kernels import called_kernel, kernel
 from meal_bayes.planners.open_loop.errors import SPAN, Scratch, make_scratch, plan_error
 
 COMPUTED = 6  # plans of a first behavior that are computed at one belief, at most
@@ -36,31 +35,34 @@ class Plans(NamedTuple):
     table: Floats  # (T,G,C) Pr(error | latent class) at thresholds, see `tabulate_errors`
 
 
-def plan_scratch(percepts: Percepts, plans: Plans) -> Scratch:
-    """Create the buffers for evaluating plans; no percepts so far."""
-    return make_scratch(percepts, int(np.diff(plans.first).max()), len(plans.table))
+class Evaluator(NamedTuple):
+    """All that valuing plans reads and writes."""
+
+    model: Compiled
+    plans: Plans
+    scratch: Scratch
 
 
-def plan_values(problem: Compiled, plans: Plans, belief: Belief) -> Scratch:
-    """Evaluate the best plan of each first behavior -> `value` (E,) of the returned buffers."""
-    scratch = plan_scratch(problem.percepts, plans)
-    scratch.counts[:] = belief.percept_counts
-    scratch.total[:] = belief.percept_counts[0].sum(axis=1)
-    best_plans(problem, plans, belief.x, np.exp(belief.log_prob)[None], scratch, True)
-    return scratch
+class BestPlans(NamedTuple):
+    """The best plan of each first behavior at some beliefs; value -inf where there is none."""
+
+    value: Floats  # (B,E)
+    plan: Ints  # (B,E)
 
 
-def best_plans(
-    problem: Compiled, plans: Plans, x: int, beliefs: Floats, scratch: Scratch, useful: bool = False
-) -> tuple[Floats, Ints]:
-    """Evaluate the best plan of each first behavior at beliefs (B,N,C) -> values and plans (B,E).
+class Beliefs(NamedTuple):
+    """Beliefs at one x at which plans are valued."""
 
-    See `evaluate_plans`; `scratch` holds what was found at the last belief.
-    """
-    shape = len(beliefs), len(scratch.value)
-    value, best = np.empty(shape), np.empty(shape, np.int64)
-    _best_plans(problem, plans, x, beliefs, scratch, useful, value, best)
-    return value, best
+    x: int
+    prob: Floats  # (B,N,C) Pr(latent class)
+    useful: bool  # have behaviors that cannot help the value -inf? see `evaluate_plans`
+    best: BestPlans  # results
+
+
+def make_evaluator(model: Compiled, plans: Plans) -> Evaluator:
+    """Create the buffers for valuing plans; no percepts so far."""
+    most = int(np.diff(plans.first).max())
+    return Evaluator(model, plans, make_scratch(model.percepts, most, len(plans.table)))
 
 
 @kernel
@@ -83,13 +85,17 @@ def stop_value(model, prob):
 
 
 @kernel
-def _bonus(model, plans, j, scratch):
+def _bonus(evaluator, j):
     """Sum what shaping pays along a plan, discounted."""
+    model = evaluator.model
+    plans = evaluator.plans
+    scratch = evaluator.scratch
     total = 0.0
     for e in range(plans.observation_counts.shape[1]):
         counts = plans.observation_counts[j, e]
         if counts > 0:
-            paid = min(1.0, max(0.0, model.paid[e] - scratch.total[e]) / counts)
+            # Of the plan's percepts, the first ones are paid: so many as the trial has to pay yet.
+            paid = min(1.0, max(0.0, model.paid[e] - scratch.evidence.total[e]) / counts)
             for i in range(scratch.chance.shape[0]):
                 b = scratch.chance[i]
                 mean = b * model.bonus[i, e, 1] + (1.0 - b) * model.bonus[i, e, 0]
@@ -99,6 +105,7 @@ def _bonus(model, plans, j, scratch):
 
 @kernel
 def _threshold_error(table, t, g, prob, i):
+    """Compute the error of deciding by threshold g: sum_c Pr(c) Pr(error | c)."""
     error = 0.0
     for c in range(table.shape[2]):
         error += prob[i, c] * table[t, g, c]
@@ -106,67 +113,86 @@ def _threshold_error(table, t, g, prob, i):
 
 
 @kernel
-def _table_error(model, table, t, prob, i, scratch):
-    """Return the error at the best threshold; if class is not truth, near the last one found."""
-    g, thresholds = scratch.threshold[i], table.shape[1]
-    risk, above = _threshold_error(table, t, g, prob, i), _threshold_error(table, t, g + 1, prob, i)
-    if not model.percepts.class_is_truth:  # else the best rule is next to the log-odds
+def _table_error(evaluator, t, prob, i):
+    """Return the error at the best threshold; if class is not truth, near the last best one."""
+    table = evaluator.plans.table
+    scratch = evaluator.scratch
+    thresholds = table.shape[1]
+    # Where the class is the truth, the Bayes rule is one of the thresholds next to the log-odds.
+    g = scratch.threshold[i]
+    risk = _threshold_error(table, t, g, prob, i)
+    above = _threshold_error(table, t, g + 1, prob, i)
+    # Elsewhere it lies anywhere, but near to that of the last plan: go down the slope from there.
+    if not evaluator.model.percepts.class_is_truth:
         step = 1 if above < risk else -1
         if above < risk:
-            risk, g = above, g + 1
+            risk = above
+            g += 1
         while 0 <= g + step < thresholds:
             above = _threshold_error(table, t, g + step, prob, i)
             if above >= risk:
                 break
-            risk, g = above, g + step
+            risk = above
+            g += step
         scratch.threshold[i] = min(g, thresholds - 2)
         above = risk
     return min(risk, above, scratch.chance[i], 1.0 - scratch.chance[i])
 
 
 @kernel
-def _plan_value(model, plans, j, prob, scratch, floor, exact):
+def _plan_value(evaluator, j, prob, floor, exact):
     """Compute a plan's value by the tables, or exactly; at most `floor` if it cannot beat that."""
-    plan, percepts = plans.plan[j], model.percepts
-    base, reward = plan.discount * model.incorrect - plan.cost, plan.discount * model.gap
+    model = evaluator.model
+    plans = evaluator.plans
+    scratch = evaluator.scratch
+    # V = g r- - c + bonus + g (r+ - r-) prod_i (1 - err_i), which falls with every attribute.
+    plan = plans.plan[j]
+    base = plan.discount * model.incorrect - plan.cost
+    reward = plan.discount * model.gap
     if model.shaped:
-        base += _bonus(model, plans, j, scratch)
-    for i in range(prob.shape[0]):  # base + reward prod_i (1 - err_i) falls with every attribute
+        base += _bonus(evaluator, j)
+    for i in range(prob.shape[0]):
         if base + reward <= floor:
             break
-        t, z = plans.row[j, i], scratch.shown[i]
+        t = plans.row[j, i]
+        z = scratch.column[i]
         if not exact:
-            error = _table_error(model, plans.table, t, prob, i, scratch)
+            error = _table_error(evaluator, t, prob, i)
         else:  # once for all plans and beliefs that share the row
             if scratch.error[t, z] < 0.0:
-                counts = plans.observation_counts
-                scratch.error[t, z] = plan_error(percepts, counts, j, i, prob, scratch)
+                counts = plans.observation_counts[j]
+                scratch.error[t, z] = plan_error(model.percepts, counts, i, prob, scratch)
             error = scratch.error[t, z]
         reward *= 1.0 - error
     return base + reward
 
 
 @kernel
-def _is_tabled(percepts, plans, j, scratch):
+def _is_tabled(evaluator, j):
     """Test whether the tables hold a plan: its percepts are new, or of known rows."""
-    for e in range(plans.observation_counts.shape[1]):
-        counts = plans.observation_counts[j, e]
-        if counts > 0 and not percepts.known[e] and scratch.total[e] > 0.0:
+    percepts = evaluator.model.percepts
+    total = evaluator.scratch.evidence.total
+    for e in range(total.shape[0]):
+        counts = evaluator.plans.observation_counts[j, e]
+        if counts > 0 and not percepts.known[e] and total[e] > 0.0:
             return False
-        if counts > percepts.limit[e] - scratch.total[e]:
+        if counts > percepts.limit[e] - total[e]:
             return False
     return True
 
 
 @kernel
-def _locate(model, plans, prob, scratch):
+def _locate(evaluator, prob):
     """Find each attribute's chance, and the threshold next to its log-odds."""
-    thresholds = plans.table.shape[1]
+    scratch = evaluator.scratch
+    thresholds = evaluator.plans.table.shape[1]
     for i in range(prob.shape[0]):
-        b = true_chance(model.percepts, prob, i)
+        # Thresholds are even in log-odds from -SPAN to SPAN, and so in reach without a search.
+        b = true_chance(evaluator.model.percepts, prob, i)
         odds = np.log((b + 1e-300) / (1.0 - b + 1e-300))
         g = int((odds + SPAN) * ((thresholds - 1) / (2.0 * SPAN)))
-        scratch.chance[i], scratch.threshold[i] = b, min(max(g, 0), thresholds - 2)
+        scratch.chance[i] = b
+        scratch.threshold[i] = min(max(g, 0), thresholds - 2)
 
 
 @kernel
@@ -177,57 +203,83 @@ def is_idle(model, x, a, total):
     return total[a] >= model.percepts.limit[a] or not model.percepts.informative[:, a].any()
 
 
-@called_kernel
-def evaluate_plans(model, plans, x, prob, scratch, floor, useful):
-    """Evaluate the best plan from x by first behavior -> `scratch.value`; return the best.
+@kernel
+def _most_promising(guess, count):
+    """Return the plan whose tabulated value is highest among those that must be computed."""
+    top = 0
+    for j in range(1, count):
+        if guess[j] > guess[top]:
+            top = j
+    return top
 
-    `scratch.best` holds the plans; `scratch.counts` and `total` are the percepts so far. Above a
+
+@called_kernel
+def evaluate_plans(evaluator, x, prob, floor, useful):
+    """Value the best plan from x by first behavior -> `scratch.value`; return the best value.
+
+    `scratch.best` holds the plans; `scratch.evidence` are the percepts so far. Above a
     `floor` of -inf only the best of all is sought, and `floor` returned where none exceeds it; then
-    errors computed before are used: an attribute's belief is the same after equal `scratch.shown`.
+    errors computed before are used: an attribute's belief is the same after equal `scratch.column`.
     Plans that the tables do not hold are computed in the order of their tabulated values,
     which are nearly always too high, COMPUTED a behavior: to leave some out keeps a lower bound.
 
     With `useful`, behaviors that cannot help have the value -inf. Their plans, computed in other
-    ways than what is left of them, may seem worth more; who followed them would go round for ever.
+    ways than what remains of them, may seem worth more; who followed them would go round for ever.
     """
-    _locate(model, plans, prob, scratch)
-    shared, best, out = floor > -np.inf, floor, scratch.value
+    plans = evaluator.plans
+    scratch = evaluator.scratch
+    out = scratch.value
+    _locate(evaluator, prob)
+    shared = floor > -np.inf
+    best = floor
     if not shared:
         scratch.error[:] = -1.0
-    out[:], scratch.tried[:], scratch.best[:] = -np.inf, 0, -1
-    start, count = plans.first[x], plans.first[x + 1] - plans.first[x]
+    out[:] = -np.inf
+    scratch.computed[:] = 0
+    scratch.best[:] = -1
+    # The first round reads the tables, the second computes what they do not hold, best guess first.
+    start = plans.first[x]
+    count = plans.first[x + 1] - start
     for turn in range(2 * count):
-        j, exact = start + turn, turn >= count
+        j = start + turn
+        exact = turn >= count
         if exact:
-            top = 0
-            for other in range(1, count):
-                if scratch.guess[other] > scratch.guess[top]:
-                    top = other
-            j, guess = start + top, scratch.guess[top]
+            top = _most_promising(scratch.guess, count)
+            guess = scratch.guess[top]
+            j = start + top
             if guess == -np.inf or (shared and guess <= best):
                 break
             scratch.guess[top] = -np.inf
+        # A plan whose guess is no better than what its first behavior has got is not computed.
         a = plans.plan[j].action
         if exact:
-            if guess <= out[a] or scratch.tried[a] >= COMPUTED:
+            if guess <= out[a] or scratch.computed[a] >= COMPUTED:
                 continue
-            scratch.tried[a] += 1
+            scratch.computed[a] += 1
+        # A plan that cannot beat this is cut short.
         lowest = best if shared else out[a]
-        value = _plan_value(model, plans, j, prob, scratch, lowest, exact)
-        waits = not exact and not _is_tabled(model.percepts, plans, j, scratch)
+        value = _plan_value(evaluator, j, prob, lowest, exact)
+        waits = not exact and not _is_tabled(evaluator, j)
         if not exact:
             scratch.guess[turn] = value if waits else -np.inf
         if not waits and value > out[a]:
-            out[a], scratch.best[a], best = value, j, max(best, value)
-    for a in range(out.shape[0]):
-        if useful and is_idle(model, x, a, scratch.total):
-            out[a] = -np.inf
+            out[a] = value
+            scratch.best[a] = j
+            best = max(best, value)
+    if useful:
+        for a in range(out.shape[0]):
+            if is_idle(evaluator.model, x, a, scratch.evidence.total):
+                out[a] = -np.inf
     return best
 
 
-@entry_kernel
-def _best_plans(model, plans, x, beliefs, scratch, useful, value, best):
-    for b in range(beliefs.shape[0]):
-        evaluate_plans(model, plans, x, beliefs[b], scratch, -np.inf, useful)
-        for a in range(value.shape[1]):
-            value[b, a], best[b, a] = scratch.value[a], scratch.best[a]
+@kernel
+def value_plans(evaluator, beliefs):
+    """Value the best plan of each first behavior at all beliefs -> `beliefs.best`."""
+    scratch = evaluator.scratch
+    best = beliefs.best
+    for b in range(beliefs.prob.shape[0]):
+        evaluate_plans(evaluator, beliefs.x, beliefs.prob[b], -np.inf, beliefs.useful)
+        for a in range(best.value.shape[1]):
+            best.value[b, a] = scratch.value[a]
+            best.plan[b, a] = scratch.best[a]

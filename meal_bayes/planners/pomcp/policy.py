@@ -13,7 +13,6 @@ departs from textbook POMCP, each because the textbook fails here:
   MOMDPs average to, without their variance. `backup="sampled"` averages the returns.
 """
 
-import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -26,13 +25,13 @@ from meal_bayes.errors import SettingsError
 from meal_bayes.momdp import MOMDP, Belief, answer_value
 from meal_bayes.momdp.belief import next_percept
 from meal_bayes.planners.compiled import Compiled, compile_momdp, dynamics_of
-from meal_bayes.planners.factored import grid
+from meal_bayes.planners.entry import grow_tree, lent_generator, plan_values
 from meal_bayes.planners.factored.policy import Factored, FactoredPolicy
-from meal_bayes.planners.open_loop.errors import Scratch
-from meal_bayes.planners.open_loop.library import diagram_of, plan_library, retabulate
+from meal_bayes.planners.open_loop.candidates import diagram_of
+from meal_bayes.planners.open_loop.library import plan_library, retabulate
 from meal_bayes.planners.open_loop.policy import OpenLoopPolicy
-from meal_bayes.planners.open_loop.values import Plans, plan_values
-from meal_bayes.planners.pomcp.search import ENUMERATE, Tabled, search
+from meal_bayes.planners.open_loop.values import Evaluator, Plans
+from meal_bayes.planners.pomcp.search import ENUMERATE, Growing, Search
 from meal_bayes.planners.pomcp.tree import KEPT, make_sampled, make_tree, standard_errors, top_edges
 from meal_bayes.planners.solver import Decision, History, choose, no_errors
 
@@ -88,16 +87,6 @@ class POMCP:
         return POMCPPolicy(momdp, self)
 
 
-class _Lent(threading.local):
-    """One generator a thread for the kernels: numba keeps every one that it was ever given."""
-
-    def __init__(self) -> None:
-        self.generator = np.random.Generator(np.random.PCG64(0))
-
-
-_LENT = _Lent()
-
-
 class POMCPPolicy:
     """Policy of `POMCP`; every decision that leaves a choice grows a fresh tree.
 
@@ -108,23 +97,24 @@ class POMCPPolicy:
     deterministic = True  # given its generator; a decision may be remembered
 
     def __init__(self, momdp: MOMDP, settings: POMCP) -> None:
-        self.momdp, self.settings = momdp, settings
+        self.momdp = momdp
+        self.settings = settings
 
     def sharing_plans(self, momdp: MOMDP) -> "POMCPPolicy":
         """Return a policy of another MOMDP of the query and diagram, with the same plans."""
         policy = POMCPPolicy(momdp, self.settings)
-        policy.plans = retabulate(self.plans, policy.problem)
+        policy.plans = retabulate(self.plans, policy.model)
         return policy
 
     @cached_property
-    def problem(self) -> Compiled:
+    def model(self) -> Compiled:
         """The compiled MOMDP."""
         return compile_momdp(self.momdp, self.settings.paid)
 
     @cached_property
     def plans(self) -> Plans:
         """The open-loop plans of the leaf."""
-        return plan_library(self.momdp, self.problem)
+        return plan_library(self.momdp, self.model)
 
     @cached_property
     def tables(self) -> FactoredPolicy | None:
@@ -138,54 +128,66 @@ class POMCPPolicy:
 
     def decide(self, history: History, rng: np.random.Generator) -> Decision:
         """Choose the best value, by search where anything is left to decide."""
-        momdp, belief, end = self.momdp, history.belief, None
+        momdp = self.momdp
+        belief = history.belief
         if momdp.query.groups:  # nodes of the tree hold attributes that are independent
-            return OpenLoopPolicy(momdp, self.problem, self.plans).decide(history, rng)
+            return OpenLoopPolicy(momdp, self.model, self.plans).decide(history, rng)
+        end = None
         if self.settings.milliseconds is not None:
             end = time.thread_time() + 1e-3 * self.settings.milliseconds
         if certain := _certain(momdp, belief):
             return certain
-        scratch = plan_values(self.problem, self.plans, belief)
-        lower, upper = scratch.value.copy(), np.full(momdp.n_behaviors, np.inf)
+        evaluator = plan_values(self.model, self.plans, belief)
+        lower = evaluator.scratch.value.copy()
+        upper = np.full(momdp.n_behaviors, np.inf)
         if self.tables is not None:
             upper = self.tables.upper_bounds(belief.x, belief.positive)
-        decision = _settled(momdp, belief, lower, upper) or self._search(end, belief, scratch, rng)
+        decision = _settled(momdp, belief, lower, upper)
+        if decision is None:
+            decision = self._search(end, belief, evaluator, rng)
         if self.tables is None:
             return decision
-        worth = np.append(lower, decision.values[-1])[min(decision.action, len(lower))]
+        action = decision.action
+        worth = lower[action] if action < momdp.n_behaviors else decision.values[-1]
         return replace(decision, gap=float(max(0.0, upper.max() - worth)))
 
     def _search(
-        self, end: float | None, belief: Belief, scratch: Scratch, rng: np.random.Generator
+        self, end: float | None, belief: Belief, evaluator: Evaluator, rng: np.random.Generator
     ) -> Decision:
-        """Decide by a tree; `scratch.value` holds the lower bounds of the behaviors."""
-        settings, momdp = self.settings, self.momdp
-        width = self.problem.dynamics.branch.shape[2] * ENUMERATE  # nodes of an expansion, at most
+        """Decide by a tree; the evaluator holds the lower bounds of the behaviors."""
+        settings = self.settings
+        momdp = self.momdp
+        model = self.model
+        width = model.dynamics.branch.shape[2] * ENUMERATE  # nodes of an expansion, at most
         tree = make_tree(momdp, belief, settings.capacity + width + 1)
-        tree.edge["value"][0], tree.edge["first"][0] = scratch.value, -1  # before simulations
-        tabled = None
-        if self.tables is not None:
-            table = self.tables.estimate
-            tabled = Tabled(table, grid.make_scratch(table, momdp.levels))
-        sampled = make_sampled(self.problem.percepts, tree.prob[0].copy(), scratch.counts.copy())
-        exploration = 0.0 if tabled else settings.exploration * self.problem.gap
-        options = np.array([0, exploration, settings.backup == "sampled"], dtype=float)
-        usual = isinstance(rng.bit_generator, np.random.PCG64)
-        lent = _LENT.generator if usual else rng
-        lent.bit_generator.state = rng.bit_generator.state
+        tree.edge["value"][0] = evaluator.scratch.value  # before simulations
+        tree.edge["first"][0] = -1
+        counts = evaluator.scratch.evidence.counts.copy()
+        sampled = make_sampled(model.percepts, tree.prob[0].copy(), counts)
+        reader = self.tables.estimate_reader() if self.tables is not None else None
+        exploration = settings.exploration * model.gap if reader is None else 0.0
+        averaged = settings.backup == "sampled"
+        with lent_generator(rng) as lent:
 
-        def grow(simulations: int) -> int:
-            options[0], problem = simulations, self.problem
-            return int(search(problem, self.plans, tabled, scratch, tree, sampled, options, lent))
+            def grow(simulations: int) -> int:
+                search = Search(tree, sampled, Growing(simulations, exploration, averaged))
+                return grow_tree(evaluator, search, reader, lent)
 
-        done = grow(settings.simulations) if end is None else _within(end, grow)
-        rng.bit_generator.state = lent.bit_generator.state
+            done = grow(settings.simulations) if end is None else _within(end, grow)
         action, values = choose(momdp, belief, tree.edge["value"][0])
         visits = tree.edge["visits"][0]
-        errors = no_errors(values) + np.append(standard_errors(tree), 0.0)
-        rows = sampled.kept[action, : min(KEPT, visits[action])] if action < len(visits) else None
-        visits = np.append(visits, tree.node["visits"][0] - visits.sum())
-        return Decision(action, values, errors, visits, top_edges(tree), done, rows)
+        rows = None
+        if action < len(visits):
+            rows = sampled.kept[action, : min(KEPT, visits[action])]
+        return Decision(
+            action=action,
+            values=values,
+            value_se=no_errors(values) + np.append(standard_errors(tree), 0.0),
+            visits=np.append(visits, tree.node["visits"][0] - visits.sum()),
+            tree=top_edges(tree),
+            simulations=done,
+            sampled_rows=rows,
+        )
 
 
 def _certain(momdp: MOMDP, belief: Belief) -> Decision | None:
@@ -203,16 +205,17 @@ def _certain(momdp: MOMDP, belief: Belief) -> Decision | None:
         return None
     ways = diagram_of(dynamics).ways
     error = next_percept(momdp, belief).min(axis=2).sum(axis=2)  # (N,E) Bayes error of a percept
-    left = belief.percept_counts[0].sum(axis=1) < momdp.limit
-    used = (ways.observation_counts[belief.x] > 0) & left  # (goal,E)
-    least = np.where(used[:, None], error, 1.0 - belief.right[:, None]).min(axis=2)  # (goal,N)
+    available = belief.percept_counts[0].sum(axis=1) < momdp.limit
+    on_way = (ways.observation_counts[belief.x] > 0) & available  # (goal,E)
+    least = np.where(on_way[:, None], error, 1.0 - belief.right[:, None]).min(axis=2)  # (goal,N)
     value = ways.discount[belief.x] * momdp.report_reward(1.0 - least) - ways.cost[belief.x]
     best = float(np.where(ways.hop[belief.x] >= 0, value, -np.inf).max(initial=-np.inf))
     ending = answer_value(momdp, belief)
     if best <= ending:
         return None
     values = np.full(momdp.n_behaviors + 1, np.nan)
-    values[legal[0]], values[-1] = best, ending
+    values[legal[0]] = best
+    values[-1] = ending
     return Decision.exact(int(legal[0]), values)
 
 
@@ -227,12 +230,14 @@ def _settled(momdp: MOMDP, belief: Belief, lower: Floats, upper: Floats) -> Deci
 
 def _within(end: float, grow: Callable[[int], int]) -> int:
     """Grow a tree until this thread's CPU clock shows `end`, s; return the simulations made."""
-    begin, done, chunk = time.thread_time(), 0, _CHUNK
+    begin = time.thread_time()
+    done = 0
+    chunk = _CHUNK
     while True:
-        made = grow(chunk)
-        done += made
+        simulations = grow(chunk)
+        done += simulations
         now = time.thread_time()
-        left = int(0.9 * (end - now) * done / max(now - begin, 1e-9))
-        if made < chunk or left < 1:
+        fitting = int(0.9 * (end - now) * done / max(now - begin, 1e-9))
+        if simulations < chunk or fitting < 1:
             return done
-        chunk = min(left, 4 * chunk)
+        chunk = min(fitting, 4 * chunk)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from meal_bayes.arrays import Floats, Ints
 from meal_bayes.momdp import MOMDP, Belief, answer_value
 from meal_bayes.planners.compiled import Percepts
-from meal_bayes.planners.kernels import kernel
+from meal_bayes.planners.kernels import Index, kernel
 from meal_bayes.planners.open_loop.errors import predictive
 from meal_bayes.planners.solver import TreeEdge
 
@@ -49,6 +49,14 @@ class Tree(NamedTuple):
     level: Ints  # (S,N) percept that led here, -1 for none
 
 
+class Percept(NamedTuple):
+    """A level of one attribute's percept."""
+
+    attribute: Index
+    behavior: Index
+    level: Index
+
+
 def make_tree(momdp: MOMDP, belief: Belief, capacity: int) -> Tree:
     """Create a tree of its root, for so many nodes."""
     tree = Tree(
@@ -59,7 +67,8 @@ def make_tree(momdp: MOMDP, belief: Belief, capacity: int) -> Tree:
         level=np.empty((capacity, len(belief.log_prob)), np.int64),
     )
     stop = answer_value(momdp, belief)
-    tree.prob[0], tree.level[0] = np.exp(belief.log_prob), -1
+    tree.prob[0] = np.exp(belief.log_prob)
+    tree.level[0] = -1
     tree.node[0] = (belief.x, 0, 0, 1.0, stop, stop)
     return tree
 
@@ -70,7 +79,8 @@ def standard_errors(tree: Tree) -> Floats:
     for a in np.flatnonzero(tree.edge["first"][0] >= 0):
         edge = tree.edge[0, a]
         children = tree.node[edge["first"] : edge["first"] + edge["count"]]
-        p, value = children["p"], children["value"]
+        p = children["p"]
+        value = children["value"]
         variance = (p * (value - (p * value).sum()) ** 2).sum()
         errors[a] = np.sqrt(variance / max(edge["visits"], 1))
     return errors
@@ -78,22 +88,39 @@ def standard_errors(tree: Tree) -> Floats:
 
 def top_edges(tree: Tree) -> tuple[TreeEdge, ...]:
     """Return the first two levels of the tree, of the second the most visited edges."""
-    visits, first, count, _, values = (tree.edge[name][0].tolist() for name in EDGE.names or ())
-    taken = [a for a, n in enumerate(visits) if n]
-    edges = [TreeEdge(1, -1, a, (), visits[a], values[a]) for a in taken]
-    below = [(i, first[a] + k) for i, a in enumerate(taken) for k in range(count[a])]
-    parent, children = np.array(below, np.int64).reshape(-1, 2).T
-    opened = tree.node["visits"][children] > 0  # else without edges
-    children, parent = children[opened], parent[opened]
-    often = tree.edge["visits"][children]
-    child, b = np.nonzero(often)
-    most = np.argsort(-often[child, b], kind="stable")[:_LOGGED]
-    child, b = child[most], b[most]
-    observations = [tuple(z for z in row if z >= 0) for row in tree.level[children[child]].tolist()]
-    value = tree.edge["value"][children[child], b]
-    counts, parents = often[child, b].tolist(), parent[child].tolist()
-    rows = zip(parents, b.tolist(), observations, counts, value.tolist(), strict=True)
-    return (*edges, *(TreeEdge(2, *row) for row in rows))
+    root = tree.edge[0]
+    actions = np.flatnonzero(root["visits"]).tolist()
+    first = [
+        TreeEdge(
+            level=1,
+            parent=-1,
+            action=a,
+            observation=(),
+            visits=int(root["visits"][a]),
+            value=float(root["value"][a]),
+        )
+        for a in actions
+    ]
+    second: list[TreeEdge] = []
+    for parent, a in enumerate(actions):
+        children = slice(root["first"][a], root["first"][a] + root["count"][a])
+        opened = np.flatnonzero(tree.node["visits"][children])  # others have no edges yet
+        for child in (children.start + opened).tolist():
+            observation = tuple(z for z in tree.level[child].tolist() if z >= 0)
+            edge = tree.edge[child]
+            second.extend(
+                TreeEdge(
+                    level=2,
+                    parent=parent,
+                    action=b,
+                    observation=observation,
+                    visits=int(edge["visits"][b]),
+                    value=float(edge["value"][b]),
+                )
+                for b in np.flatnonzero(edge["visits"]).tolist()
+            )
+    second.sort(key=lambda edge: -edge.visits)
+    return (*first, *second[:_LOGGED])
 
 
 class Sampled(NamedTuple):
@@ -131,37 +158,50 @@ def draw_object(percepts, sampled, rng):
     """Draw a latent class and a truth for each attribute; rows wait until they are needed."""
     sampled.drawn[:] = False
     for i in range(sampled.prob.shape[0]):
-        u, c = rng.random(), 0
+        # The class by inversion: the first whose cumulative probability exceeds u.
+        u = rng.random()
+        c = 0
         while c < sampled.prob.shape[1] - 1 and u >= sampled.prob[i, c]:
             u -= sampled.prob[i, c]
             c += 1
         sampled.latent[i] = c
+        # The truth given the class, which says all that percepts say of it.
         sampled.truth[i] = 1.0 if rng.random() < percepts.truth[i, 1, c] else 0.0
 
 
 @kernel
-def draw_percept(percepts, sampled, e, level, rng):
-    """Draw a percept of a behavior in the sampled MOMDP -> level (N,).
-
-    The object's rows are drawn first, when they are needed: Dirichlet(precision * mean + counts).
-    """
-    levels, new = percepts.rows.shape[3], not sampled.drawn[e]
-    sampled.drawn[e] = True
-    for i in range(level.shape[0] if new else 0):
+def _draw_rows(percepts, sampled, e, rng):
+    """Draw the object's rows of a behavior from Dirichlet(precision * mean + counts)."""
+    levels = percepts.rows.shape[3]
+    for i in range(sampled.latent.shape[0]):
         c = sampled.latent[i]
-        s, total = percepts.precision[i, e, c], 0.0
+        s = percepts.precision[i, e, c]
         for z in range(levels):
             sampled.rows[e, i, z] = percepts.rows[i, e, c, z]
+        # Rows that are known exactly (Eq. 8) are the mean.
         if np.isinf(s):
             continue
+        # Gamma variates with the Dirichlet's parameters as shapes, over their sum.
+        total = 0.0
         for z in range(levels):
             alpha = s * percepts.rows[i, e, c, z] + sampled.counts[i, e, z]
             sampled.rows[e, i, z] = rng.standard_gamma(alpha) + 1e-300
             total += sampled.rows[e, i, z]
         for z in range(levels):
             sampled.rows[e, i, z] /= total
+
+
+@kernel
+def draw_percept(percepts, sampled, e, level, rng):
+    """Draw a percept of a behavior in the sampled MOMDP -> level (N,); its rows when first."""
+    levels = percepts.rows.shape[3]
+    if not sampled.drawn[e]:
+        sampled.drawn[e] = True
+        _draw_rows(percepts, sampled, e, rng)
     for i in range(level.shape[0]):
-        u, z = rng.random(), 0
+        # The level by inversion, in the object's own row.
+        u = rng.random()
+        z = 0
         while z < levels - 1 and u >= sampled.rows[e, i, z]:
             u -= sampled.rows[e, i, z]
             z += 1
@@ -169,15 +209,19 @@ def draw_percept(percepts, sampled, e, level, rng):
 
 
 @kernel
-def condition(percepts, scratch, prob, i, e, z, out):
-    """Condition attribute i of a belief (N,C) on level z of behavior e -> out[i]; return Pr(z)."""
+def condition(percepts, evidence, percept, prob, out):
+    """Condition a belief (N,C) on one attribute's percept -> its row of `out`; return Pr(level)."""
+    i, e, z = percept
     # Pr(c | z) ~ Pr(c) (s c_z + n_z) / (s + n)
-    evidence, count, total = 0.0, scratch.counts[i, e, z], scratch.total[e]
+    count = evidence.counts[i, e, z]
+    total = evidence.total[e]
+    prob_level = 0.0
     for c in range(prob.shape[1]):
-        mean, s = percepts.rows[i, e, c, z], percepts.precision[i, e, c]
+        mean = percepts.rows[i, e, c, z]
+        s = percepts.precision[i, e, c]
         out[i, c] = prob[i, c] * predictive(mean, s, count, total)
-        evidence += out[i, c]
-    if evidence > 0.0:
+        prob_level += out[i, c]
+    if prob_level > 0.0:
         for c in range(prob.shape[1]):
-            out[i, c] /= evidence
-    return evidence
+            out[i, c] /= prob_level
+    return prob_level

@@ -1,0 +1,165 @@
+"""Candidates for the plan library: plans with their paths, and what a diagram offers to them."""
+
+import itertools
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meal_bayes.arrays import Bools, Floats, Ints
+from meal_bayes.planners.compiled import Compiled, Dynamics, remember
+from meal_bayes.planners.open_loop.growth import Ways, find_ways
+from meal_bayes.planners.open_loop.values import PLAN
+
+LENGTH = 96  # behaviors of a plan, at most
+
+Walk = tuple[int, Sequence[int]]  # an x, and behaviors from there
+
+
+class Candidates(NamedTuple):
+    """Plans with the paths that they follow."""
+
+    x: Ints  # (J,) where they start
+    path: NDArray[np.int16]  # (J,L) behaviors, padded by -1
+    plan: NDArray[np.void]  # as in `Plans`, like the following
+    observation_counts: Ints
+    executions: Floats
+
+    def select(self, rows: NDArray[np.intp]) -> "Candidates":
+        """Select some of them."""
+        return Candidates._make(part[rows] for part in self)
+
+
+@dataclass(frozen=True)
+class Diagram:
+    """What plans need of a diagram; made once for all MOMDPs that share it."""
+
+    dynamics: Dynamics
+    ways: Ways
+
+    @cached_property
+    def simple(self) -> Candidates:
+        """Every legal behavior; one or two percepts of one, then none, one or two of another."""
+        legal = self.dynamics.step["legal"]
+        paths = set[tuple[int, tuple[int, ...]]]((x, (a,)) for x, a in np.argwhere(legal).tolist())
+        for x in range(len(legal)):
+            goals = np.flatnonzero(self.ways.hop[x] >= 0).tolist()
+            for e, k, f, more in itertools.product(goals, (1, 2), goals, (0, 1, 2)):
+                path: tuple[int, ...] = ()
+                state = x
+                for goal in itertools.chain(itertools.repeat(e, k), itertools.repeat(f, more)):
+                    if self.ways.hop[state, goal] < 0:
+                        break  # there is no way back
+                    path = (*path, *self.ways.path(state, goal))
+                    state = int(self.ways.end[state, goal])
+                paths.add((x, path[:LENGTH]))
+        return cheapest(sum_up_walks(self, sorted(paths)))
+
+
+_Number = TypeVar("_Number", np.int64, np.float64)
+
+_diagrams: dict[object, Diagram] = {}  # by the identity of dynamics that they hold
+
+
+def diagram_of(dynamics: Dynamics) -> Diagram:
+    """Find the ways of a diagram, once."""
+    return remember(_diagrams, id(dynamics.step), lambda: Diagram(dynamics, find_ways(dynamics)))
+
+
+def sum_up(diagram: Diagram, start: Ints, path: Ints, ends: Bools) -> Candidates:
+    """Sum up the beginnings of paths (R,L) from start (R,) that stop behind the steps `ends`.
+
+    cost = sum_k (prod_{j<k} g_j) c_k, discount = prod_k g_k
+    """
+    length = path.shape[1]
+    x = np.empty_like(path)
+    x[:, 0] = start
+    for t in range(length - 1):
+        x[:, t + 1] = diagram.ways.target[x[:, t], path[:, t]]
+    step = diagram.dynamics.step[x, path]
+    discount = step["discount"].cumprod(axis=1)
+    scale = np.hstack([np.ones((len(path), 1)), discount[:, :-1]])
+    cost = (scale * step["cost"]).cumsum(axis=1)
+    row, end = np.nonzero(ends)
+    plan = np.zeros(len(row), PLAN)
+    plan["action"] = path[row, 0]
+    plan["cost"] = cost[row, end]
+    plan["discount"] = discount[row, end]
+    behavior = np.full((len(row), LENGTH), -1, np.int16)  # copying paths would take half the time
+    inside = np.arange(length) <= end[:, None]
+    behavior[:, :length] = np.where(inside, path.astype(np.int16)[row], -1)
+    senses = diagram.ways.senses[x, path].astype(np.int64)
+    n_behaviors = diagram.dynamics.step.shape[1]
+    return Candidates(
+        x=start[row],
+        path=behavior,
+        plan=plan,
+        observation_counts=_by_behavior(senses, path, n_behaviors)[row, end],
+        executions=_by_behavior(scale * step["bonus_scale"], path, n_behaviors)[row, end],
+    )
+
+
+def _by_behavior(amount: NDArray[_Number], path: Ints, n_behaviors: int) -> NDArray[_Number]:
+    """Sum an amount of every step of paths (R,L) up to it, by behavior, (R,L,E)."""
+    steps = np.zeros((*path.shape, n_behaviors), amount.dtype)
+    np.put_along_axis(steps, path[..., None], amount[..., None], axis=2)
+    return steps.cumsum(axis=1, out=steps)
+
+
+def sum_up_walks(
+    diagram: Diagram, walks: Iterable[Walk], *, beginnings: bool = False
+) -> Candidates:
+    """Sum up walks of any length, or all their beginnings."""
+    start, paths = zip(*walks, strict=True)
+    path = np.array([*itertools.zip_longest(*paths, fillvalue=-1)]).T
+    if beginnings:
+        return sum_up(diagram, np.array(start), path, path >= 0)
+    last = np.arange(path.shape[1]) == (path >= 0).sum(axis=1)[:, None] - 1
+    return sum_up(diagram, np.array(start), path, last)
+
+
+def cheapest(candidates: Candidates) -> Candidates:
+    """Return the cheapest plan of equal x, first behavior and percepts, in order of x."""
+    ascending = np.argsort(candidates.plan["cost"], kind="stable")
+    action = candidates.plan["action"][ascending]
+    counts = candidates.observation_counts[ascending]
+    first, _ = distinct(np.column_stack([candidates.x[ascending], action, counts]))
+    return candidates.select(ascending[first])
+
+
+def distinct(rows: Ints) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Find the first of each distinct row of small integers >= 0, and each row's place in these."""
+    keys = rows.astype(">u2").view(f"S{2 * rows.shape[1]}").ravel()
+    return np.unique(keys, return_index=True, return_inverse=True)[1:]
+
+
+def tours(model: Compiled, ways: Ways) -> Iterator[Walk]:
+    """Build tours: after every first behavior, to the best-paid first percept while it pays."""
+    pay = np.where(model.paid > 0, model.bonus.mean(axis=2).sum(axis=0), 0.0)
+    for x, first in np.argwhere(ways.hop >= 0).tolist():
+        path: tuple[int, ...] = ()
+        state = x
+        goal = first
+        unpaid = np.ones(len(pay), np.bool_)
+        while goal >= 0 and len(path) < LENGTH:
+            path = (*path, *ways.path(state, goal))
+            state = int(ways.end[state, goal])
+            unpaid[list(path)] = False
+            gain = (ways.observation_counts[state] > 0) @ (pay * unpaid) - ways.cost[state]
+            gain = np.where(unpaid & (ways.hop[state] >= 0), gain, -np.inf)
+            goal = int(gain.argmax()) if gain.max() > 0 else -1
+        yield x, path[:LENGTH]
+
+
+def remainders(plans: Candidates, ways: Ways) -> Iterator[Walk]:
+    """List plans, and what remains of them after each of their steps."""
+    for x, row in zip(plans.x.tolist(), plans.path, strict=True):
+        state = x
+        path = row[row >= 0].tolist()
+        while path:
+            yield state, path
+            state = int(ways.target[state, path[0]])
+            path = path[1:]
