@@ -80,10 +80,12 @@ def check_figure_name(path: Path) -> None:
         raise SettingsError(f"A figure's name ends in .png, .pdf or .svg; found {path.name!r}.")
 
 
-def render(ax: Axes, kind: str) -> bytes:
+def render(ax: Axes, kind: str, *, transparent: bool = False) -> bytes:
     """Return the figure of an Axes as a file of a kind: "png", "pdf" or "svg"."""
     buffer = io.BytesIO()
     figure = cast("Figure", ax.get_figure(root=True))
     with drawn_in_style():
-        figure.savefig(buffer, format=kind, dpi=160, metadata=_WITHOUT_DATE[kind])
+        figure.savefig(
+            buffer, format=kind, dpi=160, metadata=_WITHOUT_DATE[kind], transparent=transparent
+        )
     return buffer.getvalue()

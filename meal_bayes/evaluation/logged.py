@@ -57,7 +57,7 @@ class LoggedOutcomes:
         for group in logs.groups():
             if on_group is not None:
                 on_group(group)
-            repeat, batch, part = _place(group.header)
+            repeat, batch, part = place_of(group.header)
             n = len(group.outcomes)
             columns.append((
                 _keyed(group.outcomes, repeat, batch, part),
@@ -130,7 +130,7 @@ class LoggedOutcomes:
         return results
 
 
-def _place(header: Mapping[str, Any]) -> tuple[int, int, str]:
+def place_of(header: Mapping[str, Any]) -> tuple[int, int, str]:
     """Return repeat, batch and part that a header names; -1 and "" where it names none."""
     repeat, batch, part = header.get("repeat"), header.get("batch"), header.get("part")
     in_batch = part in (TRAINING, TEST) and isinstance(batch, int)

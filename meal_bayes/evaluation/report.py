@@ -5,6 +5,7 @@ Sections are dictionaries, whose entries stand at the head of `templates/report.
 
 import base64
 import json
+import math
 import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -15,16 +16,28 @@ from jinja2 import Environment, PackageLoader
 from meal_bayes.canvas import render
 from meal_bayes.errors import SettingsError
 from meal_bayes.evaluation.logged import LoggedOutcomes
-from meal_bayes.evaluation.sections import sections_of
-from meal_bayes.evaluation.worst import Worst, trial_section, worst_of
+from meal_bayes.evaluation.sections import finding_of, sections_of
+from meal_bayes.evaluation.summary import mean_effect
+from meal_bayes.evaluation.worst import (
+    WORST,
+    Chosen,
+    Place,
+    chosen_rows,
+    lab_sections,
+    live_trials,
+    trial_content,
+    verdict_of,
+    worst_of,
+    worst_section,
+)
 from meal_bayes.files import check_output, write_whole
 from meal_bayes.palette import reference_agent
 from meal_bayes.trial_log import Group, Logs
 from meal_bayes.trials import TrialOutcomes
+from meal_bayes.trials.text import outcome_facts
 
 _HOUR = 3600.0  # s
 _SHORT = 0.1  # h, below which a time is shown in s
-_OPENED = 3  # of these, that are not folded
 
 Section = dict[str, Any]
 
@@ -59,16 +72,15 @@ def write_report(
         A reference that has no trial.
     """
     path = Path(path)
-    files = set[Path]()
-    worst = list[Worst]()
     check_output(path, inputs=logs.files)
+    trials = _Shown()
+    files = set[Path]()
 
     def take(group: Group) -> None:
-        nonlocal worst
         files.add(group.file)
         if on_progress is not None:
             on_progress(len(files) - 1, len(logs.files))
-        worst = worst_of(worst, group)
+        trials.take(group)
 
     logged = LoggedOutcomes.read(logs, on_group=take)
     agents = logged.outcomes.agents
@@ -76,28 +88,101 @@ def write_report(
         raise SettingsError(
             f"The reference {reference!r} has no trial here; expected one of {', '.join(agents)}."
         )
-    page = _page(logged, worst, logs, reference or reference_agent(agents))
+    page = _page(logged, trials, logs, reference or reference_agent(agents))
     write_whole(path, page, inputs=logs.files)
     return logged.outcomes
 
 
-def _page(logged: LoggedOutcomes, worst: Sequence[Worst], logs: Logs, reference: str) -> str:
-    """Return the page as HTML; of a single trial, the trial without statistics."""
-    outcomes = logged.outcomes
+class _Shown:
+    """The trials that are shown by themselves: the worst, the first, those of a robot's lab."""
+
+    def __init__(self) -> None:
+        self.worst: dict[Place, Sequence[Chosen]] = {}
+        self.live = list[Chosen]()
+        self.first: Chosen | None = None
+
+    def take(self, group: Group) -> None:
+        """Choose from the trials of a group."""
+        self.worst = worst_of(self.worst, group)
+        self.live += live_trials(group)
+        if self.first is None:
+            (self.first,) = chosen_rows(group, [0])
+
+
+def _page(logged: LoggedOutcomes, trials: _Shown, logs: Logs, reference: str) -> str:
+    """Return the page as HTML."""
     sections = list[Section]()
     if logs.problems:
         sections.append({"title": "Warning", "problems": logs.problems, "kind": "warning"})
-    if len(outcomes) > 1:
+    if len(logged.outcomes) == 1 and trials.first is not None:
+        head = _single(trials.first)
+        if trials.first.trial is not None:
+            content = trial_content(trials.first, trials.first.trial)
+            sections.append({"title": "The trial", **content})
+    else:
+        head = _many(logged, logs)
+        sections += lab_sections(trials.live) if trials.live else []
         sections += sections_of(logged, reference)
-    title = "The worst trials" if len(outcomes) > 1 else "The trial"
-    parts = [trial_section(bad) | {"opened": i < _OPENED} for i, bad in enumerate(worst)]
-    header = json.dumps(logs.header, indent=2, sort_keys=True, ensure_ascii=False)
-    files = [[str(file), f"{file.stat().st_size:,}"] for file in logs.files]
-    run = [
-        {"title": "Configuration and versions", "code": header},
-        {"title": "Logs", "tables": [{"head": ["file", "bytes"], "rows": files}]},
-    ]
-    sections += [{"title": title, "parts": parts}, {"title": "The run", "parts": run}]
+        sections.append(_worst(logged, trials))
+    sections = [section for section in sections if _says_something(section)]
+    sections.append({"title": "The run", "parts": _run(logs)})
+    environment = Environment(loader=PackageLoader("meal_bayes.evaluation"), autoescape=True)
+    environment.filters["base64"] = lambda ax: base64.b64encode(
+        render(ax, "svg", transparent=True)
+    ).decode()
+    page = environment.get_template("report.html").render(**head, blocks=sections)
+    return page + "\n"
+
+
+def _says_something(section: Section) -> bool:
+    """Return whether a section has content beside its title and what it says of trials."""
+    tables = section.get("tables", ())
+    filled = any(table["rows"] or table.get("note") for table in tables)
+    return filled or any(section.get(name) for name in ("problems", "figures", "parts", "code"))
+
+
+def _worst(logged: LoggedOutcomes, trials: _Shown) -> Section:
+    """Return the worst of the trials that measure each agent, the best agent first."""
+    measured = logged.measured()
+    chosen = []
+    for agent in measured.outcomes.agents:
+        rows = measured.outcomes.agent == agent
+        places = {
+            (agent, batch, part)
+            for batch, part in zip(
+                measured.batch[rows].tolist(), measured.part[rows].tolist(), strict=True
+            )
+        }
+        entries = [entry for place in sorted(places) for entry in trials.worst.get(place, ())]
+        if entries:
+            reward = mean_effect(measured.outcomes.rows(rows), "reward").estimate
+            chosen.append((reward, agent, entries[:WORST]))
+    best_first = sorted(chosen, key=lambda entry: -entry[0])
+    return worst_section([(agent, entries) for _, agent, entries in best_first])
+
+
+def _single(chosen: Chosen) -> dict[str, Any]:
+    """Return title, source and facts of a page about one trial."""
+    facts = outcome_facts(chosen.outcome, 0)
+    question = chosen.trial.task.question if chosen.trial is not None else facts["question"]
+    reward = float(chosen.outcome.reward[0])
+    cards = {
+        "answer": facts["answer"],
+        "truth": facts["truth"] or "unknown",
+        "verdict": verdict_of(chosen) or "not known",
+        "seconds": f"{chosen.outcome.cost[0]:.1f}",
+        "reward": "unknown" if math.isnan(reward) else f"{reward:.1f}",
+    }
+    return {
+        "title": question,
+        "source": f"{facts['object']}, {facts['agent']}, from {chosen.file.name}",
+        "facts": cards,
+    }
+
+
+def _many(logged: LoggedOutcomes, logs: Logs) -> dict[str, Any]:
+    """Return title, source, finding and facts of a page about many trials."""
+    outcomes = logged.outcomes
     config = logs.header.get("config")
     name = config.get("dataset") if isinstance(config, dict) else None
     source = logs.files[0].name
@@ -110,16 +195,25 @@ def _page(logged: LoggedOutcomes, worst: Sequence[Worst], logs: Logs, reference:
         "agent": len(outcomes.agents),
         "object": len(set(outcomes.object_name.tolist())),
     }
-    facts = {name + "s" * (n != 1): f"{n:,}" for name, n in numbers.items()}
+    facts = {name if n == 1 else f"{name}s": f"{n:,}" for name, n in numbers.items()}
     hours = float(outcomes.cost.sum()) / _HOUR
-    unit, amount = ("hours", hours) if hours > _SHORT else ("seconds", _HOUR * hours)
-    facts[f"{unit} of robot time"] = f"{amount:.1f}"
-    environment = Environment(loader=PackageLoader("meal_bayes.evaluation"), autoescape=True)
-    environment.filters["base64"] = lambda ax: base64.b64encode(render(ax, "svg")).decode()
-    page = environment.get_template("report.html").render(
-        title=f"Trials on {name}" if isinstance(name, str) else "Trials",
-        source=source,
-        facts=facts,
-        blocks=sections,
-    )
-    return page + "\n"
+    if hours > _SHORT:
+        facts["hours of robot time"] = f"{hours:.1f}"
+    else:
+        facts["seconds of robot time"] = f"{_HOUR * hours:.1f}"
+    return {
+        "title": f"Trials on {name}" if isinstance(name, str) else "Trials",
+        "source": source,
+        "finding": finding_of(logged),
+        "facts": facts,
+    }
+
+
+def _run(logs: Logs) -> list[Section]:
+    """Return the settings of the run and the names of its logs."""
+    header = json.dumps(logs.header, indent=2, sort_keys=True, ensure_ascii=False)
+    files = [[str(file), f"{file.stat().st_size:,}"] for file in logs.files]
+    return [
+        {"title": "Configuration and versions", "code": header},
+        {"title": "Logs", "tables": [{"head": ["file", "bytes"], "rows": files}]},
+    ]

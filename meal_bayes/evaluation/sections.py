@@ -47,6 +47,35 @@ def sections_of(logged: LoggedOutcomes, reference: str) -> list[Section]:
     return sections
 
 
+def finding_of(logged: LoggedOutcomes) -> str:
+    """Say which agent earns most, and from which others that is not told apart."""
+    measured = logged.measured().outcomes
+    rows = [row for row in _summaries(logged) if not math.isnan(row.reward)]
+    if not rows:
+        return ""
+    best = max(rows, key=lambda row: row.reward)
+    earned = f"{best.agent or 'The agent'} earns {best.reward:.1f} a trial"
+    if len(rows) == 1:
+        return f"{earned}, and is right in {best.accuracy:.1%} of {best.judged:,} trials."
+    near = list[str]()
+    behind = list[str]()
+    for row in rows:
+        if row.agent == best.agent:
+            continue
+        try:
+            less = compare(measured, row.agent, best.agent)
+        except SettingsError:  # no task in common
+            continue
+        text = f"{row.agent} ({less.estimate:+.1f} [{less.low:+.1f}, {less.high:+.1f}])"
+        (behind if less.high < 0 else near).append(text)
+    parts = [f"{earned}, the most"]
+    if behind:
+        parts.append(f"ahead of {', '.join(behind)}")
+    if near:
+        parts.append(f"not told apart from {', '.join(near)}")
+    return "; ".join(parts) + ". Differences are of the same tasks, with 95 % intervals."
+
+
 def _number(value: float, digits: int, se: float = math.nan, unknown: str = "-") -> str:
     error = "" if math.isnan(se) else f" ± {se:.{digits}f}"
     return unknown if math.isnan(value) else f"{value:.{digits}f}{error}"

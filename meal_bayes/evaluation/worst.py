@@ -1,6 +1,8 @@
-"""The trials with the lowest reward, as sections of a page."""
+"""Single trials as sections of a page: the worst of each agent, and those of a robot's lab."""
 
-from collections.abc import Iterator, Sequence
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -8,76 +10,212 @@ import numpy as np
 
 from meal_bayes.display import percent
 from meal_bayes.evaluation import plots
+from meal_bayes.evaluation.logged import place_of
+from meal_bayes.evaluation.summary import mean_effect
 from meal_bayes.trial_log import Group
 from meal_bayes.trials import Trial, TrialOutcomes, percept_labels
+from meal_bayes.trials.percepts import SILENT
 from meal_bayes.trials.text import outcome_facts
 
-WORST = 10  # trials that are kept whole
+WORST = 3  # trials of each agent that are kept whole
+LIVE = "Learner.ask"  # command of the logs of a robot's lab
+_OPENED = 3  # of a lab's trials
+_LISTED = 200  # trials of a lab in the table
+_BLOCK, _BLOCKS = 5, 10  # least trials of a block of the curve, and most blocks
+_TIME = re.compile(r"(\d{8}-\d{6})-")  # UTC, at the head of a lab's log
 
 Section = dict[str, Any]
+Place = tuple[str, int, str]  # agent, batch and part
 
 
-class Worst(NamedTuple):
-    """A trial with one of the lowest rewards, its number in its file, its outcome as one row.
+class Chosen(NamedTuple):
+    """A trial that is shown, its number in its file, its outcome as one row.
 
-    `trial` is None of a compact log; `badness` is the belief in the report less the reward.
+    `trial` is None of a compact log.
     """
 
     file: Path
     number: int
     outcome: TrialOutcomes
     trial: Trial | None
-    badness: float
+
+    @property
+    def badness(self) -> float:
+        """The belief in the answer less the reward."""
+        return float(self.outcome.certainty[0] - self.outcome.reward[0])
 
 
-def worst_of(worst: Sequence[Worst], group: Group) -> list[Worst]:
-    """Return the worst of some trials and of a group: those with the lowest reward.
+def worst_of(
+    worst: Mapping[Place, Sequence[Chosen]], group: Group
+) -> dict[Place, Sequence[Chosen]]:
+    """Return the worst trials of each agent, batch and part, of those so far and of a group.
 
-    Of equals, those that were surest come first, then the earliest.
+    They are those with the lowest reward; of equals, those that were surest come first, then the
+    earliest.
     """
-    outcomes, judged = group.outcomes, np.flatnonzero(group.outcomes.judged)
+    found = dict(worst)
+    _, batch, part = place_of(group.header)
+    outcomes = group.outcomes
     badness = outcomes.certainty - outcomes.reward
-    entries = [
-        Worst(group.file, group.places[row], outcomes.rows([row]),
-              group.trials[row] if group.trials else None, badness[row])
-        for row in judged[np.argsort(-badness[judged], kind="stable")[:WORST]].tolist()
-    ]  # fmt: skip
-    return sorted([*worst, *entries], key=lambda entry: -entry.badness)[:WORST]
+    for agent in outcomes.agents:
+        judged = np.flatnonzero(outcomes.judged & (outcomes.agent == agent))
+        rows = judged[np.argsort(-badness[judged], kind="stable")[:WORST]].tolist()
+        entries = [*found.get((agent, batch, part), ()), *chosen_rows(group, rows)]
+        found[agent, batch, part] = sorted(entries, key=lambda entry: -entry.badness)[:WORST]
+    return found
 
 
-def trial_section(worst: Worst) -> Section:
-    """Return a trial as a part of a section, its verdict before its title."""
-    file, number, outcome, trial, _ = worst
-    facts, verdict = outcome_facts(outcome, 0), "abstained"
-    if outcome.answered[0]:
-        verdict = "right" if outcome.success[0] else "wrong"
-    title = "trial {}: {question} {object}, {agent}: {answer}; {cost}".format(number, **facts)
-    text = f"truth: {facts['truth']}"
-    if trial is None:
-        return {"title": title, "verdict": verdict, "text": f"{text}; {file} holds no steps"}
-    caption = (
-        "Behaviors, beliefs, and the worth of one more percept; circles at the end are the truth."
+def live_trials(group: Group) -> list[Chosen]:
+    """Return the trials of a group of a robot's lab, in order; none of another run."""
+    config = group.header.get("config")
+    if not isinstance(config, dict) or config.get("command") != LIVE:
+        return []
+    return list(chosen_rows(group, range(len(group.outcomes))))
+
+
+def chosen_rows(group: Group, rows: Sequence[int]) -> Iterator[Chosen]:
+    """Yield some trials of a group."""
+    for row in rows:
+        trial = group.trials[row] if group.trials else None
+        yield Chosen(group.file, group.places[row], group.outcomes.rows([row]), trial)
+
+
+def worst_section(worst: Sequence[tuple[str, Sequence[Chosen]]]) -> Section:
+    """Return the worst trials of each agent, of which the first is not folded."""
+    parts = []
+    compact = False
+    for number, (agent, trials) in enumerate(worst):
+        compact |= any(chosen.trial is None for chosen in trials)
+        own = [trial_section(chosen) | {"opened": i == 0} for i, chosen in enumerate(trials)]
+        parts.append({"title": agent or "agent", "parts": own, "opened": number == 0})
+    section: Section = {"title": "The worst trials", "parts": parts}
+    if compact:
+        section["text"] = "A compact log holds no steps; of its trials there is the outcome."
+    return section
+
+
+def lab_sections(trials: Sequence[Chosen]) -> Iterator[Section]:
+    """Yield the trials of a lab, newest first, and how right and how long they were."""
+    newest = sorted(trials, key=lambda chosen: (chosen.file.name, chosen.number), reverse=True)
+    rows = []
+    for chosen in newest[:_LISTED]:
+        facts = _facts(chosen)
+        belief = percent(float(chosen.outcome.certainty[0]))
+        truth = "not told" if facts["truth"] == "unknown" else facts["truth"]
+        rows.append([
+            _begun(chosen.file), facts["object"], facts["question"], facts["answer"], belief,
+            f"{chosen.outcome.cost[0]:.1f}", truth,
+        ])  # fmt: skip
+    head = ["time (UTC)", "object", "question", "answer", "belief", "cost, s", "truth"]
+    note = ""
+    if len(newest) > _LISTED:
+        note = f"The newest {_LISTED} of {len(newest):,} trials."
+    table = {"head": head, "rows": rows, "texts": (1, 2, 3, 6), "note": note}
+    parts = [
+        trial_section(chosen) | {"opened": number < _OPENED}
+        for number, chosen in enumerate(newest[: 2 * _OPENED])
+    ]
+    yield {"title": "The trials", "tables": [table], "parts": parts}
+    yield from _progress(newest[::-1])
+
+
+def _progress(trials: Sequence[Chosen]) -> Iterator[Section]:
+    """Yield accuracy over the number of the trial, in blocks, where enough truths are known."""
+    outcomes = TrialOutcomes.join([chosen.outcome for chosen in trials])
+    judged = np.flatnonzero(outcomes.judged)
+    blocks = min(len(judged) // _BLOCK, _BLOCKS)
+    if blocks < 2:
+        return
+    points = []
+    for rows in np.array_split(judged, blocks):
+        accuracy = mean_effect(outcomes.rows(rows), "success").interval()
+        points.append((rows.mean() + 1, accuracy.estimate, accuracy.low, accuracy.high))
+    series = plots.Series(outcomes.agents[-1] or "agent", *np.transpose(points))
+    drawn = plots.lines([series], x_label="trial", y_label="accuracy")
+    drawn.set_ylim(-0.02, 1.02)
+    text = (
+        f"Accuracy of {blocks} blocks of trials whose truth is known, 95 % band, objects drawn "
+        "as wholes."
     )
-    head = ["", "behavior", "s", "percept", "belief", "gap"]
+    yield {"title": "Trial by trial", "figures": [(drawn, text)]}
+
+
+def _begun(file: Path) -> str:
+    """Return when a lab's trial began, as the name of its log says."""
+    match = _TIME.match(file.name)
+    if match is None:
+        return "-"
+    begun = datetime.strptime(match[1], "%Y%m%d-%H%M%S").replace(tzinfo=UTC)
+    return f"{begun:%Y-%m-%d %H:%M:%S}"
+
+
+def _facts(chosen: Chosen) -> dict[str, str]:
+    facts = outcome_facts(chosen.outcome, 0)
+    if chosen.trial is not None:
+        facts["question"] = chosen.trial.task.question
+    return facts
+
+
+def verdict_of(chosen: Chosen) -> str:
+    """Return "right", "wrong", "abstained", or "" where that is not known."""
+    if not chosen.outcome.answered[0]:
+        return "" if chosen.outcome.ended[0] else "abstained"
+    if not chosen.outcome.judged[0]:
+        return ""
+    return "right" if chosen.outcome.success[0] else "wrong"
+
+
+def trial_section(chosen: Chosen) -> Section:
+    """Return a trial as a part of a section, its verdict before its title."""
+    file, number, _, trial = chosen
+    facts = _facts(chosen)
+    title = "{question} {object}, {agent}: {answer}; {cost}".format(**facts)
+    section: Section = {"title": title, "verdict": verdict_of(chosen)}
+    if trial is None:
+        return section | {"text": f"trial {number} of {file}; truth: {facts['truth']}"}
+    return section | trial_content(chosen, trial)
+
+
+def trial_content(chosen: Chosen, trial: Trial) -> Section:
+    """Return the picture of a trial and the table of its steps."""
+    caption = "What it did, what it believed, and what one more percept was worth; circles: truth."
+    gaps = any(step.decision.gap is not None for step in trial.steps)
+    names = trial.task.query.value_names
+    head = ["", "behavior", "s", *names, *(["gap"] if gaps else [])]
+    table = {
+        "head": head,
+        "rows": list(_steps(trial, gaps=gaps)),
+        "texts": (1, *range(3, 3 + len(names))),
+        "note": "Of each attribute: what the percept said, and the belief after it."
+        + (" A gap is the reward that the best action may be worth more, at most." if gaps else ""),
+    }
+    facts = _facts(chosen)
     return {
-        "title": title,
-        "verdict": verdict,
-        "text": text,
-        "command": f"meal-bayes view {file} --trial {number}",
-        "tables": [{"head": head, "rows": list(_steps(trial)), "texts": (1, 3, 4)}],
+        "text": f"truth: {facts['truth']}",
+        "command": f"meal-bayes view {chosen.file} --trial {chosen.number}",
+        "tables": [table],
         "figures": [(plots.trial_strip(trial), caption)] if trial.steps else [],
+        "wide": True,
     }
 
 
-def _steps(trial: Trial) -> Iterator[list[str]]:
+def _steps(trial: Trial, *, gaps: bool) -> Iterator[list[str]]:
     momdp = trial.momdp
     for number, step in enumerate(trial.steps, start=1):
-        action, percept = step.decision.action, step.warning or "-"
-        if action >= momdp.n_behaviors:
-            percept = step.warning
-        elif step.observation is not None:
-            percept = ", ".join(percept_labels(momdp, action, step.observation))
-        belief = ", ".join(map(percent, step.belief.positive.tolist()))
-        gap = "" if step.decision.gap is None else f"{step.decision.gap:.1f}"
+        action = step.decision.action
+        beliefs = [percent(p) for p in step.belief.positive.tolist()]
+        words = [""] * len(beliefs)
+        if step.observation is not None:
+            labels = percept_labels(momdp, action, step.observation)
+            words = ["" if label == SILENT else label for label in labels]
         label = momdp.action_label(action)
-        yield [str(number), label, f"{step.cost:g}", percept, belief, gap]
+        if step.warning:
+            label += f" ({step.warning})"
+        cells = [f"{word}, {p}" if word else p for word, p in zip(words, beliefs, strict=True)]
+        if step.observation is not None and not any(words):
+            cells = [f"{SILENT}, {p}" for p in beliefs]
+        row = [str(number), label, f"{step.cost:g}", *cells]
+        if gaps:
+            gap = step.decision.gap
+            row.append("" if gap is None else f"{gap:.1f}")
+        yield row

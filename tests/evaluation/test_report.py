@@ -1,5 +1,6 @@
 """The report: its figures are right, nothing leaves the page, damage and the unknown are told."""
 
+import base64
 import dataclasses
 import html
 import re
@@ -10,7 +11,7 @@ import numpy as np
 import pytest
 
 from meal_bayes.errors import LogError
-from meal_bayes.evaluation import summarize
+from meal_bayes.evaluation import compare, summarize
 from meal_bayes.evaluation.plots import trial_strip
 from meal_bayes.evaluation.report import write_report
 from meal_bayes.evaluation.sections import best_of
@@ -87,19 +88,69 @@ def test_attributes_and_behaviors_are_counted(trials, page):
     assert any(cell.startswith(f"{looks} (") for cell in rows["look"][1:])
 
 
-def test_the_worst_trials_come_first(trials):
-    chosen = []
+def test_the_worst_trials_of_each_agent_come_first(trials):
+    chosen = {}
     for at in range(0, len(trials), 7):
         part = tuple(trials[at : at + 7])
         places = tuple(range(at, at + len(part)))
         chosen = worst_of(chosen, Group({}, Path("a.mcap"), places, TrialOutcomes.of(part), part))
-    worst = [bad.trial.reward for bad in chosen]
-    assert len(worst) == WORST
-    assert worst[0] == min(trial.reward for trial in trials)
-    assert max(worst) <= sorted(trial.reward for trial in trials)[WORST - 1] + 1
-    for bad in chosen:
-        assert trials[bad.number] is bad.trial
-        assert bad.outcome.reward == bad.trial.reward
+    assert set(chosen) == {(agent, -1, "") for agent in AGENTS}
+    for (agent, _, _), worst in chosen.items():
+        rewards = sorted(trial.reward for trial in trials if trial.agent == agent)
+        assert [bad.trial.reward for bad in worst] == pytest.approx(rewards[:WORST], abs=1)
+        assert worst[0].trial.reward == rewards[0]
+        for bad in worst:
+            assert trials[bad.number] is bad.trial
+            assert bad.outcome.reward == bad.trial.reward
+
+
+def test_it_says_first_who_earns_most(trials, page):
+    finding = html.unescape(re.search(r'<p class="finding">(.*?)</p>', page.read_text())[1])
+    best = max(summarize(trials), key=lambda row: row.reward)
+    assert finding.startswith(f"{best.agent} earns {best.reward:.1f} a trial, the most; ")
+    for agent in set(AGENTS) - {best.agent}:
+        less = compare(trials, agent, best.agent)
+        group = "ahead of" if less.high < 0 else "not told apart from"
+        assert (
+            f"{agent} ({less.estimate:+.1f} [{less.low:+.1f}, {less.high:+.1f}])"
+            in (finding[finding.index(group) :])
+        )
+    folded = re.findall(r"<details( open)?><summary>(\w+)</summary>", page.read_text())
+    assert folded[0] == (" open", best.agent)
+    assert {name: bool(opened) for opened, name in folded[:3]} == {
+        agent: agent == best.agent for agent in AGENTS
+    }
+
+
+def test_the_page_is_dark_where_its_reader_prefers_that(page):
+    text = page.read_text()
+    assert "@media (prefers-color-scheme: dark)" in text
+    assert not re.search(r"background[^;]*: ?#fff", text)
+    assert (
+        "fill: #ffffff"
+        not in base64.b64decode(re.search(r"image/svg\+xml;base64,([^\"]+)", text)[1])
+        .decode()
+        .split("axes_1")[0]
+    )
+
+
+def test_a_lab_s_trials_are_listed_newest_first(trials, tmp_path):
+    for number, trial in enumerate(trials[:8]):
+        path = tmp_path / f"2026010{number + 1}-120000-000001-thing-abcdef.mcap"
+        shown = trial if number % 2 else dataclasses.replace(
+            trial, truth=np.full(len(trial.truth), -1))  # fmt: skip
+        write_trials(path, [shown], header={"config": {"command": "Learner.ask"}, "data": "roc36"})
+    write_report(Logs(tmp_path), tmp_path / "r.html")
+    text = (tmp_path / "r.html").read_text()
+    assert re.findall(r"<h2>(.*?)</h2>", text)[0] == "The trials"
+    rows = cells(text)
+    head = ["time (UTC)", "object", "question", "answer", "belief", "cost, s", "truth"]
+    start = rows.index(head)
+    assert [row[0][:10] for row in rows[start + 1 : start + 9]] == [
+        f"2026-01-0{n}" for n in range(8, 0, -1)
+    ]
+    assert [row[-1] == "not told" for row in rows[start + 1 : start + 9]] == [False, True] * 4
+    assert len(re.findall(r"<details open><summary>", text)) >= 3
 
 
 def test_nothing_is_fetched_and_nothing_runs(page):
@@ -117,11 +168,15 @@ def test_a_single_trial_is_shown_without_statistics(trials, tmp_path):
     write_trials(tmp_path / "a.mcap", trials[:1], header={})
     write_report(Logs(tmp_path / "a.mcap"), tmp_path / "a.html")
     text = (tmp_path / "a.html").read_text()
-    assert "<b>1</b><span>trial</span>" in text
-    assert "<b>1</b><span>object</span>" in text
+    trial = trials[0]
+    assert f"<h1>{trial.task.question}</h1>" in text
+    for value, name in (
+        ("heavy, beans", "answer"), ("heavy, beans", "truth"), ("right", "verdict"),
+        (f"{trial.cost:.1f}", "seconds"), (f"{trial.reward:.1f}", "reward"),
+    ):  # fmt: skip
+        assert f"<b>{value}</b><span>{name}</span>" in text
     assert re.findall(r"<h2>(.*?)</h2>", text) == ["The trial", "The run"]
     assert text.count("<img") == 1
-    assert '<b class="right">right</b>' in text
 
 
 def test_all_of_the_best_stand_in_bold_and_no_cost_does(page, trials):
