@@ -106,13 +106,16 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
         self.tasks = [task for task in every if task.object_name in names]
         if not self.tasks:
             raise SettingsError(f"None of the {trials} tasks is about {sorted(names)}; give more.")
-        self._max_steps, self._scale = max_steps, scale
+        self._max_steps = max_steps
+        self._scale = scale
         self._learner = Learner(table.domain, agent=chosen, seed=seed, logs=logs).fit(table)
         self._begun: tuple[Session, RecordedRobot] | None = None
         self._policy: Policy | None = None
         self._steps = 0
-        n, x = attributes, len(table.domain.diagram.states)
-        e, p = len(table.domain.behaviors), len(table.domain.attributes)
+        n = attributes
+        x = len(table.domain.diagram.states)
+        e = len(table.domain.behaviors)
+        p = len(table.domain.attributes)
         dearest = max(behavior.cost for behavior in table.domain.behaviors)
         answers = 2**n + (chosen.abstain and table.domain.diagram.abstain)
         self.action_space = spaces.Discrete(e + answers)
@@ -157,7 +160,8 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
         running, robot = self._running
         if running.over:
             raise SettingsError("The episode is over; call reset() first.")
-        momdp, chosen = running.momdp, int(action)
+        momdp = running.momdp
+        chosen = int(action)
         self._steps += 1
         if 0 <= chosen < momdp.n_behaviors and not momdp.legal[running.belief.x, chosen]:
             reward = -float(momdp.cost[chosen])
@@ -203,7 +207,8 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
     def _seen(self) -> tuple[Observation, dict[str, Any]]:
         """Return observation and info."""
         running, _ = self._running
-        belief, query = running.belief, running.task.query.attributes
+        belief = running.belief
+        query = running.task.query.attributes
         observation = {
             "state": belief.x,
             "asked": np.array(self._learner.domain.columns(query)),
