@@ -7,9 +7,9 @@ from rich.console import Console
 from rich.text import Text
 
 from meal_bayes.cli.console import print_facts, print_rows
-from meal_bayes.display import best_options, percent
+from meal_bayes.display import percent
 from meal_bayes.trials.percepts import percept_labels
-from meal_bayes.trials.text import final_facts, gap_text, outcome_text
+from meal_bayes.trials.text import RULE, compared_actions, final_facts, gap_text, outcome_text
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -23,7 +23,6 @@ if TYPE_CHECKING:
 
 _BAR = 30  # characters
 _OPTIONS = 4  # actions that are compared
-_SHOWN_ERROR = 0.05  # errors below it would print as 0.0
 _CUT: dict[str, Any] = {"no_wrap": True, "overflow": "ellipsis"}  # lines that do not wrap
 
 
@@ -61,34 +60,27 @@ def print_trial(console: Console, trial: "Trial") -> None:
 def _print_values(console: Console, momdp: "MOMDP", step: "Step", *, heads: bool) -> bool:
     """Print the possible actions and their expected rewards, the chosen one marked, if any."""
     decision = step.decision
-    end = momdp.n_behaviors
     possible = momdp.legal[step.x].nonzero()[0]
     if len(possible) == 1:
         only = momdp.behavior_names[possible[0]]
         state = momdp.x_names[step.x]
         print_facts(console, {"possible": f"in {state} only {only}, or a report"})
-    chosen = min(decision.action, end)
-    options = best_options(decision.values, chosen, _OPTIONS)
-    if not options:
-        print_facts(console, {"why": "this agent follows a rule and compares nothing"})
+    compared = compared_actions(momdp, decision, _OPTIONS)
+    if not compared:
+        print_facts(console, {"why": RULE})
         return False
-    abstains = decision.action == momdp.abstention
-    names = [*momdp.behavior_names, "abstain" if abstains else "report now"]
-    width = max(len(names[option]) for option in options)
-    simulated = decision.simulations > 0
+    width = max(len(action.name) for action in compared)
     rows = []
     if heads:
+        simulated = decision.simulations > 0
         text = "expected reward   simulations" if simulated else "expected reward"
         rows.append(Text(f"{'':<{width + 4}}{text}", "dim"))
-    for option in sorted(options, key=lambda option: option == end):
-        sign = "►" if option == chosen else ""
-        value = decision.values[option]
-        error = decision.value_se[option]
-        interval = f"±{error:.1f}" if error >= _SHOWN_ERROR else ""
-        line = f"{sign:<2}{names[option]:<{width}}  {value:8.1f} {interval:<7}"
-        if option < end and simulated:
-            line += f"  {decision.visits[option]:12d}"
-        rows.append(Text(line.rstrip(), "bold" if option == chosen else ""))
+    for action in sorted(compared, key=lambda action: action.is_answer):  # the answer last
+        sign = "►" if action.chosen else ""
+        line = f"{sign:<2}{action.name:<{width}}  {action.value:8.1f} {action.error:<7}"
+        if action.visits is not None:
+            line += f"  {action.visits:12d}"
+        rows.append(Text(line.rstrip(), "bold" if action.chosen else ""))
     if gap := gap_text(decision):
         rows.append(Text(f"  {gap}", "dim"))
     print_rows(console, "why", rows, **_CUT)

@@ -20,7 +20,7 @@ from meal_bayes.canvas import drawn_in_style
 from meal_bayes.display import percent
 from meal_bayes.palette import attribute_color, lightened
 from meal_bayes.trials.percepts import SILENT, percept_labels
-from meal_bayes.trials.text import verdict_text
+from meal_bayes.trials.text import RULE, verdict_text
 from meal_bayes.trials.trial import Step, Trial
 
 _ATTRIBUTES = 6  # that are drawn
@@ -291,8 +291,7 @@ def _draw_worth(ax: Axes, trial: Trial, look: Look) -> None:
     known = [worth for _, _, worth in decisions if not np.isnan(worth)]
     ax.set(yticks=[])
     if not known:
-        ax.text(0, 0.45, "this agent follows a rule and compares nothing", color=look.ink,
-                transform=ax.transAxes, size=look.font, va="center")  # fmt: skip
+        ax.text(0, 0.45, RULE, color=look.ink, transform=ax.transAxes, size=look.font, va="center")
         return
     top = max([*known, 1.0])
     ax.set_ylim(-0.12 * top, 1.5 * top)

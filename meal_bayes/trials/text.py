@@ -1,11 +1,12 @@
 """Trials as text: truths, outcomes and verdicts by name; and as a data frame."""
 
 from collections.abc import Iterable, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from meal_bayes.display import best_options
 from meal_bayes.domain import Query
 from meal_bayes.momdp import MOMDP
 from meal_bayes.planners import Decision
@@ -13,6 +14,52 @@ from meal_bayes.trials.outcomes import TrialOutcomes
 from meal_bayes.trials.trial import Step, Trial
 
 UNKNOWN = "truth unknown"
+RULE = "this agent follows a rule and compares nothing"
+_LEAST_ERROR = 0.05  # standard errors below it would print as 0.0
+
+
+class ComparedAction(NamedTuple):
+    """One action that a decision compared with others: a behavior, or the answer.
+
+    Its name is that of the behavior, "report now" or "abstain"; its value the expected reward, with
+    the standard error as text, "±0.4", empty where it would be 0.0; visits are those of a search,
+    None of other decisions and of the answer; the cost is in s.
+    """
+
+    name: str
+    value: float
+    error: str
+    visits: int | None
+    cost: float
+    chosen: bool
+    is_answer: bool
+
+
+def compared_actions(momdp: MOMDP, decision: Decision, most: int) -> list[ComparedAction]:
+    """Return the best actions that a decision compared, the best first, the chosen one among them.
+
+    There is none where the agent follows a rule (`RULE` says so).
+    """
+    end = momdp.n_behaviors
+    chosen = min(decision.action, end)
+    answer = "abstain" if decision.action == momdp.abstention else "report now"
+    compared = []
+    for option in best_options(decision.values, chosen, most):
+        is_answer = option == end
+        error = decision.value_se[option]
+        searched = decision.simulations > 0 and not is_answer
+        compared.append(
+            ComparedAction(
+                name=answer if is_answer else momdp.behavior_names[option],
+                value=float(decision.values[option]),
+                error=f"±{error:.1f}" if error >= _LEAST_ERROR else "",
+                visits=int(decision.visits[option]) if searched else None,
+                cost=0.0 if is_answer else float(momdp.cost[option]),
+                chosen=option == chosen,
+                is_answer=is_answer,
+            )
+        )
+    return compared
 
 
 def truth_text(query: Query, truth: Sequence[int] | NDArray[np.int8]) -> str:

@@ -2,16 +2,15 @@
 
 from functools import lru_cache
 
-from meal_bayes.display import best_options, percent
+from meal_bayes.display import percent
 from meal_bayes.momdp import MOMDP
 from meal_bayes.planners import Decision
 from meal_bayes.trials import percept_labels
-from meal_bayes.trials.text import final_facts, gap_text, outcome_text
+from meal_bayes.trials.text import RULE, compared_actions, final_facts, gap_text, outcome_text
 from meal_bayes.viewer.recorder import TrialFrame
 
 _OPTIONS = 8  # actions that are compared
 _ATTRIBUTES = 12  # that are listed
-_SHOWN_ERROR = 0.05  # errors below it would print as 0.0
 
 
 @lru_cache(maxsize=4096)
@@ -69,27 +68,27 @@ def narrate(frame: TrialFrame) -> str:
 
 def explain_decision(frame: TrialFrame) -> str:
     """Return a table of the expected rewards of the actions when the step was chosen."""
-    step, momdp = frame.step, frame.trial.momdp
+    step = frame.step
+    momdp = frame.trial.momdp
     if step is None:
         return "*Nothing is decided yet.*"
-    decision, end = step.decision, momdp.n_behaviors
-    chosen = min(decision.action, end)
-    options = best_options(decision.values, chosen, _OPTIONS)
-    if not options:
-        return "*This agent follows a fixed rule and compares nothing.*"
-    rows = ["|action|expected reward|visits|cost, s|", "|---|---|---|---|"]
-    for option in options:
-        error = decision.value_se[option]
-        interval = f" ± {error:.1f}" if error >= _SHOWN_ERROR else ""
+    decision = step.decision
+    compared = compared_actions(momdp, decision, _OPTIONS)
+    if not compared:
+        return f"*{RULE}*"
+    lines = ["|action|expected reward|visits|cost, s|", "|---|---|---|---|"]
+    for action in compared:
         cells = [
-            option_label(momdp, decision, option),
-            f"{decision.values[option]:.1f}{interval}",
-            f"{decision.visits[option]}" if option < end and decision.simulations else "",
-            f"{momdp.cost[option]:g}" if option < end else "0",
+            plain_text(action.name),
+            f"{action.value:.1f} {action.error}".rstrip(),
+            "" if action.visits is None else f"{action.visits}",
+            f"{action.cost:g}",
         ]
-        if option == chosen:
+        if action.chosen:
             cells = [f"**{cell}**" if cell else cell for cell in cells]
-        rows.append(f"|{'|'.join(cells)}|")
+        lines.append(f"|{'|'.join(cells)}|")
     searched = f"{decision.simulations} simulations" if decision.simulations else ""
     notes = ", ".join(filter(None, (searched, gap_text(decision))))
-    return "\n".join(rows) + f"\n\n{notes}" * bool(notes)
+    if notes:
+        lines += ["", notes]
+    return "\n".join(lines)
