@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from meal_bayes.trial_log import LogInfo
     from meal_bayes.trial_log.logs import Group
 
+_UNREAD = 3  # exit code of `recover` where bytes were passed over
 _UNSOUND = 1  # exit code of `check` for a log with problems
 
 _file = click.argument("file", type=click.Path(path_type=Path))
@@ -144,14 +145,22 @@ def check(file: Path, as_json: bool) -> None:
 @option("--out", FILE, None, "FILE", "The new file.")
 @shared("json")
 def recover(file: Path, out: Path | None, as_json: bool) -> None:
-    """Save the trials of a torn log, the last as far as it went; the torn one stays as it is."""
-    from meal_bayes.trial_log import log_info, recover_log
+    """Save the trials of a torn log, the last as far as it went; the torn one stays as it is.
 
-    saved = log_info(recover_log(file, out))
+    What cannot be read is told; where whole trials may be lost with it, the exit code is 3.
+    """
+    from meal_bayes.trial_log import check_log, log_info, recover_log
+
+    saved, torn = log_info(recover_log(file, out)), check_log(file)
+    for problem in torn.problems:
+        note(f"{torn.path}: {problem}")
     if as_json:
-        print_json({"path": str(saved.path), "trials": saved.trials})
-        return
-    say(f"{saved.path}: {saved.trials} trials saved")
+        print_json({"path": str(saved.path), "trials": saved.trials, "unread_bytes": torn.unread})
+    else:
+        say(f"{saved.path}: {saved.trials} trials saved")
+    if torn.unread:
+        note(f"{torn.unread:,} bytes of {torn.path} hold no whole record and were not read")
+        click.get_current_context().exit(_UNREAD)
 
 
 def _print_json(logs: "list[LogInfo]", path: Path) -> None:

@@ -8,13 +8,16 @@ import os
 import struct
 import zlib
 from collections.abc import Iterator
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any, BinaryIO
 
+import lz4.frame
 import zstandard
 from google.protobuf.message import DecodeError
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import EndOfFile, McapError
+from mcap.opcode import Opcode
 from mcap.reader import FOOTER_SIZE
 from mcap.records import Channel, Chunk, Footer, McapRecord, Message
 from mcap.stream_reader import StreamReader, breakup_chunk
@@ -28,6 +31,7 @@ FAULTS = (
     LogCorruptError,
     McapError,
     zstandard.ZstdError,
+    RuntimeError,  # of lz4
     DecodeError,
     struct.error,
     ValueError,  # also UnicodeDecodeError, JSONDecodeError, CRCValidationError
@@ -39,15 +43,18 @@ FAULTS = (
     SettingsError,
 )
 TORN = (EndOfFile, struct.error)  # raised where the file ends inside a record
+_SEARCHED = 16  # blocks of the record limit
 _HEAD = 9  # bytes of a record before its content
 _CRC = 4  # bytes of a checksum
 
 
 def read_records(file: BinaryIO, *, begin: int = 0) -> Iterator[McapRecord]:
-    """Yield the records of a file from `begin` on, where it stands; raise at the first fault.
+    """Yield the records of a log that begins where the file stands; raise at the first fault.
 
-    Chunks come as they are. A file that was read from 0 to its end is whole.
+    Chunks come as they are. `begin` is 0, or the place of a later record in the file's only log. A
+    file that was read to its end is whole.
     """
+    origin = 0 if begin else file.tell()
 
     def read(size: int) -> bytes:
         """Read no more than a record holds; the library reads one byte where a record begins."""
@@ -66,22 +73,70 @@ def read_records(file: BinaryIO, *, begin: int = 0) -> Iterator[McapRecord]:
         validate_crcs=True,
         record_size_limit=RECORD_LIMIT,
     ).records
-    _check_summary(file)
+    end = file.tell()
+    _check_summary(file, origin, end)
+    if behind := file.seek(0, os.SEEK_END) - end:
+        raise LogCorruptError(f"{behind} bytes follow the end of the log at byte {end}")
+
+
+def next_log(file: BinaryIO, at: int) -> int:
+    """Return the place of the first log that begins at this byte or soon after, or the file's end.
+
+    The search ends after 256 MB: a hole in a file may be terabytes long.
+    """
+    start = MCAP0_MAGIC + bytes([Opcode.HEADER])  # a log ends with the magic bytes, too
+    file.seek(at)
+    tail = b""
+    for _ in range(_SEARCHED):
+        block = tail + file.read(RECORD_LIMIT)
+        if (found := block.find(start)) >= 0:
+            return at - len(tail) + found
+        at += len(block) - len(tail)
+        tail = block[1 - len(start) :]
+    return file.seek(0, os.SEEK_END)
 
 
 def chunk_messages(chunk: Chunk, channels: dict[int, str]) -> Iterator[tuple[str, bytes]]:
     """Yield topic and data of every message of a chunk; new channels go into `channels`."""
-    size = zstandard.frame_content_size(chunk.data)  # what the library would allocate
-    if chunk.compression != "zstd" or not size == chunk.uncompressed_size <= RECORD_LIMIT:
-        raise LogCorruptError(f"a chunk of {chunk.uncompressed_size} bytes claims to unpack {size}")
-    for record in breakup_chunk(chunk, validate_crc=True):
+    unpacked = replace(chunk, compression="", data=_unpacked(chunk))
+    for record in breakup_chunk(unpacked, validate_crc=True):
         if isinstance(record, Channel):
             channels[record.id] = record.topic
         elif isinstance(record, Message):
-            if record.channel_id not in channels or len(record.data) > MESSAGE_LIMIT:
-                channel = record.channel_id
-                raise LogCorruptError(f"{len(record.data)} bytes on channel {channel}")
-            yield channels[record.channel_id], record.data
+            yield message_of(record, channels)
+
+
+def message_of(record: Message, channels: dict[int, str]) -> tuple[str, bytes]:
+    """Return topic and data of a message; one that is too large, or of no channel, is refused."""
+    if record.channel_id not in channels or len(record.data) > MESSAGE_LIMIT:
+        raise LogCorruptError(f"{len(record.data)} bytes on channel {record.channel_id}")
+    return channels[record.channel_id], record.data
+
+
+def _unpacked(chunk: Chunk) -> bytes:
+    """Unpack a chunk, whose size is what it claims, within the limit."""
+    claimed = chunk.uncompressed_size
+    if claimed > RECORD_LIMIT:
+        raise LogCorruptError(
+            f"a chunk of {claimed:,} bytes, more than {RECORD_LIMIT:,}; "
+            "write smaller ones: mcap compress --chunk-size 1048576"
+        )
+    data = chunk.data
+    if chunk.compression == "zstd":
+        size = zstandard.frame_content_size(data)  # what the library would allocate; -1: not said
+        if size not in (-1, claimed):
+            raise LogCorruptError(f"a chunk of {claimed} bytes claims to unpack {size}")
+        data = zstandard.ZstdDecompressor().decompress(data, max_output_size=claimed)
+    elif chunk.compression == "lz4":
+        data = lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=claimed + 1)
+    elif chunk.compression:
+        raise LogCorruptError(
+            f"its chunks are packed by {chunk.compression!r:.20}; "
+            "pack it again with: mcap compress --compression zstd"
+        )
+    if len(data) != claimed:
+        raise LogCorruptError(f"a chunk of {claimed} bytes unpacks to {len(data)}")
+    return data
 
 
 def fault_text(fault: Exception) -> str:
@@ -91,14 +146,14 @@ def fault_text(fault: Exception) -> str:
     return str(fault) if isinstance(fault, LogError) else f"{type(fault).__name__}: {fault}"
 
 
-def _check_summary(file: BinaryIO) -> None:
+def _check_summary(file: BinaryIO, origin: int, end: int) -> None:
     """Check the records behind the data section, which the library leaves unchecked."""
-    end = file.seek(0, os.SEEK_END) - len(MCAP0_MAGIC)
+    end -= len(MCAP0_MAGIC)
     file.seek(max(end - FOOTER_SIZE + _HEAD, 0))
     footer = Footer.read(ReadDataStream(file))
     crc = None
-    if 0 < footer.summary_start < end:
-        file.seek(footer.summary_start)
-        crc = zlib.crc32(file.read(end - _CRC - footer.summary_start))
-    if crc != footer.summary_crc:
+    if 0 < footer.summary_start < end - origin:
+        file.seek(origin + footer.summary_start)
+        crc = zlib.crc32(file.read(end - _CRC - origin - footer.summary_start))
+    if footer.summary_crc not in (0, crc):  # 0: its writer left it out
         raise LogCorruptError("the closing records were changed, or are not there")

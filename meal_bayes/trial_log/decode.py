@@ -6,7 +6,7 @@ from itertools import chain, islice, starmap
 from typing import Any
 
 import numpy as np
-from mcap.records import Attachment, Chunk, Header, McapRecord
+from mcap.records import Attachment, Channel, Chunk, Header, McapRecord, Message
 from numpy.typing import NDArray
 
 from meal_bayes.arrays import freeze
@@ -15,7 +15,7 @@ from meal_bayes.errors import LogCorruptError, LogVersionError
 from meal_bayes.momdp import MOMDP, Belief, belief_of
 from meal_bayes.planners import Decision, TreeEdge
 from meal_bayes.trial_log import schema
-from meal_bayes.trial_log.container import FAULTS, chunk_messages
+from meal_bayes.trial_log.container import FAULTS, chunk_messages, message_of
 from meal_bayes.trial_log.encode import End, judgment, limit_misfits, start_misfits, step_misfits
 from meal_bayes.trials import Step, Task, Trial, TrialOutcomes
 from meal_bayes.trials.outcomes import INTEGERS, REALS, TEXTS
@@ -23,6 +23,10 @@ from meal_bayes.untrusted import read_json
 
 NO_HEADER = "the header of the run is missing"
 NO_END = "the closing record is missing"
+MERGED = (
+    "the messages of two logs are mixed by time, as `mcap merge` does; read the logs that were "
+    "merged (`cat` leaves each whole, and `meal-bayes log recover` reads all of them)"
+)
 UNFINISHED = "the log ends here"  # why a trial without an outcome was broken off
 
 
@@ -36,6 +40,7 @@ class TrialBuilder:
     read: End = End()  # noqa: RUF009  immutable
     end: End | None = None  # as the writer counted
     _channels: dict[int, str] = field(default_factory=dict)
+    _runs: int = 0  # headers of runs
     _next: int = 0  # number of the next trial
     _momdps: schema.Momdps = field(default_factory=schema.Momdps)  # by number
     _open: list[bytes] = field(default_factory=list)  # start and steps of the trial under way
@@ -44,20 +49,19 @@ class TrialBuilder:
         """Read the next record; yield the trials, or the outcomes, that it completes."""
         if isinstance(record, Header):
             forms = {profile: form for form, profile in schema.PROFILES.items()}
-            if record.profile not in forms:
+            if record.profile and record.profile not in forms:  # `mcap merge` leaves it out
                 raise LogCorruptError(f"an MCAP file of {record.profile!r}, not of meal_bayes")
-            self.form = forms[record.profile]
+            self.form = forms.get(record.profile, schema.FULL)
             # Without its first chunk the others still mean what this format says.
             self._channels = dict(enumerate(schema.TOPICS[self.form], start=1))
         elif isinstance(record, Attachment) and record.name == schema.END:
             counts: Any = read_json(record.data)
             self.end = End(**counts)
-        elif isinstance(record, Chunk):
+        elif isinstance(record, Channel):
+            self._channels[record.id] = record.topic
+        elif isinstance(record, Chunk | Message):
             try:
-                self.limit -= record.uncompressed_size
-                if self.limit < 0:
-                    raise LogCorruptError("it unpacks to far more than a log of its size holds")
-                for topic, data in chunk_messages(record, self._channels):
+                for topic, data in self._messages(record):
                     entry = self.add(topic, data)
                     if entry is not None:
                         yield entry
@@ -65,11 +69,23 @@ class TrialBuilder:
                 self._open = []
                 raise
 
+    def _messages(self, record: Chunk | Message) -> Iterable[tuple[str, bytes]]:
+        """Return topics and data of a chunk's messages, or of a message outside of chunks."""
+        if isinstance(record, Message):
+            return [message_of(record, self._channels)]
+        self.limit -= record.uncompressed_size
+        if self.limit < 0:
+            raise LogCorruptError("it unpacks to far more than a log of its size holds")
+        return chunk_messages(record, self._channels)
+
     def add(self, topic: str, data: bytes) -> Trial | TrialOutcomes | None:
         """Add the next message; return the trial, or the outcomes, that it completes."""
         if topic == schema.RUN:
-            self.header = _header(data)
-        elif topic == schema.MOMDPS:
+            self._runs += 1
+            self.header = self.header or _header(data)
+        if self._runs > 1:
+            raise LogCorruptError(MERGED)
+        if topic == schema.MOMDPS:
             message = schema.MomdpMessage.FromString(data)
             self._momdps.add(message.id, _momdp(message), len(data))
         elif topic in (schema.TRIAL, schema.STEP):

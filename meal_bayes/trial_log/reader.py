@@ -14,8 +14,9 @@ from mcap.writer import MCAP0_MAGIC
 
 from meal_bayes.errors import LogCorruptError, LogError, LogVersionError
 from meal_bayes.trial_log import schema
-from meal_bayes.trial_log.container import FAULTS, fault_text, read_records
+from meal_bayes.trial_log.container import FAULTS, fault_text, next_log, read_records
 from meal_bayes.trial_log.decode import NO_END, NO_HEADER, TrialBuilder
+from meal_bayes.trial_log.encode import End
 from meal_bayes.trial_log.names import RECOVERED, log_files, stem_of
 from meal_bayes.trial_log.writer import write_trials
 from meal_bayes.trials import Trial, TrialOutcomes
@@ -37,6 +38,7 @@ class LogInfo:
     cost: float  # s, of all trials
     header: dict[str, object]
     problems: tuple[str, ...] = ()
+    unread: int = 0  # bytes that are passed over
 
     @property
     def whole(self) -> bool:
@@ -129,32 +131,52 @@ class Scan:
             raise LogCorruptError(f"{unfinished}; {_way_out(self.path)}")
         self.problems: list[str] = []
         self.builder = TrialBuilder()
+        self.read = End()  # in all logs of the file
+        self.unread = 0  # bytes that are passed over
 
-    def entries(self) -> Iterator[Trial | TrialOutcomes]:
-        """Yield every whole trial, or of a compact log the outcomes of many trials each."""
+    def entries(self, *, unfinished: bool = False) -> Iterator[Trial | TrialOutcomes]:
+        """Yield every whole trial, or of a compact log the outcomes of many trials each.
+
+        A tolerant reading goes on with a log that follows in the same file, as `cat` leaves it. At
+        the end of each it yields the `unfinished` trial too.
+        """
         with opened(self.path) as file:
-            # A small file may claim to unpack to gigabytes: zeros compress a thousandfold.
-            self.builder.limit = _FREE_BYTES + _UNPACKING * os.fstat(file.fileno()).st_size
-            with self._noting():
-                for record in read_records(file):
+            size = os.fstat(file.fileno()).st_size
+            begin = 0
+            while True:
+                at = begin  # behind the last whole record
+                file.seek(begin)
+                # A small file may claim to unpack to gigabytes: zeros compress a thousandfold.
+                builder = TrialBuilder(limit=_FREE_BYTES + _UNPACKING * size)
+                self.builder = builder if begin == 0 else self.builder
+                with self._noting():
+                    for record in read_records(file):
+                        at = file.tell()
+                        with self._noting():
+                            yield from self._counted(builder.records(record))
+                with self._noting():
+                    builder.check_end()
+                if unfinished:
                     with self._noting():
-                        yield from self.builder.records(record)
-            with self._noting():
-                self.builder.check_end()
+                        yield from filter(None, [builder.unfinished()])
+                begin = next_log(file, max(at, begin + 1)) if self._tolerant else size
+                self.unread += begin - at
+                if begin >= size:
+                    return
 
     def salvage(self) -> Iterator[Trial | TrialOutcomes]:
-        """Yield every whole trial, and the one that was under way when the file ends."""
-        yield from self.entries()
-        unfinished = None
-        with self._noting():
-            unfinished = self.builder.unfinished()
-        if unfinished is not None:
-            yield unfinished
-        elif self.builder.header is None and not self.builder.read.trials:
+        """Yield every whole trial, and the one that was under way when a log ends."""
+        yield from self.entries(unfinished=True)
+        if self.builder.header is None and not self.read.trials:
             raise LogCorruptError(
                 f"{self.path} holds nothing of a trial log: {self.problems[0]}; expected a "
                 f"{schema.SUFFIX} file that meal_bayes wrote."
             )
+
+    def _counted(self, entries: Iterator[Trial | TrialOutcomes]) -> Iterator[Trial | TrialOutcomes]:
+        for entry in entries:
+            self.read = self.read.after(entry)
+            yield entry
 
     @contextlib.contextmanager
     def _noting(self) -> Iterator[None]:
@@ -172,10 +194,11 @@ def check_log(path: str | Path) -> LogInfo:
     """Read a file to its end and report its contents and faults; damage does not raise."""
     scan = Scan(path, tolerant=True)
     deque(scan.entries(), maxlen=0)
-    read = scan.builder.read
     header = scan.builder.header or {}
     form = scan.builder.form
-    return LogInfo(scan.path, form, **read._asdict(), header=header, problems=tuple(scan.problems))
+    problems = tuple(scan.problems)
+    read = scan.read._asdict()
+    return LogInfo(scan.path, form, **read, header=header, problems=problems, unread=scan.unread)
 
 
 def salvage(path: str | Path) -> Iterator[Trial | TrialOutcomes]:
