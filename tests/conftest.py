@@ -3,6 +3,7 @@
 import fcntl
 import os
 import shutil
+import subprocess
 from collections.abc import Callable
 from importlib import import_module, resources
 from importlib.util import find_spec
@@ -122,6 +123,16 @@ def pomdpsol() -> str:
     if program is None:
         missing("no pomdpsol; set MEAL_BAYES_POMDPSOL to it", required=False)
     return program
+
+
+@pytest.fixture(scope="session")
+def mcap_core() -> list[str]:
+    """Return the words that start node, which finds @mcap/core, the reference reader of MCAP."""
+    node = shutil.which("node")
+    command = [str(node), "-e", "require('@mcap/core'); require('fzstd')"]
+    if node is None or subprocess.run(command, capture_output=True, check=False).returncode:
+        missing("no node with npm's @mcap/core and fzstd", required="NODE_PATH" in os.environ)
+    return [str(node)]
 
 
 @pytest.fixture(scope="session")

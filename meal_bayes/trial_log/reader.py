@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
 
-from mcap.records import Chunk
+from mcap.records import Chunk, Footer
 from mcap.writer import MCAP0_MAGIC
 
 from meal_bayes.errors import LogCorruptError, LogError, LogVersionError
@@ -152,6 +152,8 @@ class Scan:
                 with self._noting():
                     for record in read_records(file):
                         at = file.tell()
+                        if isinstance(record, Footer):
+                            at += len(MCAP0_MAGIC)  # ends the log
                         with self._noting():
                             yield from self._counted(builder.records(record))
                 with self._noting():
@@ -231,7 +233,8 @@ def recover_log(path: str | Path, out: str | Path | None = None) -> Path:
     trials = scan.salvage()
     first = next(trials, None)
     if first is None:
-        raise LogCorruptError(f"{scan.path} holds no whole trial, so there is nothing to recover.")
+        why = scan.problems[0] if scan.problems else "it is whole, and empty"
+        raise LogCorruptError(f"{scan.path} holds no whole trial to recover: {why}.")
     header = {**(scan.builder.header or {}), "recovered_from": scan.path.name}
     write_trials(out, itertools.chain([first], trials), header=header)
     return out

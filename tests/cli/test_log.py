@@ -112,3 +112,17 @@ def test_a_trial_is_drawn_from_its_log(run, tmp_path):
         told = run("log", "show", "a.mcap", *words)
         assert told.exit_code != 0
         assert says in " ".join(told.stderr.split())
+
+
+def test_every_log_of_a_file_is_recovered_and_what_is_not_read_is_told(run, log):
+    data, trials = Path(log).read_bytes(), len(list(read_trials(log)))
+    Path("both.mcap").write_bytes(data * 2)
+    done = run("log", "recover", "both.mcap")
+    assert done.exit_code == 0
+    assert f"{2 * trials} trials saved" in done.stdout
+    assert "bytes follow the end of the log" in done.stderr
+    Path("both.mcap").write_bytes(data + b"torn" + data)
+    done = run("log", "recover", "both.mcap", "--out", "out.mcap", "--json")
+    assert done.exit_code == 3
+    told = json.loads(done.stdout)
+    assert (told["trials"], told["unread_bytes"]) == (2 * trials, 4)

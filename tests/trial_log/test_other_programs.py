@@ -1,0 +1,163 @@
+"""Logs that other programs wrote again, joined or mixed: all trials, or one line that says why."""
+
+import json
+import subprocess
+from io import BytesIO
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from mcap.reader import make_reader
+from mcap.writer import CompressionType, Writer
+
+from meal_bayes.errors import LogCorruptError, LogError
+from meal_bayes.trial_log import check_log, log_info, read_trials, recover_log, write_trials
+from meal_bayes.trials import TrialOutcomes
+
+READ = """
+const fs = require("fs");
+const { McapStreamReader } = require("@mcap/core");
+const reader = new McapStreamReader({
+  validateCrcs: true,
+  decompressHandlers: { zstd: (bytes) => require("fzstd").decompress(bytes) },
+});
+reader.append(fs.readFileSync(process.argv[1]));
+const channels = new Map(), counts = {};
+for (let record; (record = reader.nextRecord()); ) {
+  if (record.type === "Channel") channels.set(record.id, record.topic);
+  if (record.type === "Message") {
+    const topic = channels.get(record.channelId);
+    counts[topic] = (counts[topic] || 0) + 1;
+  }
+}
+if (!reader.done()) throw new Error("it does not end");
+console.log(JSON.stringify(counts));
+"""
+
+
+@pytest.fixture(scope="module")
+def log(make, tmp_path_factory):
+    """A log of two trials, and the trials."""
+    path = tmp_path_factory.mktemp("whole") / "whole.mcap"
+    trials = make.trials(2, 3, steps=2, edges=1)
+    write_trials(path, trials, header={"seed": 3})
+    return path, trials
+
+
+def written_again(sources, path, *, attachments=True, profile=True, **options):
+    """Write the messages of logs anew in order of their time, as `mcap compress` and `merge` do."""
+    with path.open("wb") as file:
+        writer = Writer(file, **options)
+        readers = [make_reader(BytesIO(source.read_bytes())) for source in sources]
+        writer.start(readers[0].get_header().profile if profile else "")
+        ids, messages = {}, []
+        for reader in readers:
+            messages += reader.iter_messages()
+            for attachment in reader.iter_attachments() if attachments else ():
+                writer.add_attachment(
+                    attachment.create_time, attachment.log_time, attachment.name,
+                    attachment.media_type, attachment.data,
+                )  # fmt: skip
+        for schema, channel, message in sorted(messages, key=lambda entry: entry[2].log_time):
+            if channel.topic not in ids:
+                number = writer.register_schema(schema.name, schema.encoding, schema.data)
+                ids[channel.topic] = writer.register_channel(
+                    channel.topic, channel.message_encoding, number
+                )
+            times = message.publish_time, message.sequence
+            writer.add_message(ids[channel.topic], message.log_time, message.data, *times)
+        writer.finish()
+    return path
+
+
+@given(
+    compression=st.sampled_from(list(CompressionType)),
+    chunked=st.booleans(),
+    size=st.sampled_from([1, 1000, 1 << 20]),
+    checked=st.booleans(),
+    attachments=st.booleans(),
+    profile=st.booleans(),
+)
+def test_a_log_that_was_written_again_holds_its_trials(
+    log, make, tmp_path_factory, compression, chunked, size, checked, attachments, profile
+):
+    path, trials = log
+    again = written_again(
+        [path], tmp_path_factory.mktemp("again") / "again.mcap", attachments=attachments,
+        profile=profile, compression=compression, use_chunking=chunked, chunk_size=size,
+        enable_crcs=checked,
+    )  # fmt: skip
+    if attachments:
+        assert all(map(make.equal, read_trials(again), trials))
+        assert log_info(again).trials == len(trials)
+        assert check_log(again).whole
+    else:
+        with pytest.raises(LogCorruptError, match="meal-bayes log recover"):
+            list(read_trials(again))
+    saved = list(read_trials(recover_log(again)))
+    assert len(saved) == len(trials)
+    assert all(map(make.equal, saved, trials))
+
+
+@pytest.fixture(scope="module")
+def logs(make, tmp_path_factory):
+    """Logs of 0 to 3 trials, and the trials."""
+    folder, logs = tmp_path_factory.mktemp("parts"), []
+    for size in range(4):
+        path, trials = folder / f"part{size}.mcap", make.trials(size, size, steps=2)
+        write_trials(path, trials, header={"seed": size})
+        logs.append((path, trials))
+    return logs
+
+
+@given(
+    sizes=st.lists(st.integers(0, 3), min_size=2, max_size=4),
+    between=st.binary(max_size=30),
+    cut=st.integers(0, 300),
+)
+def test_every_log_of_a_file_is_recovered(logs, make, tmp_path_factory, sizes, between, cut):
+    joined = tmp_path_factory.mktemp("joined") / "joined.mcap"
+    parts = [logs[size][0].read_bytes() for size in sizes]
+    whole = [trial for size in sizes[:-1] for trial in logs[size][1]]
+    joined.write_bytes(between.join([*parts[:-1], parts[-1][: len(parts[-1]) - cut]]))
+    with pytest.raises(LogCorruptError):
+        list(read_trials(joined))
+    info = check_log(joined)
+    assert not info.whole
+    assert info.trials >= len(whole)
+    assert info.unread >= len(between) * (len(parts) - 1)
+    if whole:
+        saved = list(read_trials(recover_log(joined)))
+        assert all(map(make.equal, saved, whole))
+        assert len(saved) <= len(whole) + sizes[-1]
+
+
+@pytest.mark.parametrize("chunked", [True, False])
+@pytest.mark.parametrize(("first", "second"), [(1, 1), (1, 3), (3, 2), (0, 2)])
+def test_logs_that_were_mixed_by_time_are_refused(logs, tmp_path, first, second, chunked):
+    parts = [logs[first][0], logs[second][0]]
+    merged = written_again(parts, tmp_path / "merged.mcap", use_chunking=chunked)
+    for read in (lambda path: list(read_trials(path)), recover_log):
+        with pytest.raises(LogError, match="mixed by time"):
+            read(merged)
+
+
+def test_compact_logs_are_read_again_too(make, tmp_path):
+    outcomes = TrialOutcomes.of(make.trials(4, 5, steps=2))
+    path = tmp_path / "compact.mcap"
+    write_trials(path, [outcomes], header={"seed": 5})
+    again = written_again([path], tmp_path / "again.mcap", compression=CompressionType.LZ4)
+    assert check_log(again).trials == log_info(again).trials == 4
+    assert check_log(again).form == "compact"
+
+
+def test_mcap_core_reads_every_channel(log, mcap_core):
+    path, trials = log
+    command = [*mcap_core, "-e", READ, path]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    counts = json.loads(done.stdout)
+    assert counts["/run"] == 1
+    assert counts["/trial"] == counts["/outcome"] == len(trials)
+    assert counts["/step"] == sum(len(trial.steps) for trial in trials)
+    assert counts["/momdp"] >= 1
+    assert counts["/log"] >= len(trials)
