@@ -126,6 +126,39 @@ def clustered(values: ArrayLike, clusters: ArrayLike, *, fraction: bool = False)
     return Effect(float(x.mean()), se, n, fraction=fraction, method=method)
 
 
+def running_means(values: ArrayLike, clusters: ArrayLike) -> tuple[Floats, Floats]:
+    """Return the mean of the first 1, 2, ... values, and its standard error, (n,) each.
+
+    The errors are those of `clustered`; NaN while there is one cluster.
+
+    >>> means, errors = running_means([1, 0, 1, 1], [0, 1, 2, 3])
+    >>> means.tolist()[-1], errors.round(3).tolist()[-1]
+    (0.75, 0.25)
+    """
+    x = np.asarray(values, float)
+    _, index = np.unique(np.asarray(clusters), return_inverse=True)
+    means = np.empty(len(x))
+    errors = np.full(len(x), np.nan)
+    size = np.zeros(len(x))  # n_c, values of each cluster so far
+    total = np.zeros(len(x))  # S_c, their sum
+    # With the mean m, sum_c (S_c - m n_c)^2 = sum S_c^2 - 2 m sum S_c n_c + m^2 sum n_c^2.
+    squares = products = sizes = whole = 0.0
+    n = 0  # clusters so far
+    for i, (value, c) in enumerate(zip(x.tolist(), index.tolist(), strict=True)):
+        squares += (total[c] + value) ** 2 - total[c] ** 2
+        products += (total[c] + value) * (size[c] + 1) - total[c] * size[c]
+        sizes += 2 * size[c] + 1
+        n += size[c] == 0
+        size[c] += 1
+        total[c] += value
+        whole += value
+        means[i] = m = whole / (i + 1)
+        if n > 1:
+            deviations = max(squares - 2 * m * products + m * m * sizes, 0.0)
+            errors[i] = math.sqrt(n / (n - 1) * deviations) / (i + 1)
+    return means, errors
+
+
 def paired_fractions(values: ArrayLike, estimate: Callable[[Floats], Effect]) -> Effect:
     """Estimate a difference of fractions from paired values in [-1, 1], by gains and losses.
 

@@ -2,18 +2,25 @@
 
 import json
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import rerun as rr
+from numpy.typing import NDArray
 
+from meal_bayes.arrays import Bools, Floats, Ints
+from meal_bayes.evaluation.statistics import clustered, running_means
+from meal_bayes.evaluation.summary import mean_effect
 from meal_bayes.trials import TrialOutcomes
 from meal_bayes.trials.text import UNKNOWN, outcome_facts
 from meal_bayes.viewer.labels import plain_text
 from meal_bayes.viewer.palette import series_color
 from meal_bayes.viewer.recorder import Recorder, Time
 
-FACTS, TABLE = "/run/facts", "/run/table"
-ACCURACY, COST = "/run/accuracy", "/run/cost"
+FACTS = "/run/facts"
+TABLE = "/run/table"
+ACCURACY = "/run/accuracy"
+COST = "/run/cost"
 _WORST = 10  # trials that are listed
 _LONG = 300  # characters of a fact
 
@@ -41,7 +48,10 @@ class RunView:
         """Add the measures of the trials that are new, and the tables of all so far."""
         outcomes = TrialOutcomes.join(self._outcomes)
         self._outcomes = [outcomes]
-        table = ["|agent|trials|accuracy|abstained|cost, s|reward|", "|---|---|---|---|---|---|"]
+        table = [
+            "|agent|trials|accuracy, 95 %|abstained|cost, s|reward|",
+            "|---|---|---|---|---|---|",
+        ]
         table += [self._add_agent(name, outcomes) for name in outcomes.agents]
         self._sent = len(outcomes)
         table += ["", "**the trials with the lowest reward**", ""]
@@ -58,38 +68,44 @@ class RunView:
         """Add the measures of an agent's new trials, and return its row of the table."""
         rows = np.flatnonzero(outcomes.agent == name)
         outcomes = outcomes.rows(rows)
-        shown = plain_text(name or "agent")
+        label = plain_text(name or "agent")
         entity = rr.escape_entity_path_part(name or "agent")
         if name not in self._agents:
             color = series_color(self._agents.setdefault(name, len(self._agents)))
-            style = rr.Measurements.from_fields(names=shown, colors=color, widths=2)
+            style = rr.Measurements.from_fields(names=label, colors=color, widths=2)
             for plot in (ACCURACY, COST):
                 self._to.add_static(f"{plot}/{entity}", style)
-        trials, judged = np.arange(1, len(rows) + 1), np.cumsum(outcomes.judged)
-        right = np.cumsum(outcomes.success == 1)
-        # Variances: of the posterior under Beta(1, 1), and of the mean of the costs.
-        a, n = right + 1, judged + 2
-        accuracy, accuracy_variance = right / np.maximum(judged, 1), a * (n - a) / (n**2 * (n + 1))
-        cost = np.cumsum(outcomes.cost) / trials
-        spread = np.maximum(np.cumsum(outcomes.cost**2) / trials - cost**2, 0.0)
-        cost_variance = spread / np.maximum(trials - 1, 1)
-        # Costs are rounded, as a plot would show the noise of equal ones.
-        for plot, counted, means, variances in (
-            (COST, trials, cost.round(9), cost_variance.round(9)),
-            (ACCURACY, judged, accuracy, accuracy_variance),
+        success = (outcomes.success == 1).astype(float)
+        every = np.ones(len(rows), np.bool_)
+        for plot, values, counted in (
+            (COST, outcomes.cost, every),
+            (ACCURACY, success, outcomes.judged),
         ):
-            for i in np.flatnonzero((rows >= self._sent) & (counted > 0)):
-                fields = {"values": [float(means[i])], "variances": [float(variances[i])]}
-                self._to.add(f"{plot}/{entity}", rr.Measurements, self._times[rows[i]], **fields)
-        known = (
-            f"{accuracy[-1]:.3f} ± {np.sqrt(accuracy_variance[-1]):.3f}" if judged[-1] else UNKNOWN
-        )
-        reward = f"{outcomes.reward[outcomes.judged].mean():.1f}" if judged[-1] else UNKNOWN
+            self._add_means(f"{plot}/{entity}", rows, values, outcomes.object_name, counted)
+        # The same intervals and errors as in summaries and reports.
+        accuracy = UNKNOWN
+        reward = UNKNOWN
+        if outcomes.judged.any():
+            _, _, low, high = mean_effect(outcomes, "success").interval()
+            accuracy = f"{success[outcomes.judged].mean():.3f} [{low:.3f}, {high:.3f}]"
+            reward = f"{outcomes.reward[outcomes.judged].mean():.1f}"
+        cost = clustered(outcomes.cost, outcomes.object_name)
+        error = "" if np.isnan(cost.se) else f" ± {cost.se:.1f}"
         abstained = len(rows) - int(outcomes.answered.sum())
-        return (
-            f"|{shown}|{len(rows)}|{known}|{abstained}"
-            f"|{cost[-1]:.1f} ± {np.sqrt(cost_variance[-1]):.1f}|{reward}|"
-        )
+        cells = (label, len(rows), accuracy, abstained, f"{cost.estimate:.1f}{error}", reward)
+        return f"|{'|'.join(map(str, cells))}|"
+
+    def _add_means(
+        self, entity: str, rows: Ints, values: Floats, objects: NDArray[Any], counted: Bools
+    ) -> None:
+        """Add the mean of the first 1, 2, ... values that count, for those trials not sent yet."""
+        means, errors = running_means(values[counted], objects[counted])
+        # Rounded, as a plot would show the noise of equal values; one object has no error yet.
+        variances = np.nan_to_num(errors**2).round(9)
+        for row, mean, variance in zip(rows[counted], means.round(9), variances, strict=True):
+            if row >= self._sent:
+                fields = {"values": [float(mean)], "variances": [float(variance)]}
+                self._to.add(entity, rr.Measurements, self._times[row], **fields)
 
     def _add_text(self, entity: str, lines: Sequence[str]) -> None:
         text = rr.TextDocument.from_fields(text="\n".join(lines), media_type="text/markdown")

@@ -16,7 +16,7 @@ from meal_bayes.evaluation import (
     paired_fractions,
     resampled,
 )
-from meal_bayes.evaluation.statistics import spent, wilson_interval
+from meal_bayes.evaluation.statistics import running_means, spent, wilson_interval
 
 values = st.lists(st.floats(-100, 100), min_size=3, max_size=30)
 
@@ -26,6 +26,17 @@ def test_copies_within_a_cluster_are_no_new_cases(x, copies):
     clusters = np.repeat(np.arange(len(x)), copies)
     usual = np.std(x, ddof=1) / np.sqrt(len(x))
     assert clustered(np.repeat(x, copies), clusters).se == pytest.approx(usual, abs=1e-9)
+
+
+@given(values, st.data())
+def test_running_means_are_those_of_every_beginning(x, data):
+    """The curve of the viewer and the table of the report have one error bar."""
+    clusters = data.draw(st.lists(st.integers(0, 4), min_size=len(x), max_size=len(x)))
+    means, errors = running_means(x, clusters)
+    for n in range(1, len(x) + 1):
+        expected = clustered(x[:n], clusters[:n])
+        assert means[n - 1] == pytest.approx(expected.estimate, abs=1e-9)
+        assert errors[n - 1] == pytest.approx(expected.se, abs=1e-5, nan_ok=True)
 
 
 def test_intervals_are_students():
