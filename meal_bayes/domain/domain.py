@@ -190,7 +190,7 @@ class Domain:
         --------
         >>> from meal_bayes.domain import load_domain
         >>> load_domain("roc36").labels({"weight": "heavy", "blue": True})[:6]
-        array([ 0,  0,  1,  0,  0,  1], dtype=int8)
+        array([0, 0, 1, 0, 0, 1], dtype=int8)
         """
         labels = np.full(len(self.attributes), -1, np.int8)
         for name, value in values.items():

@@ -61,12 +61,12 @@ def test_equal_commands_write_equal_logs(run, table):
 
 
 def test_an_object_with_an_odd_name_gets_a_plain_file_name(run, table):
-    odd = "../../red jar\n"
+    odd = "../../red jar"
     save_percepts(replace(table, objects=(odd, *table.objects[1:])), "odd.npz")
     words = ("ask", "red", "--dataset", "odd.npz", "--object", odd, "--agent", "greedy", "--json")
     path = Path(json.loads(run(*words).stdout)["log"])
     assert path.parent == Path("logs")
-    assert path.name.startswith("ask-.._.._red_jar_-")
+    assert path.name.startswith("ask-.._.._red_jar-")
     assert path.is_file()
 
 

@@ -166,10 +166,10 @@ def safe(text):
 
 @pytest.fixture
 def strange(table):
-    """A trial about an object of a strange name."""
-    name = f"red_mug{ESCAPE}"
+    """A trial whose object's name turns text round, and whose agent's has control characters."""
+    name = "red_mug\N{RIGHT-TO-LEFT OVERRIDE}"
     made = dataclasses.replace(table, objects=(name, *table.objects[1:]))
-    return ask("red", dataset=made, object=name, agent="greedy")
+    return replace(ask("red", dataset=made, object=name, agent="greedy"), agent=f"a{ESCAPE}")
 
 
 def test_a_log_s_names_are_shown(run, strange, tmp_path):

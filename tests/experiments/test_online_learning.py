@@ -113,7 +113,8 @@ def learned(trials, run):
 def test_each_labelled_instance_is_one_count(name):
     trials, run = trained_once(name)
     np.testing.assert_array_equal(run.posterior.counts.sum(axis=(2, 3)), run.evidence)
-    assert run.evidence.sum() > 24  # more than pretraining gave
+    gained = run.evidence.sum() - 24  # over pretraining
+    assert (gained > 0) == (name != "prior")  # which touches nothing, and so learns nothing
     assert sum(trial.success for trial in trials) > 0
     assert max(len(trial.steps) for trial in trials) < 100  # none went round until it was stopped
 

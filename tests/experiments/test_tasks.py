@@ -137,15 +137,15 @@ class TestMistakes:
         with pytest.raises(SettingsError, match="no object has labels of more than 2"):
             offline_tasks(table, 3, 20, 0)
 
-    def test_groups_that_always_describe_the_object(self, roc36):
-        """Without a query that does not fit, all fit; without any label there is an error."""
+    def test_labels_of_true_values_alone_tell_the_others(self, roc36):
         groups = {"weight": ("heavy", "light"), "color": ("blue", "green")}
         domain = dataclasses.replace(roc36.domain, groups=groups, asked_minimum=-1)
         labels = np.array(roc36.labels)
         both = list(domain.columns(sum(groups.values(), ())))
         labels[:, both] = np.where(labels[:, both] == 1, 1, -1)
         fitting = dataclasses.replace(roc36, domain=domain, labels=labels)
-        assert all(describes(fitting, task) for task in offline_tasks(fitting, 2, 20, 0))
+        fits = [describes(fitting, task) for task in offline_tasks(fitting, 2, 20, 0)]
+        assert sum(fits) == 10  # a group's true value says what the others are
         labels[:, both] = -1
         with pytest.raises(SettingsError, match="each of 2 groups"):
             offline_tasks(dataclasses.replace(fitting, labels=labels), 2, 20, 0)

@@ -207,7 +207,9 @@ def test_logs_of_a_session_stand_in_one_folder(dataset, make, tmp_path):
     for name in (None, "mug", "a/b"):
         learner.ask("red", make.arm(), object_name=name)
     names = [path.name for path in sorted((tmp_path / "kitchen").iterdir())]
-    for name, part in zip(names, ("object_[0-9a-f]{16}", "mug", "a_b"), strict=True):
+    for name, part in zip(
+        names, ("object_[0-9a-f]{16}-[0-9a-f]{8}", "mug", "a_b-[0-9a-f]{8}"), strict=True
+    ):
         assert re.fullmatch(rf"\d{{8}}-\d{{6}}-\d{{6}}-{part}-[0-9a-f]{{6}}\.mcap", name)
 
 

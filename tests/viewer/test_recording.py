@@ -181,7 +181,7 @@ def test_strange_names_break_nothing(trials, read_back, tmp_path):
         x_names=tuple(f"x/{i}|" for i in range(len(trial.momdp.x_names))),
         behavior_names=tuple(f"do: {i}/*" for i in range(trial.momdp.n_behaviors)),
     )
-    task = Task("t", query, 0, "object\n| # ", ("k",))
+    task = Task("t", query, 0, "object| # <i>", ("k",))
     odd = dataclasses.replace(trial, task=task, agent="agent / #1", momdp=momdp)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
