@@ -8,6 +8,7 @@ extra ``gym``.
 >>> env = gymnasium.make("meal_bayes.gym:meal_bayes/ROC36-v0", attributes=2)  # doctest: +SKIP
 """
 
+import operator
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -161,7 +162,11 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
         if running.over:
             raise SettingsError("The episode is over; call reset() first.")
         momdp = running.momdp
-        chosen = int(action)
+        try:
+            chosen = operator.index(action)  # 2.7 or "3" is no action
+        except TypeError:
+            message = f"The action is {action!r:.60}; give a whole number of {self.action_space}."
+            raise SettingsError(message) from None
         self._steps += 1
         if 0 <= chosen < momdp.n_behaviors and not momdp.legal[running.belief.x, chosen]:
             reward = -float(momdp.cost[chosen])

@@ -86,7 +86,9 @@ def summarize_draws(draws: xr.Dataset, counts: ArrayLike) -> ConfusionPosterior:
     """
     whole = ConfusionPosterior.from_objects(counts)
     m, s, misperceived = rows_of(draws)
-    unlike = (1 - (m**2).sum(axis=-1)) * s / (s + 1)  # two percepts of one object differ
+    alike = np.isinf(s)  # objects: their percepts differ as those of two objects do
+    finite = np.where(alike, 1.0, s)
+    unlike = (1 - (m**2).sum(axis=-1)) * np.where(alike, 1.0, finite / (finite + 1))
     epsilon = misperceived[:, None, None, None]
     mean = (1 - epsilon[..., None]) * m + epsilon[..., None] * m[..., ::-1, :]
     unlike = (1 - epsilon) * unlike + epsilon * unlike[..., ::-1]
@@ -98,7 +100,8 @@ def summarize_draws(draws: xr.Dataset, counts: ArrayLike) -> ConfusionPosterior:
     concentration = whole.concentration.copy()
     dispersion = whole.dispersion.copy()
     concentration[:, columns] = weight[..., None] * center
-    dispersion[:, columns] = ratio / (1 - ratio)
+    with np.errstate(divide="ignore"):  # to infinity
+        dispersion[:, columns] = ratio / (1 - ratio)
     return ConfusionPosterior(whole.counts, concentration, dispersion)
 
 
@@ -136,7 +139,7 @@ def posterior_from(idata: Any, domain: Domain) -> ConfusionPosterior:
         draws = xr.Dataset({"mean": mean, "dispersion": dispersion})
         if "misperception" in group:
             draws["misperception"] = group["misperception"].transpose("chain", "draw")
-    except (KeyError, ValueError, AttributeError, TypeError) as fault:
+    except Exception as fault:  # whatever xarray or pandas raise, such as of doubled names
         raise DataError(
             f"This holds no posterior of confusion matrices ({fault}); expected `mean` "
             "(chain, draw, attribute, behavior, truth, level) and `dispersion` with truths "
@@ -156,14 +159,19 @@ def posterior_from(idata: Any, domain: Domain) -> ConfusionPosterior:
             raise DataError(f"The posterior: {unknown('attribute', name, fitted)}")
     names["attribute"] = list(domain.attributes)
     names["behavior"] = sorted(sensors, key=domain.behavior_index)
-    try:
-        group = "observed_data" if "counts" in idata["observed_data"] else "constant_data"
-        percepts = idata[group]["counts"].transpose("object", *ROW, "level").sel(names)
-    except (KeyError, ValueError, AttributeError) as fault:
+    for group in ("observed_data", "constant_data"):
+        try:
+            percepts = idata[group]["counts"].transpose("object", *ROW, "level").sel(names)
+            break
+        except Exception as fault:  # whatever xarray or pandas raise
+            missing = fault
+    else:
         raise DataError(
-            f"The posterior comes without the percepts it was drawn from ({fault}); give "
+            f"The posterior comes without the percepts it was drawn from ({missing}); give "
             "to_idata the counts (object, attribute, behavior, truth, level) as observed_data."
-        ) from None
+        )
+    if not percepts.any():
+        raise DataError("The percept counts are all 0; give those that the draws come from.")
     if not ((percepts >= 0) & (percepts % 1 == 0)).all():
         raise DataError("Percept counts must be whole numbers >= 0.")
     counts = percepts.reindex(behavior=list(domain.behavior_names), fill_value=0).values.astype(int)

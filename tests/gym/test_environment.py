@@ -142,3 +142,11 @@ def test_tasks_that_are_not_there_are_told():
         MealEnv("roc36", agent="greedy", trials=5).reset(options={"task": 5})
     with pytest.raises(SettingsError, match="call reset"):
         MealEnv("roc36", agent="greedy", trials=5).step(0)
+
+
+@pytest.mark.parametrize("action", [2.7, "3", np.array([3]), float("nan"), None, np.float64(2)])
+def test_what_is_no_whole_number_is_no_action(action):
+    env = gymnasium.make("meal_bayes/ROC36-v0", attributes=1, agent="greedy").unwrapped
+    env.reset(seed=0)
+    with pytest.raises(SettingsError, match="give a whole number of Discrete"):
+        env.step(action)

@@ -99,3 +99,15 @@ def test_rows_for_agents_hold_what_is_misperceived():
     m, precision = summary.mean[0, 0, 1], summary.dispersion[0, 0, 1]
     assert (1 + precision * (m**2).sum()) / (precision + 1) == pytest.approx(equal, abs=0.005)
     assert precision < 1.2
+
+
+@pytest.mark.parametrize("alike", [slice(None), slice(3, 4)], ids=["all", "one draw"])
+def test_objects_may_be_all_alike(alike):
+    rng = np.random.default_rng(0)
+    mean = rng.dirichlet([9, 3], (1, 50, 2, 2, 2))
+    counts = rng.integers(1, 5, (6, 2, 2, 2, 2))
+    dispersion = np.full(mean.shape[:-1], 5.0)
+    dispersion[:, alike] = np.inf
+    draws = draws_of(["red", "full"], ["look", "lift"], mean, dispersion)
+    summary = summarize_draws(draws, counts)
+    assert (np.isinf(summary.dispersion) if alike == slice(None) else summary.dispersion > 5).all()
