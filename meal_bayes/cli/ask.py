@@ -85,6 +85,18 @@ def demo(seed: int, logs: Path) -> None:
 @click.option("--object", required=True, metavar="NAME", help="The object asked about.")
 @opt.option("--agent", None, "bayes", "NAME", f"Who answers: {opt.AGENTS}; or {opt.OWN}.")
 @click.option(
+    "--yes-no",
+    is_flag=True,
+    help='Answer yes or no: "Is it red and not heavy?", "... or ...".',
+)
+@click.option(
+    "--payoffs",
+    type=float,
+    nargs=4,
+    metavar="S S S S",
+    help="What a right yes, a wrong yes, a right no and a wrong no earn.",
+)
+@click.option(
     "--learn",
     is_flag=True,
     help="Ask whether the answer was right, and use earlier labels; see `meal-bayes memory`.",
@@ -134,6 +146,7 @@ def _answer(
 
     Remembered are the labels that people gave before, None where objects are not recognized.
     """
+    from meal_bayes.domain import read_question
     from meal_bayes.files import check_folder, file_name
     from meal_bayes.learner import Learner
     from meal_bayes.learner.memory import tell_remembered
@@ -142,7 +155,10 @@ def _answer(
     agent = opt.agent_value(config["agent"])
     seed = config["seed"]
     learner = Learner(table.domain, agent=agent, seed=seed, logs=None).fit(table)
-    task = learner.task(config["question"], config["object"])
+    answer = "yes or no" if config.get("yes_no") else "values"
+    payoffs = config.get("payoffs") or None
+    query = read_question(config["question"], table.domain, answer, payoffs)
+    task = learner.task(query, config["object"])
     check_folder(logs)  # once agent, question and object are known to be some
     start = time.perf_counter()
     if remembered is not None:
@@ -168,7 +184,10 @@ def _ask_labels(trial: "Trial", known: set[str]) -> dict[str, bool]:
         said = query.report_name(trial.report.tolist())
         right = _prompt(f"The answer was: {said}. Was that right?")
         if right is not None:
-            pairs = zip(names, implied(trial.report, right=right).tolist(), strict=True)
+            told = implied(trial.report, right=right)
+            if query.event is not None:  # "no" to several literals says nothing of any
+                told = query.event.labels(bool(trial.report[0]) == right, query.variables)
+            pairs = zip(names, told.tolist(), strict=True)
             labels = {name: label == 1 for name, label in pairs if label >= 0}
     if right is False:
         for question, places in query.questions:

@@ -30,11 +30,10 @@ def print_trial(console: Console, trial: "Trial") -> None:
     """Print a finished trial, each step with its decision, outcome and belief."""
     momdp = trial.momdp
     query = trial.task.query
-    names = query.value_names
     spent = 0.0
     headed = False
     console.print(Text("before any behavior", "bold"))
-    _print_belief(console, names, trial.first_belief.positive)
+    _print_belief(console, *_beliefs(trial, trial.first_belief.positive))
     for number, step in enumerate(trial.steps, start=1):
         action = step.decision.action
         spent = spent + step.cost
@@ -51,7 +50,7 @@ def print_trial(console: Console, trial: "Trial") -> None:
             pairs = zip(query.questions, percepts, strict=True)
             outcome["percept"] = ", ".join(f"{name}: {word}" for (name, _), word in pairs)
         print_facts(console, outcome | facts, warning="yellow")
-        _print_belief(console, names, step.belief.positive)
+        _print_belief(console, *_beliefs(trial, step.belief.positive))
         print_facts(console, {"cost": f"{step.cost:g} s, in all {spent:.1f} s"})
     console.print()
     _print_end(console, trial)
@@ -87,9 +86,18 @@ def _print_values(console: Console, momdp: "MOMDP", step: "Step", *, heads: bool
     return True
 
 
-def _print_belief(
-    console: Console, names: "Sequence[str]", positive: "NDArray[np.float64]"
-) -> None:
+def _beliefs(
+    trial: "Trial", positive: "NDArray[np.float64]"
+) -> "tuple[Sequence[str], Sequence[float]]":
+    """Return names and probabilities: of yes, where it is asked, and of the attributes."""
+    names = trial.task.query.value_names
+    event = trial.momdp.reports.probability_now(positive)
+    if event is None:
+        return names, positive.tolist()
+    return ("yes", *names), [event, *positive.tolist()]
+
+
+def _print_belief(console: Console, names: "Sequence[str]", positive: "Sequence[float]") -> None:
     width = max(map(len, names))
     rows = []
     for name, p in zip(names, positive, strict=True):
@@ -122,6 +130,8 @@ def trial_json(trial: "Trial") -> dict[str, object]:
     return {
         "object": trial.task.object_name,
         "attributes": list(query.attributes),
+        "question": query.text,
+        "probability": trial.probability,
         "agent": trial.agent,
         "report": _by_question(query, trial.report),
         "truth": query.by_question(truth),
@@ -146,4 +156,7 @@ def trial_json(trial: "Trial") -> dict[str, object]:
 
 
 def _by_question(query: "Query", values: "NDArray[Any] | None") -> dict[str, object] | None:
+    """Return values by question; a report of yes or no by the event."""
+    if values is not None and len(values) < len(query):
+        return {query.text.removesuffix("?"): values.tolist()[0]}
     return None if values is None else query.by_question(values.tolist())

@@ -57,6 +57,19 @@ def run() -> None:
     "R",
     "For a right answer, and taken for a wrong one; the data set's by default.",
 )
+@click.option(
+    "--yes-no",
+    "answer",
+    flag_value="yes or no",
+    default="values",
+    help="Ask whether all of the attributes hold, in place of their values.",
+)
+@click.option(
+    "--yes-no-balanced",
+    "answer",
+    flag_value="balanced",
+    help='The same with literals ("red and not empty") such that half of the answers are yes.',
+)
 @opt.shared("logs", "fresh", "json")
 def offline(root: Path | None, agents: tuple[str, ...], as_json: bool, **settings: Any) -> None:
     """Run agents on the same queries about objects they never learned from.
@@ -64,7 +77,7 @@ def offline(root: Path | None, agents: tuple[str, ...], as_json: bool, **setting
     An interrupted run continues when the same command is given again.
     """
     from meal_bayes import experiments
-    from meal_bayes.evaluation import summarize
+    from meal_bayes.evaluation import answer_rates, summarize
     from meal_bayes.evaluation.statistics import plain
 
     how = {name: settings.pop(name) for name in _HOW}
@@ -86,11 +99,25 @@ def offline(root: Path | None, agents: tuple[str, ...], as_json: bool, **setting
         for name in agents
         if _AGAINST in agents and name != _AGAINST
     ]
+    rates = {}
+    if config.answer != "values":
+        rates = {name: answer_rates(rows.outcomes.of_agent(name)) for name in agents}
     if as_json:
-        facts = {"rows": [row.as_dict() for row in rows], "paired": paired}
+        facts: dict[str, Any] = {"rows": [row.as_dict() for row in rows], "paired": paired}
+        facts |= {"rates": {name: rate._asdict() for name, rate in rates.items()}} if rates else {}
         terminal.print_json({"config": config.as_dict(), **facts, "log": str(finished.folder)})
         return
     _print_summary(rows, paired)
+    if rates:
+        terminal.output().print()
+        heads = {
+            "agent": "{agent}",
+            "hit rate": "{hit_rate:.3f}",
+            "false-alarm rate": "{false_alarm_rate:.3f}",
+            "yes is right": "{yes:.1%}",
+        }
+        cells = ({"agent": name, **rate._asdict()} for name, rate in rates.items())
+        terminal.print_table(heads, cells, narrow=True)
     terminal.note(f"trials in {finished.folder}")
 
 

@@ -5,10 +5,13 @@ In: TOML tables (shipped or one's own). Out: `Domain`, `TransitionDiagram`, `Que
 
 from meal_bayes.domain.diagram import TERMINAL, Effect, TransitionDiagram
 from meal_bayes.domain.domain import Behavior, Domain, learn_success, unknown
-from meal_bayes.domain.query import Query, read_query
+from meal_bayes.domain.event import Event, Payoffs
+from meal_bayes.domain.query import Query
+from meal_bayes.domain.reading import read_event, read_query, read_question
 from meal_bayes.domain.tables import domain_from_table, domain_names, domain_table, load_domain
 
 __all__ = [
-    "TERMINAL", "Behavior", "Domain", "Effect", "Query", "TransitionDiagram", "domain_from_table",
-    "domain_names", "domain_table", "learn_success", "load_domain", "read_query", "unknown",
+    "TERMINAL", "Behavior", "Domain", "Effect", "Event", "Payoffs", "Query", "TransitionDiagram",
+    "domain_from_table", "domain_names", "domain_table", "learn_success", "load_domain",
+    "read_event", "read_query", "read_question", "unknown",
 ]  # fmt: skip

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from meal_bayes.display import facts_html, facts_repr, listed
 from meal_bayes.domain.diagram import TransitionDiagram
+from meal_bayes.domain.event import Payoffs
 from meal_bayes.domain.labels import label_of, one_value
 from meal_bayes.errors import DomainError, QueryError
 from meal_bayes.untrusted import LARGEST
@@ -74,6 +75,8 @@ class Domain:
         r+ = -r- in Eq. 4.
     legal_budget : tuple[float, ...]
         Of Random Legal, s, by len(query).
+    payoffs : Payoffs | None
+        What yes and no earn, where they do not earn alike; r+ and r- by default.
     asked_minimum : int
         Experiments ask attributes with more than this many objects of each value.
 
@@ -95,6 +98,7 @@ class Domain:
     report_reward: float = 500.0
     legal_budget: tuple[float, ...] = (50.0, 80.0, 80.0)
     asked_minimum: int = 0
+    payoffs: Payoffs | None = None
 
     __repr__ = facts_repr
     _repr_html_ = facts_html

@@ -1,8 +1,7 @@
 """A query: the attributes a robot is asked about, and the table of all their values."""
 
 import math
-import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from itertools import zip_longest
 from typing import Any
@@ -11,23 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meal_bayes.arrays import freeze
-from meal_bayes.domain.domain import Domain, fold, unknown
+from meal_bayes.domain.event import Event, Payoffs
 from meal_bayes.errors import QueryError
 
 _TABLE_LIMIT = 2**20  # value vectors in a table; more would not fit in memory
-_NEGATIONS = {"not", "no", "non", "without", "never", "neither", "nor", "isnt", "doesnt"}  # and n't
-_ALTERNATIVES = {"or", "either", "xor"}
-_REFERENTS = {"object", "thing", "item", "one"}  # how a sentence names the object asked about
-_FUNCTION_TEXT = (
-    "a about an and any are as at be been being both but by can check color colored colour "
-    "coloured contain containing contains content contents could describe described do does "
-    "feel find for from full-of has have having hold holding holds how i if in inside is "
-    "it it's item its itself kind know like look made made-of me object of on one out please "
-    "possible robot say see seem so some something sort tell that that's the then there these "
-    "thing think this those to too us was we weight well were what what's whether which with "
-    "would you your also"
-)
-_FUNCTION_WORDS = set(_FUNCTION_TEXT.split())
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,6 +29,11 @@ class Query:
         outside is a variable of its own, true or false.
     group_names : tuple[str, ...]
         What each group is called; by default by its values, "empty, half or full".
+    event : Event | None
+        Of a question of yes or no, what is true if the answer is yes; None: the values of the
+        attributes are asked.
+    payoffs : Payoffs | None
+        What answers earn, where the question says so; of yes or no, or of one attribute.
 
     Examples
     --------
@@ -55,6 +46,8 @@ class Query:
     attributes: tuple[str, ...]
     groups: tuple[tuple[int, ...], ...] = field(default=(), repr=False)
     group_names: tuple[str, ...] = field(default=(), repr=False, compare=False)
+    event: Event | None = field(default=None, repr=False)
+    payoffs: Payoffs | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         if not self.attributes:
@@ -74,6 +67,13 @@ class Query:
             )
         names = tuple(name or self._alternatives(group) for group, name in by_place)
         object.__setattr__(self, "group_names", names)
+        if self.event is not None:
+            self.event.check(self.attributes, self.variables)
+        if self.payoffs is not None and not self.yes_or_no:
+            raise QueryError(
+                f"Payoffs of yes and no, but {len(self)} values are asked; ask a question of yes "
+                "or no, or one attribute."
+            )
 
     def _alternatives(self, places: Iterable[int]) -> str:
         """Name a group by its values."""
@@ -102,8 +102,15 @@ class Query:
         return tuple((names.get(p, self.attributes[p[0]]), p) for p in self.variables)
 
     @property
+    def yes_or_no(self) -> bool:
+        """Whether there are two answers: about an event, or about one attribute."""
+        return self.event is not None or len(self) == 1
+
+    @property
     def text(self) -> str:
-        """What is asked, as in "metal, fill?"."""
+        """What is asked, as in "metal, fill?", or of yes or no in "metal and not full?"."""
+        if self.event is not None:
+            return f"{self.event.text(self.attributes, self.variables)}?"
         return f"{', '.join(name for name, _ in self.questions)}?"
 
     @property
@@ -178,6 +185,32 @@ class Query:
                 bits[place] = digit == number
         return bits
 
+    @property
+    def n_reports(self) -> int:
+        """Number of answers that report something: Y, or 2 of a question of yes or no."""
+        return self.n_values if self.event is None else 2
+
+    def report_of(self, index: int) -> NDArray[np.bool_]:
+        """Return a report: values (N,), or whether the answer is yes, (1,)."""
+        if self.event is None:
+            return self.values_of(index)
+        return freeze([index == 1], np.bool_)
+
+    @property
+    def report_size(self) -> int:
+        """How many truth values a report has: N, or one of yes or no."""
+        return len(self) if self.event is None else 1
+
+    def report_index(self, report: Sequence[bool] | NDArray[np.bool_]) -> int:
+        """Return the number of a report, as `report_of` has it."""
+        return self.index_of(report) if self.event is None else int(report[0])
+
+    def report_truth(self, truth: NDArray[np.int8]) -> NDArray[np.int8]:
+        """Return the report that is right, of truths (N,): 1 true, 0 false, -1 not known."""
+        if self.event is None:
+            return truth
+        return freeze([self.event.holds(truth, self.variables)], np.int8)
+
     def index_of(self, values: Sequence[bool] | NDArray[np.bool_]) -> int:
         """Return the row y of a value vector in `values`; any N."""
         index = 0
@@ -198,7 +231,9 @@ class Query:
         return freeze(self._bits(digits[::-1]), np.bool_)
 
     def report_name(self, values: Sequence[bool] | NDArray[np.bool_]) -> str:
-        """Format one report; of a group the value that is true."""
+        """Format one report: "yes" or "no", or values; of a group the one that is true."""
+        if self.event is not None:
+            return "yes" if values[0] else "no"
         grouped = {place for group in self.groups for place in group}
         return ", ".join(
             name if value else f"not {name}"
@@ -208,100 +243,6 @@ class Query:
 
     @property
     def report_names(self) -> tuple[str, ...]:
-        """Words of all reports, (Y,)."""
-        return tuple(self.report_name(row) for row in self.values)
-
-
-def read_query(question: str | Sequence[str], domain: Domain) -> Query:
-    """Read a query from a sentence, a comma list, or a list of attribute names.
-
-    Case and the coding of accents play no part, and the domain's synonyms are understood (ROC36:
-    RED is its "brown"). Word order gives the attributes' order. Where "object" or "thing" is an
-    attribute, a sentence with other attributes means the object itself by it; a list means the
-    attribute.
-
-    The name of a group asks for its value, and so do two of its values; a single value ("Is the
-    color red?", "Is it half full?") is asked as an attribute, true or false.
-
-    Raises
-    ------
-    QueryError
-        No attribute, an unknown one (the nearest are suggested), one named twice, a negation, or
-        an alternative: the robot reports each attribute as it is.
-
-    Examples
-    --------
-    >>> from meal_bayes.domain import load_domain
-    >>> read_query("What color is it?", load_domain("roc36")).report_names
-    ('brown', 'green', 'blue')
-    """
-    named: Any = question  # users give anything
-    if not isinstance(named, str | Sequence) or not all(isinstance(name, str) for name in named):
-        raise QueryError(f"A question is a sentence or names; found {question!r:.60}.")
-    plural = {fold(name) + "s": name for name in domain.groups}
-    known = plural | {fold(name): name for name in domain.groups} | domain.words
-    listed = question.split(",") if isinstance(question, str) else question
-    asked = [fold(item) for item in listed]
-    if isinstance(question, str) and not all(item in known for item in asked):
-        asked = _asked(question, known, domain)
-    for word in asked:
-        if word not in known:
-            names = (*domain.attributes, *domain.synonyms, *domain.groups)
-            raise QueryError(unknown("attribute", word, names))
-    return _query([known[word] for word in asked], domain)
-
-
-def _asked(question: str, known: Mapping[str, str], domain: Domain) -> list[str]:
-    """Return the words of a sentence that name what is asked, or should."""
-    words = _words(question, known, domain)
-    for word in words:
-        if word in _NEGATIONS | (_ALTERNATIVES - known.keys()) or word.endswith("n't"):
-            raise QueryError(
-                f'The question says {word!r}; ask the plain attributes (with "and" or commas), and '
-                "the report will say which of them hold."
-            )
-    asked = [word for word in words if word in known or word not in _FUNCTION_WORDS]
-    if not asked:
-        raise QueryError(
-            f"No attribute found in {question!r}; expected some of: {', '.join(domain.attributes)}."
-        )
-    return [word for word in asked if word not in _REFERENTS] or asked
-
-
-def _query(names: Sequence[str], domain: Domain) -> Query:
-    """Build the query of attributes and groups; a group is whole, or one of its values is asked."""
-    Query(tuple(names))  # raises where one is named twice
-    attributes: list[str] = []
-    groups: list[tuple[int, ...]] = []
-    group_names: list[str] = []
-    group_of = {value: group for group, values in domain.groups.items() for value in values}
-    for name in names:
-        group = group_of.get(name, "") if name in domain.attributes else name
-        members = domain.groups.get(group, ())
-        values = [value for value in names if value in members]
-        if len(values) == 1 or not members:
-            attributes += [name] if name in domain.attributes else []
-        elif members[0] not in attributes:
-            groups.append(tuple(range(len(attributes), len(attributes) + len(members))))
-            group_names.append(group)
-            attributes += members
-    return Query(tuple(attributes), tuple(groups), tuple(group_names))
-
-
-def _words(question: str, known: Mapping[str, str], domain: Domain) -> list[str]:
-    """Split a sentence into words; names of the domain with spaces or hyphens stay whole.
-
-    Of two values of one group that stand side by side ("half full") the first is meant.
-    """
-    text = fold(question).replace("\N{RIGHT SINGLE QUOTATION MARK}", "'")
-    compound = sorted((name for name in known if not name.isalnum()), key=len, reverse=True)
-    pattern = "|".join([*(rf"(?<!\w){re.escape(n)}(?!\w)" for n in compound), r"[\w'-]+"])
-    words: list[str] = []
-    end = 0
-    for match in re.finditer(pattern, text):
-        word, before = match.group().strip("'-"), known.get(words[-1], "") if words else ""
-        beside = words and text[end : match.start()].isspace()
-        if not (beside and known.get(word) in domain.group_of(before)) and word:
-            words.append(word)
-        end = match.end()
-    return words
+        """Words of all reports, (Y,), or of no and yes."""
+        reports = self.values if self.event is None else [[False], [True]]
+        return tuple(self.report_name(row) for row in reports)

@@ -25,7 +25,8 @@ from typing import Any
 
 from meal_bayes.domain.diagram import TERMINAL, Effect, TransitionDiagram
 from meal_bayes.domain.domain import Behavior, Domain, unknown
-from meal_bayes.errors import DomainError, SettingsError
+from meal_bayes.domain.event import Payoffs
+from meal_bayes.errors import DomainError, QueryError, SettingsError
 from meal_bayes.untrusted import (
     DIAGRAM_LIMIT,
     LINE_LIMIT,
@@ -50,7 +51,7 @@ _PARTS = {_LIST: _TEXT, _ROWS: _TABLE, _NUMBERS: _NUMBER}
 _DOMAIN_KEYS = {
     "name": _TEXT, "data": _TEXT, "note": _TEXT, "attributes": _LIST, "groups": _TABLE,
     "synonyms": _TABLE, "predefined": _LIST, "report_reward": _NUMBER, "legal_budget": _NUMBERS,
-    "asked_minimum": _COUNT, "behaviors": _ROWS, "diagram": _TABLE,
+    "asked_minimum": _COUNT, "payoffs": _TABLE, "behaviors": _ROWS, "diagram": _TABLE,
 }  # fmt: skip
 _DIAGRAM_KEYS = {"states": _LIST, "start": _TEXT, "effects": _ROWS, "illegal": _TEXT}
 _BEHAVIOR_KEYS = {
@@ -125,6 +126,13 @@ def domain_from_table(table: object) -> Domain:
     # Keys and forms first, then sizes: `Domain` checks what the values mean together.
     required = ("name", "attributes", "behaviors", "diagram")
     fields = _fields("the domain", table, _DOMAIN_KEYS, required)
+    if "payoffs" in table:
+        four = dict.fromkeys(Payoffs._fields, _NUMBER)
+        stated = _fields("[payoffs]", table["payoffs"], four, Payoffs._fields)
+        try:
+            fields["payoffs"] = Payoffs.of([stated[name] for name in Payoffs._fields])
+        except QueryError as error:
+            raise DomainError(str(error)) from None
     diagram = _fields("[diagram]", table["diagram"], _DIAGRAM_KEYS, ("states", "start", "effects"))
     _check_sizes(table)
     for part, form in (("groups", _LIST), ("synonyms", _TEXT)):
@@ -152,6 +160,9 @@ def domain_table(domain: Domain) -> dict[str, Any]:
     True
     """
     table = asdict(domain)
+    payoffs = table.pop("payoffs")
+    if payoffs is not None:
+        table["payoffs"] = payoffs._asdict()
     table["behaviors"] = [
         {key: value for key, value in row.items() if value is not None}
         for row in table["behaviors"]

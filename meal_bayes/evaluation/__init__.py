@@ -18,10 +18,32 @@ from meal_bayes.evaluation.statistics import (
     paired_fractions,
     resampled,
 )
-from meal_bayes.evaluation.summary import SummaryRow, compare, difference, mean_effect, summarize
+from meal_bayes.evaluation.summary import (
+    AnswerRates,
+    SummaryRow,
+    answer_rates,
+    compare,
+    difference,
+    mean_effect,
+    summarize,
+)
 
 __all__ = [
-    "Effect", "Interval", "SummaryRow", "brier", "calibration_error",
-    "clustered", "compare", "compare_outcomes", "difference", "expected_calibration_error",
-    "mean_effect", "negative_log_likelihood", "paired_fractions", "resampled", "summarize",
+    "AnswerRates",
+    "Effect",
+    "Interval",
+    "SummaryRow",
+    "answer_rates",
+    "brier",
+    "calibration_error",
+    "clustered",
+    "compare",
+    "compare_outcomes",
+    "difference",
+    "expected_calibration_error",
+    "mean_effect",
+    "negative_log_likelihood",
+    "paired_fractions",
+    "resampled",
+    "summarize",
 ]  # fmt: skip

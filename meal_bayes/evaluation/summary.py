@@ -4,7 +4,7 @@ import dataclasses
 import math
 from collections.abc import Iterable, Mapping
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +23,41 @@ from meal_bayes.seeds import stream
 from meal_bayes.trials import TrialOutcomes, Trials
 
 _FRACTIONS = ("success", "abstained")  # measures of which trials have 0 or 1
+
+
+class AnswerRates(NamedTuple):
+    """How often an agent says yes, where yes is right, and where it is not.
+
+    Attributes
+    ----------
+    hit_rate, false_alarm_rate : float
+        Of the judged trials; NaN where there are none. Abstaining is no yes.
+    yes : float
+        Fraction of the judged trials in which yes is right.
+    """
+
+    hit_rate: float
+    false_alarm_rate: float
+    yes: float
+
+
+def answer_rates(trials: Trials) -> AnswerRates:
+    """Compute hit rate and false-alarm rate of trials that ask for yes or no.
+
+    Raises
+    ------
+    SettingsError
+        Trials that ask for the values of several attributes.
+    """
+    outcomes = TrialOutcomes.of(trials)
+    if outcomes.attribute.shape[1] != 1:
+        raise SettingsError("Rates are of questions of yes or no; these ask for several values.")
+    truth, said_yes = outcomes.truth[outcomes.judged, 0], outcomes.report[outcomes.judged, 0] == 1
+    hit, alarm = (
+        float(said_yes[truth == value].mean()) if (truth == value).any() else math.nan
+        for value in (1, 0)
+    )
+    return AnswerRates(hit, alarm, float((truth == 1).mean()) if len(truth) else math.nan)
 
 
 @dataclasses.dataclass(frozen=True, slots=True)

@@ -23,6 +23,9 @@ _CHOICES = {
 }  # fmt: skip
 
 
+ANSWERS = ("values", "yes or no", "balanced")
+
+
 def _as_dict(config: "OfflineConfig | OnlineConfig") -> dict[str, object]:
     """Return plain values, for headers and JSON."""
     values = {field.name: getattr(config, field.name) for field in dataclasses.fields(config)}
@@ -51,12 +54,15 @@ class OfflineConfig:
         "recorded" or "model"; "default" or "paper".
     reward : float | None
         r+ = -r-, the domain's by default.
+    answer : str
+        "values"; "yes or no", whether all of the attributes hold; or "balanced": yes or no with
+        literals ("red and not empty") such that yes is right in half of the trials.
 
     Raises
     ------
     SettingsError
         An agent that is unknown or named twice, a negative seed, a reward that is not positive and
-        finite.
+        finite, another kind of answer.
     """
 
     dataset: Any
@@ -67,12 +73,15 @@ class OfflineConfig:
     percepts: str = "recorded"
     perception: str = "default"
     reward: float | None = None
+    answer: str = "values"
 
     __repr__ = short_repr
     as_dict = _as_dict
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "agents", _checked(self.agents, self.seed, self.reward))
+        if self.answer not in ANSWERS:
+            raise SettingsError(f"answer is {self.answer!r:.40}; expected one of {ANSWERS}.")
         if isinstance(self.dataset, Path):
             object.__setattr__(self, "dataset", str(self.dataset))
         if not isinstance(self.dataset, str | Dataset | PerceptTable):

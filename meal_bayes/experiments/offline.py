@@ -13,7 +13,7 @@ import numpy as np
 
 from meal_bayes.datasets import Dataset, PerceptTable
 from meal_bayes.display import short_repr
-from meal_bayes.domain import Query
+from meal_bayes.domain import Event, Query
 from meal_bayes.errors import SettingsError
 from meal_bayes.evaluation import summarize
 from meal_bayes.experiments.config import OfflineConfig
@@ -160,7 +160,9 @@ def run_offline(
     source = TableSource.of(config.dataset, config.perception)
     table = _loaded(source)
     config = dataclasses.replace(config, dataset=source.name)  # by which other processes find it
-    tasks = offline_tasks(table, config.attributes, config.trials, config.seed)
+    tasks = offline_tasks(
+        table, config.attributes, config.trials, config.seed, answer=config.answer
+    )
     name = f"offline-{table.domain.name}-n{config.attributes}-seed{config.seed}"
     # Whole units of a short run are the first units of a longer one, so both share a folder.
     ignore = ("trials",) if config.trials % UNIT == 0 else ()
@@ -209,13 +211,16 @@ def askable(table: PerceptTable | Dataset) -> tuple[str, ...]:
     return tuple(name for name, ok in zip(table.domain.attributes, enough, strict=True) if ok)
 
 
-def offline_tasks(table: PerceptTable, n_attributes: int, trials: int, seed: int) -> list[Task]:
+def offline_tasks(
+    table: PerceptTable, n_attributes: int, trials: int, seed: int, *, answer: str = "values"
+) -> list[Task]:
     """Draw the tasks of an offline run.
 
     Objects are uniform; attributes are distinct and uniform among the askable ones. Where the
     domain has groups (ROC36), a query takes one attribute of each of N groups, and in half of the
     trials the values named are the object's own. Each (object, attribute set) comes once, in
-    seeded order, before any comes twice.
+    seeded order, before any comes twice. The answer is one of `OfflineConfig`; what it is changes
+    neither objects, attributes nor random streams.
 
     Raises
     ------
@@ -258,7 +263,33 @@ def offline_tasks(table: PerceptTable, n_attributes: int, trials: int, seed: int
         name = table.objects[o]
         key: tuple[str | int, ...] = (table.domain.data, index, name, *attributes)
         tasks.append(Task(f"{index:05d} {name}", Query(attributes), o, name, key))
-    return tasks
+    if answer == "values":
+        return tasks
+    return _of_yes_or_no(tasks, table, balanced=answer == "balanced", seed=seed)
+
+
+def _of_yes_or_no(
+    tasks: list[Task], table: PerceptTable, *, balanced: bool, seed: int
+) -> list[Task]:
+    """Ask whether all attributes of each task hold; if balanced, literals of which half hold.
+
+    Of the other half a subset of the literals is wrong, which is drawn uniformly.
+    """
+    rng = stream(seed, "literals", table.domain.data, len(tasks))
+    right = rng.permutation(np.arange(len(tasks)) % 2 == 0)
+    asked = []
+    for task, holds in zip(tasks, right.tolist(), strict=True):
+        n = len(task.query)
+        literals = np.ones(n, bool)
+        if balanced:
+            wrong = 0 if holds else int(rng.integers(1, 2**n))
+            truth = table.labels[task.object_index, table.domain.columns(task.query.attributes)]
+            literals = (truth == 1) ^ ((wrong >> np.arange(n)) % 2 == 1)
+        query = task.query
+        if n > 1 or not literals.all():  # else it is the value of one attribute
+            query = dataclasses.replace(query, event=Event(tuple(literals.tolist())))
+        asked.append(dataclasses.replace(task, query=query))
+    return asked
 
 
 def _draws(

@@ -74,6 +74,9 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
         Of the task list, and of the trials of tasks that are chosen by number.
     attributes, trials : int
         N, asked at a time, and tasks in the list, of all objects.
+    answer : str
+        "values"; "yes or no", whether all of the attributes hold; or "balanced", see
+        `OfflineConfig`. Then there are two reports, no (E) and yes (E + 1).
     objects : str | Sequence[str]
         Which ones tasks are about: "all", "train" or "test" (a quarter, the same for every seed),
         or names. Percepts of an object never come from classifiers that learned from it.
@@ -90,6 +93,7 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
         dataset: str | Path | PerceptTable | None = None,
         *,
         attributes: int = 2,
+        answer: str = "values",
         agent: object = "bayes",
         seed: int = 0,
         trials: int = 400,
@@ -103,7 +107,7 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
         table = TableSource.of(dataset).load()
         chosen = as_agent(agent)
         names = _chosen(table, objects)
-        every = offline_tasks(table, attributes, trials, seed)
+        every = offline_tasks(table, attributes, trials, seed, answer=answer)
         self.tasks = [task for task in every if task.object_name in names]
         if not self.tasks:
             raise SettingsError(f"None of the {trials} tasks is about {sorted(names)}; give more.")
@@ -118,7 +122,8 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
         e = len(table.domain.behaviors)
         p = len(table.domain.attributes)
         dearest = max(behavior.cost for behavior in table.domain.behaviors)
-        answers = 2**n + (chosen.abstain and table.domain.diagram.abstain)
+        reports = 2**n if answer == "values" else 2
+        answers = reports + (chosen.abstain and table.domain.diagram.abstain)
         self.action_space = spaces.Discrete(e + answers)
         self.observation_space = spaces.Dict(
             {
@@ -226,6 +231,7 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
             "action_mask": self.action_masks().astype(np.int8),
             "object": running.task.object_name,
             "query": tuple(name for name, _ in running.task.query.questions),
+            "question": running.task.query.text,
             "success": bool(self.trial.success) if reported else None,
         }
 

@@ -1,7 +1,7 @@
 """What a learner does when it is asked: its tasks, their problems and policies, their sessions."""
 
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from meal_bayes.agents import Agent, Knowledge, as_agent
 from meal_bayes.datasets import PerceptTable, object_index
-from meal_bayes.domain import Domain
+from meal_bayes.domain import Domain, Query, read_question
 from meal_bayes.errors import SettingsError
 from meal_bayes.files import file_name
 from meal_bayes.learner.experience import Experience, Key
@@ -112,6 +112,8 @@ class Answerer:
         *,
         truth: Mapping[str, bool] | ArrayLike | None = None,
         object_name: str | None = None,
+        answer: str = "values",
+        payoffs: Sequence[float] | None = None,
         learn: bool = True,
         log: str | Path | None = None,
         key: str | int | None = None,
@@ -134,6 +136,10 @@ class Answerer:
             {attribute: True or False} of what is known; compared with the report afterwards.
         object_name : str, optional
             An agent with `memory` recognizes it; by default it is a new object.
+        answer : str
+            "values" of what is asked, or "yes or no": "Is it red and not empty?", see `read_event`.
+        payoffs : sequence of float, optional
+            What a right yes, a wrong yes, a right no and a wrong no earn; the domain's by default.
         learn : bool
             Whether it explores, and becomes experience; else a test, as replays of a table are.
         log : str or Path, optional
@@ -164,6 +170,7 @@ class Answerer:
             raise SettingsError(_NO_TABLE if robot is None else NO_CLASSIFIERS)
         limit = robot.limit if isinstance(robot, RecordedRobot) else np.inf
         options = TrialOptions(truth, learn, limit, max_steps, max_cost, on_step)
+        question = self._read(question, answer, payoffs)
         session = self._open(question, object_name, key, log, options, state=None)
         return run_trial(session, self.replay(session.task) if robot is None else robot)
 
@@ -174,6 +181,8 @@ class Answerer:
         *,
         state: str | None = None,
         truth: Mapping[str, bool] | ArrayLike | None = None,
+        answer: str = "values",
+        payoffs: Sequence[float] | None = None,
         learn: bool = True,
         log: str | Path | None = None,
         key: str | int | None = None,
@@ -196,15 +205,23 @@ class Answerer:
             Whether somebody else decides, too, by `Session.command`.
         seed : int, optional
             Of what is drawn; the learner's by default.
-        question, object_name, truth, learn, log, key, max_steps, max_cost, on_step : Any
-            As for `ask`.
+        question, object_name, truth, answer, payoffs, learn, log, key : Any
+            As for `ask`; so are `max_steps`, `max_cost` and `on_step`.
         """
         state = self.domain.diagram.start if state is None else state
         options = TrialOptions(
             truth, learn, max_steps=max_steps, max_cost=max_cost, on_step=on_step,
             commanded=commanded, seed=seed,
         )  # fmt: skip
+        question = self._read(question, answer, payoffs)
         return self._open(question, object_name, key, log, options, state).start(state)
+
+    def _read(self, question: Question, answer: str, payoffs: Sequence[float] | None) -> Question:
+        """Read the question of a person who says how it is answered; others are read later."""
+        plain = answer == "values" and payoffs is None
+        if plain or isinstance(question, Task | Query):
+            return question
+        return read_question(question, self.domain, answer, payoffs)
 
     def resume(self, log: str | Path) -> Session:
         """Go on with a trial whose process ended in the middle of it, from its log.
@@ -260,7 +277,8 @@ class Answerer:
         if log is None and self.logs is None:
             return session
         place = Path(self.logs or "") / file_name(self.domain.name) if log is None else Path(log)
-        config = {"command": "Learner.ask", "question": str(question), "agent": self.agent.name}
+        text = question.text if isinstance(question, Query) else str(question)
+        config = {"command": "Learner.ask", "question": text, "agent": self.agent.name}
         header = {
             "config": config, "seed": self.settings.seed, "data": self.domain.data,
             "streams": list(session.key),

@@ -249,13 +249,36 @@ def next_percept(momdp: MOMDP, belief: Belief) -> NDArray[np.float64]:
 
 
 def best_report(momdp: MOMDP, belief: Belief) -> int:
-    """Return the action index E + y of the most probable report."""
-    return momdp.n_behaviors + momdp.query.index_of(belief.best_report)
+    """Return the action index of the report that is worth most: of values the most probable."""
+    reports = momdp.reports
+    if reports.event is None:
+        return momdp.n_behaviors + momdp.query.index_of(belief.best_report)
+    no, yes = reports.answers(reports.probability(belief.positive)).tolist()
+    return momdp.n_behaviors + int(yes > no)
 
 
 def report_value(momdp: MOMDP, belief: Belief) -> float:
     """Compute the best report's expected reward; a variable is right with its largest Pr(value)."""
-    return float(momdp.report_reward(belief.right))
+    reports = momdp.reports
+    if reports.event is None:
+        return float(reports.of_right(belief.right))
+    return float(reports.answers(reports.probability(belief.positive)).max())
+
+
+def expected_reward(momdp: MOMDP, belief: Belief, report: NDArray[np.bool_]) -> float:
+    """Compute the expected reward of a report at a belief."""
+    reports = momdp.reports
+    if reports.event is None:
+        return float(reports.of_right(belief.agreement(report)))
+    return float(reports.answers(reports.probability(belief.positive))[int(report[0])])
+
+
+def report_certainty(momdp: MOMDP, belief: Belief, report: NDArray[np.bool_]) -> float:
+    """Compute Pr(a report is right)."""
+    if momdp.reports.event is None:
+        return float(belief.agreement(report).prod())
+    p = float(momdp.reports.probability(belief.positive))
+    return p if report[0] else 1.0 - p
 
 
 def best_answer(momdp: MOMDP, belief: Belief) -> int:

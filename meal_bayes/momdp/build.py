@@ -29,6 +29,8 @@ class Objective:
         Factor a step, in planning only.
     abstain : bool
         Whether the agent may answer "I do not know", where the domain's diagram lets it.
+
+    What yes and no earn comes from the query, or the domain, where they say it.
     """
 
     correct: float | None = None
@@ -107,7 +109,9 @@ def build_momdp(
             rows[:, index] = 1.0 / rows.shape[-1]
     arrays = domain.diagram.compile(domain.behavior_names)
     goal = objective or Objective()
-    reward = domain.report_reward
+    correct = domain.report_reward if goal.correct is None else goal.correct
+    incorrect = -domain.report_reward if goal.incorrect is None else goal.incorrect
+    payoffs = query.payoffs or (domain.payoffs if query.yes_or_no else None)
     senses = np.array([behavior.senses for behavior in domain.behaviors])
     chance = np.array(np.broadcast_to(prior, (n,)), dtype=float)
     for group in map(list, query.groups):
@@ -127,8 +131,9 @@ def build_momdp(
         cost=np.array([behavior.cost for behavior in domain.behaviors]),
         bonus=np.zeros((n, e, 2)),
         limit=np.where(answers, np.inf, np.broadcast_to(limit, (e,))),
-        correct=reward if goal.correct is None else goal.correct,
-        incorrect=-reward if goal.incorrect is None else goal.incorrect,
+        correct=correct if payoffs is None else max(payoffs),
+        incorrect=incorrect if payoffs is None else min(payoffs),
+        payoffs=payoffs,
         discount=goal.discount,
         abstain=goal.abstain and domain.diagram.abstain,
     )

@@ -50,12 +50,11 @@ def _rewards(momdp: MOMDP) -> NDArray[np.float64]:
     """Compute the reward (X,Y,A) of every action, none in `term`: Eq. 4, and Eq. 11 if shaped."""
     truth = momdp.query.values.astype(int)  # (Y,N)
     reward = np.zeros((momdp.terminal + 1, len(truth), momdp.n_actions))
-    agrees = (truth[:, None] == truth).astype(float)  # (Y,Y,N) report against truth
     bonus = momdp.bonus[np.arange(truth.shape[1]), :, truth].sum(axis=1)  # (Y,E)
     # Formats know no legality: what is not legal ends the trial at a price below every report.
     gained = np.where(momdp.legal[:-1, None], bonus, momdp.incorrect - 1.0)  # (X-1,Y,E)
     reward[:-1, :, : momdp.n_behaviors] = gained - momdp.cost
-    reward[:-1, :, momdp.n_behaviors : momdp.abstention] = momdp.report_reward(agrees)
+    reward[:-1, :, momdp.n_behaviors : momdp.abstention] = momdp.reports.rewards()
     return reward
 
 
@@ -168,7 +167,8 @@ def file_tables(momdp: MOMDP) -> FileTables:
     y_names = tuple("".join("01"[value] for value in row) for row in momdp.query.values.astype(int))
     separator = "" if momdp.levels <= 10 else "_"  # digits
     levels = np.ndindex((momdp.levels,) * len(momdp.query))
-    answers = (*(f"a{name}" for name in y_names), *(["abstain"] if momdp.abstain else []))
+    named = y_names if momdp.query.event is None else ("no", "yes")
+    answers = (*(f"a{name}" for name in named), *(["abstain"] if momdp.abstain else []))
     reached = transition > 0
     reached[:, -1] = reached[:, :, -1] = False  # in and into `term` nothing is perceived
     return FileTables(

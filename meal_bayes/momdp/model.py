@@ -7,8 +7,9 @@ from numpy.typing import NDArray
 
 from meal_bayes.arrays import freeze, freeze_arrays, set_frozen
 from meal_bayes.display import facts_html, facts_repr, listed
-from meal_bayes.domain import Query
+from meal_bayes.domain import Payoffs, Query
 from meal_bayes.errors import SettingsError
+from meal_bayes.momdp.reports import Reports
 
 ARRAYS = {  # of a MOMDP: N attributes, E behaviors, X states, C latent classes, K levels
     "transition": "exx", "observation_probability": "exx", "legal": "xe", "confusion": "neck",
@@ -54,7 +55,7 @@ class MOMDP:
     cost : NDArray[np.float64]
         (E,) s.
     correct, incorrect : float
-        r+ and r-, rewards of a right and a wrong report.
+        r+ and r-, rewards of a right and a wrong report; of yes and no the largest and smallest.
     bonus : NDArray[np.float64]
         (N,E,2) shaping by attribute, behavior and truth (ITRS, Eq. 11).
     limit : NDArray[np.float64]
@@ -63,6 +64,8 @@ class MOMDP:
         Factor a step, in planning only.
     abstain : bool
         Whether the agent may answer "I do not know".
+    payoffs : Payoffs | None
+        Of yes and no; r+ and r- by default.
     log_truth : NDArray[np.float64]
         (N,2,C) ln Pr(truth | latent class) under the prior.
     """
@@ -85,6 +88,7 @@ class MOMDP:
     limit: NDArray[np.float64]
     discount: float = 0.99
     abstain: bool = False
+    payoffs: Payoffs | None = None
     log_truth: NDArray[np.float64] = field(init=False, repr=False)
 
     __repr__ = facts_repr
@@ -128,6 +132,12 @@ class MOMDP:
                 raise SettingsError(f"MOMDP.{name} must {text}; found {values}.")
         if not self.correct >= self.incorrect:
             raise SettingsError(f"Need correct >= incorrect: {self.correct}, {self.incorrect}.")
+        if self.payoffs is not None:
+            Payoffs.of(self.payoffs)
+            if not self.query.yes_or_no:
+                raise SettingsError("Payoffs are of yes and no, but values are asked.")
+            if (max(self.payoffs), min(self.payoffs)) != (self.correct, self.incorrect):
+                raise SettingsError(f"{self.payoffs} need correct and incorrect as their extremes.")
 
     def _log_truth(self) -> NDArray[np.float64]:
         """Compute ln Pr(truth | class) in logarithms, so that tiny probabilities stay exact."""
@@ -157,6 +167,12 @@ class MOMDP:
             "largest TPR - FPR": listed(largest, 3),
             "rewards": f"{paid}, costs {np.min(self.cost):g} to {np.max(self.cost):g} s",
         }
+
+    @property
+    def reports(self) -> Reports:
+        """What the answers are, and earn."""
+        symmetric = Payoffs(self.correct, self.incorrect, self.correct, self.incorrect)
+        return Reports(self.query, self.payoffs or symmetric)
 
     @property
     def levels(self) -> int:
@@ -195,30 +211,19 @@ class MOMDP:
 
     @property
     def n_actions(self) -> int:
-        """|A| = E + Y, and one more where the agent may abstain."""
+        """|A| = E + Y, or E + 2 of yes or no, and one more where the agent may abstain."""
         return self.abstention + self.abstain
 
     @property
     def abstention(self) -> int:
-        """Index E + Y of the answer "I do not know"."""
-        return self.n_behaviors + self.query.n_values
+        """Index of the answer "I do not know", after behaviors and reports."""
+        return self.n_behaviors + self.query.n_reports
 
     def reported(self, action: int) -> NDArray[np.bool_] | None:
-        """Return the values (N,) that an answer reports; None where it abstains."""
+        """Return what an answer reports, values (N,) or yes (1,); None where it abstains."""
         if action == self.abstention:
             return None
-        return self.query.values_of(action - self.n_behaviors)
-
-    def report_reward(self, right: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Compute r- + (r+ - r-) prod_i right_i: a report is right in all attributes, or wrong.
-
-        Parameters
-        ----------
-        right : NDArray[np.float64]
-            (..., N) Pr(attribute reported right); 0 or 1 once it is known.
-        """
-        gap = self.correct - self.incorrect
-        return np.asarray(self.incorrect + gap * right.prod(axis=-1))
+        return self.query.report_of(action - self.n_behaviors)
 
     def check_action(self, x: int, action: int) -> None:
         """Check an action before anything moves.

@@ -44,8 +44,10 @@ class Random:
 def _report_or_behavior(momdp: MOMDP, history: History, rng: np.random.Generator) -> Decision:
     legal = np.flatnonzero(momdp.legal[history.belief.x])
     query = momdp.query
-    if rng.random() * (float(query.n_values) + len(legal)) < len(legal):
+    if rng.random() * (float(query.n_reports) + len(legal)) < len(legal):
         return unvalued(momdp, int(rng.choice(legal)))
+    if query.event is not None:
+        return unvalued(momdp, momdp.n_behaviors + int(rng.integers(query.n_reports)))
     # Drawn bit by bit, as 2^81 reports fit in no machine integer.
     values = rng.random(len(query)) < 0.5  # a fair coin
     for group in query.groups:

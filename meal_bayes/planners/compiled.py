@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from meal_bayes.arrays import Floats
 from meal_bayes.momdp import MOMDP
+from meal_bayes.momdp.reports import Claim
 
 _INFORMATIVE = 3e-4  # bits: percepts with less information on the class are not planned with
 _ROUNDING = 1e-12
@@ -66,6 +67,8 @@ class Compiled(NamedTuple):
     shaped: bool  # is there any bonus?
     incorrect: float  # r-
     gap: float  # r+ - r-
+    claims: bool  # is the question one of yes or no?
+    claim: Claim  # what yes and no earn, then
 
 
 _known: dict[object, Dynamics] = {}  # at most _DIAGRAMS of them: the MOMDPs of a run share one
@@ -73,6 +76,7 @@ _known: dict[object, Dynamics] = {}  # at most _DIAGRAMS of them: the MOMDPs of 
 
 def compile_momdp(momdp: MOMDP, paid: float = np.inf, price: float = _PRICE) -> Compiled:
     """Compile a MOMDP for the kernels; shaping pays for `paid` percepts of a behavior a trial."""
+    claim = momdp.reports.claim
     return Compiled(
         dynamics=dynamics_of(momdp, price),
         percepts=Percepts(
@@ -90,6 +94,8 @@ def compile_momdp(momdp: MOMDP, paid: float = np.inf, price: float = _PRICE) -> 
         shaped=bool(momdp.bonus.any()),
         incorrect=float(momdp.incorrect),
         gap=float(momdp.correct - momdp.incorrect),
+        claims=claim is not None,
+        claim=claim or Claim(np.zeros(len(momdp.query), np.bool_), 0.0, 0.0, 0.0, 0.0),
     )
 
 

@@ -9,7 +9,16 @@ from numpy.typing import NDArray
 
 from meal_bayes.arrays import Floats
 from meal_bayes.errors import SettingsError
-from meal_bayes.momdp import MOMDP, Belief, Transition, best_answer, initial_belief, update_belief
+from meal_bayes.momdp import (
+    MOMDP,
+    Belief,
+    Transition,
+    best_answer,
+    expected_reward,
+    initial_belief,
+    report_certainty,
+    update_belief,
+)
 from meal_bayes.momdp.observation import sample_rows
 from meal_bayes.planners.solver import History, Policy
 
@@ -126,13 +135,13 @@ def _episode(world: MOMDP, policy: Policy, rng: np.random.Generator, max_steps: 
             break
     certainty = 0.0
     if report is not None:
-        right = history.belief.agreement(report)
-        value += scale * float(world.report_reward(right))
-        certainty = float(right.prod())
+        value += scale * expected_reward(world, history.belief, report)
+        certainty = report_certainty(world, history.belief, report)
+    right = world.query.report_truth(true.astype(np.int8))
     return _Episode(
         value=value,
         certainty=certainty,
-        success=report is not None and bool((report == true).all()),
+        success=report is not None and bool((report == right).all()),
         cost=history.cost,
         abstained=report is None,
         decisions=step + 1,

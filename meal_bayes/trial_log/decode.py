@@ -10,7 +10,7 @@ from mcap.records import Attachment, Channel, Chunk, Header, McapRecord, Message
 from numpy.typing import NDArray
 
 from meal_bayes.arrays import freeze
-from meal_bayes.domain import Query
+from meal_bayes.domain import Event, Payoffs, Query
 from meal_bayes.errors import LogCorruptError, LogVersionError
 from meal_bayes.momdp import MOMDP, Belief, belief_of
 from meal_bayes.planners import Decision, TreeEdge
@@ -236,10 +236,19 @@ def _momdp(message: Any) -> tuple[MOMDP, NDArray[np.float64] | None]:
     groups = tuple(
         tuple(i for i in range(n) if of_group[i] == number) for number in sorted({*of_group} - {0})
     )
+    payoffs = Payoffs.of(message.payoffs) if message.payoffs else None
+    query = Query(
+        tuple(message.attributes),
+        groups,
+        tuple(message.group_name),
+        Event(tuple(message.literal), message.complement) if message.literal else None,
+        payoffs if message.own_payoffs else None,
+    )
     classes = len(message.latent_classes) // (2 * n)
     size = {"n": n, "e": e, "x": x, "c": classes, "k": -1, "2": 2}
     momdp = MOMDP(
-        query=Query(tuple(message.attributes), groups, tuple(message.group_name)),
+        query=query,
+        payoffs=payoffs,
         x_names=tuple(message.x_names),
         behavior_names=tuple(message.behavior_names),
         **{name: getattr(message, name) for name in schema.MOMDP_NUMBERS},
@@ -262,9 +271,12 @@ def _step(message: Any, momdp: MOMDP, before: Belief) -> Step:
     counts = before.percept_counts
     levels = list(message.observation)
     if action >= e:
-        if len(message.report) not in (n, 0 if momdp.abstain else n):
-            raise LogCorruptError(f"a report of {len(message.report)} values, expected {n}")
-        action = e + momdp.query.index_of(message.report) if message.report else momdp.abstention
+        size = momdp.query.report_size
+        if len(message.report) not in (size, 0 if momdp.abstain else size):
+            raise LogCorruptError(f"a report of {len(message.report)} values, expected {size}")
+        action = momdp.abstention
+        if message.report:
+            action = e + momdp.query.report_index(message.report)
     elif levels:
         counts = counts.copy()
         counts[np.arange(n), action, levels] += 1

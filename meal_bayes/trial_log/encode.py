@@ -62,6 +62,10 @@ def _momdp(trial: Trial) -> Any:
         row_counts=_values(trial.counts),
         group=[number_of.get(i, 0) for i in range(len(query))] if query.groups else [],
         group_name=query.group_names,
+        payoffs=momdp.payoffs or (),
+        own_payoffs=query.payoffs is not None,
+        literal=() if query.event is None else query.event.allowed,
+        complement=query.event is not None and query.event.complement,
         **{name: getattr(momdp, name) for name in schema.MOMDP_NUMBERS},
         **{name: _values(getattr(momdp, name)) for name in schema.MOMDP_ARRAYS},
     )
@@ -175,7 +179,7 @@ class TrialEncoder:
 
     def end(self, trial: Trial) -> Iterator[Packed]:
         """Pack the outcome."""
-        report = _shape_misfits(report=(trial.report, (len(trial.momdp.query),)))
+        report = _shape_misfits(report=(trial.report, (trial.momdp.query.report_size,)))
         self._check(report, trial.last_belief)
         outcome = schema.OutcomeMessage(
             trial=self._number,
@@ -274,7 +278,7 @@ def start_misfits(trial: Trial) -> Iterator[str]:
     yield from _shape_misfits(
         truth=(trial.truth, (n,)),
         counts=(trial.counts, (n, e, 2, momdp.levels)),
-        report=(trial.report, (n,)),
+        report=(trial.report, (momdp.query.report_size,)),
     )
     if not np.isin(trial.truth, (-1, 0, 1)).all():
         yield f"truth is {trial.truth.tolist()}, expected {n} of 1, 0 and -1"

@@ -54,7 +54,8 @@ class TrialOutcomes:
     object_index : NDArray[np.int64]
         (n,) places in the data set; -1 of an object without recordings.
     attribute : Texts
-        (n,N) names of the attributes asked, of those of a group as in "fill: half".
+        (n,N) names of the attributes asked, of those of a group as in "fill: half";
+        of yes or no the event, as in "red and not empty".
     truth, report : NDArray[np.int8]
         (n,N) 1 true, 0 false, -1 unknown, or where the agent abstained.
     positive : NDArray[np.float64]
@@ -215,16 +216,21 @@ def _columns(trial: Trial) -> _Part:
     done = [step for step in trial.steps if step.decision.action < len(names)]
     actions = [step.decision.action for step in done]
     empty = [step.decision.action for step in done if step.observation is None]
-    report = np.full(len(trial.truth), -1) if trial.report is None else trial.report
+    query, positive = task.query, trial.last_belief.positive
+    truth = query.report_truth(trial.truth)
+    report = np.full(len(truth), -1) if trial.report is None else trial.report
+    asked = query.value_names
+    if trial.probability is not None:  # yes or no is a question about one event
+        asked, positive = (query.text.removesuffix("?"),), np.array([trial.probability])
     return names, {
         "agent": [trial.agent],
         "key": [task_key(task.key)],
         "object_index": [task.object_index],
         "object_name": [task.object_name],
-        "attribute": [task.query.value_names],
-        "truth": [trial.truth],
+        "attribute": [asked],
+        "truth": [truth],
         "report": [report],
-        "positive": [trial.last_belief.positive],
+        "positive": [positive],
         "cost": [trial.cost],
         "reward": [trial.reward],
         "ended": [trial.ended],

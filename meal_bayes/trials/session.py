@@ -284,8 +284,9 @@ class Session:
             return
         report = momdp.reported(decision.action)
         reward = 0.0 if report is None else float("nan")
-        if report is not None and (self._truth >= 0).all():
-            reward = float(momdp.report_reward((report == self._truth).astype(float)))
+        right = self.task.query.report_truth(self._truth)
+        if report is not None and (right >= 0).all():
+            reward = momdp.reports.reward(report, right)
         last = self.belief.at(momdp.terminal)
         self._append(Step(x, decision, momdp.terminal, None, 0.0, reward, last, warning))
 

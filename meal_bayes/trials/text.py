@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes.display import best_options
+from meal_bayes.display import best_options, percent
 from meal_bayes.domain import Query
 from meal_bayes.momdp import MOMDP
 from meal_bayes.planners import Decision
@@ -113,9 +113,15 @@ def final_facts(trial: Trial) -> dict[str, str]:
     if trial.ended:
         answer = f"none; {trial.ended}"
     truth = truth_text(query, trial.truth)
+    right = query.report_truth(trial.truth)
+    if query.event is not None and right[0] >= 0:
+        truth = f"{query.report_name(right == 1)}: {truth}"
     facts = {"answer": answer, "truth": truth}
     if trial.report is not None:
         facts["answer"] = query.report_name(trial.report)
+        if trial.probability is not None:
+            sure = trial.probability if trial.report[0] else 1.0 - trial.probability
+            facts["answer"] += f" ({percent(sure)})"
         if trial.success is not None:
             facts["verdict"] = "right" if trial.success else "wrong"
     reward = "" if np.isnan(trial.reward) else f", reward {trial.reward:.1f}"
@@ -148,20 +154,22 @@ def trials_frame(trials: Iterable[Trial]) -> Any:
 
     rows = []
     for trial in trials:
-        query, truth = trial.task.query, trial.truth
+        query = trial.task.query
+        right = query.report_truth(trial.truth)
+        p = trial.probability
         rows.append({
             "agent": trial.agent,
             "task": trial.task.name,
             "object": trial.task.object_name,
             "query": query.text.removesuffix("?"),
             "report": None if trial.report is None else query.report_name(trial.report),
-            "truth": query.report_name(truth == 1) if (truth >= 0).all() else None,
+            "truth": query.report_name(right == 1) if (right >= 0).all() else None,
             "success": trial.success,
             "abstained": trial.report is None,
             "cost_s": trial.cost,
             "reward": trial.reward,
             "steps": len(trial.steps),
-            "certainty": trial.last_belief.certainty,
+            "certainty": trial.last_belief.certainty if p is None else max(p, 1.0 - p),
             "warnings": "; ".join(trial.warnings),
         })  # fmt: skip
     frame = pd.DataFrame(rows)

@@ -118,7 +118,7 @@ class Trial(FrozenArrays):
     truth : NDArray[np.int8]
         (N,) 1 true, 0 false, -1 not known.
     report : NDArray[np.bool_] | None
-        (N,); None: the agent abstained.
+        (N,), or of yes or no (1,) whether it is yes; None: the agent abstained.
     ended : str
         Why the trial was broken off, such as "robot error: ..."; empty: it was not.
     counts : NDArray[np.float64] | None
@@ -143,7 +143,9 @@ class Trial(FrozenArrays):
         if self.report is not None:
             known = {True: "right", False: "wrong", None: "truth not known"}[self.success]
             report = f"{query.report_name(self.report)} ({known})"
-        beliefs = zip(query.value_names, self.last_belief.positive, strict=True)
+        beliefs = [*zip(query.value_names, self.last_belief.positive, strict=True)]
+        if self.probability is not None:
+            beliefs.insert(0, ("yes", np.float64(self.probability)))
         actions = [self.momdp.action_name(step.decision.action) for step in self.steps]
         title = f"Trial of {self.agent or 'an agent'} with {self.task.object_name}: {query.text}"
         return title, {
@@ -221,15 +223,21 @@ class Trial(FrozenArrays):
 
     @property
     def judged(self) -> bool:
-        """Whether success is known: the trial came to its end, and the truth is known."""
-        return not self.ended and bool((self.truth >= 0).all())
+        """Whether success is known: the trial came to its end, and the right report is known."""
+        return not self.ended and bool((self.task.query.report_truth(self.truth) >= 0).all())
 
     @property
     def success(self) -> bool | None:
         """Rst of Eq. 5: a report right in all attributes; None where that is not known."""
         if not self.judged:
             return None
-        return self.report is not None and bool((self.report == self.truth).all())
+        right = self.task.query.report_truth(self.truth)
+        return self.report is not None and bool((self.report == right).all())
+
+    @property
+    def probability(self) -> float | None:
+        """Pr(yes is right) when the trial ended, of a question of yes or no; None of values."""
+        return self.momdp.reports.probability_now(self.last_belief.positive)
 
     @property
     def cost(self) -> float:

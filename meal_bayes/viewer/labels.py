@@ -2,8 +2,10 @@
 
 from functools import lru_cache
 
+import numpy as np
+
 from meal_bayes.display import percent
-from meal_bayes.momdp import MOMDP
+from meal_bayes.momdp import MOMDP, best_report, report_certainty
 from meal_bayes.planners import Decision
 from meal_bayes.trials import percept_labels
 from meal_bayes.trials.text import RULE, compared_actions, final_facts, gap_text, outcome_text
@@ -37,6 +39,8 @@ def narrate(frame: TrialFrame) -> str:
     names = list(map(plain_text, query.value_names))
     about = f"{plain_text(trial.task.object_name)} · agent {plain_text(trial.agent)}"
     asked = " and ".join(plain_text(name) for name, _ in query.questions)
+    if query.event is not None:
+        asked = plain_text(query.text.removesuffix("?"))
     lines = [f"### {asked}?", about, ""]
     percepts = [""] * len(query)
     if step is None:
@@ -55,10 +59,15 @@ def narrate(frame: TrialFrame) -> str:
                 percepts[places[0]] = word
     lines += ["", "|attribute|belief|percept|", "|---|---|---|"]
     rows = list(zip(names, frame.belief.positive, percepts, strict=True))
+    probability = momdp.reports.probability_now(frame.belief.positive)
+    if probability is not None:
+        rows.insert(0, ("yes", np.float64(probability), ""))
     lines += [f"|{name}|{percent(p)}|{word}|" for name, p, word in rows[:_ATTRIBUTES]]
     if frame.number < len(trial.steps):
-        best = plain_text(trial.task.query.report_name(frame.belief.best_report))
-        sure = percent(frame.belief.certainty)
+        report = momdp.reported(best_report(momdp, frame.belief))
+        assert report is not None
+        best = plain_text(query.report_name(report))
+        sure = percent(report_certainty(momdp, frame.belief, report))
         return "\n".join([*lines, "", f"now it would answer **{best}** ({sure} sure)"])
     facts = {name: plain_text(text) for name, text in final_facts(trial).items()}
     verdict = {"right": "**right**; ", "wrong": "**WRONG**; "}.get(facts.get("verdict", ""), "")

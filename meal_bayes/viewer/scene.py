@@ -30,6 +30,7 @@ VALUES, DIAGRAM, TREE, CONFUSION = "/expected_reward", "/diagram", "/search_tree
 LANES = "/lanes"
 ROBOT, CAMERA = "/robot", "/camera"
 _PERCEPTS = 6  # lanes
+_YES = "yes"  # the line of Pr(yes is right)
 _GAP = [float("nan")]
 _BOXES = {SOLID: f"{ROBOT}/arm", SHELL: f"{ROBOT}/object"}
 _BALLS, _ARROWS = f"{ROBOT}/content", f"{ROBOT}/forces"
@@ -69,6 +70,9 @@ class Scene:
         names = frame.trial.task.query.value_names
         for name, p in zip(names, frame.belief.positive.tolist(), strict=True):
             to.add(self._belief(name), rr.Scalars, time, scalars=[p])
+        event = frame.trial.momdp.reports.probability_now(frame.belief.positive)
+        if event is not None:
+            to.add(self._belief(_YES), rr.Scalars, time, scalars=[event])
         if frame.step is not None:  # the report first, where a legend begins
             decision = frame.step.decision
             errors = np.square(np.nan_to_num(decision.value_se))
@@ -85,7 +89,10 @@ class Scene:
 
     def close(self, trial: Trial, time: Time) -> None:
         """End a trial in the free row behind it, where lines break and lanes end."""
-        for entity in (*map(self._belief, trial.task.query.value_names), ENTROPY, COST):
+        names = trial.task.query.value_names
+        if trial.probability is not None:
+            names = (*names, _YES)
+        for entity in (*map(self._belief, names), ENTROPY, COST):
             self._to.add(entity, rr.Scalars, time, scalars=_GAP)
         actions = trial.momdp.n_behaviors + 1
         self._value_row(trial.momdp.behavior_names, _GAP * actions, [0.0] * actions, time)

@@ -151,9 +151,23 @@ class Expectimax:
     def stop(self, x: int, seen: Counts) -> float:
         """Value of ending now: best report, or abstaining."""
         m = self.momdp
+        if m.query.event is not None:
+            return max(*self._yes_and_no(seen), 0.0 if m.abstain else -math.inf)
         right = math.prod(max(b, 1 - b) for b in self.positive(seen))
         value = m.incorrect + (m.correct - m.incorrect) * right
         return max(value, 0.0) if m.abstain else value
+
+    def _yes_and_no(self, seen: Counts) -> list[float]:
+        """Expected rewards of yes and no, by all value vectors one by one."""
+        m, event = self.momdp, self.momdp.query.event
+        four = m.payoffs or (m.correct, m.incorrect, m.correct, m.incorrect)
+        positive, out = self.positive(seen), [0.0, 0.0]
+        for truth in np.ndindex(*(2,) * len(positive)):
+            p = math.prod(b if v else 1 - b for b, v in zip(positive, truth, strict=True))
+            holds = (list(truth) == list(event.allowed)) != event.complement
+            out[0] += p * (four[0] if holds else four[1])
+            out[1] += p * (four[3] if holds else four[2])
+        return out
 
     def value(self, x: int, seen: Counts) -> float:
         """Optimal value."""

@@ -68,7 +68,7 @@ def any_momdp(seed):
 
 def attainable(momdp, x, b, depth):
     """Value of the best plan of so many executions, by the definition: never above the optimum."""
-    best = float(momdp.report_reward(np.maximum(b, 1 - b)))
+    best = float(momdp.reports.of_right(np.maximum(b, 1 - b)))
     best = max(best, 0.0) if momdp.abstain else best
     attributes = np.arange(len(b))
     for e in np.flatnonzero(momdp.legal[x]) if depth else ():

@@ -21,7 +21,7 @@ class PointBased:
     def __init__(self, momdp: MOMDP) -> None:
         self.momdp = momdp
         truth = momdp.query.values
-        self.reports = momdp.report_reward((truth[:, None] == truth).astype(float))  # (Y,Y)
+        self.reports = momdp.reports.of_right((truth[:, None] == truth).astype(float))  # (Y,Y)
         self.plans = [self.reports] * momdp.terminal
         bonus = momdp.bonus[np.arange(truth.shape[1]), :, truth.astype(int)].sum(axis=1)  # (Y,E)
         self.reward = bonus - momdp.cost

@@ -34,7 +34,7 @@ def batched_value_iteration(momdp: MOMDP, rates: Floats, prior: Floats) -> Float
     dynamics = dynamics_of(momdp)
     grid = np.linspace(-_LARGEST, _LARGEST, _POINTS)
     belief = 1 / (1 + np.exp(-grid))
-    report = momdp.report_reward(np.maximum(belief, 1 - belief)[:, None])
+    report = momdp.reports.of_right(np.maximum(belief, 1 - belief)[:, None])
     floor = np.maximum(report, dynamics.exit_value)  # (G,)
     percepts = [_outcomes(rates[:, e], grid, belief) for e in range(momdp.n_behaviors)]
     value = np.tile(floor, (momdp.terminal, len(prior), 1))  # (X-1,B,G)

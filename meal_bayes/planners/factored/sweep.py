@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meal_bayes.arrays import Floats, Ints
-from meal_bayes.momdp import MOMDP
+from meal_bayes.momdp import MOMDP, Reports
 from meal_bayes.planners.compiled import Compiled
 from meal_bayes.planners.factored.grid import Table, between, informative_pairs
 from meal_bayes.planners.kernels import entry_kernel, kernel
@@ -133,16 +133,30 @@ def make_backups(momdp: MOMDP, edges: Edges, table: Table, percepts: Sequence[Ma
         point[i, :, :size] = columns
         weight[i, :, :size] = entries
     point[~edges.moves, 0, 0] = -1
-    right = table.combined((np.maximum(axis, 1 - axis) for axis in axes), np.multiply)  # (B,)
     return Backups(
         edge=edges.edge,
         outcome=edges.outcome,
         reward=reward,
-        floor=np.maximum(momdp.report_reward(right[:, None]), edges.exit_value),
+        floor=np.maximum(_best_reward(momdp.reports, table), edges.exit_value),
         size=table.size,
         point=point,
         weight=weight,
     )
+
+
+def _best_reward(reports: Reports, table: Table) -> Floats:
+    """Compute the reward of the best report at all points of the grid, (B,).
+
+    It is convex in each marginal, as the largest of functions that are linear in it.
+    """
+    event = reports.event
+    if event is None:
+        sure = (np.maximum(axis, 1 - axis) for axis in table.axes)
+        return reports.of_right(table.combined(sure, np.multiply)[:, None])
+    literals = (p if yes else 1 - p for p, yes in zip(table.axes, event.allowed, strict=True))
+    conjunction = table.combined(literals, np.multiply)
+    holds = 1 - conjunction if event.complement else conjunction
+    return np.asarray(reports.answers(holds).max(axis=-1))
 
 
 class Ending(NamedTuple):

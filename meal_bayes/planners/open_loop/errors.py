@@ -52,6 +52,8 @@ class Scratch(NamedTuple):
     value: Floats  # (E,) value of the best plan, by first behavior; -inf where there is none
     best: Ints  # (E,) the best plan, by first behavior
     error: Floats  # (T,K+1) Bayes errors after a row's percepts, by `column`; -1 = not computed
+    alarm: Floats  # (T,K+1) of yes or no Pr(literal is taken to hold, but does not); `error`: does
+    accepted: Floats  # (2,N) the same of each attribute: it does not hold, and it does
     column: Ints  # (N,) of `error`: the last percept's level plus 1; 0 where none was
 
 
@@ -72,6 +74,8 @@ def make_scratch(
         value=np.zeros(e),
         best=np.zeros(e, np.int64),
         error=np.full((rows, k + 1), -1.0),
+        alarm=np.zeros((rows, k + 1)),
+        accepted=np.zeros((2, n)),
         column=np.zeros(n, np.int64),
     )
 
@@ -201,6 +205,24 @@ def plan_error(percepts, counts, i, prob, scratch):
     for a in range(m):
         error += min(scratch.truths[0, a], scratch.truths[1, a])
     return error
+
+
+@kernel
+def plan_rates(percepts, counts, i, prob, weight, scratch):
+    """Compute Pr(says yes, truth) of attribute i after a plan's percepts -> `accepted`.
+
+    Yes is said where the probability of true, times `weight`, outweighs that of false.
+    """
+    for c in range(prob.shape[1]):
+        scratch.outcomes[c, 0] = prob[i, c]
+    m = _enumerate(percepts, percepts.truth, counts, i, scratch)
+    _sum_classes(percepts.truth, i, m, scratch)
+    scratch.accepted[0, i] = 0.0
+    scratch.accepted[1, i] = 0.0
+    for a in range(m):
+        if weight * scratch.truths[1, a] > scratch.truths[0, a]:
+            scratch.accepted[0, i] += scratch.truths[0, a]
+            scratch.accepted[1, i] += scratch.truths[1, a]
 
 
 @entry_kernel

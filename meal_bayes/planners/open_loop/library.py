@@ -180,6 +180,30 @@ def _promising(
     return np.flatnonzero(chosen)
 
 
+def _reported(model: Compiled, chance: Floats, affinity: Floats) -> Floats:
+    """Estimate rewards (B,J) of values where the attributes' errors are as large as they can be."""
+    right = np.ones((len(chance), affinity.shape[1]))
+    for unsure, factor in zip(np.sqrt(chance * (1.0 - chance)).T, affinity, strict=True):
+        right *= 1.0 - unsure[:, None] * factor
+    return np.asarray(model.incorrect + model.gap * right)
+
+
+def _claimed(model: Compiled, chance: Floats, affinity: Floats) -> Floats:
+    """Estimate rewards (B,J) of yes or no; half of an attribute's error are misses."""
+    claim = model.claim
+    q = np.where(claim.literal, chance, 1.0 - chance)  # (B,N)
+    error = 0.5 * np.sqrt(chance * (1.0 - chance))[:, :, None] * affinity  # (B,N,J)
+    hit = q[:, :, None] - np.minimum(q[:, :, None], error)
+    alarm = np.minimum(1.0 - q[:, :, None], error)
+    right = hit.prod(axis=1)
+    wrong = (hit + alarm).prod(axis=1) - right
+    holds = q.prod(axis=1)[:, None]
+    gain = claim.wrong + claim.gain - claim.wrong_denial
+    loss = claim.wrong_denial + claim.denial_gain - claim.wrong
+    deny = claim.wrong_denial + claim.denial_gain * (1.0 - holds)
+    return np.asarray(deny + np.maximum(gain * right - loss * wrong, 0.0))
+
+
 def _estimated_values(
     model: Compiled, candidates: Candidates, chance: Floats, bhattacharyya: Floats
 ) -> Floats:
@@ -187,11 +211,10 @@ def _estimated_values(
     within = np.minimum(model.percepts.limit, _COUNTED - 1).astype(np.int64)
     counts = np.minimum(candidates.observation_counts, within)
     affinity = np.exp(bhattacharyya[:, np.arange(counts.shape[1]), counts].sum(axis=2))  # (N,J)
-    right = np.ones((len(chance), len(counts)))
-    for unsure, factor in zip(np.sqrt(chance * (1.0 - chance)).T, affinity, strict=True):
-        right *= 1.0 - unsure[:, None] * factor
-    cost = candidates.plan["cost"]
-    value = candidates.plan["discount"] * (model.incorrect + model.gap * right) - cost
+    ending = (
+        _claimed(model, chance, affinity) if model.claims else _reported(model, chance, affinity)
+    )
+    value = candidates.plan["discount"] * ending - candidates.plan["cost"]
     if model.shaped:
         paid = np.minimum(1.0, model.paid / np.maximum(candidates.observation_counts, 1))
         pay = model.bonus.mean(axis=2).sum(axis=0)
@@ -255,5 +278,9 @@ def retabulate(plans: Plans, model: Compiled, capacity: int = errors.OUTCOMES) -
         n_rows += len(first)
     table = np.empty((n_rows, errors.THRESHOLDS, percepts.rows.shape[2]))
     scratch = errors.make_scratch(percepts, plans=0, rows=0, capacity=capacity)
+    if model.claims:  # where each yes is an error and no "no" is, tables hold Pr(says yes | class)
+        truth = np.zeros_like(percepts.truth)
+        truth[:, 0] = 1.0
+        percepts = percepts._replace(truth=truth)
     errors.tabulate_errors(percepts, np.concatenate(counts), np.array(attribute), scratch, table)
     return plans._replace(row=np.column_stack(rows), table=table)

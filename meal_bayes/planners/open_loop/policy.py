@@ -71,8 +71,8 @@ class OpenLoopPolicy:
         most = np.minimum(np.maximum(momdp.limit - total, 0), _PERCEPTS)
         coming = np.minimum(planned, most).astype(int)
         counts, row = np.unique(coming, axis=0, return_inverse=True)
-        right = _right(momdp, belief, counts, rng)[row.ravel()]
-        value = plan["discount"] * (momdp.incorrect + model.gap * right) - plan["cost"]
+        ending = _ending(momdp, belief, counts, rng)[row.ravel()]
+        value = plan["discount"] * ending - plan["cost"]
         if model.shaped:
             truth = np.stack([1 - belief.positive, belief.positive], axis=1)  # (N,2)
             bonus = (model.bonus * truth[:, None]).sum(axis=(0, 2))  # (E,)
@@ -82,6 +82,23 @@ class OpenLoopPolicy:
         best = np.full(momdp.n_behaviors, -np.inf)
         np.maximum.at(best, plan["action"], value)
         return best
+
+
+def _ending(momdp: MOMDP, belief: Belief, counts: Ints, rng: np.random.Generator) -> Floats:
+    """Estimate the value of the best report after so many percepts of each behavior (J,E)."""
+    reports = momdp.reports
+    if reports.event is None:
+        right = _right(momdp, belief, counts, rng)
+        return np.asarray(momdp.incorrect + (momdp.correct - momdp.incorrect) * right)
+    now = reports.answers(reports.probability(belief.positive))
+    evidence = _sampled_evidence(momdp, belief, int(counts.max(initial=0)), rng)
+    ending = np.full(len(counts), now.max())
+    for j, percepts in enumerate(counts):
+        behaviors = np.flatnonzero(percepts)
+        after = belief.log_prob + evidence[percepts[behaviors], behaviors].sum(axis=0)  # (S,N,C)
+        answers = reports.answers(reports.probability(expit(log_odds(momdp, after))))
+        ending[j] += (answers.max(axis=1) - answers[:, now.argmax()]).mean()
+    return ending
 
 
 def _right(momdp: MOMDP, belief: Belief, counts: Ints, rng: np.random.Generator) -> Floats:

@@ -2,7 +2,7 @@
 
 A plan is worth -sum_k (prod_{j<k} g_j) c_k + (prod_k g_k) [r- + (r+ - r-) prod_i (1 - err_i)], and
 what shaping pays on the way. Errors come from tables where the plan's behaviors have shown nothing
-yet (or their rows are known), and are computed otherwise.
+yet (or their rows are known), and are computed otherwise. Of yes or no, see `claims`.
 """
 
 from typing import NamedTuple
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from meal_bayes.arrays import Floats, Ints
 from meal_bayes.planners.compiled import Compiled
 from meal_bayes.planners.kernels import called_kernel, kernel
+from meal_bayes.planners.open_loop.claims import claim_value, planned_claim
 from meal_bayes.planners.open_loop.errors import SPAN, Scratch, make_scratch, plan_error
 
 COMPUTED = 6  # plans of a first behavior that are computed at one belief, at most
@@ -32,7 +33,8 @@ class Plans(NamedTuple):
     observation_counts: Ints  # (J,E) percepts gathered
     executions: Floats  # (J,E) discounted expected executions, for shaping
     row: Ints  # (J,N) of the table
-    table: Floats  # (T,G,C) Pr(error | latent class) at thresholds, see `tabulate_errors`
+    table: Floats  # (T,G,C) Pr(error | latent class) at thresholds, see `tabulate_errors`;
+    # of yes or no, Pr(says yes | latent class)
 
 
 class Evaluator(NamedTuple):
@@ -76,7 +78,13 @@ def true_chance(percepts, prob, i):
 
 @kernel
 def stop_value(model, prob):
-    """Compute the value of ending now: of the most probable report or of the exit."""
+    """Compute the value of ending now: of the best report or of the exit."""
+    if model.claims:
+        holds = 1.0
+        for i in range(prob.shape[0]):
+            b = true_chance(model.percepts, prob, i)
+            holds *= b if model.claim.literal[i] else 1.0 - b
+        return max(claim_value(model.claim, holds), model.dynamics.exit_value)
     right = 1.0
     for i in range(prob.shape[0]):
         b = true_chance(model.percepts, prob, i)
@@ -147,6 +155,12 @@ def _plan_value(evaluator, j, prob, floor, exact):
     scratch = evaluator.scratch
     # V = g r- - c + bonus + g (r+ - r-) prod_i (1 - err_i), which falls with every attribute.
     plan = plans.plan[j]
+    if model.claims:
+        pay = -plan.cost
+        if model.shaped:
+            pay += _bonus(evaluator, j)
+        least = (floor - pay) / plan.discount if floor > -np.inf else -np.inf
+        return pay + plan.discount * planned_claim(evaluator, j, prob, least, exact)
     base = plan.discount * model.incorrect - plan.cost
     reward = plan.discount * model.gap
     if model.shaped:

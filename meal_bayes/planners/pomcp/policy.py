@@ -201,14 +201,14 @@ def _certain(momdp: MOMDP, belief: Belief) -> Decision | None:
     legal = np.flatnonzero(dynamics.step["legal"][belief.x])
     if not len(legal):
         return Decision.exact(*choose(momdp, belief, np.full(momdp.n_behaviors, -np.inf)))
-    if len(legal) != 1 or momdp.bonus.any():
+    if len(legal) != 1 or momdp.bonus.any() or momdp.reports.event is not None:
         return None
     ways = diagram_of(dynamics).ways
     error = next_percept(momdp, belief).min(axis=2).sum(axis=2)  # (N,E) Bayes error of a percept
     available = belief.percept_counts[0].sum(axis=1) < momdp.limit
     on_way = (ways.observation_counts[belief.x] > 0) & available  # (goal,E)
     least = np.where(on_way[:, None], error, 1.0 - belief.right[:, None]).min(axis=2)  # (goal,N)
-    value = ways.discount[belief.x] * momdp.report_reward(1.0 - least) - ways.cost[belief.x]
+    value = ways.discount[belief.x] * momdp.reports.of_right(1.0 - least) - ways.cost[belief.x]
     best = float(np.where(ways.hop[belief.x] >= 0, value, -np.inf).max(initial=-np.inf))
     ending = answer_value(momdp, belief)
     if best <= ending:

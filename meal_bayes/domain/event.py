@@ -1,0 +1,151 @@
+"""The event that a question of yes or no is about, and what its answers earn."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meal_bayes.arrays import Floats
+from meal_bayes.errors import QueryError
+from meal_bayes.untrusted import LARGEST
+
+Variables = Sequence[tuple[int, ...]]  # places of each variable's attributes
+
+
+class Payoffs(NamedTuple):
+    """Rewards of the answers yes and no, s.
+
+    Attributes
+    ----------
+    right_yes, wrong_yes : float
+        Of yes where it is true, and where it is not: a hit and a false alarm.
+    right_no, wrong_no : float
+        Of no where it is true, and where it is not: the latter is a miss.
+    """
+
+    right_yes: float
+    wrong_yes: float
+    right_no: float
+    wrong_no: float
+
+    @classmethod
+    def of(cls, values: Sequence[float]) -> "Payoffs":
+        """Return four numbers as payoffs.
+
+        Raises
+        ------
+        QueryError
+            Not four finite numbers, or a wrong answer that earns more than the right one.
+        """
+        numbers = np.asarray(values, dtype=object)
+        if numbers.shape != (4,) or not all(
+            isinstance(value, int | float | np.number) and abs(float(value)) <= LARGEST
+            for value in numbers
+        ):
+            raise QueryError(
+                f"Payoffs are {values!r:.60}; give four numbers: right yes, wrong yes, right no, "
+                "wrong no."
+            )
+        payoffs = cls(*map(float, numbers))
+        if payoffs.right_yes < payoffs.wrong_no or payoffs.right_no < payoffs.wrong_yes:
+            raise QueryError(f"{payoffs}: a wrong answer must not earn more than the right one.")
+        return payoffs
+
+    @property
+    def symmetric(self) -> bool:
+        """Whether yes and no earn the same."""
+        return self[:2] == self[2:]
+
+
+@dataclass(frozen=True, slots=True)
+class Event:
+    """A conjunction over variables, or its complement, to which De Morgan turns a disjunction.
+
+    Attributes
+    ----------
+    allowed : tuple[bool, ...]
+        (N,) of an attribute alone the value that the conjunction needs; of the attributes of a
+        group, which of them may be the true one.
+    complement : bool
+        Whether the event is that the conjunction does not hold.
+    """
+
+    allowed: tuple[bool, ...]
+    complement: bool = False
+
+    def check(self, attributes: Sequence[str], variables: Variables) -> None:
+        """Refuse an event of other attributes, or one that always or never holds."""
+        if len(self.allowed) != len(attributes):
+            raise QueryError(f"The event has {len(self.allowed)} values of {len(attributes)}.")
+        for places in variables:
+            members = [self.allowed[place] for place in places]
+            if len(places) > 1 and (all(members) or not any(members)):
+                names = " and ".join(attributes[place] for place in places)
+                raise QueryError(
+                    f"Of {names} exactly one is true, so the answer is known; ask something else."
+                )
+
+    def literals(self, positive: Floats, variables: Variables) -> list[Floats]:
+        """Return Pr(literal) of each variable, of Pr(attribute is true) (...,N)."""
+        probabilities = []
+        for places in variables:
+            allowed = np.array([self.allowed[place] for place in places])
+            p = positive[..., list(places)]
+            single = p[..., 0] if allowed[0] else 1.0 - p[..., 0]
+            probabilities.append(single if len(places) == 1 else (p * allowed).sum(axis=-1))
+        return probabilities
+
+    def probability(self, positive: Floats, variables: Variables) -> Floats:
+        """Compute Pr(event) of independent variables, of Pr(attribute is true) (...,N)."""
+        conjunction = np.ones(np.shape(positive)[:-1])
+        for p in self.literals(np.asarray(positive), variables):
+            conjunction = conjunction * p
+        return np.asarray(1.0 - conjunction if self.complement else conjunction)
+
+    def holds(self, truth: NDArray[np.int8], variables: Variables) -> int:
+        """Return whether the event holds, of truths (N,): 1, 0, or -1 where it is not known."""
+        known = []
+        for places in variables:
+            if len(places) == 1:
+                value = int(truth[places[0]])
+                known.append(-1 if value < 0 else int(value == self.allowed[places[0]]))
+                continue
+            true = [place for place in places if truth[place] == 1]
+            candidates = true or [place for place in places if truth[place] != 0]
+            possible = {self.allowed[place] for place in candidates}
+            known.append(int(possible.pop()) if len(possible) == 1 else -1)
+        conjunction = 0 if 0 in known else min(known)
+        return 1 - conjunction if self.complement and conjunction >= 0 else conjunction
+
+    def labels(self, answer: bool, variables: Variables) -> NDArray[np.int8]:
+        """Return the labels (N,) that a right answer implies, -1 where it implies none.
+
+        That a conjunction of several literals does not hold implies nothing of any of them.
+        """
+        labels = np.full(len(self.allowed), -1, np.int8)
+        holds = answer != self.complement
+        for places in variables if holds or len(variables) == 1 else ():
+            excluded = [place for place in places if self.allowed[place] != holds]
+            possible = [place for place in places if self.allowed[place] == holds]
+            if len(places) == 1:
+                labels[places[0]] = self.allowed[places[0]] == holds
+            else:
+                labels[excluded] = 0
+                labels[possible if len(possible) == 1 else []] = 1
+        return labels
+
+    def text(self, attributes: Sequence[str], variables: Variables) -> str:
+        """Return the event in words, as in "red and not empty"."""
+        words = []
+        for places in variables:
+            names = [attributes[p] for p in places if self.allowed[p] != self.complement]
+            others = [attributes[p] for p in places if self.allowed[p] == self.complement]
+            if len(places) == 1:
+                words += names or [f"not {others[0]}"]
+            elif len(names) == 1 or self.complement:
+                words += names
+            else:
+                words += [f"not {name}" for name in others]
+        return (" or " if self.complement else " and ").join(words)

@@ -1,0 +1,105 @@
+"""What the answers of a question earn: values of attributes, or yes and no about an event.
+
+The kind of the question decides this one value; planners, beliefs, trials and files ask it. A
+report of values is right in all attributes, or wrong. Yes and no are about an event E, a
+conjunction over independent variables or its complement, so that Pr(E) is a product:
+
+    yes: wrong_yes + (right_yes - wrong_yes) Pr(E)
+    no:  wrong_no + (right_no - wrong_no) (1 - Pr(E))
+"""
+
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from meal_bayes.arrays import Floats
+from meal_bayes.domain import Event, Payoffs, Query
+
+
+class Claim(NamedTuple):
+    """Yes or no as kernels read it: a claim that a conjunction of literals holds, or its denial."""
+
+    literal: NDArray[np.bool_]  # (N,) value of each attribute that the conjunction needs
+    wrong: float  # reward of a wrong claim,
+    gain: float  # and what a right one adds
+    wrong_denial: float
+    denial_gain: float
+
+
+@dataclass(frozen=True, slots=True)
+class Reports:
+    """The reports of a query and their rewards.
+
+    Attributes
+    ----------
+    query : Query
+        What is asked.
+    payoffs : Payoffs
+        Of yes and no; of values the first two, of a right and of a wrong report.
+    """
+
+    query: Query
+    payoffs: Payoffs
+
+    @property
+    def event(self) -> Event | None:
+        """What yes and no are about; None where values are reported.
+
+        The value of one attribute is a question of yes or no, and planned as values are wherever
+        yes and no earn the same.
+        """
+        if self.query.event is None and len(self.query) == 1 and not self.payoffs.symmetric:
+            return Event((True,))
+        return self.query.event
+
+    @property
+    def claim(self) -> Claim | None:
+        """Yes or no for kernels; None where values are reported, or groups are asked."""
+        event = self.event
+        if event is None:
+            return None
+        answers = self.payoffs.right_yes, self.payoffs.wrong_yes
+        others = self.payoffs.right_no, self.payoffs.wrong_no
+        if event.complement:  # no claims that the conjunction holds
+            answers, others = others, answers
+        (right, wrong), (right_denial, wrong_denial) = answers, others
+        literal = np.array(event.allowed)
+        return Claim(literal, wrong, right - wrong, wrong_denial, right_denial - wrong_denial)
+
+    def probability(self, positive: Floats) -> Floats:
+        """Compute Pr(yes is right) at Pr(attribute is true) (...,N)."""
+        event = self.event
+        if event is None:
+            raise ValueError("values have no event")
+        return event.probability(positive, self.query.variables)
+
+    def probability_now(self, positive: Floats) -> float | None:
+        """Return Pr(yes is right) of a question of yes or no; None of values."""
+        return None if self.query.event is None else float(self.probability(positive))
+
+    def answers(self, probability: ArrayLike) -> Floats:
+        """Compute the expected rewards (...,2) of no and yes at Pr(yes is right)."""
+        p, four = np.asarray(probability), self.payoffs
+        no = four.wrong_no + (four.right_no - four.wrong_no) * (1.0 - p)
+        yes = four.wrong_yes + (four.right_yes - four.wrong_yes) * p
+        return np.stack([no, yes], axis=-1)
+
+    def of_right(self, right: Floats) -> Floats:
+        """Compute r- + (r+ - r-) prod_i right_i of Pr(attribute reported right) (...,N)."""
+        gap = self.payoffs.right_yes - self.payoffs.wrong_yes
+        return np.asarray(self.payoffs.wrong_yes + gap * right.prod(axis=-1))
+
+    def reward(self, report: NDArray[np.bool_], right: NDArray[Any]) -> float:
+        """Return the reward of a report where the right one is known."""
+        if self.event is None:
+            return float(self.of_right((report == right).astype(float)))
+        return float(self.answers(float(right[0] == 1))[int(report[0])])
+
+    def rewards(self) -> Floats:
+        """Return the reward of each report at each value vector, (Y,reports)."""
+        values = self.query.values
+        if self.event is None:
+            return self.of_right((values[:, None] == values).astype(float))
+        return self.answers(self.probability(values.astype(float)))
