@@ -8,8 +8,8 @@ import pytest
 from meal_bayes.domain import Event, Payoffs, Query, load_domain
 from meal_bayes.momdp import answer_value, build_momdp, expected_reward, initial_belief
 from meal_bayes.planners import POMCP, History, OpenLoop
+from meal_bayes.planners.entry import plan_values
 from meal_bayes.planners.factored.policy import Factored
-from meal_bayes.planners.open_loop.values import plan_values
 
 DEAR_MISS = Payoffs(100.0, -100.0, 100.0, -1000.0)
 SYMMETRIC = Payoffs(100.0, -100.0, 100.0, -100.0)
@@ -35,10 +35,10 @@ def asked(momdp, event, payoffs):
     return replace(momdp, query=query, payoffs=payoffs, **extremes)
 
 
-@pytest.mark.parametrize("payoffs", [SYMMETRIC, DEAR_MISS])
 @pytest.mark.parametrize("event", EVENTS)
 @pytest.mark.parametrize("problem", PROBLEMS)
-def test_planners_against_the_optimum(problem, event, payoffs, small):
+def test_planners_against_the_optimum(problem, event, small):
+    payoffs = DEAR_MISS if (len(problem) + len(event)) % 2 else SYMMETRIC
     momdp = asked(small.toy(n=2, **PROBLEMS[problem]), EVENTS[event], payoffs)
     optimum = small.expectimax(momdp)
     best = optimum.value(momdp.start, optimum.nothing_seen())
@@ -47,7 +47,7 @@ def test_planners_against_the_optimum(problem, event, payoffs, small):
         optimum.stop(momdp.start, optimum.nothing_seen())
     )
     plans = OpenLoop().solve(momdp, np.random.default_rng(0))
-    lower = plan_values(plans.problem, plans.plans, belief).value.max()
+    lower = plan_values(plans.model, plans.plans, belief).scratch.value.max()
     assert lower <= best + 1e-9
     worth = optimum.of_policy(plans, 0)
     # thresholds are improved one at a time, so that what is left of a plan may seem worth less
@@ -69,7 +69,7 @@ def test_the_bound_holds_and_is_near(event, seed, small):
     assert policy.upper_bound >= best - 1e-6
     belief = initial_belief(free)
     plans = OpenLoop().solve(free, np.random.default_rng(0))
-    lower = plan_values(plans.problem, plans.plans, belief).value.max()
+    lower = plan_values(plans.model, plans.plans, belief).scratch.value.max()
     assert max(lower, answer_value(free, belief)) <= policy.upper_bound + 1e-6
 
 
