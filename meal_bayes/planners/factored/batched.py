@@ -2,23 +2,54 @@
 
 Each asks the same question of the same robot with yes/no percepts of known rates (Eq. 8); only the
 rates and the prior differ. Beliefs lie on an even grid of log-odds, so a percept shifts them all by
-the same amount, and one sweep of value iteration over all problems is a few array operations. The
-interpolation errs upwards, by about the same in all of them: differences are what it is for.
+the same amount. The interpolation errs upwards, by about the same in all problems: differences are
+what it is for.
 """
+
+from typing import NamedTuple
 
 import numpy as np
 
-from meal_bayes.arrays import Floats, Ints
+from meal_bayes.arrays import Bools, Floats, Ints
 from meal_bayes.momdp import MOMDP
 from meal_bayes.planners.compiled import dynamics_of
+from meal_bayes.planners.kernels import entry_kernel, kernel
 
 _LARGEST = 7.0
 _POINTS = 57  # log-odds from -7 to 7
 _SWEEPS = 60  # at most
-_SETTLED = 1e-4  # of r+ - r-
+_SETTLED = 1e-6  # of r+ - r-
+_LEAST = 1e-6  # rates are at least this
 
 
-def batched_value_iteration(momdp: MOMDP, rates: Floats, prior: Floats) -> Floats:
+class Problems(NamedTuple):
+    """What the kernel reads of B problems; priors are points of the grid."""
+
+    rates: Floats  # (B,E,2)
+    at: Floats  # (B,)
+    worse: Bools  # (B,)
+    floor: Floats  # (G,) value of ending
+    belief: Floats  # (G,)
+    width: float  # between points of the grid
+    settled: float  # the change of a sweep, s, at which there is no other
+    start: int  # x
+
+
+class Scratch(NamedTuple):
+    """What the kernel writes: G beliefs, E behaviors, X states without the terminal one."""
+
+    value: Floats  # (X,G)
+    kept: Floats  # (X,G) of the last problem that others start from
+    best: Floats  # (G,)
+    raised: Floats  # (G,)
+    prob: Floats  # (E,2,G) Pr(no), Pr(yes)
+    low: Ints  # (E,2) points that a percept moves a belief by, rounded down
+    fraction: Floats  # (E,2) the rest of it
+
+
+def batched_value_iteration(
+    momdp: MOMDP, rates: Floats, prior: Floats, worse: Bools | None = None
+) -> Floats:
     """Compute the values of B single-attribute problems at their priors, (B,), s of reward.
 
     Parameters
@@ -30,48 +61,118 @@ def batched_value_iteration(momdp: MOMDP, rates: Floats, prior: Floats) -> Float
         (B,E,2) Pr(yes | false) and Pr(yes | true); equal rates carry no information.
     prior : Floats
         (B,) Pr(the attribute is true).
+    worse : Bools, optional
+        (B,) problems in which no value is above that of the problems that follow, up to the next
+        such: these start from its values. By default each starts from answering at once.
     """
     dynamics = dynamics_of(momdp)
     grid = np.linspace(-_LARGEST, _LARGEST, _POINTS)
     belief = 1 / (1 + np.exp(-grid))
     report = momdp.reports.of_right(np.maximum(belief, 1 - belief)[:, None])
     floor = np.maximum(report, dynamics.exit_value)  # (G,)
-    percepts = [_outcomes(rates[:, e], grid, belief) for e in range(momdp.n_behaviors)]
-    value = np.tile(floor, (momdp.terminal, len(prior), 1))  # (X-1,B,G)
-    for _ in range(_SWEEPS):
-        change = 0.0
-        for x in range(momdp.terminal)[::-1]:  # latest first
-            new = np.broadcast_to(floor, value[x].shape).copy()
-            for e in np.flatnonzero(dynamics.step["legal"][x]).tolist():
-                step = dynamics.step[x, e]
-                ahead = np.zeros_like(new)
-                for p, to, senses in dynamics.branch[x, e].tolist():
-                    ahead += p * (_expectation(percepts[e], value[to]) if senses else value[to])
-                np.maximum(new, step["discount"] * ahead - step["cost"], out=new)
-            change = max(change, float(np.abs(new - value[x]).max()))
-            value[x] = new
-        if change < _SETTLED * (momdp.correct - momdp.incorrect):
-            break
-    at = (np.log(prior / (1 - prior)) + _LARGEST) * ((_POINTS - 1) / (2 * _LARGEST))
-    low = np.clip(at.astype(np.intp), 0, _POINTS - 2)
-    fraction = np.clip(at - low, 0.0, 1.0)
-    row = np.arange(len(prior))
-    first = value[momdp.start]
-    return np.asarray((1 - fraction) * first[row, low] + fraction * first[row, low + 1])
+    states, e, points = momdp.terminal, momdp.n_behaviors, len(grid)
+    scratch = Scratch(
+        value=np.zeros((states, points)),
+        kept=np.zeros((states, points)),
+        best=np.zeros(points),
+        raised=np.zeros(points),
+        prob=np.zeros((e, 2, points)),
+        low=np.zeros((e, 2), np.int64),
+        fraction=np.zeros((e, 2)),
+    )
+    log_odds = np.clip(np.log(prior / (1 - prior)), -_LARGEST, _LARGEST)
+    width = float(grid[1] - grid[0])
+    problems = Problems(
+        rates=np.ascontiguousarray(np.clip(rates, _LEAST, 1.0), np.float64),
+        at=(log_odds + _LARGEST) / width,
+        worse=np.ones(len(prior), np.bool_) if worse is None else np.ascontiguousarray(worse),
+        floor=floor,
+        belief=belief,
+        width=width,
+        settled=_SETTLED * float(momdp.correct - momdp.incorrect),
+        start=int(momdp.start),
+    )
+    values = np.zeros(len(prior))
+    _solve_each(dynamics.step, dynamics.branch, problems, scratch, values)
+    return values
 
 
-def _outcomes(yes: Floats, grid: Floats, belief: Floats) -> tuple[Floats, Ints, Floats]:
-    """Compute Pr(z) of rates (B,2), and the point below b' and the weight above it, (2,B,G)."""
-    rates = np.clip(np.stack([1 - yes, yes]), 1e-6, 1.0)[..., None]  # (2 levels,B,2 truths,1)
-    prob = rates[:, :, 1] * belief + rates[:, :, 0] * (1 - belief)  # (2,B,G)
-    at = np.arange(len(grid)) + np.log(rates[:, :, 1] / rates[:, :, 0]) / (grid[1] - grid[0])
-    at = np.clip(at, 0, len(grid) - 1)
-    low = np.minimum(at.astype(np.intp), len(grid) - 2)
-    return prob, low, at - low
+@entry_kernel
+def _solve_each(step, branch, problems, scratch, values):
+    """Solve problem after problem, and write each one's value at its prior."""
+    value, floor, start = scratch.value, problems.floor, problems.start
+    points = len(floor)
+    for b in range(len(values)):
+        for x in range(len(value)):
+            for g in range(points):
+                value[x, g] = floor[g] if problems.worse[b] else scratch.kept[x, g]
+        _lay_out_percepts(problems.rates[b], problems.belief, problems.width, scratch)
+        for _ in range(_SWEEPS):
+            if _sweep(step, branch, floor, scratch) < problems.settled:
+                break
+        for x in range(len(value)):
+            for g in range(points):
+                if problems.worse[b]:
+                    scratch.kept[x, g] = value[x, g]
+        low = min(int(problems.at[b]), points - 2)
+        fraction = problems.at[b] - low
+        values[b] = (1 - fraction) * value[start, low] + fraction * value[start, low + 1]
 
 
-def _expectation(outcomes: tuple[Floats, Ints, Floats], value: Floats) -> Floats:
-    """Compute the expected value (B,G) after a percept."""
-    prob, low, fraction = outcomes
-    below, above = (np.take_along_axis(value[None], at, axis=2) for at in (low, low + 1))
-    return np.asarray((prob * (below + fraction * (above - below))).sum(axis=0))
+@kernel
+def _lay_out_percepts(rates, belief, width, scratch):
+    """Write Pr(z) at each belief, and by how many points z moves it; no moves the other way."""
+    for e in range(len(rates)):
+        for z in range(2):
+            false = rates[e, 0] if z else max(1 - rates[e, 0], 1e-6)
+            true = rates[e, 1] if z else max(1 - rates[e, 1], 1e-6)
+            for g in range(len(belief)):
+                scratch.prob[e, z, g] = true * belief[g] + false * (1 - belief[g])
+            moved = np.log(true / false) / width
+            scratch.low[e, z] = int(np.floor(moved))
+            scratch.fraction[e, z] = moved - np.floor(moved)
+
+
+@kernel
+def _sweep(step, branch, floor, scratch):
+    """Back up the values of every x once, latest first; return the largest change."""
+    value, best, raised, points = scratch.value, scratch.best, scratch.raised, len(floor)
+    largest = 0.0
+    for x in range(len(value) - 1, -1, -1):
+        for g in range(points):
+            best[g] = floor[g]
+        for e in range(step.shape[1]):
+            if not step[x, e].legal:
+                continue
+            for g in range(points):
+                raised[g] = 0.0
+            for k in range(branch.shape[2]):
+                p, to = branch[x, e, k].p, branch[x, e, k].x
+                if p > 0 and branch[x, e, k].senses:
+                    _add_expected(p, value[to], e, scratch)
+                elif p > 0:
+                    for g in range(points):
+                        raised[g] += p * value[to, g]
+            for g in range(points):
+                best[g] = max(best[g], step[x, e].discount * raised[g] - step[x, e].cost)
+        for g in range(points):
+            largest = max(largest, abs(best[g] - value[x, g]))
+            value[x, g] = best[g]
+    return largest
+
+
+@kernel
+def _add_expected(p, value, e, scratch):
+    """Add p E V(x', b') to each belief's value, by linear interpolation between its neighbors."""
+    points = len(value)
+    for z in range(2):
+        low, fraction = scratch.low[e, z], scratch.fraction[e, z]
+        for g in range(points):
+            below, above = g + low, g + low + 1
+            part = fraction
+            if below < 0:
+                below, above, part = 0, 0, 0.0
+            elif above > points - 1:
+                below, above, part = points - 1, points - 1, 0.0
+            expected = value[below] + part * (value[above] - value[below])
+            scratch.raised[g] += p * scratch.prob[e, z, g] * expected
