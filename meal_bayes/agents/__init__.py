@@ -7,18 +7,16 @@ Algorithm 1 is `learner/held_out.py`, Algorithm 2 `learner/online.py`, their inn
 from meal_bayes.agents.agent import Agent
 from meal_bayes.agents.exploration import (
     ExplorationBonus,
-    FittedITRSBonus,
-    InformationBonus,
+    Horizon,
     ITRSBonus,
+    LearningBonus,
     NoBonus,
     Progress,
-    information_value,
 )
 from meal_bayes.agents.knowledge import Knowledge, knowledge_without
 from meal_bayes.agents.named import AGENTS, as_agent, load_agent
 
 __all__ = [
-    "AGENTS", "Agent", "ExplorationBonus", "FittedITRSBonus", "ITRSBonus", "InformationBonus",
-    "Knowledge", "NoBonus", "Progress", "as_agent", "information_value", "knowledge_without",
-    "load_agent",
+    "AGENTS", "Agent", "ExplorationBonus", "Horizon", "ITRSBonus", "Knowledge", "LearningBonus",
+    "NoBonus", "Progress", "as_agent", "knowledge_without", "load_agent",
 ]  # fmt: skip

@@ -1,25 +1,65 @@
 """Exploration bonuses of training trials, beyond their own query: see `MOMDP.bonus`.
 
 The paper's ITRS pays for percepts of high entropy and charges for experience, with weights that a
-person chose. Ours values what a better table brings: after n objects a table's rates are known to
-within a posterior standard deviation, one more object moves them by about 1 / (n + 1) of it, and
-all queries to come gain from where they then are. No weight is left to choose, but for the number
-of queries to come.
+person chose (Eq. 11). Ours is Eq. 11 with weights that the posterior says. With theta a pair's rate
+and m its mean, the entropy of a percept is noise that stays plus what the percept teaches,
+
+    Ent(m) = E Ent(theta) + I,
+
+so alpha Ent - beta IE with alpha = beta and IE = E Ent(theta), experience in bits, pays alpha for
+each bit that is learned. Alpha is the price of a labeled object (`prices`) over these bits.
+
+Where people tell little but what was asked, a percept teaches one pair, and prices are not paid for
+all that a trial teaches: there a better table is valued at one posterior standard deviation.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import nnls
+from scipy.special import digamma, entr
 
 from meal_bayes.agents.knowledge import Knowledge
-from meal_bayes.arrays import Floats
-from meal_bayes.domain import Query
-from meal_bayes.momdp import MOMDP, Objective, build_momdp, observation_entropy, shape_reward
+from meal_bayes.agents.prices import AHEAD, explained, prices, rates_ahead
+from meal_bayes.arrays import Bools, Floats
+from meal_bayes.domain import Domain, Query
+from meal_bayes.momdp import MOMDP, Objective, build_momdp, shape_reward
 from meal_bayes.planners import batched_value_iteration
+
+_FIRST = 20.0  # questions that a robot expects before it was asked any
+
+
+@dataclass(frozen=True, slots=True)
+class Horizon:
+    """Questions to come.
+
+    A robot that is told no number expects as many as it was asked so far, and 20 more. That is the
+    mean of a Pareto law [Lomax1954]: of all that were asked t questions, (20 + t) / (20 + t + m) to
+    the square will be asked m more; these expect 20 + t + m then.
+
+    Attributes
+    ----------
+    asked : int
+        Questions of training trials so far.
+    expected : float | None
+        To come, where a person told a number.
+    """
+
+    asked: int = 0
+    expected: float | None = None
+
+    @property
+    def questions(self) -> float:
+        """Questions to come, expected now."""
+        return _FIRST + self.asked if self.expected is None else self.expected
+
+    def after(self, trials: Floats) -> Floats:
+        """Return the questions expected to come after some trials more, of any shape."""
+        now = self.questions
+        if self.expected is None:
+            return np.asarray(now**2 / (now + trials))
+        return np.maximum(now - trials, 0.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,16 +70,23 @@ class Progress:
     ----------
     knowledge : Knowledge
         So far.
-    valued : Callable[[], Floats]
-        Returns (P,E) `information_value` at the last refit, s a query.
-    queries : float
-        About each attribute, to come.
+    horizon : Horizon
+        Questions to come.
+    reward : float
+        r+ = -r- of a report.
+    discount : float
+        Factor a step, in planning.
+    percepts : NDArray[np.float64]
+        (P,E,2,2) labeled objects by truth and percept, no and yes; repeats share the one of their
+        object, and what a classifier shows that cannot tell yet is half of each.
+    told : float
+        Fraction of the labels beyond one that people have told of an object, by Laplace's rule.
     unit : float
-        Labelled instances that make one unit of experience, delta of Eq. 10.
+        Labeled instances that make one unit of experience, delta of Eq. 10.
     instances : NDArray[np.int64]
-        (P,E) labelled instances: delta x IE of Eq. 10.
+        (P,E) labeled instances: delta x IE of Eq. 10.
     objects : NDArray[np.int64]
-        (P,E) objects with a labelled instance.
+        (P,E) objects with a labeled instance.
     fresh : NDArray[np.bool_]
         (P,E) whether the object at hand has none.
     labeled : NDArray[np.bool_]
@@ -47,8 +94,11 @@ class Progress:
     """
 
     knowledge: Knowledge
-    valued: Callable[[], Floats]
-    queries: float
+    horizon: Horizon
+    reward: float
+    discount: float
+    percepts: NDArray[np.float64]
+    told: float
     unit: float
     instances: NDArray[np.int64]
     objects: NDArray[np.int64]
@@ -106,89 +156,189 @@ class ITRSBonus:
 
 
 @dataclass(frozen=True, slots=True)
-class FittedITRSBonus:
-    """Eq. 11 with the weights that come nearest to the value of information."""
+class LearningBonus:
+    """Eq. 11 with weights from the posterior (`equation_11`): what one more labeled object teaches.
 
-    paid: float = RECORDED
-
-    def shape(self, momdp: MOMDP, progress: Progress) -> MOMDP:
-        """Return the MOMDP with the shaped reward of Eq. 11."""
-        return ITRSBonus(*fitted_weights(progress)).shape(momdp, progress)
-
-
-@dataclass(frozen=True, slots=True)
-class InformationBonus:
-    """The value of information for queries to come, paid for an object's first percepts."""
+    It is paid for an object's first percept by a behavior.
+    """
 
     paid: float = 1.0
 
     def shape(self, momdp: MOMDP, progress: Progress) -> MOMDP:
         """Return the MOMDP with a bonus on the first percept of each behavior."""
-        domain = progress.knowledge.domain
-        columns = domain.columns(momdp.query.attributes)
+        columns = progress.knowledge.domain.columns(momdp.query.attributes)
         bonus = np.zeros((len(columns), momdp.n_behaviors, 2))
         bonus[0] = first_percept_value(progress, columns)[:, None]
         return replace(momdp, bonus=bonus)
 
 
-def information_value(knowledge: Knowledge, *, reward: float, discount: float) -> Floats:
-    """Compute what one query about an attribute gains where a table is better known, (P,E), s.
+def first_percept_value(progress: Progress, columns: list[int]) -> Floats:
+    """Compute the value of a first percept of each behavior to the questions to come, (E,), s.
 
-    The gain of the optimal value when the rates of yes percepts of (attribute, behavior) are each
-    better by their posterior's standard deviation.
+    It counts for the queried attributes and, with memory, for those labeled before; where people
+    tell more than they were asked for, for all others as well, as often as these are told.
     """
-    domain, alpha = knowledge.domain, knowledge.posterior.concentration
-    half = alpha.shape[-1] // 2
-    weight = alpha.sum(axis=-1)  # (P,E,2)
-    yes = alpha[..., half:].sum(axis=-1) / weight
-    deviation = np.sqrt(yes * (1 - yes) / (weight + 1))
+    p = len(progress.labeled)
+    certain = progress.labeled.copy()
+    certain[columns] = True
+    if progress.told <= 0.5 and len(columns) < p:
+        value = deviation_value(progress, len(columns)) * certain[:, None]
+    else:
+        value = learning_prices(progress, len(columns))
+        value *= np.where(certain, 1.0, progress.told)[:, None]
+    return np.asarray((value * progress.fresh).sum(axis=0))
+
+
+class Equation11(NamedTuple):
+    """A bonus as alpha Ent - beta IE of each attribute and behavior, (P,E), alpha = beta.
+
+    Attributes
+    ----------
+    entropy : Floats
+        Ent, bits, of a percept by the mean rates, over the truths.
+    experience : Floats
+        IE, bits: the expected entropy where the rates are known.
+    weight : Floats
+        Alpha and beta, s a bit.
+    """
+
+    entropy: Floats
+    experience: Floats
+    weight: Floats
+
+    @property
+    def bonus(self) -> Floats:
+        """Return alpha Ent - beta IE, (P,E), s."""
+        return self.weight * (self.entropy - self.experience)
+
+
+def equation_11(progress: Progress, asked: int = 1) -> Equation11:
+    """Return the prices of `learning_prices` as the terms of Eq. 11."""
+    alpha = 1 + progress.percepts
+    rates = progress.knowledge.base_rates[:, None]
+    entropy = percept_entropy(alpha, rates)
+    experience = experience_bits(alpha, rates)
+    return Equation11(
+        entropy, experience, learning_prices(progress, asked) / (entropy - experience)
+    )
+
+
+def learning_prices(progress: Progress, asked: int) -> Floats:
+    """Compute the price of one labeled object, (P,E), s, where so many attributes are asked.
+
+    It is what `prices.prices` says, of rates that are learned from percepts of the pair alone.
+    """
+    knowledge, p = progress.knowledge, len(progress.labeled)
+    domain = knowledge.domain
+    share = asked / p  # of the questions are about an attribute
+    pace = 1 / (share + (1 - share) * progress.told)  # trials until an object is labeled
+    alpha = 1 + progress.percepts  # (P,E,2,2)
+    ahead = rates_ahead(alpha)  # (P,E,Z,2)
+    believed = knowledge.posterior.informative  # (P,E)
+    value, now = values_ahead(knowledge, ahead, believed, progress)
+    questions = share * progress.horizon.after(pace * AHEAD)
+    # A better table of one attribute counts where the answers on all others are right.
+    right = (1 + now.mean() / progress.reward) / 2
+    questions = questions * np.clip(right, 0.0, 1.0) ** (asked - 1)
+    costs = np.array([behavior.cost for behavior in domain.behaviors])
+    known = explained(alpha, knowledge.base_rates[:, None])
+    found = prices(value - now[:, None, None], known, questions, costs)
+    senses = np.isin(np.arange(len(costs)), domain.recorded)
+    return np.asarray(np.where(senses, found, 0.0))
+
+
+def values_ahead(
+    knowledge: Knowledge, ahead: Floats, believed: Bools, progress: Progress
+) -> tuple[Floats, Floats]:
+    """Compute V of one question with each behavior's rates ahead (P,E,Z,2), all others as now.
+
+    Returns (P,E,Z) and, with all as now, (P,). Rates in the wrong order carry no information, nor
+    does what the planner does not believe (P,E) and is not better.
+    """
+    p, e, z, _ = ahead.shape
+    middle = z // 2
+    flat = ahead.mean(axis=-1, keepdims=True)
+    ordered = ahead[..., 1] > ahead[..., 0]
+    better = np.arange(z) > middle
+    ahead = np.where((ordered & (believed[..., None] | better))[..., None], ahead, flat)
+    now = ahead[:, :, middle]  # (P,E,2)
+    # Problems of a pair: first without any information by it, from which all others start.
+    problems = np.concatenate([np.full((p, e, 1, 2), 0.5), ahead], axis=2)  # (P,E,1+Z,2)
+    informs = problems[..., 0] != problems[..., 1]
+    informs[:, :, 0] = True
+    pair, behavior, node = np.nonzero(informs)
+    rates = now[pair]  # (B,E,2)
+    rates[np.arange(len(pair)), behavior] = problems[pair, behavior, node]
+    everything = np.concatenate([rates, now])
+    prior = np.concatenate([knowledge.base_rates[pair], knowledge.base_rates])
+    first = np.concatenate([node == 0, np.ones(p, np.bool_)])
+    momdp = _one_question(knowledge.domain, progress)
+    values = batched_value_iteration(momdp, everything, prior, first)
+    value = np.empty((p, e, 1 + z))
+    value[:] = np.where(informs, 0.0, np.nan)
+    value[pair, behavior, node] = values[: len(pair)]
+    value = np.where(informs, value, value[:, :, :1])
+    return value[:, :, 1:], values[len(pair) :]
+
+
+def deviation_value(progress: Progress, asked: int) -> Floats:
+    """Compute the value of one more object in each table, (P,E), s, where few labels are told.
+
+    What one question about an attribute gains where the rates of yes percepts of the pair are each
+    better by their posterior's standard deviation; it falls with the number of objects.
+    """
+    knowledge = progress.knowledge
+    domain = knowledge.domain
+    levels = knowledge.posterior.concentration
+    half = levels.shape[-1] // 2
+    alpha = np.stack([levels[..., :half].sum(axis=-1), levels[..., half:].sum(axis=-1)], axis=-1)
+    yes = alpha[..., 1] / alpha.sum(axis=-1)  # (P,E,2)
     senses = np.array(domain.recorded, int)
-    believed = np.isin(np.arange(len(domain.behaviors)), senses) & (yes[..., 1] > yes[..., 0])
+    sensed = np.isin(np.arange(len(domain.behaviors)), senses)
+    believed = sensed & (yes[..., 1] > yes[..., 0])
     flat = yes.mean(axis=-1, keepdims=True)
-    now = np.where(believed[..., None], yes, flat)  # (P,E,2)
-    better = np.clip(now + deviation * np.array([-1.0, 1.0]), 0.01, 0.99)
+    now = np.where(believed[..., None], yes, flat)
+    better = deviated(alpha, now)
     p, e = believed.shape
     rates = np.repeat(now[:, None], 1 + e, axis=1)  # (P,1+E,E,2), the first as it is
     rates[:, 1 + senses, senses] = better[:, senses]
-    query = Query(domain.attributes[:1])
-    momdp = build_momdp(
-        domain, query, np.full((1, e, 2, 2), 0.5), np.inf,
-        objective=Objective(correct=reward, incorrect=-reward, discount=discount),
-    )  # fmt: skip
     prior = np.repeat(knowledge.base_rates, 1 + e)
+    momdp = _one_question(domain, progress)
     values = batched_value_iteration(momdp, rates.reshape(-1, e, 2), prior).reshape(p, 1 + e)
-    return np.asarray(np.maximum(values[:, 1:] - values[:, :1], 0.0))
+    gain = np.maximum(values[:, 1:] - values[:, :1], 0.0)
+    questions = progress.horizon.questions * asked / p
+    return np.asarray(questions * gain / (progress.objects + 1))
 
 
-def first_percept_value(progress: Progress, columns: list[int]) -> Floats:
-    """Compute the value of a first percept of each behavior to the queries to come, (E,), s.
+def deviated(alpha: Floats, rates: Floats | None = None) -> Floats:
+    """Return rates (...,2) better by one posterior standard deviation each.
 
-    It counts for the queried attributes and, with memory, for those labeled before. (For those
-    labeled later too, but to record for them first costs more than it brings.)
+    Beta parameters are (...,2,2), no and yes; their means are the rates by default.
     """
-    new = np.tile(progress.labeled[:, None], progress.instances.shape[1])  # (P,E)
-    new[columns] = True
-    new &= progress.fresh
-    return np.asarray((_object_value(progress) * new).sum(axis=0))
+    total = alpha.sum(axis=-1)
+    mean = alpha[..., 1] / total
+    deviation = np.sqrt(mean * (1 - mean) / (total + 1))
+    now = mean if rates is None else rates
+    return np.asarray(np.clip(now + deviation * np.array([-1.0, 1.0]), 0.01, 0.99))
 
 
-def fitted_weights(progress: Progress) -> tuple[float, float]:
-    """Fit alpha and beta of Eq. 11 to the value of information, by nonnegative least squares.
-
-    alpha Ent - beta IE, averaged over the truths, is fitted to the value of a first percept over
-    all attributes and behaviors.
-    """
-    knowledge = progress.knowledge
-    domain, senses = knowledge.domain, knowledge.domain.recorded
-    confusion, _ = knowledge.posterior.select(range(len(domain.attributes)), exact=True)
-    momdp = build_momdp(domain, Query(domain.attributes), confusion, np.inf)
-    entropy = observation_entropy(momdp).mean(axis=-1)[:, senses]  # (P,E)
-    value = _object_value(progress)[:, senses]
-    ie = progress.instances[:, senses] / progress.unit
-    (alpha, beta), _ = nnls(np.stack([entropy.ravel(), -ie.ravel()], axis=1), value.ravel())
-    return float(alpha), float(beta)
+def percept_entropy(alpha: Floats, base_rates: Floats) -> Floats:
+    """Compute Ent of Eq. 9 (...), bits, of the mean of Beta(alpha) (...,2,2), over the truths."""
+    mean = alpha[..., 1] / alpha.sum(axis=-1)
+    each = (entr(mean) + entr(1 - mean)) / np.log(2)  # (...,2)
+    return np.asarray((1 - base_rates) * each[..., 0] + base_rates * each[..., 1])
 
 
-def _object_value(progress: Progress) -> Floats:
-    """Compute the value of one more object in each table, (P,E), s; it falls with their number."""
-    return np.asarray(progress.queries * progress.valued() / (progress.objects + 1))
+def experience_bits(alpha: Floats, base_rates: Floats) -> Floats:
+    """Compute IE as E Ent(theta), bits: what of a percept's entropy is noise, not ignorance."""
+    total = alpha.sum(axis=-1)
+    parts = alpha / total[..., None] * digamma(alpha + 1)
+    each = (digamma(total + 1) - parts.sum(axis=-1)) / np.log(2)
+    return np.asarray((1 - base_rates) * each[..., 0] + base_rates * each[..., 1])
+
+
+def _one_question(domain: Domain, progress: Progress) -> MOMDP:
+    """Build the problem of one attribute, without shaping; its rows are not read."""
+    objective = Objective(progress.reward, -progress.reward, progress.discount)
+    rows = np.full((1, len(domain.behaviors), 2, 2), 0.5)
+    return build_momdp(domain, Query(domain.attributes[:1]), rows, np.inf, objective=objective)

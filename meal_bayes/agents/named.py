@@ -9,7 +9,7 @@ from functools import partial
 from typing import cast
 
 from meal_bayes.agents.agent import Agent
-from meal_bayes.agents.exploration import FittedITRSBonus, InformationBonus, ITRSBonus, NoBonus
+from meal_bayes.agents.exploration import ITRSBonus, LearningBonus, NoBonus
 from meal_bayes.domain import Domain, Query, unknown
 from meal_bayes.errors import SettingsError
 from meal_bayes.planners import (
@@ -54,7 +54,7 @@ _ITRS = replace(_MORC, name="morc_itrs", exploration=ITRSBonus())
 # objects, planning for the undiscounted reward that is reported, exploring for what it is worth.
 _BAYES = Agent(
     "bayes", _SEARCH, object_level=True, shared_trait=True, base_rates=True, levels=4,
-    abstain=True, discount=1.0, exploration=InformationBonus(), whiten=True,
+    abstain=True, discount=1.0, exploration=LearningBonus(), whiten=True,
 )  # fmt: skip
 
 AGENTS = {
@@ -75,12 +75,10 @@ AGENTS = {
         replace(_LEGAL, name="iterative_random_legal"),
         _ITERATIVE,
         _ITRS,
-        replace(_ITRS, name="morc_itrs_auto", exploration=FittedITRSBonus()),
         replace(_BAYES, name="bayes_memory", memory=True),
         # What comes from the belief, and what from exploring.
         replace(_BAYES, name="bayes_no_bonus", exploration=NoBonus()),
         replace(_BAYES, name="bayes_itrs", exploration=ITRSBonus()),
-        replace(_BAYES, name="bayes_itrs_auto", exploration=FittedITRSBonus()),
         replace(_BAYES, name="iterative_morc_bayes", trained_by=_ITERATIVE),
     )
 }

@@ -57,8 +57,8 @@ def agent_value(text: str) -> object:
 
 AGENTS = "prior, random, random_legal, predefined, predefined_plus, greedy, morc, olfc or bayes"
 ONLINE_AGENTS = (
-    "iterative_random_legal, iterative_morc, morc_itrs, morc_itrs_auto, bayes, bayes_memory, "
-    "bayes_no_bonus, bayes_itrs, bayes_itrs_auto or iterative_morc_bayes"
+    "iterative_random_legal, iterative_morc, morc_itrs, bayes, bayes_memory, bayes_no_bonus, "
+    "bayes_itrs or iterative_morc_bayes"
 )
 OWN = "package.module:name of your own"
 

@@ -53,8 +53,9 @@ class Learner(Answerer):
         Refit once labeled instances have grown by such a fraction; None: only by `refit`.
     learn_success : bool
         Learn how often behaviors succeed, at every refit, or take it from the domain.
-    horizon : float
-        Queries to come, for which exploring is valued.
+    horizon : float, optional
+        Questions to come, for which exploring is valued; by default as many as were asked so far in
+        trials that taught it, and 20 more.
     logs : str or path, optional
         Folder of the logs of trials with a robot; None logs nothing.
     settings : LearnerSettings, optional
@@ -81,7 +82,7 @@ class Learner(Answerer):
         percepts: str = "recorded",
         refit_every: float | None = 0.2,
         learn_success: bool = True,
-        horizon: float = 1000.0,
+        horizon: float | None = None,
         logs: str | Path | None = "logs",
         settings: LearnerSettings | None = None,
     ) -> None:

@@ -6,21 +6,12 @@ objects that no classifier has seen.
 """
 
 from dataclasses import astuple, dataclass, field, replace
-from functools import cached_property
 from typing import Self, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from meal_bayes.agents import (
-    Agent,
-    FittedITRSBonus,
-    ITRSBonus,
-    Knowledge,
-    NoBonus,
-    Progress,
-    information_value,
-)
+from meal_bayes.agents import Agent, Horizon, ITRSBonus, Knowledge, NoBonus, Progress
 from meal_bayes.agents.knowledge import base_rates, knowledge_of
 from meal_bayes.arrays import Rows
 from meal_bayes.datasets import TrainingSet
@@ -57,6 +48,7 @@ class Online:
     perception: Perception
     knowledge: Knowledge  # now
     refitted: Knowledge  # at the refit
+    percepts: NDArray[np.float64]  # (P,E,2,2) of labeled objects, see `Progress`
     seen: NDArray[np.bool_]  # (O,E,P) whether classifiers have seen an object
     levels: Rows  # (n,P) percepts of all instances; -1 unknown
     counted: Rows  # (n,P) labels that were counted since the refit; -1 none
@@ -96,7 +88,8 @@ class Online:
             seen[instances["object"][pretraining]] = True
         fit = cls(
             record, agent, settings, perception=perception, knowledge=known, refitted=known,
-            seen=seen, levels=Rows(np.int8, p), counted=Rows(np.int8, p),
+            percepts=_fractions(counts, perception).sum(axis=0), seen=seen,
+            levels=Rows(np.int8, p), counted=Rows(np.int8, p),
         )  # fmt: skip
         fit.update(np.arange(len(instances)))
         return fit
@@ -113,6 +106,8 @@ class Online:
             before = self._counts(self.record.gathered(n))
             self.counted.values[rows[o == n]] = labels[o == n]
             after = self._counts(self.record.gathered(n))
+            gained = _fractions(after, self.perception) - _fractions(before, self.perception)
+            self.percepts = self.percepts + gained
             posterior = self.knowledge.posterior.update(after, before)
             self.knowledge = replace(self.knowledge, posterior=posterior)
             moved |= (before != after).any(axis=(1, 2, 3))
@@ -195,14 +190,7 @@ class Online:
     def truth(self, query: Query) -> None:
         """Return nothing: of a robot's object it is not known."""
 
-    @cached_property
-    def information(self) -> NDArray[np.float64]:
-        """Value of information (P,E) at the refit, s a query."""
-        return information_value(
-            self.refitted, reward=self.settings.reward, discount=self.agent.discount
-        )
-
-    def progress(self, queries: float, object_name: str | None = None) -> Progress:
+    def progress(self, task: Task, object_name: str | None = None) -> Progress:
         """Return what has been learned so far, for a bonus; without a name, of a new object."""
         memory = self.agent.memory
         labelled = views.labelled(self.record, memory=memory)
@@ -216,8 +204,11 @@ class Online:
             labeled = (self.record.known.values[o] >= 0) & memory
         return Progress(
             knowledge=self.knowledge,
-            valued=lambda: self.information,
-            queries=queries,
+            horizon=Horizon(views.trials_before(self.record, task.key), self.settings.horizon),
+            reward=self.settings.reward,
+            discount=self.agent.discount,
+            percepts=self.percepts,
+            told=views.told_fraction(self.record),
             unit=self.settings.unit or max(1.0, float(counted.max(initial=0)) * len(counted)),
             instances=counted.sum(axis=0).T,
             objects=(labelled > 0).sum(axis=0).T,
@@ -232,33 +223,28 @@ class Online:
         query = task.query
         exploration = self.agent.exploration
         known = recognized_labels(self, task) is not None
-        queries = self.settings.horizon * len(query) / len(self.record.domain.attributes)
         if not explore or (isinstance(exploration, NoBonus) and not known):
-            return self._answer(task, streams, limit, queries)
+            return self._answer(task, streams, limit)
         momdp = problem_of(self, task, limit)
-        momdp = exploration.shape(momdp, self.progress(queries, task.object_name))
+        momdp = exploration.shape(momdp, self.progress(task, task.object_name))
         if not isinstance(self.agent.solver(self.knowledge.domain, query), POMCP):
             return momdp, solve(self, task, streams, momdp)
         key = query, limits_of(self, limit).tobytes()
         if key not in self.exploring:  # searches of equal queries share a plan library
             usual = problem_of(self, task, limit, recognize=False)
-            shaped = exploration.shape(usual, self.progress(queries))
+            shaped = exploration.shape(usual, self.progress(task))
             self.exploring[key] = cast(POMCPPolicy, solve(self, task, streams, shaped))
         return momdp, self.exploring[key].sharing_plans(momdp)
 
-    def _answer(
-        self, task: Task, streams: Key, limit: ArrayLike, queries: float
-    ) -> tuple[MOMDP, Policy]:
+    def _answer(self, task: Task, streams: Key, limit: ArrayLike) -> tuple[MOMDP, Policy]:
         """Build and solve the problem of a task that explores nothing, or return it as it was."""
         exploration = self.agent.exploration
         known = recognized_labels(self, task) is not None
         key = task.query, limits_of(self, limit).tobytes()
         if known or key not in self.answering:
             momdp = problem_of(self, task, limit)
-            if self.settings.shaped_answers and isinstance(
-                exploration, ITRSBonus | FittedITRSBonus
-            ):
-                momdp = exploration.shape(momdp, self.progress(queries))
+            if self.settings.shaped_answers and isinstance(exploration, ITRSBonus):
+                momdp = exploration.shape(momdp, self.progress(task))
             policy = solve(self, task, streams, momdp)
             if known or not getattr(policy, "deterministic", False):
                 return momdp, policy
@@ -268,3 +254,18 @@ class Online:
 
 def _some(gathered: TrainingSet, chosen: NDArray[np.bool_]) -> TrainingSet:
     return TrainingSet(*(column[chosen] for column in astuple(gathered)))
+
+
+def _fractions(counts: NDArray[np.int64], perception: Perception) -> NDArray[np.float64]:
+    """Return the fractions (...,P,E,2,2) of no and yes among an object's percepts (...,P,E,2,K).
+
+    Zeros where there are none; half of each where the classifier cannot tell yet.
+    """
+    half = counts.shape[-1] // 2
+    sides = np.stack([counts[..., :half].sum(axis=-1), counts[..., half:].sum(axis=-1)], axis=-1)
+    total = sides.sum(axis=-1, keepdims=True)
+    silent = np.ones(counts.shape[-4:-2], np.bool_)  # (P,E)
+    for name, classifier in perception.classifiers.items():
+        silent[:, perception.domain.behavior_index(name)] = ~classifier.used
+    even = silent[..., None, None] & (total > 0)
+    return np.asarray(np.where(even, 0.5, sides / np.maximum(total, 1)))

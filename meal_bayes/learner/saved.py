@@ -37,10 +37,10 @@ from meal_bayes.posterior import ConfusionPosterior
 from meal_bayes.posterior.trait import SharedTrait
 from meal_bayes.untrusted import UNREADABLE, read_array, read_member, read_meta, write_array
 
-_FORMAT = 10
+_FORMAT = 11
 _TEXT = "learner.json"
 _ROWS = ("instances", "levels", "labels", "executions", "feedback", "known")
-_FITTED = ("perception", "knowledge", "refitted", "seen", "levels", "counted")
+_FITTED = ("perception", "knowledge", "refitted", "percepts", "seen", "levels", "counted")
 _KINDS: tuple[type[Any], ...] = (
     Perception, BehaviorClassifier, KernelFit, FeatureSpace, Whitening, Stacker, Knowledge,
     ConfusionPosterior, SharedTrait, PerceptTable,
@@ -165,6 +165,8 @@ def _fitted(
     shape = len(domain.attributes), len(domain.behaviors), 2, agent.levels
     if any(state[name].posterior.counts.shape != shape for name in ("knowledge", "refitted")):
         raise ValueError("what was counted does not fit attributes, behaviors and levels")
+    if state["percepts"].shape != (*shape[:3], 2) or not (state["percepts"] >= 0).all():
+        raise ValueError("percepts of labeled objects do not fit attributes and behaviors")
     for name in ("levels", "counted"):
         state[name], values = Rows(np.int8, len(domain.attributes)), state[name]
         state[name].extend(values)

@@ -38,7 +38,7 @@ class LearnerSettings:
 
     seed: int = 0
     reward: float = 100.0
-    horizon: float = 1000.0
+    horizon: float | None = None
     refit_every: float | None = 0.2
     learn_success: bool = True
     percepts: str = "recorded"
@@ -58,8 +58,10 @@ class LearnerSettings:
             raise SettingsError(
                 f"reward is {self.reward}; give a finite number above 0, at most {LARGEST:g}."
             )
-        if not 0 <= self.horizon < np.inf:
-            raise SettingsError(f"horizon is {self.horizon}; give queries to come, 0 or more.")
+        if self.horizon is not None and not 0 <= self.horizon < np.inf:
+            raise SettingsError(
+                f"horizon is {self.horizon}; give questions to come, 0 or more, or None."
+            )
         if self.refit_every is not None and not self.refit_every > 0:
             raise SettingsError(
                 f"refit_every is {self.refit_every}; give a number above 0, or None."

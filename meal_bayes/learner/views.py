@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from meal_bayes.arrays import Rows
 from meal_bayes.datasets import Dataset, TrainingSet
 from meal_bayes.domain import Query
-from meal_bayes.learner.experience import GIVEN, Experience, Labels
+from meal_bayes.learner.experience import GIVEN, Experience, Key, Labels, told
 
 
 def attempts(record: Experience) -> NDArray[np.int64]:
@@ -23,6 +23,25 @@ def attempts(record: Experience) -> NDArray[np.int64]:
     rows = rows[rows["success"] >= 0]
     cells = 2 * rows["behavior"] + rows["success"]
     return np.bincount(cells, minlength=2 * e).reshape(e, 2)
+
+
+def trials_before(record: Experience, trial: Key) -> int:
+    """Count the trials that taught and began before one."""
+    first = record.trials.get(trial, len(record.trials))
+    began = list(record.trials)[:first]
+    return sum(key != told(str(key[-1])) for key in began)
+
+
+def told_fraction(record: Experience) -> float:
+    """Fraction of the labels of objects beyond a first that people told, by Laplace's rule."""
+    rows = record.feedback.values
+    cells = (len(record.trials), len(record.domain.attributes))
+    labels = np.full(cells, -1)
+    labels[rows["trial"], rows["attribute"]] = rows["value"]  # the latest of each
+    number = (labels >= 0).sum(axis=1)  # of each trial
+    beyond = np.maximum(number - 1, 0).sum()
+    possible = (number > 0).sum() * (cells[1] - 1)
+    return float((beyond + 1) / (possible + 2))
 
 
 def labels_for(record: Experience, names: Iterable[str]) -> Labels:
