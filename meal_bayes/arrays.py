@@ -88,6 +88,7 @@ def label_values(values: Any) -> NDArray[np.int8]:
     """
     if type(values) is np.ndarray and values.dtype == np.int8 and np.isin(values, (-1, 0, 1)).all():
         return values
+    # Values one by one, as a cast would make 257 to 1, and "False" to True.
     array = np.ma.filled(np.ma.asarray(values).astype(object), None)
     labels = np.empty(array.shape, np.int8)
     for index, value in np.ndenumerate(array):

@@ -53,6 +53,7 @@ def check_output(path: str | Path, *, inputs: Iterable[str | Path] = ()) -> Path
     """
     named = Path(path)
     target = Path(os.path.realpath(named))
+    # Links are followed: an output may be a link to what is read.
     with _with_path(named):
         for read in map(Path, inputs):
             if target.exists() and read.exists() and read.samefile(target):

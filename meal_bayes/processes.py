@@ -68,6 +68,7 @@ def _become(parent: int, command: list[str]) -> None:
     try:
         if sys.platform != "linux":
             sys.exit(_guard(parent, command))
+        # The kernel kills this process, and the program that it becomes, with its parent.
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
         if os.getppid() == parent:  # it may have ended before the kernel was asked
             os.execv(command[0], command)  # which the program inherits

@@ -122,6 +122,7 @@ def read_array(
     archive: zipfile.ZipFile, name: str, dtype: str, axes: int, limit: int = MEMBER_LIMIT
 ) -> NDArray[Any]:
     """Read the member NAME.npy, of this dtype and number of axes; raises one of `UNREADABLE`."""
+    # By hand, as `np.load` would allocate what a header claims before anything is checked.
     content = read_member(archive, f"{name}.npy", limit)
     buffer = io.BytesIO(content)
     if np.lib.format.read_magic(buffer) != (1, 0):
@@ -134,6 +135,7 @@ def read_array(
 
 def read_member(archive: zipfile.ZipFile, name: str, limit: int = MEMBER_LIMIT) -> bytes:
     """Unpack a member of reasonable size; raises one of `UNREADABLE`."""
+    # The size that the zip claims; unpacking stops there, and the checksum tells a lie.
     info = archive.getinfo(name)
     if info.file_size > limit:
         raise ValueError(f"{name} claims {info.file_size} bytes, more than {limit}")

@@ -107,6 +107,7 @@ class Dataset:
                     f"Features of {context[0]!r} are NaN or infinity for every object; give "
                     "recordings of it, or leave the behavior out of the domain."
                 )
+        # Arrays have one R; fewer recordings of a behavior are rows of NaN at its end.
         if len({values.shape[1] for values in frozen.values()}) > 1:
             raise DataError(
                 "All contexts must have the same number of recordings an object; fill up with rows "

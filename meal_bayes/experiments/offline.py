@@ -247,6 +247,7 @@ def offline_tasks(
     groups = list(table.domain.groups.values())
     objects = range(len(table.objects))
     count = len(objects) * math.comb(len(names), n_attributes)
+    # By groups (ROC36); one by one where a list would be too long; else all, shuffled.
     if groups and n_attributes <= len(groups):
         pairs = _grouped(table, groups, n_attributes, rng)
     elif count > _LISTED:

@@ -88,6 +88,7 @@ class _Unit:
         for batch in range(config.batches + 1):
             train = config.batches > batch and not self.has(batch + 1, "train")
             test = not self.has(batch, "test")
+            # What is logged is repeated, not perceived; it is learned from once it is needed.
             if test or train:
                 learner.refit()
             if test:

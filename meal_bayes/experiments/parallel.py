@@ -67,6 +67,7 @@ def _finished(
 
 def _pickled(function: Callable[[Work], Result], pieces: list[Work]) -> list[bytes]:
     """Return calls as bytes that a process can make which has none of the user's modules."""
+    # Code that a worker cannot import travels by value: registered for this pickle alone.
     modules = {module.__name__: module for module in [*sys.modules.values()] if is_own(module)}
     with contextlib.ExitStack() as stack:
         for name in modules.keys() - cloudpickle.list_registry_pickle_by_value():
@@ -88,6 +89,7 @@ def _here(calls: list[bytes], jobs: int, meanwhile: Callable[[], None]) -> Itera
         initargs=(os.getpid(),),
         env={name: threads for name in _THREADS if name not in os.environ},
     )
+    # Workers that still run when the generator is left are killed, or the program would wait.
     whole = False
     try:
         yield from _finished(pool, _call, calls, meanwhile)

@@ -31,10 +31,12 @@ def learnable(table: PerceptTable) -> tuple[str, ...]:
     held-out percepts. The choice is the protocol's; agents do not see these rates.
     """
     truth = table.labels
+    # Three in each of three parts, of both values.
     enough = np.minimum((truth == 1).sum(axis=0), (truth == 0).sum(axis=0)) >= 3 * _POSITIVES
     recorded = ~np.isnan(table.log_odds).any(axis=1)
     yes = np.where(recorded, (table.log_odds > 0).mean(axis=1), 0.5)  # (O,E,P) of recordings
     best = np.full(truth.shape[1], -1.0)
+    # The best behavior's TPR - FPR.
     for p in np.flatnonzero(enough):
         false, true = (yes[truth[:, p] == value, :, p].mean(axis=0) for value in (0, 1))
         best[p] = (true - false).max()
@@ -60,6 +62,7 @@ class Recordings:
     def __init__(self, dataset: Dataset, rng: np.random.Generator) -> None:
         self.counts = replayable(dataset)  # (O,E)
         o, e, r = *self.counts.shape, dataset.recordings
+        # Sorting random numbers gives a random order; absent recordings come last, at infinity.
         absent = np.arange(r) >= self.counts[..., None]
         self._order = np.where(absent, np.inf, rng.random((o, e, r))).argsort(axis=-1)
         self._used = np.zeros((o, e), np.int64)
@@ -97,8 +100,10 @@ def _draw_split(dataset: Dataset, shares: NDArray[np.intp], seed: int, repeat: i
             f"Split sizes {(ends - starts).tolist()} do not fit {count} objects; expected at least "
             "one object in each part: give other shares, or more objects."
         )
+    # Draw splits until one has enough positives of every attribute in each part; where none does
+    # after many, ask for one fewer. With none asked the first will do.
     minimum = _POSITIVES
-    while True:  # none are in any split
+    while True:
         rng = stream(seed, "split", dataset.domain.data, repeat, minimum)
         possible = (positive.sum(axis=0) >= 3 * minimum).all()
         for _ in range(_TRIES if possible else 0):

@@ -158,6 +158,7 @@ def log_odds(momdp: MOMDP, log_prob: NDArray[np.float64]) -> NDArray[np.float64]
     with np.errstate(divide="ignore", invalid="ignore"):  # nan where no value is possible
         of_truth = np.logaddexp.reduce(log_joint, axis=-1)  # (...,N,2)
         odds = np.asarray(of_truth[..., 1] - of_truth[..., 0])
+        # Values of a group exclude each other: the odds of each are taken as one of K answers.
         for group in map(list, momdp.query.groups):
             prior = momdp.prior[group]
             log_ratio = odds[..., group] - (np.log(prior) - np.log1p(-prior))
@@ -219,6 +220,7 @@ def update_belief(belief: Belief, momdp: MOMDP, transition: Transition) -> Belie
     mean = momdp.confusion[attributes, e, :, levels]
     precision = momdp.precision[:, e]  # (N,C)
     counts = percept_counts[attributes, levels][:, None]
+    # Pr(class | z) is Pr(class) times the predictive of z, normalized.
     with np.errstate(divide="ignore", invalid="ignore"):  # nan where no class is possible
         log_prob = belief.log_prob + np.log(predictive(mean, precision, counts, total[:, None]))
         log_prob -= np.logaddexp.reduce(log_prob, axis=-1, keepdims=True)

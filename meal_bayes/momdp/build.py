@@ -101,6 +101,7 @@ def build_momdp(
         classes = (classes[:, :, None] * np.eye(2)[:, :, None]).reshape(n, 2, 2 * c)
         rows = np.tile(rows, (1, 1, 2, 1))
         spread = np.tile(spread, 2)
+    # A person's answer is right with one accuracy; what senses nothing says nothing.
     for index, behavior in enumerate(domain.behaviors):
         if behavior.answer_accuracy is not None:
             rows[:, index] = _answer_rows(classes, behavior.answer_accuracy, rows.shape[-1])
@@ -182,6 +183,7 @@ def shape_reward(
         The domain the MOMDP was built from.
     """
     ie = np.asarray(experience, dtype=float)[..., None]
+    # Eq. 11, shared by the N attributes that one execution explores.
     bonus = alpha * observation_entropy(momdp) - beta * ie / len(momdp.query)
     shaped = np.isin(np.arange(momdp.n_behaviors), domain.recorded)[:, None]
     return replace(momdp, bonus=np.where(shaped, bonus, 0.0))

@@ -24,13 +24,17 @@ def faults_of(
     (E,X,X). Returned are those that fail (E,), and which of these did not move
     either (E,).
     """
-    chance, count = np.ones(momdp.n_behaviors), np.zeros(momdp.n_behaviors, int)
+    chance = np.ones(momdp.n_behaviors)
+    count = np.zeros(momdp.n_behaviors, int)
     left = momdp.limit.copy()  # a robot that replays runs out of recordings
-    still, x = np.ones(momdp.n_behaviors, bool), momdp.start
+    still = np.ones(momdp.n_behaviors, bool)
+    x = momdp.start
     for e, perceived, after in zip(history.actions, history.perceived, history.moved, strict=True):
         percept = float(expected[e, x] @ momdp.observation_probability[e, x])
         if perceived or (percept == 0 and after != x):
-            chance[e], count[e], still[e] = 1.0, 0, True
+            chance[e] = 1.0
+            count[e] = 0
+            still[e] = True
             left[e] -= perceived
         elif left[e] > 0 or percept == 0:
             chance[e] *= 1.0 - percept if percept else expected[e, x, x]
@@ -43,7 +47,8 @@ def faults_of(
 
 def without(momdp: MOMDP, failing: NDArray[np.bool_], stuck: NDArray[np.bool_]) -> MOMDP:
     """Return the problem in which failing behaviors sense nothing, and stuck ones do nothing."""
-    silent, idle = failing[:, None, None], stuck[:, None, None]
+    silent = failing[:, None, None]
+    idle = stuck[:, None, None]
     return replace(
         momdp,
         observation_probability=np.where(silent, 0.0, momdp.observation_probability),

@@ -97,6 +97,7 @@ class TrialOutcomes:
             expected = tuple(size[letter] for letter in shape)
             if (actual := getattr(self, name).shape) != expected:
                 raise SettingsError(f"{name} has shape {actual}, expected {expected}.")
+        # Rows of fewer attributes than the widest query are padded with "".
         asked = self.attribute != ""
         answered = self.report >= 0
         wrong = {
@@ -137,9 +138,11 @@ class TrialOutcomes:
 
     @classmethod
     def _stack(cls, parts: Sequence[_Part]) -> "TrialOutcomes":
+        # Agents of one run may have other behaviors: columns are matched by name.
         behaviors = tuple(dict.fromkeys(name for names, _ in parts for name in names))
         sizes = [np.shape(columns["attribute"]) for _, columns in parts]
-        n, q = sum(rows for rows, _ in sizes), max((width for _, width in sizes), default=0)
+        n = sum(rows for rows, _ in sizes)
+        q = max((width for _, width in sizes), default=0)
         whole: dict[str, Any] = {}
         for name, shape in _SHAPES.items():
             if shape == "n":
@@ -212,7 +215,8 @@ class BatchOutcomes(NamedTuple):
 
 def _columns(trial: Trial) -> _Part:
     """Return the behaviors and the columns of one trial."""
-    task, names = trial.task, trial.momdp.behavior_names
+    task = trial.task
+    names = trial.momdp.behavior_names
     done = [step for step in trial.steps if step.decision.action < len(names)]
     actions = [step.decision.action for step in done]
     empty = [step.decision.action for step in done if step.observation is None]

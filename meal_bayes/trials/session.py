@@ -103,18 +103,26 @@ class Session:
         cost_limit: Any = max_cost  # users give anything
         if max_cost is not None and not (isinstance(cost_limit, float | int) and cost_limit >= 0):
             raise SettingsError(f"max_cost is {max_cost!r:.60}; give seconds, 0 or more.")
-        self.task, self.momdp, self.agent = task, momdp, agent
+        self.task = task
+        self.momdp = momdp
+        self.agent = agent
         self.belief: Belief = initial_belief(momdp)
         self.history = History(self.belief)
         self.steps: list[Step] = []
         self.report: NDArray[np.bool_] | None = None
-        self.max_steps, self.max_cost = max_steps, max_cost
-        self._policy, self._checker, self._perceiver = policy, checker, perceiver
-        self._counts, self.key = counts, task.key if key is None else key
+        self.max_steps = max_steps
+        self.max_cost = max_cost
+        self._policy = policy
+        self._checker = checker
+        self._perceiver = perceiver
+        self._counts = counts
+        self.key = task.key if key is None else key
         self.rng = stream(seed, "planner", agent, *self.key)  # of the policy
         self._luck = stream(seed, "percepts", *self.key)  # drawn from tables, same for every agent
-        self._truth, self._first = truth_of(task.query, truth), self.belief
-        self._on_step, self._on_end = on_step, on_end
+        self._truth = truth_of(task.query, truth)
+        self._first = self.belief
+        self._on_step = on_step
+        self._on_end = on_end
         self._recorder: Recorder | None = None
         self._decision: Decision | None = None  # whose outcome is waited for
         self._at = "robot"  # which part runs, for `Trial.ended`
@@ -191,16 +199,25 @@ class Session:
         """
         if self._decision is None:
             raise SettingsError("No behavior is under way: the trial is over, or has not begun.")
-        self._at, action = "robot", self._decision.action
+        self._at = "robot"
+        action = self._decision.action
         execution = self._checker.execute(action, outcome)
-        self._at, x, cost = "perceiver", self.belief.x, float(self.momdp.cost[action])
+        self._at = "perceiver"
+        x = self.belief.x
+        cost = float(self.momdp.cost[action])
+        # By the model nothing comes of a failure: a percept of it would have probability 0.
         if execution.next_x == x and not self.momdp.observation_probability[action, x, x]:
             sensed = execution.instance is not None or execution.answers is not None
-            execution = Execution(x, warning="it failed: what it sensed is left aside" * sensed)
+            execution = Execution(
+                x, warning="it failed: what it sensed is left aside" if sensed else ""
+            )
         percept, warning = self._perceive(execution)
         transition = Transition(action, execution.next_x, percept)
+        # Alg. 1, l. 10: the belief after the percept; then the policy decides from it.
         after = update_belief(self.belief, self.momdp, transition)
-        decision, next_x, self._decision = self._decision, execution.next_x, None
+        decision = self._decision
+        next_x = execution.next_x
+        self._decision = None
         self._append(Step(x, decision, next_x, percept, cost, -cost, after, warning))
         self._decide()
 
@@ -261,8 +278,12 @@ class Session:
         self._decision = None
         if self._policy is None or self.over:
             return
-        self._at, momdp = "planner", self.momdp
-        decision, limit, warning = self._policy.decide(self.history, self.rng), "", ""
+        self._at = "planner"
+        momdp = self.momdp
+        decision = self._policy.decide(self.history, self.rng)
+        limit = ""
+        warning = ""
+        # Limits are looked at before a behavior, so that none is broken off.
         if decision.action < momdp.n_behaviors:
             cost = self.history.cost + float(momdp.cost[decision.action])
             if self.max_cost is not None and cost > self.max_cost:
@@ -277,13 +298,15 @@ class Session:
 
     def _follow(self, decision: Decision, warning: str = "") -> None:
         """Wait for the outcome of a behavior, or end the trial with an answer."""
-        momdp, x = self.momdp, self.belief.x
+        momdp = self.momdp
+        x = self.belief.x
         momdp.check_action(x, decision.action)
         if decision.action < momdp.n_behaviors:
             self._decision = decision
             return
         report = momdp.reported(decision.action)
         reward = 0.0 if report is None else float("nan")
+        # The truth is compared here alone; neither policy nor belief sees it.
         right = self.task.query.report_truth(self._truth)
         if report is not None and (right >= 0).all():
             reward = momdp.reports.reward(report, right)
@@ -298,6 +321,7 @@ class Session:
         self.history = self.history.after(step.belief, step.decision.action, perceived, step.cost)
         if step.decision.action >= self.momdp.n_behaviors:
             self.report = self.momdp.reported(step.decision.action)
+        # On the disk before the next behavior is named: a robot may go on after a crash.
         if self._recorder is not None:
             self._recorder.step(step)
         if self._on_step is not None:
@@ -306,7 +330,8 @@ class Session:
             self._end("")
 
     def _end(self, why: str) -> None:
-        self._ended, self._decision = why, None
+        self._ended = why
+        self._decision = None
         trial = self.trial
         if self._recorder is not None:
             self._recorder.end(trial)
@@ -315,7 +340,8 @@ class Session:
 
     def _perceive(self, execution: Execution) -> tuple[NDArray[np.int8] | None, str]:
         """Return percept levels (N,), or None, and a warning."""
-        query, answers = self.task.query, execution.answers
+        query = self.task.query
+        answers = execution.answers
         if execution.instance is not None:
             return self._perceiver.observe(execution.instance, query, self._luck), execution.warning
         if answers is None:

@@ -67,7 +67,8 @@ def truth_text(query: Query, truth: Sequence[int] | NDArray[np.int8]) -> str:
 
     Of a group only the value that is true is named.
     """
-    attributes, groups = query.attributes, query.groups
+    attributes = query.attributes
+    groups = query.groups
     implied = {i for group in groups for i in group if any(truth[k] == 1 for k in group)}
     known = [
         name if value == 1 else f"not {name}"
@@ -79,7 +80,9 @@ def truth_text(query: Query, truth: Sequence[int] | NDArray[np.int8]) -> str:
 
 def outcome_text(momdp: MOMDP, step: Step) -> str:
     """Return what a behavior led to: whether it succeeded, the states, and why nothing came."""
-    action, x, next_x = step.decision.action, step.x, step.next_x
+    action = step.decision.action
+    x = step.x
+    next_x = step.next_x
     path = f"{momdp.x_names[x]} → {momdp.x_names[next_x]}"
     if step.observation is not None:
         return f"succeeded, {path}"
@@ -109,7 +112,8 @@ def verdict_text(trial: Trial) -> str:
 
 def final_facts(trial: Trial) -> dict[str, str]:
     """Return the answer of a trial, its truth, the verdict where there is one, and the cost."""
-    query, answer = trial.task.query, "abstained; every report was too risky"
+    query = trial.task.query
+    answer = "abstained; every report was too risky"
     if trial.ended:
         answer = f"none; {trial.ended}"
     truth = truth_text(query, trial.truth)

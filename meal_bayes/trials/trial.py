@@ -198,7 +198,8 @@ class Trial(FrozenArrays):
         """Return a pandas data frame, a row a step; percepts are missing where none came."""
         import pandas as pd  # noqa: PLC0415  takes half a second
 
-        rows, names = [], self.task.query.attributes
+        rows = []
+        names = self.task.query.attributes
         percepts = [f"percept_{name}" for name in names]
         for number, step in enumerate(self.steps, start=1):
             levels = [None] * len(names) if step.observation is None else step.observation.tolist()
