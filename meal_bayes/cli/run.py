@@ -79,6 +79,7 @@ def offline(root: Path | None, agents: tuple[str, ...], as_json: bool, **setting
     from meal_bayes import experiments
     from meal_bayes.evaluation import answer_rates, summarize
     from meal_bayes.evaluation.statistics import plain
+    from meal_bayes.evaluation.summary import no_better_than_prior
 
     how = {name: settings.pop(name) for name in _HOW}
     perception = settings["perception"]
@@ -109,16 +110,23 @@ def offline(root: Path | None, agents: tuple[str, ...], as_json: bool, **setting
         return
     _print_summary(rows, paired)
     if rates:
-        terminal.output().print()
-        heads = {
-            "agent": "{agent}",
-            "hit rate": "{hit_rate:.3f}",
-            "false-alarm rate": "{false_alarm_rate:.3f}",
-            "yes is right": "{yes:.1%}",
-        }
-        cells = ({"agent": name, **rate._asdict()} for name, rate in rates.items())
-        terminal.print_table(heads, cells, narrow=True)
+        _print_rates(rates)
+    if no_better := no_better_than_prior(rows.outcomes):
+        terminal.say(no_better)
     terminal.note(f"trials in {finished.folder}")
+
+
+def _print_rates(rates: "dict[str, Any]") -> None:
+    """Print hits and false alarms of each agent's answers yes or no."""
+    terminal.output().print()
+    heads = {
+        "agent": "{agent}",
+        "hit rate": "{hit_rate:.3f}",
+        "false-alarm rate": "{false_alarm_rate:.3f}",
+        "yes is right": "{yes:.1%}",
+    }
+    cells = ({"agent": name, **rate._asdict()} for name, rate in rates.items())
+    terminal.print_table(heads, cells, narrow=True)
 
 
 def _print_summary(rows: "list[SummaryRow]", paired: "list[dict[str, object]]") -> None:

@@ -19,7 +19,13 @@ from meal_bayes.evaluation import plots
 from meal_bayes.evaluation.learning import POOLED
 from meal_bayes.evaluation.logged import LoggedOutcomes
 from meal_bayes.evaluation.statistics import clustered
-from meal_bayes.evaluation.summary import SummaryRow, compare, mean_effect, summarize
+from meal_bayes.evaluation.summary import (
+    SummaryRow,
+    compare,
+    mean_effect,
+    no_better_than_prior,
+    summarize,
+)
 from meal_bayes.palette import ordered_agents
 from meal_bayes.trials import BatchOutcomes, TrialOutcomes
 from meal_bayes.trials.text import UNKNOWN
@@ -73,7 +79,8 @@ def finding_of(logged: LoggedOutcomes) -> str:
         parts.append(f"ahead of {', '.join(behind)}")
     if near:
         parts.append(f"not told apart from {', '.join(near)}")
-    return "; ".join(parts) + ". Differences are of the same tasks, with 95 % intervals."
+    text = "; ".join(parts) + ". Differences are of the same tasks, with 95 % intervals."
+    return f"{text} {no_better_than_prior(measured)}".rstrip()
 
 
 def _number(value: float, digits: int, se: float = math.nan, unknown: str = "-") -> str:

@@ -22,6 +22,7 @@ from meal_bayes.evaluation.statistics import Effect, Interval, Measures, cluster
 from meal_bayes.seeds import stream
 from meal_bayes.trials import TrialOutcomes, Trials
 
+PRIOR = "prior"  # the agent that answers by base rates at once, for 0 s
 _FRACTIONS = ("success", "abstained")  # measures of which trials have 0 or 1
 
 
@@ -180,6 +181,29 @@ def difference(first: TrialOutcomes, second: TrialOutcomes, *, measure: str = "r
     if measure in _FRACTIONS:
         return paired_fractions(gain[known], partial(clustered, clusters=objects))
     return clustered(gain[known], objects)
+
+
+def no_better_than_prior(outcomes: TrialOutcomes) -> str:
+    """Say which agents do not earn more than `prior`, which touches nothing; "" where all do.
+
+    An agent earns more where the 95 % interval of its difference in reward, on the same tasks,
+    lies above 0.
+    """
+    if PRIOR not in outcomes.agents:
+        return ""
+    level = []
+    for agent in outcomes.agents:
+        if agent == PRIOR:
+            continue
+        try:
+            gain = compare(outcomes, agent, PRIOR)
+        except SettingsError:  # no task in common, or none whose truth is known
+            continue
+        if not gain.low > 0:
+            level.append(f"{agent} ({gain.estimate:+.1f} [{gain.low:+.1f}, {gain.high:+.1f}])")
+    if not level:
+        return ""
+    return f"Not shown to earn more than {PRIOR}, which touches nothing: {', '.join(level)}."
 
 
 def paired_rows(first: TrialOutcomes, second: TrialOutcomes) -> tuple[Ints, Ints]:

@@ -45,6 +45,11 @@ def test_the_table_fits_and_names_the_log(run):
     assert "trials in logs/offline-roc36-n2-seed0-" in result.stderr
 
 
+def test_agents_are_held_against_answering_untouched(run, table):
+    text = run("run", "offline", "--trials", "40", "--agent", "prior,random").stdout
+    assert "Not shown to earn more than prior, which touches nothing: random (" in text
+
+
 def test_agents_are_compared_with_the_papers(run, table):
     words = (*OWN, "--trials", "12", "--agent", "morc,greedy", "--agent", "random")
     told = json.loads(run(*words, "--json").stdout)

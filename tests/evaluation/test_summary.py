@@ -11,6 +11,7 @@ from meal_bayes.domain import Query, load_domain
 from meal_bayes.errors import SettingsError
 from meal_bayes.evaluation import compare, mean_effect, summarize
 from meal_bayes.evaluation.outcome_model import Cells, compare_outcomes
+from meal_bayes.evaluation.summary import no_better_than_prior
 from meal_bayes.momdp import belief_of, build_momdp, initial_belief
 from meal_bayes.planners import unvalued
 from meal_bayes.trials import Step, Task, Trial, TrialOutcomes
@@ -72,6 +73,19 @@ def test_trials_broken_off_enter_no_measure():
     assert (row.trials, without.trials) == (3, 2)
     assert row.as_dict() | {"trials": 2} == without.as_dict()
     assert math.isnan(mean_effect(TrialOutcomes.of([broken]), "cost").estimate)
+
+
+def test_agents_that_earn_no_more_than_the_prior_are_named():
+    right, wrong = [True, True], [False, False]
+    trials = []
+    for n in range(8):
+        trials.append(trial("prior", [0.6, 0.6], right, right if n % 2 else wrong, 0.0, n, n))
+        trials.append(trial("sure", [0.9, 0.9], right, right, 1.0, n, n))
+        trials.append(trial("slow", [0.6, 0.6], right, right if n % 2 else wrong, 30.0, n, n))
+    said = no_better_than_prior(TrialOutcomes.of(trials))
+    assert "slow (-30.0 [" in said
+    assert "sure" not in said
+    assert no_better_than_prior(TrialOutcomes.of(TRIALS)) == ""
 
 
 def test_rows_are_json():
