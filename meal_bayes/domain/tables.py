@@ -11,6 +11,8 @@ diagram
     probability [1] and senses [true]; "*" is every state.
 report_reward, predefined, legal_budget, asked_minimum, groups, synonyms, data
     As in `Domain`, with its defaults.
+payoffs
+    right_yes, wrong_yes, right_no and wrong_no, where yes and no do not earn alike.
 extends
     A shipped domain, or another TOML, whose keys this one replaces.
 note
