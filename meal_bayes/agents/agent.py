@@ -13,6 +13,7 @@ from meal_bayes.momdp import MOMDP, Objective, build_momdp
 from meal_bayes.planners import Solver, warm_up
 
 _TRUST = 0.99  # Pr(a label that a person gave is right)
+_MOST_VOTES = 5  # of one side, beyond which a belief could not be moved any more
 
 Rows = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64] | None]
 ObservationModel = Callable[[Knowledge, Sequence[int]], Rows]
@@ -79,7 +80,7 @@ class Agent:
         *,
         limit: ArrayLike = np.inf,
         reward: float | None = None,
-        labels: NDArray[np.int8] | None = None,
+        votes: NDArray[np.int64] | None = None,
     ) -> MOMDP:
         """Build the query's MOMDP from what is known (Alg. 1, l. 1-4).
 
@@ -93,16 +94,19 @@ class Agent:
             (E,) or a number: recordings of a behavior that one trial can perceive.
         reward : float | None
             r+ = -r-, the domain's by default.
-        labels : NDArray[np.int8] | None
-            (N,) that people gave to this object before, right in 99 of 100 cases; -1 unknown.
+        votes : NDArray[np.int64] | None
+            (N,) trials after which a person said of this object that it is so, less those that it
+            is not; each is right in 99 of 100 cases, and evidence of its own.
         """
         domain = knowledge.domain
         columns = domain.columns(query.attributes)
         observation = self.observation_model or self._observation
         confusion, precision, latent_classes = observation(knowledge, columns)
         prior = knowledge.base_rates[columns] if self.base_rates else np.full(len(query), 0.5)
-        if labels is not None:
-            prior = np.where(labels < 0, prior, np.where(labels == 1, _TRUST, 1.0 - _TRUST))
+        if votes is not None:
+            weight = np.minimum(np.abs(votes), _MOST_VOTES)
+            right = _TRUST**weight / (_TRUST**weight + (1.0 - _TRUST) ** weight)
+            prior = np.where(votes == 0, prior, np.where(votes > 0, right, 1.0 - right))
         loss = None if reward is None else -reward
         return build_momdp(
             domain, query, confusion, precision,

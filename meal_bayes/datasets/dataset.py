@@ -31,12 +31,15 @@ class Instance:
         Which of the object's recordings, from 0.
     features : Mapping[str, NDArray[np.float32]] | None
         Modality -> (D,) float32.
+    percepts : Mapping[str, float] | None
+        What a detector gave as percepts: attribute -> -1 (surely no) to 1 (surely yes).
     """
 
     object_index: int
     behavior: str
     recording: int
     features: Mapping[str, NDArray[np.float32]] | None = None
+    percepts: Mapping[str, float] | None = None
 
     __repr__ = short_repr
 

@@ -2,7 +2,6 @@
 
 import threading
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +14,7 @@ from meal_bayes.domain import Domain, Query, read_question
 from meal_bayes.errors import SettingsError
 from meal_bayes.files import file_name
 from meal_bayes.learner.experience import Experience, Key
-from meal_bayes.learner.fit import Fit, problem_of
+from meal_bayes.learner.fit import Fit, problem_of, training_agent
 from meal_bayes.learner.fits import Fits
 from meal_bayes.learner.held_out import replay
 from meal_bayes.learner.online import Online
@@ -251,12 +250,21 @@ class Answerer:
 
     def _fit(self, task: Task, *, learn: bool) -> Fit:
         """Return what is known for a trial, by who runs it: training may be another agent's."""
-        agent = self.agent
         if self.table is not None:
-            return self._fits.held_out(self.table, agent, task.object_index)
-        if learn and agent.trained_by is not None:
-            agent = replace(agent.trained_by, name=agent.name)
-        return self._fits.of(agent)
+            return self._fits.held_out(self.table, self.agent, task.object_index)
+        return self._fits.of(self._agents[-1] if learn else self.agent)
+
+    @property
+    def _agents(self) -> list[Agent]:
+        """Who decides in tests, and who runs training trials where that is another."""
+        training = training_agent(self.agent)
+        return [self.agent] if training == self.agent else [self.agent, training]
+
+    def _use(self) -> None:
+        """Let the agents learn from the record before it changes, if they have not."""
+        if self.table is None:
+            for agent in self._agents:
+                self._fits.of(agent)
 
     def _task(
         self, question: Question, object_name: str | None, key: str | int | None = None
@@ -293,11 +301,12 @@ class Answerer:
     def _session(self, task: Task, key: Key, options: TrialOptions) -> Session:
         """Return the session of a task whose random streams `key` names."""
         with self._lock:
+            if options.learn:
+                self._use()
             fit = self._fit(task, learn=options.learn)
         return session_of(fit, task, key, options, lock=self._lock, on_end=self._end)
 
     def _end(self, trial: Trial) -> None:
         """Learn from a trial: labels of an object that is recognized are known already."""
         with self._lock:
-            self.experience.complete(trial.task.key)
-            self._fits.update(self.experience.shown(trial.task.key))
+            self._fits.update(self.experience.shown(trial.task.key), refit=False)

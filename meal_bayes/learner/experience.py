@@ -1,11 +1,17 @@
 """The only record of what a robot did and was told: executions, instances, labels.
 
 Everything else is a view of it (`views.py`): the training set D of Algorithm 2, evidence (Eq. 10),
-labels by object, success rates. Rows are added at the end, and are written as they are.
+success rates. A recording is what was sensed: two of equal features, by one behavior on one object
+in one data set, are two; in two data sets they are one. Rows are added at the end.
+
+A label is told in a trial, or of an object by its name, as those of a data set are. Each row of
+labels (of an instance, of an object) is what `Domain.replace` makes of all that was told of it, in
+order.
 """
 
+import hashlib
+from collections import Counter
 from collections.abc import Iterable, Mapping
-from itertools import groupby
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +19,7 @@ from numpy.typing import NDArray
 from meal_bayes.arrays import Rows
 from meal_bayes.datasets import Dataset, Instance
 from meal_bayes.domain import Domain
-from meal_bayes.errors import DataError, QueryError
+from meal_bayes.errors import QueryError
 
 Key = tuple[str | int, ...]
 Labels = NDArray[np.int8]
@@ -21,15 +27,16 @@ Context = tuple[str, str]  # (behavior, modality)
 
 GIVEN = 0  # an instance's origin: recordings that were given
 GATHERED = 1  # or a trial of the robot
+WITHDRAWN = 2  # or nothing any more: it was forgotten
 NONE = -1  # in place of a row's number
-UNNUMBERED = 1 << 20  # recordings of a robot's own, after those that a data set numbers
 
 INSTANCE = np.dtype([
     ("object", np.int64),
     ("behavior", np.int64),
-    ("recording", np.int64),
-    ("features", np.int64),  # row of its features; NONE: there are none
-    ("origin", np.int64),  # GIVEN or GATHERED
+    ("digest", np.int64),  # of its features; 0: there are none
+    ("copy", np.int64),  # how many with this digest came before it
+    ("recording", np.int64),  # its number in the data set that is replayed; NONE
+    ("origin", np.int64),
     ("scale", np.int64),  # K, of its percepts in the trial; 0 where it was given
 ])  # fmt: skip
 EXECUTION = np.dtype([
@@ -40,15 +47,29 @@ EXECUTION = np.dtype([
 ])  # fmt: skip
 FEEDBACK = np.dtype([
     ("trial", np.int64),
+    ("call", np.int64),  # labels that were told together
     ("object", np.int64),
     ("attribute", np.int64),
-    ("value", np.int64),  # 1, 0, or -1 where a label was withdrawn
+    ("value", np.int64),  # 1, 0, or -1 where those of the trial before it were withdrawn
+    ("given", np.int64),  # 1: by a data set, 0: by a person
 ])  # fmt: skip
 
 
 def told(name: str) -> Key:
     """Return what stands for a trial where labels are told of an object by its name."""
     return ("told", name)
+
+
+def digest_of(features: Mapping[str, NDArray[np.float32]] | None) -> int:
+    """Compute the digest of a recording's features by modality; 0 where there are none."""
+    if not features:
+        return 0
+    digest = hashlib.blake2b(digest_size=8)
+    for modality in sorted(features):
+        values = np.ascontiguousarray(features[modality], "<f4")
+        digest.update(f"{modality}\0{len(values)}\0".encode())
+        digest.update(values.tobytes())
+    return int.from_bytes(digest.digest()) >> 1 or 1
 
 
 class Experience:
@@ -58,20 +79,16 @@ class Experience:
     ----------
     objects, trials : dict
         Names of objects and keys of trials, with their numbers.
-    instances : Rows (n,)
-        What was perceived or given, `INSTANCE`.
+    instances, executions, feedback : Rows
+        `INSTANCE` (n,), `EXECUTION` (m,), `FEEDBACK` (l,).
     levels : Rows (n,P)
         Percepts at the time they came; -1 unknown.
-    labels : Rows (n,P)
-        Of the trials in which an instance was shown; -1 unknown.
-    executions : Rows (m,)
-        `EXECUTION`.
-    feedback : Rows (l,)
-        `FEEDBACK`.
+    detected : Rows (n,P)
+        Those of them that a detector of the robot's own gave; -1 none.
+    labels, known : Rows (n,P), (O,P)
+        Labels of instances, of the trials in which they were shown; of objects; -1 unknown.
     features : dict
-        Rows (r,D) of each (behavior, modality).
-    known : Rows (O,P)
-        Labels of objects, the latest of each; -1 unknown.
+        Of each (behavior, modality), (D,) by number of the instance; any sizes.
     """
 
     def __init__(self, domain: Domain) -> None:
@@ -83,33 +100,43 @@ class Experience:
         self.executions = Rows(EXECUTION)
         self.feedback = Rows(FEEDBACK)
         self.levels = Rows(np.int8, p)
+        self.detected = Rows(np.int8, p)
         self.labels = Rows(np.int8, p)
         self.known = Rows(np.int8, p)
-        self.features: dict[Context, Rows] = {}
+        self.features: dict[Context, dict[int, NDArray[np.float32]]] = {
+            context: {} for context in domain.contexts
+        }
+        self.named = set[str]()  # recordings that warnings have named
 
     def __repr__(self) -> str:
         """Return how much there is."""
-        rows = self.feedback.values
-        columns = (rows[name].tolist() for name in ("trial", "object", "attribute"))
-        latest = dict(zip(zip(*columns, strict=True), rows["value"].tolist(), strict=True))
-        labels = sum(value >= 0 for value in latest.values())
-        return f"{len(self.instances)} recordings of {len(self.objects)} objects, {labels} labels"
-
-    @property
-    def sizes(self) -> dict[Context, int]:
-        """Number of features of each (behavior, modality) that was perceived."""
-        return {context: rows.values.shape[1] for context, rows in self.features.items()}
+        recordings = int((self.instances.values["origin"] != WITHDRAWN).sum())
+        rows = [self.trial_rows(o) for o in range(len(self.objects))]
+        labels = sum(int((row >= 0).sum()) for by_trial in rows for row in by_trial)
+        against = sum(
+            int(((by_trial == 1).any(axis=0) & (by_trial == 0).any(axis=0)).sum())
+            for by_trial in rows
+        )
+        contradicted = f", {against} of them contradicted" if against else ""
+        return (
+            f"{recordings} recordings of {len(self.objects)} objects, {labels} labels{contradicted}"
+        )
 
     def object(self, name: str) -> int:
         """Return the number of an object, a new one where it was not met before."""
         if name not in self.objects:
             self.objects[name] = len(self.objects)
-            self.known.append(np.full(len(self.domain.attributes), -1))
+            self.known.append(self.nothing)
         return self.objects[name]
 
     def trial(self, key: Key) -> int:
         """Return the number of a trial, a new one where it is not known."""
         return self.trials.setdefault(key, len(self.trials))
+
+    @property
+    def nothing(self) -> Labels:
+        """Labels (P,) of which none is known."""
+        return np.full(len(self.domain.attributes), -1, np.int8)
 
     def gathered(self, o: int) -> NDArray[np.intp]:
         """Return the instances of an object, by its number."""
@@ -121,41 +148,40 @@ class Experience:
         if trial == told(name):
             return self.gathered(self.objects.get(name, NONE))
         rows = self.executions.values
-        instances: NDArray[np.intp] = rows["instance"][
-            rows["trial"] == self.trials.get(trial, NONE)
-        ]
-        return instances[instances >= 0]
+        of_trial = rows["trial"] == self.trials.get(trial, NONE)
+        instances: NDArray[np.intp] = rows["instance"][of_trial]
+        instances = instances[instances >= 0]
+        return instances[self.instances.values["origin"][instances] != WITHDRAWN]
 
-    def told_in(self, trial: Key) -> Labels:
-        """Return the labels (P,) that were given in a trial; -1 unknown."""
-        rows = self.feedback.values
-        rows = rows[rows["trial"] == self.trials.get(trial, NONE)]
-        labels = np.full(len(self.domain.attributes), -1, np.int8)
-        labels[rows["attribute"]] = rows["value"]  # the latest of each
-        return labels
-
-    def give(self, dataset: Dataset) -> None:
-        """Add the recordings and labels of a data set; those that are there are not added again."""
-        for context, values in dataset.features.items():
-            name, size = " ".join(context), values.shape[-1]
-            if (before := self.sizes.get(context, size)) != size:
-                raise DataError(f"{name}: {size} features, where {before} came before.")
-        present = set(self.instances.values[["object", "behavior", "recording"]].tolist())
+    def give(self, dataset: Dataset) -> int:
+        """Add the recordings of a data set that are not there, and its labels; return how many."""
+        names = ["object", "behavior", "digest", "copy"]
+        rows = self.instances.values
+        present = set(rows[names][rows["origin"] != WITHDRAWN].tolist())
+        before = len(self.instances)
         for o, name in enumerate(dataset.objects):
             number = self.object(name)
-            fresh = [
-                self._instance(number, e, r, GIVEN, dataset.instance(o, behavior.name, r).features)
-                for e, behavior in enumerate(dataset.domain.behaviors)
-                for r in range(int(dataset.recording_counts[o, e]))
-                if behavior.modalities and (number, e, r) not in present
-            ]
-            self.labels.values[fresh] = dataset.labels[o]
-            known = self.known.values[number]
-            self.known.values[number] = self.domain.replace(known, dataset.labels[o])
+            copies = Counter[tuple[int, int]]()
+            for e in dataset.domain.recorded:
+                behavior = dataset.domain.behavior_names[e]
+                for r in range(int(dataset.recording_counts[o, e])):
+                    features = dataset.instance(o, behavior, r).features
+                    digest = digest_of(features)
+                    copy = copies[e, digest]
+                    copies[e, digest] += 1
+                    if (number, e, digest, copy) not in present:
+                        row = (number, e, digest, copy, r, GIVEN, 0)
+                        self._instance(row, features, self.nothing, self.nothing)
+            labels = dataset.labels[o]
+            said = self.told_in(told(name))
+            if ((labels >= 0) & (labels != said)).any():
+                self.label(told(name), name, labels, given=True)
+        return len(self.instances) - before
 
     def execute(
         self, trial: Key, object_name: str, behavior: int, *, success: int,
-        instance: Instance | None = None, levels: Labels | None = None, k: int = 2,
+        instance: Instance | None = None, levels: Labels | None = None,
+        detected: Labels | None = None, k: int = 2,
     ) -> None:  # fmt: skip
         """Add an execution, and its instance if it is a new one.
 
@@ -166,99 +192,122 @@ class Experience:
         success : int
             1 succeeded, 0 failed, -1 not known.
         instance : Instance, optional
-            What was perceived; of a replayed recording its number tells whether it is new.
-        levels : Labels | None
-            (P,) its percept levels, of 0 to K - 1; -1 unknown.
+            What was sensed; of a replayed recording its number tells whether it is new.
+        levels, detected : Labels | None
+            (P,) its percept levels, of 0 to K - 1, and those that were given as such; -1 unknown.
         """
         number = self.trial(trial)
         row = NONE
         if levels is not None:
             o = self.object(object_name)
-            gathered = self.gathered(o)
-            recording = UNNUMBERED + len(gathered)
-            if instance is not None and instance.object_index >= 0:
+            features = None if instance is None else instance.features
+            digest = digest_of(features)
+            before = self.instances.values
+            like = (before["object"] == o) & (before["behavior"] == behavior)
+            like &= (before["digest"] == digest) & (before["origin"] != WITHDRAWN)
+            recording = NONE
+            if instance is not None and instance.object_index >= 0:  # a replay shows it again
                 recording = instance.recording
-            before = self.instances.values[gathered]
-            same = (before["behavior"] == behavior) & (before["recording"] == recording)
-            row = int(gathered[same].max(initial=NONE))
+                known = like & ((before["recording"] == recording) | (before["origin"] == GIVEN))
+                row = int(np.flatnonzero(known).max(initial=NONE))
             if row == NONE:
-                features = None if instance is None else instance.features
-                row = self._instance(o, behavior, recording, GATHERED, features, k)
+                copy = int(like.sum())
+                fields = (o, behavior, digest, copy, recording, GATHERED, k)
+                row = self._instance(fields, features, levels, detected)
             self.levels.values[row] = levels
         self.executions.append((number, behavior, row, success))
+        if row != NONE:
+            self._relabel([row])
 
-    def label(self, trial: Key, object_name: str, labels: Labels) -> NDArray[np.intp]:
-        """Add labels (P,) of a trial's object, -1 unknown; return instances (k,) that it moves."""
+    def label(
+        self, trial: Key, object_name: str, labels: Labels, *, given: bool = False
+    ) -> NDArray[np.intp]:
+        """Add labels (P,) of a trial's object, -1 unknown; return the instances of the object."""
         number = self.trial(trial)
         o = self.object(object_name)
-        columns = np.flatnonzero(labels >= 0)
-        changed = (self.known.values[o, columns] != labels[columns]).any()
-        for p in columns:
-            self.feedback.append((number, o, p, labels[p]))
-        shown = self.shown(trial)
-        for table, rows in ((self.labels.values, shown), (self.known.values, [o])):
+        call = len(self.feedback)
+        for p in np.flatnonzero(labels >= 0):
+            self.feedback.append((number, call, o, p, labels[p], given))
+        replaced: dict[bytes, Labels] = {}
+        for table, rows in ((self.labels.values, self.shown(trial)), (self.known.values, [o])):
             for row in rows:
-                table[row] = self.domain.replace(table[row], labels)
-        return self.gathered(o) if changed else shown
-
-    def complete(self, trial: Key) -> None:
-        """Give labels that were told during a trial to what it has shown since."""
-        labels = self.told_in(trial)
-        for row in self.shown(trial):
-            self.labels.values[row] = self.domain.replace(self.labels.values[row], labels)
-
-    def forget(self, trial: Key) -> NDArray[np.intp]:
-        """Withdraw the labels of a trial; return the instances as `label` does."""
-        number = self.trials[trial]
-        shown = self.shown(trial)
-        rows = self.feedback.values
-        answers = rows[(rows["trial"] == number) & (rows["value"] >= 0)]
-        executions = self.executions.values[["trial", "instance"]]
-        shows = set(executions.tolist())
-        origin = self.instances.values["origin"]
-        o = int(answers["object"][0])
-        named = self.trials.get(told(list(self.objects)[o]))
-        # What was given holds again, as recordings that the trial did not show have it.
-        pretrained = [i for i in self.gathered(o) if origin[i] == GIVEN and i not in shown]
-        for p in dict.fromkeys(answers["attribute"].tolist()):
-            self.feedback.append((number, o, p, -1))
-        nothing = np.full(len(self.domain.attributes), -1, np.int8)
-        given = self.labels.values[pretrained[0]] if pretrained else nothing
-        told_rows = self._told(o)
-        self.known.values[o] = self._folded(given, [labels for _, labels in told_rows])
-        for i in shown:
-            of_row = [labels for t, labels in told_rows if t == named or (t, i) in shows]
-            before = given if origin[i] == GIVEN else nothing
-            self.labels.values[i] = self._folded(before, of_row)
+                before = table[row].tobytes()
+                if before not in replaced:
+                    replaced[before] = self._folded([labels], table[row])
+                table[row] = replaced[before]
         return self.gathered(o)
 
-    def _instance(
-        self, o: int, behavior: int, recording: int, origin: int,
-        features: Mapping[str, NDArray[np.float32]] | None, k: int = 0,
-    ) -> int:  # fmt: skip
-        """Add an instance without percepts and labels; return its number.
+    def forget(self, trial: Key, *, recordings: bool = False) -> NDArray[np.intp]:
+        """Withdraw the labels of a trial, perhaps its recordings; return the object's instances."""
+        number = self.trials[trial]
+        shown = self.shown(trial)
+        if recordings:
+            rows = self.executions.values
+            others = rows["instance"][rows["trial"] != number]
+            own = self.instances.values["origin"][shown] == GATHERED
+            for i in shown[own & ~np.isin(shown, others)].tolist():
+                self.instances.values["origin"][i] = WITHDRAWN
+                self.levels.values[i] = -1
+                self.detected.values[i] = -1
+                for by_instance in self.features.values():
+                    by_instance.pop(i, None)
+        answers = self.feedback.values[self.feedback.values["trial"] == number]
+        objects = {*answers["object"].tolist(), *self.instances.values["object"][shown].tolist()}
+        for p in np.flatnonzero(self.told_in(trial) >= 0):
+            self.feedback.append((number, len(self.feedback), answers["object"][0], p, -1, 0))
+        moved = np.flatnonzero(np.isin(self.instances.values["object"], list(objects)))
+        self._relabel(moved.tolist())
+        for o in objects:
+            self.known.values[o] = self._folded(labels for _, labels in self.calls(o))
+        return moved
 
-        Features are kept where they are of all the behavior's modalities.
-        """
-        spec = self.domain.behaviors[behavior]
-        row = NONE
-        if features and all(modality in features for modality in spec.modalities):
-            for modality in spec.modalities:
-                values = features[modality]
-                empty = Rows(np.float32, len(values))
-                row = self.features.setdefault((spec.name, modality), empty).append(values)
-        nothing = np.full(len(self.domain.attributes), -1)
-        self.levels.append(nothing)
-        self.labels.append(nothing)
-        return self.instances.append((o, behavior, recording, row, origin, k))
+    def told_in(self, trial: Key) -> Labels:
+        """Return the labels (P,) that hold of those given in a trial; -1 unknown."""
+        number = self.trials.get(trial, NONE)
+        objects = self.feedback.values["object"][self.feedback.values["trial"] == number]
+        calls = self.calls(int(objects[0])) if len(objects) else []
+        return self._folded(labels for t, labels in calls if t == number)
 
-    def _folded(self, row: Labels, told_rows: Iterable[Labels]) -> Labels:
+    def trial_rows(self, o: int) -> Labels:
+        """Return what each trial says of an object, (trials,P); -1 nothing."""
+        by_trial: dict[int, Labels] = {}
+        for t, labels in self.calls(o):
+            by_trial[t] = self._folded([labels], by_trial.get(t, self.nothing))
+        return np.array([*by_trial.values()], np.int8).reshape(-1, len(self.domain.attributes))
+
+    def calls(self, o: int) -> list[tuple[int, Labels]]:
+        """Return what was told of an object and holds, in order: (trial, labels (P,)) a call."""
+        rows = self.feedback.values[self.feedback.values["object"] == o]
+        withdrawn: dict[tuple[int, int], int] = {}
+        for at, (t, p, value) in enumerate(rows[["trial", "attribute", "value"]].tolist()):
+            if value < 0:
+                withdrawn[t, p] = at
+        calls: dict[int, tuple[int, Labels]] = {}
+        for at, (t, call, _, p, value, _) in enumerate(rows.tolist()):
+            if value >= 0 and at > withdrawn.get((t, p), -1):
+                calls.setdefault(call, (t, self.nothing))[1][p] = value
+        return list(calls.values())
+
+    def _relabel(self, instances: list[int]) -> None:
+        """Fold all that was told of instances into their labels."""
+        executions = self.executions.values
+        for i in instances:
+            o = int(self.instances.values["object"][i])
+            name = list(self.objects)[o]
+            trials = {*executions["trial"][executions["instance"] == i].tolist()}
+            trials.add(self.trials.get(told(name), NONE))
+            self.labels.values[i] = self._folded(
+                labels for t, labels in self.calls(o) if t in trials
+            )
+
+    def _folded(self, calls: Iterable[Labels], row: Labels | None = None) -> Labels:
         """Return labels (P,) after others were told, in order.
 
         Where what a denial referred to was withdrawn, so that none of a group is left, it holds
         alone.
         """
-        for labels in told_rows:
+        row = self.nothing if row is None else row
+        for labels in calls:
             try:
                 row = self.domain.replace(row, labels)
             except QueryError:
@@ -269,16 +318,21 @@ class Experience:
                 row = self.domain.replace(rest, labels)
         return row
 
-    def _told(self, o: int) -> list[tuple[int, Labels]]:
-        """Return trials and the labels (P,) that they gave an object and hold, in order."""
-        rows = self.feedback.values[self.feedback.values["object"] == o]
-        listed = list(enumerate(rows[["trial", "attribute", "value"]].tolist()))
-        withdrawn = {(t, p): at for at, (t, p, value) in listed if value < 0}
-        told_rows = []
-        for t, run in groupby(listed, key=lambda item: item[1][0]):
-            labels = np.full(len(self.domain.attributes), -1, np.int8)
-            for at, (_, p, value) in run:
-                if at > withdrawn.get((t, p), -1):
-                    labels[p] = value
-            told_rows.append((t, labels))
-        return told_rows
+    def _instance(
+        self, fields: tuple[int, ...], features: Mapping[str, NDArray[np.float32]] | None,
+        levels: Labels, detected: Labels | None,
+    ) -> int:  # fmt: skip
+        """Add an instance; return its number.
+
+        Features are kept where they are of all the behavior's modalities.
+        """
+        row = self.instances.append(fields)
+        spec = self.domain.behaviors[fields[1]]
+        if features and all(modality in features for modality in spec.modalities):
+            for modality in spec.modalities:
+                self.features[spec.name, modality][row] = np.array(features[modality], np.float32)
+        self.levels.append(levels)
+        self.detected.append(self.nothing if detected is None else detected)
+        self.labels.append(self.nothing)
+        self._relabel([row])
+        return row

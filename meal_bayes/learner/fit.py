@@ -14,7 +14,7 @@ from meal_bayes.agents import Agent, Knowledge
 from meal_bayes.domain import Query
 from meal_bayes.learner.experience import Experience, Key, Labels
 from meal_bayes.learner.settings import LearnerSettings
-from meal_bayes.learner.views import recognized
+from meal_bayes.learner.views import votes
 from meal_bayes.momdp import MOMDP
 from meal_bayes.perception import Perceiver, SampledPercepts
 from meal_bayes.planners import POMCP, Policy
@@ -66,7 +66,7 @@ def problem_of(fit: Fit, task: Task, limit: ArrayLike = np.inf, *, recognize: bo
     """Build the MOMDP of a task without a bonus, as a test has it (Alg. 1, l. 1-4)."""
     return fit.agent.model(
         task.query, fit.knowledge, limit=limits_of(fit, limit), reward=fit.settings.reward,
-        labels=recognized_labels(fit, task) if recognize else None,
+        votes=votes_of(fit, task) if recognize else None,
     )  # fmt: skip
 
 
@@ -76,11 +76,9 @@ def limits_of(fit: Fit, limit: ArrayLike) -> NDArray[np.float64]:
     return np.asarray(np.broadcast_to(np.minimum(limit, fit.limit), behaviors), np.float64)
 
 
-def recognized_labels(fit: Fit, task: Task) -> Labels | None:
-    """Return the labels (N,) of a task's object, if the agent recognizes it by any."""
-    if not fit.agent.memory:
-        return None
-    return recognized(fit.record, task.query, task.object_name)
+def votes_of(fit: Fit, task: Task) -> NDArray[np.int64] | None:
+    """Return what trials said of a task's object, (N,), if the agent recognizes it by any."""
+    return votes(fit.record, task.query, task.object_name) if fit.agent.memory else None
 
 
 def solve(fit: Fit, task: Task, streams: Key, momdp: MOMDP) -> Policy:
@@ -89,6 +87,13 @@ def solve(fit: Fit, task: Task, streams: Key, momdp: MOMDP) -> Policy:
     if isinstance(solver, POMCP):
         solver = replace(solver, paid=fit.agent.exploration.paid)
     return solver.solve(momdp, stream(fit.settings.seed, "solver", fit.agent.name, *streams))
+
+
+def training_agent(agent: Agent) -> Agent:
+    """Return who runs training trials: an agent itself, unless another trains it."""
+    if agent.trained_by is None:
+        return agent
+    return replace(agent.trained_by, name=agent.name)
 
 
 def sampled(knowledge: Knowledge, labels: Labels) -> SampledPercepts:

@@ -96,9 +96,14 @@ class Learner(Answerer):
                 posterior=own_posterior(posterior, domain, chosen),
             )  # fmt: skip
         super().__init__(domain, chosen, settings, logs)
+        self._joined = (0, 0)  # recordings that joined with the last data set, and it had
+        self._file = ""  # id of the file that was read or written last
 
     def __repr__(self) -> str:
         data = f"{self.experience!r}" if self.table is None else "a percept table"
+        joined, whole = self._joined
+        fitted = f"; of the last data set {joined} joined, {whole - joined} were known"
+        data += fitted if whole and self.table is None else ""
         return f"Learner({self.domain.name}, agent {self.agent.name}, {data})"
 
     def _repr_html_(self) -> str:
@@ -119,7 +124,8 @@ class Learner(Answerer):
         with self._lock:
             self.table = data if isinstance(data, PerceptTable) else None
             if isinstance(data, Dataset):
-                self.experience.give(data)
+                joined = self.experience.give(data)
+                self._joined = joined, int(data.recording_counts[:, data.domain.recorded].sum())
             return self.refit()
 
     def refit(self) -> Self:
@@ -170,24 +176,34 @@ class Learner(Answerer):
                 self.domain.replace(views.labels_for(self.experience, [name])[0], labels)
             except QueryError as fault:
                 raise QueryError(f"Then {name!r} would be {fault}.") from None
-            rows = self.experience.label(key, name, labels)
-            labeled = len(self.experience.shown(key)) * int((labels >= 0).sum())
-            self._fits.update(rows, labeled)
+            self._use()
+            self._fits.update(self.experience.label(key, name, labels), refit=True)
 
-    def forget(self, trial: Trial) -> None:
+    def forget(self, trial: Trial | str, *, recordings: bool = False) -> None:
         """Forget the labels of a trial; refit without them if the last refit has used them.
+
+        Parameters
+        ----------
+        trial : Trial or str
+            Or the name of an object: labels that were told of it by name, as those of data are.
+        recordings : bool
+            Forget what the trial recorded, too.
 
         Raises
         ------
         SettingsError
-            The trial has no labels.
+            There is nothing to forget.
         """
-        key = trial.task.key
+        key = trial.task.key if isinstance(trial, Trial) else told(trial)
         with self._lock:
-            if not views.labels_by(self.experience, key):
-                raise SettingsError(f"The trial {trial.task.name!r} has no labels.")
-            rows = self.experience.forget(key)
-            self._fits.withdraw(rows)
+            shown = recordings and isinstance(trial, Trial) and len(self.experience.shown(key))
+            if not shown and not (self.experience.told_in(key) >= 0).any():
+                what = "labels or recordings" if recordings else "labels"
+                name = trial.task.name if isinstance(trial, Trial) else trial
+                raise SettingsError(f"The trial {name!r} has no {what}.")
+            self._use()
+            recordings = recordings and isinstance(trial, Trial)
+            self._fits.update(self.experience.forget(key, recordings=recordings), refit=True)
 
     def record(self, trial: Trial, sensed: Sequence[Instance | None] = ()) -> None:
         """Record a trial of another learner's, or of a log, as experience.
@@ -209,25 +225,30 @@ class Learner(Answerer):
         check_behaviors(self.experience, trial)
         nothing = np.full(len(self.domain.attributes), -1, np.int8)
         with self._lock:
+            self._use()
             self.experience.trial(trial.task.key)
             for number, step in enumerate(trial.steps):
                 instance = sensed[number] if sensed else None
                 perceived = None if instance is None else (instance, nothing)
                 record_step(self.experience, trial.task, trial.momdp, step, perceived)
 
-    def save(self, path: str | Path) -> None:
-        """Write everything into one file, for `load`; the file is there whole or not at all."""
+    def save(self, path: str | Path, *, overwrite: bool = False) -> None:
+        """Write everything into one file, for `load`; the file is there whole or not at all.
+
+        Parameters
+        ----------
+        path : str or Path
+            Of a new file, or the one that this learner read or wrote last.
+        overwrite : bool
+            Write over any other file, too.
+
+        Raises
+        ------
+        OutputError
+            A file that somebody else wrote; a place where nothing can be written.
+        """
         with self._lock:
-            fitted = None
-            if self.table is None and self.settings.classifier is None:
-                fitted = self.fitted(self.agent)
-            write_learner(
-                SavedLearner(
-                    self.agent.name, self.settings, self.experience, self.table, fitted,
-                    asked=self._asked, growth=self._fits.growth,
-                ),
-                Path(path),
-            )  # fmt: skip
+            self._file = write_learner(self._saved(), Path(path), overwrite=overwrite)
 
     @classmethod
     def load(
@@ -262,8 +283,14 @@ class Learner(Answerer):
         learner.experience = saved.experience
         learner.table = saved.table
         learner._asked = saved.asked
+        learner._file = saved.file
         learner._fits = Fits(saved.experience, saved.settings)
-        if saved.fitted is None:
-            return learner.refit()
-        learner._fits.restore(saved.fitted, saved.growth)
+        learner._fits.online = saved.fitted
         return learner
+
+    def _saved(self) -> SavedLearner:
+        """Return all that this learner is."""
+        return SavedLearner(
+            self.agent, self.settings, self.experience, self.table, self._fits.online,
+            asked=self._asked, file=self._file,
+        )  # fmt: skip

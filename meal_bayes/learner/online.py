@@ -5,7 +5,7 @@ together. Between refits these are constant, and a label is a conjugate update b
 objects that no classifier has seen.
 """
 
-from dataclasses import astuple, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from typing import Self, cast
 
 import numpy as np
@@ -14,22 +14,17 @@ from numpy.typing import ArrayLike, NDArray
 from meal_bayes.agents import Agent, Horizon, ITRSBonus, Knowledge, NoBonus, Progress
 from meal_bayes.agents.knowledge import base_rates, knowledge_of
 from meal_bayes.arrays import Rows
-from meal_bayes.datasets import TrainingSet
+from meal_bayes.datasets import Instance
+from meal_bayes.datasets.detections import detected_levels
 from meal_bayes.datasets.percepts import BIN_EDGES, levels_of, round_log_odds
 from meal_bayes.domain import Query, learn_success
 from meal_bayes.learner import views
-from meal_bayes.learner.experience import GIVEN, NONE, Experience, Key
-from meal_bayes.learner.fit import limits_of, problem_of, recognized_labels, sampled, solve
+from meal_bayes.learner.experience import GIVEN, Context, Experience, Key, Labels
+from meal_bayes.learner.fit import limits_of, problem_of, sampled, solve, votes_of
+from meal_bayes.learner.fitting import classify, experienced, fractions, warn_of_odd
 from meal_bayes.learner.settings import LearnerSettings
 from meal_bayes.momdp import MOMDP
-from meal_bayes.perception import (
-    Perceiver,
-    Perception,
-    PerceptionSettings,
-    fit_and_validate,
-    fit_spaces,
-    with_classifier,
-)
+from meal_bayes.perception import Perceiver, Perception
 from meal_bayes.planners import POMCP, Policy, Remembering
 from meal_bayes.planners.pomcp.policy import POMCPPolicy
 from meal_bayes.trials import Task
@@ -48,65 +43,88 @@ class Online:
     perception: Perception
     knowledge: Knowledge  # now
     refitted: Knowledge  # at the refit
-    percepts: NDArray[np.float64]  # (P,E,2,2) of labeled objects, see `Progress`
+    sizes: views.Sizes  # features of each context, at the refit
+    used: NDArray[np.int8]  # (n,P) labels of instances that the refit used; -1 none
     seen: NDArray[np.bool_]  # (O,E,P) whether classifiers have seen an object
+    experienced: NDArray[np.int64]  # (2,P,E) labelled instances and objects, at the refit
+    unit: float  # labelled instances that make one unit of experience, then
+    trials: int  # that taught, then
+    told: float  # fraction of the labels beyond a first that people told, then
+    percepts_at_refit: NDArray[np.float64]  # (P,E,2,2) of labeled objects, see `Progress`
+    percepts: NDArray[np.float64]  # the same now
+    labeled: int  # labels of instances at the refit
     levels: Rows  # (n,P) percepts of all instances; -1 unknown
     counted: Rows  # (n,P) labels that were counted since the refit; -1 none
-    # Models and policies of queries, without and with a bonus, as long as they hold.
+    # Models and policies of queries, without and with a bonus: functions of what stands above.
     answering: dict[Asked, tuple[MOMDP, Policy]] = field(default_factory=dict)
     exploring: dict[Asked, POMCPPolicy] = field(default_factory=dict)
 
     @classmethod
     def refit(cls, record: Experience, agent: Agent, settings: LearnerSettings) -> Self:
         """Learn everything anew from the record (Alg. 2, l. 6)."""
-        data, rows, gathered = views.training(record, memory=agent.memory)
+        labels = views.labels_of(record, memory=agent.memory)
+        sizes = views.sizes(record)
+        warn_of_odd(record, sizes)
+        given = views.percepts_given(record, agent.levels)
+        data, rows, perception, counts = classify(record, agent, settings, labels, sizes)
+        counted, unit = experienced(record, agent, settings)
+        place = {name: number for number, name in enumerate(data.objects)}
+        position = np.array([place[name] for name in record.objects], np.intp)
         instances = record.instances.values
-        pretraining = instances["origin"] == GIVEN
-        training = _some(gathered, np.asarray((gathered.labels >= 0).any(axis=1)))
-        perceives = PerceptionSettings(levels=agent.levels, by_object=settings.by_object)
-        spaces = None
-        if settings.classifier is not None:
-            perceives = with_classifier(settings.classifier, levels=agent.levels)
-        elif agent.whiten:
-            spaces = fit_spaces(data, gathered, whiten=True)
-        else:  # the spaces of what it was given hold for good
-            first = pretraining[rows]
-            others = ~np.isin(gathered.behavior, gathered.behavior[first])
-            spaces = fit_spaces(data, _some(gathered, first | others))
-        perception, counts = fit_and_validate(data, training, settings=perceives, spaces=spaces)
-        labels = data.labels
+        i, p = np.nonzero((given >= 0) & (labels >= 0))
+        cells = (position[instances["object"][i]], p, instances["behavior"][i])
+        np.add.at(counts, (*cells, labels[i, p], given[i, p]), 1)
+        percepts = fractions(record, perception, counts).sum(axis=0)
+        known_labels = data.labels
         if not data.objects:  # nothing is known: one object of which nothing is
             counts = np.zeros((1, *counts.shape[1:]), np.int64)
-            labels = np.full(counts.shape[:2], -1, np.int8)
-        known = knowledge_of(record.domain, counts, labels, object_level=agent.object_level)
-        objects, p, e = counts.shape[:3]
-        seen = np.zeros((objects, e, p), np.bool_)
-        if settings.posterior is None:
-            np.logical_or.at(seen, (training.object, training.behavior), training.labels >= 0)
-        else:
+            known_labels = np.full(counts.shape[:2], -1, np.int8)
+        known = knowledge_of(record.domain, counts, known_labels, object_level=agent.object_level)
+        classified = np.full_like(labels, -1)
+        classified[rows] = np.where(given[rows] >= 0, -1, labels[rows])
+        used = np.where(given >= 0, labels, classified)
+        if settings.posterior is not None:
             known = replace(known, posterior=settings.posterior)
-            seen[instances["object"][pretraining]] = True
+            used[instances["origin"] != GIVEN] = -1
+            classified = np.where((instances["origin"] == GIVEN)[:, None], 0, -1)
+        o, q = len(record.objects), len(record.domain.attributes)
+        seen = np.zeros((o, len(record.domain.behaviors), q), np.bool_)
+        np.logical_or.at(seen, (instances["object"], instances["behavior"]), classified >= 0)
         fit = cls(
             record, agent, settings, perception=perception, knowledge=known, refitted=known,
-            percepts=_fractions(counts, perception).sum(axis=0), seen=seen,
-            levels=Rows(np.int8, p), counted=Rows(np.int8, p),
+            sizes=sizes, used=used.astype(np.int8), seen=seen,
+            experienced=counted, unit=unit, trials=views.trials_before(record, ()),
+            told=views.told_fraction(record), percepts=percepts, percepts_at_refit=percepts,
+            labeled=int((labels >= 0).sum()),
+            levels=Rows(np.int8, q), counted=Rows(np.int8, q),
         )  # fmt: skip
         fit.update(np.arange(len(instances)))
         return fit
+
+    @property
+    def due(self) -> bool:
+        """Whether all is to be learned anew: labels have grown, or one that was used changed."""
+        labels = views.labels_of(self.record, memory=self.agent.memory)
+        if ((self.used >= 0) & (labels[: len(self.used)] != self.used)).any():
+            return True
+        every = self.settings.refit_every
+        grown = int((labels >= 0).sum()) - self.labeled
+        return every is not None and grown >= max(every * self.labeled, 1)
 
     def update(self, rows: NDArray[np.intp]) -> None:
         """Count instances (k,) with the labels that they have now, conjugately."""
         domain = self.knowledge.domain
         self._perceive_new()
         o = self.record.instances.values["object"][rows]
-        labels = views.labels_of(self.record, rows, memory=self.agent.memory)
-        labels = np.where(self.used(rows) | (self.levels.values[rows] < 0), -1, labels)
+        labels = views.labels_of(self.record, memory=self.agent.memory)[rows]
+        labels = np.where(self._uncounted(rows) | (self.levels.values[rows] < 0), -1, labels)
         moved = np.zeros(len(domain.attributes), np.bool_)
         for n in dict.fromkeys(o[(labels != self.counted.values[rows]).any(axis=1)].tolist()):
             before = self._counts(self.record.gathered(n))
             self.counted.values[rows[o == n]] = labels[o == n]
             after = self._counts(self.record.gathered(n))
-            gained = _fractions(after, self.perception) - _fractions(before, self.perception)
+            gained = fractions(self.record, self.perception, after)
+            gained -= fractions(self.record, self.perception, before)
             self.percepts = self.percepts + gained
             posterior = self.knowledge.posterior.update(after, before)
             self.knowledge = replace(self.knowledge, posterior=posterior)
@@ -136,27 +154,25 @@ class Online:
     def _perceive_new(self) -> None:
         """Perceive the instances since the last time: those without features as they were shown."""
         first = len(self.levels)
-        k = self.agent.levels
-        instances = self.record.instances.values[first:]
-        shown = self.record.levels.values[first:]
-        same_scale = (instances["scale"] == k)[:, None]
-        levels = np.where(same_scale, shown, -1).astype(np.int8)
-        sensed = instances["features"] != NONE
-        log_odds = np.zeros(levels.shape)
-        for name, classifier in self.perception.classifiers.items():
-            e = self.record.domain.behavior_index(name)
-            rows = np.flatnonzero(sensed & (instances["behavior"] == e))
-            if len(rows):
+        record = self.record
+        given = views.percepts_given(record, self.agent.levels)
+        levels = given.copy()
+        for e in record.domain.recorded:
+            name = record.domain.behavior_names[e]
+            rows = views.sensed(record, self.sizes, name)
+            rows = rows[rows >= first]
+            log_odds = np.zeros((len(rows), levels.shape[1]))
+            classifier = self.perception.classifiers.get(name)
+            if classifier is not None and len(rows):
                 features = {
-                    modality: self.record.features[name, modality].values[
-                        instances["features"][rows]
-                    ]
+                    modality: np.stack([record.features[name, modality][i] for i in rows.tolist()])
                     for modality in classifier.spaces
                 }
-                log_odds[rows] = classifier.log_odds(features)
-        levels[sensed] = levels_of(round_log_odds(log_odds[sensed]), BIN_EDGES, k)
-        self.levels.extend(levels)
-        self.counted.extend(np.full_like(levels, -1))
+                log_odds = classifier.log_odds(features)
+            shown = levels_of(round_log_odds(log_odds), BIN_EDGES, self.agent.levels)
+            levels[rows] = np.where(given[rows] >= 0, given[rows], shown)
+        self.levels.extend(levels[first:])
+        self.counted.extend(np.full_like(levels[first:], -1))
 
     def _counts(self, rows: NDArray[np.intp]) -> NDArray[np.int64]:
         """Count the percepts of instances (k,) as they are labelled, (P,E,2,K)."""
@@ -168,13 +184,42 @@ class Online:
         np.add.at(counts, (p, e, labels[k, p], levels[k, p]), 1)
         return counts
 
-    def used(self, rows: NDArray[np.intp]) -> NDArray[np.bool_]:
-        """Return which labels of instances (k,) the last refit used, (k,P)."""
+    def _uncounted(self, rows: NDArray[np.intp]) -> NDArray[np.bool_]:
+        """Return which labels of instances (k,) the refit used, or classifiers know too well."""
         instances = self.record.instances.values[rows]
-        nothing = np.zeros_like(self.seen[:1])  # of objects met since
-        seen = np.concatenate([self.seen, nothing])
+        nothing = np.zeros_like(self.seen, shape=(1, *self.seen.shape[1:]))  # of objects met since
         o = np.minimum(instances["object"], len(self.seen))
-        return np.asarray(seen[o, instances["behavior"]])
+        seen = np.concatenate([self.seen, nothing])[o, instances["behavior"]]
+        seen &= views.percepts_given(self.record, self.agent.levels)[rows] < 0
+        used = np.vstack([self.used, np.full((1, self.used.shape[1]), -1)])
+        return np.asarray(seen | (used[np.minimum(rows, len(self.used))] >= 0))
+
+    def perceive(self, instance: Instance) -> Labels | None:
+        """Return the percept levels (P,) of what was sensed; -1 unknown, None where all is.
+
+        What a detector says holds; features of another size than learned from show nothing.
+        """
+        domain = self.record.domain
+        levels = np.full(len(domain.attributes), -1, np.int8)
+        expected = self.expected_sizes
+        fitted = {
+            modality: values
+            for modality, values in (instance.features or {}).items()
+            if len(values) == expected.get((instance.behavior, modality), len(values))
+        }
+        if fitted:
+            of_all = Query(domain.attributes)
+            log_odds = self.perception.log_odds(replace(instance, features=fitted), of_all)
+            levels = levels_of(log_odds, BIN_EDGES, self.agent.levels)
+        detected = detected_levels(instance.percepts, domain, self.agent.levels)
+        levels = np.where(detected >= 0, detected, levels).astype(np.int8)
+        return levels if (levels >= 0).any() else None
+
+    @property
+    def expected_sizes(self) -> dict[Context, int]:
+        """Number of features of each context of which there are classifiers."""
+        sizes = zip(self.record.domain.contexts, self.sizes.tolist(), strict=True)
+        return {context: n for context, n in sizes if context[0] in self.perception.classifiers}
 
     @property
     def limit(self) -> NDArray[np.float64]:
@@ -191,30 +236,43 @@ class Online:
         """Return nothing: of a robot's object it is not known."""
 
     def progress(self, task: Task, object_name: str | None = None) -> Progress:
-        """Return what has been learned so far, for a bonus; without a name, of a new object."""
-        memory = self.agent.memory
-        labelled = views.labelled(self.record, memory=memory)
-        counted = views.labelled(self.record, memory=memory, given=self.settings.count_given)
-        o = None if object_name is None else self.record.objects.get(object_name)
-        e, p = labelled.shape[1:]
-        fresh = np.ones((p, e), bool)
-        labeled = np.zeros(p, bool)
-        if o is not None:
-            fresh = labelled[o].T == 0
-            labeled = (self.record.known.values[o] >= 0) & memory
-        return Progress(
-            knowledge=self.knowledge,
-            horizon=Horizon(views.trials_before(self.record, task.key), self.settings.horizon),
+        """Return what has been learned so far, for a bonus; without a name, at the refit.
+
+        At the refit the object is a new one.
+        """
+        e, p = self.seen.shape[1:]
+        at_refit = Progress(
+            knowledge=replace(self.refitted, domain=self.knowledge.domain),
+            horizon=Horizon(self.trials, self.settings.horizon),
             reward=self.settings.reward,
             discount=self.agent.discount,
-            percepts=self.percepts,
-            told=views.told_fraction(self.record),
-            unit=self.settings.unit or max(1.0, float(counted.max(initial=0)) * len(counted)),
-            instances=counted.sum(axis=0).T,
-            objects=(labelled > 0).sum(axis=0).T,
-            fresh=fresh,
-            labeled=labeled,
+            percepts=self.percepts_at_refit,
+            told=self.told,
+            unit=self.unit,
+            instances=self.experienced[0],
+            objects=self.experienced[1],
+            fresh=np.ones((p, e), bool),
+            labeled=np.zeros(p, bool),
         )
+        if object_name is None:
+            return at_refit
+        record = self.record
+        (instances, objects), unit = experienced(record, self.agent, self.settings)
+        now = replace(
+            at_refit,
+            knowledge=self.knowledge,
+            horizon=Horizon(views.trials_before(record, task.key), self.settings.horizon),
+            percepts=self.percepts,
+            told=views.told_fraction(record),
+            unit=unit,
+            instances=instances,
+            objects=objects,
+        )
+        if object_name not in record.objects:
+            return now
+        o = record.objects[object_name]
+        fresh = views.labelled(record, memory=self.agent.memory)[o].T == 0
+        return replace(now, fresh=fresh, labeled=(record.known.values[o] >= 0) & self.agent.memory)
 
     def plan(
         self, task: Task, streams: Key, *, limit: ArrayLike, explore: bool
@@ -222,50 +280,29 @@ class Online:
         """Build and solve the problem of a task, with a bonus if it explores (Alg. 2, l. 7-10)."""
         query = task.query
         exploration = self.agent.exploration
-        known = recognized_labels(self, task) is not None
-        if not explore or (isinstance(exploration, NoBonus) and not known):
-            return self._answer(task, streams, limit)
-        momdp = problem_of(self, task, limit)
-        momdp = exploration.shape(momdp, self.progress(task, task.object_name))
-        if not isinstance(self.agent.solver(self.knowledge.domain, query), POMCP):
-            return momdp, solve(self, task, streams, momdp)
         key = query, limits_of(self, limit).tobytes()
-        if key not in self.exploring:  # searches of equal queries share a plan library
-            usual = problem_of(self, task, limit, recognize=False)
-            shaped = exploration.shape(usual, self.progress(task))
-            self.exploring[key] = cast(POMCPPolicy, solve(self, task, streams, shaped))
-        return momdp, self.exploring[key].sharing_plans(momdp)
-
-    def _answer(self, task: Task, streams: Key, limit: ArrayLike) -> tuple[MOMDP, Policy]:
-        """Build and solve the problem of a task that explores nothing, or return it as it was."""
-        exploration = self.agent.exploration
-        known = recognized_labels(self, task) is not None
-        key = task.query, limits_of(self, limit).tobytes()
-        if known or key not in self.answering:
-            momdp = problem_of(self, task, limit)
-            if self.settings.shaped_answers and isinstance(exploration, ITRSBonus):
-                momdp = exploration.shape(momdp, self.progress(task))
+        recognized = votes_of(self, task) is not None
+        shaped = explore
+        if not explore and self.settings.shaped_answers:
+            shaped = isinstance(exploration, ITRSBonus)
+        unshaped = not shaped or (isinstance(exploration, NoBonus) and not recognized)
+        if unshaped and not recognized and key in self.answering:
+            return self.answering[key]
+        momdp = problem_of(self, task, limit)
+        if not unshaped:
+            name = task.object_name if explore else ""
+            momdp = exploration.shape(momdp, self.progress(task, name))
+        if unshaped:
             policy = solve(self, task, streams, momdp)
-            if known or not getattr(policy, "deterministic", False):
-                return momdp, policy
-            self.answering[key] = momdp, Remembering(policy)  # until the posterior moves
-        return self.answering[key]
-
-
-def _some(gathered: TrainingSet, chosen: NDArray[np.bool_]) -> TrainingSet:
-    return TrainingSet(*(column[chosen] for column in astuple(gathered)))
-
-
-def _fractions(counts: NDArray[np.int64], perception: Perception) -> NDArray[np.float64]:
-    """Return the fractions (...,P,E,2,2) of no and yes among an object's percepts (...,P,E,2,K).
-
-    Zeros where there are none; half of each where the classifier cannot tell yet.
-    """
-    half = counts.shape[-1] // 2
-    sides = np.stack([counts[..., :half].sum(axis=-1), counts[..., half:].sum(axis=-1)], axis=-1)
-    total = sides.sum(axis=-1, keepdims=True)
-    silent = np.ones(counts.shape[-4:-2], np.bool_)  # (P,E)
-    for name, classifier in perception.classifiers.items():
-        silent[:, perception.domain.behavior_index(name)] = ~classifier.used
-    even = silent[..., None, None] & (total > 0)
-    return np.asarray(np.where(even, 0.5, sides / np.maximum(total, 1)))
+            if not recognized and getattr(policy, "deterministic", False):
+                policy = Remembering(policy)  # until the posterior moves
+                self.answering[key] = momdp, policy
+            return momdp, policy
+        if not explore or not isinstance(self.agent.solver(self.knowledge.domain, query), POMCP):
+            return momdp, solve(self, task, streams, momdp)
+        if key not in self.exploring:  # searches of equal queries share a plan library
+            refitted = replace(self, knowledge=self.progress(task).knowledge)
+            usual = problem_of(refitted, task, limit, recognize=False)
+            usual = exploration.shape(usual, self.progress(task))
+            self.exploring[key] = cast(POMCPPolicy, solve(self, task, streams, usual))
+        return momdp, self.exploring[key].sharing_plans(momdp)

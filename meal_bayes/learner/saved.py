@@ -1,15 +1,22 @@
 """A learner in one file: a zip of JSON and arrays, which nothing in it can make execute.
 
-`learner.json` holds settings; the experience is an array a table of it. What was fitted, or the
-percept table that is replayed, is a tree of dataclasses and named tuples over arrays: each is
+`learner.json` holds settings; the experience is an array a table of it. What agents made of it, or
+the percept table that is replayed, is a tree of dataclasses and named tuples over arrays: each is
 written as its name and its fields, and only the classes that are listed here are read back.
-Classifiers of one's own could only be pickled: `load` fits them again, with equal results where
-they are deterministic.
+Classifiers of one's own could only be pickled: they are fitted again to what they were fitted to,
+with equal results where they are deterministic.
+
+A file has an id, and that of the file which its learner read or wrote before: whoever saves does
+not write over what somebody else has saved there.
 """
 
+import fcntl
 import json
+import os
+import secrets
 import zipfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, fields
 from functools import partial
 from itertools import count
@@ -19,58 +26,63 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes.agents import Agent, Knowledge, as_agent
+from meal_bayes.agents import Agent, as_agent
 from meal_bayes.agents.named import AGENTS
 from meal_bayes.arrays import Rows
 from meal_bayes.datasets import PerceptTable
-from meal_bayes.domain import Domain, domain_from_table, domain_table
-from meal_bayes.errors import DataError, MealBayesError, SettingsError
-from meal_bayes.files import draft_of
-from meal_bayes.learner.experience import GATHERED, GIVEN, NONE, Experience
+from meal_bayes.domain import domain_from_table, domain_table
+from meal_bayes.errors import DataError, MealBayesError, OutputError, SettingsError
+from meal_bayes.files import check_folder, draft_of
+from meal_bayes.learner.digest import agent_digest
+from meal_bayes.learner.experience import NONE, WITHDRAWN, Experience
+from meal_bayes.learner.fit import training_agent
+from meal_bayes.learner.fitting import classify
 from meal_bayes.learner.online import Online
+from meal_bayes.learner.packing import pack, unpack
 from meal_bayes.learner.settings import LearnerSettings, check_data, own_posterior
-from meal_bayes.perception import Perception
-from meal_bayes.perception.perceiver import BehaviorClassifier
-from meal_bayes.perception.recordings import FeatureSpace, Whitening
-from meal_bayes.perception.stacked import KernelFit, Stacker
-from meal_bayes.posterior import ConfusionPosterior
-from meal_bayes.posterior.trait import SharedTrait
 from meal_bayes.untrusted import UNREADABLE, read_array, read_member, read_meta, write_array
 
-_FORMAT = 11
+_FORMAT = 12
 _TEXT = "learner.json"
-_ROWS = ("instances", "levels", "labels", "executions", "feedback", "known")
-_FITTED = ("perception", "knowledge", "refitted", "percepts", "seen", "levels", "counted")
-_KINDS: tuple[type[Any], ...] = (
-    Perception, BehaviorClassifier, KernelFit, FeatureSpace, Whitening, Stacker, Knowledge,
-    ConfusionPosterior, SharedTrait, PerceptTable,
-)  # fmt: skip
-_CLASSES = {kind.__name__: kind for kind in _KINDS}
+_ROWS = ("instances", "levels", "detected", "labels", "executions", "feedback", "known")
+_FITTED = tuple(
+    field.name
+    for field in fields(Online)
+    if field.name not in ("record", "agent", "settings", "answering", "exploring")
+)
+
 
 Json = Any
 
 
 @dataclass(frozen=True, slots=True)
 class SavedLearner:
-    """All that a learner is."""
+    """All that a learner is: record, settings, and what agents in use made of the record."""
 
-    agent: object  # its name where it is read back
+    agent: Agent
     settings: LearnerSettings
     experience: Experience
     table: PerceptTable | None
-    fitted: Online | None  # what its agent made of the record
+    fitted: list[Online]
     asked: int
-    growth: list[int]
+    file: str  # id of the file
 
 
-def write_learner(learner: SavedLearner, path: Path) -> None:
-    """Write a learner; the file is there whole or not at all, and one that was there stays."""
+def write_learner(learner: SavedLearner, path: Path, *, overwrite: bool) -> str:
+    """Write a learner; the file is there whole or not at all. Return its new id.
+
+    `learner.file` is the id of the file that it read or wrote last: only that is written over.
+    """
     settings = learner.settings
     experience = learner.experience
+    file = secrets.token_hex(8)
     with (
+        _alone(path.parent),
         draft_of(path) as draft,
         zipfile.ZipFile(draft, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive,
     ):
+        if not overwrite:
+            _check_own(path, learner.file)
         numbers = count()
 
         def keep(values: NDArray[Any]) -> str:
@@ -78,30 +90,36 @@ def write_learner(learner: SavedLearner, path: Path) -> None:
             write_array(archive, name, values)
             return name
 
-        fitted = None
-        if learner.fitted is not None:
-            fitted = {name: getattr(learner.fitted, name) for name in _FITTED}
         classifier = settings.classifier
         written = {field.name: getattr(settings, field.name) for field in fields(settings)}
+        fitted = [
+            {
+                "agent": fit.agent.name,
+                "digest": agent_digest(fit.agent),
+                "state": pack(_state(fit, with_perception=classifier is None), keep),
+            }
+            for fit in learner.fitted
+        ]
         meta: dict[str, Any] = {
             "format": _FORMAT,
+            "file": file,
+            "parent": learner.file,
             "domain": domain_table(experience.domain),
-            "agent": learner.agent,
+            "agent": learner.agent.name,
+            "digest": agent_digest(learner.agent),
             "classifier": None if classifier is None else type(classifier).__name__,
             "settings": pack({**written, "classifier": None}, keep),
-            "growth": learner.growth,
             "asked": learner.asked,
-            "state": pack(fitted, keep),
+            "fitted": fitted,
             "table": pack(learner.table, keep),
+            "features": _write_features(experience, keep),
         }
         for name in _ROWS:
             write_array(archive, name, getattr(experience, name).values)
         for name in ("objects", "trials"):
             archive.writestr(name, "\n".join(map(json.dumps, getattr(experience, name))))
-        for i, context in enumerate(experience.domain.contexts):
-            if context in experience.features:
-                write_array(archive, f"features/{i}", experience.features[context].values)
         archive.writestr(_TEXT, json.dumps(meta, allow_nan=False))
+    return file
 
 
 def read_learner(path: Path, *, agent: object, classifier: object) -> SavedLearner:
@@ -113,24 +131,24 @@ def read_learner(path: Path, *, agent: object, classifier: object) -> SavedLearn
             read = partial(read_array, archive)
             meta = read_meta(read_member(archive, _TEXT), _FORMAT)
             domain = domain_from_table(meta["domain"])
-            settings, state, table = (
-                unpack(meta[name], read, domain) for name in ("settings", "state", "table")
-            )
-            chosen = as_agent(_agent(meta, agent, classifier))
+            settings = unpack(meta["settings"], read, domain)
+            table = unpack(meta["table"], read, domain)
+            chosen = _agent(meta, agent, classifier)
             own_posterior(settings["posterior"], domain, chosen)
             settings = LearnerSettings(**{**settings, "classifier": classifier})
             experience = Experience(domain)
             _read_experience(archive, experience)
+            _read_features(meta["features"], read, experience)
             if table is not None:
                 check_data(table, domain)
-            fitted = None
-            if state is not None and table is None:
-                fitted = _fitted(experience, chosen, settings, state)
-            before, grown = map(int, meta["growth"])
+            fitted = [
+                _fitted(experience, fit_agent, settings, unpack(entry["state"], read, domain))
+                for entry in meta["fitted"]
+                if (fit_agent := _known(entry, chosen)) is not None
+            ]
             return SavedLearner(
-                chosen, settings, experience, table, fitted,
-                asked=int(meta["asked"]), growth=[before, grown],
-            )  # fmt: skip
+                chosen, settings, experience, table, fitted, int(meta["asked"]), str(meta["file"])
+            )
     except SettingsError:
         raise
     except (*UNREADABLE, MealBayesError) as fault:
@@ -141,36 +159,140 @@ def read_learner(path: Path, *, agent: object, classifier: object) -> SavedLearn
         raise DataError(f"{path} cannot be read: {fault}.") from fault
 
 
-def _agent(meta: dict[str, Any], agent: object, classifier: object) -> object:
+@contextmanager
+def _alone(folder: Path) -> Iterator[None]:
+    """Let no other process save a learner in a folder meanwhile."""
+    descriptor = os.open(check_folder(folder), os.O_RDONLY)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(descriptor)
+
+
+def _check_own(path: Path, file: str) -> None:
+    """Refuse to write over a file that this learner neither wrote nor read last."""
+    if not path.exists():
+        return
+    found = "no learner"
+    try:
+        with zipfile.ZipFile(path) as archive:
+            found = f"the learner {read_meta(read_member(archive, _TEXT), _FORMAT)['file']}"
+    except (*UNREADABLE, OSError):
+        pass
+    if found != f"the learner {file}":
+        own = f"read or wrote {file} last" if file else "has read and written no file"
+        raise OutputError(
+            f"{path} holds {found}, and this one {own}: somebody else has saved there. Load it and "
+            "tell it what is missing, give another name, or save(path, overwrite=True)."
+        )
+
+
+def _agent(meta: dict[str, Any], agent: object, classifier: object) -> Agent:
     """Return who decides; raise where what the file does not hold was not given again."""
     if (classifier is None) != (meta["classifier"] is None):
         raise SettingsError(
             f"The learner perceives by {meta['classifier'] or 'our own classifiers'}; give the "
             "same as load(path, classifier=...)."
         )
-    name = meta["agent"]
-    if agent is None and name not in AGENTS:
+    if agent is not None:
+        return as_agent(agent)
+    name = str(meta["agent"])
+    if name not in AGENTS:
         raise SettingsError(
-            f"The learner's agent {str(name)!r} is not one of the shipped ones; give it as "
+            f"The learner's agent {name!r} is not one of the shipped ones; give it as "
             "load(path, agent=...)."
         )
-    return name if agent is None else agent
+    if meta["digest"] != agent_digest(AGENTS[name]):
+        raise SettingsError(
+            f"The learner's agent {name!r} is not the shipped one of that name; give it as "
+            "load(path, agent=...)."
+        )
+    return AGENTS[name]
+
+
+def _known(entry: dict[str, Any], chosen: Agent) -> Agent | None:
+    """Return the agent whose state an entry is, if it is known; it may be nobody's any more."""
+    for agent in (chosen, training_agent(chosen), AGENTS.get(str(entry["agent"]))):
+        if agent is not None and agent_digest(agent) == entry["digest"]:
+            return agent
+    return None
+
+
+def _state(fit: Online, *, with_perception: bool) -> dict[str, Any]:
+    """Return the fields of what an agent made of the record."""
+    state = {name: getattr(fit, name) for name in _FITTED}
+    return state if with_perception else {**state, "perception": None}
 
 
 def _fitted(
     experience: Experience, agent: Agent, settings: LearnerSettings, state: dict[str, Any]
 ) -> Online:
-    """Return what the agent made of the record; raise where it is another's."""
+    """Return what an agent made of the record; raise where it is another's."""
     domain = experience.domain
-    shape = len(domain.attributes), len(domain.behaviors), 2, agent.levels
+    p, e = len(domain.attributes), len(domain.behaviors)
+    shape = p, e, 2, agent.levels
     if any(state[name].posterior.counts.shape != shape for name in ("knowledge", "refitted")):
         raise ValueError("what was counted does not fit attributes, behaviors and levels")
-    if state["percepts"].shape != (*shape[:3], 2) or not (state["percepts"] >= 0).all():
-        raise ValueError("percepts of labeled objects do not fit attributes and behaviors")
+    n = len(experience.instances)
     for name in ("levels", "counted"):
-        state[name], values = Rows(np.int8, len(domain.attributes)), state[name]
+        values = state[name]
+        state[name] = Rows(np.int8, p)
         state[name].extend(values)
+    arrays = ("used", (-1, 2)), ("levels", (-1, agent.levels)), ("counted", (-1, 2))
+    for name, (least, end) in arrays:
+        values = state[name].values if isinstance(state[name], Rows) else state[name]
+        if (
+            values.shape[1:] != (p,)
+            or len(values) > n
+            or ((values < least) | (values >= end)).any()
+        ):
+            raise ValueError(f"{name} does not fit the instances")
+    if state["seen"].shape[1:] != (e, p) or len(state["seen"]) > len(experience.objects):
+        raise ValueError("seen does not fit the objects")
+    percepts = np.stack([state["percepts"], state["percepts_at_refit"]])
+    if percepts.shape != (2, p, e, 2, 2) or not (percepts >= 0).all():
+        raise ValueError("percepts of labeled objects do not fit attributes and behaviors")
+    if state["experienced"].shape != (2, p, e) or state["sizes"].shape != (len(domain.contexts),):
+        raise ValueError("what was experienced does not fit attributes and behaviors")
+    if settings.classifier is not None:
+        used, sizes = state["used"], state["sizes"]
+        state["perception"] = classify(experience, agent, settings, used, sizes)[2]
     return Online(experience, agent, settings, **state)
+
+
+def _write_features(experience: Experience, keep: Callable[[NDArray[Any]], str]) -> Json:
+    """Write features, an array of each context and size; return where they are."""
+    parts = []
+    for number, context in enumerate(experience.domain.contexts):
+        by_size: dict[int, list[int]] = {}
+        for i, values in experience.features[context].items():
+            by_size.setdefault(len(values), []).append(i)
+        for rows in by_size.values():
+            values = np.stack([experience.features[context][i] for i in rows])
+            parts.append([number, keep(np.array(rows, np.int64)), keep(values)])
+    return parts
+
+
+def _read_features(
+    parts: Json, read: Callable[[str, str, int], NDArray[Any]], experience: Experience
+) -> None:
+    """Read features into the record, in the order of instances."""
+    contexts = experience.domain.contexts
+    held: list[dict[int, NDArray[np.float32]]] = [{} for _ in contexts]
+    behaviors = experience.instances.values["behavior"]
+    for number, rows_name, values_name in parts:
+        values = read(str(values_name), "<f4", 2)
+        rows = read(str(rows_name), "<i8", 1)
+        if not np.isfinite(values).all() or values.shape[0] != len(rows) or not values.shape[1]:
+            raise ValueError(f"features of {contexts[number]} are not finite, or not of instances")
+        if ((rows < 0) | (rows >= len(behaviors))).any() or (
+            behaviors[rows] != experience.domain.behavior_index(contexts[number][0])
+        ).any():
+            raise ValueError(f"features of {contexts[number]} are of what there is not")
+        held[number].update(zip(rows.tolist(), values, strict=True))
+    for context, by_instance in zip(contexts, held, strict=True):
+        experience.features[context] = dict(sorted(by_instance.items()))
 
 
 def _read_experience(archive: zipfile.ZipFile, experience: Experience) -> None:
@@ -183,45 +305,40 @@ def _read_experience(archive: zipfile.ZipFile, experience: Experience) -> None:
     }
     objects, trials = (_read_lines(archive, name) for name in ("objects", "trials"))
     trials = [tuple(key) for key in trials]
-    sizes = np.zeros(len(domain.behaviors), int)
-    for i, context in enumerate(domain.contexts):
-        if f"features/{i}.npy" in archive.namelist():
-            values = read_array(archive, f"features/{i}", "<f4", 2)
-            if not np.isfinite(values).all():
-                raise ValueError(f"features of {context} are not finite")
-            sizes[domain.behavior_index(context[0])] = len(values)
-            experience.features[context] = Rows(np.float32, values.shape[1])
-            experience.features[context].extend(values)
     n, o, t = len(rows["instances"]), len(objects), len(trials)
     p, e = len(domain.attributes), len(domain.behaviors)
-    features = sizes[rows["instances"]["behavior"] % e]  # of each instance's behavior
-    limits: dict[str, dict[str, tuple[Any, Any]]] = {  # of each column: the least, and the end
+    large = 2**62
+    limits: dict[str, dict[str, tuple[int, int]]] = {  # of each column: the least, and the end
         "instances": {
-            "object": (0, o), "behavior": (0, e), "recording": (0, 2**62),
-            "features": (NONE, features), "origin": (GIVEN, GATHERED + 1), "scale": (0, 64),
+            "object": (0, o), "behavior": (0, e), "digest": (0, 2**63 - 1), "copy": (0, large),
+            "recording": (NONE, large), "origin": (0, WITHDRAWN + 1), "scale": (0, 64),
         },
         "executions": {
             "trial": (0, t), "behavior": (0, e), "instance": (NONE, n), "success": (-1, 2)
         },
-        "feedback": {"trial": (0, t), "object": (0, o), "attribute": (0, p), "value": (-1, 2)},
+        "feedback": {
+            "trial": (0, t), "call": (0, large), "object": (0, o), "attribute": (0, p),
+            "value": (-1, 2), "given": (0, 2),
+        },
     }  # fmt: skip
     columns = [
         (name, rows[name][column], limit)
         for name, of_table in limits.items()
         for column, limit in of_table.items()
     ]
-    columns += [("levels", rows["levels"], (-1, 64))]
+    columns += [(name, rows[name], (-1, 64)) for name in ("levels", "detected")]
     columns += [(name, rows[name], (-1, 2)) for name in ("labels", "known")]
     for name, values, (least, end) in columns:
         if ((values < least) | (values >= end)).any():
             raise ValueError(f"{name} names what there is not")
-    if [len(rows[name]) for name in ("levels", "labels", "known")] != [n, n, o]:
+    lengths = [len(rows[name]) for name in ("levels", "detected", "labels", "known")]
+    if lengths != [n, n, n, o]:
         raise ValueError("percepts or labels do not fit instances and objects")
     unique = len(set(objects)) == o and len(set(trials)) == t
     if not unique or not all(isinstance(name, str) for name in objects):
         raise ValueError("objects or trials are named twice, or not by text")
-    experience.objects = {name: o for o, name in enumerate(objects)}
-    experience.trials = {key: t for t, key in enumerate(trials)}
+    experience.objects = {name: number for number, name in enumerate(objects)}
+    experience.trials = {key: number for number, key in enumerate(trials)}
     for name, values in rows.items():
         held[name].extend(values)
 
@@ -229,43 +346,3 @@ def _read_experience(archive: zipfile.ZipFile, experience: Experience) -> None:
 def _read_lines(archive: zipfile.ZipFile, name: str) -> list[Any]:
     """Read JSON values, a line each."""
     return [json.loads(line) for line in read_member(archive, name).splitlines()]
-
-
-def pack(value: Any, keep: Callable[[NDArray[Any]], str]) -> Json:
-    """Return an object as JSON values; `keep` stores an array and returns its name.
-
-    A domain is not written, as a learner has one.
-    """
-    if value is None or isinstance(value, str | bool | int | float):
-        return value
-    if isinstance(value, Rows):
-        value = value.values
-    if isinstance(value, np.ndarray):
-        return {"array": keep(value), "dtype": value.dtype.str, "axes": value.ndim}
-    if isinstance(value, Domain):
-        return {"domain": True}
-    if isinstance(value, Mapping):
-        return {"table": {str(name): pack(entry, keep) for name, entry in value.items()}}
-    if isinstance(value, tuple) and not hasattr(value, "_fields"):
-        return [pack(entry, keep) for entry in value]
-    name = type(value).__name__
-    if _CLASSES.get(name) is not type(value):
-        raise TypeError(f"{name} cannot be saved")
-    names = getattr(value, "_fields", None)  # of a named tuple
-    names = names or [field.name for field in fields(value)]
-    return {"class": name, "fields": {n: pack(getattr(value, n), keep) for n in names}}
-
-
-def unpack(packed: Json, read: Callable[[str, str, int], NDArray[Any]], domain: Domain) -> Any:
-    """Return the object that `pack` wrote; `read` reads an array by name, dtype and axes."""
-    if isinstance(packed, list):
-        return tuple(unpack(entry, read, domain) for entry in packed)
-    if not isinstance(packed, dict):
-        return packed
-    if "domain" in packed:
-        return domain
-    if "array" in packed:
-        return read(str(packed["array"]), packed["dtype"], int(packed["axes"]))
-    entries = packed["table"] if "table" in packed else packed["fields"]
-    made = {str(name): unpack(entry, read, domain) for name, entry in entries.items()}
-    return made if "table" in packed else _CLASSES[packed["class"]](**made)

@@ -12,9 +12,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from meal_bayes.arrays import Levels
 from meal_bayes.datasets import Instance, PerceptTable, object_index
+from meal_bayes.datasets.detections import detected_levels
+from meal_bayes.datasets.percepts import BIN_EDGES, levels_of
 from meal_bayes.domain import Domain, Query, read_query
 from meal_bayes.errors import SettingsError
-from meal_bayes.learner.experience import Experience, Key
+from meal_bayes.learner.experience import Context, Experience, Key
 from meal_bayes.learner.fit import Fit, problem_of, solve
 from meal_bayes.learner.online import Online
 from meal_bayes.momdp import MOMDP
@@ -90,11 +92,13 @@ def session_of(
         truth = domain.labels(truth)[domain.columns(task.query.attributes)]
     perceiver = fit.perceiver
     on_step = options.on_step
-    if learn and isinstance(fit, Online):
+    sizes: dict[Context, int] = {}
+    if isinstance(fit, Online):
         perceiver = recorder = RecordingPerceiver(fit, task, momdp, lock, on_step)
-        on_step = recorder.record
+        on_step = recorder.record if learn else on_step
+        sizes = fit.expected_sizes
     checker = OutcomeChecker(
-        fit.knowledge.domain, object_index=task.object_index, sizes=lambda: fit.record.sizes
+        fit.knowledge.domain, object_index=task.object_index, sizes=lambda: sizes
     )
     return Session(
         task, momdp, policy, checker, perceiver,
@@ -141,14 +145,32 @@ class RecordingPerceiver:
         recorded = fit.record.executions.values["trial"] == number
         self._known = int(recorded.sum())  # before a restart
 
-    def observe(self, instance: Instance, query: Query, rng: np.random.Generator) -> Levels:
-        """Return percept levels of the queried attributes, (N,)."""
-        domain = self._fit.record.domain
-        levels = self._fit.perception.observe(instance, Query(domain.attributes), rng)
-        self._last = instance, levels
-        if self._fit.settings.drawn is not None:  # of the learned tables, not those that came
-            return self._fit.perceiver.observe(instance, query, rng)
-        return levels[domain.columns(query.attributes)]
+    def observe(self, instance: Instance, query: Query, rng: np.random.Generator) -> Levels | None:
+        """Return percept levels of the queried attributes, (N,); None where there are none.
+
+        An attribute of which a behavior has never shown anything is shown at even odds; that
+        tells nothing, and is not counted.
+        """
+        fit = self._fit
+        domain = fit.record.domain
+        spec = domain.behaviors[domain.behavior_index(instance.behavior)]
+        if spec.answer_accuracy is None:
+            levels = fit.perceive(instance)
+        else:
+            levels = fit.perception.observe(instance, Query(domain.attributes), rng)
+        nothing = fit.record.nothing
+        self._last = instance, nothing if levels is None else levels
+        if fit.settings.drawn is not None:  # of the learned tables, not those that came
+            return fit.perceiver.observe(instance, query, rng)
+        if levels is None:
+            return None
+        columns = np.array(domain.columns(query.attributes))
+        missing = columns[levels[columns] < 0]
+        counts = fit.knowledge.posterior.counts[missing, domain.behavior_index(spec.name)]
+        if counts.any():
+            return None
+        even = levels_of(np.zeros(1), BIN_EDGES, fit.agent.levels)[0]
+        return np.asarray(np.where(levels < 0, even, levels)[columns], np.int8)
 
     def record(self, step: Step) -> None:
         """Record an executed step; what was recorded before a restart is not recorded again."""
@@ -196,7 +218,9 @@ def record_step(
     if e >= momdp.n_behaviors:
         return
     instance, levels = perceived or (None, None)
-    shows = step.observation is not None
+    percepts = None if instance is None else instance.percepts
+    detected = detected_levels(percepts, domain, momdp.levels)
+    shows = step.observation is not None or (levels is not None and (levels >= 0).any())
     if step.observation is not None and levels is None and domain.behaviors[e].modalities:
         levels = np.full(len(domain.attributes), -1, np.int8)
         levels[domain.columns(momdp.query.attributes)] = step.observation
@@ -209,5 +233,5 @@ def record_step(
         success = int(shows or (step.next_x != step.x and meant))
     record.execute(
         task.key, task.object_name, e, success=success, instance=instance,
-        levels=levels, k=momdp.levels,
+        levels=levels, detected=detected, k=momdp.levels,
     )  # fmt: skip

@@ -1,19 +1,20 @@
 """Views of the record: functions of it, which nothing keeps.
 
 With memory an agent recognizes objects: labels of an instance are then those of its object, in any
-trial; without, those of the trials that showed it.
+trial; without, those of the trials that showed it, and of the object by its name.
 """
 
+from collections import Counter
 from collections.abc import Iterable
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes.arrays import Rows
 from meal_bayes.datasets import Dataset, TrainingSet
 from meal_bayes.domain import Query
-from meal_bayes.learner.experience import GIVEN, Experience, Key, Labels, told
+from meal_bayes.learner.experience import GIVEN, NONE, WITHDRAWN, Experience, Key, Labels, told
+
+Sizes = NDArray[np.int64]  # of each of the domain's contexts; NONE: nothing was sensed
 
 
 def attempts(record: Experience) -> NDArray[np.int64]:
@@ -35,6 +36,7 @@ def trials_before(record: Experience, trial: Key) -> int:
 def told_fraction(record: Experience) -> float:
     """Fraction of the labels of objects beyond a first that people told, by Laplace's rule."""
     rows = record.feedback.values
+    rows = rows[rows["given"] == 0]
     cells = (len(record.trials), len(record.domain.attributes))
     labels = np.full(cells, -1)
     labels[rows["trial"], rows["attribute"]] = rows["value"]  # the latest of each
@@ -46,28 +48,26 @@ def told_fraction(record: Experience) -> float:
 
 def labels_for(record: Experience, names: Iterable[str]) -> Labels:
     """Return the labels (O,P) of objects by name; -1 unknown."""
-    nothing = np.full(len(record.domain.attributes), -1, np.int8)  # of no object
-    rows = np.vstack([record.known.values, nothing])
-    return rows[[record.objects.get(name, -1) for name in names]]
+    rows = np.vstack([record.known.values, record.nothing])
+    return rows[[record.objects.get(name, NONE) for name in names]]
 
 
-def recognized(record: Experience, query: Query, object_name: str) -> Labels | None:
-    """Return the labels (N,) that people gave to an object, None where they gave none."""
-    labels = labels_for(record, [object_name])[0, record.domain.columns(query.attributes)]
-    return labels if (labels >= 0).any() else None
+def votes(record: Experience, query: Query, object_name: str) -> NDArray[np.int64] | None:
+    """Count the trials that say yes less those that say no, (N,); None where none says anything."""
+    o = record.objects.get(object_name, NONE)
+    rows = record.trial_rows(o)[:, record.domain.columns(query.attributes)]
+    if not (rows >= 0).any():
+        return None
+    return np.asarray((rows == 1).sum(axis=0) - (rows == 0).sum(axis=0), np.int64)
 
 
-def labels_by(record: Experience, trial: tuple[str | int, ...]) -> dict[str, bool]:
-    """Return the labels that were given in a trial, by attribute."""
-    labels = zip(record.domain.attributes, record.told_in(trial).tolist(), strict=True)
-    return {name: value == 1 for name, value in labels if value >= 0}
-
-
-def labels_of(record: Experience, rows: Any, *, memory: bool) -> Labels:
-    """Return the labels (k,P) of instances."""
+def labels_of(record: Experience, *, memory: bool) -> Labels:
+    """Return the labels (n,P) of all instances."""
+    labels = record.labels.values
     if memory:
-        return np.asarray(record.known.values[record.instances.values["object"][rows]])
-    return np.asarray(record.labels.values[rows])
+        labels = record.known.values[record.instances.values["object"]]
+    withdrawn = record.instances.values["origin"] == WITHDRAWN
+    return np.where(withdrawn[:, None], -1, labels).astype(np.int8)
 
 
 def labelled(record: Experience, *, memory: bool, given: bool = True) -> NDArray[np.int64]:
@@ -76,17 +76,62 @@ def labelled(record: Experience, *, memory: bool, given: bool = True) -> NDArray
     Those not gathered in trials count if `given`.
     """
     instances = record.instances.values
-    rows = np.flatnonzero(given | (instances["origin"] != GIVEN))
+    counted = given | (instances["origin"] != GIVEN)
     e = len(record.domain.behaviors)
     p = len(record.domain.attributes)
     counts = np.zeros((len(record.objects), e, p), int)
-    labels = labels_of(record, rows, memory=memory) >= 0
-    np.add.at(counts, (instances["object"][rows], instances["behavior"][rows]), labels)
+    labels = (labels_of(record, memory=memory) >= 0) & counted[:, None]
+    np.add.at(counts, (instances["object"], instances["behavior"]), labels)
     return counts
 
 
-def training(record: Experience, *, memory: bool) -> tuple[Dataset, NDArray[np.intp], TrainingSet]:
+def sizes(record: Experience) -> Sizes:
+    """Return the number of features of most recordings of each context; the latest of equals."""
+    most = np.full(len(record.domain.contexts), NONE)
+    for number, context in enumerate(record.domain.contexts):
+        lengths = [len(values) for values in record.features[context].values()]
+        if lengths:
+            counts = Counter(lengths)
+            often = [size for size in lengths if counts[size] == max(counts.values())]
+            most[number] = often[-1]
+    return most
+
+
+def sensed(record: Experience, of_sizes: Sizes, behavior: str) -> NDArray[np.intp]:
+    """Return the instances (k,) of a behavior with features of these sizes."""
+    rows: set[int] | None = None
+    for context, size in zip(record.domain.contexts, of_sizes.tolist(), strict=True):
+        if context[0] == behavior:
+            fitting = {i for i, v in record.features[context].items() if len(v) == size}
+            rows = fitting if rows is None else rows & fitting
+    return np.array(sorted(rows or ()), np.intp)
+
+
+def odd_recordings(record: Experience, of_sizes: Sizes) -> list[str]:
+    """Say which recordings have another number of features than most, a text each."""
+    names = list(record.objects)
+    return [
+        f"{' '.join(context)} of {names[record.instances.values['object'][i]]!r} has {len(values)} "
+        f"features, most have {size}"
+        for context, size in zip(record.domain.contexts, of_sizes.tolist(), strict=True)
+        for i, values in record.features[context].items()
+        if len(values) != size
+    ]
+
+
+def training(
+    record: Experience, labels: Labels, of_sizes: Sizes
+) -> tuple[Dataset, NDArray[np.intp], TrainingSet]:
     """Return D: the instances with features as a data set, where each row is, and their labels.
+
+    It does not depend on the order in which they came: objects stand by name, recordings by digest.
+
+    Parameters
+    ----------
+    labels : Labels
+        (n,P) of the first n instances, which it is made of.
+    of_sizes : Sizes
+        Recordings of other sizes are left out.
 
     Returns
     -------
@@ -97,23 +142,41 @@ def training(record: Experience, *, memory: bool) -> tuple[Dataset, NDArray[np.i
     gathered : TrainingSet
         All of them, labelled or not.
     """
+    domain = record.domain
+    fitting = [sensed(record, of_sizes, domain.behavior_names[e]) for e in domain.recorded]
+    rows = np.concatenate([np.empty(0, np.intp), *fitting])
+    rows = rows[rows < len(labels)]
+    objects = tuple(sorted(record.objects))
+    place = np.argsort(np.argsort(list(record.objects))) if objects else np.empty(0, np.intp)
     instances = record.instances.values
-    rows = np.flatnonzero(instances["features"] >= 0)
-    keys = [instances[name][rows] for name in ("recording", "behavior", "object")]
-    rows = rows[np.lexsort(keys)]
-    o = instances["object"][rows].astype(np.int32)
+    keys = [instances[name][rows] for name in ("copy", "digest", "behavior")]
+    rows = rows[np.lexsort([*keys, place[instances["object"][rows]]])]
+    o = place[instances["object"][rows]].astype(np.int32)
     e = instances["behavior"][rows].astype(np.int32)
-    context_number = o * len(record.domain.behaviors) + e
-    first = np.searchsorted(context_number, context_number)
-    r = (np.arange(len(rows)) - first).astype(np.int32)
-    objects = tuple(record.objects)
+    pairs = o * len(domain.behaviors) + e
+    r = (np.arange(len(rows)) - np.searchsorted(pairs, pairs)).astype(np.int32)
     most = int(r.max(initial=0)) + 1
     features = {}
-    for context in record.domain.contexts:
-        perceived = record.features.get(context, Rows(np.float32, 1)).values
-        values = np.full((len(objects), most, perceived.shape[1]), np.nan, np.float32)
-        mask = e == record.domain.behavior_index(context[0])
-        values[o[mask], r[mask]] = perceived[instances["features"][rows[mask]]]
+    for context, size in zip(domain.contexts, of_sizes.tolist(), strict=True):
+        values = np.full((len(objects), most, max(size, 1)), np.nan, np.float32)
+        for row in np.flatnonzero(e == domain.behavior_index(context[0])):
+            values[o[row], r[row]] = record.features[context][int(rows[row])]
         features[context] = values
-    dataset = Dataset(record.domain, objects, features, record.known.values, partial=True)
-    return dataset, rows, TrainingSet(o, e, r, labels_of(record, rows, memory=memory))
+    known = labels_for(record, objects) if objects else record.known.values
+    dataset = Dataset(domain, objects, features, known, partial=True)
+    return dataset, rows, TrainingSet(o, e, r, labels[rows])
+
+
+def percepts_given(record: Experience, k: int) -> Labels:
+    """Return the percepts (n,P) at K levels that no classifier of ours makes; -1 none.
+
+    Those are what a detector of the robot's own gave, and percepts of instances without features.
+    """
+    instances = record.instances.values
+    bare = (instances["digest"] == 0) & (instances["scale"] == k)
+    levels = np.where(bare[:, None], record.levels.values, -1)
+    scale = np.maximum(instances["scale"], 1)[:, None]
+    given = record.detected.values.astype(int)
+    # The surest levels stay the surest.
+    scaled = np.where(given == scale - 1, k - 1, np.where(given == 0, 0, given * k // scale))
+    return np.where(given >= 0, scaled, levels).astype(np.int8)

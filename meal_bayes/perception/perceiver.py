@@ -22,8 +22,11 @@ from meal_bayes.perception.recordings import FeatureSpace
 class Perceiver(Protocol):
     """Source of the percepts of an executed behavior."""
 
-    def observe(self, instance: Instance, query: Query, rng: np.random.Generator) -> Levels:
-        """Return percept levels (N,) of the queried attributes, from 0 (no) to K-1 (yes)."""
+    def observe(self, instance: Instance, query: Query, rng: np.random.Generator) -> Levels | None:
+        """Return percept levels (N,) of the queried attributes, from 0 (no) to K-1 (yes).
+
+        None where what was sensed shows nothing.
+        """
         ...
 
 

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from meal_bayes.datasets import Instance, checked_features
+from meal_bayes.datasets.detections import checked_percepts
 from meal_bayes.domain import Behavior, Domain, unknown
 from meal_bayes.errors import DataError, QueryError, RobotError
 
@@ -37,12 +38,17 @@ class Outcome:
         group by its name.
     recording : int | None
         Of a robot that replays stored percepts: which of them this is. A real robot leaves it out.
+    percepts : Mapping[str, bool | str] | None
+        Of a detector of the robot's own, with or without features: by attribute True or False,
+        "yes", "no", "surely yes" or "surely no", or the value of a group by its name. Attributes
+        that it does not name are perceived from the features, if any.
     """
 
     state: str
     features: Mapping[str, ArrayLike] | None = None
     answers: Mapping[str, bool | str] | None = None
     recording: int | None = None
+    percepts: Mapping[str, bool | str | None] | None = None
 
 
 class Robot(Protocol):
@@ -79,11 +85,11 @@ class _NoPercept(Exception):
 class OutcomeChecker:
     """What a robot returns, checked: every outcome fits the domain, and has indices for names.
 
-    A state that the domain does not know raises `RobotError`. A modality that is missing, of
-    another size than those learned from (`sizes()`, where known), or not of finite numbers is left
-    out, with a warning; the percept is made from the others, and where there are none the trial
-    goes on without. Modalities that the behavior does not have are left aside. The object has its
-    index in the data set, or -1 where nothing is recorded of it.
+    A state that the domain does not know raises `RobotError`. A modality that is missing, or not of
+    finite numbers, is left out, with a warning; one of another size than those learned from
+    (`sizes()`, where known) is kept, but shows nothing. The percept is made from the others, and
+    where there are none the trial goes on without. Modalities that the behavior does not have are
+    left aside. The object has its index in the data set, or -1 where nothing is recorded of it.
     """
 
     def __init__(
@@ -126,14 +132,15 @@ class OutcomeChecker:
         warning = ""
         if accuracy is None and outcome.answers is not None:
             raise _NoPercept("it does not ask, but came with answers")
+        if accuracy is not None and (outcome.features, outcome.percepts) != (None, None):
+            raise _NoPercept("it asks a person; give answers, not features or percepts")
+        percepts = self._percepts(spec, outcome.percepts)
         if outcome.features is not None:
-            if accuracy is not None:
-                raise _NoPercept("it asks a person; give answers, not features")
-            features, warning = self._features(spec, outcome.features)
-        # A percept comes from features, or by the number of a recording that was scored before.
-        if features is not None or recording is not None:
+            features, warning = self._features(spec, outcome.features, alone=percepts is None)
+        # A percept comes from features, a detector, or a recording that was scored before.
+        if features is not None or recording is not None or percepts is not None:
             number = -1 if recording is None else recording  # what a sensor gives has none
-            instance = Instance(self._object, spec.name, number, features)
+            instance = Instance(self._object, spec.name, number, features, percepts)
             return Execution(next_x, instance, warning=warning)
         if outcome.answers is None:
             return Execution(next_x)
@@ -153,43 +160,64 @@ class OutcomeChecker:
         pairs = zip(self._domain.attributes, labels.tolist(), strict=True)
         return {name: value == 1 for name, value in pairs if value >= 0}
 
-    def _features(self, spec: Behavior, sensed: object) -> tuple[Features, str]:
-        """Return the valid features, and a warning of what is wrong with the others."""
+    def _percepts(self, spec: Behavior, given: object) -> dict[str, float] | None:
+        """Return what a detector is sure of, by attribute; None where it says nothing."""
+        if given is None:
+            return None
+        if not spec.modalities:
+            raise _NoPercept("it has no modalities; name one, such as that of the detector")
+        try:
+            return checked_percepts(given, self._domain) or None
+        except DataError as fault:
+            raise _NoPercept(str(fault)) from None
+
+    def _features(
+        self, spec: Behavior, sensed: object, *, alone: bool
+    ) -> tuple[Features | None, str]:
+        """Return the valid features, and a warning of what is wrong with the others.
+
+        Where they are not `alone`, but come with percepts, none may be valid.
+        """
         if not isinstance(sensed, Mapping):
             raise _NoPercept(f"features are {type(sensed).__name__}, not {{modality: numbers}}")
         features = Features()
         faults = list[str]()
+        showing = list[str]()
         sizes = self._sizes()
         for name in spec.modalities:  # what the domain does not know of is left aside
             try:
-                features[name] = _checked(name, sensed, sizes.get((spec.name, name)))
+                features[name] = _checked(name, sensed)
             except _NoPercept as fault:
                 faults.append(str(fault))
+                continue
+            size = sizes.get((spec.name, name), len(features[name]))
+            if len(features[name]) == size:
+                showing.append(name)
+            else:
+                faults.append(f"{name}: found shape {features[name].shape}; expected ({size},)")
         # One modality is enough: the classifiers' pool does without the others.
-        if not features:
-            raise _NoPercept("; ".join(faults) or "it has no modalities")
+        why = "; ".join(faults) or "it has no modalities"
+        if not showing and alone:
+            if not features:
+                raise _NoPercept(why)
+            return features, f"no percept of {spec.name}: {why}"
         if not faults:
             return features, ""
-        warning = f"percept of {spec.name} by {', '.join(features)} alone: {'; '.join(faults)}"
+        warning = f"percept of {spec.name} by {', '.join(showing) or 'its detector'} alone: {why}"
         if spec.name not in self._warned:  # a person sees it once a trial
             warnings.warn(warning, stacklevel=2)
             self._warned.add(spec.name)
-        return features, warning
+        return features or None, warning
 
 
-def _checked(
-    modality: str, sensed: Mapping[str, ArrayLike], size: int | None
-) -> NDArray[np.float32]:
-    """Return a modality's features (D,); D is the size where it is known."""
+def _checked(modality: str, sensed: Mapping[str, ArrayLike]) -> NDArray[np.float32]:
+    """Return a modality's features (D,), of any size."""
     if modality not in sensed:
         raise _NoPercept(f"{modality} is not among {sorted(map(str, sensed))}")
     try:
-        values = checked_features(sensed[modality])
+        return checked_features(sensed[modality])
     except DataError as fault:
         raise _NoPercept(f"{modality}: {fault}") from fault
-    if size is not None and len(values) != size:
-        raise _NoPercept(f"{modality}: found shape {values.shape}; expected ({size},)")
-    return values
 
 
 class Frame(NamedTuple):

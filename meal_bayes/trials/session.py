@@ -343,7 +343,11 @@ class Session:
         query = self.task.query
         answers = execution.answers
         if execution.instance is not None:
-            return self._perceiver.observe(execution.instance, query, self._luck), execution.warning
+            levels = self._perceiver.observe(execution.instance, query, self._luck)
+            if levels is None and not execution.warning:
+                says = f"no percept of {execution.instance.behavior}: nothing of what was asked"
+                return None, says
+            return levels, execution.warning
         if answers is None:
             return None, execution.warning
         missing = [name for name in query.attributes if name not in answers]

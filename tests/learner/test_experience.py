@@ -10,8 +10,8 @@ from meal_bayes.domain import load_domain
 from meal_bayes.errors import QueryError, SettingsError
 from meal_bayes.experiments.protocol import Recordings
 from meal_bayes.learner import Experience, Learner, implied
-from meal_bayes.learner.experience import UNNUMBERED, told
-from meal_bayes.learner.views import attempts, labelled, labels_by, labels_for, training
+from meal_bayes.learner.experience import told
+from meal_bayes.learner.views import attempts, labelled, labels_for, labels_of, sizes, training
 from meal_bayes.robots import Outcome
 
 TOY = load_domain("toy")
@@ -56,7 +56,8 @@ def test_d_holds_what_was_shown_with_its_labels(trials, memory, forgotten):
     known = {}
     for t, (o, _, _) in enumerate(trials):
         known.setdefault(o, {}).update(told[t])
-    dataset, rows, d = training(experience, memory=memory)
+    labels = labels_of(experience, memory=memory)
+    dataset, rows, d = training(experience, labels, sizes(experience))
     places = experience.instances.values[["object", "behavior", "recording"]][rows]
     names = {number: name for name, number in experience.objects.items()}
     held = {}
@@ -71,14 +72,14 @@ def test_d_holds_what_was_shown_with_its_labels(trials, memory, forgotten):
     assert held == expected
     for name, o in experience.objects.items():
         labels = experience.known.values[o]
-        labels_of = {p: v for p, v in enumerate(labels.tolist()) if v >= 0}
-        assert labels_of == known.get(DATASET.objects.index(name), {})
+        of_object = {p: v for p, v in enumerate(labels.tolist()) if v >= 0}
+        assert of_object == known.get(DATASET.objects.index(name), {})
     counts = labelled(experience, memory=memory)
     assert counts.sum() == sum(len(labels) for labels in expected.values())
     for (behavior, modality), values in dataset.features.items():
         for place in expected:
             if NAMES[place[1]] == behavior:
-                o = experience.objects[DATASET.objects[place[0]]]
+                o = dataset.objects.index(DATASET.objects[place[0]])
                 assert DATASET.features[behavior, modality][place[0], place[2]] in values[o]
 
 
@@ -86,9 +87,9 @@ def test_what_was_given_is_given_once():
     experience = Experience(TOY)
     for _ in range(2):
         experience.give(DATASET)
-    dataset, _, d = training(experience, memory=False)
+    dataset, _, d = training(experience, labels_of(experience, memory=False), sizes(experience))
     for context, values in DATASET.features.items():
-        np.testing.assert_array_equal(dataset.features[context], values)
+        np.testing.assert_array_equal(np.sort(dataset.features[context], 1), np.sort(values, 1))
     np.testing.assert_array_equal(d.labels, DATASET.labels[d.object])
     assert labelled(experience, memory=False, given=False).sum() == 0
 
@@ -99,7 +100,7 @@ def test_instances_of_a_robot_are_each_new():
         instance = Instance(-1, "look", 0, DATASET.instance(0, "look", number).features)
         levels = np.array([0, 1], np.int8)
         experience.execute(("t",), "cup", 0, success=1, instance=instance, levels=levels)
-    assert experience.instances.values["recording"].tolist() == [UNNUMBERED + n for n in range(3)]
+    assert experience.instances.values["recording"].tolist() == [-1] * 3
     assert len(experience.executions) == 3
 
 
@@ -159,7 +160,8 @@ def test_no_label_leaves_a_group_without_a_value_or_with_two():
     values = learner.domain.groups["content"]
     for name in values[:-1]:
         learner.tell("jar", {name: False})
-    assert labels_by(learner.experience, told("jar"))[values[-2]] is False
+    last = learner.domain.attribute_index(values[-2])
+    assert learner.experience.told_in(told("jar"))[last] == 0
     with pytest.raises(QueryError, match="'jar' would be none of 'content'"):
         learner.tell("jar", {values[-1]: False})
     experience = learner.experience

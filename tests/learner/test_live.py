@@ -7,14 +7,17 @@ import re
 import signal
 import subprocess
 import sys
+import warnings
 from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from meal_bayes.datasets import Dataset
 from meal_bayes.domain import domain_from_table
-from meal_bayes.errors import DataError, LogError, RobotError, SettingsError
+from meal_bayes.errors import LogError, RobotError, SettingsError
 from meal_bayes.evaluation import summarize
 from meal_bayes.learner import Learner
 from meal_bayes.learner.views import attempts, labels_for
@@ -309,23 +312,67 @@ def test_to_forget_a_word_restores_the_label_of_the_data(dataset, make):
     trial = learner.ask("red", make.arm(), object_name="cup 1")
     learner.tell(trial, {"red": False})
     assert labels_for(learner.experience, ["cup 1"]).tolist() != before
-    assert repr(learner.experience).endswith(" 1 labels")
+    assert repr(learner.experience).endswith(" 25 labels, 1 of them contradicted")
     learner.tell(trial, {"red": False})
-    assert repr(learner.experience).endswith(" 1 labels")
+    assert repr(learner.experience).endswith(" 25 labels, 1 of them contradicted")
     learner.forget(trial)
     assert labels_for(learner.experience, ["cup 1"]).tolist() == before
 
 
-def test_sizes_are_those_of_the_first_features_whoever_gave_them(dataset, make):
+ODD = [[], [9.0] * 7, [math.nan] * 3, "red", [[1.0], [2.0, 3.0]], None, {"a": 1}, [9.0] * 2]
+
+
+@given(value=st.sampled_from(ODD), moment=st.integers(0, 5))
+@settings(max_examples=20, deadline=None)
+def test_one_odd_reading_costs_one_reading(make, value, moment):
+    domain = domain_from_table(make.kitchen)
+    learner = Learner(domain, agent=make.agent("look", **make.ours), logs=None)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)
+        for number in range(6):
+            arm = make.arm(red=number % 2 == 0, seed=number)
+            robot = Faulty(Outcome("table", {"color": value})) if number == moment else arm
+            trial = learner.ask("red", robot, object_name=f"mug {number}")
+            learner.tell(trial, {"red": number % 2 == 0})
+        learner.refit()
+    perception = learner.fitted(learner.agent).perception
+    assert len(perception.classifiers["look"].spaces["color"].rows) == 5
+    assert learner.knowledge().posterior.counts[0, 0].sum() == 5
+
+
+def test_a_new_sensor_wins_by_its_number_and_odd_recordings_are_named_once(dataset, make):
     learner = make.learner(dataset, make.agent("look", **make.ours))
-    empty = Learner(dataset.domain, agent=learner.agent, logs=None)
-    sessions = [empty.begin("red") for _ in range(2)]
-    sessions[0].observe(Outcome("table", {"color": GOOD}))
-    sessions[1].observe(Outcome("table", {"color": [9.0]}))
-    assert sessions[1].trial.steps[0].observation is None
-    narrow = {context: values[..., :1] for context, values in dataset.features.items()}
-    with pytest.raises(DataError, match="look color: 1 features, where 3 came before"):
-        learner.fit(dataclasses.replace(dataset, features=narrow))
+    wide = {
+        context: np.concatenate([values, values], axis=-1)
+        for context, values in dataset.features.items()
+    }
+    one = {context: np.array(values) for context, values in wide.items()}
+    for values in one.values():
+        values[1:] = values[:, 1:] = np.nan
+    odd = Dataset(dataset.domain, dataset.objects, one, dataset.labels, partial=True)
+    before = learner.knowledge().posterior.counts
+    with pytest.warns(UserWarning, match="look color of .cup 0. has 6 features, most have 3"):
+        learner.fit(odd)
+    np.testing.assert_array_equal(learner.knowledge().posterior.counts, before)
+    learner.refit()  # says nothing any more
+    with pytest.warns(UserWarning, match="has 3 features, most have 6"):
+        learner.fit(dataclasses.replace(dataset, features=wide))
+    assert learner.fitted(learner.agent).expected_sizes["look", "color"] == 6
+    assert "36" not in repr(learner)
+
+
+def test_the_recordings_of_a_trial_can_be_forgotten(dataset, make):
+    learner = make.learner(dataset, make.agent("look", **make.ours))
+    fresh = learner.knowledge().posterior.counts
+    trial = learner.ask("red", make.arm(), object_name="mug")
+    learner.tell(trial, {"red": True})
+    learner.refit()
+    assert learner.knowledge().posterior.counts.sum() == fresh.sum() + 1
+    learner.forget(trial, recordings=True)
+    np.testing.assert_array_equal(learner.knowledge().posterior.counts, fresh)
+    assert repr(learner.experience).startswith("72 recordings of 13 objects, 24 labels")
+    with pytest.raises(SettingsError, match="has no labels or recordings"):
+        learner.forget(trial, recordings=True)
 
 
 def test_trials_of_other_behaviors_are_refused(dataset, make):

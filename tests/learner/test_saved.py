@@ -11,7 +11,7 @@ from sklearn.linear_model import LogisticRegression
 from meal_bayes.datasets import load_percepts
 from meal_bayes.errors import DataError, MealBayesError, OutputError, SettingsError
 from meal_bayes.learner import Learner
-from meal_bayes.learner.views import attempts, labels_by
+from meal_bayes.learner.views import attempts
 
 STATE = ("counts", "concentration", "dispersion")
 
@@ -67,7 +67,11 @@ def test_everything_comes_back(taught, saved, dataset, agent, make):
     again.forget(trials[2])
     again.refit()
     again.forget(trials[0])
-    assert [bool(labels_by(again.experience, t.task.key)) for t in trials] == [False, True, False]
+    assert [(again.experience.told_in(t.task.key) >= 0).any() for t in trials] == [
+        False,
+        True,
+        False,
+    ]
     same_again = make.learner(dataset, agent, seed=5, reward=70.0)
     assert again.knowledge().posterior.counts.shape == same_again.knowledge().posterior.counts.shape
 
@@ -76,7 +80,7 @@ def test_nothing_is_fitted_again(saved, agent, monkeypatch):
     def fit(*arguments, **options):
         raise AssertionError("fitted again")
 
-    monkeypatch.setattr("meal_bayes.learner.online.fit_and_validate", fit)
+    monkeypatch.setattr("meal_bayes.learner.fitting.fit_and_validate", fit)
     again = Learner.load(saved, agent=agent, logs=None)
     assert again.knowledge().posterior.counts.sum() > 0
 
@@ -174,6 +178,21 @@ def array(name, edit):
     return change
 
 
+def features(edit):
+    """Change the first array of features."""
+
+    def change(members):
+        name = json.loads(members["learner.json"])["features"][0][2]
+        array(name, edit)(members)
+
+    return change
+
+
+def torn(members):
+    name = f"{json.loads(members['learner.json'])['features'][0][2]}.npy"
+    members[name] = members[name][:-7]
+
+
 def entry(name, column, value):
     """Change one entry of a table."""
     if isinstance(column, str):
@@ -186,7 +205,7 @@ def state(edit):
 
     def change(members):
         meta = json.loads(members["learner.json"])
-        edit(meta["state"]["table"])
+        edit(meta["fitted"][0]["state"]["table"])
         members["learner.json"] = json.dumps(meta).encode()
 
     return change
@@ -205,16 +224,16 @@ HOSTILE = {
     "seed": setting(seed="x"),
     "reward": setting(reward=[1]),
     "a setting that is none": setting(wings=2),
-    "growth": text(growth=7),
+    "what was fitted": text(fitted=7),
     "a level too high": entry("levels", 0, 99),
     "a label that is none": entry("labels", 0, 7),
     "an object that is not there": entry("instances", "object", 99),
     "a behavior that is not there": entry("instances", "behavior", 99),
-    "features that are not there": entry("instances", "features", 9999),
+    "features that are not there": text(features=[[0, "fitted/0", "fitted/0"]]),
     "an instance that is not there": entry("executions", "instance", 9999),
     "an attribute that is not there": entry("feedback", "attribute", 9),
-    "a trial that is not there": entry("feedback", "trial", 9),
-    "features that are no numbers": array("features/0", lambda values: values.fill(np.nan)),
+    "a trial that is not there": entry("feedback", "trial", 99),
+    "features that are no numbers": features(lambda values: values.fill(np.nan)),
     "another class": state(lambda table: table["perception"].update({"class": "system"})),
     "no perception": state(lambda table: table.pop("perception")),
     "no classifiers": state(lambda table: table["perception"]["fields"].pop("classifiers")),
@@ -228,9 +247,7 @@ HOSTILE = {
     "not JSON": lambda members: members.update({"learner.json": b"\xff\xfe"}),
     "no labels": lambda members: members.pop("labels.npy"),
     "a pickle": lambda members: members.update({"labels.npy": b"cos\nsystem\n(S'true'\ntR."}),
-    "torn array": lambda members: members.update(
-        {"features/0.npy": members["features/0.npy"][:-7]}
-    ),
+    "torn array": torn,
     "a table": text(table={"class": "PerceptTable", "fields": {}}),
 }  # fmt: skip
 

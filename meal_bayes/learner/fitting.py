@@ -1,0 +1,98 @@
+"""What a refit takes from the record: classifiers and their counts, and what was experienced."""
+
+import warnings
+from dataclasses import astuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meal_bayes.agents import Agent
+from meal_bayes.datasets import Dataset, TrainingSet
+from meal_bayes.display import listed
+from meal_bayes.learner import views
+from meal_bayes.learner.experience import GIVEN, Experience, Labels
+from meal_bayes.learner.settings import LearnerSettings
+from meal_bayes.perception import (
+    Perception,
+    PerceptionSettings,
+    fit_and_validate,
+    fit_spaces,
+    with_classifier,
+)
+
+
+def classify(
+    record: Experience, agent: Agent, settings: LearnerSettings, labels: Labels, sizes: views.Sizes
+) -> tuple[Dataset, NDArray[np.intp], Perception, NDArray[np.int64]]:
+    """Fit classifiers to instances with labels (n,P) and features of most sizes, and validate them.
+
+    What a detector of the robot's own gave is learned from as it is, by no classifier.
+
+    Returns
+    -------
+    data : Dataset
+        Of the objects that were met, by name.
+    rows : NDArray[np.intp]
+        (k,) instances of D.
+    perception : Perception
+        The classifiers.
+    counts : NDArray[np.int64]
+        (O,P,E,2,K) percepts by classifiers that never saw the object.
+    """
+    given = views.percepts_given(record, agent.levels)[: len(labels)]
+    learned = np.where(given >= 0, -1, labels).astype(np.int8)
+    data, rows, gathered = views.training(record, learned, sizes)
+    training = _some(gathered, np.asarray((gathered.labels >= 0).any(axis=1)))
+    perceives = PerceptionSettings(levels=agent.levels, by_object=settings.by_object)
+    spaces = None
+    if settings.classifier is not None:
+        perceives = with_classifier(settings.classifier, levels=agent.levels)
+    elif agent.whiten:
+        spaces = fit_spaces(data, gathered, whiten=True)
+    else:  # the spaces of what it was given hold for good
+        first = record.instances.values["origin"][rows] == GIVEN
+        others = ~np.isin(gathered.behavior, gathered.behavior[first])
+        spaces = fit_spaces(data, _some(gathered, first | others))
+    perception, counts = fit_and_validate(data, training, settings=perceives, spaces=spaces)
+    return data, rows, perception, counts
+
+
+def experienced(
+    record: Experience, agent: Agent, settings: LearnerSettings
+) -> tuple[NDArray[np.int64], float]:
+    """Count labelled instances and objects, (2,P,E), and those that make one unit of Eq. 10."""
+    labelled = views.labelled(record, memory=agent.memory)
+    counted = views.labelled(record, memory=agent.memory, given=settings.count_given)
+    unit = settings.unit or max(1.0, float(counted.max(initial=0)) * len(counted))
+    return np.stack([counted.sum(axis=0).T, (labelled > 0).sum(axis=0).T]), unit
+
+
+def fractions(
+    record: Experience, perception: Perception, counts: NDArray[np.int64]
+) -> NDArray[np.float64]:
+    """Return the fractions (...,P,E,2,2) of no and yes among an object's percepts (...,P,E,2,K).
+
+    Zeros where there are none; half of each where the classifier cannot tell yet.
+    """
+    half = counts.shape[-1] // 2
+    sides = np.stack([counts[..., :half].sum(axis=-1), counts[..., half:].sum(axis=-1)], axis=-1)
+    total = sides.sum(axis=-1, keepdims=True)
+    silent = np.ones(counts.shape[-4:-2], np.bool_)  # (P,E)
+    for name, classifier in perception.classifiers.items():
+        silent[:, perception.domain.behavior_index(name)] = ~classifier.used
+    i, p = np.nonzero(record.detected.values >= 0)
+    silent[p, record.instances.values["behavior"][i]] = False
+    even = silent[..., None, None] & (total > 0)
+    return np.asarray(np.where(even, 0.5, sides / np.maximum(total, 1)))
+
+
+def warn_of_odd(record: Experience, sizes: views.Sizes) -> None:
+    """Name recordings of another size than most, once."""
+    odd = [text for text in views.odd_recordings(record, sizes) if text not in record.named]
+    if odd:
+        record.named.update(odd)
+        warnings.warn(f"Left out of what is learned: {listed(odd, 5)}.", stacklevel=2)
+
+
+def _some(gathered: TrainingSet, chosen: NDArray[np.bool_]) -> TrainingSet:
+    return TrainingSet(*(column[chosen] for column in astuple(gathered)))
