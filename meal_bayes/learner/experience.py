@@ -151,7 +151,8 @@ class Experience:
         of_trial = rows["trial"] == self.trials.get(trial, NONE)
         instances: NDArray[np.intp] = rows["instance"][of_trial]
         instances = instances[instances >= 0]
-        return instances[self.instances.values["origin"][instances] != WITHDRAWN]
+        held: NDArray[np.bool_] = self.instances.values["origin"][instances] != WITHDRAWN
+        return instances[held]
 
     def give(self, dataset: Dataset) -> int:
         """Add the recordings of a data set that are not there, and its labels; return how many."""
