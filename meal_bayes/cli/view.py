@@ -27,8 +27,9 @@ if TYPE_CHECKING:
     click.IntRange(0, MOST_TRIALS),
     None,
     "N",
-    "Show only this trial step by step, counted from 0; all of them by default.",
+    "Show this trial step by step, counted from 0; the first by default.",
 )
+@click.option("--all", "every", is_flag=True, help="Show every trial step by step.")
 @option("--save", FILE, None, "FILE.rrd", "Write the recording and open no viewer.")
 @option(
     "--screenshot",
@@ -42,19 +43,22 @@ if TYPE_CHECKING:
 def view(
     log: Path,
     number: int | None,
+    every: bool,
     save: Path | None,
     screenshot: Path | None,
     web: bool,
     live: bool,
 ) -> None:
-    """Show the trials of LOG, a file or a run's folder, in the rerun viewer.
+    """Show a trial of LOG, a file or a run's folder, in the rerun viewer, step by step.
 
-    The window has a tab for the trial under the cursor and one for the whole run; a compact log,
+    The window has a tab for the trial and one for the whole run; a compact log,
     which holds no steps, shows the run. The viewer runs on this machine, is reachable from nowhere
     else, and is started with its telemetry off; in the page of --web, rerun's own, it is on.
     """
     if sum((save is not None, screenshot is not None, web)) > 1:
         raise click.UsageError("Give one of --save, --screenshot and --web.")
+    if every and number is not None:
+        raise click.UsageError("Give --trial N or --all.")
     if live and (number, save, screenshot) != (None, None, None):
         raise click.UsageError("--live goes with --web only; it shows every trial as it lands.")
     if screenshot is not None and screenshot.suffix.lower() != ".png":
@@ -70,6 +74,8 @@ def view(
         check_output(screenshot)
     logs = None if live else Logs(log)
     last = 0
+    if number is None and not every and not live:
+        number = 0
     if number is not None or screenshot is not None:
         group, row = numbered(log, number or 0)
         last = max(len(group.trials[row].steps) - 1, 0) if group.trials else 0

@@ -52,7 +52,7 @@ def _trial(*, single: bool, crowded: bool, robot: bool) -> rrb.Horizontal:
     )  # fmt: skip
     values = rrb.TimeSeriesView(
         origin=scene.VALUES,
-        name="expected reward of each action, band = one standard error",
+        name="worth of one more percept: below 0 it stops (band: one standard error)",
         axis_x=over,
         plot_legend=rrb.PlotLegend(rrb.Corner2D.RightBottom),
         interaction=rrb.PlotInteraction(points_display="Always"),

@@ -1,26 +1,41 @@
-"""Colors of Okabe and Ito, which color-blind readers can distinguish, on dark and on light."""
+"""Colors for rerun, of the one table of names and colors, on dark and on light grounds."""
+
+from meal_bayes import palette
 
 Color = tuple[int, int, int, int]  # red, green, blue, opacity
 
-BLUE, ORANGE, GREEN = (0, 114, 178, 255), (230, 159, 0, 255), (0, 158, 115, 255)
-SKY, RED, PINK = (86, 180, 233, 255), (213, 94, 0, 255), (204, 121, 167, 255)
-GRAY, DIM, TEXT = (128, 128, 128, 255), (96, 96, 96, 255), (150, 150, 150, 255)
+
+def rgba(color: str) -> Color:
+    """Return a color such as "#0072B2" as four numbers.
+
+    >>> rgba("#0072B2")
+    (0, 114, 178, 255)
+    """
+    red, green, blue = (int(color[at : at + 2], 16) for at in (1, 3, 5))
+    return red, green, blue, 255
+
+
+ORANGE = rgba(palette.ORANGE)
+GREEN = rgba(palette.GREEN)
+SKY = rgba(palette.SKY)
+RED = rgba(palette.VERMILION)
+GRAY = (128, 128, 128, 255)
+DIM = (96, 96, 96, 255)
+TEXT = (150, 150, 150, 255)
 WHITE = (255, 255, 255, 255)
-SERIES = (
-    BLUE, ORANGE, GREEN, PINK, SKY, RED, (183, 165, 0, 255), (136, 102, 204, 255),
-    (68, 170, 153, 255), (190, 80, 120, 255), (221, 204, 119, 255), (153, 153, 51, 255),
-)  # fmt: skip
-
-_LEVELS = (BLUE, SKY, ORANGE, RED)  # from "surely no" to "surely yes"
 
 
-def series_color(index: int) -> Color:
-    """Return the color of the i-th of several series."""
-    return SERIES[index % len(SERIES)]
+def agent_color(name: str) -> Color:
+    """Return the color of an agent, the same as in every figure; black is gray, to be seen."""
+    color = palette.agent_style(name).color
+    return GRAY if color == palette.BLACK else rgba(color)
+
+
+def attribute_color(place: int) -> Color:
+    """Return the color of an attribute by its place in a question."""
+    return rgba(palette.attribute_color(place))
 
 
 def level_color(level: int, levels: int) -> Color:
-    """Return the color of a percept level: blue for no, orange for yes."""
-    if levels == 2:
-        return (BLUE, RED)[level]
-    return _LEVELS[min(int(level * len(_LEVELS) / levels), len(_LEVELS) - 1)]
+    """Return the color of a percept level, which nothing else has."""
+    return rgba(palette.level_color(level, levels))

@@ -14,7 +14,7 @@ from meal_bayes.evaluation.summary import mean_effect
 from meal_bayes.trials import TrialOutcomes
 from meal_bayes.trials.text import UNKNOWN, outcome_facts
 from meal_bayes.viewer.labels import plain_text
-from meal_bayes.viewer.palette import series_color
+from meal_bayes.viewer.palette import agent_color
 from meal_bayes.viewer.recorder import Recorder, Time
 
 FACTS = "/run/facts"
@@ -33,7 +33,7 @@ class RunView:
         self._outcomes: list[TrialOutcomes] = []
         self._times: list[Time] = []  # of each trial
         self._sent = 0  # trials whose measures were sent
-        self._agents: dict[str, int] = {}
+        self._agents = set[str]()
         rows = ["|run||", "|---|---|"]
         for name, value in _flat(header).items():
             rows.append(f"|{plain_text(name)}|{plain_text(value)[:_LONG]}|")
@@ -71,8 +71,8 @@ class RunView:
         label = plain_text(name or "agent")
         entity = rr.escape_entity_path_part(name or "agent")
         if name not in self._agents:
-            color = series_color(self._agents.setdefault(name, len(self._agents)))
-            style = rr.Measurements.from_fields(names=label, colors=color, widths=2)
+            self._agents.add(name)
+            style = rr.Measurements.from_fields(names=label, colors=agent_color(name), widths=2)
             for plot in (ACCURACY, COST):
                 self._to.add_static(f"{plot}/{entity}", style)
         success = (outcomes.success == 1).astype(float)

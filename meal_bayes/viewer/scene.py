@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 import rerun as rr
 
+from meal_bayes.planners import Decision
 from meal_bayes.robots.robot import BALL, SHELL, SOLID, Frame
 from meal_bayes.trials import Trial, percept_labels
 from meal_bayes.viewer.drawings import (
@@ -21,7 +22,16 @@ from meal_bayes.viewer.drawings import (
     with_samples,
 )
 from meal_bayes.viewer.labels import action_label, explain_decision, narrate, plain_text
-from meal_bayes.viewer.palette import DIM, GRAY, ORANGE, RED, Color, level_color, series_color
+from meal_bayes.viewer.palette import (
+    DIM,
+    GRAY,
+    ORANGE,
+    RED,
+    SKY,
+    Color,
+    attribute_color,
+    level_color,
+)
 from meal_bayes.viewer.recorder import Recorder, Time, TrialFrame
 
 NARRATION, DECISION = "/narration", "/decision"
@@ -48,7 +58,6 @@ class Scene:
         self._matrices: dict[int, Picture] = {}  # by behavior
         self.attributes: list[str] = []  # that were queried
         self._lanes: dict[str, dict[str, Color]] = {}
-        self._actions: dict[tuple[str, ...], str] = {}  # entity by names of behaviors
         for entity in (NARRATION, DECISION):
             recorder.add_static(entity, rr.TextDocument.from_fields(media_type="text/markdown"))
         for entity in (DIAGRAM, TREE):
@@ -57,6 +66,12 @@ class Scene:
         for entity in (BARS, CONFUSION):
             shown = rr.Points2D.from_fields(radii=0.01, show_labels=True)
             recorder.add_static(f"{entity}/labels", shown)
+        worth = rr.Measurements.from_fields(
+            names="best behavior less answering now", colors=SKY, widths=3,
+            interpolation_mode="StepAfter",
+        )  # fmt: skip
+        recorder.add_static(f"{VALUES}/worth", worth)
+        recorder.add_line(f"{VALUES}/zero", "answering now", GRAY)
         recorder.add_line(ENTROPY, "entropy, bits", ORANGE)
         recorder.add_line(COST, "cost so far, s", RED)
 
@@ -73,11 +88,11 @@ class Scene:
         event = frame.trial.momdp.reports.probability_now(frame.belief.positive)
         if event is not None:
             to.add(self._belief(_YES), rr.Scalars, time, scalars=[event])
-        if frame.step is not None:  # the report first, where a legend begins
-            decision = frame.step.decision
-            errors = np.square(np.nan_to_num(decision.value_se))
-            values, errors = (np.roll(row, 1).tolist() for row in (decision.values, errors))
-            self._value_row(frame.trial.momdp.behavior_names, values, errors, time)
+        if frame.step is not None:
+            worth, variance = _worth(frame.step.decision)
+            fields = {"values": [worth], "variances": [variance]}
+            to.add(f"{VALUES}/worth", rr.Measurements, time, **fields)
+            to.add(f"{VALUES}/zero", rr.Scalars, time, scalars=[0.0])
         self._picture(BARS, belief_bars(frame), time)
         momdp = frame.trial.momdp
         if self._diagram is None or self._diagram.momdp is not momdp:
@@ -94,32 +109,16 @@ class Scene:
             names = (*names, _YES)
         for entity in (*map(self._belief, names), ENTROPY, COST):
             self._to.add(entity, rr.Scalars, time, scalars=_GAP)
-        actions = trial.momdp.n_behaviors + 1
-        self._value_row(trial.momdp.behavior_names, _GAP * actions, [0.0] * actions, time)
+        self._to.add(f"{VALUES}/worth", rr.Measurements, time, values=_GAP, variances=[0.0])
         for lane in ("action", "x", *self._percept_lanes(trial)):
             self._lane(lane, time)
 
     def _belief(self, name: str) -> str:
         entity = f"{BELIEF}/{rr.escape_entity_path_part(name)}"
         if name not in self.attributes:
-            self._to.add_line(entity, plain_text(name), series_color(len(self.attributes)))
+            self._to.add_line(entity, plain_text(name), attribute_color(len(self.attributes)))
             self.attributes.append(name)
         return entity
-
-    def _value_row(
-        self, names: tuple[str, ...], values: list[float], variances: list[float], time: Time
-    ) -> None:
-        """Add one row of all actions' values; every set of behaviors has an entity."""
-        entity = self._actions.get(names)
-        if entity is None:
-            entity = self._actions[names] = f"{VALUES}/set_{len(self._actions)}"
-            colors = [GRAY, *(series_color(action) for action in range(len(names)))]
-            style = rr.Measurements.from_fields(
-                names=["report", *map(plain_text, names)], colors=np.array(colors, np.uint8),
-                widths=2, interpolation_mode="StepAfter",
-            )  # fmt: skip
-            self._to.add_static(entity, style)
-        self._to.add(entity, rr.Measurements, time, values=values, variances=variances)
 
     def _picture(self, entity: str, picture: Picture, time: Time) -> None:
         self._to.add_image(f"{entity}/image", picture.pixels, time)
@@ -156,21 +155,21 @@ class Scene:
         if step is None:
             return
         action, percept = step.decision.action, step.observation
-        color = GRAY if action >= momdp.n_behaviors else series_color(action)
-        self._lane("action", time, action_label(momdp, action), color)
+        self._lane("action", time, action_label(momdp, action), (GRAY, DIM)[frame.number % 2])
         names = [] if percept is None else percept_labels(momdp, action, percept)
         for i, lane in enumerate(self._percept_lanes(trial)):
             if percept is None:
                 self._lane(lane, time)
             else:
-                question, places = trial.task.query.questions[i]
-                text = f"{plain_text(question)}: {names[i]}"
+                _, places = trial.task.query.questions[i]
+                text = plain_text(names[i])
                 level = max(int(percept[place]) for place in places)
                 self._lane(lane, time, text, level_color(level, momdp.levels))
 
     def _lane(self, lane: str, time: Time, state: str = "", color: Color = GRAY) -> None:
         """Begin a state of a lane; without one, end the last."""
-        entity, known = f"{LANES}/{lane}", self._lanes.setdefault(lane, {})
+        entity = f"{LANES}/{rr.escape_entity_path_part(lane)}"
+        known = self._lanes.setdefault(lane, {})
         if state and state not in known:
             known[state] = color
             colors = np.array(list(known.values()), np.uint8)
@@ -180,7 +179,19 @@ class Scene:
 
     @staticmethod
     def _percept_lanes(trial: Trial) -> list[str]:
-        return [f"percept_{i + 1}" for i in range(min(len(trial.task.query.questions), _PERCEPTS))]
+        """Return the lanes of percepts, each named by what is asked."""
+        names = (name for name, _ in trial.task.query.questions[:_PERCEPTS])
+        return [f"{name}_" if name in ("action", "x") else name for name in names]
+
+
+def _worth(decision: Decision) -> tuple[float, float]:
+    """Return the expected reward of the best behavior less that of answering, and its variance."""
+    values = decision.values
+    if np.isnan(values[:-1]).all():
+        return float("nan"), 0.0
+    best = int(np.nanargmax(values[:-1]))
+    errors = np.nan_to_num(decision.value_se[[best, -1]])
+    return float(values[best] - values[-1]), float((errors**2).sum())
 
 
 def add_robot(to: Recorder, trial: Trial, frames: Sequence[Frame], start: Time) -> None:

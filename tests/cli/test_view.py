@@ -47,12 +47,15 @@ def test_trials_are_sent_to_a_window_or_a_page_and_no_file_is_made(
     sent = []
 
     def send(trials, to, header, *, name, only):
+        assert only == shown
         sent.append((to, sum(1 for _ in trials)))
         return sent[-1][1]
 
     monkeypatch.setattr(viewer, "send_recording", send)
     monkeypatch.setattr("tempfile.TemporaryDirectory", None)
-    told = run("view", log, *["--web"] * web)
+    # The web page shows every trial here, the window the first one.
+    shown = None if web else 0
+    told = run("view", log, *(["--web", "--all"] if web else []))
     assert told.exit_code == 0
     assert ("open http://127.0.0.1:1/" in told.stdout) == web
     fake.assert_called_once_with(web=web)

@@ -14,6 +14,7 @@ from rerun.chunk import RrdReader
 
 from meal_bayes.cli import main
 from meal_bayes.domain import Query
+from meal_bayes.evaluation import summarize
 from meal_bayes.robots.robot import BALL, SHELL, SOLID, Frame
 from meal_bayes.trial_log import TrialWriter, read_trials, write_trials
 from meal_bayes.trial_log.schema import StepMessage, TrialMessage
@@ -75,18 +76,23 @@ def test_beliefs_entropy_and_cost_are_the_logs(messages, recorded):
     assert len(entropy) == sum(len(steps) + 2 for _, steps in messages)
 
 
-def test_expected_rewards_and_their_errors_are_the_logs(messages, recorded):
-    values = series(recorded, "/expected_reward/set_0", "Measurements:values")
-    variances = series(recorded, "/expected_reward/set_0", "Measurements:variances")
+def test_the_worth_of_one_more_percept_is_the_log_s(messages, recorded):
+    values = series(recorded, "/expected_reward/worth", "Measurements:values")
+    variances = series(recorded, "/expected_reward/worth", "Measurements:variances")
+    compared = 0
     for first, start, steps in starts(messages):
         for row, step in enumerate(steps, start=1):
             key = (start.trial, first + row)
-            report, *behaviors = values[key]  # the report stands first
-            np.testing.assert_array_equal([*behaviors, report], step.values)
-            report, *behaviors = variances[key]
-            np.testing.assert_allclose(
-                [*behaviors, report], np.nan_to_num(step.value_se) ** 2, rtol=1e-12
-            )
+            *behaviors, answer = step.values
+            if np.isnan(behaviors).all():
+                assert np.isnan(values[key]).all()
+                continue
+            best = int(np.nanargmax(behaviors))
+            assert values[key] == pytest.approx([behaviors[best] - answer])
+            errors = np.nan_to_num([step.value_se[best], step.value_se[-1]])
+            assert variances[key] == pytest.approx([np.square(errors).sum()])
+            compared += 1
+    assert compared > 10
 
 
 def test_lanes_words_and_graphs_tell_the_step(messages, recorded, trials):
@@ -115,6 +121,10 @@ def test_measures_of_the_run_count_every_trial(trials, recorded):
         accuracy = recorded[f"/run/accuracy/{agent}"]["Measurements:values"]
         right = np.cumsum([trial.success for trial in of_agent])
         assert np.ravel(accuracy) == pytest.approx(right / np.arange(1, len(of_agent) + 1))
+        variance = recorded[f"/run/accuracy/{agent}"]["Measurements:variances"][-1]
+        (row,) = summarize(of_agent)  # one error bar on all pages
+        expected = 0.0 if np.isnan(row.accuracy_se) else row.accuracy_se**2
+        assert variance == pytest.approx([expected], abs=1e-9)
         cost = recorded[f"/run/cost/{agent}"]["Measurements:values"][-1]
         assert cost == pytest.approx([np.mean([trial.cost for trial in of_agent])])
         assert f"|{agent}|" in table
