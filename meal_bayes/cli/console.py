@@ -174,7 +174,8 @@ def progress(what: str, unit: str) -> Iterator[Advance]:
         disable=not console.is_terminal,
     )
     task = bars.add_task(printable(what), total=None)
-    pace = _Pace(time.monotonic())
+    begun = time.monotonic()
+    pace = _Pace(begun)
 
     def advance(done: float, total: int) -> None:
         now = time.monotonic()
@@ -183,7 +184,9 @@ def progress(what: str, unit: str) -> Iterator[Advance]:
         bars.update(task, completed=done, total=total)
         if bars.disable and done < total and pace.is_line_due(done, now):
             seconds = pace.seconds_left(done, total, now)
-            note(f"{what}: {int(done)}/{total} {unit}, {seconds:.0f} s left")
+            begins = "" if what == unit else f"{what}: "
+            passed = now - begun
+            note(f"{begins}{int(done)} of {total} {unit}, {passed:.0f} s, {seconds:.0f} s left")
 
     with bars:
         yield advance

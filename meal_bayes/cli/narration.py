@@ -31,7 +31,7 @@ def print_trial(console: Console, trial: "Trial") -> None:
     momdp = trial.momdp
     query = trial.task.query
     spent = 0.0
-    headed = False
+    headed = ""  # the heads that stand above the values of an earlier step
     console.print(Text("before any behavior", "bold"))
     _print_belief(console, *_beliefs(trial, trial.first_belief.positive))
     for number, step in enumerate(trial.steps, start=1):
@@ -39,7 +39,7 @@ def print_trial(console: Console, trial: "Trial") -> None:
         spent = spent + step.cost
         console.print()
         console.print(Text(f"{number}  {momdp.action_label(action)}", "bold"))
-        headed |= _print_values(console, momdp, step, heads=not headed)
+        headed = _print_values(console, momdp, step, headed)
         facts = {"warning": step.warning} if step.warning else {}
         if action >= momdp.n_behaviors:
             print_facts(console, facts)
@@ -56,8 +56,11 @@ def print_trial(console: Console, trial: "Trial") -> None:
     _print_end(console, trial)
 
 
-def _print_values(console: Console, momdp: "MOMDP", step: "Step", *, heads: bool) -> bool:
-    """Print the possible actions and their expected rewards, the chosen one marked, if any."""
+def _print_values(console: Console, momdp: "MOMDP", step: "Step", headed: str) -> str:
+    """Print the possible actions and their expected rewards, the chosen one marked, if any.
+
+    Heads of columns stand where they first appear; returned are those that stand by now.
+    """
     decision = step.decision
     possible = momdp.legal[step.x].nonzero()[0]
     if len(possible) == 1:
@@ -67,13 +70,13 @@ def _print_values(console: Console, momdp: "MOMDP", step: "Step", *, heads: bool
     compared = compared_actions(momdp, decision, _OPTIONS)
     if not compared:
         print_facts(console, {"why": RULE})
-        return False
+        return headed
     width = max(len(action.name) for action in compared)
     rows = []
-    if heads:
-        simulated = decision.simulations > 0
-        text = "expected reward   simulations" if simulated else "expected reward"
-        rows.append(Text(f"{'':<{width + 4}}{text}", "dim"))
+    heads = "expected reward   simulations" if decision.simulations > 0 else "expected reward"
+    if not headed.startswith(heads):
+        rows.append(Text(f"{'':<{width + 4}}{heads}", "dim"))
+        headed = heads
     for action in sorted(compared, key=lambda action: action.is_answer):  # the answer last
         sign = "►" if action.chosen else ""
         line = f"{sign:<2}{action.name:<{width}}  {action.value:8.1f} {action.error:<7}"
@@ -83,7 +86,7 @@ def _print_values(console: Console, momdp: "MOMDP", step: "Step", *, heads: bool
     if gap := gap_text(decision):
         rows.append(Text(f"  {gap}", "dim"))
     print_rows(console, "why", rows, **_CUT)
-    return True
+    return headed
 
 
 def _beliefs(
@@ -112,8 +115,10 @@ def _print_belief(console: Console, names: "Sequence[str]", positive: "Sequence[
 def print_answer(console: Console, trial: "Trial") -> None:
     """Print what a finished trial did and believed in the end, and its answer."""
     _, facts = trial._facts()
+    asked = {"question": trial.task.question, "object": trial.task.object_name}
     names = ("steps", "belief", "warnings")
-    print_facts(console, {k: facts[k] for k in names if k in facts}, warnings="yellow")
+    done = {name: facts[name] for name in names if name in facts}
+    print_facts(console, asked | done, warnings="yellow")
     _print_end(console, trial)
 
 

@@ -105,7 +105,7 @@ def _fail(message: str, code: int = FAILED) -> NoReturn:
     if len(line) > _LONGEST:
         line = f"{line[: _LONGEST // 2]} ... {line[-_LONGEST // 2 :]}"
     with contextlib.suppress(OSError):  # standard error may be closed
-        click.echo(f"error: {line}", err=True)
+        click.echo(f"{click.style('error:', fg='red')} {line}", err=True)
     if code == SYSTEM:
         _close_output()
     sys.exit(code)

@@ -21,6 +21,7 @@ _AGAINST = "morc"  # the paper's agent, which the others are compared with
 _MEASURE = "reward"
 _HOW = ("logs", "jobs", "cluster", "fresh")  # options that are no settings of a run
 _STEP = 10  # repeats after which a run that goes on until it is decided looks for the first time
+_FEW = 5  # splits, below which an interval over them says nothing
 _MOST = 40  # repeats of a run that goes on until it is decided
 
 
@@ -246,7 +247,7 @@ def online(
     else:
         _print_learning(rows, summary)
         if len(summary) > 1:
-            _print_differences(summary)
+            _print_differences(summary, repeats)
     terminal.note(f"trials in {finished.folder}")
     terminal.note(f"learning curves: meal-bayes report {finished.folder} -o report.html")
 
@@ -272,7 +273,7 @@ def _print_learning(rows: "list[LearningRow]", summary: "list[LearningSummary]")
     terminal.output().print(Text(text, "dim"), end="")
 
 
-def _print_differences(summary: "list[LearningSummary]") -> None:
+def _print_differences(summary: "list[LearningSummary]", repeats: int) -> None:
     """Print how much more reward agents have than the first, over its hours and at some.
 
     Nothing is said of hours that an agent has not explored.
@@ -287,7 +288,8 @@ def _print_differences(summary: "list[LearningSummary]") -> None:
     rows = []
     for row in others:
         area = row.area_reward_difference
-        half = "" if math.isnan(row.area_high) else f" ±{row.area_high - area:.1f}"
+        few = repeats < _FEW or math.isnan(row.area_high)
+        half = "" if few else f" ±{row.area_high - area:.1f}"
         at = (_signed(row.reward_difference_at[hours]) for hours in reached)
         rows.append((row.agent, f"{area:+.1f}{half}", *at, _signed(row.reward_after_difference)))
     at_hours = (f"at {hours} h" for hours in reached)
@@ -297,4 +299,7 @@ def _print_differences(summary: "list[LearningSummary]") -> None:
     console = terminal.output()
     console.print()
     terminal.print_table(names, rows, narrow=True)
-    console.print(Text("±: half of the 95 % interval over splits", "dim"))
+    text = "±: half of the 95 % interval over splits"
+    if repeats < _FEW:
+        text = f"too few splits for an interval; give --repeats {_FEW} or more"
+    console.print(Text(text, "dim"))

@@ -13,8 +13,8 @@ from meal_bayes.evaluation import plots
 from meal_bayes.evaluation.logged import place_of
 from meal_bayes.evaluation.summary import mean_effect
 from meal_bayes.trial_log import Group
-from meal_bayes.trials import Trial, TrialOutcomes, percept_labels
-from meal_bayes.trials.percepts import SILENT
+from meal_bayes.trials import Trial, TrialOutcomes
+from meal_bayes.trials.percepts import attribute_labels
 from meal_bayes.trials.text import outcome_facts
 
 WORST = 3  # trials of each agent that are kept whole
@@ -206,14 +206,11 @@ def _steps(trial: Trial, *, gaps: bool) -> Iterator[list[str]]:
         beliefs = [percent(p) for p in step.belief.positive.tolist()]
         words = [""] * len(beliefs)
         if step.observation is not None:
-            labels = percept_labels(momdp, action, step.observation)
-            words = ["" if label == SILENT else label for label in labels]
+            words = attribute_labels(momdp, action, step.observation)
         label = momdp.action_label(action)
         if step.warning:
             label += f" ({step.warning})"
         cells = [f"{word}, {p}" if word else p for word, p in zip(words, beliefs, strict=True)]
-        if step.observation is not None and not any(words):
-            cells = [f"{SILENT}, {p}" for p in beliefs]
         row = [str(number), label, f"{step.cost:g}", *cells]
         if gaps:
             gap = step.decision.gap

@@ -35,6 +35,16 @@ def percept_labels(momdp: MOMDP, behavior: int, observation: ArrayLike) -> list[
     return labels
 
 
+def attribute_labels(momdp: MOMDP, behavior: int, observation: ArrayLike) -> list[str]:
+    """Return the percept of each attribute by name, (N,); all of a group have the group's."""
+    labels = [""] * len(momdp.query)
+    words = percept_labels(momdp, behavior, observation)
+    for (_, places), word in zip(momdp.query.questions, words, strict=True):
+        for place in places:
+            labels[place] = word
+    return labels
+
+
 def _spoken_for(names: Sequence[str], members: Sequence[str], levels: Sequence[int]) -> str:
     """Return what percept levels of a group's members say, as in "surely half"."""
     top = max(levels)

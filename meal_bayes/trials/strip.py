@@ -19,7 +19,7 @@ from meal_bayes.arrays import Floats
 from meal_bayes.canvas import drawn_in_style
 from meal_bayes.display import percent
 from meal_bayes.palette import attribute_color, lightened
-from meal_bayes.trials.percepts import SILENT, percept_labels
+from meal_bayes.trials.percepts import SILENT, attribute_labels
 from meal_bayes.trials.text import RULE, verdict_text
 from meal_bayes.trials.trial import Step, Trial
 
@@ -143,7 +143,7 @@ def _moments(trial: Trial) -> Iterator[_Moment]:
         nothing_changed = step.x == step.next_x and step.observation is None
         words = [""] * len(trial.truth)
         if step.observation is not None:
-            labels = percept_labels(momdp, action, step.observation)
+            labels = attribute_labels(momdp, action, step.observation)
             words = ["" if label == SILENT else label for label in labels]
         failed = step.observation is None and (senses or nothing_changed)
         name = momdp.behavior_names[action]

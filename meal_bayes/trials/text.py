@@ -100,6 +100,15 @@ def gap_text(decision: Decision) -> str:
     return "" if decision.gap is None else f"at most {decision.gap:.1f} below the best"
 
 
+def cost_text(cost: float, reward: float) -> str:
+    """Return cost and reward of a trial; the reward is unknown where the truth is.
+
+    >>> cost_text(2.5, float("nan"))
+    '2.5 s, reward unknown'
+    """
+    return f"{cost:.1f} s, reward {'unknown' if np.isnan(reward) else f'{reward:.1f}'}"
+
+
 def verdict_text(trial: Trial) -> str:
     """Return the answer of a trial and whether it is right, in one line."""
     if trial.ended:
@@ -128,8 +137,7 @@ def final_facts(trial: Trial) -> dict[str, str]:
             facts["answer"] += f" ({percent(sure)})"
         if trial.success is not None:
             facts["verdict"] = "right" if trial.success else "wrong"
-    reward = "" if np.isnan(trial.reward) else f", reward {trial.reward:.1f}"
-    return {**facts, "cost": f"{trial.cost:.1f} s{reward}"}
+    return {**facts, "cost": cost_text(trial.cost, trial.reward)}
 
 
 def outcome_facts(outcomes: TrialOutcomes, row: int) -> dict[str, str]:
@@ -143,7 +151,7 @@ def outcome_facts(outcomes: TrialOutcomes, row: int) -> dict[str, str]:
         "agent": outcomes.agent[row],
         "answer": truth_text(query, report) if report[0] >= 0 else "abstained",
         "truth": truth_text(query, truth),
-        "cost": f"{outcomes.cost[row]:.1f} s, reward {outcomes.reward[row]:.1f}",
+        "cost": cost_text(float(outcomes.cost[row]), float(outcomes.reward[row])),
     }
 
 

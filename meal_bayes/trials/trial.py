@@ -152,7 +152,8 @@ class Trial(FrozenArrays):
             "report": report,
             "belief": ", ".join(f"{name} {percent(value)}" for name, value in beliefs),
             "steps": listed(actions, 12) or "none",
-            "cost": f"{self.cost:.1f} s, reward {self.reward:.1f}",
+            "cost": f"{self.cost:.1f} s, reward "
+            + ("unknown" if np.isnan(self.reward) else f"{self.reward:.1f}"),
             **({"warnings": listed(self.warnings, 3)} if self.warnings else {}),
         }
 

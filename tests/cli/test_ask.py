@@ -20,8 +20,9 @@ def test_an_answer_in_words(run):
     result = run("ask", "Is it heavy?", "--object", "heavy_blue_beans", "--agent", "greedy")
     assert result.exit_code == 0
     lines = result.stdout.splitlines()
-    assert lines[0].startswith("  steps      look, ")
-    assert lines[1].startswith("  belief     heavy >99")
+    assert lines[:2] == ["  question   Is it heavy?", "  object     heavy_blue_beans"]
+    assert lines[2].startswith("  steps      look, ")
+    assert lines[3].startswith("  belief     heavy >99")
     assert "  answer     heavy" in lines
     assert "  verdict    right" in lines
     assert max(map(len, lines)) <= 80

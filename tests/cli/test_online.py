@@ -63,10 +63,12 @@ def test_the_table_fits_and_names_the_log(run, words):
     assert "trials in logs/online-own-n1-" in result.stderr
 
 
-def test_differences_of_several_repeats_have_intervals(run, words):
+def test_two_splits_are_too_few_for_an_interval(run, words):
     result = run(*words, "--agent", "bayes,iterative_morc", "--repeats", "2")
     (row,) = (line for line in result.stdout.splitlines()[5:] if line.startswith("iterative"))
-    assert row.count("±") + row.count("+-") == 1  # of the mean over hours
+    assert "±" not in row
+    assert "+-" not in row
+    assert "too few splits for an interval; give --repeats 5" in result.stdout
     assert "nan" not in result.stdout
 
 

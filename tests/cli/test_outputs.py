@@ -121,4 +121,4 @@ def test_the_time_left_is_that_of_the_run_under_way(monkeypatch, capsys):
     with console.progress("item", "trials") as advance:
         for done in (0, 110, 10, 60):  # of the second run ten trials were there already
             advance(done, 110)
-    assert capsys.readouterr().err == "item: 60/110 trials, 20 s left\n"
+    assert capsys.readouterr().err == "item: 60 of 110 trials, 920 s, 20 s left\n"
