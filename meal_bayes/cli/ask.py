@@ -158,7 +158,8 @@ def _answer(
     answer = "yes or no" if config.get("yes_no") else "values"
     payoffs = config.get("payoffs") or None
     query = read_question(config["question"], table.domain, answer, payoffs)
-    task = learner.task(query, config["object"])
+    # The question as it was asked is what people read again.
+    task = replace(learner.task(query, config["object"]), name=str(config["question"]))
     check_folder(logs)  # once agent, question and object are known to be some
     start = time.perf_counter()
     if remembered is not None:
