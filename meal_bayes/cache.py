@@ -85,6 +85,7 @@ def compile_kernel(function: Callable[..., Any], **options: Any) -> Callable[...
     """
     from numba import config, njit  # noqa: PLC0415  loaded by those who compile
 
+    # Numba reads this setting while it decorates, and each function keeps what it was then.
     configured = config.CACHE_DIR
     usable = configured and _writable(Path(configured))
     folder = configured if usable else cache_folder("numba")
@@ -111,6 +112,7 @@ def compile_kernel(function: Callable[..., Any], **options: Any) -> Callable[...
 
 def _prepare(folder: Path) -> None:
     """Create a folder; raise an `OSError` where others can write into it, or the user cannot."""
+    # From the outside in: a folder that others can write is refused before anything is in it.
     folder.parent.parent.mkdir(parents=True, exist_ok=True)
     for level in (folder.parent, folder):
         level.mkdir(mode=0o700, exist_ok=True)

@@ -111,6 +111,7 @@ def percent(probability: float) -> str:
     >>> percent(0.5), percent(1 - 1e-9)
     ('50.0 %', '>99.9 %')
     """
+    # A belief is never certain, and "100.0 %" would say so.
     if 0 < probability < _ROUNDED or 1 - _ROUNDED < probability < 1:
         return "<0.1 %" if probability < _ROUNDED else ">99.9 %"
     return f"{100 * probability:.1f} %"
@@ -142,6 +143,7 @@ def best_options(values: NDArray[np.float64], chosen: int, most: int) -> list[in
     >>> best_options(np.array([1.0, 4.0, np.nan, 3.0, 2.0]), chosen=0, most=3)
     [1, 4, 0]
     """
+    # The report is the last of the values, and always shown: what others are compared with.
     end = len(values) - 1
     valued = np.flatnonzero(~np.isnan(values[:end])).tolist()
     best = sorted(valued, key=lambda e: -values[e])[: most - 1]

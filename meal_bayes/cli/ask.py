@@ -52,6 +52,7 @@ def demo(seed: int, logs: Path) -> None:
         "percept would cost more than it is worth."
     )
     console.print(Text(textwrap.fill(text, console.width) + "\n"))
+    # What a newcomer needs to know before the first step.
     right = table.domain.report_reward
     sensing = sum(bool(behavior.modalities) for behavior in table.domain.behaviors)
     facts = {

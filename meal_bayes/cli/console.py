@@ -83,6 +83,7 @@ def print_table(
     column holds names, which stay whole. In a `narrow` table columns stand close and all lines stay
     whole, so that 80 characters hold them.
     """
+    # No lines: columns are told apart by space, and a copied table pastes as text.
     table = Table(box=None, padding=(0, 1 if narrow else 2, 0, 0), header_style="bold")
     for number, name in enumerate(columns):
         justify: JustifyMethod = "left" if number == 0 or name in left else "right"
@@ -219,6 +220,7 @@ def showing_compilation() -> Iterator[None]:
 
     text = "compiling the planner, once after an install ..."
     console = output(stderr=True)
+    # Shown only once something is compiled: most programs load what an earlier one compiled.
     status = console.status(text, spinner="line")
     start = status.start if console.is_terminal else functools.cache(lambda: note(text))
     try:

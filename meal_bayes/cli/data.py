@@ -140,6 +140,7 @@ def percepts(
     # A class is taken with its defaults; an instance of the user's as it is.
     estimator = None if classifier is None else opt.named_value(classifier)
     estimator = estimator() if isinstance(estimator, type) else estimator
+    # A data set that ships has a table to compare with; an own one must be written somewhere.
     shipped = dataset in SOURCES
     compared = shipped and perception == "default" and classifier is None
     if out is None and not compared:

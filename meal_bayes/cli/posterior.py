@@ -64,6 +64,7 @@ def posterior(root: Path | None, out: Path | None, as_json: bool, **options: Any
     dataset, table = opt.table_of(options["dataset"], root)
     config = {"command": "posterior", **options, "dataset": dataset}
     names = opt.listed(config["attributes"]) if config["attributes"] else table.domain.attributes
+    # Each attribute once, whatever order and repeats were typed.
     columns = sorted({*table.domain.columns(names)})  # in the order of the domain
     counts = named_counts(
         percept_counts(table, config["levels"])[:, columns],
@@ -159,6 +160,7 @@ def export(file: Path, **options: Any) -> None:
     kind = options["format"] or file.suffix.removeprefix(".")
     if kind not in _FORMATS:
         raise click.UsageError(f"{file} ends in neither .pomdp nor .pomdpx; give --format.")
+    # Before the work, so that a name that cannot be written is told at once.
     check_output(file, inputs=[options["dataset"]])
     _, table = opt.table_of(options["dataset"], options["root"])
     query = read_query(options["query"], table.domain)

@@ -220,6 +220,7 @@ def online(
     from meal_bayes.evaluation.learning import decided, learning_rows, summarize_learning
     from meal_bayes.experiments import OnlineConfig, run_online, warm_up
 
+    # Options of how to run are no settings of what is run: they do not name the folder.
     how = {name: settings.pop(name) for name in _HOW}
     settings["root"] = None if root is None else str(root)
     settings["repeats"] = settings["repeats"] or (_MOST if until_decided else 1)

@@ -51,6 +51,7 @@ def level_edges(edges: NDArray[np.float64], levels: int) -> NDArray[np.float64]:
     if levels < 2 or levels % 2 or bins % levels:
         fitting = [k for k in range(2, bins + 1, 2) if bins % k == 0]
         raise SettingsError(f"Percepts of {levels} levels; expected one of {fitting}.")
+    # Every (L / K)-th edge; K is even, so that the middle one, yes or no, is among them.
     step = bins // levels
     return edges[step - 1 :: step]
 
@@ -178,6 +179,7 @@ class PerceptTable:
     def training_levels(self, held_out: int, levels: int) -> NDArray[np.int64]:
         """Return the counts (O,P,E,K) of each level of objects outside the held-out one's group."""
         level_edges(self.edges, levels)
+        # K levels merge L / K neighboring bins each.
         bins = self.training_bins[self.groups[held_out]]
         merged = bins.reshape(*bins.shape[:-1], levels, -1).sum(axis=-1)
         return freeze(merged, np.int64)

@@ -154,6 +154,7 @@ def load_cy101(domain: Domain, folder: Path) -> Dataset:
         keys = [key.rpartition("_t")[::2] if "_t" in key else (key, "") for (key,) in rows.keys]
         if context[1] != "color":
             return rows._replace(keys=keys)
+        # No count is below 0 but by its sign bit.
         low = rows.values < -_OVERFLOW / 2
         for row, column in np.argwhere(low):
             where = f"{Path(rows.places[row]).name}, feature {column + 1}"
@@ -183,6 +184,7 @@ def _features(
 
 def _labels(domain: Domain, words: Mapping[str, Collection[str]], name: str) -> NDArray[np.int8]:
     """Return the labels (O,P) of objects that are named by words; `DataError` where none fits."""
+    # An attribute that no object has is misspelled, here or in the files.
     known = set().union(*words.values())
     for attribute in domain.attributes:
         if attribute not in known:
@@ -209,6 +211,7 @@ def source(data: str) -> Source:
 def find_folder(data: str, root: Path) -> Path:
     """Return a data set's folder below a mirror, in a clone of its repository, or at `root`."""
     home = source(data)
+    # A mirror of the address, a clone of the repository, or the folder itself.
     for folder in (root / home.path, root / home.folder, root):
         if (folder / home.recordings).is_dir():
             return folder

@@ -196,6 +196,7 @@ class Domain:
         >>> load_domain("roc36").labels({"weight": "heavy", "blue": True})[:6]
         array([0, 0, 1, 0, 0, 1], dtype=int8)
         """
+        # A value names an attribute, alone or as one of its group's.
         labels = np.full(len(self.attributes), -1, np.int8)
         for name, value in values.items():
             members, word = self.groups.get(name, ()), str(value).strip()

@@ -38,6 +38,7 @@ def answer(
     Yes and no are the two extreme levels. Unknown attributes (label -1) are answered by a fair
     coin.
     """
+    # Both are drawn always, so that the stream stands at one place whatever is known.
     right = rng.random(len(labels)) < accuracy
     coin = rng.random(len(labels)) < 0.5
     yes = np.where(labels < 0, coin, (labels == 1) == right)

@@ -142,6 +142,7 @@ def _median_distance(rows: Floats) -> float:
     Many recordings are thinned out evenly.
     """
     rows = rows[:: -(-len(rows) // _COMPARED) or 1]
+    # Each pair once, no recording with itself.
     upper = np.triu_indices(len(rows), 1)
     distance = np.sqrt(_squared_distance(rows, rows)[upper])
     for width in (np.median(distance), np.mean(distance)) if len(distance) else ():

@@ -65,6 +65,7 @@ def read_records(file: BinaryIO, *, begin: int = 0) -> Iterator[McapRecord]:
             raise LogCorruptError(f"nothing is written from byte {file.tell() - 1} on")
         return data
 
+    # The library checks no length before it reads: a damaged one would ask for gigabytes.
     bounded: Any = SimpleNamespace(read=read)  # it calls nothing else
     yield from StreamReader(
         bounded,

@@ -116,6 +116,7 @@ class TrialWriter:
             raise LogError(f"{self.path} is not open; write inside the `with` block of its writer.")
         with self._faults_named():
             packed = list(messages)  # nothing is written where one of them cannot be
+            # Broken off in the middle, what follows could not be read: the writer stays closed.
             self._open = False
             for topic, time, data, momdp in packed:
                 channel = self._channels[topic]
