@@ -60,7 +60,8 @@ def bins_of(b: Floats) -> NDArray[np.intp]:
 
 def checked_cases(positive: ArrayLike, truth: ArrayLike) -> tuple[Floats, NDArray[np.bool_]]:
     """Convert beliefs and truths to arrays, (n,) each, and check their shapes."""
-    b, v = np.asarray(positive, float), np.asarray(truth, bool)
+    b = np.asarray(positive, float)
+    v = np.asarray(truth, bool)
     if b.shape != v.shape or b.ndim != 1 or not len(b):
         raise SettingsError(f"{b.shape} beliefs and {v.shape} truths; give one truth for each.")
     return b, v

@@ -137,6 +137,7 @@ def difference_at(curves: Curves, base: Curves, budget: float) -> Interval:
     It is NaN where a curve of a repeat that both have ends earlier: nothing is extrapolated.
     """
     shared = curves.keys() & base.keys()
+    # One curve that ends earlier would be compared by a value that it never had.
     ends = [some[repeat][0, -1] for some in (curves, base) for repeat in shared]
     if not ends or budget > min(ends):
         return Interval(math.nan, math.nan, math.nan, math.nan)

@@ -17,7 +17,8 @@ from meal_bayes.evaluation.learning import POOLED
 from meal_bayes.trial_log import Group, Logs
 from meal_bayes.trials import BatchOutcomes, TrialOutcomes
 
-TRAINING, TEST = "train", "test"
+TRAINING = "train"
+TEST = "test"
 _HOUR = 3600.0  # s
 _NONE = -1  # repeat or batch of a trial whose log names none
 
@@ -95,6 +96,7 @@ class LoggedOutcomes:
         """
         if self.last_batch is None:
             return self
+        # Later tests of some agents only would compare what has learned differently long.
         recent = (self.batch > self.last_batch - batches) & (self.batch <= self.last_batch)
         return self.rows((self.part == "") | ((self.part == TEST) & recent))
 
@@ -123,6 +125,7 @@ class LoggedOutcomes:
                 trained = own & (self.part == TRAINING)
                 tested = own & (self.part == TEST)
                 for batch in np.unique(self.batch[tested]).tolist():
+                    # Tests of batch b come after the training of batches 1 to b.
                     seconds = self.outcomes.cost[trained & (self.batch <= batch)].sum()
                     tests = self.outcomes.rows(tested & (self.batch == batch))
                     hours = float(seconds) / _HOUR
@@ -132,7 +135,9 @@ class LoggedOutcomes:
 
 def place_of(header: Mapping[str, Any]) -> tuple[int, int, str]:
     """Return repeat, batch and part that a header names; -1 and "" where it names none."""
-    repeat, batch, part = header.get("repeat"), header.get("batch"), header.get("part")
+    repeat = header.get("repeat")
+    batch = header.get("batch")
+    part = header.get("part")
     in_batch = part in (TRAINING, TEST) and isinstance(batch, int)
     return (
         repeat if isinstance(repeat, int) else _NONE,

@@ -71,14 +71,16 @@ class Cells:
         known = ~np.isnan(values)
         if not known.any():
             raise SettingsError(f"No trial has a {measure}; give trials whose truth is known.")
-        judged, values = outcomes.rows(known), values[known]
+        judged = outcomes.rows(known)
+        values = values[known]
         again = np.zeros(len(known), int) if repeats is None else np.asarray(repeats)
         columns = {"agent": judged.agent, "object": judged.object_name, "repeat": again[known],
                    "attribute": judged.attribute}  # fmt: skip
         coded = {name: np.unique(c.astype(str), return_inverse=True) for name, c in columns.items()}
         codes = [code.reshape(len(judged), -1) for _, code in coded.values()]
         cells, inverse = np.unique(np.hstack(codes), axis=0, return_inverse=True)
-        trials, total = np.bincount(inverse.ravel()), np.bincount(inverse.ravel(), values)
+        trials = np.bincount(inverse.ravel())
+        total = np.bincount(inverse.ravel(), values)
         residual = values - (total / trials)[inverse.ravel()]
         free = len(values) - len(cells)
         spread = math.sqrt(float((residual**2).sum()) / free) if free > 0 else float(values.std())
@@ -140,6 +142,7 @@ def compare_outcomes(
             f"Found the agents {', '.join(names) or 'none'}; expected two or more, and the "
             f"reference {base!r} among them; give the logs of each."
         )
+    # Before the model is compiled, which takes a minute: tasks that do not pair are refused.
     pairs = _paired(outcomes, repeats, base, measure)
     cells = Cells.of(outcomes, measure, repeats)
     means, queries, index = population_means(cells, sample(cells, draws=draws, seed=seed))
@@ -211,7 +214,9 @@ def sample(cells: Cells, *, draws: int, seed: int) -> dict[str, Floats]:
     from meal_bayes.posterior.draws import Sampling  # noqa: PLC0415
 
     pm: Any = hierarchical.pm  # type: ignore[attr-defined]  # PyMC, once its folders are set
-    means, center, scale = cells.total / cells.trials, 0.0, 1.0
+    means = cells.total / cells.trials
+    center = 0.0
+    scale = 1.0
     if not math.isnan(cells.spread):  # costs and rewards are measured in their own spread
         center = float(cells.total.sum() / cells.trials.sum())
         scale = math.sqrt(np.average((means - center) ** 2, weights=cells.trials)) or 1.0

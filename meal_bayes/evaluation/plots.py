@@ -66,7 +66,8 @@ def reliability_diagram(
     """
     b, true = checked_cases(positive, truth)
     index = bins_of(b)
-    n, hits = np.bincount(index, minlength=BINS), np.bincount(index[true], minlength=BINS)
+    n = np.bincount(index, minlength=BINS)
+    hits = np.bincount(index[true], minlength=BINS)
     filled = np.flatnonzero(n)
     width, height = (2.1, 2.1) if small else (3.4, 3.9)
     with axes_to_draw(None, width=width, height=height) as to:
@@ -164,11 +165,13 @@ def predictive(observed: ArrayLike, predicted: ArrayLike) -> Axes:
     n; points the predicted ones, of S replicates (S,2,n+1), with 95 % intervals. Objects that
     differ gather at both ends, which a model of independent percepts does not predict.
     """
-    counts, drawn = np.asarray(observed, float), np.asarray(predicted, float)
+    counts = np.asarray(observed, float)
+    drawn = np.asarray(predicted, float)
     x = np.arange(counts.shape[1])
     with axes_to_draw(None) as to:
         for truth, (name, marker) in enumerate(_TRUTHS):
-            color, shift = COLORS[1 - truth], 0.2 if truth else -0.2
+            color = COLORS[1 - truth]
+            shift = 0.2 if truth else -0.2
             total = max(counts[truth].sum(), 1.0)
             to.bar(x + shift, counts[truth] / total, 0.36, color=color, alpha=0.35,
                    label=f"{name}, observed")  # fmt: skip

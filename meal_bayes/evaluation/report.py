@@ -124,6 +124,7 @@ def _page(logged: LoggedOutcomes, trials: _Shown, logs: Logs, reference: str) ->
         sections += lab_sections(trials.live) if trials.live else []
         sections += sections_of(logged, reference)
         sections.append(_worst(logged, trials))
+    # A title above nothing would read as a finding.
     sections = [section for section in sections if _says_something(section)]
     sections.append({"title": "The run", "parts": _run(logs)})
     environment = Environment(loader=PackageLoader("meal_bayes.evaluation"), autoescape=True)
@@ -157,6 +158,7 @@ def _worst(logged: LoggedOutcomes, trials: _Shown) -> Section:
         if entries:
             reward = mean_effect(measured.outcomes.rows(rows), "reward").estimate
             chosen.append((reward, agent, entries[:WORST]))
+    # Baselines lose many trials; what the best agent loses is what a reader can learn from.
     best_first = sorted(chosen, key=lambda entry: -entry[0])
     return worst_section([(agent, entries) for _, agent, entries in best_first])
 

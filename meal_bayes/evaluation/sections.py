@@ -170,6 +170,7 @@ def _differences(
 def _summaries(logged: LoggedOutcomes) -> list[SummaryRow]:
     """Summarize the trials that measure each agent; ECE pools the tests after some batches."""
     measured = logged.measured()
+    # ECE of few beliefs is biased up: it pools the tests after some batches, as the terminal does.
     pooled = logged.measured(POOLED).outcomes
     rows = {row.agent: row for row in summarize(measured.outcomes)}
     for row in summarize(pooled):

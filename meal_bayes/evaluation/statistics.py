@@ -95,8 +95,10 @@ class Effect:
         if not self.fraction:
             reach = self.se * t
             return Interval(self.estimate, self.se, self.estimate - reach, self.estimate + reach)
-        p, n = self.estimate, self.cases
-        middle, width = p + t * t / (2 * n), t * math.sqrt(p * (1 - p) / n + t * t / (4 * n * n))
+        p = self.estimate
+        n = self.cases
+        middle = p + t * t / (2 * n)
+        width = t * math.sqrt(p * (1 - p) / n + t * t / (4 * n * n))
         ends = np.clip(np.array([middle - width, middle + width]) / (1 + t * t / n), 0.0, 1.0)
         return Interval(p, self.se, *ends.tolist())
 

@@ -53,7 +53,8 @@ def answer_rates(trials: Trials) -> AnswerRates:
     outcomes = TrialOutcomes.of(trials)
     if outcomes.attribute.shape[1] != 1:
         raise SettingsError("Rates are of questions of yes or no; these ask for several values.")
-    truth, said_yes = outcomes.truth[outcomes.judged, 0], outcomes.report[outcomes.judged, 0] == 1
+    truth = outcomes.truth[outcomes.judged, 0]
+    said_yes = outcomes.report[outcomes.judged, 0] == 1
     hit, alarm = (
         float(said_yes[truth == value].mean()) if (truth == value).any() else math.nan
         for value in (1, 0)
@@ -133,7 +134,8 @@ def summarize(trials: Trials, *, seconds: Mapping[str, float] | None = None) -> 
     seconds : Mapping[str, float] | None
         Computing time by agent; by default that of a run, which trials do not hold.
     """
-    outcomes, times = TrialOutcomes.of(trials), seconds or getattr(trials, "seconds", {})
+    outcomes = TrialOutcomes.of(trials)
+    times = seconds or getattr(trials, "seconds", {})
     names = outcomes.agents
     rows = (_row(name, outcomes.of_agent(name), times.get(name, math.nan)) for name in names)
     return Summary(rows, outcomes)
@@ -144,7 +146,8 @@ def mean_effect(outcomes: TrialOutcomes, measure: str) -> Effect:
 
     The measure is "reward", "cost", or "success" or "abstained", whose intervals stay in [0, 1].
     """
-    values, fraction = measured(outcomes, measure), measure in _FRACTIONS
+    values = measured(outcomes, measure)
+    fraction = measure in _FRACTIONS
     known = ~np.isnan(values)
     if not known.any():
         return Effect(math.nan, math.nan, 0)
@@ -154,7 +157,8 @@ def mean_effect(outcomes: TrialOutcomes, measure: str) -> Effect:
 def compare(trials: Trials, first: str, second: str, *, measure: str = "reward") -> Interval:
     """Compare two agents by name, as `difference` does."""
     outcomes = TrialOutcomes.of(trials)
-    rows, others = outcomes.of_agent(first), outcomes.of_agent(second)
+    rows = outcomes.of_agent(first)
+    others = outcomes.of_agent(second)
     return difference(rows, others, measure=measure).interval()
 
 
@@ -214,7 +218,9 @@ def paired_rows(first: TrialOutcomes, second: TrialOutcomes) -> tuple[Ints, Ints
     SettingsError
         Tasks that do not pair; see `difference`.
     """
-    left, right = _row_of_task(first), _row_of_task(second)
+    left = _row_of_task(first)
+    right = _row_of_task(second)
+    # In the order of keys, sums of (first - second) and of (second - first) differ in sign alone.
     shared = sorted(left.keys() & right.keys())
     rows = np.array([left[key] for key in shared], int)
     others = np.array([right[key] for key in shared], int)
@@ -250,8 +256,10 @@ def _named(*parts: TrialOutcomes) -> str:
 
 
 def _row(agent: str, outcomes: TrialOutcomes, seconds: float) -> SummaryRow:
-    answered, cost = outcomes.judged & outcomes.answered, outcomes.cost[outcomes.ended == ""]
-    reward, accuracy = mean_effect(outcomes, "reward"), mean_effect(outcomes, "success")
+    answered = outcomes.judged & outcomes.answered
+    cost = outcomes.cost[outcomes.ended == ""]
+    reward = mean_effect(outcomes, "reward")
+    accuracy = mean_effect(outcomes, "success")
     positive, truth = outcomes.beliefs()
     nll = squared = ece = calibrated = math.nan
     if len(truth):

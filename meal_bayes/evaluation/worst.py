@@ -21,7 +21,8 @@ WORST = 3  # trials of each agent that are kept whole
 LIVE = "Learner.ask"  # command of the logs of a robot's lab
 _OPENED = 3  # of a lab's trials
 _LISTED = 200  # trials of a lab in the table
-_BLOCK, _BLOCKS = 5, 10  # least trials of a block of the curve, and most blocks
+_BLOCK = 5  # least trials of a block of the curve
+_BLOCKS = 10  # of them at most
 _TIME = re.compile(r"(\d{8}-\d{6})-")  # UTC, at the head of a lab's log
 
 Section = dict[str, Any]
@@ -96,6 +97,7 @@ def worst_section(worst: Sequence[tuple[str, Sequence[Chosen]]]) -> Section:
 
 def lab_sections(trials: Sequence[Chosen]) -> Iterator[Section]:
     """Yield the trials of a lab, newest first, and how right and how long they were."""
+    # Names of a lab's logs begin with the time, so that their order is that of the trials.
     newest = sorted(trials, key=lambda chosen: (chosen.file.name, chosen.number), reverse=True)
     rows = []
     for chosen in newest[:_LISTED]:
@@ -127,6 +129,7 @@ def _progress(trials: Sequence[Chosen]) -> Iterator[Section]:
     if blocks < 2:
         return
     points = []
+    # Blocks follow each other and do not overlap: their errors are independent but for objects.
     for rows in np.array_split(judged, blocks):
         accuracy = mean_effect(outcomes.rows(rows), "success").interval()
         points.append((rows.mean() + 1, accuracy.estimate, accuracy.low, accuracy.high))

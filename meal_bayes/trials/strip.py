@@ -79,8 +79,7 @@ def trial_strip(trial: Trial, *, dark: bool = False, narrow: bool = False) -> Ax
 
     Notes
     -----
-    The worth of one more percept at a decision is max over behaviors b of Q(b), less Q(best
-    answer). Behaviors of equal worth to the tenth are told apart by nothing here.
+    The worth of one more percept is max over behaviors b of Q(b), less Q(best answer).
     """
     look = _look(dark=dark, narrow=narrow)
     with drawn_in_style():
@@ -138,7 +137,8 @@ def _moments(trial: Trial) -> Iterator[_Moment]:
         action = step.decision.action
         if action >= momdp.n_behaviors:
             continue
-        begin, seconds = seconds, seconds + step.cost
+        begin = seconds
+        seconds = seconds + step.cost
         senses = bool(momdp.observation_probability[action].max() > 0)
         nothing_changed = step.x == step.next_x and step.observation is None
         words = [""] * len(trial.truth)
@@ -252,7 +252,8 @@ class _Taken:
     """Writes words near points, where no other word stands."""
 
     def __init__(self, ax: Axes, font: float) -> None:
-        self._ax, self._font = ax, font
+        self._ax = ax
+        self._font = font
         self._across = 1 / _points_a_second(ax)  # s a point
         self._up = 1.2 / _points_high(ax)  # of the axis a point
         self._boxes = list[tuple[float, float, float, float]]()
@@ -264,7 +265,8 @@ class _Taken:
         wide = _LETTER * self._font * len(word) * self._across
         high = self._font * self._up
         gap = 5 * self._across
-        before, behind = at[0] - wide - gap, at[0] + gap
+        before = at[0] - wide - gap
+        behind = at[0] + gap
         lefts = [before, behind] if wide < room + 2 * gap and before >= 0 else [behind, before]
         rise = [0.45 * high, -1.35 * high] if up else [-1.35 * high, 0.45 * high]
         steps = [shift + extra for extra in (0.0, 1.2 * high, -1.2 * high) for shift in rise]

@@ -18,12 +18,20 @@ from meal_bayes.viewer.labels import action_label, option_label, plain_text
 from meal_bayes.viewer.palette import DIM, GRAY, GREEN, ORANGE, SKY, TEXT, WHITE, Color
 from meal_bayes.viewer.recorder import TrialFrame
 
-_ACTIONS, _OUTCOMES = 4, 6  # of the tree that are drawn
-_LETTER, _LINE, _FRAME = 6.0, 13.5, 14.0  # size of a letter, and of the frame around a label
-_COLUMN_GAP, _ROW_GAP = 30.0, 8.0  # between boxes
+_ACTIONS = 4  # of the tree that are drawn
+_OUTCOMES = 6
+_LETTER = 6.0  # size of a letter, and of the frame around a label
+_LINE = 13.5
+_FRAME = 14.0
+_COLUMN_GAP = 30.0  # between boxes
+_ROW_GAP = 8.0
 _SHOWN = 8  # attributes
-_BAR, _LANE, _THICK = 50, 10, 6  # pixels: length of a bar, from bar to bar, of one bar
-_BLOCK_WIDE, _CELL_HIGH, _GAP = 16, 4, 2  # pixels of the matrices; labels are as large as ever
+_BAR = 50  # pixels: length of a bar, from bar to bar, of one bar
+_LANE = 10
+_THICK = 6
+_BLOCK_WIDE = 16  # pixels of the matrices; labels are as large as ever
+_CELL_HIGH = 4
+_GAP = 2
 _MIDDLE = 0.2  # where in a row its label is put: labels hang below their point
 _BRIGHTEST = 0.6  # of the color scale: white numbers must be legible, in a light theme too
 _BACK = (128, 128, 128, 60)  # behind a bar
@@ -74,11 +82,13 @@ class Diagram:
         links[tuple(np.transpose(list(labels)))] = 1
         depth = shortest_path(links, unweighted=True, indices=momdp.start)
         column = np.where(np.isinf(depth), 0, depth).astype(int).tolist()
-        boxes, self._edges = list[Label](), list[tuple[str, str]]()  # at the places of columns
+        boxes = list[Label]()  # at the places of columns
+        self._edges = list[tuple[str, str]]()
         for x, name in enumerate(momdp.x_names[:-1]):
             boxes.append(Label(name, GRAY, 2 * column[x], name=f"x{x}"))
         for (source, target), names in labels.items():
-            box, place = f"{source}-{target}", column[source] + column[target]
+            box = f"{source}-{target}"
+            place = column[source] + column[target]
             boxes.append(Label("\n".join(names), DIM, place, name=box))
             self._edges += [(f"x{source}", box), (box, f"x{target}")]
         boxes.append(Label("end: abstained", GRAY, 2 * max(column), name=f"x{momdp.terminal}"))
@@ -89,7 +99,9 @@ class Diagram:
         visited = {step.next_x for step in frame.trial.steps[: frame.number]}
         colors = {f"x{x}": SKY for x in visited | {frame.trial.first_belief.x}}
         colors[f"x{frame.belief.x}"] = ORANGE
-        momdp, step, end = self.momdp, frame.step, "end"
+        momdp = self.momdp
+        step = frame.step
+        end = "end"
         if step is not None and (action := step.decision.action) < momdp.n_behaviors:
             colors[f"{step.x}-{momdp.transition[action, step.x].argmax()}"] = GREEN
         nodes = [node._replace(color=colors.get(node.name, node.color)) for node in self._nodes]
@@ -101,10 +113,12 @@ class Diagram:
 
 def search_tree(frame: TrialFrame) -> Graph:
     """Return the top of the tree behind a decision: actions, and what follows each percept."""
-    step, momdp = frame.step, frame.trial.momdp
+    step = frame.step
+    momdp = frame.trial.momdp
     if step is None:
         return Graph([Label("nothing is decided yet", GRAY, name="root")], [])
-    decision, chosen = step.decision, min(step.decision.action, momdp.n_behaviors)
+    decision = step.decision
+    chosen = min(step.decision.action, momdp.n_behaviors)
     if not (actions := best_options(decision.values, chosen, _ACTIONS)):
         return Graph([Label("no search: a fixed rule", GRAY, name="root")], [])
     count = f"{decision.simulations} simulations" if decision.simulations else "one step ahead"
@@ -127,8 +141,10 @@ def search_tree(frame: TrialFrame) -> Graph:
             percept = ", ".join(labels_of)
         text = f"{percept} → {action_label(momdp, edge.action)}  {edge.value:.1f} · {edge.visits}"
         leaves.setdefault(first[edge.parent], []).append(text)
-    row, y = box_size("")[1] + _ROW_GAP, 0.0
-    nodes, edges = list[Label](), list[tuple[str, str]]()
+    row = box_size("")[1] + _ROW_GAP
+    y = 0.0
+    nodes = list[Label]()
+    edges = list[tuple[str, str]]()
     for action, label in labels.items():
         below = leaves.get(action, [])
         height = max(len(below) * row, box_size(label)[1] + _ROW_GAP)
@@ -137,7 +153,8 @@ def search_tree(frame: TrialFrame) -> Graph:
             x = right + box_size(text)[0] / 2
             nodes.append(Label(text, GRAY, x, top + (number + 0.5) * row, f"a{action}-{number}"))
             edges.append((f"a{action}", f"a{action}-{number}"))
-        x, color = left + box_size(label)[0] / 2, ORANGE if action == chosen else SKY
+        x = left + box_size(label)[0] / 2
+        color = ORANGE if action == chosen else SKY
         nodes.append(Label(label, color, x, y + height / 2, f"a{action}"))
         edges.append(("root", f"a{action}"))
         y += height
@@ -147,11 +164,13 @@ def search_tree(frame: TrialFrame) -> Graph:
 
 def _stacked(boxes: Sequence[Label]) -> list[Label]:
     """Place boxes in their columns, `x`, one below the other."""
-    nodes, left = list[Label](), 0.0
+    nodes = list[Label]()
+    left = 0.0
     for column in sorted({node.x for node in boxes}):
         members = [node for node in boxes if node.x == column]
         sizes = [box_size(node.label) for node in members]
-        wide, top = max(width for width, _ in sizes), 0.0
+        wide = max(width for width, _ in sizes)
+        top = 0.0
         for node, (_, height) in zip(members, sizes, strict=True):
             nodes.append(node._replace(x=left + wide / 2, y=top + height / 2))
             top += height + _COLUMN_GAP
@@ -165,7 +184,8 @@ def belief_bars(frame: TrialFrame) -> Picture:
     pixels = np.zeros((len(names) * _LANE, _BAR, 4), np.uint8)
     labels = []
     for i, name in enumerate(names):
-        now, before = float(frame.belief.positive[i]), float(frame.before[i])
+        now = float(frame.belief.positive[i])
+        before = float(frame.before[i])
         top = i * _LANE + (_LANE - _THICK) // 2
         color = GREEN if now > 0.5 else SKY
         share = np.clip(now * _BAR - np.arange(_BAR), 0, 1)[:, None]  # of a pixel that is full
@@ -181,10 +201,12 @@ def belief_bars(frame: TrialFrame) -> Picture:
 
 def matrices(momdp: MOMDP, counts: NDArray[np.float64] | None, action: int) -> Picture:
     """Draw mean, sd and the paper's point estimate of a behavior's rows, and of its counts."""
-    n, k = min(len(momdp.query), _SHOWN), momdp.levels
+    n = min(len(momdp.query), _SHOWN)
+    k = momdp.levels
     # A new object's latent class is drawn by Pr(class given truth), its row Dirichlet about the
     # class's: mean and sd of its rows by its truth, (N,2,K).
-    prob, rows = momdp.latent_classes[..., None], momdp.confusion[:, None, action]  # (N,2,C,K)
+    prob = momdp.latent_classes[..., None]  # (N,2,C,K)
+    rows = momdp.confusion[:, None, action]
     mean = (prob * rows).sum(axis=2)
     precision = momdp.precision[:, None, action, :, None]
     square = (prob * (rows**2 + rows * (1 - rows) / (1 + precision))).sum(axis=2)
@@ -200,7 +222,8 @@ def matrices(momdp: MOMDP, counts: NDArray[np.float64] | None, action: int) -> P
         for i, name in enumerate(momdp.query.attributes[:n])
         for t, prefix in enumerate(("not ", ""))
     ]
-    parts, gap = list[NDArray[np.uint8]](), ((0, 0), (0, _GAP), (0, 0))
+    parts = list[NDArray[np.uint8]]()
+    gap = ((0, 0), (0, _GAP), (0, 0))
     for title, values, full in blocks:
         left = sum(part.shape[1] for part in parts)
         numbers = values[:n].reshape(2 * n, k)
@@ -223,7 +246,8 @@ def with_samples(picture: Picture, sampled: NDArray[np.float64] | None, levels: 
     tall = 2 * _CELL_HIGH  # of an attribute, as its two rows beside it
     lanes = np.sort(rows, axis=0)[np.arange(tall) * m // tall].swapaxes(0, 1)  # (N,tall,K)
     ends = np.stack([rows.min(axis=0), rows.max(axis=0)], axis=1)  # (N,2,K)
-    title, left = f"{m} sampled MOMDPs", pixels.shape[1]
+    title = f"{m} sampled MOMDPs"
+    left = pixels.shape[1]
     band = _block(title, ends.reshape(2 * n, k), lanes.reshape(n * tall, k), left)
     return Picture(np.concatenate([pixels, band.pixels], axis=1), (*labels, *band.labels))
 
@@ -238,7 +262,8 @@ def _block(
     labels = [Label(title, TEXT, left + k * width / 2, -1.3 * _CELL_HIGH)]
     for (row, z), value in np.ndenumerate(numbers):
         text = "-" if np.isnan(value) else f"{value:.2f}"
-        x, y = left + (z + 0.5) * width, (row + _MIDDLE) * _CELL_HIGH
+        x = left + (z + 0.5) * width
+        y = (row + _MIDDLE) * _CELL_HIGH
         labels.append(Label(text, WHITE, x, y))
     rows = 1 if k == 2 else 2  # of the levels' names below the columns, as some are long
     for z, name in enumerate(level_names(k)):

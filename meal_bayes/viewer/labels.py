@@ -34,7 +34,9 @@ def option_label(momdp: MOMDP, decision: Decision, option: int) -> str:
 
 def narrate(frame: TrialFrame) -> str:
     """Return the text of a frame: question, step, outcome, beliefs, answer."""
-    trial, momdp, step = frame.trial, frame.trial.momdp, frame.step
+    trial = frame.trial
+    momdp = frame.trial.momdp
+    step = frame.step
     query = trial.task.query
     names = list(map(plain_text, query.value_names))
     about = f"{plain_text(trial.task.object_name)} · agent {plain_text(trial.agent)}"
@@ -46,7 +48,8 @@ def narrate(frame: TrialFrame) -> str:
     if step is None:
         lines.append(f"**trial {frame.time.trial}, before any behavior**")
     else:
-        action, spent = step.decision.action, f"cost in all {frame.spent:g} s"
+        action = step.decision.action
+        spent = f"cost in all {frame.spent:g} s"
         name = f"step {frame.number}: {action_label(momdp, action)}"
         if action < momdp.n_behaviors:
             outcome = plain_text(outcome_text(momdp, step))

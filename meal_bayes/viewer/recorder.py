@@ -61,7 +61,8 @@ class Clock:
 
     def frames(self, number: int, trial: Trial) -> Iterator[TrialFrame]:
         """Yield the rows of the next trial, whose position in the log is `number`."""
-        spent, before = 0.0, trial.first_belief.positive
+        spent = 0.0
+        before = trial.first_belief.positive
         for index, step in enumerate((None, *trial.steps)):
             time = Time(number, self.row + index, self.seconds + spent)
             spent += 0.0 if step is None else step.cost

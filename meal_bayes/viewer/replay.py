@@ -43,16 +43,19 @@ class Replay:
     def __init__(
         self, stream: rr.RecordingStream, header: Mapping[str, object], *, only: int | None = None
     ) -> None:
-        self._stream, self._only = stream, only
+        self._stream = stream
+        self._only = only
         self._recorder = Recorder(stream)
-        self._scene, self._run = Scene(self._recorder), RunView(self._recorder, header)
+        self._scene = Scene(self._recorder)
+        self._run = RunView(self._recorder, header)
         self._clock = Clock()
         self._shows_robot = False
         self.trials = 0
 
     def add(self, trial: Trial, frames: Sequence[Frame] = ()) -> None:
         """Add the next trial, with the frames of its robot, if there are any."""
-        number, self.trials = self.trials, self.trials + 1
+        number = self.trials
+        self.trials = self.trials + 1
         clock = self._clock
         start = time = Time(number, clock.row, clock.seconds)
         if self._only is None or self._only == number:
@@ -69,11 +72,13 @@ class Replay:
 
     def add_outcomes(self, outcomes: TrialOutcomes) -> None:
         """Add trials of a compact log, which has no steps: a row each, in the run's plots."""
-        clock, ends = self._clock, enumerate(np.cumsum(outcomes.cost).tolist())
+        clock = self._clock
+        ends = enumerate(np.cumsum(outcomes.cost).tolist())
         times = [Time(self.trials + i, clock.row + i, clock.seconds + end) for i, end in ends]
         self._run.add(outcomes, times)
         self.trials += len(times)
-        clock.row, clock.seconds = clock.row + len(times), times[-1].sim_time
+        clock.row = clock.row + len(times)
+        clock.seconds = times[-1].sim_time
 
     def flush(self) -> None:
         """Send the rows so far, and the measures of the run."""
@@ -174,7 +179,8 @@ def follow(
     Follower
         Its `problems` are what was wrong with the files.
     """
-    follower, replay = Follower(path), None
+    follower = Follower(path)
+    replay = None
     with contextlib.closing(follower), recording(str(follower.path), to) as stream:
         while watching():
             if trials := list(follower.poll()):

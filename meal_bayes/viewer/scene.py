@@ -34,16 +34,25 @@ from meal_bayes.viewer.palette import (
 )
 from meal_bayes.viewer.recorder import Recorder, Time, TrialFrame
 
-NARRATION, DECISION = "/narration", "/decision"
-BARS, BELIEF, ENTROPY, COST = "/belief_now", "/belief", "/entropy", "/cost"
-VALUES, DIAGRAM, TREE, CONFUSION = "/expected_reward", "/diagram", "/search_tree", "/confusion"
+NARRATION = "/narration"
+DECISION = "/decision"
+BARS = "/belief_now"
+BELIEF = "/belief"
+ENTROPY = "/entropy"
+COST = "/cost"
+VALUES = "/expected_reward"
+DIAGRAM = "/diagram"
+TREE = "/search_tree"
+CONFUSION = "/confusion"
 LANES = "/lanes"
-ROBOT, CAMERA = "/robot", "/camera"
+ROBOT = "/robot"
+CAMERA = "/camera"
 _PERCEPTS = 6  # lanes
 _YES = "yes"  # the line of Pr(yes is right)
 _GAP = [float("nan")]
 _BOXES = {SOLID: f"{ROBOT}/arm", SHELL: f"{ROBOT}/object"}
-_BALLS, _ARROWS = f"{ROBOT}/content", f"{ROBOT}/forces"
+_BALLS = f"{ROBOT}/content"
+_ARROWS = f"{ROBOT}/forces"
 _METERS_PER_NEWTON = 0.008  # how long a force is drawn
 _LINE = 0.0008  # m
 _RED = (235, 60, 40)
@@ -77,7 +86,8 @@ class Scene:
 
     def add(self, frame: TrialFrame) -> None:
         """Add one frame."""
-        to, time = self._to, frame.time
+        to = self._to
+        time = frame.time
         to.add(NARRATION, rr.TextDocument, time, text=[narrate(frame)])
         to.add(DECISION, rr.TextDocument, time, text=[explain_decision(frame)])
         to.add(ENTROPY, rr.Scalars, time, scalars=[frame.belief.entropy])
@@ -96,7 +106,8 @@ class Scene:
         self._picture(BARS, belief_bars(frame), time)
         momdp = frame.trial.momdp
         if self._diagram is None or self._diagram.momdp is not momdp:
-            self._diagram, self._matrices = Diagram(momdp), {}
+            self._diagram = Diagram(momdp)
+            self._matrices = {}
         self._graph(DIAGRAM, self._diagram.at(frame), time)
         self._graph(TREE, search_tree(frame), time)
         self._confusion(frame, time)
@@ -137,10 +148,14 @@ class Scene:
 
     def _confusion(self, frame: TrialFrame, time: Time) -> None:
         """Add the matrices of the behavior; at a report, those of the one before stay."""
-        trial, step, end = frame.trial, frame.step, frame.trial.momdp.n_behaviors
-        action, sampled = 0, None
+        trial = frame.trial
+        step = frame.step
+        end = frame.trial.momdp.n_behaviors
+        action = 0
+        sampled = None
         if step is not None:
-            action, sampled = step.decision.action, step.decision.sampled_rows
+            action = step.decision.action
+            sampled = step.decision.sampled_rows
         elif trial.steps and trial.steps[0].decision.action < end:
             action = trial.steps[0].decision.action
         if action < end:
@@ -150,11 +165,14 @@ class Scene:
             self._picture(CONFUSION, picture, time)
 
     def _lane_changes(self, frame: TrialFrame, time: Time) -> None:
-        trial, step, momdp = frame.trial, frame.step, frame.trial.momdp
+        trial = frame.trial
+        step = frame.step
+        momdp = frame.trial.momdp
         self._lane("x", time, momdp.x_names[frame.belief.x], (DIM, GRAY)[frame.belief.x % 2])
         if step is None:
             return
-        action, percept = step.decision.action, step.observation
+        action = step.decision.action
+        percept = step.observation
         self._lane("action", time, action_label(momdp, action), (GRAY, DIM)[frame.number % 2])
         names = [] if percept is None else percept_labels(momdp, action, percept)
         for i, lane in enumerate(self._percept_lanes(trial)):
@@ -204,7 +222,8 @@ def add_robot(to: Recorder, trial: Trial, frames: Sequence[Frame], start: Time) 
         time = Time(start.trial, place, start.sim_time + frame.seconds)
         for shape, entity in _BOXES.items():
             mask = frame.shapes == shape
-            centers, quaternions = frame.centers[mask].tolist(), frame.quaternions[mask].tolist()
+            centers = frame.centers[mask].tolist()
+            quaternions = frame.quaternions[mask].tolist()
             to.add(entity, rr.Boxes3D, time, centers=centers, quaternions=quaternions)
         balls = frame.shapes == BALL
         if balls.any():

@@ -27,7 +27,8 @@ Result = TypeVar("Result")
 
 HERE = "127.0.0.1"
 _SIZE = (1920, 1080)
-_START, _SETTLE = 60.0, 90.0  # s until a viewer answers, until its picture no longer changes
+_START = 60.0  # s until a viewer answers, until its picture no longer changes
+_SETTLE = 90.0
 _NOTICE = 5.0  # s that a picture must stay equal, as the viewer's own notices fade after 4
 _POLL = 0.3  # s
 _DYING = 5.0  # s that a program which broke off a connection may take to end
@@ -60,11 +61,13 @@ class Viewer:
         with socket.socket() as first, socket.socket() as second:  # ports that nobody listens on
             for free in (first, second):
                 free.bind((HERE, 0))
-            data, page = first.getsockname()[1], second.getsockname()[1]
+            data = first.getsockname()[1]
+            page = second.getsockname()[1]
         self._port = page if web else data  # the one that opens last
         self._command = [str(viewer_program()), *map(str, arguments)]
         self._command += ["--bind", HERE, "--port", str(data), "--hide-welcome-screen"]
-        self.url, self.address = f"rerun+http://{HERE}:{data}/proxy", ""
+        self.url = f"rerun+http://{HERE}:{data}/proxy"
+        self.address = ""
         if web:
             self._command += ["--serve-web", "--web-viewer-port", str(self._port)]
             self.address = f"http://{HERE}:{self._port}/?url={quote(self.url, safe='')}"
@@ -155,14 +158,17 @@ def take_picture(recording: str | Path, *, row: int = 0) -> bytes:
 
 def _stable_picture(client: ViewerClient, quiet: float) -> bytes:
     """Return the picture once it has not changed for so many seconds."""
-    end, since, last = time.monotonic() + _SETTLE, time.monotonic(), b""
+    end = time.monotonic() + _SETTLE
+    since = time.monotonic()
+    last = b""
     while time.monotonic() < end:
         time.sleep(_POLL)
         if client.get_state().loading:
             continue
         picture = client.take_screenshot()
         if picture != last:
-            last, since = picture, time.monotonic()
+            last = picture
+            since = time.monotonic()
         elif time.monotonic() - since >= quiet:
             return picture
     raise ViewerError(f"The viewer's picture still changes after {_SETTLE:.0f} s.")
