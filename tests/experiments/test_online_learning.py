@@ -104,7 +104,6 @@ def learned(trials, run):
         "dispersion": knowledge.posterior.dispersion.tolist(),
         "base rates": knowledge.base_rates.tolist(),
         "trait": None if knowledge.trait is None else knowledge.trait.latent_classes.tolist(),
-        "value": fit.information.tolist(),
         "percepts": fit.levels.values.tolist(),
     }
 
