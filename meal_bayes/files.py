@@ -11,11 +11,16 @@ import os
 import re
 import secrets
 import stat
+import sys
 import tempfile
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
+from typing import BinaryIO
 
 from meal_bayes.errors import OutputError
+
+if sys.platform != "win32":
+    import fcntl
 
 _LOG_MAGIC = b"\x89MCAP0\r\n"
 
@@ -98,6 +103,38 @@ def draft_of(path: str | Path, *, inputs: Iterable[str | Path] = ()) -> Iterator
         finally:
             with contextlib.suppress(OSError):
                 draft.unlink(missing_ok=True)
+
+
+def hold(file: BinaryIO) -> bool:
+    """Hold an open file for this process until it is closed; return whether nobody else does.
+
+    The system lets go of it when the process ends, however it ends.
+    """
+    if sys.platform == "win32":
+        return True
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    except OSError:  # a file system without locks
+        return True
+    return True
+
+
+@contextlib.contextmanager
+def alone_in(folder: str | Path) -> Iterator[None]:
+    """Let no other process that asks for it too be in a folder meanwhile."""
+    folder = check_folder(folder)
+    if sys.platform == "win32":
+        yield
+        return
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        with contextlib.suppress(OSError):  # a file system without locks
+            fcntl.flock(descriptor, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(descriptor)
 
 
 def write_whole(

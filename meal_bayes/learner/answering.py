@@ -24,7 +24,7 @@ from meal_bayes.momdp import MOMDP
 from meal_bayes.planners import Policy
 from meal_bayes.robots import Robot
 from meal_bayes.robots.recorded import RecordedRobot
-from meal_bayes.trial_log.live import LiveLog, interrupted
+from meal_bayes.trial_log.live import Interrupted, LiveLog, interrupted
 from meal_bayes.trials import Session, Step, Task, Trial, run_trial
 from meal_bayes.trials.session import MAX_STEPS
 
@@ -222,7 +222,7 @@ class Answerer:
             return question
         return read_question(question, self.domain, answer, payoffs)
 
-    def resume(self, log: str | Path) -> Session:
+    def resume(self, log: str | Path | None = None) -> Session:
         """Go on with a trial whose process ended in the middle of it, from its log.
 
         The learner is the one that began it, or has been saved before and loaded since. The robot
@@ -230,22 +230,38 @@ class Answerer:
 
         Parameters
         ----------
-        log : str or Path
-            Of the trial, or its draft.
+        log : str or Path, optional
+            Of the trial, or its draft, or a folder of logs where one trial was broken off; by
+            default this learner's.
 
         Raises
         ------
         LogError
-            The log holds no trial that is under way, or not of this learner's.
+            There is no trial that was broken off, or several; it is another learner's, or another
+            process drives the robot.
         """
-        before, path, header = interrupted(Path(log))
-        streams, begun = tuple(header["streams"]), dict(header["begun"])
+        place = self.logs if log is None else Path(log)
+        if place is None:
+            raise SettingsError("This learner logs nothing; give resume() the trial's log.")
+        broken = interrupted(place / file_name(self.domain.name) if log is None else place)
+        try:
+            return self._resumed(broken)
+        except BaseException:
+            broken.release()
+            raise
+
+    def _resumed(self, broken: Interrupted) -> Session:
+        """Return the session of a trial that was broken off, where it was."""
+        before = broken.trial
+        header = broken.header
+        streams = tuple(header["streams"])
+        begun = dict(header["begun"])
         start = begun.pop("state", None) or self.domain.diagram.start
         options = TrialOptions(truth=before.truth, **begun)
         session = self._session(before.task, streams, options)
         session.start(before.momdp.x_names[before.steps[0].x] if before.steps else start)
         session.repeat(before.steps)
-        session.record(LiveLog(path, header))
+        session.record(LiveLog(broken.path, header, resumed=broken))
         return session
 
     def _fit(self, task: Task, *, learn: bool) -> Fit:

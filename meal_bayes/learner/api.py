@@ -66,7 +66,8 @@ def recall(learner: Learner, *logs: str | Path) -> list[Trial]:
 
     What was executed, whether it succeeded and what it showed of the attributes asked is in a log;
     features and labels are not: labels can be told of the trials.
-    Trials that the learner has had, or with other levels than its agent's, are passed over.
+    Trials that the learner has had, tests, and trials with other levels than its agent's are passed
+    over.
 
     Parameters
     ----------
@@ -89,7 +90,8 @@ def recall(learner: Learner, *logs: str | Path) -> list[Trial]:
         trial
         for group in Logs(*logs).groups()
         for trial in group.trials
-        if trial.task.key not in learner.experience.trials
+        if trial.task.learn
+        and trial.task.key not in learner.experience.trials
         and trial.momdp.levels == learner.agent.levels
     ]
     for trial in recalled:

@@ -164,10 +164,12 @@ class Learner(Answerer):
         if not isinstance(name, str):
             raise SettingsError(f"Labels are of a trial or an object's name; found {name!r:.60}.")
         with self._lock:
-            key = trial.task.key if isinstance(trial, Trial) else told(name)
+            key = told(name)  # as of a test, which is no experience
+            if isinstance(trial, Trial) and trial.task.learn:
+                key = trial.task.key
             if self.table is not None:
                 object_index(self.table.objects, name)
-            elif isinstance(trial, Trial) and key not in self.experience.trials:
+            elif isinstance(trial, Trial) and key not in {told(name), *self.experience.trials}:
                 perceived = any(step.observation is not None for step in trial.steps)
                 if perceived and trial.momdp.levels != self.agent.levels:
                     raise SettingsError("The trial has other levels; give one of this learner's.")
@@ -194,7 +196,9 @@ class Learner(Answerer):
         SettingsError
             There is nothing to forget.
         """
-        key = trial.task.key if isinstance(trial, Trial) else told(trial)
+        key = told(trial) if isinstance(trial, str) else trial.task.key
+        if isinstance(trial, Trial) and not trial.task.learn:
+            key = told(trial.task.object_name)
         with self._lock:
             shown = recordings and isinstance(trial, Trial) and len(self.experience.shown(key))
             if not shown and not (self.experience.told_in(key) >= 0).any():

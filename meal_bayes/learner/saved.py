@@ -10,13 +10,10 @@ A file has an id, and that of the file which its learner read or wrote before: w
 not write over what somebody else has saved there.
 """
 
-import fcntl
 import json
-import os
 import secrets
 import zipfile
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass, fields
 from functools import partial
 from itertools import count
@@ -32,7 +29,7 @@ from meal_bayes.arrays import Rows
 from meal_bayes.datasets import PerceptTable
 from meal_bayes.domain import domain_from_table, domain_table
 from meal_bayes.errors import DataError, MealBayesError, OutputError, SettingsError
-from meal_bayes.files import check_folder, draft_of
+from meal_bayes.files import alone_in, draft_of
 from meal_bayes.learner.digest import agent_digest
 from meal_bayes.learner.experience import NONE, WITHDRAWN, Experience
 from meal_bayes.learner.fit import training_agent
@@ -77,7 +74,7 @@ def write_learner(learner: SavedLearner, path: Path, *, overwrite: bool) -> str:
     experience = learner.experience
     file = secrets.token_hex(8)
     with (
-        _alone(path.parent),
+        alone_in(path.parent),
         draft_of(path) as draft,
         zipfile.ZipFile(draft, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive,
     ):
@@ -157,17 +154,6 @@ def read_learner(path: Path, *, agent: object, classifier: object) -> SavedLearn
         ) from fault
     except OSError as fault:
         raise DataError(f"{path} cannot be read: {fault}.") from fault
-
-
-@contextmanager
-def _alone(folder: Path) -> Iterator[None]:
-    """Let no other process save a learner in a folder meanwhile."""
-    descriptor = os.open(check_folder(folder), os.O_RDONLY)
-    try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX)
-        yield
-    finally:
-        os.close(descriptor)
 
 
 def _check_own(path: Path, file: str) -> None:

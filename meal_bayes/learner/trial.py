@@ -3,7 +3,7 @@
 import secrets
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -83,6 +83,8 @@ def session_of(
     """Return the session of a task whose random streams `key` names; replays teach nothing."""
     domain = fit.record.domain
     learn = options.learn and isinstance(fit, Online)
+    if isinstance(fit, Online):
+        task = replace(task, learn=learn)
     with lock:
         momdp, policy = plan_of(fit, task, key, options, explore=learn)
         if learn:

@@ -166,6 +166,7 @@ class TrialBuilder:
             task=Task(
                 query=replace(momdp.query, attributes=tuple(begin.attributes)),
                 key=tuple(key),
+                learn=not begin.test,
                 **{name: getattr(begin, name) for name in schema.TASK_VALUES},
             ),
             agent=begin.agent,

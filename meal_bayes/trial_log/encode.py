@@ -126,6 +126,7 @@ class TrialEncoder:
             attributes=task.query.attributes,
             key=task_key(task.key),
             truth=trial.truth.tolist(),
+            test=not task.learn,
             **{name: getattr(task, name) for name in schema.TASK_VALUES},
             **_belief(first, replayed=not first.percept_counts.any()),
         )

@@ -1,5 +1,7 @@
 """The log of one trial that is under way, and what a killed process left of it."""
 
+import contextlib
+import re
 import secrets
 from collections.abc import Mapping
 from datetime import UTC, datetime
@@ -7,9 +9,10 @@ from pathlib import Path
 from typing import Any
 
 from meal_bayes.errors import LogError
-from meal_bayes.files import file_name
+from meal_bayes.files import file_name, hold
 from meal_bayes.trial_log.names import drafts_of, remove_drafts, stem_of
 from meal_bayes.trial_log.reader import read_header, salvage
+from meal_bayes.trial_log.schema import ACTIVE
 from meal_bayes.trial_log.writer import TrialWriter
 from meal_bayes.trials import Trial
 
@@ -21,7 +24,11 @@ class LiveLog(TrialWriter):
     the time (UTC) and the object's `name`; no other process or thread has this name.
     """
 
-    def __init__(self, place: Path, header: Mapping[str, object], name: str = "") -> None:
+    def __init__(
+        self, place: Path, header: Mapping[str, object], name: str = "",
+        *, resumed: "Interrupted | None" = None,
+    ) -> None:  # fmt: skip
+        self._resumed = resumed  # the draft that it goes on from, held until this is whole
         if place.suffix != ".mcap":
             begun = datetime.now(UTC).strftime("%Y%m%d-%H%M%S-%f")
             place /= f"{begun}-{file_name(name)}-{secrets.token_hex(3)}.mcap"
@@ -32,15 +39,77 @@ class LiveLog(TrialWriter):
         """Write the outcome, and give the whole log its name."""
         super().end(trial)
         self.__exit__(None, None, None)
+        if self._resumed is not None:
+            self._resumed.release()
         remove_drafts(self.path)  # of processes that were killed in this trial
 
 
-def interrupted(log: Path) -> tuple[Trial, Path, dict[str, Any]]:
-    """Return the trial that a killed process left in a log, the name of that, and its header."""
-    draft = next((path for path in [log, *drafts_of(log)] if path.is_file()), log)
-    header = read_header(draft)
-    trials = list(salvage(draft))
-    last = trials[-1] if trials else None
-    if not isinstance(last, Trial) or not last.ended or not isinstance(header.get("begun"), dict):
-        raise LogError(f"{draft} holds no trial that was broken off; there is nothing to resume.")
-    return last, draft.with_name(stem_of(draft) + ".mcap"), header
+class Interrupted:
+    """A trial that a killed process left in the draft of a log, held by this process alone.
+
+    Attributes
+    ----------
+    trial : Trial
+        As far as it went.
+    path : Path
+        The name that its log gets.
+    header : dict
+        Of the log.
+    """
+
+    def __init__(self, draft: Path) -> None:
+        if not draft.is_file():
+            raise LogError(f"There is no trial {draft} that was broken off.")
+        self._draft = draft
+        self._file = draft.open("rb")
+        if not hold(self._file):
+            self._file.close()
+            who = re.search(r"\.w(\d+)-", draft.name)
+            raise LogError(
+                f"{draft} is under way{f' in process {who[1]}' if who else ''}: one process drives "
+                "a robot at a time. Wait for it, or end it, and resume again."
+            )
+        self.header: dict[str, Any] = read_header(draft)
+        trials = list(salvage(draft))
+        last = trials[-1] if trials else None
+        begun = isinstance(self.header.get("begun"), dict)
+        if not isinstance(last, Trial) or not last.ended or not begun:
+            self.release()
+            raise LogError(
+                f"{draft} holds no trial that was broken off; there is nothing to resume."
+            )
+        self.trial = last
+        self.path = draft.with_name(stem_of(draft) + ".mcap")
+
+    def release(self) -> None:
+        """Let others have the draft."""
+        self._file.close()
+
+
+def interrupted(place: Path) -> Interrupted:
+    """Return the trial that a killed process left in a log or draft, or alone in a folder.
+
+    Raises
+    ------
+    LogError
+        There is none, or there are several in the folder; another process drives it.
+    """
+    if not place.is_dir():
+        names = [place, *drafts_of(place)]
+        return Interrupted(next((path for path in names if path.is_file()), place))
+    found = list[Interrupted]()
+    for draft in sorted(place.rglob(f"*{ACTIVE}")):
+        with contextlib.suppress(LogError):  # it is under way, or holds no trial
+            found.append(Interrupted(draft))
+    if len(found) == 1:
+        return found[0]
+    for each in found:
+        each.release()
+    if not found:
+        raise LogError(f"{place} holds no trial that was broken off; there is nothing to resume.")
+    listed = "; ".join(
+        f"{each.trial.task.name} of {each.trial.task.object_name}, begun {stem_of(each.path)[:15]}:"
+        f" resume({str(each.path)!r})"
+        for each in found
+    )
+    raise LogError(f"{place} holds {len(found)} trials that were broken off: {listed}.")

@@ -11,6 +11,7 @@ import secrets
 from pathlib import Path
 
 from meal_bayes.errors import LogError
+from meal_bayes.files import hold
 from meal_bayes.trial_log.schema import ACTIVE, SUFFIX
 
 RECOVERED = ".recovered"
@@ -47,9 +48,11 @@ def drafts_of(path: Path) -> list[Path]:
 
 
 def remove_drafts(path: Path) -> None:
-    """Remove the drafts of a log; no process may still be writing them."""
+    """Remove the drafts of a log that no process is writing any more."""
     for draft in drafts_of(path):
-        draft.unlink(missing_ok=True)
+        with contextlib.suppress(FileNotFoundError), draft.open("rb") as file:
+            if hold(file):
+                draft.unlink(missing_ok=True)
 
 
 def log_files(path: str | Path) -> list[Path]:

@@ -59,7 +59,7 @@ _FIELDS = {
     ),
     "meal_bayes.Trial": (
         "trial:int64 momdp:int64 agent:string name:string attributes:string* object_index:int64 "
-        f"object_name:string key:string truth:int64* {_BELIEF}"
+        f"object_name:string key:string truth:int64* {_BELIEF} test:bool"
     ),
     "meal_bayes.Step": (
         "trial:int64 step:int64 x:int64 action:int64 action_name:string report:bool* legal:bool* "

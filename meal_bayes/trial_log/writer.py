@@ -16,7 +16,7 @@ import numpy as np
 from mcap.writer import Writer
 
 from meal_bayes.errors import LogError, SettingsError
-from meal_bayes.files import replace_whole, write_whole
+from meal_bayes.files import hold, replace_whole, write_whole
 from meal_bayes.trial_log import schema
 from meal_bayes.trial_log.encode import End, Packed, TrialEncoder, encode_outcomes
 from meal_bayes.trial_log.names import new_draft, timing_of
@@ -72,6 +72,7 @@ class TrialWriter:
             if self.path.exists() and not self.path.is_file():
                 raise OSError(f"{self.path} is no file")
             self._file: BinaryIO = self.active_path.open("xb")
+            hold(self._file)  # nobody else resumes or removes it while this process lives
             self._mcap: Any = Writer(self._file, enable_data_crcs=True)
             self._mcap.start(profile=schema.PROFILES[self._form])
             self._channels = {

@@ -349,12 +349,24 @@ class Session:
                 return None, says
             return levels, execution.warning
         if answers is None:
-            return None, execution.warning
+            return None, execution.warning or self._silence(execution)
         missing = [name for name in query.attributes if name not in answers]
         if missing:
             return None, f"no percept: the person did not answer about {missing}"
         sure = (0, self.momdp.levels - 1)  # the two extreme levels
         return np.array([sure[bool(answers[name])] for name in query.attributes], np.int8), ""
+
+    def _silence(self, execution: Execution) -> str:
+        """Return a warning where a robot's behavior that senses, and did not fail, showed nothing.
+
+        A behavior that leaves x as it is looks the same where it fails; replays run out.
+        """
+        momdp = self.momdp
+        x, e = self.belief.x, self._decision.action if self._decision is not None else 0
+        shows = momdp.observation_probability[e, x, execution.next_x] > 0
+        if self.task.object_index >= 0 or not shows:
+            return ""
+        return f"nothing perceived by {momdp.behavior_names[e]}: it sensed nothing, or it failed"
 
 
 def run_trial(session: Session, robot: Robot) -> Trial:

@@ -2,7 +2,7 @@
 
 from base64 import b64encode
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import reduce
 from html import escape
 from operator import add
@@ -48,6 +48,8 @@ class Task:
         The object's name.
     key : tuple[str | int, ...]
         Names every random stream of the trial.
+    learn : bool
+        Whether it may become experience; else it is a test.
     """
 
     name: str
@@ -55,6 +57,7 @@ class Task:
     object_index: int
     object_name: str
     key: tuple[str | int, ...]
+    learn: bool = field(default=True, repr=False)
 
     def __post_init__(self) -> None:
         if fault := name_fault(self.object_name):
@@ -217,6 +220,25 @@ class Trial(FrozenArrays):
                 "warning": step.warning,
             })  # fmt: skip
         return pd.DataFrame(rows).astype(dict.fromkeys(percepts, "Int8") if rows else {})
+
+    @property
+    def answer(self) -> dict[str, bool | str] | None:
+        """The report by what was asked: of a group its value, of others True or False.
+
+        None where the agent abstained, or the trial was broken off: `if trial.answer` would not
+        tell "no" from nothing, as its values do.
+        """
+        if self.report is None:
+            return None
+        names = self.task.query.attributes
+        values = dict[str, bool | str]()
+        for name, places in self.task.query.questions:
+            true = [names[place] for place in places if self.report[place]]
+            if len(places) > 1:
+                values[name] = true[0]
+            else:
+                values[name] = bool(true)
+        return values
 
     @property
     def warnings(self) -> list[str]:

@@ -6,7 +6,7 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 
-from meal_bayes.errors import LogError, SettingsError
+from meal_bayes.errors import LogError, OutputError, SettingsError
 from meal_bayes.learner import Learner, recall
 from meal_bayes.learner.views import attempts
 from meal_bayes.robots import Outcome
@@ -141,9 +141,14 @@ def test_a_restart_goes_on_as_if_undisturbed(learner, make, tmp_path, steps):
         with pytest.raises(LogError, match="nothing to resume"):
             learner.resume(logs_of(tmp_path)[-1])
         return
-    (draft,) = (tmp_path / "kitchen").glob("*.active")  # its process is gone
+    (draft,) = (tmp_path / "kitchen").glob("*.active")
     again = loaded()
-    second = again.resume(draft)
+    with pytest.raises(LogError, match="is under way in process"):
+        again.resume(draft)
+    first._recorder._file.close()  # as the end of its process did
+    second = again.resume()
+    with pytest.raises(LogError, match=r"is under way|nothing to resume"):
+        loaded().resume(draft)  # one process drives
     assert_same(drive(second, arm), undisturbed)
     assert second.trial.task == first.task
     (log,) = [path for path in logs_of(tmp_path) if second.task.object_name[7:] in path.name]
@@ -151,7 +156,6 @@ def test_a_restart_goes_on_as_if_undisturbed(learner, make, tmp_path, steps):
     assert_same(trial, undisturbed)
     assert trial.success is not None
     assert not draft.exists()
-    first._recorder._file.close()  # as the end of its process did
     again.tell(second.trial, {"red": False})
     assert len(again.experience.shown(second.task.key)) == sum(
         step.observation is not None for step in undisturbed.steps
@@ -164,9 +168,9 @@ def test_a_restart_with_other_knowledge_is_refused(dataset, make, tmp_path):
     session.observe(arm.execute("look"))
     other = make.learner(dataset, make.agent("lift", **make.ours), logs=tmp_path)
     (draft,) = (tmp_path / "kitchen").glob("*.active")
+    session._recorder._file.close()
     with pytest.raises(LogError, match="Step 0 was look, but the agent now decides for lift"):
         other.resume(draft)
-    session.cancel()
 
 
 def test_a_restart_knows_how_the_trial_was_begun(dataset, make, tmp_path):
@@ -175,6 +179,7 @@ def test_a_restart_knows_how_the_trial_was_begun(dataset, make, tmp_path):
     first = learner.begin("red", state="held", max_steps=2, max_cost=2.0, learn=False)
     (draft,) = (tmp_path / "kitchen").glob("*.active")
     recorded = len(learner.experience.instances)
+    first._recorder._file.close()
     second = make.learner(dataset, agent, logs=tmp_path).resume(draft)
     assert second.behavior == "reset"  # as on the table it is not allowed
     arm = make.arm()
@@ -182,7 +187,6 @@ def test_a_restart_knows_how_the_trial_was_begun(dataset, make, tmp_path):
     trial = drive(second, arm)
     assert trial.steps[-1].warning == "the best answer when max_steps = 2 was reached"
     assert len(learner.experience.instances) == recorded
-    first._recorder._file.close()
 
 
 @pytest.mark.long
@@ -252,3 +256,42 @@ def test_the_experience_is_rebuilt_from_logs(dataset, make, tmp_path):
         alpha = learner.knowledge().posterior.concentration[0]
         np.testing.assert_array_equal(alpha, first.knowledge().posterior.concentration[0])
     assert recall(again, tmp_path) == []  # once
+
+
+def test_tests_are_no_experience_and_their_labels_are_of_the_object(dataset, make, tmp_path):
+    agent = make.agent("look", **make.ours)
+    first, again = make.learner(dataset, agent, logs=tmp_path), make.learner(dataset, agent)
+    test = first.ask("red", make.arm(), object_name="mug", learn=False)
+    taught = first.ask("red", make.arm(), object_name="mug")
+    assert [trial.task.key for trial in recall(again, tmp_path)] == [taught.task.key]
+    assert len(again.experience.executions) == len(taught.steps) - 1
+    first.tell(test, {"red": True})
+    assert first.experience.told_in(("told", "mug"))[0] == 1
+    assert len(first.experience.executions) == 1
+    first.forget(test)
+    assert first.experience.told_in(("told", "mug"))[0] == -1
+
+
+def test_several_broken_trials_are_listed(learner, tmp_path):
+    sessions = [learner.begin("red", object_name=name) for name in ("mug", "cup")]
+    for session in sessions:
+        session._recorder._file.close()
+    with pytest.raises(LogError, match=r"2 trials that were broken off: red of (mug|cup)"):
+        learner.resume()
+    with pytest.raises(LogError, match="no trial"):
+        learner.resume(tmp_path / "none")
+
+
+def test_two_learners_do_not_write_over_each_other(dataset, make, tmp_path):
+    agent = make.agent("look", **make.ours)
+    path = tmp_path / "mind"
+    make.learner(dataset, agent).save(path)
+    first, second = (Learner.load(path, agent=agent, logs=None) for _ in range(2))
+    first.save(path)
+    first.save(path)
+    with pytest.raises(OutputError, match="somebody else has saved there"):
+        second.save(path)
+    with pytest.raises(OutputError, match="somebody else has saved there"):
+        make.learner(dataset, agent).save(path)
+    second.save(path, overwrite=True)
+    assert [file.name for file in tmp_path.iterdir()] == ["mind"]
