@@ -62,13 +62,15 @@ def _rows(values: Any, objects: Sequence[str], context: Context) -> FeatureRows:
     """Return the rows of one context, whatever form they have."""
     source = f"the features of {context}"
     if hasattr(values, "columns"):
-        frame = values if "object" in values.columns else values.reset_index()
-        if "object" not in frame.columns:
-            raise DataError(f"{source}: found a frame without a column 'object'; add one.")
-        if "recording" not in frame.columns:
-            frame = frame.assign(recording=frame.groupby("object").cumcount())
-        keys = list(frame[_KEYS].astype(str).itertuples(index=False, name=None))
-        table = _numbers(frame.drop(columns=[*_KEYS, "index"], errors="ignore"), source)
+        frame = _with_keys(values, source)
+        places = [f"{source}, row {n}" for n in range(1, len(frame) + 1)]
+        keys = [
+            (_name_at(place, name), _number_at(place, recording))
+            for place, name, recording in zip(
+                places, frame["object"], frame["recording"], strict=True
+            )
+        ]
+        table = _numbers(frame.drop(columns=_KEYS), source)
     else:
         if not isinstance(values, Mapping):
             if len(values) != len(objects):
@@ -83,7 +85,8 @@ def _rows(values: Any, objects: Sequence[str], context: Context) -> FeatureRows:
             parts = {name: part[~np.isnan(part).any(axis=1)] for name, part in parts.items()}
         else:
             parts = {
-                str(name): _numbers(part, f"{source} of {name}") for name, part in values.items()
+                name: _numbers(part, f"{source} of {name}")
+                for name, part in named_once(values, source).items()
             }
         keys = [(name, str(r)) for name, part in parts.items() for r in range(1, len(part) + 1)]
         sizes = {part.shape[1] for part in parts.values() if len(part)}
@@ -94,6 +97,57 @@ def _rows(values: Any, objects: Sequence[str], context: Context) -> FeatureRows:
         table = np.concatenate([np.empty((0, *(sizes or {1}))), *filter(len, parts.values())])
     places = [f"{source}, row {n}" for n in range(1, len(keys) + 1)]
     return FeatureRows(source, places, keys, table)
+
+
+def _with_keys(values: Any, source: str) -> Any:
+    """Return a frame with the columns "object" and "recording", of its index where it has them."""
+    doubled = values.columns[values.columns.duplicated()]
+    if len(doubled):
+        raise DataError(f"{source}: found two columns {doubled[0]!r}; rename one.")
+    in_index = [key for key in _KEYS if key in values.index.names and key not in values.columns]
+    frame = values.reset_index(level=in_index) if in_index else values
+    if "object" not in frame.columns:
+        raise DataError(f"{source}: found a frame without a column 'object'; add one.")
+    if "recording" not in frame.columns:
+        frame = frame.assign(recording=frame.groupby("object", observed=True).cumcount() + 1)
+    return frame
+
+
+def _name_at(place: str, name: object) -> str:
+    """Return an object's name as text; a `DataError` where a cell is empty or no name.
+
+    Whole numbers name objects as their digits do, also where a gap in a column made them floats.
+    """
+    if isinstance(name, np.generic):
+        name = name.item()
+    if isinstance(name, float) and name.is_integer():
+        name = int(name)
+    if isinstance(name, bool) or not isinstance(name, str | int):
+        raise fault(place, f"{name!r:.60} as an object", "its name", "name it or remove the row")
+    return str(name)
+
+
+def _number_at(place: str, recording: object) -> str:
+    """Return a recording's number as text; a `DataError` where a cell is empty or no number."""
+    if isinstance(recording, np.generic):
+        recording = recording.item()
+    text = str(recording).removesuffix(".0") if isinstance(recording, float) else str(recording)
+    if (
+        isinstance(recording, bool)
+        or not isinstance(recording, str | int | float)
+        or (isinstance(recording, float) and not recording.is_integer())
+    ):
+        content = f"{recording!r:.60} as a recording"
+        raise fault(place, content, "its number", "number it or remove the row")
+    return text
+
+
+def named_once(rows: Mapping[Any, Any], source: str) -> dict[str, Any]:
+    """Return a mapping by objects' names as text; a `DataError` where two keys are one name."""
+    named = dict[str, Any]()
+    for key, value in rows.items():
+        add_once(named, source, _name_at(source, key), value)
+    return named
 
 
 def _numbers(rows: Any, source: str, *, absent: bool = False) -> NDArray[np.float32]:
@@ -115,10 +169,11 @@ def _labels(
                 raise DataError(f"Labels: {unknown('column', attribute, map(str, frame.columns))}")
         if frame.index.has_duplicates:
             raise DataError("An object has two rows of labels; give each one.")
-        rows = frame[list(dict.fromkeys(columns))].astype(object).iterrows()
-        values = {str(name): dict(row) for name, row in rows}
+        cells = frame[list(dict.fromkeys(columns))].astype(object)
+        rows = (dict(row) for _, row in cells.iterrows())
+        values = named_once(dict(zip(frame.index, rows, strict=True)), "Labels")
     elif isinstance(labels, Mapping):
-        values = {str(name): dict(row) for name, row in labels.items()}
+        values = {name: dict(row) for name, row in named_once(labels, "Labels").items()}
     else:
         if objects is None or np.shape(labels) != (len(objects), len(domain.attributes)):
             raise DataError(

@@ -1,0 +1,99 @@
+"""Names of objects and numbers of recordings in frames and dictionaries: one text each, or said."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from meal_bayes import Dataset, load_domain
+from meal_bayes.errors import DataError
+
+DOMAIN = load_domain(
+    {
+        "name": "k",
+        "attributes": ["red"],
+        "behaviors": [{"name": "look", "cost": 1.0, "modalities": ["c"]}],
+        "diagram": {
+            "states": ["t"],
+            "start": "t",
+            "effects": [{"from": "t", "do": "look", "to": "t"}],
+        },
+    }
+)
+MISSING = [np.nan, None, pd.NA, pd.NaT, float("inf"), 1.5, True, b"a", ()]
+
+
+def data_of(frame, labels):
+    return Dataset.from_frames(DOMAIN, {("look", "c"): frame}, labels)
+
+
+def frame_of(objects, recordings):
+    values = np.arange(len(objects), dtype=float)
+    keys = {"object": pd.Series(objects, dtype=object)}
+    keys["recording"] = pd.Series(recordings, dtype=object)
+    return pd.DataFrame({**keys, "r": values})
+
+
+@given(st.sampled_from(MISSING), st.integers(0, 3), st.sampled_from(["object", "recording"]))
+def test_a_key_that_is_none_is_named_by_its_row(missing, row, column):
+    keys = {"object": ["a", "a", "b", "b"], "recording": [1, 2, 1, 2]}
+    keys[column][row] = missing
+    frame = frame_of(keys["object"], keys["recording"])
+    with pytest.raises(DataError, match=f"row {row + 1}: found .* as an? {column}"):
+        data_of(frame, {"a": {"red": True}, "b": {"red": False}})
+
+
+@given(st.sampled_from(MISSING))
+def test_labels_of_nobody_are_refused(missing):
+    frame = frame_of(["a", "b"], [1, 1])
+    with pytest.raises(DataError, match="as an object"):
+        data_of(frame, {"a": {"red": True}, missing: {"red": False}})
+
+
+@given(st.lists(st.integers(1, 99), min_size=2, max_size=5, unique=True), st.data())
+def test_numbers_name_the_same_however_they_are_typed(names, data):
+    """A gap makes integers of a column floats; Arrow, categories and nullable ones are others."""
+    kinds = ("int64", "float64", "Int64", "object", "category", "string")
+    typed = pd.Series(names).astype(data.draw(st.sampled_from(kinds)))
+    number = pd.Series([1] * len(names)).astype(data.draw(st.sampled_from(kinds)))
+    frame = pd.DataFrame({"object": typed, "recording": number, "r": np.arange(len(names))})
+    labels = {name: {"red": name % 2 == 0} for name in names}
+    dataset = data_of(frame, labels)
+    assert dataset.objects == tuple(map(str, names))
+    assert dataset.features["look", "c"][:, 0, 0].tolist() == list(range(len(names)))
+
+
+def test_keys_that_are_one_name_are_refused():
+    with pytest.raises(DataError, match="object '1' again"):
+        data_of({1: [[1.0]], "1": [[2.0]]}, {"1": {"red": True}})
+    with pytest.raises(DataError, match="object '1' again"):
+        data_of({"1": [[2.0]]}, {1: {"red": True}, "1": {"red": False}})
+
+
+def test_keys_stand_in_columns_or_in_the_index():
+    flat = frame_of(["a", "a", "b"], [1, 2, 1])
+    labels = {"a": {"red": True}, "b": {"red": False}}
+    forms = [
+        flat,
+        flat.set_index("object"),
+        flat.set_index(["object", "recording"]),
+        flat.set_index(["object", "recording"], drop=False),
+        flat.drop(columns="recording"),
+    ]
+    arrays = [data_of(form, labels).features["look", "c"] for form in forms]
+    for array in arrays[1:]:
+        np.testing.assert_array_equal(array, arrays[0])
+
+
+def test_a_feature_named_index_is_a_feature():
+    frame = frame_of(["a", "b"], [1, 1]).assign(index=[5.0, 6.0])
+    values = data_of(frame, {"a": {"red": True}, "b": {"red": False}}).features["look", "c"]
+    assert values[:, 0].tolist() == [[0.0, 5.0], [1.0, 6.0]]
+
+
+def test_two_columns_of_one_name_are_refused():
+    frame = frame_of(["a", "b"], [1, 1])
+    frame = pd.concat([frame, frame[["r"]]], axis=1)
+    with pytest.raises(DataError, match="two columns 'r'"):
+        data_of(frame, {"a": {"red": True}, "b": {"red": False}})
