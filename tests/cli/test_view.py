@@ -1,17 +1,19 @@
 """`view`: a recording, a picture, a window; what is asked of it and cannot be is told."""
 
+import signal
+import warnings
+from collections import Counter
 from pathlib import Path
-from unittest.mock import MagicMock
+from types import SimpleNamespace
 
 import pytest
+from rerun.chunk import RrdReader
 
 from meal_bayes import viewer
 from meal_bayes.learner.api import ask
 from meal_bayes.trial_log import write_trials
 from meal_bayes.trials import TrialOutcomes
-from meal_bayes.viewer import window
-
-URL = "rerun+http://127.0.0.1:1/proxy"
+from meal_bayes.viewer import window as viewer_window
 
 
 @pytest.fixture
@@ -23,12 +25,36 @@ def log(run, trials):
 
 
 @pytest.fixture
-def fake(monkeypatch):
-    """Stand in for the viewer's program, which is closed at once."""
-    program = MagicMock(address="http://127.0.0.1:1/?url=x", url=URL, running=False)
-    program.return_value.__enter__.return_value = program
-    monkeypatch.setattr(viewer, "Viewer", program)
-    return program
+def window(tmp_path, monkeypatch, eventually):
+    """Let the viewer's program, which is rerun's own, keep in a file what it is sent.
+
+    It needs no screen so. Its user closes it once it has all that is `awaited`.
+    """
+    shown = SimpleNamespace(path=tmp_path / "sent.rrd", awaited=Counter())
+
+    class Kept(viewer.Viewer):
+        def __init__(self, *, web=False):
+            super().__init__(["--save", shown.path])
+            self.address = "http://127.0.0.1:1/" if web else ""
+
+        def wait(self):
+            eventually(lambda: contents(shown.path) >= shown.awaited, "it lacks what was sent")
+            self._process.send_signal(signal.SIGINT)
+            self._process.wait()
+
+    monkeypatch.setattr(viewer, "Viewer", Kept)
+    return shown
+
+
+def contents(path):
+    """Count the rows of a recording by entity and column, however they are divided."""
+    rows = Counter()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of a file that is being written
+        for chunk in RrdReader(str(path)).stream() if path.exists() else ():
+            for column, values in chunk.to_record_batch().to_pydict().items():
+                rows[chunk.entity_path, column] += len(values)
+    return rows
 
 
 def test_a_file_and_a_folder_are_saved(run, log):
@@ -40,26 +66,17 @@ def test_a_file_and_a_folder_are_saved(run, log):
     assert Path("one.rrd").stat().st_size < Path("out/all.rrd").stat().st_size
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("web", [False, True])
-def test_trials_are_sent_to_a_window_or_a_page_and_no_file_is_made(
-    run, log, fake, monkeypatch, web
-):
-    sent = []
-
-    def send(trials, to, header, *, name, only):
-        assert only == shown
-        sent.append((to, sum(1 for _ in trials)))
-        return sent[-1][1]
-
-    monkeypatch.setattr(viewer, "send_recording", send)
-    monkeypatch.setattr("tempfile.TemporaryDirectory", None)
+def test_what_is_sent_to_a_window_or_a_page_is_what_is_saved(run, log, window, monkeypatch, web):
+    run("view", log, *(["--all"] if web else ["--trial", "0"]), "--save", "saved.rrd")
+    window.awaited = contents(Path("saved.rrd"))
+    monkeypatch.setattr("tempfile.TemporaryDirectory", None)  # no file is made on the way
     # The web page shows every trial here, the window the first one.
-    shown = None if web else 0
     told = run("view", log, *(["--web", "--all"] if web else []))
     assert told.exit_code == 0
     assert ("open http://127.0.0.1:1/" in told.stdout) == web
-    fake.assert_called_once_with(web=web)
-    assert sent == [(URL, 3)]
+    assert contents(window.path) == window.awaited
 
 
 def test_a_compact_log_shows_its_run(run):
@@ -68,20 +85,18 @@ def test_a_compact_log_shows_its_run(run):
     assert run("view", "c.mcap", "--save", "c.rrd").stdout.startswith("c.rrd: 2 trials")
 
 
-def test_a_run_is_followed(run, log, fake, monkeypatch):
-    followed = []
-
-    def follow(path, url, *, watching, on_trials):
-        followed.append((path, url, watching()))
-        on_trials(3)
-        return MagicMock(problems=["run/a.mcap: torn"])
-
-    monkeypatch.setattr(viewer, "follow", follow)
+@pytest.mark.long
+def test_a_run_is_followed(run, log, window):
+    run("view", log, "--save", "saved.rrd")
+    beliefs = {key for key in contents(Path("saved.rrd")) if key[0].startswith("/belief/")}
+    torn = log / "c.mcap"
+    whole = (log / "b.mcap").read_bytes()
+    torn.write_bytes(whole[: len(whole) // 2] + b"torn" + whole[len(whole) // 2 + 4 :])
     told = run("view", log, "--live")
-    assert followed == [(log, URL, False)]
+    assert told.exit_code == 0
     assert "3 trials" in told.stderr
-    assert "warning: run/a.mcap: torn" in told.stderr
-    assert "waiting for later.mcap" in run("view", "later.mcap", "--live", "--web").stderr
+    assert f"warning: {torn}" in told.stderr
+    assert beliefs <= set(contents(window.path))
 
 
 def test_a_picture_shows_the_last_behavior(run, log, trials, monkeypatch):
@@ -105,5 +120,5 @@ def test_what_cannot_be_is_one_line(run, log, fails, monkeypatch):
     assert "no log none.mcap" in fails("view", "none.mcap")
     assert "one of --save" in fails("view", log, "--save", "a.rrd", "--web")
     assert "--live goes with --web" in fails("view", log, "--live", "--trial", "0")
-    monkeypatch.setattr(window.importlib.util, "find_spec", lambda name: None)
+    monkeypatch.setattr(viewer_window.importlib.util, "find_spec", lambda name: None)
     assert "rerun-sdk" in fails("view", log)
