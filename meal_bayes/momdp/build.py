@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from meal_bayes.arrays import freeze
+from meal_bayes.arrays import Floats, freeze
 from meal_bayes.domain import Domain, Query
 from meal_bayes.errors import SettingsError
 from meal_bayes.momdp.model import MOMDP
@@ -97,17 +97,7 @@ def build_momdp(
             "classes, levels)."
         )
     spread = np.array(np.broadcast_to(precision, (n, e, c)), dtype=float)
-    if any(answers) and (classes > 0).all(axis=1).any():  # split every class by truth: C -> 2C
-        classes = (classes[:, :, None] * np.eye(2)[:, :, None]).reshape(n, 2, 2 * c)
-        rows = np.tile(rows, (1, 1, 2, 1))
-        spread = np.tile(spread, 2)
-    # A person's answer is right with one accuracy; what senses nothing says nothing.
-    for index, behavior in enumerate(domain.behaviors):
-        if behavior.answer_accuracy is not None:
-            rows[:, index] = _answer_rows(classes, behavior.answer_accuracy, rows.shape[-1])
-            spread[:, index] = np.inf
-        elif not behavior.senses:
-            rows[:, index] = 1.0 / rows.shape[-1]
+    rows, spread, classes = _with_answers(domain, rows, spread, classes)
     arrays = domain.diagram.compile(domain.behavior_names)
     goal = objective or Objective()
     correct = domain.report_reward if goal.correct is None else goal.correct
@@ -138,6 +128,26 @@ def build_momdp(
         discount=goal.discount,
         abstain=goal.abstain and domain.diagram.abstain,
     )
+
+
+def _with_answers(
+    domain: Domain, rows: Floats, spread: Floats, classes: Floats
+) -> tuple[Floats, Floats, Floats]:
+    """Return confusion rows, their precision, and classes with those of behaviors that answer."""
+    n, _, c = classes.shape
+    answers = [behavior.answer_accuracy is not None for behavior in domain.behaviors]
+    if any(answers) and (classes > 0).all(axis=1).any():  # split every class by truth: C -> 2C
+        classes = (classes[:, :, None] * np.eye(2)[:, :, None]).reshape(n, 2, 2 * c)
+        rows = np.tile(rows, (1, 1, 2, 1))
+        spread = np.tile(spread, 2)
+    # A person's answer is right with one accuracy; what senses nothing says nothing.
+    for index, behavior in enumerate(domain.behaviors):
+        if behavior.answer_accuracy is not None:
+            rows[:, index] = _answer_rows(classes, behavior.answer_accuracy, rows.shape[-1])
+            spread[:, index] = np.inf
+        elif not behavior.senses:
+            rows[:, index] = 1.0 / rows.shape[-1]
+    return rows, spread, classes
 
 
 def _answer_rows(classes: NDArray[np.float64], accuracy: float, levels: int) -> NDArray[np.float64]:

@@ -1,5 +1,7 @@
 """Yes or no where people meet it: runs, logs, Gymnasium, and the command line."""
 
+from importlib import import_module
+
 import numpy as np
 import pytest
 
@@ -103,7 +105,7 @@ def test_more_misses_are_avoided_where_they_are_dear(tmp_path):
 
 
 def test_an_environment_has_two_reports():
-    gym = pytest.importorskip("meal_bayes.gym")
+    gym = import_module("meal_bayes.gym")
     env = gym.MealEnv("roc36", attributes=2, trials=6, answer="balanced", agent="olfc")
     _, info = env.reset(options={"task": 0})
     behaviors = len(env.trial.momdp.behavior_names)
