@@ -6,7 +6,9 @@ In: a MOMDP, a policy, a robot, a perceiver. Out: a `Trial` with every belief an
 from meal_bayes.trials.faults import FaultTolerant
 from meal_bayes.trials.outcomes import BatchOutcomes, TrialOutcomes, Trials, task_key
 from meal_bayes.trials.percepts import percept_labels
-from meal_bayes.trials.session import Recorder, Session, run_trial
+from meal_bayes.trials.recorder import Recorder
+from meal_bayes.trials.run import run_trial
+from meal_bayes.trials.session import Session
 from meal_bayes.trials.text import trials_frame, truth_text
 from meal_bayes.trials.trial import Step, Task, Trial, truth_of
 

@@ -6,8 +6,7 @@ loop (`run_trial`), a callback, another thread. Between two steps nothing runs.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from pathlib import Path
-from typing import Any, Protocol, Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,29 +16,13 @@ from meal_bayes.errors import LogError, SettingsError
 from meal_bayes.momdp import MOMDP, Belief, Transition, best_answer, initial_belief, update_belief
 from meal_bayes.perception import Perceiver
 from meal_bayes.planners import Decision, History, Policy, unvalued
-from meal_bayes.robots import Outcome, OutcomeChecker, Robot
+from meal_bayes.robots import Outcome, OutcomeChecker
 from meal_bayes.robots.robot import Execution
 from meal_bayes.seeds import stream
+from meal_bayes.trials.recorder import Recorder
 from meal_bayes.trials.trial import Step, Task, Trial, truth_of
 
 MAX_STEPS = 100
-
-
-class Recorder(Protocol):
-    """Writes a trial as it happens: each step before the next behavior is named."""
-
-    @property
-    def path(self) -> Path:
-        """Where the trial is recorded."""
-
-    def begin(self, trial: Trial) -> None:
-        """Record a trial that has no steps yet."""
-
-    def step(self, step: Step) -> None:
-        """Record the next step."""
-
-    def end(self, trial: Trial) -> None:
-        """Record the whole trial."""
 
 
 class Session:
@@ -367,19 +350,3 @@ class Session:
         if self.task.object_index >= 0 or not shows:
             return ""
         return f"nothing perceived by {momdp.behavior_names[e]}: it sensed nothing, or it failed"
-
-
-def run_trial(session: Session, robot: Robot) -> Trial:
-    """Run a trial to its end: execute what the session names, until it answers.
-
-    One that has begun goes on: the robot is where the session says.
-
-    An exception of robot, perceiver or policy, an interruption too, ends the trial: the recorder
-    gets the trial so far, with `ended`, and the exception is raised again.
-    """
-    with session:
-        if not session.begun:
-            session.start(robot.start())
-        while (behavior := session.behavior) is not None:
-            session.observe(robot.execute(behavior))
-    return session.trial

@@ -1,0 +1,21 @@
+"""A trial from its first behavior to its answer, by a robot that can wait."""
+
+from meal_bayes.robots import Robot
+from meal_bayes.trials.session import Session
+from meal_bayes.trials.trial import Trial
+
+
+def run_trial(session: Session, robot: Robot) -> Trial:
+    """Run a trial to its end: execute what the session names, until it answers.
+
+    One that has begun goes on: the robot is where the session says.
+
+    An exception of robot, perceiver or policy, an interruption too, ends the trial: the recorder
+    gets the trial so far, with `ended`, and the exception is raised again.
+    """
+    with session:
+        if not session.begun:
+            session.start(robot.start())
+        while (behavior := session.behavior) is not None:
+            session.observe(robot.execute(behavior))
+    return session.trial
