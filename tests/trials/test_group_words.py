@@ -8,7 +8,8 @@ from rich.console import Console
 
 from meal_bayes import Learner, load_percepts
 from meal_bayes.cli.narration import print_trial, trial_json
-from meal_bayes.trial_log import read_trials, write_trials
+from meal_bayes.evaluation.report import write_report
+from meal_bayes.trial_log import Logs, read_trials, write_trials
 from meal_bayes.trials import TrialOutcomes, percept_labels, trials_frame
 from meal_bayes.trials.text import final_facts, outcome_facts
 
@@ -25,7 +26,6 @@ def trial(tmp_path_factory):
 
 def test_what_is_asked_is_named(trial):
     assert trial.task.query.text == "color, heavy?"
-    assert trial.task.name == "color, heavy?"
     assert "with heavy_blue_beans: color, heavy?" in repr(trial)
     assert "color: blue 99." in repr(trial)
     assert "Pr(color: brown)" in trial._repr_html_()
@@ -59,3 +59,13 @@ def test_the_percept_of_a_group_is_the_value_that_it_speaks_for(trial, levels, w
     look = momdp.behavior_names.index("look")
     assert momdp.levels == 4
     assert percept_labels(momdp, look, np.array(levels, np.int8))[0] == words
+
+
+def test_a_report_and_a_picture_show_groups_and_yes_or_no(trial, tmp_path):
+    learner = Learner("roc36", agent="olfc", logs=None).fit(load_percepts("roc36"))
+    asked = learner.ask("blue or green", "heavy_blue_beans", answer="yes or no")
+    write_trials(tmp_path / "two.mcap", [trial, asked], header={})
+    write_report(Logs(tmp_path / "two.mcap"), tmp_path / "page.html")
+    page = (tmp_path / "page.html").read_text(encoding="utf-8")
+    assert "color: blue" in page
+    assert "green or blue" in page
