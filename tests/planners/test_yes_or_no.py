@@ -6,7 +6,14 @@ import numpy as np
 import pytest
 
 from meal_bayes.domain import Event, Payoffs, Query, load_domain
-from meal_bayes.momdp import answer_value, build_momdp, expected_reward, initial_belief
+from meal_bayes.momdp import (
+    answer_value,
+    build_momdp,
+    expected_reward,
+    flatten,
+    initial_belief,
+    write_pomdpx,
+)
 from meal_bayes.planners import POMCP, History, OpenLoop
 from meal_bayes.planners.entry import plan_values
 from meal_bayes.planners.factored.policy import Factored
@@ -116,3 +123,20 @@ def test_a_dear_miss_is_answered_with_yes():
     plans = OpenLoop().solve(momdp, np.random.default_rng(0))
     decision = plans.decide(History(belief), np.random.default_rng(0))
     assert momdp.reported(decision.action).tolist() == [True]
+
+
+@pytest.mark.parametrize("event", EVENTS)
+def test_files_and_flat_problems_pay_yes_and_no(event, tmp_path):
+    rows = np.full((2, 3, 2, 2), 0.5)
+    momdp = build_momdp(load_domain("toy"), Query(("red", "heavy")), rows)
+    momdp = asked(momdp, EVENTS[event], DEAR_MISS)
+    flat = flatten(momdp)
+    assert flat.action_names[3:] == ("report no", "report yes")
+    for y, values in enumerate(momdp.query.values):
+        holds = (values == EVENTS[event].allowed).all() != EVENTS[event].complement
+        no_and_yes = (DEAR_MISS.wrong_no, DEAR_MISS.right_yes)
+        if not holds:
+            no_and_yes = (DEAR_MISS.right_no, DEAR_MISS.wrong_yes)
+        assert tuple(flat.reward[y, 3:]) == no_and_yes
+    write_pomdpx(momdp, tmp_path / "asked.pomdpx")
+    assert "ayes" in (tmp_path / "asked.pomdpx").read_text(encoding="utf-8")
