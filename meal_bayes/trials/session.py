@@ -191,12 +191,10 @@ class Session:
         # By the model nothing comes of a failure: a percept of it would have probability 0.
         if execution.next_x == x and not self.momdp.observation_probability[action, x, x]:
             sensed = execution.instance is not None or execution.answers is not None
-            execution = Execution(
-                x, warning="it failed: what it sensed is left aside" if sensed else ""
-            )
+            warning = "it failed: what it sensed is left aside" if sensed else ""
+            execution = Execution(x, warning=warning)
         percept, warning = self._perceive(execution)
         transition = Transition(action, execution.next_x, percept)
-        # Alg. 1, l. 10: the belief after the percept; then the policy decides from it.
         after = update_belief(self.belief, self.momdp, transition)
         decision = self._decision
         next_x = execution.next_x
@@ -266,7 +264,6 @@ class Session:
         decision = self._policy.decide(self.history, self.rng)
         limit = ""
         warning = ""
-        # Limits are looked at before a behavior, so that none is broken off.
         if decision.action < momdp.n_behaviors:
             cost = self.history.cost + float(momdp.cost[decision.action])
             if self.max_cost is not None and cost > self.max_cost:
