@@ -21,11 +21,20 @@ def checked_percepts(values: object, domain: Domain) -> dict[str, float]:
     A value is True or False (1 or 0), "yes", "no", "surely yes" or "surely no"; of a group, by its
     name, the value that is seen. None says nothing.
 
+    Parameters
+    ----------
+    values : object
+        By attribute, or a group's name.
+    domain : Domain
+        Of the attributes.
+
     Raises
     ------
     DataError
         No mapping, a name that the domain does not have, or a value that is none of these.
 
+    Examples
+    --------
     >>> from meal_bayes.domain import load_domain
     >>> toy = load_domain("toy")
     >>> checked_percepts({toy.attributes[0]: True, toy.attributes[1]: "no"}, toy)

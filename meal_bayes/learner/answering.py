@@ -137,7 +137,7 @@ class Answerer:
             An agent with `memory` recognizes it; by default it is a new object.
         answer : str
             "values" of what is asked, or "yes or no": "Is it red and not empty?", see `read_event`.
-        payoffs : sequence of float, optional
+        payoffs : Sequence[float], optional
             What a right yes, a wrong yes, a right no and a wrong no earn; the domain's by default.
         learn : bool
             Whether it explores, and becomes experience; else a test, as replays of a table are.

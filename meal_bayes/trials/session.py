@@ -337,10 +337,7 @@ class Session:
         return np.array([sure[bool(answers[name])] for name in query.attributes], np.int8), ""
 
     def _silence(self, execution: Execution) -> str:
-        """Return a warning where a robot's behavior that senses, and did not fail, showed nothing.
-
-        A behavior that leaves x as it is looks the same where it fails; replays run out.
-        """
+        """Return a warning where a robot's behavior that may have succeeded showed nothing."""
         momdp = self.momdp
         x, e = self.belief.x, self._decision.action if self._decision is not None else 0
         shows = momdp.observation_probability[e, x, execution.next_x] > 0
