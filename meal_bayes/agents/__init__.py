@@ -12,11 +12,12 @@ from meal_bayes.agents.exploration import (
     LearningBonus,
     NoBonus,
     Progress,
+    add_bonus,
 )
 from meal_bayes.agents.knowledge import Knowledge, knowledge_without
 from meal_bayes.agents.named import AGENTS, as_agent, load_agent
 
 __all__ = [
     "AGENTS", "Agent", "ExplorationBonus", "Horizon", "ITRSBonus", "Knowledge", "LearningBonus",
-    "NoBonus", "Progress", "as_agent", "knowledge_without", "load_agent",
+    "NoBonus", "Progress", "add_bonus", "as_agent", "knowledge_without", "load_agent",
 ]  # fmt: skip

@@ -117,7 +117,7 @@ class ExplorationBonus(Protocol):
     Attributes
     ----------
     paid : float
-        Percepts of a behavior in one trial that the bonus is paid for, at most.
+        Percepts of a behavior in one trial that the bonus is paid for, at most: `MOMDP.paid`.
     """
 
     @property
@@ -126,6 +126,12 @@ class ExplorationBonus(Protocol):
     def shape(self, momdp: MOMDP, progress: Progress) -> MOMDP:
         """Return the query's MOMDP with a bonus for exploring, given what was learned so far."""
         ...
+
+
+def add_bonus(exploration: ExplorationBonus, momdp: MOMDP, progress: Progress) -> MOMDP:
+    """Return the query's MOMDP with its bonus, and how many percepts of a trial it is paid for."""
+    paid = np.full(momdp.n_behaviors, float(exploration.paid))
+    return replace(exploration.shape(momdp, progress), paid=paid)
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,7 +9,15 @@ from rich.text import Text
 from meal_bayes.cli.console import print_facts, print_rows
 from meal_bayes.display import percent
 from meal_bayes.trials.percepts import percept_labels
-from meal_bayes.trials.text import RULE, compared_actions, final_facts, gap_text, outcome_text
+from meal_bayes.trials.text import (
+    RULE,
+    belief_before,
+    compared_actions,
+    final_facts,
+    gap_text,
+    outcome_text,
+    value_heads,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -18,8 +26,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from meal_bayes.domain import Query
-    from meal_bayes.momdp import MOMDP
-    from meal_bayes.trials import Step, Trial
+    from meal_bayes.trials import Trial
 
 _BAR = 30  # characters
 _OPTIONS = 4  # actions that are compared
@@ -39,7 +46,7 @@ def print_trial(console: Console, trial: "Trial") -> None:
         spent = spent + step.cost
         console.print()
         console.print(Text(f"{number}  {momdp.action_label(action)}", "bold"))
-        headed = _print_values(console, momdp, step, headed)
+        headed = _print_values(console, trial, number, headed)
         facts = {"warning": step.warning} if step.warning else {}
         if action >= momdp.n_behaviors:
             print_facts(console, facts)
@@ -56,30 +63,35 @@ def print_trial(console: Console, trial: "Trial") -> None:
     _print_end(console, trial)
 
 
-def _print_values(console: Console, momdp: "MOMDP", step: "Step", headed: str) -> str:
+def _print_values(console: Console, trial: "Trial", number: int, headed: str) -> str:
     """Print the possible actions and their expected rewards, the chosen one marked, if any.
 
     Heads of columns stand where they first appear; returned are those that stand by now.
     """
+    momdp = trial.momdp
+    step = trial.steps[number - 1]
     decision = step.decision
     possible = momdp.legal[step.x].nonzero()[0]
     if len(possible) == 1:
         only = momdp.behavior_names[possible[0]]
         state = momdp.x_names[step.x]
         print_facts(console, {"possible": f"in {state} only {only}, or a report"})
-    compared = compared_actions(momdp, decision, _OPTIONS)
+    compared = compared_actions(momdp, decision, belief_before(trial, number), _OPTIONS)
     if not compared:
         print_facts(console, {"why": RULE})
         return headed
     width = max(len(action.name) for action in compared)
     rows = []
-    heads = "expected reward   simulations" if decision.simulations > 0 else "expected reward"
+    titles = [*value_heads(momdp, decision), "simulations"]
+    heads = "   ".join(titles if decision.simulations > 0 else titles[:-1])
     if not headed.startswith(heads):
         rows.append(Text(f"{'':<{width + 4}}{heads}", "dim"))
         headed = heads
     for action in sorted(compared, key=lambda action: action.is_answer):  # the answer last
         sign = "►" if action.chosen else ""
         line = f"{sign:<2}{action.name:<{width}}  {action.value:8.1f} {action.error:<7}"
+        if action.bonus is not None:
+            line += f"  {action.bonus:12.1f}"
         if action.visits is not None:
             line += f"  {action.visits:12d}"
         rows.append(Text(line.rstrip(), "bold" if action.chosen else ""))

@@ -11,7 +11,7 @@ from typing import Self, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from meal_bayes.agents import Agent, Horizon, ITRSBonus, Knowledge, NoBonus, Progress
+from meal_bayes.agents import Agent, Horizon, ITRSBonus, Knowledge, NoBonus, Progress, add_bonus
 from meal_bayes.agents.knowledge import base_rates, knowledge_of
 from meal_bayes.arrays import Rows
 from meal_bayes.datasets import Instance
@@ -291,7 +291,7 @@ class Online:
         momdp = problem_of(self, task, limit)
         if not unshaped:
             name = task.object_name if explore else ""
-            momdp = exploration.shape(momdp, self.progress(task, name))
+            momdp = add_bonus(exploration, momdp, self.progress(task, name))
         if unshaped:
             policy = solve(self, task, streams, momdp)
             if not recognized and getattr(policy, "deterministic", False):
@@ -303,6 +303,6 @@ class Online:
         if key not in self.exploring:  # searches of equal queries share a plan library
             refitted = replace(self, knowledge=self.progress(task).knowledge)
             usual = problem_of(refitted, task, limit, recognize=False)
-            usual = exploration.shape(usual, self.progress(task))
+            usual = add_bonus(exploration, usual, self.progress(task))
             self.exploring[key] = cast(POMCPPolicy, solve(self, task, streams, usual))
         return momdp, self.exploring[key].sharing_plans(momdp)

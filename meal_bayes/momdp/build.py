@@ -121,6 +121,7 @@ def build_momdp(
         latent_classes=classes,
         cost=np.array([behavior.cost for behavior in domain.behaviors]),
         bonus=np.zeros((n, e, 2)),
+        paid=np.full(e, np.inf),
         limit=np.where(answers, np.inf, np.broadcast_to(limit, (e,))),
         correct=correct if payoffs is None else max(payoffs),
         incorrect=incorrect if payoffs is None else min(payoffs),
@@ -173,13 +174,18 @@ def observation_entropy(momdp: MOMDP) -> NDArray[np.float64]:
 
 
 def shape_reward(
-    momdp: MOMDP, experience: ArrayLike, alpha: float, beta: float, *, domain: Domain
+    momdp: MOMDP,
+    experience: ArrayLike,
+    alpha: float,
+    beta: float,
+    *,
+    domain: Domain,
 ) -> MOMDP:
     """Add alpha Ent - beta IE to the reward of exploring (Eq. 11).
 
     Only behaviors with modalities are shaped, as the domain lists them: `ask` answers but gives no
-    instance to learn from, `reinit` perceives nothing. Planners pay the bonus for legal executions
-    within `limit`; what a trial reports as its reward is never shaped.
+    instance to learn from, `reinit` perceives nothing. Planners pay the bonus for percepts within
+    `limit` and `paid`; what a trial reports as its reward is never shaped.
 
     Parameters
     ----------

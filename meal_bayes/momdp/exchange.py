@@ -47,12 +47,16 @@ def percept_probabilities(momdp: MOMDP, behavior: int) -> NDArray[np.float64]:
 
 
 def _rewards(momdp: MOMDP) -> NDArray[np.float64]:
-    """Compute the reward (X,Y,A) of every action, none in `term`: Eq. 4, and Eq. 11 if shaped."""
+    """Compute the reward (X,Y,A) of every action, none in `term`: Eq. 4, and Eq. 11 if shaped.
+
+    A bonus is paid for percepts: expected, of an execution, Pr(a percept comes | x) times it.
+    """
     truth = momdp.query.values.astype(int)  # (Y,N)
     reward = np.zeros((momdp.terminal + 1, len(truth), momdp.n_actions))
     bonus = momdp.bonus[np.arange(truth.shape[1]), :, truth].sum(axis=1)  # (Y,E)
     # Formats know no legality: what is not legal ends the trial at a price below every report.
-    gained = np.where(momdp.legal[:-1, None], bonus, momdp.incorrect - 1.0)  # (X-1,Y,E)
+    comes = (momdp.transition * momdp.observation_probability).sum(axis=2).T  # (X,E)
+    gained = np.where(momdp.legal[:-1, None], comes[:-1, None] * bonus, momdp.incorrect - 1.0)
     reward[:-1, :, : momdp.n_behaviors] = gained - momdp.cost
     reward[:-1, :, momdp.n_behaviors : momdp.abstention] = momdp.reports.rewards()
     return reward
@@ -70,6 +74,11 @@ def _check_size(momdp: MOMDP, size: float, largest: float) -> None:
         raise SettingsError(
             "A flat POMDP cannot hold rows of finite precision, or several latent classes a "
             "truth; build the MOMDP with precision=inf and without `latent_classes` (Eq. 8)."
+        )
+    if momdp.counts_paid_percepts:
+        raise SettingsError(
+            "A flat POMDP does not count percepts, and would pay the bonus for exploring without "
+            "end; pay for all of them (paid=inf), or leave the bonus out."
         )
     if size > largest:
         raise SettingsError(

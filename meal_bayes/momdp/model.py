@@ -14,7 +14,7 @@ from meal_bayes.momdp.reports import Reports
 ARRAYS = {  # of a MOMDP: N attributes, E behaviors, X states, C latent classes, K levels
     "transition": "exx", "observation_probability": "exx", "legal": "xe", "confusion": "neck",
     "precision": "nec", "prior": "n", "latent_classes": "n2c", "cost": "e", "bonus": "ne2",
-    "limit": "e",
+    "paid": "e", "limit": "e",
 }  # fmt: skip
 
 
@@ -57,7 +57,9 @@ class MOMDP:
     correct, incorrect : float
         r+ and r-, rewards of a right and a wrong report; of yes and no the largest and smallest.
     bonus : NDArray[np.float64]
-        (N,E,2) shaping by attribute, behavior and truth (ITRS, Eq. 11).
+        (N,E,2) s that exploring is paid for a percept, by attribute, behavior and truth (Eq. 11).
+    paid : NDArray[np.float64]
+        (E,) percepts of a trial that `bonus` is paid for, the first ones; inf = all.
     limit : NDArray[np.float64]
         (E,) percepts that a trial can have, inf where they never run out.
     discount : float
@@ -85,6 +87,7 @@ class MOMDP:
     correct: float
     incorrect: float
     bonus: NDArray[np.float64]
+    paid: NDArray[np.float64]
     limit: NDArray[np.float64]
     discount: float = 0.99
     abstain: bool = False
@@ -123,6 +126,7 @@ class MOMDP:
             ("observation_probability", 0.0, 1.0, "lie in [0, 1]"),
             ("precision", tiny, np.inf, "be above 0 (inf = rows known exactly)"),
             ("limit", 0.0, np.inf, "be 0 or more"),
+            ("paid", 0.0, np.inf, "be 0 or more"),
             ("cost", 0.0, huge, "be finite, and 0 or more"),
             *((name, -huge, huge, "be finite") for name in ("bonus", "correct", "incorrect")),
             ("discount", tiny, 1.0, "be above 0, and 1 at most"),
@@ -193,6 +197,12 @@ class MOMDP:
     def rows(self) -> NDArray[np.float64]:
         """Mean confusion matrix given the truth (N,E,2,K), averaged over its latent classes."""
         return np.asarray(np.einsum("nvc,neck->nevk", self.latent_classes, self.confusion))
+
+    @property
+    def counts_paid_percepts(self) -> bool:
+        """Whether a bonus ends after so many percepts: then their number is part of the state."""
+        pays = self.bonus.any(axis=(0, 2))
+        return bool((pays & np.isfinite(self.paid)).any())
 
     @property
     def n_behaviors(self) -> int:

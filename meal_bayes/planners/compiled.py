@@ -3,6 +3,8 @@
 To repeat a behavior until something happens is optimal, as a failure changes nothing. With cost c,
 discount g and Pr(nothing happens) f: V = -cost + discount * E V(next),
 cost = c / (1 - g f), discount = g (1 - f) / (1 - g f).
+
+A bonus is paid for percepts, not for executions: of a behavior of success p, undiscounted, b - c/p.
 """
 
 from collections.abc import Callable
@@ -27,7 +29,7 @@ STEP = np.dtype([
     ("cost", np.float64),  # s, summed over failures
     ("discount", np.float64),  # summed over failures
     ("moves", np.bool_),  # to another x, maybe
-    ("bonus_scale", np.float64),  # expected discounted executions until success
+    ("percepts", np.float64),  # expected, discounted, until something happens: what a bonus pays
 ], align=True)  # fmt: skip
 BRANCH = np.dtype([
     ("p", np.float64),  # given that something happens; 0 beyond the last branch
@@ -74,8 +76,8 @@ class Compiled(NamedTuple):
 _known: dict[object, Dynamics] = {}  # at most _DIAGRAMS of them: the MOMDPs of a run share one
 
 
-def compile_momdp(momdp: MOMDP, paid: float = np.inf, price: float = _PRICE) -> Compiled:
-    """Compile a MOMDP for the kernels; shaping pays for `paid` percepts of a behavior a trial."""
+def compile_momdp(momdp: MOMDP, price: float = _PRICE) -> Compiled:
+    """Compile a MOMDP for the kernels; behaviors cost at least `price` of r+ - r-."""
     claim = momdp.reports.claim
     return Compiled(
         dynamics=dynamics_of(momdp, price),
@@ -90,7 +92,7 @@ def compile_momdp(momdp: MOMDP, paid: float = np.inf, price: float = _PRICE) -> 
             class_is_truth=momdp.class_is_truth,
         ),
         bonus=momdp.bonus.copy(),
-        paid=np.minimum(momdp.limit, paid),
+        paid=np.minimum(momdp.limit, momdp.paid),
         shaped=bool(momdp.bonus.any()),
         incorrect=float(momdp.incorrect),
         gap=float(momdp.correct - momdp.incorrect),
@@ -132,7 +134,7 @@ def _dynamics(momdp: MOMDP, cost: Floats) -> Dynamics:
     remaining = np.where(idle < 1, 1 - momdp.discount * idle, 1.0)
     step["cost"] = cost / remaining
     step["discount"] = momdp.discount * (1 - idle) / remaining
-    step["bonus_scale"] = 1 / remaining
+    step["percepts"] = sensed.sum(axis=2) / remaining
     # Outcomes (X,E,2X): each next x with a percept, then without.
     mass = np.stack([sensed, silent], axis=3).reshape(*idle.shape, -1)
     possible = mass > _ROUNDING

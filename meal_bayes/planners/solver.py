@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meal_bayes.arrays import Floats, FrozenArrays
+from meal_bayes.display import best_options, table_html
 from meal_bayes.momdp import MOMDP, Belief, answer_value, best_answer
 from meal_bayes.seeds import stream
 
@@ -28,7 +29,9 @@ class TreeEdge(NamedTuple):
     visits : int
         Simulations through the edge.
     value : float
-        Estimate of the edge's value.
+        Estimate of what this trial is expected to bring.
+    bonus : float
+        And of what exploring is paid on the way, s.
     """
 
     level: int
@@ -37,6 +40,7 @@ class TreeEdge(NamedTuple):
     observation: tuple[int, ...]
     visits: int
     value: float
+    bonus: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +52,8 @@ class Decision(FrozenArrays):
     action : int
         Below E a behavior; E + y the report of value vector y of Y; E + Y abstains.
     values : NDArray[np.float64]
-        (E+1,) by behavior, then of the best answer; nan = not valued.
+        (E+1,) what this trial is expected to bring, at most r+, by behavior, then of the best
+        answer; nan = not valued.
     value_se : NDArray[np.float64]
         (E+1,) standard errors, 0 where exact, nan = unknown.
     visits : NDArray[np.int64]
@@ -60,8 +65,11 @@ class Decision(FrozenArrays):
     sampled_rows : NDArray[np.float64] | None
         (M,N,K) rows of the chosen behavior in M sampled MOMDPs.
     gap : float | None
-        s of reward that the best action may be worth more than following this decision, at most;
-        None where no upper bound is known.
+        s of reward, with what exploring is paid, that the best action may be worth more than
+        following this decision, at most; None where no upper bound is known.
+    bonus : NDArray[np.float64] | None
+        (E+1,) what exploring is paid on the way, s; the action is the best of the sum of both.
+        None where `values` are this sum: in older logs, and of solvers that do not tell them apart.
     """
 
     action: int
@@ -72,11 +80,42 @@ class Decision(FrozenArrays):
     simulations: int = 0
     sampled_rows: NDArray[np.float64] | None = None
     gap: float | None = None
+    bonus: NDArray[np.float64] | None = None
+
+    @property
+    def total(self) -> NDArray[np.float64]:
+        """What the action was chosen by, (E+1,): `values` and `bonus`."""
+        return self.values if self.bonus is None else self.values + self.bonus
+
+    @property
+    def explores(self) -> bool:
+        """Whether exploring is paid on the way of any action."""
+        return self.bonus is not None and bool(self.bonus.any())
+
+    def _repr_html_(self) -> str:
+        """Return the values of the actions as an HTML table, the chosen one marked."""
+        chosen = min(self.action, len(self.values) - 1)
+        header = ["", "this answer", "for later questions", "simulations"]
+        rows = []
+        for option in best_options(self.total, chosen, len(self.values)):
+            name = "the answer" if option == len(self.values) - 1 else f"behavior {option}"
+            bonus = "" if self.bonus is None else f"{self.bonus[option]:.1f}"
+            value = f"{self.values[option]:.1f} ± {self.value_se[option]:.1f}"
+            cells = [f"<b>{name}</b>" if option == chosen else name, value, bonus]
+            rows.append([*cells, str(self.visits[option])])
+        if not self.explores:
+            header = [*header[:2], header[3]]
+            rows = [[*row[:2], row[3]] for row in rows]
+        return table_html(f"Decision of action {self.action}", header, rows)
 
     @classmethod
-    def exact(cls, action: int, values: NDArray[np.float64]) -> "Decision":
+    def exact(
+        cls, action: int, values: NDArray[np.float64], bonus: NDArray[np.float64] | None = None
+    ) -> "Decision":
         """Return a decision whose values (E+1,), nan where not valued, have no standard errors."""
-        return cls(action, values, no_errors(values), np.zeros(len(values), dtype=np.int64))
+        visits = np.zeros(len(values), dtype=np.int64)
+        paid = np.zeros(len(values)) if bonus is None else bonus
+        return cls(action, values, no_errors(values), visits, bonus=paid)
 
 
 def no_errors(values: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -161,13 +200,33 @@ def unvalued(momdp: MOMDP, action: int) -> Decision:
     return Decision.exact(action, np.full(momdp.n_behaviors + 1, np.nan))
 
 
-def choose(momdp: MOMDP, belief: Belief, values: Floats) -> tuple[int, Floats]:
+def choose(
+    momdp: MOMDP, belief: Belief, values: Floats, bonus: Floats | None = None
+) -> tuple[int, Floats, Floats]:
     """Choose the most valuable behavior, or answer where none is worth more.
 
-    Of values (E,), -inf where not legal; return the action, and the values (E+1,) of all behaviors
-    (nan for -inf) and of the best answer.
+    Parameters
+    ----------
+    momdp : MOMDP
+        The problem.
+    belief : Belief
+        At which to choose.
+    values : NDArray[np.float64]
+        (E,) of the behaviors, with what exploring is paid; -inf where not legal.
+    bonus : NDArray[np.float64] | None
+        (E,) what exploring is paid; nothing by default.
+
+    Returns
+    -------
+    tuple
+        The action, the values (E+1,) of all behaviors (nan for -inf) and of the best answer without
+        what exploring is paid, and this (E+1,): what `Decision.exact` takes.
     """
     best = int(values.argmax())
-    every = np.append(values, answer_value(momdp, belief))
-    action = best if values[best] > every[-1] else best_answer(momdp, belief)
-    return action, np.where(np.isneginf(every), np.nan, every)
+    ending = answer_value(momdp, belief)
+    action = best if values[best] > ending else best_answer(momdp, belief)
+    paid = np.zeros(momdp.n_behaviors + 1)
+    if bonus is not None:
+        paid[:-1] = np.where(np.isneginf(values), 0.0, bonus)
+    total = np.append(values, ending)
+    return action, np.where(np.isneginf(total), np.nan, total) - paid, paid

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import chain, islice, starmap
+from itertools import chain, islice, repeat, starmap
 from typing import Any
 
 import numpy as np
@@ -254,6 +254,7 @@ def _momdp(message: Any) -> tuple[MOMDP, NDArray[np.float64] | None]:
         behavior_names=tuple(message.behavior_names),
         **{name: getattr(message, name) for name in schema.MOMDP_NUMBERS},
         **_arrays(message, schema.MOMDP_ARRAYS, size),
+        paid=_array(message.paid, (e,)) if message.paid else np.full(e, np.inf),  # older logs
     )
     return momdp, counts
 
@@ -289,6 +290,7 @@ def _step(message: Any, momdp: MOMDP, before: Belief) -> Step:
             simulations=message.simulations,
             sampled_rows=_array(rows, (-1, n, k)) if rows else None,
             gap=message.gap[0] if message.gap else None,
+            bonus=_array(message.bonus, (e + 1,)) if message.bonus else None,
             **{name: getattr(message, name) for name in schema.DECISION_ARRAYS},
         ),
         observation=freeze(levels, np.int8) if levels else None,
@@ -311,5 +313,6 @@ def _tree(message: Any) -> tuple[TreeEdge, ...]:
         observations,
         message.tree_visits,
         message.tree_value,
+        message.tree_bonus or repeat(0.0, len(sizes)),  # none in older logs
     )
     return tuple(starmap(TreeEdge, zip(*columns, strict=True)))

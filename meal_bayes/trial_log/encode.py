@@ -68,6 +68,7 @@ def _momdp(trial: Trial) -> Any:
         complement=query.event is not None and query.event.complement,
         **{name: getattr(momdp, name) for name in schema.MOMDP_NUMBERS},
         **{name: _values(getattr(momdp, name)) for name in schema.MOMDP_ARRAYS},
+        paid=_values(momdp.paid),
     )
 
 
@@ -158,6 +159,7 @@ class TrialEncoder:
             simulations=decision.simulations,
             sampled_rows=_values(decision.sampled_rows),
             gap=() if decision.gap is None else (decision.gap,),
+            bonus=_values(decision.bonus),
             **{name: getattr(step, name) for name in schema.STEP_VALUES},
             **{name: _values(getattr(decision, name)) for name in schema.DECISION_ARRAYS},
             **{
@@ -309,6 +311,7 @@ def step_misfits(step: Step, momdp: MOMDP, index: int) -> Iterator[str]:
         values=(decision.values, (e + 1,)),
         value_se=(decision.value_se, (e + 1,)),
         visits=(decision.visits, (e + 1,)),
+        bonus=(decision.bonus, (e + 1,)),
         sampled_rows=(rows, (0 if rows is None else len(rows), n, k)),
         percepts=(percepts, (n,)),
     )

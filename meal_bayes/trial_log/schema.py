@@ -55,7 +55,7 @@ _FIELDS = {
         "precision:double* prior:double* cost:double* correct:double incorrect:double "
         "bonus:double* limit:double* discount:double abstain:bool latent_classes:double* "
         "row_counts:double* group:int64* group_name:string* "
-        "payoffs:double* own_payoffs:bool literal:bool* complement:bool"
+        "payoffs:double* own_payoffs:bool literal:bool* complement:bool paid:double*"
     ),
     "meal_bayes.Trial": (
         "trial:int64 momdp:int64 agent:string name:string attributes:string* object_index:int64 "
@@ -65,7 +65,7 @@ _FIELDS = {
         "trial:int64 step:int64 x:int64 action:int64 action_name:string report:bool* legal:bool* "
         "next_x:int64 observation:int64* cost:double reward:double values:double* "
         f"value_se:double* visits:int64* simulations:int64 {_TREE} {_BELIEF} warning:string "
-        "sampled_rows:double* gap:double*"
+        "sampled_rows:double* gap:double* bonus:double* tree_bonus:double*"
     ),
     "meal_bayes.Outcome": (
         "trial:int64 steps:int64 report:bool* success:int64 cost:double reward:double ended:string"
@@ -80,10 +80,10 @@ _FIELDS = {
         "timestamp:time level:level message:string name:string file:string line:fixed32"
     ),
 }
-MOMDP_ARRAYS = ARRAYS  # fields of a MOMDP that have its own names
+MOMDP_ARRAYS = {name: axes for name, axes in ARRAYS.items() if name != "paid"}  # by its names
 TASK_VALUES = ("name", "object_index", "object_name")  # by the names of `Task`
 STEP_VALUES = ("x", "next_x", "cost", "reward", "warning")  # by the names of `Step`
-EDGE_VALUES = ("level", "parent", "action", "visits", "value")  # by the names of `TreeEdge`
+EDGE_VALUES = ("level", "parent", "action", "visits", "value", "bonus")  # of `TreeEdge`
 DECISION_ARRAYS = ("values", "value_se", "visits")  # by the names of `Decision`
 MOMDP_NUMBERS = ("start", "correct", "incorrect", "discount", "abstain")
 _LEVELS = ("UNKNOWN", "DEBUG", "INFO", "WARNING", "ERROR", "FATAL")  # of foxglove.Log

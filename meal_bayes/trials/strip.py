@@ -323,7 +323,7 @@ def _worths(trial: Trial) -> Iterator[tuple[Step, float, float]]:
     """Yield each step, when it was decided (s), and what a behavior was worth over an answer."""
     seconds = 0.0
     for step in trial.steps:
-        values = step.decision.values
+        values = step.decision.total
         behaviors = values[:-1][~np.isnan(values[:-1])]
         worth = float(behaviors.max() - values[-1]) if len(behaviors) else np.nan
         yield step, seconds, worth

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from meal_bayes.display import best_options, percent
 from meal_bayes.domain import Query
-from meal_bayes.momdp import MOMDP
+from meal_bayes.momdp import MOMDP, Belief, best_answer
 from meal_bayes.planners import Decision
 from meal_bayes.trials.outcomes import TrialOutcomes
 from meal_bayes.trials.trial import Step, Trial
@@ -21,13 +21,15 @@ _LEAST_ERROR = 0.05  # standard errors below it would print as 0.0
 class ComparedAction(NamedTuple):
     """One action that a decision compared with others: a behavior, or the answer.
 
-    Its name is that of the behavior, "report now" or "abstain"; its value the expected reward, with
-    the standard error as text, "±0.4", empty where it would be 0.0; visits are those of a search,
-    None of other decisions and of the answer; the cost is in s.
+    Its name is that of the behavior or of the answer; its value what this trial is expected to
+    bring, with the standard error as text, "±0.4", empty where it would be 0.0; its bonus what
+    exploring is paid on the way, None where nothing is paid or it is part of the value; visits are
+    those of a search, None of other decisions and of the answer; the cost is in s.
     """
 
     name: str
     value: float
+    bonus: float | None
     error: str
     visits: int | None
     cost: float
@@ -35,23 +37,48 @@ class ComparedAction(NamedTuple):
     is_answer: bool
 
 
-def compared_actions(momdp: MOMDP, decision: Decision, most: int) -> list[ComparedAction]:
+def value_heads(momdp: MOMDP, decision: Decision) -> tuple[str, ...]:
+    """Return what the values of compared actions are called, and of the bonus, if any is paid."""
+    if decision.explores:
+        return "this answer", "for later questions"
+    if decision.bonus is None and momdp.bonus.any():  # older logs, and solvers that know sums alone
+        return ("this answer and later ones",)
+    return ("expected reward",)
+
+
+def belief_before(trial: Trial, number: int) -> Belief:
+    """Return the belief that the step of a number, from 1, was chosen at."""
+    return trial.steps[number - 2].belief if number > 1 else trial.first_belief
+
+
+def answer_text(momdp: MOMDP, answer: int) -> str:
+    """Return an answer by its values, or "I do not know"."""
+    values = momdp.reported(answer)
+    return "I do not know" if values is None else momdp.query.report_name(values)
+
+
+def compared_actions(
+    momdp: MOMDP, decision: Decision, belief: Belief, most: int
+) -> list[ComparedAction]:
     """Return the best actions that a decision compared, the best first, the chosen one among them.
 
-    There is none where the agent follows a rule (`RULE` says so).
+    `belief` is that at which it was made, whose best answer is one of the actions. There is none
+    where the agent follows a rule (`RULE` says so).
     """
     end = momdp.n_behaviors
     chosen = min(decision.action, end)
-    answer = "abstain" if decision.action == momdp.abstention else "report now"
+    answer = decision.action if decision.action >= end else best_answer(momdp, belief)
+    bonus = decision.bonus if decision.explores else None
     compared = []
-    for option in best_options(decision.values, chosen, most):
+    for option in best_options(decision.total, chosen, most):
         is_answer = option == end
         error = decision.value_se[option]
         searched = decision.simulations > 0 and not is_answer
         compared.append(
             ComparedAction(
-                name=answer if is_answer else momdp.behavior_names[option],
+                name=answer_text(momdp, answer) if is_answer else momdp.behavior_names[option],
                 value=float(decision.values[option]),
+                bonus=None if bonus is None else float(bonus[option]),
                 error=f"±{error:.1f}" if error >= _LEAST_ERROR else "",
                 visits=int(decision.visits[option]) if searched else None,
                 cost=0.0 if is_answer else float(momdp.cost[option]),

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from meal_bayes.arrays import FrozenArrays, label_values
 from meal_bayes.display import (
     bar_html,
+    best_options,
     facts_repr,
     listed,
     percent,
@@ -199,7 +200,12 @@ class Trial(FrozenArrays):
         )
 
     def to_frame(self) -> Any:
-        """Return a pandas data frame, a row a step; percepts are missing where none came."""
+        """Return a pandas data frame, a row a step; percepts are missing where none came.
+
+        `value` is what the trial was expected to bring by the chosen action, `bonus` what exploring
+        is paid on its way, `next_value` and `next_bonus` the same of the next best action; missing
+        where nothing was compared. `gap` is missing where no upper bound is known.
+        """
         import pandas as pd  # noqa: PLC0415  takes half a second
 
         rows = []
@@ -214,6 +220,7 @@ class Trial(FrozenArrays):
                 "next_state": self.momdp.x_names[step.next_x],
                 "cost_s": step.cost,
                 "reward": step.reward,
+                **_value_columns(step.decision),
                 "gap": step.decision.gap,
                 **dict(zip(percepts, levels, strict=True)),
                 **{f"belief_{n}": p for n, p in zip(names, step.belief.positive, strict=True)},
@@ -314,3 +321,19 @@ def truth_of(query: Query, truth: Mapping[str, bool] | ArrayLike | None) -> NDAr
         members = [query.attributes[place] for place in places]
         values[places] = one_value(values[places], name, members)
     return values
+
+
+def _value_columns(decision: Decision) -> dict[str, float | None]:
+    """Return the values of the chosen and of the next best action of a decision."""
+    chosen = min(decision.action, len(decision.values) - 1)
+    others = best_options(decision.total, chosen, len(decision.values))
+    others = [option for option in others if option != chosen]
+    columns: dict[str, float | None] = {}
+    for name, option in (("", chosen), ("next_", others[0] if others else None)):
+        columns[f"{name}value"] = columns[f"{name}bonus"] = None
+        if option is None or np.isnan(decision.values[option]):
+            continue
+        columns[f"{name}value"] = float(decision.values[option])
+        if decision.bonus is not None:
+            columns[f"{name}bonus"] = float(decision.bonus[option])
+    return columns

@@ -119,7 +119,7 @@ def search_tree(frame: TrialFrame) -> Graph:
         return Graph([Label("nothing is decided yet", GRAY, name="root")], [])
     decision = step.decision
     chosen = min(step.decision.action, momdp.n_behaviors)
-    if not (actions := best_options(decision.values, chosen, _ACTIONS)):
+    if not (actions := best_options(decision.total, chosen, _ACTIONS)):
         return Graph([Label("no search: a fixed rule", GRAY, name="root")], [])
     count = f"{decision.simulations} simulations" if decision.simulations else "one step ahead"
     root = f"{momdp.x_names[step.x]}\n{count}"
@@ -127,7 +127,9 @@ def search_tree(frame: TrialFrame) -> Graph:
     for action in actions:
         visits = f" · {decision.visits[action]}" if decision.visits[action] else ""
         label = option_label(momdp, decision, action)
-        labels[action] = f"{label}\n{decision.values[action]:.1f}{visits}"
+        paid = decision.total[action] - decision.values[action]
+        bonus = f" + {paid:.1f}" if paid else ""
+        labels[action] = f"{label}\n{decision.values[action]:.1f}{bonus}{visits}"
     left = box_size(root)[0] + _COLUMN_GAP
     right = left + max(box_size(label)[0] for label in labels.values()) + _COLUMN_GAP
     # The most visited second-level edges below the drawn actions.
@@ -139,7 +141,8 @@ def search_tree(frame: TrialFrame) -> Graph:
         if all(0 <= level < momdp.levels for level in edge.observation):
             labels_of = percept_labels(momdp, first[edge.parent], edge.observation)
             percept = ", ".join(labels_of)
-        text = f"{percept} → {action_label(momdp, edge.action)}  {edge.value:.1f} · {edge.visits}"
+        worth = f"{edge.value:.1f} + {edge.bonus:.1f}" if edge.bonus else f"{edge.value:.1f}"
+        text = f"{percept} → {action_label(momdp, edge.action)}  {worth} · {edge.visits}"
         leaves.setdefault(first[edge.parent], []).append(text)
     row = box_size("")[1] + _ROW_GAP
     y = 0.0

@@ -8,7 +8,15 @@ from meal_bayes.display import percent
 from meal_bayes.momdp import MOMDP, best_report, report_certainty
 from meal_bayes.planners import Decision
 from meal_bayes.trials import percept_labels
-from meal_bayes.trials.text import RULE, compared_actions, final_facts, gap_text, outcome_text
+from meal_bayes.trials.text import (
+    RULE,
+    belief_before,
+    compared_actions,
+    final_facts,
+    gap_text,
+    outcome_text,
+    value_heads,
+)
 from meal_bayes.viewer.recorder import TrialFrame
 
 _OPTIONS = 8  # actions that are compared
@@ -85,14 +93,16 @@ def explain_decision(frame: TrialFrame) -> str:
     if step is None:
         return "*Nothing is decided yet.*"
     decision = step.decision
-    compared = compared_actions(momdp, decision, _OPTIONS)
+    compared = compared_actions(momdp, decision, belief_before(frame.trial, frame.number), _OPTIONS)
     if not compared:
         return f"*{RULE}*"
-    lines = ["|action|expected reward|visits|cost, s|", "|---|---|---|---|"]
+    heads = ["action", *value_heads(momdp, decision), "visits", "cost, s"]
+    lines = [f"|{'|'.join(heads)}|", "|".join(["", *("---" for _ in heads), ""])]
     for action in compared:
         cells = [
             plain_text(action.name),
             f"{action.value:.1f} {action.error}".rstrip(),
+            *([] if action.bonus is None else [f"{action.bonus:.1f}"]),
             "" if action.visits is None else f"{action.visits}",
             f"{action.cost:g}",
         ]

@@ -202,12 +202,14 @@ class Expectimax:
                     total += felt * q * value(target, after)
         if idle > 1 - 1e-12:  # nothing can come of it
             return -math.inf
-        reward = -float(m.cost[e]) + self._bonus(seen, e)
+        comes = float((m.transition[e, x] * m.observation_probability[e, x]).sum())
+        reward = -float(m.cost[e]) + comes * self._bonus(seen, e)
         return (reward + m.discount * total) / (1 - m.discount * idle)
 
     def _bonus(self, seen: Counts, e: int) -> float:
+        """Pay for a percept, at the belief before it."""
         m = self.momdp
-        if sum(seen[0][e]) >= m.limit[e]:
+        if sum(seen[0][e]) >= min(m.limit[e], m.paid[e]):
             return 0.0
         both = zip(self.positive(seen), m.bonus[:, e].tolist(), strict=True)
         return sum((1 - b) * no + b * yes for b, (no, yes) in both)
@@ -312,6 +314,6 @@ def small() -> SimpleNamespace:
         believing=believing,
         weights=lambda momdp, log_odds: np.exp(believing(momdp, log_odds).log_prob),
         search=search,
-        best_value=lambda decision: float(np.nanmax(decision.values)),
+        best_value=lambda decision: float(np.nanmax(decision.values + decision.bonus)),
         start=lambda momdp: History(initial_belief(momdp)),
     )

@@ -60,6 +60,7 @@ def any_momdp(seed):
         correct=float(rng.choice([10, 100, 500])),
         incorrect=float(rng.choice([-500, -100, -10, 0])),
         bonus=rng.uniform(-3, 3, (n, e, 2)) * (rng.random() < 0.35) * (discount < 1),
+        paid=np.full(e, np.inf),
         limit=np.full(e, np.inf),
         discount=discount,
         abstain=bool(rng.random() < 0.5),
@@ -77,7 +78,8 @@ def attainable(momdp, x, b, depth):
         if idle >= 1:  # to wait is no choice
             continue
         pay = (1 - b) * momdp.bonus[:, e, 0] + b * momdp.bonus[:, e, 1]
-        value = float(pay.sum() - momdp.cost[e])
+        comes = momdp.transition[e, x] @ momdp.observation_probability[e, x]
+        value = float(comes * pay.sum() - momdp.cost[e])
         for target in np.flatnonzero(momdp.transition[e, x]):
             p = momdp.transition[e, x, target]
             senses = momdp.observation_probability[e, x, target]
@@ -134,7 +136,7 @@ class TestTheBound:
         assert best - 1e-6 <= bound <= best + 0.5**8 * (momdp.correct - best) + 0.02
 
     def test_what_pays_is_done_for_ever(self):
-        """Failures cost and pay as well; percepts tell nothing, so that the pay is expected."""
+        """Failures cost and pay nothing; percepts tell nothing, so that the pay is expected."""
         momdp = to_and_fro(2)
         transition = momdp.transition.copy()
         transition[0, 0, :2] = transition[0, 1, 1::-1] = [0.3, 0.7]
@@ -144,7 +146,8 @@ class TestTheBound:
             confusion=np.full((2, 1, 2, 2), 0.5),
             bonus=[[[3.0, -1.0]], [[-2.0, 5.0]]],
         )
-        pay = 0.8 * 3 - 0.2 - 0.1 * 2 + 0.9 * 5 - momdp.cost[0]
+        comes = (transition[0, 0] * momdp.observation_probability[0, 0]).sum()
+        pay = comes * (0.8 * 3 - 0.2 - 0.1 * 2 + 0.9 * 5) - momdp.cost[0]
         worth = pay / (1 - momdp.discount)
         policy = solve(momdp)
         decision = policy.decide(History(initial_belief(momdp)), RNG)
@@ -209,6 +212,7 @@ def to_and_fro(n):
         correct=20.0,
         incorrect=-20.0,
         bonus=np.zeros((n, 1, 2)),
+        paid=np.full(1, np.inf),
         limit=np.full(1, np.inf),
         discount=0.9,
     )

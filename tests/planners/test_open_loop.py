@@ -15,11 +15,11 @@ from meal_bayes.planners.open_loop.library import plan_library
 from meal_bayes.planners.open_loop.values import make_evaluator
 
 
-def with_bonus(momdp, pay):
-    """Pay for percepts of each behavior, (E,), whatever the truth."""
+def with_bonus(momdp, pay, paid=np.inf):
+    """Pay for so many percepts of each behavior, (E,), whatever the truth."""
     bonus = np.zeros_like(momdp.bonus)
     bonus[0] = np.asarray(pay, float)[:, None]
-    return replace(momdp, bonus=bonus)
+    return replace(momdp, bonus=bonus, paid=np.full(momdp.n_behaviors, float(paid)))
 
 
 def with_evidence(evaluator, counts):
@@ -32,7 +32,7 @@ def with_evidence(evaluator, counts):
 
 def values_of(model, plans, belief):
     """Values (J,) of every plan from x, each as if it were the only one."""
-    values, rows = [], ("plan", "observation_counts", "executions", "row")
+    values, rows = [], ("plan", "observation_counts", "paid_percepts", "row")
     for j in range(plans.first[belief.x], plans.first[belief.x + 1]):
         first = np.array([0] * (belief.x + 1) + [1] * (len(plans.first) - belief.x - 1))
         single = plans._replace(
@@ -46,16 +46,16 @@ def values_of(model, plans, belief):
 
 def bonuses_of(momdp, pay, paid, belief=None):
     """What a bonus adds to the value of every plan from the start, and the plans' uses (J,E)."""
-    shaped, plain = compile_momdp(with_bonus(momdp, pay), paid), compile_momdp(momdp)
+    shaped, plain = compile_momdp(with_bonus(momdp, pay, paid)), compile_momdp(momdp)
     plans = plan_library(momdp, shaped)
     belief = initial_belief(momdp) if belief is None else belief
     counts = plans.observation_counts[plans.first[belief.x] : plans.first[belief.x + 1]]
     return values_of(shaped, plans, belief) - values_of(plain, plans, belief), counts
 
 
-def decide(momdp, belief=None, **settings):
+def decide(momdp, belief=None):
     """The action of the best plan, by a search without simulations."""
-    policy = POMCP(0, **settings).solve(momdp, np.random.default_rng(0))
+    policy = POMCP(0).solve(momdp, np.random.default_rng(0))
     belief = initial_belief(momdp) if belief is None else belief
     return policy.decide(History(belief), np.random.default_rng(0)).action
 
@@ -71,15 +71,15 @@ def test_a_bonus_is_paid_for_so_many_percepts_of_a_trial(small, paid):
 @pytest.mark.parametrize("prior", [0.5, 0.2])
 def test_other_rewards_are_planned_for_with_the_same_plans(small, prior):
     momdp = small.momdp("toy", small.rates, limit=4)
-    first = POMCP(0, paid=1).solve(with_bonus(momdp, [30.0, 60.0, 0.0]), None)
-    now = with_bonus(small.momdp("toy", small.rates, limit=4, prior=prior), [0.0, 40.0, 0.0])
+    first = POMCP(0).solve(with_bonus(momdp, [30.0, 60.0, 0.0], paid=1), None)
+    now = with_bonus(small.momdp("toy", small.rates, limit=4, prior=prior), [0.0, 40.0, 0.0], 1)
     again, belief = first.sharing_plans(now), initial_belief(now)
     for observation in ([1, 1], [0, 1], [0, 0]):
         decision = again.decide(History(belief), np.random.default_rng(0))
-        values = values_of(compile_momdp(now, 1), first.plans, belief)
+        values = values_of(compile_momdp(now), first.plans, belief)
         action = first.plans.plan["action"][: len(values)]
         expected = [values[action == a].max(initial=-np.inf) for a in (0, 1)]
-        np.testing.assert_allclose(decision.values[:2], expected)
+        np.testing.assert_allclose((decision.values + decision.bonus)[:2], expected)
         belief = update_belief(belief, now, Transition(0, 0, np.array(observation, np.int8)))
     assert first.momdp.bonus[0, 1, 0] == 60.0  # the policy itself is as it was
 
@@ -87,10 +87,10 @@ def test_other_rewards_are_planned_for_with_the_same_plans(small, prior):
 def test_a_bonus_that_is_worth_its_cost_is_fetched(small):
     rates = {"red": {"look": (0.5, 0.5)}}  # nothing tells of the query
     momdp = small.momdp("toy", rates, limit=4)
-    assert decide(momdp, paid=1) >= momdp.n_behaviors
-    assert decide(with_bonus(momdp, [0.0, 50.0, 0.0]), paid=1) == 1
-    poor = with_bonus(momdp, [0.0, 5.0, 0.0])  # less than lift costs
-    assert decide(poor, paid=1) >= momdp.n_behaviors
+    assert decide(momdp) >= momdp.n_behaviors
+    assert decide(with_bonus(momdp, [0.0, 50.0, 0.0], paid=1)) == 1
+    poor = with_bonus(momdp, [0.0, 5.0, 0.0], paid=1)  # less than lift costs
+    assert decide(poor) >= momdp.n_behaviors
 
 
 def test_one_plan_fetches_every_bonus(small):
@@ -99,10 +99,9 @@ def test_one_plan_fetches_every_bonus(small):
         domain, {domain.attributes[0]: {}}, limit=4, objective=Objective(discount=1.0)
     )
     senses = np.array([bool(behavior.modalities) for behavior in domain.behaviors])
-    rich = with_bonus(momdp, 200.0 * senses)
-    added = values_of(
-        problem := compile_momdp(rich, 1), plan_library(rich, problem), initial_belief(rich)
-    )
+    rich = with_bonus(momdp, 200.0 * senses, paid=1)
+    model = compile_momdp(rich)
+    added = values_of(model, plan_library(rich, model), initial_belief(rich))
     assert added.max() > 200.0 * senses.sum() - 150.0  # a tour's cost, s
 
 

@@ -24,7 +24,8 @@ class PointBased:
         self.reports = momdp.reports.of_right((truth[:, None] == truth).astype(float))  # (Y,Y)
         self.plans = [self.reports] * momdp.terminal
         bonus = momdp.bonus[np.arange(truth.shape[1]), :, truth.astype(int)].sum(axis=1)  # (Y,E)
-        self.reward = bonus - momdp.cost
+        comes = (momdp.transition * momdp.observation_probability).sum(axis=2).T  # (X,E)
+        self.reward = comes[:, None] * bonus - momdp.cost  # (X,Y,E)
         self.outcomes = {
             (x, e): [self._outcome(x, e, int(to)) for to in np.flatnonzero(momdp.transition[e, x])]
             for e, x in np.ndindex(momdp.n_behaviors, momdp.terminal)
@@ -73,7 +74,7 @@ class PointBased:
         """Keep the best plan at each belief: one that is there, or a behavior and what follows."""
         vectors = self.plans[x][(beliefs @ self.plans[x].T).argmax(axis=1)]
         for e in np.flatnonzero(self.momdp.legal[x]).tolist():
-            ahead = np.tile(self.reward[:, e], (len(beliefs), 1))
+            ahead = np.tile(self.reward[x, :, e], (len(beliefs), 1))
             for to, weights in self.outcomes[x, e]:
                 after = beliefs[:, None] * weights  # (n,Z+1,Y)
                 plans = (

@@ -92,8 +92,8 @@ class Factored:
         Raises
         ------
         SettingsError
-            Finite precision, several latent classes a truth, more attributes than `points` allow,
-            or rewards without a bound.
+            Finite precision, several latent classes a truth, a bonus that is paid for so many
+            percepts, more attributes than `points` allow, or rewards without a bound.
         """
         known = np.isinf(momdp.precision).all() and momdp.class_is_truth
         if not known or momdp.query.groups:
@@ -101,6 +101,11 @@ class Factored:
                 "Factored value iteration needs attributes without a group, and percepts that are "
                 "independent given the truth, with known rates (Eq. 8: infinite precision, one "
                 "latent class a truth); plan with POMCP."
+            )
+        if momdp.counts_paid_percepts:
+            raise SettingsError(
+                "Factored value iteration does not count percepts, and would pay the bonus for "
+                "exploring without end; plan with POMCP or OpenLoop."
             )
         momdp = replace(momdp, bonus=np.where((momdp.limit <= 0)[:, None], 0.0, momdp.bonus))
         tolerance = self.tolerance * max(momdp.correct - momdp.incorrect, 1e-9)
@@ -155,7 +160,8 @@ class FactoredPolicy:
             return OpenLoop().solve(momdp, rng).decide(history, rng)
         ahead = self._values_ahead(self.estimate, belief.x, belief.positive)
         ahead = np.minimum(ahead, self.upper_bounds(belief.x, belief.positive))
-        return Decision.exact(*choose(momdp, belief, ahead))
+        decision = Decision.exact(*choose(momdp, belief, ahead))
+        return replace(decision, bonus=None) if self.model.shaped else decision  # tables hold sums
 
     def estimate_reader(self) -> Reader:
         """Make a reader of the estimate, for percepts that inform enough to be planned with."""
@@ -172,7 +178,7 @@ class FactoredPolicy:
         out = -step["cost"]
         if model.shaped:
             bonus = (1 - prob) @ model.bonus[..., 0] + prob @ model.bonus[..., 1]
-            out += step["bonus_scale"] * bonus
+            out += step["percepts"] * bonus
         grid.add_values_ahead(model, self._reader(table), x, np.array(prob), out)
         return np.where(step["legal"], out, -np.inf)
 
@@ -273,7 +279,7 @@ class _ValueIteration:
         step = self.model.dynamics.step
         bonus = self.momdp.bonus.max(axis=2).sum(axis=0)
         best = max(self.momdp.correct, self.model.dynamics.exit_value)
-        pay = (bonus * step["bonus_scale"] - step["cost"])[step["legal"]]
+        pay = (bonus * step["percepts"] - step["cost"])[step["legal"]]
         leak = 1 - step["discount"][step["legal"]]
         lasting = leak > 0
         if (pay[~lasting] > 0).any():

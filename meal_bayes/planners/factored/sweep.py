@@ -44,7 +44,7 @@ class Edges(NamedTuple):
         row = np.arange(len(x))
         np.add.at(outcome, (row[:, None], branch["senses"].astype(int), branch["x"]), p)
         bonus = np.vstack([momdp.bonus[..., 0].sum(axis=0), np.diff(momdp.bonus)[..., 0]])
-        reward = step["bonus_scale"][:, None] * bonus[:, e].T
+        reward = step["percepts"][:, None] * bonus[:, e].T
         reward[:, 0] -= step["cost"]
         edge = np.stack([x, e, outcome[row, :, x].any(axis=1)], axis=1)
         return cls(

@@ -26,7 +26,7 @@ class Candidates(NamedTuple):
     path: NDArray[np.int16]  # (J,L) behaviors, padded by -1
     plan: NDArray[np.void]  # as in `Plans`, like the following
     observation_counts: Ints
-    executions: Floats
+    paid_percepts: Floats
 
     def select(self, rows: NDArray[np.intp]) -> "Candidates":
         """Select some of them."""
@@ -98,7 +98,7 @@ def sum_up(diagram: Diagram, start: Ints, path: Ints, ends: Bools) -> Candidates
         path=behavior,
         plan=plan,
         observation_counts=_by_behavior(senses, path, n_behaviors)[row, end],
-        executions=_by_behavior(scale * step["bonus_scale"], path, n_behaviors)[row, end],
+        paid_percepts=_by_behavior(scale * step["percepts"], path, n_behaviors)[row, end],
     )
 
 

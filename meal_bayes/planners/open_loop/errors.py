@@ -50,6 +50,7 @@ class Scratch(NamedTuple):
     guess: Floats  # (J,) tabulated values of plans that must be computed
     computed: Ints  # (E,) plans computed, by first behavior
     value: Floats  # (E,) value of the best plan, by first behavior; -inf where there is none
+    bonus: Floats  # (E,) of it, what shaping pays on the way
     best: Ints  # (E,) the best plan, by first behavior
     error: Floats  # (T,K+1) Bayes errors after a row's percepts, by `column`; -1 = not computed
     alarm: Floats  # (T,K+1) of yes or no Pr(literal is taken to hold, but does not); `error`: does
@@ -72,6 +73,7 @@ def make_scratch(
         guess=np.zeros(plans),
         computed=np.zeros(e, np.int64),
         value=np.zeros(e),
+        bonus=np.zeros(e),
         best=np.zeros(e, np.int64),
         error=np.full((rows, k + 1), -1.0),
         alarm=np.zeros((rows, k + 1)),

@@ -62,7 +62,7 @@ def _no_plans(momdp: MOMDP, model: Compiled) -> Plans:
         first=np.zeros(n_states + 1, np.int64),
         plan=np.zeros((0,), PLAN),
         observation_counts=np.zeros((0, n_behaviors), np.int64),
-        executions=np.zeros((0, n_behaviors)),
+        paid_percepts=np.zeros((0, n_behaviors)),
         row=np.zeros((0, len(momdp.query)), np.int64),
         table=np.ones((1, errors.THRESHOLDS, model.percepts.rows.shape[2])),
     )
@@ -218,7 +218,7 @@ def _estimated_values(
     if model.shaped:
         paid = np.minimum(1.0, model.paid / np.maximum(candidates.observation_counts, 1))
         pay = model.bonus.mean(axis=2).sum(axis=0)
-        value += (paid * (candidates.observation_counts > 0) * candidates.executions) @ pay
+        value += (paid * (candidates.observation_counts > 0) * candidates.paid_percepts) @ pay
     return np.asarray(value)
 
 
@@ -256,7 +256,7 @@ def _tabulated(model: Compiled, candidates: Candidates, capacity: int) -> Plans:
         first=np.searchsorted(candidates.x, states),
         plan=candidates.plan,
         observation_counts=candidates.observation_counts,
-        executions=candidates.executions,
+        paid_percepts=candidates.paid_percepts,
         row=np.empty((0, 0), np.int64),
         table=np.empty((0, 0, 0)),
     )

@@ -54,14 +54,19 @@ class OpenLoopPolicy:
     def decide(self, history: History, rng: np.random.Generator) -> Decision:
         """Choose the first behavior of the best plan."""
         belief = history.belief
-        values = plan_values(self.model, self.plans, belief).scratch.value
+        scratch = plan_values(self.model, self.plans, belief).scratch
+        values = scratch.value
+        bonus = scratch.bonus
         if self.momdp.query.groups:
-            coupled = self._coupled_values(belief, rng)
+            coupled, bonus = self._coupled_values(belief, rng)
             values = np.where(np.isneginf(values), values, coupled)
-        return Decision.exact(*choose(self.momdp, belief, values))
+        return Decision.exact(*choose(self.momdp, belief, values, bonus))
 
-    def _coupled_values(self, belief: Belief, rng: np.random.Generator) -> Floats:
-        """Estimate the value of the best plan of each first behavior (E,); -inf without a plan."""
+    def _coupled_values(self, belief: Belief, rng: np.random.Generator) -> tuple[Floats, Floats]:
+        """Estimate the value (E,) of the best plan of each first behavior, and its bonus (E,).
+
+        The value is -inf where there is no plan.
+        """
         momdp = self.momdp
         model = self.model
         from_x = slice(*self.plans.first[belief.x : belief.x + 2])
@@ -73,15 +78,20 @@ class OpenLoopPolicy:
         counts, row = np.unique(coming, axis=0, return_inverse=True)
         ending = _ending(momdp, belief, counts, rng)[row.ravel()]
         value = plan["discount"] * ending - plan["cost"]
+        pay = np.zeros(len(plan))
         if model.shaped:
             truth = np.stack([1 - belief.positive, belief.positive], axis=1)  # (N,2)
             bonus = (model.bonus * truth[:, None]).sum(axis=(0, 2))  # (E,)
             unpaid = np.maximum(model.paid - total, 0.0)
             fraction = np.minimum(1.0, unpaid / np.maximum(planned, 1))
-            value += (self.plans.executions[from_x] * fraction * (coming > 0)) @ bonus
+            pay = (self.plans.paid_percepts[from_x] * fraction * (coming > 0)) @ bonus
+            value += pay
         best = np.full(momdp.n_behaviors, -np.inf)
         np.maximum.at(best, plan["action"], value)
-        return best
+        of_best = np.zeros(momdp.n_behaviors)
+        is_best = value == best[plan["action"]]
+        of_best[plan["action"][is_best]] = pay[is_best]
+        return best, of_best
 
 
 def _ending(momdp: MOMDP, belief: Belief, counts: Ints, rng: np.random.Generator) -> Floats:

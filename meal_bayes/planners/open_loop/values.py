@@ -31,7 +31,7 @@ class Plans(NamedTuple):
     first: Ints  # (X+1,) plans of x are first[x] : first[x+1]
     plan: NDArray[np.void]  # (J,) records of `PLAN`
     observation_counts: Ints  # (J,E) percepts gathered
-    executions: Floats  # (J,E) discounted expected executions, for shaping
+    paid_percepts: Floats  # (J,E) expected, discounted: what a bonus pays for
     row: Ints  # (J,N) of the table
     table: Floats  # (T,G,C) Pr(error | latent class) at thresholds, see `tabulate_errors`;
     # of yes or no, Pr(says yes | latent class)
@@ -107,7 +107,7 @@ def _bonus(evaluator, j):
             for i in range(scratch.chance.shape[0]):
                 b = scratch.chance[i]
                 mean = b * model.bonus[i, e, 1] + (1.0 - b) * model.bonus[i, e, 0]
-                total += paid * plans.executions[j, e] * mean
+                total += paid * plans.paid_percepts[j, e] * mean
     return total
 
 
@@ -231,7 +231,8 @@ def _most_promising(guess, count):
 def evaluate_plans(evaluator, x, prob, floor, useful):
     """Value the best plan from x by first behavior -> `scratch.value`; return the best value.
 
-    `scratch.best` holds the plans; `scratch.evidence` are the percepts so far. Above a
+    `scratch.best` holds the plans, `scratch.bonus` what of their values shaping pays;
+    `scratch.evidence` are the percepts so far. Above a
     `floor` of -inf only the best of all is sought, and `floor` returned where none exceeds it; then
     errors computed before are used: an attribute's belief is the same after equal `scratch.column`.
     Plans that the tables do not hold are computed in the order of their tabulated values,
@@ -280,6 +281,12 @@ def evaluate_plans(evaluator, x, prob, floor, useful):
             out[a] = value
             scratch.best[a] = j
             best = max(best, value)
+    # Of the sum, what is paid for exploring on the way; the rest is what the answer brings.
+    scratch.bonus[:] = 0.0
+    if evaluator.model.shaped:
+        for a in range(out.shape[0]):
+            if scratch.best[a] >= 0:
+                scratch.bonus[a] = _bonus(evaluator, scratch.best[a])
     if useful:
         for a in range(out.shape[0]):
             if is_idle(evaluator.model, x, a, scratch.evidence.total):

@@ -57,8 +57,6 @@ class POMCP:
         Of a table at the leaf, at most; 0 = open-loop plans for every MOMDP.
     backup : str
         "expected" or "sampled", see the module.
-    paid : float
-        Percepts of a behavior in a trial that shaping pays for, at most.
 
     Raises
     ------
@@ -72,7 +70,6 @@ class POMCP:
     capacity: int = 4_000
     points: int = 50_000
     backup: str = "expected"
-    paid: float = np.inf
 
     def __post_init__(self) -> None:
         budget = self.simulations if self.milliseconds is None else self.milliseconds
@@ -109,7 +106,7 @@ class POMCPPolicy:
     @cached_property
     def model(self) -> Compiled:
         """The compiled MOMDP."""
-        return compile_momdp(self.momdp, self.settings.paid)
+        return compile_momdp(self.momdp)
 
     @cached_property
     def plans(self) -> Plans:
@@ -118,12 +115,17 @@ class POMCPPolicy:
 
     @cached_property
     def tables(self) -> FactoredPolicy | None:
-        """Factored value iteration; None where the marginals are not the state, or too many."""
-        if not self.settings.points or not np.isinf(self.momdp.limit).all():
+        """Factored value iteration; None where the marginals are not the state, or too many.
+
+        None with a bonus, too: where it is paid for so many percepts, these are part of the state,
+        and elsewhere a table holds sums, which do not say what the answer alone brings.
+        """
+        momdp = self.momdp
+        if not self.settings.points or not np.isinf(momdp.limit).all() or momdp.bonus.any():
             return None
         try:
-            return Factored(self.settings.points).solve(self.momdp, np.random.default_rng(0))
-        except SettingsError:  # not Eq. 8, too many attributes, shaping that promises without end
+            return Factored(self.settings.points).solve(momdp, np.random.default_rng(0))
+        except SettingsError:  # not Eq. 8, or too many attributes
             return None
 
     def decide(self, history: History, rng: np.random.Generator) -> Decision:
@@ -142,10 +144,11 @@ class POMCPPolicy:
         upper = np.full(momdp.n_behaviors, np.inf)
         if self.tables is not None:
             upper = self.tables.upper_bounds(belief.x, belief.positive)
-        decision = _settled(momdp, belief, lower, upper)
+        bonus = evaluator.scratch.bonus.copy()
+        decision = _settled(momdp, belief, lower, bonus, upper)
         if decision is None:
             decision = self._search(end, belief, evaluator, rng)
-        if self.tables is None:
+        if self.tables is None:  # with a table nothing is paid for exploring
             return decision
         action = decision.action
         worth = lower[action] if action < momdp.n_behaviors else decision.values[-1]
@@ -161,6 +164,7 @@ class POMCPPolicy:
         width = model.dynamics.branch.shape[2] * ENUMERATE  # nodes of an expansion, at most
         tree = make_tree(momdp, belief, settings.capacity + width + 1)
         tree.edge["value"][0] = evaluator.scratch.value  # before simulations
+        tree.edge["bonus"][0] = evaluator.scratch.bonus
         tree.edge["first"][0] = -1
         counts = evaluator.scratch.evidence.counts.copy()
         sampled = make_sampled(model.percepts, tree.prob[0].copy(), counts)
@@ -174,8 +178,9 @@ class POMCPPolicy:
                 return grow_tree(evaluator, search, reader, lent)
 
             done = grow(settings.simulations) if end is None else _within(end, grow)
-        action, values = choose(momdp, belief, tree.edge["value"][0])
-        visits = tree.edge["visits"][0]
+        root = tree.edge[0]
+        action, values, bonus = choose(momdp, belief, root["value"], root["bonus"])
+        visits = root["visits"]
         rows = None
         if action < len(visits):
             rows = sampled.kept[action, : min(KEPT, visits[action])]
@@ -187,6 +192,7 @@ class POMCPPolicy:
             tree=top_edges(tree),
             simulations=done,
             sampled_rows=rows,
+            bonus=bonus,
         )
 
 
@@ -219,13 +225,19 @@ def _certain(momdp: MOMDP, belief: Belief) -> Decision | None:
     return Decision.exact(int(legal[0]), values)
 
 
-def _settled(momdp: MOMDP, belief: Belief, lower: Floats, upper: Floats) -> Decision | None:
-    """Decide by bounds alone, where an action is worth at least what any other is at most."""
-    action, values = choose(momdp, belief, lower)
+def _settled(
+    momdp: MOMDP, belief: Belief, lower: Floats, bonus: Floats, upper: Floats
+) -> Decision | None:
+    """Decide by bounds alone, where an action is worth at least what any other is at most.
+
+    Bounds (E,) are of the sum of what the trial brings and of the bonus for exploring.
+    """
+    action, values, paid = choose(momdp, belief, lower, bonus)
     chosen = min(action, len(lower))
     others = np.append(np.where(np.isfinite(lower), upper, -np.inf), values[-1])
     others[chosen] = -np.inf
-    return Decision.exact(action, values) if values[chosen] >= others.max() else None
+    worth = values[-1] if chosen == len(lower) else lower[chosen]
+    return Decision.exact(action, values, paid) if worth >= others.max() else None
 
 
 def _within(end: float, grow: Callable[[int], int]) -> int:

@@ -60,6 +60,13 @@ class Edge(NamedTuple):
     behavior: Index
 
 
+class Return(NamedTuple):
+    """What a simulation comes to from a step on."""
+
+    value: float
+    bonus: float  # of it, what shaping pays
+
+
 class Outcome(NamedTuple):
     """An outcome of a behavior from a node."""
 
@@ -90,7 +97,8 @@ def plan(evaluator, beliefs, search, reader, rng):
         draw_object(model.percepts, sampled, rng)
         node = np.int64(0)
         depth = 0
-        value = 0.0
+        value = 0.0  # of what follows, and of it the bonus
+        bonus = 0.0
         is_new = False
         while depth < DEPTH and not is_new:
             # A node's edges begin with what its leaf evaluator says of each behavior.
@@ -103,6 +111,7 @@ def plan(evaluator, beliefs, search, reader, rng):
             # Select, or end here: the report's value is exact, and needs no further simulation.
             a = _select(tree, node, search.growing.exploration)
             value = tree.node[node].stop
+            bonus = 0.0
             if a < 0:
                 break
             # An edge that is new gets its children, and the simulation ends in one of them.
@@ -115,12 +124,14 @@ def plan(evaluator, beliefs, search, reader, rng):
             tree.edge[node, a].visits += 1
             sampled.path[depth, 0] = node
             sampled.path[depth, 1] = a
-            reward = _step_reward(model, x, a, sampled.truth, scratch.evidence.total)
-            sampled.reward[depth] = reward
+            paid = _step_bonus(model, x, a, sampled.truth, scratch.evidence.total)
+            sampled.paid[depth] = paid
+            sampled.reward[depth] = paid - model.dynamics.step[x, a].cost
             node = _execute(model, tree, sampled, edge, rng)
             _count_percept(scratch.evidence, tree.level[node], a, 1.0)
             depth += 1
             value = tree.node[node].value
+            bonus = tree.node[node].bonus
         # Back up along the path: return = R + g return. The percepts on the way are removed.
         for t in range(depth - 1, -1, -1):
             a = sampled.path[t, 1]
@@ -128,7 +139,9 @@ def plan(evaluator, beliefs, search, reader, rng):
             node = sampled.path[t, 0]
             discount = model.dynamics.step[tree.node[node].x, a].discount
             value = sampled.reward[t] + discount * value
-            _back_up(tree, Edge(node, a), discount, value, search.growing.averaged)
+            bonus = sampled.paid[t] + discount * bonus
+            outcome = Return(value, bonus)
+            _back_up(tree, Edge(node, a), discount, outcome, search.growing.averaged)
         if depth > 0:
             _keep_rows(tree, sampled)
     return search.growing.simulations
@@ -161,7 +174,9 @@ def _expand(model, scratch, tree, edge, rng):
         scratch.chance[i] = true_chance(model.percepts, tree.prob[node], i)
         outcomes *= scratch.evidence.counts.shape[2] if model.percepts.informative[i, a] else 1
     total = scratch.evidence.total
-    tree.edge[node, a].reward = _step_reward(model, x, a, scratch.chance, total)
+    paid = _step_bonus(model, x, a, scratch.chance, total)
+    tree.edge[node, a].paid = paid
+    tree.edge[node, a].reward = paid - model.dynamics.step[x, a].cost
     tree.edge[node, a].first = tree.size[0]
     perceives = total[a] < model.percepts.limit[a]
     listed = outcomes <= ENUMERATE
@@ -188,6 +203,7 @@ def _expand(model, scratch, tree, edge, rng):
                 child.x = branch.x
                 child.visits = 0
                 child.stop = stop_value(model, prob)
+                child.bonus = 0.0
                 tree.size[0] += 1
     tree.edge[node, a].count = tree.size[0] - tree.edge[node, a].first
 
@@ -233,6 +249,10 @@ def _value_children(evaluator, tree, reader, edge):
             for i in range(level.shape[0]):
                 scratch.column[i] = level[i] + 1
             leaf.value = evaluate_plans(evaluator, leaf.x, prob, leaf.stop, np.bool_(False))
+            if model.shaped and leaf.value > leaf.stop:
+                for b in range(scratch.value.shape[0]):
+                    if scratch.value[b] == leaf.value:
+                        leaf.bonus = scratch.bonus[b]
         else:
             for i in range(level.shape[0]):
                 scratch.chance[i] = true_chance(model.percepts, prob, i)
@@ -245,12 +265,15 @@ def _open_node(model, scratch, tree, reader, node):
     """Create the edges of a visited node; values are -inf where a behavior cannot help."""
     total = scratch.evidence.total
     x = tree.node[node].x
+    tree.node[node].bonus = 0.0
     for i in range(scratch.chance.shape[0]):
         scratch.chance[i] = true_chance(model.percepts, tree.prob[node], i)
     for a in range(tree.edge.shape[1]):
         value = scratch.value[a]
+        bonus = scratch.bonus[a]
         if reader is not None:
-            # Bellman, one step ahead of the table: Q(x, b, a) = R + g sum_k p_k E V(x_k, b')
+            # Bellman, one step ahead of the table: Q(x, b, a) = R + g sum_k p_k E V(x_k, b').
+            # There is no bonus where a table is read.
             value = -np.inf
             if model.dynamics.step[x, a].legal and not is_idle(model, x, a, total):
                 mean = 0.0
@@ -258,26 +281,29 @@ def _open_node(model, scratch, tree, reader, node):
                     branch = model.dynamics.branch[x, a, k]
                     behavior = a if branch.senses else NO_BEHAVIOR
                     mean += branch.p * value_after(reader, branch.x, behavior, scratch.chance)
-                reward = _step_reward(model, x, a, scratch.chance, total)
-                value = reward + model.dynamics.step[x, a].discount * mean
+                step = model.dynamics.step[x, a]
+                value = -step.cost + step.discount * mean
         edge = tree.edge[node, a]
         edge.visits = 0
         edge.first = -1
         edge.count = 0
         edge.value = value
-        tree.node[node].value = max(tree.node[node].value, value)
+        edge.bonus = bonus
+        if value > tree.node[node].value:
+            tree.node[node].value = value
+            tree.node[node].bonus = bonus
 
 
 @kernel
-def _step_reward(model, x, a, chance, total):
-    """Compute minus the cost of a behavior, plus its bonus at Pr(attribute is true) (N,)."""
-    reward = -model.dynamics.step[x, a].cost
+def _step_bonus(model, x, a, chance, total):
+    """Compute what a behavior is paid for its percept, at Pr(attribute is true) (N,)."""
+    paid = 0.0
     if model.shaped and total[a] < model.paid[a]:
         for i in range(chance.shape[0]):
             b = chance[i]
             mean = b * model.bonus[i, a, 1] + (1.0 - b) * model.bonus[i, a, 0]
-            reward += model.dynamics.step[x, a].bonus_scale * mean
-    return reward
+            paid += model.dynamics.step[x, a].percepts * mean
+    return paid
 
 
 @kernel
@@ -331,25 +357,33 @@ def _execute(model, tree, sampled, edge, rng):
 
 
 @kernel
-def _back_up(tree, edge, discount, value, averaged):
+def _back_up(tree, edge, discount, outcome, averaged):
     """Update an edge by a return, averaged, or by the exact expectation; then its node.
 
-    The value of a node is that of its best action.
+    The value of a node is that of its best action; of it, the bonus is what this one is paid.
     """
     node, a = edge
     record = tree.edge[node, a]
     if averaged:  # Q += (return - Q) / n
-        record.value += (value - record.value) / record.visits
+        record.value += (outcome.value - record.value) / record.visits
+        record.bonus += (outcome.bonus - record.bonus) / record.visits
     else:  # Q = R + g sum over children of Pr(child) V(child)
         mean = 0.0
+        paid = 0.0
         for child in range(record.first, record.first + record.count):
             mean += tree.node[child].p * tree.node[child].value
+            paid += tree.node[child].p * tree.node[child].bonus
         record.value = record.reward + discount * mean
+        record.bonus = record.paid + discount * paid
     # V = max(stop, max_a Q)
     best = tree.node[node].stop
+    bonus = 0.0
     for other in range(tree.edge.shape[1]):
-        best = max(best, tree.edge[node, other].value)
+        if tree.edge[node, other].value > best:
+            best = tree.edge[node, other].value
+            bonus = tree.edge[node, other].bonus
     tree.node[node].value = best
+    tree.node[node].bonus = bonus
 
 
 @kernel

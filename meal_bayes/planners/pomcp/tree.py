@@ -29,13 +29,16 @@ NODE = np.dtype([
     ("p", np.float64),  # Pr(this node | parent, behavior)
     ("stop", np.float64),  # value of the best report or exit, exact
     ("value", np.float64),  # best of report, exit and edges
+    ("bonus", np.float64),  # of it, what shaping pays
 ], align=True)  # fmt: skip
 EDGE = np.dtype([
     ("visits", np.int64),
     ("first", np.int64),  # first child, -1 before any
     ("count", np.int64),  # children, which stand in a row
     ("reward", np.float64),  # cost and bonus
+    ("paid", np.float64),  # of it, the bonus
     ("value", np.float64),
+    ("bonus", np.float64),  # of it, what shaping pays
 ], align=True)  # fmt: skip
 
 
@@ -69,7 +72,7 @@ def make_tree(momdp: MOMDP, belief: Belief, capacity: int) -> Tree:
     stop = answer_value(momdp, belief)
     tree.prob[0] = np.exp(belief.log_prob)
     tree.level[0] = -1
-    tree.node[0] = (belief.x, 0, 0, 1.0, stop, stop)
+    tree.node[0] = (belief.x, 0, 0, 1.0, stop, stop, 0.0)
     return tree
 
 
@@ -97,7 +100,8 @@ def top_edges(tree: Tree) -> tuple[TreeEdge, ...]:
             action=a,
             observation=(),
             visits=int(root["visits"][a]),
-            value=float(root["value"][a]),
+            value=float(root["value"][a] - root["bonus"][a]),
+            bonus=float(root["bonus"][a]),
         )
         for a in actions
     ]
@@ -115,7 +119,8 @@ def top_edges(tree: Tree) -> tuple[TreeEdge, ...]:
                     action=b,
                     observation=observation,
                     visits=int(edge["visits"][b]),
-                    value=float(edge["value"][b]),
+                    value=float(edge["value"][b] - edge["bonus"][b]),
+                    bonus=float(edge["bonus"][b]),
                 )
                 for b in np.flatnonzero(edge["visits"]).tolist()
             )
@@ -135,6 +140,7 @@ class Sampled(NamedTuple):
     kept: Floats  # (E,KEPT,N,K) rows of the last simulations that began with a behavior
     path: Ints  # (DEPTH,2) nodes and behaviors of the simulation
     reward: Floats  # (DEPTH,) rewards of its steps
+    paid: Floats  # (DEPTH,) of them, the bonus
 
 
 def make_sampled(percepts: Percepts, prob: Floats, counts: Floats) -> Sampled:
@@ -150,6 +156,7 @@ def make_sampled(percepts: Percepts, prob: Floats, counts: Floats) -> Sampled:
         kept=np.zeros((e, KEPT, n, k)),
         path=np.zeros((DEPTH, 2), np.int64),
         reward=np.zeros(DEPTH),
+        paid=np.zeros(DEPTH),
     )
 
 
