@@ -22,6 +22,26 @@ _POLL = 0.2  # s between looks at the parent
 _PR_SET_PDEATHSIG = 1  # prctl(2)
 
 
+class Lock:
+    """A lock for one thread at a time, which that thread may take again.
+
+    A copy of what holds one, in this process or in another, has a lock of its own: it shares
+    nothing that would have to be guarded.
+    """
+
+    def __init__(self) -> None:
+        self._held = threading.RLock()
+
+    def __enter__(self) -> None:
+        self._held.acquire()
+
+    def __exit__(self, *raised: object) -> None:
+        self._held.release()
+
+    def __reduce__(self) -> tuple[type["Lock"], tuple[()]]:
+        return Lock, ()
+
+
 def end_with_parent(parent: int | None = None) -> None:
     """End this process once the parent (its id; the present one) is gone; to be called first."""
     expected = os.getppid() if parent is None else parent

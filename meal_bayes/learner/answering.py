@@ -1,6 +1,5 @@
 """What a learner does when it is asked: its tasks, their problems and policies, their sessions."""
 
-import threading
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -22,6 +21,7 @@ from meal_bayes.learner.settings import LearnerSettings, own_posterior
 from meal_bayes.learner.trial import NO_CLASSIFIERS, Question, TrialOptions, session_of, task_of
 from meal_bayes.momdp import MOMDP
 from meal_bayes.planners import Policy
+from meal_bayes.processes import Lock
 from meal_bayes.robots import Robot
 from meal_bayes.robots.recorded import RecordedRobot
 from meal_bayes.trial_log.live import Interrupted, LiveLog, interrupted
@@ -45,7 +45,7 @@ class Answerer:
         self._agent = agent
         self._fits = Fits(self.experience, settings)
         self._asked = 0  # questions with robots
-        self._lock = threading.RLock()
+        self._lock = Lock()
 
     @property
     def agent(self) -> Agent:

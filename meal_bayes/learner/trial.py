@@ -99,9 +99,7 @@ def session_of(
         perceiver = recorder = RecordingPerceiver(fit, task, momdp, lock, on_step)
         on_step = recorder.record if learn else on_step
         sizes = fit.expected_sizes
-    checker = OutcomeChecker(
-        fit.knowledge.domain, object_index=task.object_index, sizes=lambda: sizes
-    )
+    checker = OutcomeChecker(fit.knowledge.domain, object_index=task.object_index, sizes=sizes)
     return Session(
         task, momdp, policy, checker, perceiver,
         agent=fit.agent.name,

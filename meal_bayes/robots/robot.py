@@ -5,7 +5,7 @@ viewer.
 """
 
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
@@ -87,17 +87,17 @@ class OutcomeChecker:
 
     A state that the domain does not know raises `RobotError`. A modality that is missing, or not of
     finite numbers, is left out, with a warning; one of another size than those learned from
-    (`sizes()`, where known) is kept, but shows nothing. The percept is made from the others, and
+    (`sizes`, where known) is kept, but shows nothing. The percept is made from the others, and
     where there are none the trial goes on without. Modalities that the behavior does not have are
     left aside. The object has its index in the data set, or -1 where nothing is recorded of it.
     """
 
     def __init__(
-        self, domain: Domain, *, object_index: int = -1, sizes: Callable[[], Sizes] = dict
+        self, domain: Domain, *, object_index: int = -1, sizes: Sizes | None = None
     ) -> None:
         self._domain = domain
         self._object = object_index
-        self._sizes = sizes
+        self._sizes = {} if sizes is None else sizes
         self._x = {name: x for x, name in enumerate(domain.diagram.states)}
         self._warned = set[str]()
 
@@ -183,14 +183,13 @@ class OutcomeChecker:
         features = Features()
         faults = list[str]()
         showing = list[str]()
-        sizes = self._sizes()
         for name in spec.modalities:  # what the domain does not know of is left aside
             try:
                 features[name] = _checked(name, sensed)
             except _NoPercept as fault:
                 faults.append(str(fault))
                 continue
-            size = sizes.get((spec.name, name), len(features[name]))
+            size = self._sizes.get((spec.name, name), len(features[name]))
             if len(features[name]) == size:
                 showing.append(name)
             else:

@@ -65,7 +65,7 @@ class _Check:
         self.name = name
         self.diagram = domain.diagram.compile(domain.behavior_names)
         self.sizes = dict[tuple[str, str], int]()
-        self.checker = OutcomeChecker(domain, sizes=lambda: self.sizes)
+        self.checker = OutcomeChecker(domain, sizes=self.sizes)
         self.executed = Counter[int]()
         self.succeeded = Counter[int]()
         self.perceived = Counter[int]()

@@ -66,6 +66,12 @@ class TrialWriter:
         self._momdps = schema.Momdps()  # numbers in the file, by digest
         self.written = End()
 
+    def __reduce__(self) -> str | tuple[Any, ...]:
+        raise LogError(
+            f"{self.path} is being written, and a copy would write it too; copy between trials, or "
+            "without logs (logs=None)."
+        )
+
     def __enter__(self) -> Self:
         with self._faults_named():
             self.path.parent.mkdir(parents=True, exist_ok=True)
