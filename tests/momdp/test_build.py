@@ -162,17 +162,20 @@ tables = hnp.arrays(float, (2, E, 2, 2), elements=st.floats(0.01, 1.0)).map(
 
 
 @given(tables, hnp.arrays(float, (2, E), elements=st.floats(0.0, 1.0)))
-def test_shaped_reward_is_equation_11(confusion, experience):
+def test_shaped_reward_is_equation_11_for_a_percept(confusion, experience):
+    """Of an execution it is expected: Pr(a percept comes) times it."""
     momdp = build_momdp(ISPY32, QUERY, confusion)
     shaped = flatten(shape_reward(momdp, experience, *WEIGHTS, domain=ISPY32))
     plain = flatten(momdp)
+    comes = (momdp.transition * momdp.observation_probability).sum(axis=2)  # (E,X)
     difference = (shaped.reward - plain.reward)[:-1].reshape(momdp.terminal, 4, -1)  # (X-1,Y,A)
     for e, behavior in enumerate(ISPY32.behaviors):
         bits = entropy(percept_probabilities(momdp, e), base=2, axis=1)  # (Y,)
         bonus = 6 * bits - 30 * experience[:, e].mean()
         for x in range(momdp.terminal):
             explores = bool(behavior.modalities) and momdp.legal[x, e]
-            np.testing.assert_allclose(difference[x, :, e], bonus * explores, atol=1e-9)
+            paid = comes[e, x] * bonus * explores
+            np.testing.assert_allclose(difference[x, :, e], paid, atol=1e-9)
     assert not difference[:, :, E:].any()
 
 
