@@ -23,7 +23,7 @@ LONGEST = 2000  # characters
 class Outline(HTMLParser):
     """Counts what a page holds; fails where tags are not closed in order."""
 
-    VOID = frozenset({"br", "img"})
+    VOID = frozenset({"br", "img", "source"})
 
     def __init__(self, text: str) -> None:
         super().__init__()

@@ -178,7 +178,8 @@ class Protocol:
         pairs = self._pairs(self.split.test)
         rng = stream(self.seed, "tests", self.dataset.domain.data, self.attributes, self.repeat)
         chosen = rng.permutation(len(pairs))[:_TESTS]
-        return [self._task("test", 0, i, pairs[j]) for i, j in enumerate(chosen.tolist())]
+        tasks = (self._task("test", 0, i, pairs[j]) for i, j in enumerate(chosen.tolist()))
+        return [replace(task, learn=False) for task in tasks]
 
     def training(self, batch: int, trials: int) -> list[Task]:
         """Draw the training tasks of a batch: object and query uniform."""

@@ -34,7 +34,7 @@ def test_own_table_and_synonyms(run, table):
     told = json.loads(run(*OWN, "--json").stdout)
     assert told["config"] == {
         "command": "ask", "question": QUESTION, "dataset": "kitchen.npz", "object": "red_jar",
-        "agent": "greedy", "seed": 0,
+        "agent": "greedy", "seed": 0, "yes_no": False, "payoffs": None,
     }  # fmt: skip
     trial = told["trial"]
     assert trial["report"] == trial["truth"] == {"red": True, "full": True}

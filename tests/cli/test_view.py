@@ -58,7 +58,7 @@ def contents(path):
 
 
 def test_a_file_and_a_folder_are_saved(run, log):
-    told = run("view", log, "--save", "out/all.rrd")
+    told = run("view", log, "--all", "--save", "out/all.rrd")
     assert told.exit_code == 0
     assert told.stdout.startswith("out/all.rrd: 3 trials, ")
     assert run("view", log / "a.mcap", "--save", "a.rrd").stdout.startswith("a.rrd: 2 trials")

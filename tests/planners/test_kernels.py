@@ -42,7 +42,7 @@ assert settings() == before and len(before) > 50
 SIGNATURES = """
 import importlib, pkgutil
 from dataclasses import replace
-LEAVES = "plan", "_value_children", "_open_node"  # for leaves of plans, and for those of tables
+LEAVES = "plan", "value_children", "open_node"  # for leaves of plans, and for those of tables
 from meal_bayes import planners
 from meal_bayes.planners import POMCP, Factored, OpenLoop, warm_up
 for solver in (Factored(500), OpenLoop(), POMCP(5)):

@@ -31,7 +31,8 @@ from meal_bayes.planners.open_loop.candidates import diagram_of
 from meal_bayes.planners.open_loop.library import plan_library, retabulate
 from meal_bayes.planners.open_loop.policy import OpenLoopPolicy
 from meal_bayes.planners.open_loop.values import Evaluator, Plans
-from meal_bayes.planners.pomcp.search import ENUMERATE, Growing, Search
+from meal_bayes.planners.pomcp.expansion import ENUMERATE
+from meal_bayes.planners.pomcp.search import Growing, Search
 from meal_bayes.planners.pomcp.tree import KEPT, make_sampled, make_tree, standard_errors, top_edges
 from meal_bayes.planners.solver import Decision, History, choose, no_errors
 

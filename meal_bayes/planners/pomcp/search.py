@@ -13,28 +13,25 @@ from typing import NamedTuple
 
 import numpy as np
 
-from meal_bayes.planners.factored.grid import value_after
-from meal_bayes.planners.kernels import NO_BEHAVIOR, Index, entry_kernel, kernel
-from meal_bayes.planners.open_loop.values import (
-    evaluate_plans,
-    is_idle,
-    stop_value,
-    true_chance,
-    value_plans,
+from meal_bayes.planners.kernels import entry_kernel, kernel
+from meal_bayes.planners.open_loop.values import evaluate_plans, value_plans
+from meal_bayes.planners.pomcp.expansion import (
+    ENUMERATE,
+    Edge,
+    count_percept,
+    expand,
+    open_node,
+    step_bonus,
+    value_children,
 )
 from meal_bayes.planners.pomcp.tree import (
     DEPTH,
     KEPT,
-    Percept,
     Sampled,
     Tree,
-    condition,
     draw_object,
     draw_percept,
 )
-
-ENUMERATE = 64  # percept vectors up to which an edge gets a child for each
-DRAWN = 24  # children of an edge with more
 
 
 class Growing(NamedTuple):
@@ -53,26 +50,11 @@ class Search(NamedTuple):
     growing: Growing
 
 
-class Edge(NamedTuple):
-    """Indices of an edge."""
-
-    node: Index
-    behavior: Index
-
-
 class Return(NamedTuple):
     """What a simulation comes to from a step on."""
 
     value: float
     bonus: float  # of it, what shaping pays
-
-
-class Outcome(NamedTuple):
-    """An outcome of a behavior from a node."""
-
-    node: Index
-    behavior: Index
-    percept: Index  # its levels as digits, of the informative attributes alone; -1 = to be drawn
 
 
 @entry_kernel
@@ -106,7 +88,7 @@ def plan(evaluator, beliefs, search, reader, rng):
             if tree.node[node].visits == 0:
                 if reader is None:
                     evaluate_plans(evaluator, x, tree.prob[node], -np.inf, np.bool_(True))
-                _open_node(model, scratch, tree, reader, node)
+                open_node(model, scratch, tree, reader, node)
             tree.node[node].visits += 1
             # Select, or end here: the report's value is exact, and needs no further simulation.
             a = _select(tree, node, search.growing.exploration)
@@ -118,31 +100,22 @@ def plan(evaluator, beliefs, search, reader, rng):
             edge = Edge(node, a)
             is_new = tree.edge[node, a].first < 0
             if is_new:
-                _expand(model, scratch, tree, edge, rng)
-                _value_children(evaluator, tree, reader, edge)
+                expand(model, scratch, tree, edge, rng)
+                value_children(evaluator, tree, reader, edge)
             # Execute in the sampled MOMDP.
             tree.edge[node, a].visits += 1
             sampled.path[depth, 0] = node
             sampled.path[depth, 1] = a
-            paid = _step_bonus(model, x, a, sampled.truth, scratch.evidence.total)
+            paid = step_bonus(model, x, a, sampled.truth, scratch.evidence.total)
             sampled.paid[depth] = paid
             sampled.reward[depth] = paid - model.dynamics.step[x, a].cost
             node = _execute(model, tree, sampled, edge, rng)
-            _count_percept(scratch.evidence, tree.level[node], a, 1.0)
+            count_percept(scratch.evidence, tree.level[node], a, 1.0)
             depth += 1
             value = tree.node[node].value
             bonus = tree.node[node].bonus
-        # Back up along the path: return = R + g return. The percepts on the way are removed.
-        for t in range(depth - 1, -1, -1):
-            a = sampled.path[t, 1]
-            _count_percept(scratch.evidence, tree.level[node], a, -1.0)
-            node = sampled.path[t, 0]
-            discount = model.dynamics.step[tree.node[node].x, a].discount
-            value = sampled.reward[t] + discount * value
-            bonus = sampled.paid[t] + discount * bonus
-            outcome = Return(value, bonus)
-            _back_up(tree, Edge(node, a), discount, outcome, search.growing.averaged)
         if depth > 0:
+            _back_up_path(evaluator, search, node, depth, Return(value, bonus))
             _keep_rows(tree, sampled)
     return search.growing.simulations
 
@@ -162,157 +135,6 @@ def _select(tree, node, exploration):
                 best = a
                 best_score = score
     return best
-
-
-@kernel
-def _expand(model, scratch, tree, edge, rng):
-    """Create the children of an edge: every informative outcome, or a sample of too many."""
-    node, a = edge
-    x = tree.node[node].x
-    outcomes = 1.0
-    for i in range(tree.level.shape[1]):
-        scratch.chance[i] = true_chance(model.percepts, tree.prob[node], i)
-        outcomes *= scratch.evidence.counts.shape[2] if model.percepts.informative[i, a] else 1
-    total = scratch.evidence.total
-    paid = _step_bonus(model, x, a, scratch.chance, total)
-    tree.edge[node, a].paid = paid
-    tree.edge[node, a].reward = paid - model.dynamics.step[x, a].cost
-    tree.edge[node, a].first = tree.size[0]
-    perceives = total[a] < model.percepts.limit[a]
-    listed = outcomes <= ENUMERATE
-    for k in range(model.dynamics.branch.shape[2]):
-        branch = model.dynamics.branch[x, a, k]
-        if branch.p <= 0.0:
-            break
-        for outcome in range(int(outcomes) if listed else DRAWN):
-            # Pr(child) = Pr(branch) Pr(percept), or an equal part of the branch if it is drawn.
-            child = tree.node[tree.size[0]]
-            prob = tree.prob[tree.size[0]]
-            tree.level[tree.size[0]][:] = -1
-            child.branch = k
-            child.p = branch.p if listed else branch.p / DRAWN
-            for i in range(prob.shape[0]):
-                for c in range(prob.shape[1]):
-                    prob[i, c] = tree.prob[node, i, c]
-            if branch.senses and perceives:
-                percept = Outcome(node, a, outcome if listed else -1)
-                _perceive(model.percepts, scratch.evidence, tree, percept, rng)
-            else:  # no percept: one child for the branch
-                child.p = branch.p if outcome == 0 else 0.0
-            if child.p > 0.0:
-                child.x = branch.x
-                child.visits = 0
-                child.stop = stop_value(model, prob)
-                child.bonus = 0.0
-                tree.size[0] += 1
-    tree.edge[node, a].count = tree.size[0] - tree.edge[node, a].first
-
-
-@kernel
-def _perceive(percepts, evidence, tree, outcome, rng):
-    """Compute the belief of the next free node after an outcome, whose percept may be drawn."""
-    node, a, digits = outcome
-    prob = tree.prob[node]
-    child = tree.size[0]
-    levels = evidence.counts.shape[2]
-    drawn = digits < 0
-    for i in range(tree.level.shape[1]):
-        tree.level[child, i] = 0
-        if not percepts.informative[i, a]:
-            continue
-        z = np.int64(0) if drawn else digits % levels
-        p = condition(percepts, evidence, Percept(i, a, z), prob, tree.prob[child])
-        if not drawn:
-            tree.node[child].p *= p
-            digits //= levels
-        else:  # draw a level by inversion
-            u = rng.random() - p
-            while u >= 0.0 and z < levels - 1:
-                z += 1
-                u -= condition(percepts, evidence, Percept(i, a, z), prob, tree.prob[child])
-        tree.level[child, i] = z
-
-
-@kernel
-def _value_children(evaluator, tree, reader, edge):
-    """Value the children of a new edge: the best of ending and of the leaf evaluator."""
-    model = evaluator.model
-    scratch = evaluator.scratch
-    node, a = edge
-    scratch.error[:] = -1.0
-    for child in range(tree.edge[node, a].first, tree.size[0]):
-        leaf = tree.node[child]
-        level = tree.level[child]
-        prob = tree.prob[child]
-        _count_percept(scratch.evidence, level, a, 1.0)
-        if reader is None:
-            for i in range(level.shape[0]):
-                scratch.column[i] = level[i] + 1
-            leaf.value = evaluate_plans(evaluator, leaf.x, prob, leaf.stop, np.bool_(False))
-            if model.shaped and leaf.value > leaf.stop:
-                for b in range(scratch.value.shape[0]):
-                    if scratch.value[b] == leaf.value:
-                        leaf.bonus = scratch.bonus[b]
-        else:
-            for i in range(level.shape[0]):
-                scratch.chance[i] = true_chance(model.percepts, prob, i)
-            leaf.value = max(leaf.stop, value_after(reader, leaf.x, NO_BEHAVIOR, scratch.chance))
-        _count_percept(scratch.evidence, level, a, -1.0)
-
-
-@kernel
-def _open_node(model, scratch, tree, reader, node):
-    """Create the edges of a visited node; values are -inf where a behavior cannot help."""
-    total = scratch.evidence.total
-    x = tree.node[node].x
-    tree.node[node].bonus = 0.0
-    for i in range(scratch.chance.shape[0]):
-        scratch.chance[i] = true_chance(model.percepts, tree.prob[node], i)
-    for a in range(tree.edge.shape[1]):
-        value = scratch.value[a]
-        bonus = scratch.bonus[a]
-        if reader is not None:
-            # Bellman, one step ahead of the table: Q(x, b, a) = R + g sum_k p_k E V(x_k, b').
-            # There is no bonus where a table is read.
-            value = -np.inf
-            if model.dynamics.step[x, a].legal and not is_idle(model, x, a, total):
-                mean = 0.0
-                for k in range(model.dynamics.branch.shape[2]):
-                    branch = model.dynamics.branch[x, a, k]
-                    behavior = a if branch.senses else NO_BEHAVIOR
-                    mean += branch.p * value_after(reader, branch.x, behavior, scratch.chance)
-                step = model.dynamics.step[x, a]
-                value = -step.cost + step.discount * mean
-        edge = tree.edge[node, a]
-        edge.visits = 0
-        edge.first = -1
-        edge.count = 0
-        edge.value = value
-        edge.bonus = bonus
-        if value > tree.node[node].value:
-            tree.node[node].value = value
-            tree.node[node].bonus = bonus
-
-
-@kernel
-def _step_bonus(model, x, a, chance, total):
-    """Compute what a behavior is paid for its percept, at Pr(attribute is true) (N,)."""
-    paid = 0.0
-    if model.shaped and total[a] < model.paid[a]:
-        for i in range(chance.shape[0]):
-            b = chance[i]
-            mean = b * model.bonus[i, a, 1] + (1.0 - b) * model.bonus[i, a, 0]
-            paid += model.dynamics.step[x, a].percepts * mean
-    return paid
-
-
-@kernel
-def _count_percept(evidence, level, a, sign):
-    """Count a percept (N,) of a behavior (sign 1), or remove it (-1); level -1 is none."""
-    if level[0] >= 0:
-        evidence.total[a] += sign
-        for i in range(level.shape[0]):
-            evidence.counts[i, a, level[i]] += sign
 
 
 @kernel
@@ -354,6 +176,24 @@ def _execute(model, tree, sampled, edge, rng):
         if rng.random() * siblings < 1.0:
             successor = child
     return successor
+
+
+@kernel
+def _back_up_path(evaluator, search, node, depth, leaf):
+    """Back up a simulation from its last node; the percepts on the way are removed."""
+    tree = search.tree
+    sampled = search.sampled
+    value = leaf.value
+    bonus = leaf.bonus
+    for t in range(depth - 1, -1, -1):
+        a = sampled.path[t, 1]
+        count_percept(evaluator.scratch.evidence, tree.level[node], a, -1.0)
+        node = sampled.path[t, 0]
+        # return = R + g return
+        discount = evaluator.model.dynamics.step[tree.node[node].x, a].discount
+        value = sampled.reward[t] + discount * value
+        bonus = sampled.paid[t] + discount * bonus
+        _back_up(tree, Edge(node, a), discount, Return(value, bonus), search.growing.averaged)
 
 
 @kernel
