@@ -85,7 +85,7 @@ def test_a_lab_begins_with_nothing(tmp_path):
         in_log = any("audio" in step.warning for step in trial.steps)
         assert told == in_log == ("shake" in robot.executed)
         shaken += told
-        assert trial.report is not None
+        assert not trial.ended  # it came to an answer, or to "I do not know"
     assert shaken > 0  # a trial may be settled by what comes before
 
 
