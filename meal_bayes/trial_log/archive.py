@@ -1,0 +1,129 @@
+"""One file that holds a study: its logs, what belongs to them, and a list of what they are.
+
+Equal inputs give equal bytes, so that two people compare their archives by one checksum.
+"""
+
+import hashlib
+import json
+import zipfile
+from collections.abc import Iterator, Sequence
+from importlib import metadata
+from pathlib import Path
+from platform import python_version
+from typing import Any
+
+from meal_bayes.errors import LogCorruptError, LogError
+from meal_bayes.files import draft_of
+from meal_bayes.trial_log.names import log_files
+from meal_bayes.trial_log.reader import check_log
+from meal_bayes.trial_log.schema import ACTIVE, SUFFIX
+from meal_bayes.version import package_version
+
+MANIFEST = "MANIFEST.json"
+_WRITTEN = (1980, 1, 1, 0, 0, 0)  # the earliest time that a zip file knows
+_PERMISSIONS = 0o644 << 16
+_BLOCK = 1 << 20  # bytes
+
+
+def write_archive(folder: str | Path, out: str | Path, others: Sequence[str | Path] = ()) -> Path:
+    """Check the logs of a study, and pack them with a manifest.
+
+    The manifest has the SHA-256 of every file, the trials of each log, and the versions of Python,
+    of this package and of the libraries that are installed.
+
+    Parameters
+    ----------
+    folder : str | Path
+        With the logs; everything in it is packed, drafts of trials under way aside.
+    out : str | Path
+        The archive, a .zip.
+    others : Sequence[str | Path]
+        Files and folders that belong to the study, such as a domain and its recordings.
+
+    Returns
+    -------
+    Path
+        Of the archive.
+
+    Raises
+    ------
+    LogError
+        A folder without logs, a log that is damaged, what does not exist, or two files that would
+        have one name.
+    """
+    folder = Path(folder)
+    if not folder.is_dir():
+        raise LogError(f"{folder} is no folder; give that of a run, with its logs.")
+    log_files(folder)  # raises where there is none
+    files = dict[str, Path]()
+    for place in (folder, *map(Path, others)):
+        for name, path in _files_of(place):
+            if name in files and not path.samefile(files[name]):
+                raise LogError(f"{files[name]} and {path} would both be {name}; rename one.")
+            files[name] = path
+    if MANIFEST in files:
+        raise LogError(f"{files[MANIFEST]} has the name of the archive's own list; rename it.")
+    trials = {name: _trials_of(path) for name, path in files.items() if path.suffix == SUFFIX}
+    with draft_of(out, inputs=list(files.values())) as draft:
+        manifest = _manifest(files, trials)
+        with zipfile.ZipFile(draft, "w") as archive:
+            archive.writestr(_entry(MANIFEST), json.dumps(manifest, indent=1, ensure_ascii=False))
+            for name, path in sorted(files.items()):
+                with archive.open(_entry(name), "w", force_zip64=True) as target:
+                    for block in _blocks(path):
+                        target.write(block)
+    return Path(out)
+
+
+def _files_of(place: Path) -> Iterator[tuple[str, Path]]:
+    """Yield the name in the archive and the path of each file of a place."""
+    if place.is_file():
+        yield place.name, place
+    elif place.is_dir():
+        for path in sorted(place.rglob("*")):
+            if path.is_file() and not path.name.endswith(ACTIVE):
+                yield (Path(place.resolve().name) / path.relative_to(place)).as_posix(), path
+    else:
+        raise LogError(f"There is no {place}; name a file or a folder.")
+
+
+def _trials_of(path: Path) -> int:
+    info = check_log(path)
+    if not info.whole:
+        raise LogCorruptError(
+            f"{path} is damaged: {info.problems[0]}; recover it (meal-bayes log recover), or take "
+            "it out of the folder."
+        )
+    return info.trials
+
+
+def _manifest(files: dict[str, Path], trials: dict[str, int]) -> dict[str, Any]:
+    installed = {
+        distribution.name: distribution.version for distribution in metadata.distributions()
+    }
+    return {
+        "made_by": f"meal-bayes {package_version()}",
+        "python": python_version(),
+        "files": {name: _digest(path) for name, path in sorted(files.items())},
+        "trials": dict(sorted(trials.items())),
+        "installed": dict(sorted(installed.items())),
+    }
+
+
+def _entry(name: str) -> zipfile.ZipInfo:
+    entry = zipfile.ZipInfo(name, _WRITTEN)
+    entry.external_attr = _PERMISSIONS
+    return entry
+
+
+def _digest(path: Path) -> str:
+    digest = hashlib.sha256()
+    for block in _blocks(path):
+        digest.update(block)
+    return digest.hexdigest()
+
+
+def _blocks(path: Path) -> Iterator[bytes]:
+    with path.open("rb") as file:
+        while block := file.read(_BLOCK):
+            yield block
