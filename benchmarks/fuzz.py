@@ -280,7 +280,7 @@ def command(arguments: tuple[str, ...], path: Path) -> None:
     errors = [line for line in result.stderr.splitlines() if line.startswith("error: ")]
     printable = all(sign.isprintable() or sign == "\n" for sign in result.output)
     raised = result.exception is not None and not isinstance(result.exception, SystemExit)
-    if raised or result.exit_code not in (0, 1, 2) or len(errors) > 1 or not printable:
+    if raised or result.exit_code not in (0, 1, 2, 3) or len(errors) > 1 or not printable:
         told = f"{result.exit_code}, {result.exception!r}, {result.output[:200]!r}"
         raise RuntimeError(f"{' '.join(arguments)} ends with {told}")
 

@@ -6,11 +6,10 @@ from pathlib import Path
 
 import pytest
 
-import meal_bayes
 from meal_bayes.trial_log import FORMAT_VERSION, check_log, read_trials, write_trials, writer
 from meal_bayes.trials import TrialOutcomes
 
-SAMPLE = Path(meal_bayes.__file__).resolve().parents[1] / "logs" / "sample.mcap"
+SAMPLE = Path(__file__).resolve().parents[2] / "logs" / "sample.mcap"
 HEADER = {"config": {"dataset": "roc36", "agents": ["greedy"]}, "seed": 4}
 
 

@@ -110,6 +110,7 @@ def logs(make, tmp_path_factory):
     return logs
 
 
+@pytest.mark.filterwarnings("ignore:Generating overly large repr")  # of the logs, if it fails
 @given(
     sizes=st.lists(st.integers(0, 3), min_size=2, max_size=4),
     between=st.binary(max_size=30),

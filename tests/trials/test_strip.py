@@ -17,7 +17,7 @@ from meal_bayes.learner.api import ask
 from meal_bayes.palette import attribute_color
 from meal_bayes.trial_log import read_trials
 
-ROOT = Path(meal_bayes.__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 PICTURES = {  # of README and site: dark, narrow
     "trial.svg": (False, False),
     "trial-dark.svg": (True, False),

@@ -55,7 +55,7 @@ def test_arviz_draws_and_checks_the_file(fitted):
         az.plot_loo_pit(idata)
         az.plot_khat(az.loo(idata, pointwise=True))
         assert len(az.psense_summary(idata, var_names=["dispersion"])) == 10 * 11 * 2
-    assert set(told["pareto_k"]) <= set(idata["log_likelihood"]["yes"]["unit"].values.tolist())
+    assert set(told["pareto_k"]) <= set(idata["log_likelihood"]["yes"]["case"].values.tolist())
 
 
 @pytest.mark.long
