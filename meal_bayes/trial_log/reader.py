@@ -153,7 +153,7 @@ class Scan:
                     for record in read_records(file):
                         at = file.tell()
                         if isinstance(record, Footer):
-                            at += len(MCAP0_MAGIC)  # ends the log
+                            at = min(at + len(MCAP0_MAGIC), size)  # ends the log, if not torn
                         with self._noting():
                             yield from self._counted(builder.records(record))
                 with self._noting():

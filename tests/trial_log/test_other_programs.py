@@ -5,7 +5,7 @@ import subprocess
 from io import BytesIO
 
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
@@ -116,6 +116,7 @@ def logs(make, tmp_path_factory):
     between=st.binary(max_size=30),
     cut=st.integers(0, 300),
 )
+@example(sizes=[0, 0], between=b"", cut=1)  # in the magic bytes at the end
 def test_every_log_of_a_file_is_recovered(logs, make, tmp_path_factory, sizes, between, cut):
     joined = tmp_path_factory.mktemp("joined") / "joined.mcap"
     parts = [logs[size][0].read_bytes() for size in sizes]
