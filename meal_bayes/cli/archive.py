@@ -20,15 +20,12 @@ def archive(folder: Path, out: Path, others: tuple[Path, ...]) -> None:
     OTHERS are files and folders of your own that belong to the study: the domain, its recordings, a
     percept table, scripts. Equal inputs give equal bytes.
     """
-    import hashlib
-
     from meal_bayes.errors import SettingsError
-    from meal_bayes.trial_log.archive import write_archive
+    from meal_bayes.trial_log.archive import checksum_of, write_archive
 
     if out.suffix != ".zip":
         raise SettingsError(f"{out}: give a name that ends in .zip.")
     with terminal.output(stderr=True).status(f"checking the logs of {folder} ..."):
         write_archive(folder, out, others)
     size = out.stat().st_size / 1e6
-    digest = hashlib.sha256(out.read_bytes()).hexdigest()
-    terminal.say(f"{out}: {size:.1f} MB, sha256 {digest}")
+    terminal.say(f"{out}: {size:.1f} MB, sha256 {checksum_of(out)}")

@@ -16,6 +16,8 @@ from meal_bayes.errors import DataError, QueryError
 
 Context = tuple[str, str]  # behavior, modality
 _KEYS = ["object", "recording"]
+_OBJECT = "an object", "its name", "name it"  # what a cell is, as `_text_at` says it
+_RECORDING = "a recording", "its number", "number it"
 _Parts = tuple[tuple[str, ...], dict[Context, NDArray[np.float32]], NDArray[np.int8]]
 
 
@@ -63,40 +65,40 @@ def _rows(values: Any, objects: Sequence[str], context: Context) -> FeatureRows:
     source = f"the features of {context}"
     if hasattr(values, "columns"):
         frame = _with_keys(values, source)
-        places = [f"{source}, row {n}" for n in range(1, len(frame) + 1)]
+        places = _places(source, len(frame))
         keys = [
-            (_name_at(place, name), _number_at(place, recording))
+            (_text_at(place, name, _OBJECT), _text_at(place, recording, _RECORDING))
             for place, name, recording in zip(
                 places, frame["object"], frame["recording"], strict=True
             )
         ]
-        table = _numbers(frame.drop(columns=_KEYS), source)
-    else:
-        if not isinstance(values, Mapping):
-            if len(values) != len(objects):
-                raise DataError(
-                    f"{source}: found those of {len(values)} objects; expected {len(objects)}, in "
-                    "the order of `objects`."
-                )
-            parts = {
-                name: _numbers(part, f"{source} of {name}", absent=True)
-                for name, part in zip(objects, values, strict=True)
-            }
-            parts = {name: part[~np.isnan(part).any(axis=1)] for name, part in parts.items()}
-        else:
-            parts = {
-                name: _numbers(part, f"{source} of {name}")
-                for name, part in named_once(values, source).items()
-            }
-        keys = [(name, str(r)) for name, part in parts.items() for r in range(1, len(part) + 1)]
-        sizes = {part.shape[1] for part in parts.values() if len(part)}
-        if len(sizes) > 1:
+        return FeatureRows(source, places, keys, _numbers(frame.drop(columns=_KEYS), source))
+    if not isinstance(values, Mapping):
+        if len(values) != len(objects):
             raise DataError(
-                f"{source}: found recordings of {sorted(sizes)} features; give one size."
+                f"{source}: found those of {len(values)} objects; expected {len(objects)}, in "
+                "the order of `objects`."
             )
-        table = np.concatenate([np.empty((0, *(sizes or {1}))), *filter(len, parts.values())])
-    places = [f"{source}, row {n}" for n in range(1, len(keys) + 1)]
-    return FeatureRows(source, places, keys, table)
+        parts = {
+            name: _numbers(part, f"{source} of {name}", absent=True)
+            for name, part in zip(objects, values, strict=True)
+        }
+        parts = {name: part[~np.isnan(part).any(axis=1)] for name, part in parts.items()}
+    else:
+        parts = {
+            name: _numbers(part, f"{source} of {name}")
+            for name, part in _named_once(values, source).items()
+        }
+    keys = [(name, str(r)) for name, part in parts.items() for r in range(1, len(part) + 1)]
+    sizes = {part.shape[1] for part in parts.values() if len(part)}
+    if len(sizes) > 1:
+        raise DataError(f"{source}: found recordings of {sorted(sizes)} features; give one size.")
+    table = np.concatenate([np.empty((0, *(sizes or {1}))), *filter(len, parts.values())])
+    return FeatureRows(source, _places(source, len(keys)), keys, table)
+
+
+def _places(source: str, count: int) -> list[str]:
+    return [f"{source}, row {n}" for n in range(1, count + 1)]
 
 
 def _with_keys(values: Any, source: str) -> Any:
@@ -113,40 +115,27 @@ def _with_keys(values: Any, source: str) -> Any:
     return frame
 
 
-def _name_at(place: str, name: object) -> str:
-    """Return an object's name as text; a `DataError` where a cell is empty or no name.
+def _text_at(place: str, cell: object, words: tuple[str, str, str]) -> str:
+    """Return a cell's name or number as text; a `DataError` where it is empty or none.
 
-    Whole numbers name objects as their digits do, also where a gap in a column made them floats.
+    Whole numbers are written as their digits, also where a gap in a column made them floats. The
+    words say as what the cell stands there, what is expected, and how to repair it.
     """
-    if isinstance(name, np.generic):
-        name = name.item()
-    if isinstance(name, float) and name.is_integer():
-        name = int(name)
-    if isinstance(name, bool) or not isinstance(name, str | int):
-        raise fault(place, f"{name!r:.60} as an object", "its name", "name it or remove the row")
-    return str(name)
+    if isinstance(cell, np.generic):
+        cell = cell.item()
+    if isinstance(cell, float) and cell.is_integer():
+        cell = int(cell)
+    if isinstance(cell, bool) or not isinstance(cell, str | int):
+        role, expected, repair = words
+        raise fault(place, f"{cell!r:.60} as {role}", expected, f"{repair} or remove the row")
+    return str(cell)
 
 
-def _number_at(place: str, recording: object) -> str:
-    """Return a recording's number as text; a `DataError` where a cell is empty or no number."""
-    if isinstance(recording, np.generic):
-        recording = recording.item()
-    text = str(recording).removesuffix(".0") if isinstance(recording, float) else str(recording)
-    if (
-        isinstance(recording, bool)
-        or not isinstance(recording, str | int | float)
-        or (isinstance(recording, float) and not recording.is_integer())
-    ):
-        content = f"{recording!r:.60} as a recording"
-        raise fault(place, content, "its number", "number it or remove the row")
-    return text
-
-
-def named_once(rows: Mapping[Any, Any], source: str) -> dict[str, Any]:
+def _named_once(rows: Mapping[Any, Any], source: str) -> dict[str, Any]:
     """Return a mapping by objects' names as text; a `DataError` where two keys are one name."""
     named = dict[str, Any]()
     for key, value in rows.items():
-        add_once(named, source, _name_at(source, key), value)
+        add_once(named, source, _text_at(source, key, _OBJECT), value)
     return named
 
 
@@ -171,9 +160,9 @@ def _labels(
             raise DataError("An object has two rows of labels; give each one.")
         cells = frame[list(dict.fromkeys(columns))].astype(object)
         rows = (dict(row) for _, row in cells.iterrows())
-        values = named_once(dict(zip(frame.index, rows, strict=True)), "Labels")
+        values = _named_once(dict(zip(frame.index, rows, strict=True)), "Labels")
     elif isinstance(labels, Mapping):
-        values = {name: dict(row) for name, row in named_once(labels, "Labels").items()}
+        values = {name: dict(row) for name, row in _named_once(labels, "Labels").items()}
     else:
         if objects is None or np.shape(labels) != (len(objects), len(domain.attributes)):
             raise DataError(

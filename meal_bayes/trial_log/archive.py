@@ -5,6 +5,7 @@ Equal inputs give equal bytes, so that two people compare their archives by one 
 
 import hashlib
 import json
+import shutil
 import zipfile
 from collections.abc import Iterator, Sequence
 from importlib import metadata
@@ -22,7 +23,6 @@ from meal_bayes.version import package_version
 MANIFEST = "MANIFEST.json"
 _WRITTEN = (1980, 1, 1, 0, 0, 0)  # the earliest time that a zip file knows
 _PERMISSIONS = 0o644 << 16
-_BLOCK = 1 << 20  # bytes
 
 
 def write_archive(folder: str | Path, out: str | Path, others: Sequence[str | Path] = ()) -> Path:
@@ -69,9 +69,11 @@ def write_archive(folder: str | Path, out: str | Path, others: Sequence[str | Pa
         with zipfile.ZipFile(draft, "w") as archive:
             archive.writestr(_entry(MANIFEST), json.dumps(manifest, indent=1, ensure_ascii=False))
             for name, path in sorted(files.items()):
-                with archive.open(_entry(name), "w", force_zip64=True) as target:
-                    for block in _blocks(path):
-                        target.write(block)
+                with (
+                    path.open("rb") as source,
+                    archive.open(_entry(name), "w", force_zip64=True) as target,
+                ):
+                    shutil.copyfileobj(source, target)
     return Path(out)
 
 
@@ -104,7 +106,7 @@ def _manifest(files: dict[str, Path], trials: dict[str, int]) -> dict[str, Any]:
     return {
         "made_by": f"meal-bayes {package_version()}",
         "python": python_version(),
-        "files": {name: _digest(path) for name, path in sorted(files.items())},
+        "files": {name: checksum_of(path) for name, path in sorted(files.items())},
         "trials": dict(sorted(trials.items())),
         "installed": dict(sorted(installed.items())),
     }
@@ -116,14 +118,7 @@ def _entry(name: str) -> zipfile.ZipInfo:
     return entry
 
 
-def _digest(path: Path) -> str:
-    digest = hashlib.sha256()
-    for block in _blocks(path):
-        digest.update(block)
-    return digest.hexdigest()
-
-
-def _blocks(path: Path) -> Iterator[bytes]:
+def checksum_of(path: Path) -> str:
+    """Compute the SHA-256 of a file."""
     with path.open("rb") as file:
-        while block := file.read(_BLOCK):
-            yield block
+        return hashlib.file_digest(file, "sha256").hexdigest()

@@ -1,6 +1,5 @@
 """What logs measure: pairs of one task, tests after the last batch, the same on every surface."""
 
-import html
 import re
 from collections import Counter
 from fractions import Fraction
@@ -145,13 +144,7 @@ def online(tmp_path):
     return folder
 
 
-def cells(text):
-    rows = re.findall(r"<tr>(.*?)</tr>", text, re.DOTALL)
-    plain = [re.findall(r"<t[dh][^>]*>(.*?)</t[dh]>", row, re.DOTALL) for row in rows]
-    return [[html.unescape(re.sub(r"<[^>]+>", "", cell)) for cell in row] for row in plain]
-
-
-def test_a_report_of_an_online_run_measures_tests_after_the_last_batch(online, tmp_path):
+def test_a_report_of_an_online_run_measures_tests_after_the_last_batch(online, tmp_path, cells):
     write_report(Logs(online), tmp_path / "r.html")
     text = (tmp_path / "r.html").read_text()
     logged = LoggedOutcomes.read(Logs(online))
@@ -187,7 +180,7 @@ def test_agents_are_measured_after_a_batch_that_all_of_them_reached(online):
     assert estimate == pytest.approx(30.0)
 
 
-def test_the_other_reference_changes_every_sign(online, tmp_path):
+def test_the_other_reference_changes_every_sign(online, tmp_path, cells):
     shown = {}
     for reference, other in (("bayes", "iterative_morc"), ("iterative_morc", "bayes")):
         write_report(Logs(online), tmp_path / "r.html", reference=reference)

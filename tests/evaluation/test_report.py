@@ -54,14 +54,7 @@ def page(folder, tmp_path_factory):
     return path
 
 
-def cells(text):
-    """Rows of all tables as text."""
-    rows = re.findall(r"<tr>(.*?)</tr>", text, re.DOTALL)
-    plain = [re.findall(r"<t[dh][^>]*>(.*?)</t[dh]>", row, re.DOTALL) for row in rows]
-    return [[html.unescape(re.sub(r"<[^>]+>", "", cell)) for cell in row] for row in plain]
-
-
-def test_the_table_holds_the_measures(trials, page):
+def test_the_table_holds_the_measures(trials, page, cells):
     rows = {row[0]: row for row in cells(page.read_text()) if row and len(row) == 8}
     for row in summarize(trials):
         shown = [cell.split(" ")[0] for cell in rows[row.agent]]
@@ -70,7 +63,7 @@ def test_the_table_holds_the_measures(trials, page):
         assert shown[5:7] == [f"{row.nll:.3f}", f"{row.ece:.3f}"]
 
 
-def test_attributes_and_behaviors_are_counted(trials, page):
+def test_attributes_and_behaviors_are_counted(trials, page, cells):
     rows = {row[0]: row for row in cells(page.read_text()) if row}
     agents = ordered_agents(AGENTS)
     for name in ("heavy", "beans", "blue"):
@@ -134,7 +127,7 @@ def test_the_page_is_dark_where_its_reader_prefers_that(page):
     )
 
 
-def test_a_lab_s_trials_are_listed_newest_first(trials, tmp_path):
+def test_a_lab_s_trials_are_listed_newest_first(trials, tmp_path, cells):
     for number, trial in enumerate(trials[:8]):
         path = tmp_path / f"2026010{number + 1}-120000-000001-thing-abcdef.mcap"
         shown = trial if number % 2 else dataclasses.replace(
