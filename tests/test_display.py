@@ -48,7 +48,7 @@ class Outline(HTMLParser):
 def trial() -> Trial:
     return meal_bayes.ask(
         "Is it heavy, and does it hold beans?",
-        dataset="roc36", object="heavy_green_beans", agent="greedy",
+        dataset="roc36", object="heavy_green_beans", agent="greedy", logs=None,
     )  # fmt: skip
 
 

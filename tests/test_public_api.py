@@ -23,7 +23,7 @@ from meal_bayes.errors import MealBayesError, QueryError, SettingsError
 SOURCE = Path(meal_bayes.__file__)
 HEAVY = {"scipy", "numba", "sklearn", "pymc", "arviz", "mcap", "google", "joblib", "pooch",
          "matplotlib", "pandas", "rerun", "click", "rich"}  # fmt: skip
-QUESTION = {"dataset": "roc36", "object": "heavy_green_beans", "agent": "greedy"}
+QUESTION = {"dataset": "roc36", "object": "heavy_green_beans", "agent": "greedy", "logs": None}
 
 
 def loaded_after(code: str) -> set[str]:
@@ -115,6 +115,20 @@ def test_ask_answers_the_same_again_and_tells_each_step():
     assert [s.decision.action for s in again.steps] == [s.decision.action for s in steps]
     assert first.cost == again.cost
     assert first.task.query == meal_bayes.Query(("heavy",))
+
+
+def test_ask_logs_its_trial_like_all_others(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    trial = meal_bayes.ask("heavy", **{**QUESTION, "logs": "logs"})
+    asked = {name: value for name, value in QUESTION.items() if name != "logs"}
+    meal_bayes.ask("heavy", **asked)
+    logs = [*(tmp_path / "logs" / "roc36").glob("*.mcap")]
+    kept = [entry for log in logs for entry in meal_bayes.read_trials(log)]
+    assert [entry.cost for entry in kept] == [trial.cost] * 2
+    assert [len(entry.steps) for entry in kept] == [len(trial.steps)] * 2
+    meal_bayes.ask("heavy", **{**QUESTION, "log": tmp_path / "one.mcap"})
+    assert (tmp_path / "one.mcap").is_file()
+    assert len([*tmp_path.rglob("*.mcap")]) == 3
 
 
 def test_ask_takes_a_name_a_path_or_a_table(tmp_path):

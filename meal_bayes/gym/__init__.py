@@ -85,7 +85,9 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
     max_steps : int
         Behaviors after which an episode is truncated.
     logs : str | Path | None
-        Folder of the logs of episodes, if they are logged.
+        Folder of the logs of test episodes, those of `objects="test"`; None logs nothing.
+    log_training : bool
+        Whether episodes about other objects are logged, too; training has many.
     """
 
     def __init__(
@@ -100,7 +102,8 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
         objects: str | Sequence[str] = "all",
         scale: float = 1.0,
         max_steps: int = 100,
-        logs: str | Path | None = None,
+        logs: str | Path | None = "logs",
+        log_training: bool = False,
     ) -> None:
         if dataset is None:
             raise SettingsError("Give dataset=, a shipped name, or a percept table of your own.")
@@ -113,7 +116,8 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
             raise SettingsError(f"None of the {trials} tasks is about {sorted(names)}; give more.")
         self._max_steps = max_steps
         self._scale = scale
-        self._learner = Learner(table.domain, agent=chosen, seed=seed, logs=logs).fit(table)
+        kept = logs if log_training or objects == "test" else None
+        self._learner = Learner(table.domain, agent=chosen, seed=seed, logs=kept).fit(table)
         self._begun: tuple[Session, RecordedRobot] | None = None
         self._policy: Policy | None = None
         self._steps = 0

@@ -20,6 +20,7 @@ def ask(
     reward: float | None = None,
     on_step: Callable[[Step], None] | None = None,
     log: str | Path | None = None,
+    logs: str | Path | None = "logs",
 ) -> Trial:
     """Answer a question about an object that was left out of everything the agent learned.
 
@@ -45,7 +46,9 @@ def ask(
     on_step : Callable[[Step], None] | None
         Called after every step.
     log : str | Path | None
-        Path of the trial's log (.mcap); none by default.
+        Path of the trial's log (.mcap); one in the folder of logs by default.
+    logs : str | Path | None
+        Folder of logs; None logs nothing, unless `log` names a path.
 
     Raises
     ------
@@ -56,7 +59,7 @@ def ask(
     """
     table = dataset if isinstance(dataset, PerceptTable) else load_percepts(dataset)
     learner = Learner(
-        table.domain, agent=agent, seed=seed, reward=reward, percepts=percepts, logs=None
+        table.domain, agent=agent, seed=seed, reward=reward, percepts=percepts, logs=logs
     ).fit(table)
     return learner.ask(question, object, on_step=on_step, log=log)
 

@@ -19,7 +19,13 @@ TWO = [Series("a", X, X / 4, X / 4 - 0.1, X / 4 + 0.1), Series("b", X, 1 - X / 4
 
 @pytest.fixture(scope="module")
 def trial():
-    return ask("heavy, beans", dataset="roc36", object="heavy_blue_beans", agent="predefined_plus")
+    return ask(
+        "heavy, beans",
+        dataset="roc36",
+        object="heavy_blue_beans",
+        agent="predefined_plus",
+        logs=None,
+    )
 
 
 def every_figure(trial):

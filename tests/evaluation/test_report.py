@@ -30,7 +30,7 @@ AGENTS = ("predefined", "random", "greedy")
 @pytest.fixture(scope="module")
 def trials():
     return [
-        ask(question, dataset="roc36", object=name, agent=agent)
+        ask(question, dataset="roc36", object=name, agent=agent, logs=None)
         for agent in AGENTS
         for name in OBJECTS
         for question in ("heavy, beans", "blue")
@@ -248,7 +248,10 @@ def test_it_reads_well_in_a_real_browser(page, browser):
 def unknown():
     """Four trials: of two the truth is known, of one in part, one was broken off."""
     names = ("heavy_blue_beans", "light_blue_rice", "medium_green_glass", "heavy_green_rice")
-    made = [ask("heavy, blue", dataset="roc36", object=name, agent="greedy") for name in names]
+    made = [
+        ask("heavy, blue", dataset="roc36", object=name, agent="greedy", logs=None)
+        for name in names
+    ]
     nan = dataclasses.replace(made[2].steps[-1], reward=float("nan"))
     partly = (*made[2].steps[:-1], nan)
     made[2] = dataclasses.replace(made[2], truth=np.array([0, -1]), steps=partly)

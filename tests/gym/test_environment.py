@@ -125,8 +125,19 @@ def test_a_long_episode_is_truncated():
     assert ended == [(False, False), (False, False), (False, True)]
 
 
-def test_episodes_are_logged_if_that_is_asked_for(tmp_path):
-    env = MealEnv("roc36", agent="greedy", trials=5, logs=tmp_path)
+def test_test_episodes_are_logged_and_others_if_that_is_asked_for(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for objects, often in (("test", 1), ("train", 1), ("all", 1)):  # once a test, else nothing
+        env = MealEnv("roc36", agent="greedy", trials=40, objects=objects)
+        env.reset(seed=0)
+        env.step(env.action_space.n - 1)
+        assert len([*(tmp_path / "logs").rglob("*.mcap")]) == often
+    MealEnv("roc36", agent="greedy", trials=40, objects="test", logs=None).reset(seed=0)
+    assert len([*tmp_path.rglob("*.mcap*")]) == 1
+
+
+def test_episodes_are_logged_as_far_as_they_went(tmp_path):
+    env = MealEnv("roc36", agent="greedy", trials=5, logs=tmp_path, log_training=True)
     for action in (env.action_space.n - 1, 0):
         env.reset(seed=0)
         env.step(action)

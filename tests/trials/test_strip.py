@@ -96,7 +96,7 @@ def test_what_failed_is_hatched_and_a_rule_compares_nothing(sample):
     axes = replace(sample, steps=(first, *sample.steps[1:])).plot()
     blocks = axes.figure.axes[0]
     assert [bool(patch.get_hatch()) for patch in blocks.patches] == [True, *[False] * 5]
-    trial = ask("heavy", dataset="roc36", object="heavy_blue_beans", agent="predefined")
+    trial = ask("heavy", dataset="roc36", object="heavy_blue_beans", agent="predefined", logs=None)
     assert "this agent follows a rule and compares nothing" in texts(plots.trial_strip(trial))
 
 
@@ -106,7 +106,7 @@ def test_any_trial_is_drawn(agent, question, tmp_path):
     known = meal_bayes.load_percepts("ispy32").domain.attributes
     asked = [name for name in known if name in question.split(", ")] or known[:7]
     names = meal_bayes.load_percepts("ispy32").objects
-    trial = ask(asked, dataset="ispy32", object=names[0], agent=agent)
+    trial = ask(asked, dataset="ispy32", object=names[0], agent=agent, logs=None)
     for shown in (
         trial,
         replace(trial, report=None),

@@ -26,7 +26,7 @@ HEADER = {"config": {"dataset": "roc36", "agents": ["greedy"]}, "seed": 3, "note
 def trials() -> list[Trial]:
     """Trials of several agents and queries."""
     return [
-        ask(question, dataset="roc36", object=name, agent=agent, seed=3)
+        ask(question, dataset="roc36", object=name, agent=agent, seed=3, logs=None)
         for question, name, agent in ASKED
     ]
 
