@@ -11,7 +11,12 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
+from threadpoolctl import threadpool_info
+
+import meal_bayes
 from meal_bayes import canvas
+from meal_bayes.datasets import percepts
+from meal_bayes.digests import digest_of
 from meal_bayes.domain import unknown
 from meal_bayes.errors import MealBayesError, SettingsError
 from meal_bayes.evaluation import Effect
@@ -21,6 +26,7 @@ from paper_repro.statements import PROTOCOLS, THEIRS, Evidence, judged, verdict
 
 HERE = Path(__file__).resolve().parent
 RESULTS = HERE / "results"
+PROVENANCE = "provenance.json"
 _ZERO = 1e-9
 
 Choice = TypeVar("Choice")
@@ -162,7 +168,50 @@ def reproduce(item: str, setting: Setting) -> dict[str, Any]:
     known = json.loads(timing.read_text(encoding="utf-8")) if timing.is_file() else {}
     known[item] = round(seconds, 1)
     write_whole(timing, json.dumps(known, indent=1, sort_keys=True) + "\n")
+    note_provenance(item, folder)
     return record
+
+
+def note_provenance(item: str, folder: Path) -> None:
+    """Keep beside the results what a run rested on that its command does not say."""
+    path = folder / PROVENANCE
+    known = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
+    known[item] = {
+        "percepts": percept_tables(),
+        "blas": blas_kernel(),
+        "version": meal_bayes.__version__,
+    }
+    write_whole(path, json.dumps(known, indent=1, sort_keys=True) + "\n")
+
+
+@lru_cache(maxsize=1)
+def percept_tables() -> str:
+    """Return a digest of the shipped percept tables."""
+    return digest_of(*sorted(Path(percepts.__file__).parent.glob("tables/*.npz")))[:12]
+
+
+def blas_kernel() -> str:
+    """Name the kernel of the linear algebra: last digits of what classifiers show go by it."""
+    kernels = (entry.get("architecture") or entry["internal_api"] for entry in threadpool_info()
+               if entry["user_api"] == "blas")  # fmt: skip
+    return ", ".join(sorted(set(kernels)))
+
+
+def older_columns(item: str) -> tuple[str, ...]:
+    """Return the columns of an item's results whose percepts are not those of this version."""
+    path = RESULTS / PROVENANCE
+    known = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
+    if known.get(item, {}).get("percepts") == percept_tables():
+        return ()
+    return tuple(paper_values(item).get("on_percepts", PROTOCOLS))
+
+
+def read_result(item: str) -> dict[str, Any] | None:
+    """Read the committed facts of an item; None where it was never run in full."""
+    path = RESULTS / f"{item}.json"
+    if not path.is_file():
+        return None
+    return dict(json.loads(path.read_text(encoding="utf-8")))
 
 
 def facts(item: str, result: Result, setting: Setting) -> dict[str, Any]:

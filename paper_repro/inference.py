@@ -12,8 +12,16 @@ from scipy.special import ndtri, stdtr, stdtrit
 from scipy.stats import binom
 
 from meal_bayes.arrays import Floats
-from meal_bayes.evaluation import Effect, Interval, clustered, paired_fractions
+from meal_bayes.evaluation import (
+    Effect,
+    Interval,
+    clustered,
+    difference,
+    mean_effect,
+    paired_fractions,
+)
 from meal_bayes.evaluation.statistics import MASS
+from meal_bayes.trials import TrialOutcomes
 
 LEVEL = 1 - MASS
 _TINY = 1e-9  # a level below all that are asked for, where Student's will do
@@ -123,3 +131,55 @@ def change_of_means(
     estimate = partial(clustered, clusters=shared)
     changes = [sides[0][name] - sides[1][name] for name in shared]
     return paired_fractions(changes, estimate) if fraction else estimate(changes)
+
+
+def drawn_mean(run: TrialOutcomes, measure: str) -> Effect:
+    """Estimate a mean where percepts are drawn: of the paper's objects, trials as units.
+
+    These objects are then the whole population, each trial draws its object, its question and its
+    percepts, and more trials narrow the interval without end.
+    """
+    return _of_trials(mean_effect(_alone(run), measure))
+
+
+def drawn_difference(first: TrialOutcomes, second: TrialOutcomes, *, measure: str) -> Effect:
+    """Estimate the mean of first - second where percepts are drawn, over the tasks of both."""
+    return _of_trials(difference(_alone(first), _alone(second), measure=measure))
+
+
+def drawn_change(first: Effect, second: Effect) -> Effect:
+    """Estimate first - second of two runs whose trials are drawn independently of each other."""
+    both = first.fraction and second.fraction
+    return Effect(
+        first.estimate - second.estimate,
+        math.hypot(first.se, second.se),
+        min(first.units, second.units),
+        unit="trials",
+        method="Wilson's of both" if both else "Student's t, two runs",
+        sides=(first, second) if both else None,
+    )
+
+
+def planned_trials(spread: float, half_width: float, level: float) -> int:
+    """Return the trials whose mean has an interval of a half width at a level.
+
+    Parameters
+    ----------
+    spread : standard deviation of a trial, known before the run.
+    half_width : of the interval, in the same unit.
+    level : of the interval; that of the first test of its family by Holm, the smallest.
+
+    >>> planned_trials(12.87, 2.985, 0.05 / 14)
+    158
+    """
+    return math.ceil((-float(ndtri(level / 2)) * spread / half_width) ** 2)
+
+
+def _alone(run: TrialOutcomes) -> TrialOutcomes:
+    """Make every trial a unit of its own."""
+    return dataclasses.replace(run, object_name=run.key)
+
+
+def _of_trials(effect: Effect) -> Effect:
+    method = effect.method.replace("clusters", "trials")
+    return dataclasses.replace(effect, unit="trials", method=method)

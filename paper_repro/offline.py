@@ -1,10 +1,16 @@
 """Offline trials of an item: by the paper's own settings, or on recorded percepts."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
 
-from meal_bayes import OfflineConfig, run_offline
+import numpy as np
+
+from meal_bayes import OfflineConfig, read_trials, run_offline
+from meal_bayes.agents import Agent
 from meal_bayes.evaluation import difference
 from meal_bayes.trials import TrialOutcomes
+from meal_bayes.trials.outcomes import task_key
 from paper_repro import agents
 from paper_repro.frame import Cell, Setting, Table, paper_values
 from paper_repro.statements import OURS, THEIRS, Evidence, above
@@ -20,7 +26,7 @@ def run_agent(
     protocol: str,
     dataset: str,
     n: int,
-    agent: str,
+    agent: str | Agent,
     trials: int,
     *,
     perception: str = "default",
@@ -34,16 +40,17 @@ def run_agent(
     protocol : "theirs" draws percepts from the matrices, others have recorded ones.
     dataset : a domain, or the path of a percept table.
     n : attributes a query.
-    agent, trials : who, and how many in all.
+    agent, trials : who, by name or an agent of one's own, and how many in all.
     perception : "default" or "paper".
     reward : of a right report, in place of the paper's.
     """
     theirs = protocol == THEIRS
+    named = agents.WAYS | (agents.AGENTS if theirs else {})
     config = OfflineConfig(
         dataset,
         attributes=n,
         trials=trials,
-        agents=(agents.AGENTS.get(agent, agent) if theirs else agent,),
+        agents=(named.get(agent, agent) if isinstance(agent, str) else agent,),
         seed=setting.seed,
         percepts="model" if theirs else "recorded",
         perception=perception,
@@ -54,7 +61,20 @@ def run_agent(
         on_progress=setting.on_progress,
     )  # fmt: skip
     setting.spend(done.paths)
-    return done.outcomes()
+    outcomes = done.outcomes()
+    return pay_for_declining(outcomes, done.paths) if agent == agents.DECLINES else outcomes
+
+
+def pay_for_declining(outcomes: TrialOutcomes, paths: Iterable[Path]) -> TrialOutcomes:
+    """Charge trials without a report for the cheapest illegal behavior, where they ended."""
+    fees = {
+        task_key(trial.task.key): float(agents.decline_costs(trial.momdp)[trial.steps[-1].x])
+        for path in paths
+        for trial in read_trials(path)
+        if trial.report is None
+    }
+    fee = np.array([fees.get(key, 0.0) for key in outcomes.key.tolist()])
+    return replace(outcomes, cost=outcomes.cost + fee, reward=outcomes.reward - fee)
 
 
 def our_lead(runs: Mapping[str, Runs], where: str) -> dict[str, Evidence]:
@@ -64,10 +84,12 @@ def our_lead(runs: Mapping[str, Runs], where: str) -> dict[str, Evidence]:
     return {text: above(difference(first, second), 0, of="reward less its")}
 
 
-def paired_table(runs: Mapping[str, Runs], agents: Sequence[str]) -> Table:
-    """Compare agents with MORC on the same tasks, a column a run."""
+def paired_table(
+    runs: Mapping[str, Runs], agents: Sequence[str], *, against: str = AGAINST
+) -> Table:
+    """Compare agents with one of MORC's rows on the same tasks, a column a run."""
     rows: list[tuple[Cell, ...]] = []
     for agent in agents:
         pairs = [run for run in runs.values() if agent in run]
-        rows.append((agent, *(difference(run[agent], run[AGAINST]) for run in pairs)))
-    return Table(f"reward less that of {AGAINST}, paired", ("agent", *runs), tuple(rows))
+        rows.append((agent, *(difference(run[agent], run[against]) for run in pairs)))
+    return Table(f"reward less that of {against}, paired", ("agent", *runs), tuple(rows))

@@ -40,7 +40,7 @@ class Curves:
     Attributes
     ----------
     hours : (S,B) of exploration so far.
-    accuracy, reward : (S,B) means over test trials.
+    accuracy, reward, cost : (S,B) means over test trials.
     by_attribute : (S,B,P) accuracy of the trials that ask each attribute; nan where none does.
     training : (S,B-1) logs of the training trials.
     ratio : test objects over training objects.
@@ -50,6 +50,7 @@ class Curves:
     hours: Floats
     accuracy: Floats
     reward: Floats
+    cost: Floats
     by_attribute: Floats
     training: tuple[tuple[Path, ...], ...]
     ratio: float = 0.5
@@ -107,7 +108,8 @@ def run_curves(
         tests.append(outcomes := result.outcomes)
         right, asked = outcomes.success.astype(float), outcomes.attribute[:, 0]
         means = [right[asked == name].mean() if (asked == name).any() else np.nan for name in names]
-        rows.append((result.hours, right.mean(), outcomes.reward.mean(), *means))
+        rows.append((result.hours, right.mean(), outcomes.reward.mean(),
+                     outcomes.cost.mean(), *means))  # fmt: skip
     table = np.array(rows).reshape(repeats, batches + 1, -1)
     folders = [run.folder / agent / f"repeat-{s:03d}" for s in range(repeats)]
     every = range(1, batches + 1)
@@ -116,8 +118,8 @@ def run_curves(
     known, met, tested = (part if isinstance(part, int) else len(part) for part in split)
     ratio, size = tested / (known + met), batches + 1
     by_split = tuple(tuple(tests[s * size : (s + 1) * size]) for s in range(repeats))
-    hours, accuracy, reward = np.moveaxis(table[..., :3], 2, 0)
-    return Curves(hours, accuracy, reward, table[..., 3:], logs, ratio, by_split)
+    hours, accuracy, reward, cost = np.moveaxis(table[..., :4], 2, 0)
+    return Curves(hours, accuracy, reward, cost, table[..., 4:], logs, ratio, by_split)
 
 
 def at_hours(hours: Floats, values: Floats, when: float) -> Floats:

@@ -72,19 +72,16 @@ def every_action_roc36(setting: Setting, matrices: str) -> str:
     return table_path(setting, "roc36", name=name, domain=EVERY_ACTION, matrices=matrices)
 
 
-def plotted_ispy32(setting: Setting, n: int, *, whole: bool = False) -> str:
-    """Return ISPY32 under the settings that the plotted files' names tell, at N attributes.
+def plotted_ispy32(setting: Setting) -> str:
+    """Return ISPY32 under the settings that the plotted files' names tell.
 
-    Parameters
-    ----------
-    whole : a person's whole answer is right with the accuracy, as in the published code, whatever
-        N is; otherwise each attribute is.
+    A person is right with the stated accuracy in each attribute.
     """
     paper = paper_values("plotted")
     return table_path(
-        setting, "ispy32", name=f"ispy32_plotted_{'whole' if whole else 'each'}_{n * whole}",
-        domain="ispy32_published", costs={ASK: paper["ask_cost"]},
-        answer=paper["ask_accuracy"] ** (1 / n if whole else 1), legal_budget=(paper["budget"],),
+        setting, "ispy32", name="ispy32_plotted", domain="ispy32_published",
+        costs={ASK: paper["ask_cost"]}, answer=paper["ask_accuracy"],
+        legal_budget=(paper["budget"],),
     )  # fmt: skip
 
 

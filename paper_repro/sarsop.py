@@ -5,6 +5,7 @@ import shutil
 import subprocess
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from xml.etree import ElementTree
@@ -21,6 +22,7 @@ from meal_bayes.planners.solver import choose
 _PROGRAM = "pomdpsol"
 _VARIABLE = "MEAL_BAYES_POMDPSOL"
 _QUOTED = 400  # characters of the program's output that a message quotes
+Vectors = tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.int64]]
 _HOME = "https://github.com/AdaCompNUS/sarsop"
 
 
@@ -58,20 +60,29 @@ class Sarsop:
         if momdp.discount >= 1:
             raise SettingsError("SARSOP needs a discount below 1; the paper's is 0.99.")
         with TemporaryDirectory(prefix="meal_bayes-") as name:
-            folder = Path(name)
-            write_pomdpx(momdp, folder / "problem.pomdpx")
-            command = [
-                program, "--timeout", f"{self.seconds:g}", "--precision", f"{self.precision:g}",
-                "--output", "out.policy", "problem.pomdpx",
-            ]  # fmt: skip
-            output = _run(command, folder, self.seconds + self.patience)
-            if not (folder / "out.policy").is_file():
-                raise SettingsError(f"{program} wrote no policy; its output ends: {output}")
-            vectors = read_policy(folder / "out.policy")
+            problem = Path(name) / "problem.pomdpx"
+            write_pomdpx(momdp, problem)
+            vectors = _vectors(problem.read_bytes(), program, self)
         try:
             return AlphaVectorPolicy(momdp, *vectors)
         except SettingsError as fault:
             raise DataError(f"{program} wrote a policy that does not fit: {fault}") from fault
+
+
+@lru_cache(maxsize=64)
+def _vectors(problem: bytes, program: str, settings: Sarsop) -> Vectors:
+    """Solve a problem in a folder of its own; one that was solved before is not solved again."""
+    with TemporaryDirectory(prefix="meal_bayes-") as name:
+        folder = Path(name)
+        (folder / "problem.pomdpx").write_bytes(problem)
+        command = [
+            program, "--timeout", f"{settings.seconds:g}", "--precision",
+            f"{settings.precision:g}", "--output", "out.policy", "problem.pomdpx",
+        ]  # fmt: skip
+        output = _run(command, folder, settings.seconds + settings.patience)
+        if not (folder / "out.policy").is_file():
+            raise SettingsError(f"{program} wrote no policy; its output ends: {output}")
+        return read_policy(folder / "out.policy")
 
 
 def _find(program: str | Path | None) -> str:
@@ -178,7 +189,7 @@ class AlphaVectorPolicy:
         return self.vectors[rows], self.action[rows]
 
 
-def read_policy(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.int64]]:
+def read_policy(path: Path) -> Vectors:
     """Read a .policy file: values (V,Y) of the vectors, their x (V,) and their actions (V,)."""
     try:
         every = ElementTree.fromstring(path.read_text("ascii")).find("AlphaVector")

@@ -48,6 +48,12 @@ class Part(NamedTuple):
         )
 
     @property
+    def room(self) -> float:
+        """How many standard errors lie between the estimate and the nearest end."""
+        nearest = min(abs(self.effect.estimate - end) for end in (self.low, self.high))
+        return nearest / self.effect.se if self.effect.se > 0 else 0.0
+
+    @property
     def rule(self) -> str:
         """When it stands, in words."""
         if self.high == math.inf:
@@ -106,7 +112,7 @@ class Evidence:
             part = min(self.parts, key=lambda part: part.outside)
             told = _told(part.effect, level / len(self.parts))
             return {"outcome": FALLS, "rule": part.rule, **told, **tested, "needed": None}
-        part = max(self.parts, key=lambda part: part.inside)
+        part = max(self.parts, key=lambda part: (part.inside, -part.room))  # levels of 0 are equal
         if part.outside <= level:  # a statement of many parts falls at a part's own level alone
             level /= len(self.parts)
         rule = part.rule + (f", and {len(self.parts) - 1} more" if len(self.parts) > 1 else "")
@@ -238,7 +244,8 @@ def verdict(statements: Sequence[Mapping[str, Any]]) -> str:
         word = "undecided" if not number[STANDS] else "reproduced in part"
     else:
         word = "reproduced" if number[STANDS] else CONSTRUCTED
-    checked = [row["method"] == "a fact" for row in central if row["outcome"] in {STANDS, FALLS}]
+    tested = [row for row in central if row["outcome"] not in {CONSTRUCTED, None}]
+    checked = [row["method"] == "a fact" for row in tested]
     if checked and all(checked):  # arithmetic on printed numbers, no run of anybody's
         word = {"reproduced": "consistent", "not reproduced": "not consistent"}.get(word, word)
     return f"{word} ({told})" if told else word

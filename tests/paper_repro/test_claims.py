@@ -1,0 +1,101 @@
+"""The table of claims says what the results say, and marks what rests on older percepts."""
+
+import json
+from collections import Counter
+from pathlib import Path
+
+import pytest
+
+from paper_repro import claims, frame, pages
+from paper_repro.statements import CONSTRUCTED, FALLS, OUTCOMES, STANDS, UNDECIDED
+
+FOLDER = Path(frame.__file__).parent
+ENTRIES = frame.read_table("claims.toml")["claim"]
+
+
+def rows_of_readme():
+    """Read the table off the page: its cells by column, a row a claim."""
+    text = (FOLDER / "README.md").read_text(encoding="utf-8")
+    lines = text.partition("| the paper claims |")[2].partition("\n\n")[0].splitlines()[2:]
+    return [[cell.strip() for cell in line.strip("| ").split(" | ")] for line in lines]
+
+
+@pytest.mark.parametrize("number", range(len(ENTRIES)))
+def test_a_row_has_the_outcome_and_the_numbers_of_its_results(number):
+    """Read here by code of its own: the JSON, the statements' texts, and what is printed."""
+    entry, cells = ENTRIES[number], rows_of_readme()[number]
+    path = FOLDER / "results" / f"{entry['item']}.json"
+    statements = json.loads(path.read_text(encoding="utf-8"))["statements"]
+    answering = claims.chosen(entry, statements)
+    assert cells[0] == entry["says"]
+    assert cells[1] == entry["where"]
+    counts = Counter(row["outcome"] for row in answering)
+    if len(counts) == 1:
+        (kind,) = counts
+        assert cells[2] == f"**{kind or claims.NOT_RUN}**"
+    for kind, often in counts.items() if len(counts) > 1 else ():
+        assert f"{often} {kind or 'not run'}" in cells[2]
+    shown = [row for row in answering if row["estimate"] is not None]
+    assert cells[3].count("[") == len(shown)
+    for row in shown:
+        low, high = row["interval"]
+        assert any(f"{row['estimate']:{form}} [{low:{form}}, {high:{form}}]" in cells[3]
+                   for form in (".3f", "+.3f", ".1f", "+.1f"))  # fmt: skip
+    assert f"[{entry['item']}](results/{entry['item']}.md)" in cells[5]
+
+
+def test_claims_are_few_and_name_items_and_columns_that_there_are():
+    assert 12 <= len(ENTRIES) <= 16
+    for entry in ENTRIES:
+        if not frame.older_columns(entry["item"]):  # older results may lack newer statements
+            texts = frame.read_result(entry["item"])["statements"]
+            for pattern in entry["statements"]:
+                assert claims.chosen(entry | {"statements": [pattern]}, texts), pattern
+        assert entry["item"] in frame.items()
+        assert entry["column"] in ("theirs", "recorded")
+
+
+def test_the_sentence_counts_the_claims():
+    rows = claims.claims()
+    told = claims.sentence(rows)
+    assert told in (FOLDER / "README.md").read_text(encoding="utf-8")
+    assert f"Of {len(rows)} claims" in told
+    kinds = Counter(row.outcome for row in rows)
+    assert set(kinds) <= {*OUTCOMES, claims.IN_PART, claims.NOT_RUN}
+    for kind, words in ((STANDS, "stand"), (FALLS, "fall"), (UNDECIDED, "undecided")):
+        if kinds[kind]:
+            assert f"{kinds[kind]} " in told
+            assert words in told
+
+
+@pytest.mark.parametrize(
+    ("outcomes", "together"),
+    [
+        ([STANDS], STANDS), ([FALLS, FALLS], FALLS), ([UNDECIDED], UNDECIDED),
+        ([STANDS, FALLS], claims.IN_PART), ([STANDS, None], claims.IN_PART),
+        ([FALLS, UNDECIDED], FALLS), ([UNDECIDED, None], UNDECIDED),
+        ([CONSTRUCTED, STANDS], STANDS), ([CONSTRUCTED], CONSTRUCTED), ([], claims.NOT_RUN),
+        ([None, None], claims.NOT_RUN),
+    ],
+)  # fmt: skip
+def test_a_claim_goes_by_all_its_statements(outcomes, together):
+    assert claims.outcome_of(outcomes) == together
+
+
+def test_results_of_older_percept_tables_are_marked(tmp_path, monkeypatch):
+    monkeypatch.setattr(frame, "RESULTS", tmp_path)
+    frame.note_provenance("fig8", tmp_path)
+    assert frame.older_columns("fig8") == ()
+    assert frame.older_columns("fig10") == ("theirs", "recorded", "ours")  # of an unknown version
+    assert frame.older_columns("table5") == ()  # which has no percepts
+    monkeypatch.setattr(frame, "percept_tables", lambda: "others")
+    assert frame.older_columns("fig8")
+    assert frame.older_columns("table3") == ("recorded", "ours")  # its matrices were published
+    known = json.loads((tmp_path / frame.PROVENANCE).read_text(encoding="utf-8"))["fig8"]
+    assert set(known) == {"percepts", "blas", "version"}
+    assert known["blas"]
+    facts = dict.fromkeys(("title", "sentence", "verdict", "size", "shows"), "")
+    lists = {"statements": [], "tables": [], "figures": [], "notes": []}
+    page = facts | lists | {"item": "fig8", "command": "meal-bayes reproduce fig8 --seed 0"}
+    assert "earlier version" in pages.result_page(page, committed=True)
+    assert "earlier version" not in pages.result_page(page)
