@@ -18,7 +18,14 @@ from meal_bayes.learner.fits import Fits
 from meal_bayes.learner.held_out import replay
 from meal_bayes.learner.online import Online
 from meal_bayes.learner.settings import LearnerSettings, own_posterior
-from meal_bayes.learner.trial import NO_CLASSIFIERS, Question, TrialOptions, session_of, task_of
+from meal_bayes.learner.trial import (
+    NO_CLASSIFIERS,
+    Asked,
+    Question,
+    TrialOptions,
+    session_of,
+    task_of,
+)
 from meal_bayes.momdp import MOMDP
 from meal_bayes.planners import Policy
 from meal_bayes.processes import Lock
@@ -44,7 +51,7 @@ class Answerer:
         self.table: PerceptTable | None = None  # that is replayed
         self._agent = agent
         self._fits = Fits(self.experience, settings)
-        self._asked = 0  # questions with robots
+        self._asked = Asked()
         self._lock = Lock()
 
     @property
@@ -144,7 +151,8 @@ class Answerer:
         log : str or Path, optional
             Of the trial (.mcap); one in the folder of logs by default.
         key : str or int, optional
-            Names the random streams; by default the number of questions so far, in replays nothing.
+            Names the random streams; by default the number of questions so far, of tests apart
+            from those that it learned from; in replays nothing.
         max_steps, max_cost, on_step : int, float, callable
             See `Session`.
 
@@ -283,10 +291,16 @@ class Answerer:
                 self._fits.of(agent)
 
     def _task(
-        self, question: Question, object_name: str | None, key: str | int | None = None
+        self,
+        question: Question,
+        object_name: str | None,
+        key: str | int | None = None,
+        *,
+        learn: bool = False,
     ) -> tuple[Task, Key]:
         """Return the task of a question, and the key of its random streams, by `key`."""
-        key = self._asked if key is None and self.table is None else key
+        if key is None and self.table is None:
+            key = self._asked.key(learn=learn)
         return task_of(self.domain, self.table, question, object_name, key)
 
     def _open(
@@ -295,8 +309,9 @@ class Answerer:
     ) -> Session:  # fmt: skip
         """Return the session of a question, logged if there is a place, but not started yet."""
         with self._lock:
-            task, streams = self._task(question, object_name, key)
-            self._asked += self.table is None and not isinstance(question, Task)
+            task, streams = self._task(question, object_name, key, learn=options.learn)
+            if self.table is None and not isinstance(question, Task):
+                self._asked.count(learn=options.learn)
         session = self._session(task, streams, options)
         if log is None and self.logs is None:
             return session

@@ -14,7 +14,7 @@ import json
 import secrets
 import zipfile
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import asdict, dataclass, fields
 from functools import partial
 from itertools import count
 from pathlib import Path
@@ -37,9 +37,10 @@ from meal_bayes.learner.fitting import classify
 from meal_bayes.learner.online import Online
 from meal_bayes.learner.packing import pack, unpack
 from meal_bayes.learner.settings import LearnerSettings, check_data, own_posterior
+from meal_bayes.learner.trial import Asked
 from meal_bayes.untrusted import UNREADABLE, read_array, read_member, read_meta, write_array
 
-_FORMAT = 12
+_FORMAT = 13
 _TEXT = "learner.json"
 _ROWS = ("instances", "levels", "detected", "labels", "executions", "feedback", "known")
 _FITTED = tuple(
@@ -61,7 +62,7 @@ class SavedLearner:
     experience: Experience
     table: PerceptTable | None
     fitted: list[Online]
-    asked: int
+    asked: Asked
     file: str  # id of the file
 
 
@@ -106,7 +107,7 @@ def write_learner(learner: SavedLearner, path: Path, *, overwrite: bool) -> str:
             "digest": agent_digest(learner.agent),
             "classifier": None if classifier is None else type(classifier).__name__,
             "settings": pack({**written, "classifier": None}, keep),
-            "asked": learner.asked,
+            "asked": asdict(learner.asked),
             "fitted": fitted,
             "table": pack(learner.table, keep),
             "features": _write_features(experience, keep),
@@ -144,8 +145,9 @@ def read_learner(path: Path, *, agent: object, classifier: object) -> SavedLearn
                 if (fit_agent := _known(entry, chosen)) is not None
             ]
             return SavedLearner(
-                chosen, settings, experience, table, fitted, int(meta["asked"]), str(meta["file"])
-            )
+                chosen, settings, experience, table, fitted,
+                asked=Asked(**meta["asked"]), file=str(meta["file"]),
+            )  # fmt: skip
     except SettingsError:
         raise
     except (*UNREADABLE, MealBayesError) as fault:

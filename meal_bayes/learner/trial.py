@@ -46,6 +46,25 @@ class TrialOptions:
     seed: int | None = None  # of what is drawn; the learner's by default
 
 
+@dataclass(slots=True)
+class Asked:
+    """How many questions with robots a learner was asked; tests move no stream of lessons."""
+
+    lessons: int = 0
+    tests: int = 0
+
+    def key(self, *, learn: bool) -> str | int:
+        """Return what names the random streams of the next question."""
+        return self.lessons if learn else f"test {self.tests}"
+
+    def count(self, *, learn: bool) -> None:
+        """Count a question."""
+        if learn:
+            self.lessons += 1
+        else:
+            self.tests += 1
+
+
 def task_of(
     domain: Domain, table: PerceptTable | None, question: Question,
     object_name: str | None, key: str | int | None,
