@@ -116,8 +116,8 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
             raise SettingsError(f"None of the {trials} tasks is about {sorted(names)}; give more.")
         self._max_steps = max_steps
         self._scale = scale
-        kept = logs if log_training or objects == "test" else None
-        self._learner = Learner(table.domain, agent=chosen, seed=seed, logs=kept).fit(table)
+        folder = logs if log_training or objects == "test" else None
+        self._learner = Learner(table.domain, agent=chosen, seed=seed, logs=folder).fit(table)
         self._begun: tuple[Session, RecordedRobot] | None = None
         self._policy: Policy | None = None
         self._steps = 0

@@ -75,7 +75,8 @@ def test_a_copy_of_a_session_goes_on_alone(how):
 @pytest.mark.parametrize("how", sorted(COPIES))
 def test_what_is_being_logged_is_copied_between_trials_alone(how, tmp_path):
     name = "meal_bayes/ROC36-v0"
-    environment = gymnasium.make(name, attributes=1, agent="greedy", trials=36, logs=tmp_path)
+    options = {"attributes": 1, "agent": "greedy", "trials": 36, "objects": "test"}
+    environment = gymnasium.make(name, logs=tmp_path, **options)
     twin = COPIES[how](environment)
     twin.reset(seed=0)
     twin.close()
