@@ -31,6 +31,7 @@ def run_agent(
     *,
     perception: str = "default",
     reward: float | None = None,
+    answer: str = "values",
 ) -> TrialOutcomes:
     """Run an agent's trials, or read those that the logs hold.
 
@@ -43,6 +44,7 @@ def run_agent(
     agent, trials : who, by name or an agent of one's own, and how many in all.
     perception : "default" or "paper".
     reward : of a right report, in place of the paper's.
+    answer : what queries ask for, see `OfflineConfig`.
     """
     theirs = protocol == THEIRS
     named = agents.WAYS | (agents.AGENTS if theirs else {})
@@ -55,6 +57,7 @@ def run_agent(
         percepts="model" if theirs else "recorded",
         perception=perception,
         reward=paper_values("offline_reward") if reward is None else reward,
+        answer=answer,
     )
     done = run_offline(
         config, logs=setting.logs, jobs=setting.jobs, cluster=setting.cluster,

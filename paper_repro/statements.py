@@ -206,7 +206,7 @@ def judged(
                 facts = entry.judge(float(next(levels)) if entry.parts else 0.0)
             rows.append({
                 "text": text, "where": where, "protocol": protocol,
-                "central": any(fnmatch(text, pattern) for pattern in central), "looks": 1, **facts,
+                "central": any(fnmatch(text, pattern) for pattern in central), **facts,
             })  # fmt: skip
     return rows
 

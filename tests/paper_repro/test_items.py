@@ -7,17 +7,12 @@ import pytest
 
 from meal_bayes.datasets import load_percepts
 from meal_bayes.evaluation import Effect
-from meal_bayes.evaluation.outcome_model import AgentEffect
 from meal_bayes.trials import TrialOutcomes
-from paper_repro import frame, online
 from paper_repro.asking import ask_until_two_agree
+from paper_repro.halves import joined
 from paper_repro.inference import LEVEL
-from paper_repro.items import eq7, fig4, fig8, fig9, fig10, fig11, fig12, losses, risk, table3
-from paper_repro.items.hierarchical import draw
-from paper_repro.items.table4 import judge as judge_table_4
-from paper_repro.items.table4 import places
+from paper_repro.items import eq7, fig4, fig8, fig9, losses, risk, table3
 from paper_repro.items.table5 import predicted
-from paper_repro.online import Curves
 from paper_repro.statements import CONSTRUCTED, FALLS, STANDS, UNDECIDED, Evidence
 
 KINDS = (STANDS, FALLS, UNDECIDED)
@@ -36,16 +31,6 @@ def outcome(evidence: Evidence | None) -> str:
 def kinds(*values):
     """Pair what makes a statement stand, fall and stay undecided with these outcomes."""
     return list(zip(KINDS, values, strict=True))
-
-
-def curves(accuracy, *, hours=4.0, first=0.5, seed=0):
-    """Learning curves of a level and of a first batch that takes some hours."""
-    rng = np.random.default_rng(seed)
-    noise = rng.standard_normal((REPEATS, 1)) * 0.02
-    values = accuracy + np.repeat(noise - noise.mean(), 4, axis=1)
-    x = np.array([0.0, first, 2.0, hours]) + np.zeros((REPEATS, 4))
-    x[:, 1::2] += 0.02 * (noise - noise.mean())
-    return Curves(x, values, 100 * values, 100 * values, np.zeros((REPEATS, 4, 0)), ())
 
 
 @pytest.mark.parametrize(("kind", "shift"), kinds(0.0, 0.3, 0.05))
@@ -204,108 +189,6 @@ def test_asking_until_two_answers_agree_is_what_a_simulation_gives():
     assert outcome(claim) == FALLS
 
 
-@pytest.mark.parametrize(("kind", "lead"), kinds(0.1, -0.1, 0.0))
-def test_fig_10_judges_areas_and_budgets(kind, lead):
-    panel = {"morc_itrs": curves(0.8 + lead, seed=1, hours=4.0 - lead),
-             "iterative_morc": curves(0.8, seed=2),
-             "iterative_random_legal": curves(0.8, seed=3)}  # fmt: skip
-    evidence = fig10.judge(panel, "CY101, 1 attribute", one_agent=False)
-    assert tuple(evidence) == fig10.texts("CY101, 1 attribute")
-    assert {outcome(claim) for claim in evidence.values()} == {kind}
-    same = fig10.judge(panel, "CY101, 1 attribute", one_agent=True)
-    starts = [outcome(claim) for text, claim in same.items() if "before training" in text]
-    assert starts == [CONSTRUCTED] * 2
-
-
-def test_fig_10_compares_over_equal_hours():
-    hours, reward = np.array([[0.0, 1.0, 2.0]] * 2), np.array([[0.0, 10.0, 20.0]] * 2)
-    slow = replace(curves(0.8), hours=3 * hours, accuracy=hours, reward=reward + 5.0)
-    base = replace(slow, hours=hours, reward=reward)
-    table = fig10.compared({"morc_itrs": slow, "iterative_morc": base}, "CY101, 1 attribute")
-    ahead, itself = (dict(zip(table.columns, row, strict=True)) for row in table.rows)
-    assert ahead["reward over H h, less its"].estimate < 0
-    assert itself["reward over H h, less its"].estimate == 0.0
-
-
-def test_areas_are_means_over_hours():
-    hours, values = np.array([[0.0, 1.0, 3.0]]), np.array([[0.0, 1.0, 1.0]])
-    curve = Curves(hours, values, values, values, np.zeros((1, 3, 0)), ())
-    for end, mean in ((2.0, 0.75), (4.0, 0.875)):
-        until = replace(curve, hours=np.array([[0.0, 1.0, end]]))
-        assert fig10.area(curve, until, "reward")[0] == pytest.approx([mean])
-    assert online.at_hours(hours, values, 0.5) == pytest.approx([0.5])
-    assert online.at_hours(hours, values, 9.0) == pytest.approx([1.0])
-
-
-@pytest.mark.parametrize(("kind", "lead"), kinds(0.1, -0.1, 0.0))
-def test_fig_11_judges_attributes(kind, lead):
-    rng = np.random.default_rng(0)
-
-    def scores():
-        noise = 0.02 * rng.standard_normal((REPEATS, 10))
-        return 0.8 + noise - noise.mean(axis=0)
-
-    itrs, legal, base = (scores() for _ in range(3))
-    itrs += lead
-    legal -= lead
-    for agent in (itrs, legal, base):  # easy ones above the rest, hard ones below
-        agent[:, [fig11.NAMES.index(name) for name in ("blue", "full", "container")]] += lead
-        for name in ("plastic", "hard", "empty"):
-            agent[:, fig11.NAMES.index(name)] = scores()[:, 0] - lead
-    evidence = fig11.judge(
-        {"iterative_random_legal": legal, "iterative_morc": base, "morc_itrs": itrs}, 0.5
-    )
-    outcomes = [outcome(claim) for claim in evidence.values()]
-    assert outcomes[0] == (kind if kind == STANDS else FALLS)  # of three equals one seldom has 7
-    assert outcomes[1:4] == [kind] * 3
-    if kind != FALLS:
-        assert outcomes[4:] == [kind] * 4
-    else:
-        assert FALLS in outcomes[4:]
-
-
-@pytest.mark.parametrize(("kind", "lead"), kinds(0.05, -0.05, 0.0))
-def test_fig_12_judges_the_grid(kind, lead):
-    grid = {}
-    for n, (alpha, beta) in enumerate((a, b) for a in fig12.ALPHAS for b in fig12.BETAS):
-        noise = 0.005 * np.random.default_rng(n).standard_normal((REPEATS, 11))
-        level = 0.8 + lead * (beta in (10, 30, 60)) + lead * (alpha in (3, 6))
-        grid[f"{alpha}, {beta}"] = level + noise - noise.mean(axis=0)
-        grid[f"{alpha}, {beta}"][:, 6:] += lead + lead * (alpha == fig12.ALPHAS[-1])
-    evidence = fig12.judge(grid, 0.5)
-    assert {outcome(claim) for claim in evidence.values()} == {kind}
-
-
-@pytest.mark.parametrize(
-    ("kinds", "late", "more"),
-    [
-        ([STANDS, STANDS, STANDS], 0.63, 0.5),
-        ([FALLS, STANDS, FALLS], -0.3, -0.5),
-    ],
-)
-def test_table_4_judges_tables_and_choices(kinds, late, more):
-    def around(level, seed):
-        noise = 0.05 * np.random.default_rng(seed).standard_normal(REPEATS)
-        return level + noise - noise.mean()
-
-    nothing = np.zeros(REPEATS)
-    traits = {"early 0": nothing, "early 1": around(0.18, 1), "late 0": nothing,
-              "late 1": around(late, 2), "grasp": around(0.05, 3),
-              "experience": around(0.67, 4), "early presses": around(0.5, 5),
-              "late presses": around(0.5 + more, 6)}  # fmt: skip
-    evidence = judge_table_4(traits, 0.5, printed=True)
-    assert [outcome(claim) for claim in evidence.values()] == kinds
-    assert len(judge_table_4(traits, 0.5, printed=False)) == 2  # ideas alone
-    traits["experience"] = np.full(REPEATS, 0.02)
-    (fallen,) = (c for text, c in judge_table_4(traits, 0.5, printed=True).items() if "IE" in text)
-    assert outcome(fallen) == FALLS
-    (_, _, printed, mean, _, below), *_ = places({"theirs": traits})
-    assert (printed, below) == (pytest.approx(0.18), pytest.approx(0.5, abs=0.3))
-    assert mean == pytest.approx(0.18)
-    traits["early 1"] = np.full(REPEATS, np.nan)  # a batch that never asked
-    assert outcome(next(iter(judge_table_4(traits, 0.5, printed=True).values()))) == UNDECIDED
-
-
 @pytest.mark.parametrize(("kind", "errors"), kinds((0, 2), (2, 0), (2, 2)))
 def test_fig_4_orders_attributes_by_kappa(kind, errors):
     counts = np.zeros((30, 2, 2, 2))
@@ -324,22 +207,39 @@ def test_the_sixth_belief_of_table_5_follows_from_the_others():
     assert not low - 0.005 <= 0.06 <= high + 0.005
 
 
-def test_true_theta_counts_the_object_at_hand(tmp_path):
-    table = load_percepts("roc36")
-    informed = load_percepts(losses.informed_table(frame.Setting(logs=tmp_path), table))
-    yes = (table.levels_of(table.log_odds, 2) == 1)[4].sum(axis=0)  # (E,P) of one object
-    for p in range(len(table.domain.attributes)):
-        changed = (informed.training_bins[4, :, p] != table.training_bins[4, :, p]).any(axis=(1, 2))
-        (other,) = np.flatnonzero(changed)
-        assert table.labels[other, p] == table.labels[4, p]
-        shown = informed.training_levels(4, 2)[other, p, :-1, 1]  # reinit shows nothing
-        np.testing.assert_array_equal(shown, yes[:-1, p])
-    assert losses.cheapest_percept(table) == 0.5
+def test_what_a_reward_lacks_is_data_plans_and_sensors():
+    known, gap = Effect(300.0, 10.0, 30), Effect(-5.0, 8.0, 30)
+    for doubled in (-20.0, 50.0, 900.0):
+        gains = losses.split(known, Effect(doubled, 12.0, 30), gap, 499.5)
+        assert sum(gain.estimate for gain in gains) == pytest.approx(199.5)
+        assert min(gain.estimate for gain in gains) >= 0
+    assert losses.split(known, Effect(50.0, 12.0, 30), gap, 499.5).data.estimate == 50.0
+    assert losses.cheapest_percept(load_percepts("roc36")) == 0.5
 
 
-def test_effects_are_drawn_with_both_intervals():
-    effect = AgentEffect("bayes", "morc", "success", 9, 0.1, 0.08, 0.01, 0.2, 0.9, 0.1, 0.02, "red")
-    ax = draw({"Fig. 8": [(effect, Effect(0.1, 0.05, 9))]})
-    assert ax.get_xlabel() == "success less morc's"
-    assert [label.get_text() for label in ax.get_yticklabels()] == ["red: bayes, Pr 0.90"]
-    assert [drawn[0].get_xdata()[0] for drawn in ax.containers] == [0.08, 0.1]
+def test_halves_have_the_tasks_of_all_and_learn_from_their_own_half():
+    whole = load_percepts("roc36")
+    every = np.arange(len(whole.objects))
+    same = joined(whole, [every], [whole])
+    np.testing.assert_array_equal(same.log_odds, whole.log_odds)
+    np.testing.assert_array_equal(same.training_bins, whole.training_bins)
+    parts = [every[::2], every[1::2]]
+    tables = [
+        replace(
+            whole,
+            objects=tuple(whole.objects[o] for o in part),
+            labels=whole.labels[part],
+            log_odds=whole.log_odds[part],
+            training_bins=whole.training_bins[np.ix_(part, part)],
+            recording_counts=whole.recording_counts[part],
+            groups=np.arange(len(part)),
+        )
+        for part in parts
+    ]
+    halves = joined(whole, parts, tables)
+    np.testing.assert_array_equal(halves.log_odds, whole.log_odds)  # each object's own
+    assert (halves.labels == whole.labels).all()
+    for o in (4, 17):
+        mine = np.isin(every, parts[o % 2])
+        np.testing.assert_array_equal(halves.training_bins[o, mine], whole.training_bins[o, mine])
+        assert not halves.training_bins[o, ~mine].any()
