@@ -155,11 +155,15 @@ def named(words: Iterable[str]) -> tuple[str, ...]:
 
 def reproduce(item: str, setting: Setting) -> dict[str, Any]:
     """Run one item and write what came of it; returns the facts that were written."""
+    committed = not (setting.quick or setting.as_published)  # what git keeps
+    return run_item(item, setting, RESULTS if committed else setting.logs / "paper_repro")
+
+
+def run_item(item: str, setting: Setting, folder: Path) -> dict[str, Any]:
+    """Run one item and write what came of it into a folder; returns the facts."""
     begin, setting = time.perf_counter(), dataclasses.replace(setting, spent={})
     result: Result = import_module(f"paper_repro.items.{item}").run(setting)
     seconds = max(time.perf_counter() - begin, math.fsum(setting.spent.values()))
-    committed = not (setting.quick or setting.as_published)  # what git keeps
-    folder = RESULTS if committed else setting.logs / "paper_repro"
     record = facts(item, result, setting)
     write_whole(folder / f"{item}.json", json.dumps(record, indent=1, allow_nan=False) + "\n")
     for end, figure in result.figures.items():
