@@ -13,11 +13,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from meal_bayes.arrays import check_whole
 from meal_bayes.errors import LogError, SettingsError
+from meal_bayes.files import command_line
 from meal_bayes.momdp import MOMDP, Belief, Transition, best_answer, initial_belief, update_belief
 from meal_bayes.perception import Perceiver
 from meal_bayes.planners import Decision, History, Policy, unvalued
-from meal_bayes.robots import Outcome, OutcomeChecker
-from meal_bayes.robots.robot import Execution
+from meal_bayes.robots.robot import Execution, Outcome, OutcomeChecker
 from meal_bayes.seeds import stream
 from meal_bayes.trials.recorder import Recorder
 from meal_bayes.trials.trial import Step, Task, Trial, truth_of
@@ -168,22 +168,28 @@ class Session:
         self._decide()
         return self
 
-    def observe(self, outcome: Outcome) -> None:
+    def observe(self, outcome: Outcome, *, step: int | None = None) -> None:
         """Perceive the outcome of `behavior`, update the belief, and decide again.
+
+        `step`, where given, is `len(session.steps)` when the behavior was named: what comes late
+        or twice is refused.
 
         Raises
         ------
         SettingsError
-            No behavior is under way.
+            No behavior is under way, or the outcome is of another step.
         RobotError
             A state that the domain does not know.
         ImpossibleObservation
             What the model holds for impossible.
         """
-        if self._decision is None:
+        decision = self._decision
+        if decision is None:
             raise SettingsError("No behavior is under way: the trial is over, or has not begun.")
+        if step is not None and step != len(self.steps):
+            raise SettingsError(f"It is of step {step}, not {len(self.steps)}: late or twice.")
         self._at = "robot"
-        action = self._decision.action
+        action = decision.action
         execution = self._checker.execute(action, outcome)
         self._at = "perceiver"
         x = self.belief.x
@@ -194,17 +200,15 @@ class Session:
             warning = "it failed: what it sensed is left aside" if sensed else ""
             execution = Execution(x, warning=warning)
         percept, warning = self._perceive(execution)
-        transition = Transition(action, execution.next_x, percept)
-        after = update_belief(self.belief, self.momdp, transition)
-        decision = self._decision
         next_x = execution.next_x
+        after = update_belief(self.belief, self.momdp, Transition(action, next_x, percept))
         self._decision = None
         self._append(Step(x, decision, next_x, percept, cost, -cost, after, warning))
         self._decide()
 
-    def fail(self) -> None:
+    def fail(self, *, step: int | None = None) -> None:
         """Note that `behavior` failed: the state is as it was, and nothing was perceived."""
-        self.observe(Outcome(self.momdp.x_names[self.belief.x]))
+        self.observe(Outcome(self.momdp.x_names[self.belief.x]), step=step)
 
     def cancel(self, why: str = "cancelled") -> None:
         """End the trial without a report; one that is over stays as it is."""
@@ -251,7 +255,7 @@ class Session:
         elif not self.over:
             self._end(f"{self._at} error: {type(fault).__name__}: {fault}".removesuffix(": "))
             if self._recorder is not None:
-                show = f"meal-bayes log show {self._recorder.path}"
+                show = command_line("meal-bayes log show", self._recorder.path)
                 fault.add_note(f"the trial, as far as it went: {show}")
 
     def _decide(self) -> None:

@@ -125,6 +125,20 @@ def test_a_trial_begins_once(learner):
         session.start("table")
 
 
+def test_an_outcome_that_comes_late_or_twice_is_refused_where_its_step_is_named(learner, make):
+    arm = started(make.arm())
+    session = learner.begin("red")
+    outcome = arm.execute(session.behavior)
+    session.observe(outcome, step=0)
+    for again in (lambda: session.observe(outcome, step=0), lambda: session.fail(step=2)):
+        with pytest.raises(SettingsError, match="late or twice"):
+            again()
+    assert len(session.steps) == 1
+    session.observe(arm.execute(session.behavior), step=1)
+    assert len(session.steps) == 2
+    session.cancel()
+
+
 @pytest.mark.parametrize("steps", range(len(PLAN) + 1))
 def test_a_restart_goes_on_as_if_undisturbed(learner, make, tmp_path, steps):
     learner.save(tmp_path / "mind")
