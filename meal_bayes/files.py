@@ -10,6 +10,7 @@ import hashlib
 import os
 import re
 import secrets
+import shlex
 import stat
 import sys
 import tempfile
@@ -23,6 +24,25 @@ if sys.platform != "win32":
     import fcntl
 
 _LOG_MAGIC = b"\x89MCAP0\r\n"
+
+
+def command_line(command: str, *words: str | Path) -> str:
+    """Return a command and its words as a line that a shell reads back as these very words.
+
+    Paths and names are data: they may hold blanks, quotes, or what no terminal shows.
+
+    >>> command_line("meal-bayes log show", Path("my logs/a.mcap"))
+    "meal-bayes log show 'my logs/a.mcap'"
+    """
+    return " ".join([command, *map(_shell_word, words)])
+
+
+def _shell_word(word: str | Path) -> str:
+    # A path that begins with a dash would be read as an option.
+    text = f"./{word}" if isinstance(word, Path) and str(word).startswith("-") else str(word)
+    if text.isprintable():
+        return shlex.quote(text)
+    return "$'" + "".join(f"\\x{byte:02x}" for byte in os.fsencode(text)) + "'"
 
 
 def file_name(text: str, longest: int = 60) -> str:

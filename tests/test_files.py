@@ -16,7 +16,15 @@ from hypothesis import strategies as st
 
 from meal_bayes.cli.console import printable
 from meal_bayes.errors import OutputError
-from meal_bayes.files import add_line, check_folder, check_output, draft_of, file_name, write_whole
+from meal_bayes.files import (
+    add_line,
+    check_folder,
+    check_output,
+    command_line,
+    draft_of,
+    file_name,
+    write_whole,
+)
 from meal_bayes.untrusted import DEPTH_LIMIT, JSON_LIMIT, read_bytes, read_json
 
 
@@ -234,3 +242,22 @@ def test_a_line_is_added_behind_a_torn_one(lines, torn, line):
         add_line(path, line)
         end = b"" if not before or before.endswith(b"\n") else b"\n"
         assert path.read_bytes() == before + end + line.encode() + b"\n"
+
+
+SIGNS = st.characters(codec="utf-8", exclude_characters="\0") | st.sampled_from(
+    "' \"$`\\!*~\n\t-\udce9"
+)
+
+
+@given(st.lists(st.text(SIGNS, max_size=6), max_size=8))
+def test_a_shell_reads_the_words_of_a_shown_command(words):
+    line = command_line("printf '%s\\0'", *words)
+    assert line.isprintable()
+    done = subprocess.run(["bash", "-c", line], capture_output=True, check=True)
+    read = list(map(os.fsdecode, done.stdout.split(b"\0")))[:-1]
+    assert read == (words or [""])
+
+
+def test_a_path_that_looks_like_an_option_is_shown_as_a_path():
+    assert command_line("show", Path("-x.mcap")) == "show ./-x.mcap"
+    assert command_line("show", "--trial", Path("a b")) == "show --trial 'a b'"

@@ -14,6 +14,7 @@ from meal_bayes.cli import console as terminal
 from meal_bayes.cli import options as opt
 from meal_bayes.cli.console import note, output, print_facts, print_json
 from meal_bayes.cli.program import Section
+from meal_bayes.files import command_line
 
 if TYPE_CHECKING:
     from meal_bayes.datasets import PerceptTable
@@ -72,7 +73,7 @@ def demo(seed: int, logs: Path) -> None:
     console.print(Text("what next", "bold"))
     many = "meal-bayes run offline --trials 100 --agent predefined_plus --agent bayes"
     for command, what in (
-        (f"meal-bayes log show {path}", "this trial again, from its log"),
+        (command_line("meal-bayes log show", path), "this trial again, from its log"),
         (f'meal-bayes ask "Is it blue, and does it hold rice?" --object {other}', "ask your own"),
         (many, "many trials, two agents compared"),
     ):
@@ -134,7 +135,7 @@ def ask(root: Path | None, learn: bool, logs: Path, as_json: bool, **options: An
         memory.add(Remembered(config["object"], labels, str(path)))
         note(f"kept in {memory.path}: {config['object']} is {_text(labels)}")
     elif not as_json:
-        note(f"every decision and its reasons: meal-bayes log show {path}")
+        note(f"every decision and its reasons: {command_line('meal-bayes log show', path)}")
 
 
 def _answer(
@@ -249,7 +250,8 @@ def show(dataset: str, root: Path | None, logs: Path, as_json: bool) -> None:
         print_json({"memory": [entry._asdict() for entry in remembered]})
         return
     if not remembered:
-        note(f'no labels yet; ask with --learn: meal-bayes ask --learn "..." --logs {logs}')
+        command = command_line('meal-bayes ask --learn "..." --logs', logs)
+        note(f"no labels yet; ask with --learn: {command}")
         return
     cells = ((entry.object, _text(entry.labels), Path(entry.log).name) for entry in remembered)
     terminal.print_table(("object", "is", "log"), cells, left=("is", "log"))

@@ -18,7 +18,7 @@ from meal_bayes.cli.console import (
 )
 from meal_bayes.cli.options import FILE, MOST_TRIALS, option, shared
 from meal_bayes.cli.program import Section
-from meal_bayes.files import check_output
+from meal_bayes.files import check_output, command_line
 
 if TYPE_CHECKING:
     from meal_bayes.trial_log import LogInfo
@@ -134,7 +134,7 @@ def check(file: Path, as_json: bool) -> None:
             if not report.whole:
                 facts["problems"] = "\n".join(report.problems)
                 if report.trials:
-                    facts["repair"] = f"meal-bayes log recover {report.path}"
+                    facts["repair"] = command_line("meal-bayes log recover", report.path)
             print_facts(output(), facts)
     if not all(report.whole for report in reports):
         click.get_current_context().exit(_UNSOUND)

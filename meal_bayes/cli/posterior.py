@@ -7,6 +7,7 @@ import click
 
 from meal_bayes.cli import console as terminal
 from meal_bayes.cli import options as opt
+from meal_bayes.files import check_output, command_line
 
 _R_HAT = 1.01  # above it the chains do not agree
 _ESS = 400  # below it the figures are rough
@@ -152,7 +153,6 @@ def export(file: Path, **options: Any) -> None:
     confusion matrices that held-out classifiers showed on the data set's recordings.
     """
     from meal_bayes.domain import read_query
-    from meal_bayes.files import check_output
     from meal_bayes.momdp import Objective, build_momdp, write_pomdp, write_pomdpx
     from meal_bayes.perception.confusion import percept_counts
     from meal_bayes.posterior import ConfusionPosterior
@@ -175,6 +175,6 @@ def export(file: Path, **options: Any) -> None:
         f"{file}: {momdp.n_states} states, {momdp.n_actions} actions, {observations} observations, "
         f"{file.stat().st_size:,} bytes"
     )
-    terminal.note(
-        f"solve it with SARSOP: pomdpsol --timeout 5 --output {file.stem}.policy {file.name}"
-    )
+    solution = file.with_suffix(".policy")
+    command = command_line("pomdpsol --timeout 5 --output", solution, file)
+    terminal.note(f"solve it with SARSOP: {command}")

@@ -12,6 +12,7 @@ from rich.text import Text
 from meal_bayes.cli import console as terminal
 from meal_bayes.cli import options as opt
 from meal_bayes.cli.program import Section
+from meal_bayes.files import command_line
 
 if TYPE_CHECKING:
     from meal_bayes.evaluation import SummaryRow
@@ -250,7 +251,8 @@ def online(
         if len(summary) > 1:
             _print_differences(summary, repeats)
     terminal.note(f"trials in {finished.folder}")
-    terminal.note(f"learning curves: meal-bayes report {finished.folder} -o report.html")
+    report = command_line("meal-bayes report", finished.folder, "-o", "report.html")
+    terminal.note(f"learning curves: {report}")
 
 
 def _print_learning(rows: "list[LearningRow]", summary: "list[LearningSummary]") -> None:

@@ -11,6 +11,7 @@ import click
 from meal_bayes.cli import console as terminal
 from meal_bayes.cli import options as opt
 from meal_bayes.cli.program import Section
+from meal_bayes.files import command_line
 
 if TYPE_CHECKING:
     from meal_bayes.robots.robot import Frame
@@ -118,7 +119,8 @@ def ask(question: str, view: bool, save: Path | None, as_json: bool, **options: 
         terminal.print_json({**trial_json(trial), "seed": seed, "log": str(log)})
     else:
         print_answer(terminal.output(), trial)
-        terminal.note(f"every decision and its reasons: meal-bayes log show {log}")
+        show = command_line("meal-bayes log show", log)
+        terminal.note(f"every decision and its reasons: {show}")
     with TemporaryDirectory(prefix="meal_bayes-") as folder:
         if watched:
             path = recording or Path(folder, "sim.rrd")
@@ -169,7 +171,7 @@ def live(trials: int, agent: str, seed: int, logs: Path, as_json: bool) -> None:
     names = "trials", "agent", "accuracy", "s a trial", "robot errors"
     points = (_point(done, start) for start in range(0, len(done), _BLOCK))
     terminal.print_table(names, points, left=("agent",))
-    terminal.note(f"every trial: meal-bayes log show {folder}")
+    terminal.note(f"every trial: {command_line('meal-bayes log show', folder)}")
 
 
 def _point(done: "list[Trial]", start: int) -> list[str]:

@@ -12,6 +12,7 @@ from meal_bayes.display import percent
 from meal_bayes.evaluation import plots
 from meal_bayes.evaluation.logged import place_of
 from meal_bayes.evaluation.summary import mean_effect
+from meal_bayes.files import command_line
 from meal_bayes.trial_log import Group
 from meal_bayes.trials import Trial, TrialOutcomes
 from meal_bayes.trials.percepts import attribute_labels
@@ -195,7 +196,7 @@ def trial_content(chosen: Chosen, trial: Trial) -> Section:
     facts = _facts(chosen)
     return {
         "text": f"truth: {facts['truth']}",
-        "command": f"meal-bayes view {chosen.file} --trial {chosen.number}",
+        "command": command_line("meal-bayes view", chosen.file, "--trial", str(chosen.number)),
         "tables": [table],
         "figures": [(plots.trial_strip(trial), caption)] if trial.steps else [],
         "wide": True,

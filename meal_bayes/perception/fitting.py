@@ -31,6 +31,7 @@ from meal_bayes.datasets.percepts import BIN_EDGES, levels_of, round_log_odds
 from meal_bayes.datasets.sources import SOURCES
 from meal_bayes.domain import unknown
 from meal_bayes.errors import SettingsError
+from meal_bayes.files import command_line
 from meal_bayes.perception import stacked
 from meal_bayes.perception.confusion import by_truth, youden
 from meal_bayes.perception.perceiver import BehaviorClassifier, Perception
@@ -317,14 +318,15 @@ def _provenance(dataset: Dataset, settings: PerceptionSettings) -> dict[str, str
     kind = type(settings.classifier)
     home = SOURCES.get(data)
     name = f"{kind.__module__}:{kind.__qualname__}"
-    options = {"paper": " --perception paper", "classifier": f" --classifier {name}"}
+    options = {"paper": ["--perception", "paper"], "classifier": ["--classifier", name]}
+    words = ["--dataset", data, *options.get(settings.method, [])]
     names = (field.name for field in fields(settings) if field.name != "classifier")
     provenance = {
         "package": f"meal-bayes {package_version()}",
         "perception": ", ".join(f"{n}={getattr(settings, n)}" for n in names),
         "source": f"{home.repository}@{home.commit}" if home else "own data",
         "recordings_sha256": digest.hexdigest(),
-        "command": f"meal-bayes data percepts --dataset {data}{options.get(settings.method, '')}",
+        "command": command_line("meal-bayes data percepts", *words),
     }
     if classifier is not None:
         provenance["classifier"] = name

@@ -14,7 +14,7 @@ from platform import python_version
 from typing import Any
 
 from meal_bayes.errors import LogCorruptError, LogError
-from meal_bayes.files import draft_of
+from meal_bayes.files import command_line, draft_of
 from meal_bayes.trial_log.names import log_files
 from meal_bayes.trial_log.reader import check_log
 from meal_bayes.trial_log.schema import ACTIVE, SUFFIX
@@ -93,8 +93,8 @@ def _trials_of(path: Path) -> int:
     info = check_log(path)
     if not info.whole:
         raise LogCorruptError(
-            f"{path} is damaged: {info.problems[0]}; recover it (meal-bayes log recover), or take "
-            "it out of the folder."
+            f"{path} is damaged: {info.problems[0]}; take it out of the folder, and save its whole "
+            f"trials with: {command_line('meal-bayes log recover', path)}"
         )
     return info.trials
 

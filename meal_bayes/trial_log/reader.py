@@ -13,6 +13,7 @@ from mcap.records import Chunk, Footer
 from mcap.writer import MCAP0_MAGIC
 
 from meal_bayes.errors import LogCorruptError, LogError, LogVersionError
+from meal_bayes.files import command_line
 from meal_bayes.trial_log import schema
 from meal_bayes.trial_log.container import FAULTS, fault_text, next_log, read_records
 from meal_bayes.trial_log.decode import NO_END, NO_HEADER, TrialBuilder
@@ -70,7 +71,7 @@ def _trials(scan: "Scan") -> Iterator[Trial]:
         if isinstance(entry, TrialOutcomes):
             raise LogError(
                 f"{scan.path} is a compact log: outcomes without steps; see them with: "
-                f"meal-bayes report {scan.path}"
+                + command_line("meal-bayes report", scan.path)
             )
         yield entry
 
@@ -265,4 +266,4 @@ def _way_out(path: Path) -> str:
     with path.open("rb") as file:
         if file.read(len(MCAP0_MAGIC)) != MCAP0_MAGIC:
             return f"expected a {schema.SUFFIX} file that meal_bayes wrote"
-    return f"save its whole trials with: meal-bayes log recover {path}"
+    return f"save its whole trials with: {command_line('meal-bayes log recover', path)}"
