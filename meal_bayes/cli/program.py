@@ -1,9 +1,12 @@
 """The command-line program: its exit codes, and its errors in one line."""
 
+import ast
 import contextlib
+import inspect
 import logging
 import os
 import sys
+import textwrap
 import warnings
 from collections.abc import Sequence
 from typing import Any, NoReturn
@@ -17,6 +20,7 @@ FAILED = 2  # exit code of errors that the user can fix: a value, a file of wron
 SYSTEM = 1  # of errors of the system: a full disk, missing rights, a closed stream
 INTERRUPTED = 130  # by Ctrl-C, or by a closed pipe
 _LONGEST = 2000  # characters of an error
+_NO_DOCSTRINGS = 2  # level of optimization (`python -OO`) that takes docstrings away
 
 
 class Section(click.Group):
@@ -38,6 +42,8 @@ class Program(Section):
         """Run a command line and exit."""
         _hold_streams()
         _show_warnings()
+        if sys.flags.optimize >= _NO_DOCSTRINGS:
+            _restore_help(self)
         try:
             code = super().main(args, *rest, **{**extra, "standalone_mode": False})
             sys.stdout.flush()
@@ -98,6 +104,17 @@ def _show_warnings() -> None:
     log = logging.getLogger("meal_bayes")
     if not any(isinstance(handler, _Warnings) for handler in log.handlers):
         log.addHandler(_Warnings(logging.WARNING))
+
+
+def _restore_help(command: click.Command) -> None:
+    """Read the help of a command, and of those in it, from the source of their functions."""
+    if command.callback is not None:
+        source = textwrap.dedent(inspect.getsource(command.callback))
+        (function,) = ast.parse(source).body
+        if isinstance(function, ast.FunctionDef):
+            command.help = ast.get_docstring(function)
+    for inner in command.commands.values() if isinstance(command, click.Group) else ():
+        _restore_help(inner)
 
 
 def _fail(message: str, code: int = FAILED) -> NoReturn:

@@ -48,6 +48,21 @@ def test_every_command_has_help_and_short_helps_fit_in_their_line(run):
             assert "..." not in run(*path).stdout.split("Commands:")[1]
 
 
+@pytest.mark.long
+@pytest.mark.parametrize("words", [(), ("log",), ("run", "offline")])
+def test_help_is_there_where_docstrings_are_not(words):
+    """`python -OO` takes docstrings away."""
+    helps = [
+        subprocess.run(
+            [sys.executable, *flags, "-m", "meal_bayes", *words, "--help"],
+            capture_output=True, text=True, check=True,
+        ).stdout
+        for flags in ([], ["-OO"])
+    ]  # fmt: skip
+    assert helps[0] == helps[1]
+    assert len(helps[0].splitlines()) > 10
+
+
 def test_help_names_the_agents_that_exist():
     shown = re.findall(r"\w+", f"{options.AGENTS} {options.ONLINE_AGENTS}")
     assert set(shown) - {"or"} == set(AGENTS)
