@@ -9,8 +9,10 @@ from numpy.typing import ArrayLike, NDArray
 from meal_bayes.agents.exploration import ExplorationBonus, NoBonus
 from meal_bayes.agents.knowledge import Knowledge
 from meal_bayes.domain import Domain, Query
+from meal_bayes.errors import SettingsError
 from meal_bayes.momdp import MOMDP, Objective, build_momdp
 from meal_bayes.planners import Solver, warm_up
+from meal_bayes.untrusted import name_fault
 
 _TRUST = 0.99  # Pr(a label that a person gave is right)
 _MOST_VOTES = 5  # of one side, beyond which a belief could not be moved any more
@@ -26,7 +28,7 @@ class Agent:
     Attributes
     ----------
     name : str
-        Of the agent.
+        Of the agent, in columns, logs and names of folders.
     solver : Callable[[Domain, Query], Solver]
         Makes the planner of a query.
     object_level : bool
@@ -68,6 +70,10 @@ class Agent:
     memory: bool = False
     whiten: bool = False
     trained_by: "Agent | None" = None
+
+    def __post_init__(self) -> None:
+        if fault := name_fault(self.name):
+            raise SettingsError(f"The agent's name {self.name!a:.60} {fault}; rename it.")
 
     def warm_up(self, domain: Domain, query: Query) -> None:
         """Compile the kernels that the solver of a query needs, before the first decision."""

@@ -24,6 +24,7 @@ from meal_bayes.learner.settings import (
 )
 from meal_bayes.learner.trial import check_behaviors, record_step
 from meal_bayes.trials import Trial
+from meal_bayes.untrusted import name_fault
 
 
 class Learner(Answerer):
@@ -153,7 +154,7 @@ class Learner(Answerer):
         Raises
         ------
         QueryError
-            An attribute that the domain does not have.
+            An attribute that the domain does not have, or what cannot be an object's name.
         SettingsError
             A value that is no label; a trial with other levels than the agent's.
         """
@@ -163,6 +164,8 @@ class Learner(Answerer):
         name = trial.task.object_name if isinstance(trial, Trial) else trial
         if not isinstance(name, str):
             raise SettingsError(f"Labels are of a trial or an object's name; found {name!r:.60}.")
+        if fault := name_fault(name):
+            raise QueryError(f"The object's name {name!a:.60} {fault}; rename it.")
         with self._lock:
             key = told(name)  # as of a test, which is no experience
             if isinstance(trial, Trial) and trial.task.learn:

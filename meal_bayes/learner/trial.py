@@ -24,6 +24,7 @@ from meal_bayes.planners import Policy
 from meal_bayes.robots import OutcomeChecker
 from meal_bayes.trials import FaultTolerant, Session, Step, Task, Trial
 from meal_bayes.trials.session import MAX_STEPS
+from meal_bayes.untrusted import name_fault
 
 Question = str | Sequence[str] | Query | Task
 NO_CLASSIFIERS = (
@@ -79,6 +80,8 @@ def task_of(
     for part, value in (("key", key), ("object_name", object_name)):
         if not isinstance(value, str | int | None if part == "key" else str | None):
             raise SettingsError(f"{part} is {value!r:.60}; give a text.")
+        if part == "key" and isinstance(value, str) and (fault := name_fault(value)):
+            raise SettingsError(f"The key {value!a:.60} {fault}; give another.")
     query = question if isinstance(question, Query) else read_query(question, domain)
     text = question if isinstance(question, str) else query.text
     if table is not None:
