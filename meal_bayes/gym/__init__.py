@@ -128,7 +128,8 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
         dearest = max(behavior.cost for behavior in table.domain.behaviors)
         reports = 2**n if answer == "values" else 2
         answers = reports + (chosen.abstain and table.domain.diagram.abstain)
-        self.action_space = spaces.Discrete(e + answers)
+        self._actions = e + answers
+        self.action_space = spaces.Discrete(self._actions)
         self.observation_space = spaces.Dict(
             {
                 "state": spaces.Discrete(x),
@@ -148,7 +149,10 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
         by default both are new, by the seed of this or of an earlier call.
         """
         super().reset(seed=seed)
-        index = (options or {}).get("task")
+        chosen: Any = {} if options is None else options  # users give anything
+        if not isinstance(chosen, dict) or set(chosen) - {"task"}:
+            raise SettingsError(f"options are {options!r:.60}; expected {{'task': i}}, or none.")
+        index = chosen.get("task")
         seed_of_task = self._learner.settings.seed
         if index is None:
             index = int(self.np_random.integers(len(self.tasks)))
@@ -176,8 +180,10 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
         except TypeError:
             message = f"The action is {action!r:.60}; give a whole number of {self.action_space}."
             raise SettingsError(message) from None
+        if not 0 <= chosen < self._actions:
+            raise SettingsError(f"The action is {chosen!s:.60}; give one of {self.action_space}.")
         self._steps += 1
-        if 0 <= chosen < momdp.n_behaviors and not momdp.legal[running.belief.x, chosen]:
+        if chosen < momdp.n_behaviors and not momdp.legal[running.belief.x, chosen]:
             reward = -float(momdp.cost[chosen])
         else:
             running.command(unvalued(momdp, chosen))

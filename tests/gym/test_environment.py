@@ -56,7 +56,7 @@ def test_masked_behaviors_cost_and_change_nothing():
         assert not ended
         assert reward == pytest.approx(-after["cost"][0])
         for action in (-1, env.action_space.n):
-            with pytest.raises(SettingsError, match=f"action {action}; expected 0 to"):
+            with pytest.raises(SettingsError, match=f"action is {action}; give one of"):
                 env.step(action)
         env.step(env.action_space.n - 1)
         with pytest.raises(SettingsError, match="is over"):
@@ -153,6 +153,22 @@ def test_tasks_that_are_not_there_are_told():
         MealEnv("roc36", agent="greedy", trials=5).reset(options={"task": 5})
     with pytest.raises(SettingsError, match="call reset"):
         MealEnv("roc36", agent="greedy", trials=5).step(0)
+
+
+@pytest.mark.parametrize("options", [{"tsak": 1}, 3, ["task"]])
+def test_options_that_mean_nothing_are_told(options):
+    env = MealEnv("roc36", agent="greedy", trials=5)
+    with pytest.raises(SettingsError, match="'task': i"):
+        env.reset(options=options)
+
+
+@pytest.mark.parametrize("action", [-1, 14, 10**30, np.int64(99)])
+def test_an_action_that_is_not_there_changes_nothing(action):
+    env = MealEnv("roc36", attributes=1, agent="greedy", trials=5)
+    before, _ = env.reset(seed=0)
+    with pytest.raises(SettingsError, match=r"give one of Discrete\(14\)"):
+        env.step(action)
+    assert env.step(0)[0]["cost"] > before["cost"]
 
 
 @pytest.mark.parametrize("action", [2.7, "3", np.array([3]), float("nan"), None, np.float64(2)])
