@@ -6,6 +6,7 @@ Whatever a reader asks memory or time for, it asks by these numbers and never by
 A fault is a `ValueError`; each package turns it into its own error, with the file's name.
 """
 
+import codecs
 import io
 import json
 import lzma
@@ -54,6 +55,8 @@ def read_bytes(path: Path, limit: int = TEXT_LIMIT) -> bytes:
         if status.st_size > limit:
             raise ValueError(f"it has {status.st_size:,} bytes, more than {limit:,}")
         data = file.read(limit)
+    if data[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE):
+        raise ValueError("it is UTF-16 text; save it as UTF-8")
     if b"\0" in data:
         raise ValueError(f"it has a zero byte at {data.index(0)}, and text has none")
     return data

@@ -33,6 +33,8 @@ from meal_bayes.untrusted import read_bytes
 log = logging.getLogger("meal_bayes.datasets")
 
 _KEYS = ("object", "recording")
+_LINE_END = re.compile(r"\r\n|\r|\n")
+_SEPARATORS = {";": "semicolons", "\t": "tabs", "|": "bars"}  # of other programs
 _VALUES = {"1": 1, "0": 0, "": -1}
 _NUMBER = re.compile(
     r"[+-]?((\d+\.?\d*|\.\d+)(e[+-]?\d+)?|nan|inf(inity)?)", re.ASCII | re.IGNORECASE
@@ -122,8 +124,8 @@ def _read_labels(path: Path, domain: Domain) -> tuple[tuple[str, ...], NDArray[n
     (where, header), *rows = read_rows(path)
     if header[0] != "object":
         expected = f"object,{','.join(domain.attributes[:3])},..."
-        repair = "write it so (commas, not semicolons)"
-        raise fault(where, f"the header {header[0][:40]!r}", expected, repair)
+        content = f"the header {header[0][:40]!r}"
+        raise fault(where, content, expected, _write_so(header))
     names = [name for name in (*domain.attributes, *domain.groups) if name in header[1:]]
     present = labelled(domain, names)
     for name in (*domain.attributes, *domain.groups):
@@ -155,14 +157,20 @@ def _read_labels(path: Path, domain: Domain) -> tuple[tuple[str, ...], NDArray[n
     return tuple(labels), np.array(list(labels.values()), dtype=np.int8)
 
 
+def _write_so(header: Sequence[str]) -> str:
+    """Return how to repair a header that is not as expected, by what its cells hold."""
+    found = [name for sign, name in _SEPARATORS.items() if any(sign in cell for cell in header)]
+    return f"separate columns by commas, not {found[0]}" if found else "write it so"
+
+
 def read_text(path: Path) -> str:
     """Read a UTF-8 file; a `DataError` where it is absent, empty, too large, or no text."""
     try:
         data = read_bytes(path)
     except (OSError, ValueError) as error:
         raise DataError(
-            f"{path}: cannot be read ({getattr(error, 'strerror', error)}); expected it beside the "
-            "others of its data set; check names and permissions."
+            f"{path}: cannot be read ({getattr(error, 'strerror', error)}); expected it as text "
+            "beside the others of its data set; check name, permissions and content."
         ) from error
     try:
         text = data.decode("utf-8-sig")
@@ -178,8 +186,11 @@ def read_text(path: Path) -> str:
 
 
 def read_rows(path: Path) -> Iterator[tuple[str, list[str]]]:
-    """Yield the place, "FILE, line 1", and the stripped cells of every row that is not empty."""
-    for number, line in enumerate(read_text(path).split("\n"), start=1):
+    """Yield the place, "FILE, line 1", and the stripped cells of every row that is not empty.
+
+    Lines end as on any system: by a line feed, a carriage return, or both.
+    """
+    for number, line in enumerate(_LINE_END.split(read_text(path)), start=1):
         if not line.strip():
             continue
         try:
@@ -204,8 +215,8 @@ def read_features(path: Path, key_columns: Sequence[str], *, header: bool = Fals
         width = len(cells)
         if cells[:count] != list(key_columns) or width <= count:
             expected = f"{','.join(key_columns)},<feature>,..."
-            repair = "write it so (commas, not semicolons)"
-            raise fault(where, f"the header {','.join(cells)[:60]!r}", expected, repair)
+            content = f"the header {','.join(cells)[:60]!r}"
+            raise fault(where, content, expected, _write_so(cells))
     for where, cells in lines:
         width = width or max(len(cells), count + 1)
         if len(cells) != width:

@@ -100,7 +100,7 @@ class TransitionDiagram:
                 yield f"An effect of {effect.behavior!r} names {name!r}; expected one of {states}."
             if not 0.0 < effect.probability <= 1.0:
                 arrow = f"{effect.behavior!r} in {effect.source!r}"
-                yield f"{arrow} has probability {effect.probability:g}; expected one in (0, 1]."
+                yield f"{arrow} has probability {effect.probability}; expected one in (0, 1]."
             for source, target in self._expand(effect):
                 outcomes = outgoing.setdefault((source, effect.behavior), {})
                 if target in outcomes:
@@ -108,7 +108,7 @@ class TransitionDiagram:
                 outcomes[target] = effect.probability
         for (source, behavior), outcomes in outgoing.items():
             if (total := sum(outcomes.values())) > 1 + 1e-9:
-                yield f"{behavior!r} in {source!r} has total probability {total:g}; lower it to 1."
+                yield f"{behavior!r} in {source!r} has total probability {total}; lower it to 1."
         # A state that nothing leads to is a misspelled name more often than not.
         arrows = {(x, target) for (x, _), outcomes in outgoing.items() for target in outcomes}
         reached = closure(self.start, lambda state: (to for x, to in arrows if x == state))

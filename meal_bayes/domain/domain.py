@@ -119,8 +119,9 @@ class Domain:
             raise DomainError(fault)
 
     def _faults(self) -> Iterator[str]:
-        if not 0 <= self.report_reward <= LARGEST:
-            yield f"report_reward is {self.report_reward}; give a number from 0 to {LARGEST:g}."
+        if not 0 < self.report_reward <= LARGEST:
+            expected = f"a number above 0, at most {LARGEST:g}"
+            yield f"report_reward is {self.report_reward}; give {expected}."
         if not self.legal_budget or not all(0 <= s < math.inf for s in self.legal_budget):
             yield f"legal_budget is {self.legal_budget}; give at least one finite time >= 0 s."
         for kind, names in (("attribute", self.attributes), ("behavior", self.behavior_names)):
@@ -308,6 +309,11 @@ def fold(word: str) -> str:
 def unknown(kind: str, name: str, known: Iterable[str]) -> str:
     """Build the message that a name is not known, with the known names nearest to it."""
     names = list(known)
+    coded = unicodedata.normalize("NFC", name)
+    for other in names:
+        if other != name and unicodedata.normalize("NFC", other) == coded:
+            alike = f"{other!r} differs in how accents are coded alone (NFC or NFD)"
+            return f"Unknown {kind} {name!r}: {alike}; write both alike."
     near = difflib.get_close_matches(name, names, n=3, cutoff=0.5)
     hint = f"did you mean {' or '.join(map(repr, near))}? " if near else ""
     return f"Unknown {kind} {name!r}: {hint}expected one of: {listed(names, _SHOWN)}."

@@ -1,20 +1,19 @@
-"""One's own data in files, frames and arrays: read as written, and every mistake told."""
+"""One's own data in files: read as written, and every mistake told."""
 
 import csv
 import os
 import re
+import unicodedata
 from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
-import pandas as pd
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from meal_bayes.datasets import (
-    Dataset,
     load_dataset,
     load_percepts,
     make_synthetic,
@@ -23,7 +22,7 @@ from meal_bayes.datasets import (
 )
 from meal_bayes.datasets.csv_files import load_csv_folder, read_features, read_rows
 from meal_bayes.domain import load_domain
-from meal_bayes.errors import DataError, SettingsError
+from meal_bayes.errors import DataError, MealBayesError, SettingsError
 from meal_bayes.perception import build_percept_table
 
 
@@ -44,6 +43,46 @@ def test_spreadsheet_habits_are_understood(files):
     text = (files / "look_color.csv").read_text().replace("cup", '"cup"').replace("\n", "\r\n\r\n")
     (files / "look_color.csv").write_bytes(b"\xef\xbb\xbf" + text.encode())
     assert load_dataset(files / "own.toml", root=files).objects == ("cup", "stone")
+
+
+@pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
+def test_lines_end_as_on_any_system(files, end):
+    for path in files.glob("*.csv"):
+        path.write_bytes(path.read_bytes().replace(b"\n", end.encode()))
+    dataset = load_dataset(files / "own.toml", root=files)
+    assert dataset.objects == ("cup", "stone")
+    assert dataset.recordings == 2
+
+
+@pytest.mark.parametrize("name", ["labels.csv", "look_color.csv"])
+@pytest.mark.parametrize(("sign", "word"), [(";", "semicolons"), ("\t", "tabs"), ("|", "bars")])
+def test_other_separators_are_named(files, name, sign, word):
+    path = files / name
+    path.write_text(path.read_text().replace(",", sign))
+    with pytest.raises(DataError, match=f"{name}, line 1: .*by commas, not {word}"):
+        load_dataset(files / "own.toml", root=files)
+
+
+@pytest.mark.parametrize("code", ["utf-16", "utf-16-le", "utf-16-be"])
+@pytest.mark.parametrize("name", ["labels.csv", "look_color.csv", "own.toml"])
+def test_text_of_two_bytes_a_sign_is_told(files, name, code):
+    path = files / name
+    path.write_bytes(path.read_text().encode(code))
+    with pytest.raises(MealBayesError, match=f"{name}.*(UTF-16 text; save it as UTF-8|zero byte)"):
+        load_dataset(files / "own.toml", root=files)
+
+
+def test_names_that_differ_in_the_code_of_their_accents_are_told(files):
+    for name, accents in (
+        ("labels.csv", "NFC"),
+        ("look_color.csv", "NFD"),
+        ("lift_haptics.csv", "NFC"),
+    ):
+        path = files / name
+        text = path.read_text().replace("cup", "caf\u00e9")
+        path.write_text(unicodedata.normalize(accents, text), encoding="utf-8")
+    with pytest.raises(DataError, match="accents are coded alone"):
+        load_dataset(files / "own.toml", root=files)
 
 
 def test_a_table_holds_no_recordings():
@@ -233,124 +272,6 @@ def test_a_data_set_reads_back_equal(tmp_path, ragged):
     np.testing.assert_array_equal(read.labels, dataset.labels)
     for context, values in dataset.features.items():
         np.testing.assert_array_equal(read.features[context], values)
-
-
-@pytest.fixture
-def from_files(files):
-    """Read `files` as the CSV folder's reader does, with a recording of stone left out."""
-    path = files / "lift_haptics.csv"
-    path.write_text(path.read_text().replace("stone,2,9\n", ""))
-    return load_dataset(files / "own.toml", root=files)
-
-
-def frames(files):
-    features = {
-        ("look", "color"): pd.read_csv(files / "look_color.csv"),
-        ("lift", "haptics"): pd.read_csv(files / "lift_haptics.csv"),
-    }
-    return features, pd.read_csv(files / "labels.csv")
-
-
-def same(dataset, expected):
-    assert dataset.objects == expected.objects
-    np.testing.assert_array_equal(dataset.labels, expected.labels)
-    np.testing.assert_array_equal(dataset.recording_counts, expected.recording_counts)
-    for context, values in expected.features.items():
-        np.testing.assert_array_equal(dataset.features[context], values)
-
-
-def test_frames_are_read_as_files_are(files, from_files):
-    features, labels = frames(files)
-    same(Dataset.from_frames(from_files.domain, features, labels), from_files)
-    indexed = {c: frame.set_index(["object", "recording"]) for c, frame in features.items()}
-    dataset = Dataset.from_frames(from_files.domain, indexed, labels.set_index("object"))
-    same(dataset, from_files)
-
-
-def test_dictionaries_and_arrays_are_read_as_files_are(from_files):
-    by_object = {
-        context: {
-            name: values[o, : from_files.recording_counts[o, e]]
-            for o, name in enumerate(from_files.objects)
-        }
-        for e, (context, values) in enumerate(from_files.features.items())
-    }
-    for nothing in (None, "", -1, np.nan, pd.NA):
-        labels = {"cup": {"red": True, "heavy": False}, "stone": {"heavy": 1, "red": nothing}}
-        same(Dataset.from_frames(from_files.domain, by_object, labels), from_files)
-    dataset = Dataset.from_frames(
-        from_files.domain, from_files.features, from_files.labels, objects=from_files.objects
-    )
-    same(dataset, from_files)
-
-
-def spoil(name, features, labels):
-    """Make one mistake in the frames of look, or in those of the labels."""
-    look = features["look", "color"]
-    looks = {
-        "object": lambda: look.replace("stone", "stome"),
-        "twice": lambda: pd.concat([look, look]),
-        "text": lambda: look.astype(object).replace(0.5, "much"),
-        "nan": lambda: look.replace(0.5, np.nan),
-    }
-    if name in looks:
-        return {**features, ("look", "color"): looks[name]()}, labels
-    if name == "context":
-        return {**features, ("poke", "color"): look}, labels
-    if name == "missing":
-        return {("look", "color"): look}, labels
-    wrong = {"label": labels.astype(object).replace(1, "yes")}
-    return features, wrong.get(name, labels.rename(columns={"red": "rad"}))
-
-
-@pytest.mark.parametrize(
-    ("name", "message"),
-    [
-        ("context", "Unknown context"),
-        ("missing", r"No features of \('lift', 'haptics'\)"),
-        ("object", "did you mean 'stone'"),
-        ("twice", "recording 1 of cup again, after row 1"),
-        ("text", "found objects; expected real numbers"),
-        ("nan", "found NaN or infinity, recording 1"),
-        ("label", "of 'cup': (heavy|red): .*'yes'"),
-        ("column", "did you mean 'rad'"),
-    ],
-)
-def test_mistakes_are_told(files, from_files, name, message):
-    features, labels = spoil(name, *frames(files))
-    with pytest.raises(DataError, match=message):
-        Dataset.from_frames(from_files.domain, features, labels)
-
-
-def test_labels_of_attributes_that_do_not_exist_are_told(files, from_files):
-    domain = from_files.domain
-    with pytest.raises(DataError, match=r"'cup': .*did you mean 'heavy'"):
-        Dataset.from_frames(domain, frames(files)[0], {"cup": {"heavey": 1}, "stone": {}})
-
-
-@pytest.mark.parametrize(
-    "rows",
-    [[["4_0", "1"]], [[1j, 2]], np.ma.array([[1.0, 2.0]], mask=[[False, True]]), [[None, 1]]],
-)
-def test_what_is_no_real_number_is_no_feature(from_files, rows):
-    """NumPy would read 40, drop the imaginary part, and drop the mask."""
-    features = {**from_files.features, ("look", "color"): {"cup": rows, "stone": [[1, 2]]}}
-    with pytest.raises(DataError, match="numbers"):
-        Dataset.from_frames(
-            from_files.domain, features, from_files.labels, objects=from_files.objects
-        )
-
-
-def test_recordings_of_one_behavior_are_joined_by_their_number(files):
-    """Equal counts of other recordings were once joined by their order."""
-    (files / "own.toml").write_text(
-        (files / "own.toml").read_text().replace('["haptics"]', '["haptics", "audio"]')
-    )
-    features, labels = frames(files)
-    haptics = features["lift", "haptics"]
-    features["lift", "audio"] = haptics.assign(recording=haptics["recording"] + 1)
-    with pytest.raises(DataError, match=r"audio.*recording '3'"):
-        Dataset.from_frames(load_domain(files / "own.toml"), features, labels)
 
 
 NAMES = st.text("aB_./", min_size=1, max_size=3)

@@ -1,3 +1,4 @@
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -101,6 +102,19 @@ def test_bad_effects_are_refused_in_one_line(effects, says):
 def test_bad_states_are_refused(changes, says):
     with pytest.raises(DomainError, match=says):
         diagram(Effect("a", "grasp", "b"), **changes)
+
+
+@pytest.mark.parametrize("above", [1.0000001, 1.000000002, 1.5])
+def test_a_sum_that_is_too_large_is_shown_with_all_its_digits(above):
+    effects = (Effect("a", "look", "a", 0.5), Effect("a", "look", "b", above - 0.5))
+    with pytest.raises(DomainError) as caught:
+        TransitionDiagram(("a", "b", "term"), "a", effects)
+    (shown,) = re.findall(r"total probability ([\d.]+);", str(caught.value))
+    assert float(shown) > 1
+    with pytest.raises(DomainError) as caught:
+        TransitionDiagram(("a", "term"), "a", (Effect("a", "look", "a", above),))
+    (shown,) = re.findall(r"has probability ([\d.]+);", str(caught.value))
+    assert float(shown) > 1
 
 
 @pytest.mark.parametrize("name", ["toy", "roc36", "cy101", "ispy32"])
