@@ -19,6 +19,7 @@ from meal_bayes.perception.settings import PerceptionSettings
 _FAR = 5.0  # standard deviations at which features are clipped
 _WITHIN = 0.3  # e of the whitening, in units of a feature's variance; .03 to .3 do as well
 _CONSTANT = 1e-9  # standard deviation, relative to the largest value, of a feature that is dropped
+_FEWEST_STEPS = 4  # of single precision, that a standard deviation has at least
 _COMPARED = 2048  # recordings whose distances are compared for a median
 _SEED = 0  # of the order in which neighbors are dealt to folds
 
@@ -244,6 +245,13 @@ def groups_of(
     return dealt(names, settings.folds) if many else names
 
 
+def _coarse(features: Floats) -> bool:
+    """Return whether a feature (n,D) varies, but by less than its last bits can tell apart."""
+    spread = features.std(axis=0, dtype=np.float64)
+    step = np.spacing(np.abs(features).max(axis=0, initial=0.0))
+    return bool(((spread > 0) & (spread < _FEWEST_STEPS * step)).any())
+
+
 def fit_spaces(
     dataset: Dataset, gathered: TrainingSet, *, kernel: str = "rbf", whiten: bool = False
 ) -> Spaces:
@@ -263,8 +271,14 @@ def fit_spaces(
         space = fit_space(raw, kernel, objects if whiten else None)
         if len(raw) > 1 and not len(space.varying):
             warnings.warn(
-                f"None of the features of {context} varies: the modality says nothing. "
-                "Check its sensor.",  # no number, so that refits do not repeat it
+                f"None of the features of {context} varies (in single precision): the modality "
+                "says nothing. Check its sensor, or take a large offset away.",
+                stacklevel=2,  # no number in it, so that refits do not repeat it
+            )
+        elif _coarse(raw):
+            warnings.warn(
+                f"Features of {context} vary by a few steps of single precision: most of what they "
+                "say is lost. Take their offset away before they are given.",
                 stacklevel=2,
             )
         every = space.standardize(values.reshape(-1, values.shape[2]))

@@ -1,5 +1,6 @@
 """Feature spaces, and how wide their kernels are: never learned from the held-out object."""
 
+import warnings
 from dataclasses import replace
 
 import numpy as np
@@ -54,6 +55,19 @@ def test_constant_features_are_dropped():
     space = fit_space(with_constant, "rbf")
     assert space.varying.tolist() == [0, 2, 3, 4]
     np.testing.assert_allclose(gram(space), gram(fit_space(raw, "rbf")), atol=1e-12)
+
+
+@pytest.mark.parametrize(("offset", "told"), [(1e5, ""), (1e8, "few steps"), (1e12, "None of the")])
+def test_an_offset_that_hides_what_varies_is_told(make, offset, told):
+    """Features are single precision: of 1e8 and 1e8 + 1 both are 1e8."""
+    dataset = make(3)
+    moved = {context: values + np.float32(offset) for context, values in dataset.features.items()}
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        spaces = fit_spaces(replace(dataset, features=moved), TrainingSet.everything(dataset))
+    assert spaces
+    assert told in "".join(str(warning.message) for warning in caught)
+    assert bool(caught) is bool(told)
 
 
 def test_units_do_not_matter_to_what_is_kept():
