@@ -6,14 +6,15 @@ In: a MOMDP, a policy, a robot, a perceiver. Out: a `Trial` with every belief an
 from meal_bayes.trials.faults import FaultTolerant
 from meal_bayes.trials.outcomes import BatchOutcomes, TrialOutcomes, Trials, task_key
 from meal_bayes.trials.percepts import percept_labels
+from meal_bayes.trials.record import Step, Task, TrialRecord, truth_of
 from meal_bayes.trials.recorder import Recorder
 from meal_bayes.trials.run import run_trial
 from meal_bayes.trials.session import Session
 from meal_bayes.trials.text import trials_frame, truth_text
-from meal_bayes.trials.trial import Step, Task, Trial, truth_of
+from meal_bayes.trials.trial import Trial
 
 __all__ = [
     "BatchOutcomes", "FaultTolerant", "Recorder", "Session", "Step", "Task", "Trial",
-    "TrialOutcomes", "Trials", "percept_labels", "run_trial", "task_key", "trials_frame",
-    "truth_of", "truth_text",
+    "TrialOutcomes", "TrialRecord", "Trials", "percept_labels", "run_trial", "task_key",
+    "trials_frame", "truth_of", "truth_text",
 ]  # fmt: skip

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from meal_bayes.arrays import Bools, freeze_arrays
 from meal_bayes.errors import SettingsError
-from meal_bayes.trials.trial import Trial
+from meal_bayes.trials.record import TrialRecord
 
 Texts = NDArray[np.object_]
 _Part = tuple[tuple[str, ...], Mapping[str, Any]]  # behaviors and columns by name
@@ -213,7 +213,7 @@ class BatchOutcomes(NamedTuple):
     outcomes: TrialOutcomes
 
 
-def _columns(trial: Trial) -> _Part:
+def _columns(trial: TrialRecord) -> _Part:
     """Return the behaviors and the columns of one trial."""
     task = trial.task
     names = trial.momdp.behavior_names
@@ -253,4 +253,4 @@ def task_key(key: Iterable[str | int]) -> str:
     return json.dumps([part if isinstance(part, str) else int(part) for part in key])
 
 
-Trials = Iterable[Trial] | TrialOutcomes | Run
+Trials = Iterable[TrialRecord] | TrialOutcomes | Run

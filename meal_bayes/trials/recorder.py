@@ -3,7 +3,8 @@
 from pathlib import Path
 from typing import Protocol
 
-from meal_bayes.trials.trial import Step, Trial
+from meal_bayes.trials.record import Step
+from meal_bayes.trials.trial import Trial
 
 
 class Recorder(Protocol):

@@ -19,8 +19,9 @@ from meal_bayes.perception import Perceiver
 from meal_bayes.planners import Decision, History, Policy, unvalued
 from meal_bayes.robots.robot import Execution, Outcome, OutcomeChecker
 from meal_bayes.seeds import stream
+from meal_bayes.trials.record import Step, Task, truth_of
 from meal_bayes.trials.recorder import Recorder
-from meal_bayes.trials.trial import Step, Task, Trial, truth_of
+from meal_bayes.trials.trial import Trial
 
 MAX_STEPS = 100
 
@@ -46,8 +47,7 @@ class Session:
     agent : str
         Name of the agent.
     seed : int
-        Names, with a key, the random stream of percepts that are drawn from tables, and with the
-        agent's name too that of the policy.
+        Names, with a key, the random stream of percepts drawn, and by the agent the policy's.
     key : tuple[str | int, ...] | None
         The task's by default.
     truth : Mapping[str, bool] | ArrayLike | None

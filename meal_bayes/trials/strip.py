@@ -20,8 +20,8 @@ from meal_bayes.canvas import drawn_in_style
 from meal_bayes.display import percent
 from meal_bayes.palette import attribute_color, lightened
 from meal_bayes.trials.percepts import SILENT, attribute_labels
+from meal_bayes.trials.record import Step, TrialRecord
 from meal_bayes.trials.text import RULE, verdict_text
-from meal_bayes.trials.trial import Step, Trial
 
 _ATTRIBUTES = 6  # that are drawn
 _LETTER = 0.64  # width of a letter, of the size of the font
@@ -65,12 +65,12 @@ class _Moment(NamedTuple):
     belief: Floats  # (N,) after it
 
 
-def trial_strip(trial: Trial, *, dark: bool = False, narrow: bool = False) -> Axes:
+def trial_strip(trial: TrialRecord, *, dark: bool = False, narrow: bool = False) -> Axes:
     """Draw a trial on one axis of seconds, on a transparent ground; return the axes of beliefs.
 
     Parameters
     ----------
-    trial : Trial
+    trial : TrialRecord
         With its steps, as full logs hold them.
     dark : bool
         Whether the page has a dark ground.
@@ -129,7 +129,7 @@ def _low(look: Look) -> float:
     return 2.3 * look.font * _HEIGHT / 72 / look.height
 
 
-def _moments(trial: Trial) -> Iterator[_Moment]:
+def _moments(trial: TrialRecord) -> Iterator[_Moment]:
     """Yield the behaviors of a trial in order."""
     momdp = trial.momdp
     seconds = 0.0
@@ -150,7 +150,7 @@ def _moments(trial: Trial) -> Iterator[_Moment]:
         yield _Moment(name, begin, seconds, failed, words, step.belief.positive)
 
 
-def _draw_title(figure: Figure, trial: Trial, look: Look) -> None:
+def _draw_title(figure: Figure, trial: TrialRecord, look: Look) -> None:
     """Write the question and the answer above the bands."""
     top = 1 - 0.35 * look.font / 72 / look.height
     size = look.font * (1.05 if look.width < 6 else 1.25)
@@ -165,7 +165,7 @@ def _draw_title(figure: Figure, trial: Trial, look: Look) -> None:
     figure.text(0.01, below, "\n".join(lines), va="top", color=look.ink, size=size)
 
 
-def _draw_blocks(ax: Axes, moments: Sequence[_Moment], trial: Trial, look: Look) -> None:
+def _draw_blocks(ax: Axes, moments: Sequence[_Moment], trial: TrialRecord, look: Look) -> None:
     """Draw behaviors as blocks of their cost, names in them; failed ones are hatched."""
     ax.set(ylim=(0, 1), yticks=[])
     scale = _points_a_second(ax)
@@ -206,7 +206,7 @@ def _draw_blocks(ax: Axes, moments: Sequence[_Moment], trial: Trial, look: Look)
     )  # fmt: skip
 
 
-def _draw_beliefs(ax: Axes, moments: Sequence[_Moment], trial: Trial, look: Look) -> None:
+def _draw_beliefs(ax: Axes, moments: Sequence[_Moment], trial: TrialRecord, look: Look) -> None:
     """Draw the belief in each attribute, named and numbered at both ends, percepts where it bends.
 
     A circle at the right end is the truth.
@@ -287,7 +287,7 @@ def _overlap(one: tuple[float, ...], other: tuple[float, ...]) -> bool:
     return one[0] < other[2] and other[0] < one[2] and one[1] < other[3] and other[1] < one[3]
 
 
-def _draw_worth(ax: Axes, trial: Trial, look: Look) -> None:
+def _draw_worth(ax: Axes, trial: TrialRecord, look: Look) -> None:
     """Draw what one more percept is worth at each decision; the first one below 0 says "stop"."""
     decisions = list(_worths(trial))
     known = [worth for _, _, worth in decisions if not np.isnan(worth)]
@@ -319,7 +319,7 @@ def _draw_worth(ax: Axes, trial: Trial, look: Look) -> None:
             )  # fmt: skip
 
 
-def _worths(trial: Trial) -> Iterator[tuple[Step, float, float]]:
+def _worths(trial: TrialRecord) -> Iterator[tuple[Step, float, float]]:
     """Yield each step, when it was decided (s), and what a behavior was worth over an answer."""
     seconds = 0.0
     for step in trial.steps:

@@ -11,7 +11,7 @@ from meal_bayes.domain import Query
 from meal_bayes.momdp import MOMDP, Belief, best_answer
 from meal_bayes.planners import Decision
 from meal_bayes.trials.outcomes import TrialOutcomes
-from meal_bayes.trials.trial import Step, Trial
+from meal_bayes.trials.record import Step, TrialRecord
 
 UNKNOWN = "truth unknown"
 RULE = "this agent follows a rule and compares nothing"
@@ -46,7 +46,7 @@ def value_heads(momdp: MOMDP, decision: Decision) -> tuple[str, ...]:
     return ("expected reward",)
 
 
-def belief_before(trial: Trial, number: int) -> Belief:
+def belief_before(trial: TrialRecord, number: int) -> Belief:
     """Return the belief that the step of a number, from 1, was chosen at."""
     return trial.steps[number - 2].belief if number > 1 else trial.first_belief
 
@@ -136,7 +136,7 @@ def cost_text(cost: float, reward: float) -> str:
     return f"{cost:.1f} s, reward {'unknown' if np.isnan(reward) else f'{reward:.1f}'}"
 
 
-def verdict_text(trial: Trial) -> str:
+def verdict_text(trial: TrialRecord) -> str:
     """Return the answer of a trial and whether it is right, in one line."""
     if trial.ended:
         return f"no answer: {trial.ended}"
@@ -146,7 +146,7 @@ def verdict_text(trial: Trial) -> str:
     return f"{trial.task.query.report_name(trial.report)} ({known})"
 
 
-def final_facts(trial: Trial) -> dict[str, str]:
+def final_facts(trial: TrialRecord) -> dict[str, str]:
     """Return the answer of a trial, its truth, the verdict where there is one, and the cost."""
     query = trial.task.query
     answer = "abstained; every report was too risky"
@@ -182,7 +182,7 @@ def outcome_facts(outcomes: TrialOutcomes, row: int) -> dict[str, str]:
     }
 
 
-def trials_frame(trials: Iterable[Trial]) -> Any:
+def trials_frame(trials: Iterable[TrialRecord]) -> Any:
     """Return trials as a pandas data frame, a row a trial.
 
     Columns are agent, task, object, query, report, truth (the values named true, or missing),

@@ -1,143 +1,27 @@
-"""Records of a trial: its task, its steps, what came of it."""
+"""A trial that shows itself: as text, picture, HTML and data frame."""
 
 from base64 import b64encode
-from collections.abc import Mapping
-from dataclasses import dataclass, field
-from functools import reduce
+from dataclasses import dataclass
 from html import escape
-from operator import add
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
-from meal_bayes.arrays import FrozenArrays, label_values
-from meal_bayes.display import (
-    bar_html,
-    best_options,
-    facts_repr,
-    listed,
-    percent,
-    short_repr,
-    table_html,
-)
-from meal_bayes.domain import Query
-from meal_bayes.domain.labels import one_value
-from meal_bayes.errors import DataError, QueryError
-from meal_bayes.momdp import MOMDP, Belief
+from meal_bayes.display import bar_html, best_options, facts_repr, listed, percent, table_html
 from meal_bayes.planners import Decision
 from meal_bayes.trials.percepts import percept_labels
-from meal_bayes.untrusted import name_fault
+from meal_bayes.trials.record import TrialRecord
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 
-@dataclass(frozen=True, slots=True)
-class Task:
-    """A query about an object.
+@dataclass(frozen=True, slots=True, repr=False)
+class Trial(TrialRecord):
+    """A trial: its record (the paper's xi, see `TrialRecord`), and what it looks like.
 
-    Attributes
-    ----------
-    name : str
-        Of the task.
-    query : Query
-        What is asked.
-    object_index : int
-        In the data set; -1: an object of which nothing is recorded.
-    object_name : str
-        The object's name.
-    key : tuple[str | int, ...]
-        Names every random stream of the trial.
-    learn : bool
-        Whether it may become experience; else it is a test.
+    What draws and words a trial reads the record alone, so that a trial can draw itself.
     """
-
-    name: str
-    query: Query
-    object_index: int
-    object_name: str
-    key: tuple[str | int, ...]
-    learn: bool = field(default=True, repr=False)
-
-    def __post_init__(self) -> None:
-        if fault := name_fault(self.object_name):
-            raise QueryError(f"The object's name {self.object_name!a:.60} {fault}; rename it.")
-
-    @property
-    def question(self) -> str:
-        """The question as it was asked, else the names of what is asked."""
-        return self.name if self.name.endswith("?") else self.query.text
-
-
-@dataclass(frozen=True, slots=True)
-class Step:
-    """One executed action.
-
-    Attributes
-    ----------
-    x, next_x : int
-        States before and after.
-    decision : Decision
-        The action and its values.
-    observation : NDArray[np.int8] | None
-        (N,) percept levels, None = "none".
-    cost, reward : float
-        Of this step, s; the true (unshaped) reward, nan where the truth is not known.
-    belief : Belief
-        After the step.
-    warning : str
-        Why sensor data of the robot were not used as a percept, or which limit brought the answer;
-        empty: neither.
-    """
-
-    x: int
-    decision: Decision
-    next_x: int
-    observation: NDArray[np.int8] | None
-    cost: float
-    reward: float
-    belief: Belief
-    warning: str = ""
-
-    __repr__ = short_repr
-
-
-@dataclass(frozen=True, slots=True)
-class Trial(FrozenArrays):
-    """The paper's xi, with its beliefs and decisions.
-
-    Attributes
-    ----------
-    task : Task
-        What is asked, of which object.
-    agent : str
-        Name of the agent.
-    momdp : MOMDP
-        The decision problem.
-    first_belief : Belief
-        Before the first step.
-    steps : tuple[Step, ...]
-        In order.
-    truth : NDArray[np.int8]
-        (N,) 1 true, 0 false, -1 not known.
-    report : NDArray[np.bool_] | None
-        (N,), or of yes or no (1,) whether it is yes; None: the agent abstained.
-    ended : str
-        Why the trial was broken off, such as "robot error: ..."; empty: it was not.
-    counts : NDArray[np.float64] | None
-        (N,E,2,K) labeled percepts behind the rows of the MOMDP, where they are known.
-    """
-
-    task: Task
-    agent: str
-    momdp: MOMDP
-    first_belief: Belief
-    steps: tuple[Step, ...]
-    truth: NDArray[np.int8]
-    report: NDArray[np.bool_] | None
-    ended: str = ""
-    counts: NDArray[np.float64] | None = None
 
     __repr__ = facts_repr
 
@@ -227,100 +111,6 @@ class Trial(FrozenArrays):
                 "warning": step.warning,
             })  # fmt: skip
         return pd.DataFrame(rows).astype(dict.fromkeys(percepts, "Int8") if rows else {})
-
-    @property
-    def answer(self) -> dict[str, bool | str] | None:
-        """The report by what was asked: of a group its value, of others True or False.
-
-        None where the agent abstained, or the trial was broken off: `if trial.answer` would not
-        tell "no" from nothing, as its values do.
-        """
-        if self.report is None:
-            return None
-        names = self.task.query.attributes
-        values = dict[str, bool | str]()
-        for name, places in self.task.query.questions:
-            true = [names[place] for place in places if self.report[place]]
-            if len(places) > 1:
-                values[name] = true[0]
-            else:
-                values[name] = bool(true)
-        return values
-
-    @property
-    def warnings(self) -> list[str]:
-        """Warnings of the steps, each once."""
-        return list(dict.fromkeys(step.warning for step in self.steps if step.warning))
-
-    @property
-    def judged(self) -> bool:
-        """Whether success is known: the trial came to its end, and the right report is known."""
-        return not self.ended and bool((self.task.query.report_truth(self.truth) >= 0).all())
-
-    @property
-    def success(self) -> bool | None:
-        """Rst of Eq. 5: a report right in all attributes; None where that is not known."""
-        if not self.judged:
-            return None
-        right = self.task.query.report_truth(self.truth)
-        return self.report is not None and bool((self.report == right).all())
-
-    @property
-    def probability(self) -> float | None:
-        """Pr(yes is right) when the trial ended, of a question of yes or no; None of values."""
-        return self.momdp.reports.probability_now(self.last_belief.positive)
-
-    @property
-    def cost(self) -> float:
-        """Cst of Eq. 6, s: the summed cost of the executed behaviors."""
-        # In order: `sum` rounds otherwise from Python 3.12 on, and logs hold every bit.
-        return reduce(add, (step.cost for step in self.steps), 0.0)
-
-    @property
-    def reward(self) -> float:
-        """Undiscounted, unshaped return; nan where the truth of a report is not known."""
-        return reduce(add, (step.reward for step in self.steps), 0.0)
-
-    @property
-    def last_belief(self) -> Belief:
-        """The belief when the trial ended."""
-        return self.steps[-1].belief if self.steps else self.first_belief
-
-
-def truth_of(query: Query, truth: Mapping[str, bool] | ArrayLike | None) -> NDArray[np.int8]:
-    """Return the truth of the queried attributes, (N,): 1 true, 0 false, -1 not known.
-
-    Parameters
-    ----------
-    query : Query
-        What is asked.
-    truth : Mapping[str, bool] | ArrayLike | None
-        By attribute, or (N,) in the query's order; None where nothing is known.
-
-    Raises
-    ------
-    QueryError
-        Another number of values, or one that is no label.
-    """
-    if truth is None:
-        return np.full(len(query), -1, np.int8)
-    asked = truth  # what is not asked plays no part
-    if isinstance(truth, Mapping):
-        asked = [truth.get(name) for name in query.attributes]  # type: ignore[assignment]  # None
-    try:
-        values = label_values(asked)
-    except DataError as fault:
-        raise QueryError(f"truth of {list(query.attributes)}: {fault}") from None
-    if values.shape != (len(query),):
-        raise QueryError(
-            f"truth is {truth}; expected 1, 0 or -1 for each of {list(query.attributes)}, or "
-            "{attribute: True or False}."
-        )
-    values = values.copy()
-    for name, places in zip(query.group_names, map(list, query.groups), strict=True):
-        members = [query.attributes[place] for place in places]
-        values[places] = one_value(values[places], name, members)
-    return values
 
 
 def _value_columns(decision: Decision) -> dict[str, float | None]:
