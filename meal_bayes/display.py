@@ -25,8 +25,8 @@ def short_repr(instance: Any) -> str:
     >>> short_repr(Query(("red", "empty")))
     "Query(attributes=('red', 'empty'))"
     """
-    shown = (field for field in dataclasses.fields(instance) if field.repr)
-    values = (f"{field.name}={short(getattr(instance, field.name))}" for field in shown)
+    fields = (field for field in dataclasses.fields(instance) if field.repr)
+    values = (f"{field.name}={short(getattr(instance, field.name))}" for field in fields)
     return f"{type(instance).__name__}({', '.join(values)})"
 
 

@@ -82,7 +82,7 @@ def ordered_agents(names: Iterable[str]) -> list[str]:
     order = list(_AGENTS)
 
     def place(name: str) -> tuple[int, str]:
-        family = next((each for each in _FAMILIES if name.startswith(f"{each}_")), "")
+        family = next((prefix for prefix in _FAMILIES if name.startswith(f"{prefix}_")), "")
         near = name if name in _AGENTS else family
         return (order.index(near) if near in _AGENTS else len(order), name)
 

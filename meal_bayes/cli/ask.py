@@ -175,8 +175,8 @@ def _answer(
     return trial, path
 
 
-def _ask_labels(trial: "Trial", known: set[str]) -> dict[str, bool]:
-    """Ask a person about the answer, and each attribute that neither it nor `known` tells."""
+def _ask_labels(trial: "Trial", labelled: set[str]) -> dict[str, bool]:
+    """Ask a person about the answer, and each attribute that it leaves open and nobody labelled."""
     from meal_bayes.learner import implied
 
     query = trial.task.query
@@ -195,7 +195,7 @@ def _ask_labels(trial: "Trial", known: set[str]) -> dict[str, bool]:
     if right is False:
         for question, places in query.questions:
             members = [names[place] for place in places]
-            if {*members} & ({*labels} | known):
+            if {*members} & ({*labels} | labelled):
                 continue
             if len(members) > 1:
                 labels |= _prompt_value(question, members)

@@ -57,8 +57,8 @@ def list_(name: str | None, dataset: str | None, root: Path | None, as_json: boo
     if as_json:
         terminal.print_json({"datasets": rows, "cache": str(cache_folder())})
         return
-    shown = {name: f"{{{name}}}" for name in ("objects", "behaviors", "attributes", "recordings")}
-    columns = {"data set": "{name}"} | shown | {"files here": "{files_cached} of {files}"}
+    counts = {name: f"{{{name}}}" for name in ("objects", "behaviors", "attributes", "recordings")}
+    columns = {"data set": "{name}"} | counts | {"files here": "{files_cached} of {files}"}
     terminal.print_table(columns, rows)
     terminal.note(
         f"Percepts come with the package. The recordings behind them (files) are kept in "

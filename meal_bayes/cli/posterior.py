@@ -118,7 +118,7 @@ def _print(facts: dict[str, Any], *, sampled: bool) -> None:
             convergence += ": do not trust these draws; give more --tune and --draws"
         elif few < _ESS:
             convergence += f"; few independent draws ({few:.0f}), give more --draws"
-    shown = {
+    lines = {
         "draws": convergence,
         "predicted": f"{p[1]:.0%} (true) and {p[0]:.0%} (false) of replicates vary as much as the "
         "objects seen; near 0 or 100 % the model does not fit",
@@ -128,11 +128,11 @@ def _print(facts: dict[str, Any], *, sampled: bool) -> None:
     if unreliable := sorted(facts["pareto_k"].items(), key=lambda entry: -entry[1]):
         named = ", ".join(f"{name} ({k:.2f})" for name, k in unreliable[:_NAMED])
         count = f"{len(unreliable)} of the objects' attributes"
-        shown["leave one out"] = f"not to be trusted for {count}, by Pareto k: {named}"
+        lines["leave one out"] = f"not to be trusted for {count}, by Pareto k: {named}"
     if facts["misperception"] is not None:
-        shown["misperceived"] = f"{facts['misperception']:.1%} of objects, by all behaviors alike"
+        lines["misperceived"] = f"{facts['misperception']:.1%} of objects, by all behaviors alike"
     terminal.output().print()
-    terminal.print_facts(terminal.output(), shown)
+    terminal.print_facts(terminal.output(), lines)
 
 
 @click.command(short_help="Write a query's decision problem for other solvers.")

@@ -65,8 +65,8 @@ class Program(Section):
             _fail(text, SYSTEM)
         # Logs and pages are UTF-8; a file's name need not be.
         except UnicodeEncodeError as fault:
-            shown = os.fsencode(fault.object).decode("utf-8", "backslashreplace")
-            _fail(f"{shown!r} is not UTF-8 text; rename the file, or set a UTF-8 locale.")
+            readable = os.fsencode(fault.object).decode("utf-8", "backslashreplace")
+            _fail(f"{readable!r} is not UTF-8 text; rename the file, or set a UTF-8 locale.")
         except MemoryError:
             _fail("There is not enough memory; ask for less at a time, or close others.", SYSTEM)
         sys.exit(code if isinstance(code, int) else 0)

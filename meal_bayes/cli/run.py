@@ -157,8 +157,8 @@ def _print_summary(rows: "list[SummaryRow]", paired: "list[dict[str, object]]") 
 
 
 def _signed(value: object) -> str:
-    known = isinstance(value, float) and math.isfinite(value)
-    return f"{value:+.1f}" if known else "-"
+    finite = isinstance(value, float) and math.isfinite(value)
+    return f"{value:+.1f}" if finite else "-"
 
 
 @run.command(short_help="Agents learn while they work, tested after every batch.")
@@ -258,13 +258,13 @@ def online(
 def _print_learning(rows: "list[LearningRow]", summary: "list[LearningSummary]") -> None:
     last = max(row.batch for row in rows)
     cells = []
-    for each in summary:
-        end = [row for row in rows if (row.agent, row.batch) == (each.agent, last)]
+    for agent_row in summary:
+        end = [row for row in rows if (row.agent, row.batch) == (agent_row.agent, last)]
         means = {
             name: fmean(getattr(row, name) for row in end)
             for name in ("hours", "claimed_accuracy", "test_cost_s")
         }
-        cells.append(asdict(each) | means)
+        cells.append(asdict(agent_row) | means)
     columns = {
         "agent": "{agent}", "explored, h": "{hours:.1f}", "accuracy": "{accuracy_after:.3f}",
         "claimed": "{claimed_accuracy:.3f}", "test cost, s": "{test_cost_s:.1f}",

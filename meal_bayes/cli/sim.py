@@ -52,8 +52,8 @@ def record(objects: int, recordings: int, out: Path, seed: int, jobs: int) -> No
     if out.is_dir() and any(out.iterdir()):
         raise click.UsageError(f"--out {out} holds files already; name a new folder.")
     with terminal.progress("recording", "objects") as advance:
-        made = record_objects(objects, recordings, seed, jobs=jobs, progress=advance)
-    path = save_recordings(made, out)
+        dataset = record_objects(objects, recordings, seed, jobs=jobs, progress=advance)
+    path = save_recordings(dataset, out)
     click.echo(f"{out}: {objects} objects, up to {recordings} recordings of each behavior")
     terminal.note(
         "make percepts of them with: meal-bayes data percepts "

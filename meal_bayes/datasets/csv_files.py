@@ -159,8 +159,10 @@ def _read_labels(path: Path, domain: Domain) -> tuple[tuple[str, ...], NDArray[n
 
 def _write_so(header: Sequence[str]) -> str:
     """Return how to repair a header that is not as expected, by what its cells hold."""
-    found = [name for sign, name in _SEPARATORS.items() if any(sign in cell for cell in header)]
-    return f"separate columns by commas, not {found[0]}" if found else "write it so"
+    separators = [
+        name for sign, name in _SEPARATORS.items() if any(sign in cell for cell in header)
+    ]
+    return f"separate columns by commas, not {separators[0]}" if separators else "write it so"
 
 
 def read_text(path: Path) -> str:

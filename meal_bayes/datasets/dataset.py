@@ -181,7 +181,7 @@ class Dataset:
         counts = self.recording_counts[:, self.domain.recorded]
         sizes = [values.shape[2] for values in self.features.values()]
         values = {"true": 1, "false": 0, "unknown": -1}
-        known = (f"{(self.labels == value).sum()} {name}" for name, value in values.items())
+        label_counts = (f"{(self.labels == value).sum()} {name}" for name, value in values.items())
         ragged = (counts < self.recordings).any()
         number = f"{counts.min()} to {self.recordings}" if ragged else f"{self.recordings}"
         return f"Dataset {self.domain.name}", {
@@ -189,7 +189,7 @@ class Dataset:
             "behaviors": f"{counts.shape[1]} that sense, {number} recordings of each",
             "features": f"{len(sizes)} contexts of {min(sizes)} to {max(sizes)}",
             "attributes": f"{len(self.domain.attributes)}: {listed(self.domain.attributes)}",
-            "labels": ", ".join(known),
+            "labels": ", ".join(label_counts),
         }
 
     @property

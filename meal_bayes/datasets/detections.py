@@ -77,9 +77,9 @@ def detected_levels(
 
     A bare "yes" or "no" is one of the two middle levels, what is sure one of the extremes.
     """
-    shown = np.full(len(domain.attributes), -1, np.int8)
+    percept = np.full(len(domain.attributes), -1, np.int8)
     for name, sure in (percepts or {}).items():
         middle = levels // 2 - (sure < 0)
         extreme = levels - 1 if sure > 0 else 0
-        shown[domain.attribute_index(name)] = extreme if abs(sure) == 1 else middle
-    return shown
+        percept[domain.attribute_index(name)] = extreme if abs(sure) == 1 else middle
+    return percept

@@ -218,7 +218,7 @@ def join_features(
                 last = f"{rows.places[-1]} (its last)" if rows.places else empty
                 raise DataError(
                     f"{last}: found no row of recording {recording} of {name}; "
-                    f"expected {[known for known, _ in order].count(name)} of it, as in the other "
+                    f"expected {[other for other, _ in order].count(name)} of it, as in the other "
                     "features of this behavior; add the row, or remove the recording from all."
                 )
         # Rows lie object by object, so a row's number within its object is its recording.

@@ -113,8 +113,8 @@ def load_ispy32(domain: Domain, folder: Path) -> Dataset:
     table = load_percepts("ispy32", domain=domain)
     for name in objects:
         if name not in table.objects:
-            known = unknown("object", name, table.objects)
-            raise DataError(f"ISPY32 has no labels of it. {known}")
+            reason = unknown("object", name, table.objects)
+            raise DataError(f"ISPY32 has no labels of it. {reason}")
     labels = table.labels[[table.objects.index(name) for name in objects]]
     return Dataset(domain, objects, features, labels)
 
@@ -185,10 +185,10 @@ def _features(
 def _labels(domain: Domain, words: Mapping[str, Collection[str]], name: str) -> NDArray[np.int8]:
     """Return the labels (O,P) of objects that are named by words; `DataError` where none fits."""
     # An attribute that no object has is misspelled, here or in the files.
-    known = set().union(*words.values())
+    vocabulary = set().union(*words.values())
     for attribute in domain.attributes:
-        if attribute not in known:
-            raise DataError(f"{name} has no labels of it. {unknown('word', attribute, known)}")
+        if attribute not in vocabulary:
+            raise DataError(f"{name} has no labels of it. {unknown('word', attribute, vocabulary)}")
     return np.array([[a in true for a in domain.attributes] for true in words.values()], np.int8)
 
 

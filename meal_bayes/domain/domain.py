@@ -306,9 +306,9 @@ def fold(word: str) -> str:
     return unicodedata.normalize("NFC", unicodedata.normalize("NFC", word).casefold()).strip()
 
 
-def unknown(kind: str, name: str, known: Iterable[str]) -> str:
+def unknown(kind: str, name: str, candidates: Iterable[str]) -> str:
     """Build the message that a name is not known, with the known names nearest to it."""
-    names = list(known)
+    names = list(candidates)
     coded = unicodedata.normalize("NFC", name)
     for other in names:
         if other != name and unicodedata.normalize("NFC", other) == coded:

@@ -106,17 +106,17 @@ class Event:
 
     def holds(self, truth: NDArray[np.int8], variables: Variables) -> int:
         """Return whether the event holds, of truths (N,): 1, 0, or -1 where it is not known."""
-        known = []
+        literals = []
         for places in variables:
             if len(places) == 1:
                 value = int(truth[places[0]])
-                known.append(-1 if value < 0 else int(value == self.allowed[places[0]]))
+                literals.append(-1 if value < 0 else int(value == self.allowed[places[0]]))
                 continue
             true = [place for place in places if truth[place] == 1]
             candidates = true or [place for place in places if truth[place] != 0]
             possible = {self.allowed[place] for place in candidates}
-            known.append(int(possible.pop()) if len(possible) == 1 else -1)
-        conjunction = 0 if 0 in known else min(known)
+            literals.append(int(possible.pop()) if len(possible) == 1 else -1)
+        conjunction = 0 if 0 in literals else min(literals)
         return 1 - conjunction if self.complement and conjunction >= 0 else conjunction
 
     def labels(self, answer: bool, variables: Variables) -> NDArray[np.int8]:

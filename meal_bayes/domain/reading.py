@@ -49,16 +49,16 @@ def read_query(question: str | Sequence[str], domain: Domain) -> Query:
     >>> read_query("What color is it?", load_domain("roc36")).report_names
     ('brown', 'green', 'blue')
     """
-    known = _known(question, domain)
+    vocabulary = _vocabulary(question, domain)
     listed = question.split(",") if isinstance(question, str) else question
     asked = [fold(item) for item in listed]
-    if isinstance(question, str) and not all(item in known for item in asked):
-        asked = _asked(question, known, domain)
+    if isinstance(question, str) and not all(item in vocabulary for item in asked):
+        asked = _asked(question, vocabulary, domain)
     for word in asked:
-        if word not in known:
+        if word not in vocabulary:
             names = (*domain.attributes, *domain.synonyms, *domain.groups)
             raise QueryError(unknown("attribute", word, names))
-    return _query([known[word] for word in asked], domain)
+    return _query([vocabulary[word] for word in asked], domain)
 
 
 def read_event(
@@ -90,20 +90,20 @@ def read_event(
     >>> read_event("Is it red and not heavy?", load_domain("roc36")).text
     'brown and not heavy?'
     """
-    known = _known(question, domain)
+    vocabulary = _vocabulary(question, domain)
     sentence = question if isinstance(question, str) else " and ".join(question)
     literals: dict[str, bool] = {}
     connectives: set[str] = set()
     positive = True
-    for word in _words(sentence, known, domain):
+    for word in _words(sentence, vocabulary, domain):
         if word in domain.words:
             name = domain.words[word]
             if name in literals:
                 raise QueryError(f"The question names {name!r} twice; name each attribute once.")
             literals[name] = positive
             positive = True
-        elif word in known:
-            values = ", ".join(domain.groups[known[word]])
+        elif word in vocabulary:
+            values = ", ".join(domain.groups[vocabulary[word]])
             raise QueryError(f"{word!r} is one of {values}; a question of yes or no says which.")
         elif word in _NOT:
             positive = False
@@ -166,7 +166,7 @@ def _of_literals(
     return Query(asked.attributes, asked.groups, asked.group_names, event, payoffs)
 
 
-def _known(question: object, domain: Domain) -> dict[str, str]:
+def _vocabulary(question: object, domain: Domain) -> dict[str, str]:
     """Return attributes and groups by each word for them; refuse what is no question."""
     named: Any = question  # users give anything
     if not isinstance(named, str | Sequence) or not all(isinstance(name, str) for name in named):
@@ -175,16 +175,16 @@ def _known(question: object, domain: Domain) -> dict[str, str]:
     return plural | {fold(name): name for name in domain.groups} | domain.words
 
 
-def _asked(question: str, known: Mapping[str, str], domain: Domain) -> list[str]:
+def _asked(question: str, vocabulary: Mapping[str, str], domain: Domain) -> list[str]:
     """Return the words of a sentence that name what is asked, or should."""
-    words = _words(question, known, domain)
+    words = _words(question, vocabulary, domain)
     for word in words:
-        if word in _NEGATIONS | (_ALTERNATIVES - known.keys()) or word.endswith("n't"):
+        if word in _NEGATIONS | (_ALTERNATIVES - vocabulary.keys()) or word.endswith("n't"):
             raise QueryError(
                 f'The question says {word!r}; ask the plain attributes (with "and" or commas), and '
                 "the report will say which of them hold."
             )
-    asked = [word for word in words if word in known or word not in _FUNCTION_WORDS]
+    asked = [word for word in words if word in vocabulary or word not in _FUNCTION_WORDS]
     if not asked:
         raise QueryError(
             f"No attribute found in {question!r}; expected some of: {', '.join(domain.attributes)}."
@@ -212,20 +212,20 @@ def _query(names: Sequence[str], domain: Domain) -> Query:
     return Query(tuple(attributes), tuple(groups), tuple(group_names))
 
 
-def _words(question: str, known: Mapping[str, str], domain: Domain) -> list[str]:
+def _words(question: str, vocabulary: Mapping[str, str], domain: Domain) -> list[str]:
     """Split a sentence into words; names of the domain with spaces or hyphens stay whole.
 
     Of two values of one group that stand side by side ("half full") the first is meant.
     """
     text = fold(question).replace("\N{RIGHT SINGLE QUOTATION MARK}", "'")
-    compound = sorted((name for name in known if not name.isalnum()), key=len, reverse=True)
+    compound = sorted((name for name in vocabulary if not name.isalnum()), key=len, reverse=True)
     pattern = "|".join([*(rf"(?<!\w){re.escape(n)}(?!\w)" for n in compound), r"[\w'-]+"])
     words: list[str] = []
     end = 0
     for match in re.finditer(pattern, text):
-        word, before = match.group().strip("'-"), known.get(words[-1], "") if words else ""
+        word, before = match.group().strip("'-"), vocabulary.get(words[-1], "") if words else ""
         beside = words and text[end : match.start()].isspace()
-        if not (beside and known.get(word) in domain.group_of(before)) and word:
+        if not (beside and vocabulary.get(word) in domain.group_of(before)) and word:
             words.append(word)
         end = match.end()
     return words

@@ -129,8 +129,8 @@ class _Unit:
         if pretrained is not None:
             header["pretrained"] = pretrained
         if part == "test" and self.config.log == "compact":
-            made, seconds = zip(*trials, strict=True)
-            write_trials(path, [TrialOutcomes.of(made)], header=header, seconds=seconds)
+            logged, seconds = zip(*trials, strict=True)
+            write_trials(path, [TrialOutcomes.of(logged)], header=header, seconds=seconds)
             return
         with TrialWriter(path, header) as log:
             for trial, taken in trials:

@@ -165,12 +165,12 @@ class Protocol:
 
     def pretraining(self) -> Dataset:
         """Return recording 1 of each behavior, and all labels, of the objects known before."""
-        known = np.zeros(len(self.dataset.objects), np.bool_)
-        known[self.split.pre] = True
+        taught = np.zeros(len(self.dataset.objects), np.bool_)
+        taught[self.split.pre] = True
         features = {}
         for context, values in self.dataset.features.items():
-            features[context] = np.where(known[:, None, None], values[:, :1], np.float32(np.nan))
-        labels = np.where(known[:, None], self.dataset.labels, -1)
+            features[context] = np.where(taught[:, None, None], values[:, :1], np.float32(np.nan))
+        labels = np.where(taught[:, None], self.dataset.labels, -1)
         return Dataset(self.dataset.domain, self.dataset.objects, features, labels, partial=True)
 
     def tests(self) -> list[Task]:
@@ -192,13 +192,13 @@ class Protocol:
 
     def _pairs(self, objects: NDArray[np.intp]) -> list[tuple[int, tuple[str, ...]]]:
         names = self.dataset.domain.attributes
-        known = self.dataset.labels >= 0
+        labelled = self.dataset.labels >= 0
         queries = list(itertools.combinations(range(len(names)), self.attributes))
         return [
             (o, tuple(names[p] for p in query))
             for o in objects.tolist()
             for query in queries
-            if known[o, list(query)].all()
+            if labelled[o, list(query)].all()
         ]
 
     def _task(self, part: str, batch: int, index: int, pair: tuple[int, tuple[str, ...]]) -> Task:

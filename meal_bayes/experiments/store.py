@@ -128,8 +128,8 @@ class Description:
         return self._done[id(value)][1]
 
     def _parts(self, value: Any) -> object:  # noqa: PLR0911  a kind of values a line
-        made = isinstance(value, type | FunctionType) or hasattr(value, "__wrapped__")
-        if made and not isinstance(value, MethodType):
+        definition = isinstance(value, type | FunctionType) or hasattr(value, "__wrapped__")
+        if definition and not isinstance(value, MethodType):
             return self._named(value)
         if isinstance(value, ModuleType):
             return [value.__name__, self._code(value, {})]
@@ -153,10 +153,10 @@ class Description:
     def _named(self, value: Any) -> object:
         """Describe a function or class by its name, if it can be found by that, and its code."""
         module, name = sys.modules.get(value.__module__), value.__qualname__
-        found: Any = module
+        target: Any = module
         for part in name.split("."):
-            found = getattr(found, part, None)
-        if (value.__module__ != "builtins" and found is not value) or module is None:
+            target = getattr(target, part, None)
+        if (value.__module__ != "builtins" and target is not value) or module is None:
             raise _UnknownError(f"{value.__module__}.{name}, which was made while a program ran")
         kinds = [
             kind

@@ -175,8 +175,8 @@ def posterior_from(idata: Any, domain: Domain) -> ConfusionPosterior:
     if not ((percepts >= 0) & (percepts % 1 == 0)).all():
         raise DataError("Percept counts must be whole numbers >= 0.")
     counts = percepts.reindex(behavior=list(domain.behavior_names), fill_value=0).values.astype(int)
-    shown = list(compress(domain.behavior_names, sensing(counts)))
-    return summarize_draws(draws.sel(attribute=names["attribute"], behavior=shown), counts)
+    behaviors = list(compress(domain.behavior_names, sensing(counts)))
+    return summarize_draws(draws.sel(attribute=names["attribute"], behavior=behaviors), counts)
 
 
 def sensing(counts: ArrayLike) -> Bools:

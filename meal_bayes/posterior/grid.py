@@ -68,8 +68,8 @@ class RowStatistics(NamedTuple):
 
     def effective(self, s: Floats) -> Floats:
         """Weight the counts by s (S,...), (S,...,K): n of one object are worth n(s+1)/(n+s)."""
-        each = (s[..., None] + 1) / (self.sizes + s[..., None])  # (S,...,U)
-        return np.asarray(np.einsum("s...u,suk->s...k", each, self.totals))
+        weight = (s[..., None] + 1) / (self.sizes + s[..., None])  # (S,...,U)
+        return np.asarray(np.einsum("s...u,suk->s...k", weight, self.totals))
 
 
 class Profile(NamedTuple):
@@ -86,12 +86,12 @@ def integrate(rows: RowStatistics, alpha: Floats) -> Profile:
     shape = len(DISPERSIONS), m.shape[1]
     i = np.arange(rows.tails.shape[-1])
     j = np.arange(rows.sums.shape[-1])
-    each = np.log(DISPERSIONS[:, None] * m[:, None, None] + i[:, None, None])  # (2,I,G,M)
+    log_factors = np.log(DISPERSIONS[:, None] * m[:, None, None] + i[:, None, None])  # (2,I,G,M)
     total = np.broadcast_to(-np.log(DISPERSIONS + j[:, None])[..., None], (len(j), *shape))
     ends = np.broadcast_to(np.log(m)[:, None], (2, *shape))
     widths = np.broadcast_to(log_width, (1, *shape))
     # Single precision takes half the time and changes the fit by less than the grid does.
-    basis = np.concatenate([*each, total, ends, widths], dtype=np.float32)
+    basis = np.concatenate([*log_factors, total, ends, widths], dtype=np.float32)
     basis = basis.reshape(len(basis), -1)
     parts = [rows.tails[:, 0], rows.tails[:, 1], rows.sums, alpha, np.ones((len(alpha), 1))]
     features = np.concatenate(parts, axis=1, dtype=np.float32)
@@ -214,13 +214,13 @@ def prior_of(counts: ArrayLike, prior: ArrayLike | None = None) -> Floats:
 
 def _rows(counts: ArrayLike) -> tuple[RowStatistics, Bools]:
     """Summarize the rows of counts (O,P,E,2,K), and which pairs inform of others (P,E)."""
-    shown = np.asarray(counts)
-    if shown.ndim != 5 or not shown.size or (shown < 0).any() or (shown % 1).any():
+    table = np.asarray(counts)
+    if table.ndim != 5 or not table.size or (table < 0).any() or (table % 1).any():
         raise SettingsError(
-            f"Counts have shape {shown.shape}; expected whole numbers >= 0 of shape (objects, "
+            f"Counts have shape {table.shape}; expected whole numbers >= 0 of shape (objects, "
             "attributes, behaviors, 2, levels)."
         )
-    per_object = np.moveaxis(shown, 0, -2)  # (P,E,2,O,K)
+    per_object = np.moveaxis(table, 0, -2)  # (P,E,2,O,K)
     rows = RowStatistics.of(per_object.reshape(-1, *per_object.shape[-2:]))
     totals = rows.totals.sum(axis=1).reshape(*per_object.shape[:-2], -1)
     return rows, youden(totals) > 0

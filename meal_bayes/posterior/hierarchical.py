@@ -134,8 +134,8 @@ def build_model(
         mean, s = _same(counts, prior) if model == "same" else _crossed()
         scores = _score(patterns, mean, s)  # (U,2)
         if model == "same":
-            shown = np.asarray(counts.any(axis=-1))  # (O,P,E,2)
-            by_truth = (pattern_of[shown[..., t]] for t in (0, 1))
+            perceived = np.asarray(counts.any(axis=-1))  # (O,P,E,2)
+            by_truth = (pattern_of[perceived[..., t]] for t in (0, 1))
             number = [np.bincount(shown_of, minlength=len(patterns)) for shown_of in by_truth]
             pm.Potential("percepts", (np.stack(number, axis=-1) * scores).sum())
         else:
@@ -208,11 +208,11 @@ def _patterns(counts: Ints) -> tuple[Ints, Ints]:
 
     An object without a percept in a row has pattern U, one past the last.
     """
-    shown = counts.sum(axis=3)  # (O,P,E,K)
-    o, p, e = np.nonzero(shown.any(axis=-1))
-    rows = np.column_stack([p, e, shown[o, p, e]])
+    percepts = counts.sum(axis=3)  # (O,P,E,K)
+    o, p, e = np.nonzero(percepts.any(axis=-1))
+    rows = np.column_stack([p, e, percepts[o, p, e]])
     patterns, index = np.unique(rows, axis=0, return_inverse=True)
-    pattern_of = np.full(shown.shape[:3], len(patterns))
+    pattern_of = np.full(percepts.shape[:3], len(patterns))
     pattern_of[o, p, e] = index.ravel()
     return patterns, pattern_of
 
@@ -223,10 +223,10 @@ def _score(patterns: Ints, mean: Any, s: Any) -> Any:
     e = patterns[:, 1]
     k = patterns[:, 2:]
     n = k.sum(axis=-1)
-    each = _rising(s[..., None] * mean, int(k.max()))  # (P,E,2,K,I+1)
+    log_rising = _rising(s[..., None] * mean, int(k.max()))  # (P,E,2,K,I+1)
     every = _rising(s, int(n.max()))  # (P,E,2,J+1)
     level = np.arange(k.shape[-1])
-    seen = each[p[:, None], e[:, None], :, level, k].sum(axis=1)  # (U,2)
+    seen = log_rising[p[:, None], e[:, None], :, level, k].sum(axis=1)  # (U,2)
     ways = gammaln(n + 1) - gammaln(k + 1).sum(axis=-1)  # in which the same counts come about
     return ways[:, None] + seen - every[p, e, :, n]
 

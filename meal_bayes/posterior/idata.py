@@ -51,8 +51,8 @@ def convergence(summary: Any) -> Any:
 def attributes_of(config: Mapping[str, object]) -> dict[str, str]:
     """Return what made the draws, as attributes of a file: settings and versions."""
     library = {"inference_library": "meal_bayes", "inference_library_version": package_version()}
-    made = {**library, "arviz_version": az.__version__, **config}
-    return {name: str(value) for name, value in made.items() if value is not None}
+    attributes = {**library, "arviz_version": az.__version__, **config}
+    return {name: str(value) for name, value in attributes.items() if value is not None}
 
 
 def unreliable(idata: Any) -> dict[str, float]:

@@ -236,6 +236,6 @@ def truth_evidence(log_likelihood: Floating, log_classes: Floating) -> Floating:
     Of ln Pr(percepts | t) (...,M) and ln Pr(t | truth) (2,M).
     """
     peak = log_likelihood.max(axis=-1, keepdims=True)
-    each = np.exp(log_likelihood - peak) @ np.exp(log_classes).T  # (...,2)
-    each = np.log(np.maximum(each, np.finfo(each.dtype).tiny))
-    return np.asarray(each[..., 1] - each[..., 0])
+    marginal = np.exp(log_likelihood - peak) @ np.exp(log_classes).T  # (...,2)
+    log_marginal = np.log(np.maximum(marginal, np.finfo(marginal.dtype).tiny))
+    return np.asarray(log_marginal[..., 1] - log_marginal[..., 0])

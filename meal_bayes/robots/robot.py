@@ -160,14 +160,14 @@ class OutcomeChecker:
         pairs = zip(self._domain.attributes, labels.tolist(), strict=True)
         return {name: value == 1 for name, value in pairs if value >= 0}
 
-    def _percepts(self, spec: Behavior, given: object) -> dict[str, float] | None:
+    def _percepts(self, spec: Behavior, percepts: object) -> dict[str, float] | None:
         """Return what a detector is sure of, by attribute; None where it says nothing."""
-        if given is None:
+        if percepts is None:
             return None
         if not spec.modalities:
             raise _NoPercept("it has no modalities; name one, such as that of the detector")
         try:
-            return checked_percepts(given, self._domain) or None
+            return checked_percepts(percepts, self._domain) or None
         except DataError as fault:
             raise _NoPercept(str(fault)) from None
 

@@ -90,8 +90,8 @@ def next_log(file: BinaryIO, at: int) -> int:
     tail = b""
     for _ in range(_SEARCHED):
         block = tail + file.read(RECORD_LIMIT)
-        if (found := block.find(start)) >= 0:
-            return at - len(tail) + found
+        if (offset := block.find(start)) >= 0:
+            return at - len(tail) + offset
         at += len(block) - len(tail)
         tail = block[1 - len(start) :]
     return file.seek(0, os.SEEK_END)

@@ -97,19 +97,19 @@ def interrupted(place: Path) -> Interrupted:
     if not place.is_dir():
         names = [place, *drafts_of(place)]
         return Interrupted(next((path for path in names if path.is_file()), place))
-    found = list[Interrupted]()
-    for draft in sorted(place.rglob(f"*{ACTIVE}")):
+    drafts = list[Interrupted]()
+    for path in sorted(place.rglob(f"*{ACTIVE}")):
         with contextlib.suppress(LogError):  # it is under way, or holds no trial
-            found.append(Interrupted(draft))
-    if len(found) == 1:
-        return found[0]
-    for each in found:
-        each.release()
-    if not found:
+            drafts.append(Interrupted(path))
+    if len(drafts) == 1:
+        return drafts[0]
+    for draft in drafts:
+        draft.release()
+    if not drafts:
         raise LogError(f"{place} holds no trial that was broken off; there is nothing to resume.")
     listed = "; ".join(
-        f"{each.trial.task.name} of {each.trial.task.object_name}, begun {stem_of(each.path)[:15]}:"
-        f" resume({str(each.path)!r})"
-        for each in found
+        f"{draft.trial.task.name} of {draft.trial.task.object_name}, "
+        f"begun {stem_of(draft.path)[:15]}: resume({str(draft.path)!r})"
+        for draft in drafts
     )
-    raise LogError(f"{place} holds {len(found)} trials that were broken off: {listed}.")
+    raise LogError(f"{place} holds {len(drafts)} trials that were broken off: {listed}.")
