@@ -247,10 +247,10 @@ def learning_prices(progress: Progress, asked: int) -> Floats:
     right = (1 + now.mean() / progress.reward) / 2
     questions = questions * np.clip(right, 0.0, 1.0) ** (asked - 1)
     costs = np.array([behavior.cost for behavior in domain.behaviors])
-    known = explained(alpha, knowledge.base_rates[:, None])
-    found = prices(value - now[:, None, None], known, questions, costs)
+    variance_explained = explained(alpha, knowledge.base_rates[:, None])
+    price = prices(value - now[:, None, None], variance_explained, questions, costs)
     senses = np.isin(np.arange(len(costs)), domain.recorded)
-    return np.asarray(np.where(senses, found, 0.0))
+    return np.asarray(np.where(senses, price, 0.0))
 
 
 def values_ahead(
@@ -331,16 +331,16 @@ def deviated(alpha: Floats, rates: Floats | None = None) -> Floats:
 def percept_entropy(alpha: Floats, base_rates: Floats) -> Floats:
     """Compute Ent of Eq. 9 (...), bits, of the mean of Beta(alpha) (...,2,2), over the truths."""
     mean = alpha[..., 1] / alpha.sum(axis=-1)
-    each = (entr(mean) + entr(1 - mean)) / np.log(2)  # (...,2)
-    return np.asarray((1 - base_rates) * each[..., 0] + base_rates * each[..., 1])
+    entropy = (entr(mean) + entr(1 - mean)) / np.log(2)  # (...,2)
+    return np.asarray((1 - base_rates) * entropy[..., 0] + base_rates * entropy[..., 1])
 
 
 def experience_bits(alpha: Floats, base_rates: Floats) -> Floats:
     """Compute IE as E Ent(theta), bits: what of a percept's entropy is noise, not ignorance."""
     total = alpha.sum(axis=-1)
     parts = alpha / total[..., None] * digamma(alpha + 1)
-    each = (digamma(total + 1) - parts.sum(axis=-1)) / np.log(2)
-    return np.asarray((1 - base_rates) * each[..., 0] + base_rates * each[..., 1])
+    bits = (digamma(total + 1) - parts.sum(axis=-1)) / np.log(2)
+    return np.asarray((1 - base_rates) * bits[..., 0] + base_rates * bits[..., 1])
 
 
 def _one_question(domain: Domain, progress: Progress) -> MOMDP:

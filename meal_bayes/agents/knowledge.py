@@ -84,8 +84,8 @@ def knowledge_of(
     if not object_level:
         return Knowledge(domain, ConfusionPosterior.from_counts(counts), rates)
     posterior = ConfusionPosterior.from_objects(counts)
-    shown = counts.sum(axis=3)  # (O,P,E,K)
-    return Knowledge(domain, posterior, rates, learn_trait(posterior, shown, labels, rates))
+    percepts = counts.sum(axis=3)  # (O,P,E,K)
+    return Knowledge(domain, posterior, rates, learn_trait(posterior, percepts, labels, rates))
 
 
 def base_rates(labels: NDArray[np.int8]) -> NDArray[np.float64]:

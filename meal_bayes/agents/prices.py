@@ -54,18 +54,18 @@ def explained(alpha: Floats, base_rates: Floats) -> Floats:
     mean = alpha[..., 1] / total
     variance = (mean * (1 - mean) / (total + 1))[..., None]  # (...,2,1)
     objects = np.stack([1 - base_rates, base_rates], axis=-1)[..., None] * AHEAD  # (...,2,M)
-    found = variance * objects / (objects + total[..., None])
-    return np.asarray(found.sum(axis=-2) / variance.sum(axis=-2))
+    reduction = variance * objects / (objects + total[..., None])
+    return np.asarray(reduction.sum(axis=-2) / variance.sum(axis=-2))
 
 
-def prices(gain: Floats, known: Floats, questions: Floats, costs: Floats) -> Floats:
+def prices(gain: Floats, variance_explained: Floats, questions: Floats, costs: Floats) -> Floats:
     """Return the price (R,E) of a labeled object of each behavior, of R attributes.
 
     Parameters
     ----------
     gain : Floats
         (R,E,Z) V(rates ahead) - V(now), s a question.
-    known : Floats
+    variance_explained : Floats
         (R,E,M) part of the variance that `AHEAD` more objects explain.
     questions : Floats
         (M,) or (R,M) to come once as many objects are labeled.
@@ -73,7 +73,7 @@ def prices(gain: Floats, known: Floats, questions: Floats, costs: Floats) -> Flo
         (E,) or (R,E) of a percept, s.
     """
     r, e, z = gain.shape
-    moves = _transitions(known.reshape(r * e, -1))
+    moves = _transitions(variance_explained.reshape(r * e, -1))
     left = np.repeat(np.broadcast_to(questions, (r, len(AHEAD))), e, axis=0)
     alone = _index(gain.reshape(r * e, z), moves, left).reshape(r, e)
     if e == 1:
@@ -81,7 +81,7 @@ def prices(gain: Floats, known: Floats, questions: Floats, costs: Floats) -> Flo
     lead = (alone - costs).argmax(axis=1)[:, None]
     leads = np.take_along_axis(alone - costs, lead, axis=1) > 0
     # What the leader's gain will be, once it is learned as far as questions allow.
-    last = np.sqrt(known[..., -1])[..., None]
+    last = np.sqrt(variance_explained[..., -1])[..., None]
     ahead = np.take_along_axis(_at(gain, last * _Z), lead[..., None], axis=1)[:, 0]  # (R,Z)
     least = np.maximum(ahead, 0.0)
     both = np.maximum(gain[..., None], ahead[:, None, None]) @ _NORMAL  # (R,E,Z)
@@ -98,16 +98,16 @@ def _at(values: Floats, z: Floats) -> Floats:
     return np.asarray(below + (at - low) * (above - below))
 
 
-def _transitions(known: Floats) -> Floats:
+def _transitions(variance_explained: Floats) -> Floats:
     """Return Pr(z' | z) between stages, (n,M,Z,Z): z is a Brownian motion in what is explained.
 
     Three points have the mean and the variance of each step, and nearly its fourth moment.
     """
-    variance = np.maximum(np.diff(known, prepend=0.0, axis=1), 0.0)  # (n,M)
+    variance = np.maximum(np.diff(variance_explained, prepend=0.0, axis=1), 0.0)  # (n,M)
     width = _Z[1] - _Z[0]
     far = np.maximum(np.rint(np.sqrt(3 * variance) / width), 1.0)
     chance = variance / (2 * (far * width) ** 2)
-    n, m = known.shape
+    n, m = variance_explained.shape
     moves = np.zeros((n, m, len(_Z), len(_Z)))
     row, stage = np.ogrid[:n, :m]
     for z in range(len(_Z)):

@@ -114,7 +114,7 @@ def summarize_learning(
             agent, end, area.estimate, area.low, area.high, reward_difference_at=at,
             reward_after=float(np.mean([reward[-1] for _, reward in curve.values()])),
             reward_after_difference=after.estimate,
-            accuracy_after=float(np.mean([each.success[each.judged].mean() for each in final])),
+            accuracy_after=float(np.mean([test.success[test.judged].mean() for test in final])),
             ece_after=calibration_error(*map(np.concatenate, zip(*beliefs, strict=True))),
         ))  # fmt: skip
     return rows

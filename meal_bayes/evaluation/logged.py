@@ -121,9 +121,9 @@ class LoggedOutcomes:
         for agent in self.outcomes.agents:
             of_agent = self.outcomes.agent == agent
             for repeat in np.unique(self.repeat[of_agent]).tolist():
-                own = of_agent & (self.repeat == repeat)
-                trained = own & (self.part == TRAINING)
-                tested = own & (self.part == TEST)
+                rows = of_agent & (self.repeat == repeat)
+                trained = rows & (self.part == TRAINING)
+                tested = rows & (self.part == TEST)
                 for batch in np.unique(self.batch[tested]).tolist():
                     # Tests of batch b come after the training of batches 1 to b.
                     seconds = self.outcomes.cost[trained & (self.batch <= batch)].sum()

@@ -68,13 +68,13 @@ class Cells:
     def of(cls, outcomes: TrialOutcomes, measure: str, repeats: ArrayLike | None = None) -> "Cells":
         """Sum trials over cells."""
         values = measured(outcomes, measure)
-        known = ~np.isnan(values)
-        if not known.any():
+        mask = ~np.isnan(values)
+        if not mask.any():
             raise SettingsError(f"No trial has a {measure}; give trials whose truth is known.")
-        judged = outcomes.rows(known)
-        values = values[known]
-        again = np.zeros(len(known), int) if repeats is None else np.asarray(repeats)
-        columns = {"agent": judged.agent, "object": judged.object_name, "repeat": again[known],
+        judged = outcomes.rows(mask)
+        values = values[mask]
+        again = np.zeros(len(mask), int) if repeats is None else np.asarray(repeats)
+        columns = {"agent": judged.agent, "object": judged.object_name, "repeat": again[mask],
                    "attribute": judged.attribute}  # fmt: skip
         coded = {name: np.unique(c.astype(str), return_inverse=True) for name, c in columns.items()}
         codes = [code.reshape(len(judged), -1) for _, code in coded.values()]
@@ -197,8 +197,8 @@ def _paired(
         other = outcomes.of_agent(name)
         rows, base_rows = paired_rows(other, base)
         gain = measured(other, measure)[rows] - measured(base, measure)[base_rows]
-        known = ~np.isnan(gain)
-        sets = {"": known} | {text: known & (asked[base_rows] == text) for text in set(asked)}
+        mask = ~np.isnan(gain)
+        sets = {"": mask} | {text: mask & (asked[base_rows] == text) for text in set(asked)}
         differences[name] = {
             text: float(gain[chosen].mean()) for text, chosen in sets.items() if chosen.any()
         }

@@ -40,8 +40,8 @@ def lines(series: Sequence[Series], *, x_label: str, y_label: str, ax: Axes | No
     with axes_to_draw(ax) as to:
         for name, x, y, low, high in series:
             color, marker, dash = agent_style(name)
-            shown = marker if len(x) <= _MANY else None
-            to.plot(x, y, color=color, marker=shown, ls=dash, ms=4, lw=1.6, label=name)
+            symbol = marker if len(x) <= _MANY else None
+            to.plot(x, y, color=color, marker=symbol, ls=dash, ms=4, lw=1.6, label=name)
             if low is not None and high is not None:
                 to.fill_between(x, low, high, color=color, alpha=0.18, lw=0)
         name_axes(to, x_label, y_label)

@@ -141,8 +141,8 @@ def _agents(
 
 def best_of(merits: Sequence[float]) -> set[int]:
     """Return the positions of the largest merit; none where all are equal or unknown."""
-    known = {merit for merit in merits if not math.isnan(merit)}
-    return {n for n, merit in enumerate(merits) if len(known) > 1 and merit == max(known)}
+    values = {merit for merit in merits if not math.isnan(merit)}
+    return {n for n, merit in enumerate(merits) if len(values) > 1 and merit == max(values)}
 
 
 def _differences(

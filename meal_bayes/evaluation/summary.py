@@ -148,10 +148,10 @@ def mean_effect(outcomes: TrialOutcomes, measure: str) -> Effect:
     """
     values = measured(outcomes, measure)
     fraction = measure in _FRACTIONS
-    known = ~np.isnan(values)
-    if not known.any():
+    mask = ~np.isnan(values)
+    if not mask.any():
         return Effect(math.nan, math.nan, 0)
-    return clustered(values[known], outcomes.object_name[known], fraction=fraction)
+    return clustered(values[mask], outcomes.object_name[mask], fraction=fraction)
 
 
 def compare(trials: Trials, first: str, second: str, *, measure: str = "reward") -> Interval:
@@ -176,15 +176,15 @@ def difference(first: TrialOutcomes, second: TrialOutcomes, *, measure: str = "r
     """
     left, right = paired_rows(first, second)
     gain = measured(first, measure)[left] - measured(second, measure)[right]
-    known = ~np.isnan(gain)
-    if not known.any():
+    mask = ~np.isnan(gain)
+    if not mask.any():
         raise SettingsError(
             f"{_named(first, second)} share no task with a {measure}; run both under the same seed."
         )
-    objects = first.object_name[left][known]
+    objects = first.object_name[left][mask]
     if measure in _FRACTIONS:
-        return paired_fractions(gain[known], partial(clustered, clusters=objects))
-    return clustered(gain[known], objects)
+        return paired_fractions(gain[mask], partial(clustered, clusters=objects))
+    return clustered(gain[mask], objects)
 
 
 def no_better_than_prior(outcomes: TrialOutcomes) -> str:
@@ -289,5 +289,5 @@ def measured(outcomes: TrialOutcomes, measure: str) -> NDArray[np.float64]:
     }
     if measure not in measures:
         raise SettingsError(f"Unknown measure {measure!r}; expected {', '.join(measures)}.")
-    known = outcomes.judged if measure == "success" else outcomes.ended == ""
-    return np.where(known, measures[measure].astype(float), np.nan)
+    mask = outcomes.judged if measure == "success" else outcomes.ended == ""
+    return np.where(mask, measures[measure].astype(float), np.nan)

@@ -55,16 +55,16 @@ def worst_of(
     They are those with the lowest reward; of equals, those that were surest come first, then the
     earliest.
     """
-    found = dict(worst)
+    ranking = dict(worst)
     _, batch, part = place_of(group.header)
     outcomes = group.outcomes
     badness = outcomes.certainty - outcomes.reward
     for agent in outcomes.agents:
         judged = np.flatnonzero(outcomes.judged & (outcomes.agent == agent))
         rows = judged[np.argsort(-badness[judged], kind="stable")[:WORST]].tolist()
-        entries = [*found.get((agent, batch, part), ()), *chosen_rows(group, rows)]
-        found[agent, batch, part] = sorted(entries, key=lambda entry: -entry.badness)[:WORST]
-    return found
+        entries = [*ranking.get((agent, batch, part), ()), *chosen_rows(group, rows)]
+        ranking[agent, batch, part] = sorted(entries, key=lambda entry: -entry.badness)[:WORST]
+    return ranking
 
 
 def live_trials(group: Group) -> list[Chosen]:
@@ -88,8 +88,8 @@ def worst_section(worst: Sequence[tuple[str, Sequence[Chosen]]]) -> Section:
     compact = False
     for number, (agent, trials) in enumerate(worst):
         compact |= any(chosen.trial is None for chosen in trials)
-        own = [trial_section(chosen) | {"opened": i == 0} for i, chosen in enumerate(trials)]
-        parts.append({"title": agent or "agent", "parts": own, "opened": number == 0})
+        sections = [trial_section(chosen) | {"opened": i == 0} for i, chosen in enumerate(trials)]
+        parts.append({"title": agent or "agent", "parts": sections, "opened": number == 0})
     section: Section = {"title": "The worst trials", "parts": parts}
     if compact:
         section["text"] = "A compact log holds no steps; of its trials there is the outcome."

@@ -209,8 +209,8 @@ class Experience:
             recording = NONE
             if instance is not None and instance.object_index >= 0:  # a replay shows it again
                 recording = instance.recording
-                known = like & ((before["recording"] == recording) | (before["origin"] == GIVEN))
-                row = int(np.flatnonzero(known).max(initial=NONE))
+                replay = like & ((before["recording"] == recording) | (before["origin"] == GIVEN))
+                row = int(np.flatnonzero(replay).max(initial=NONE))
             if row == NONE:
                 copy = int(like.sum())
                 fields = (o, behavior, digest, copy, recording, GATHERED, k)
@@ -241,19 +241,22 @@ class Experience:
     def forget(self, trial: Key, *, recordings: bool = False) -> NDArray[np.intp]:
         """Withdraw the labels of a trial, perhaps its recordings; return the object's instances."""
         number = self.trials[trial]
-        shown = self.shown(trial)
+        instances = self.shown(trial)
         if recordings:
             rows = self.executions.values
             others = rows["instance"][rows["trial"] != number]
-            own = self.instances.values["origin"][shown] == GATHERED
-            for i in shown[own & ~np.isin(shown, others)].tolist():
+            gathered = self.instances.values["origin"][instances] == GATHERED
+            for i in instances[gathered & ~np.isin(instances, others)].tolist():
                 self.instances.values["origin"][i] = WITHDRAWN
                 self.levels.values[i] = -1
                 self.detected.values[i] = -1
                 for by_instance in self.features.values():
                     by_instance.pop(i, None)
         answers = self.feedback.values[self.feedback.values["trial"] == number]
-        objects = {*answers["object"].tolist(), *self.instances.values["object"][shown].tolist()}
+        objects = {
+            *answers["object"].tolist(),
+            *self.instances.values["object"][instances].tolist(),
+        }
         for p in np.flatnonzero(self.told_in(trial) >= 0):
             self.feedback.append((number, len(self.feedback), answers["object"][0], p, -1, 0))
         moved = np.flatnonzero(np.isin(self.instances.values["object"], list(objects)))

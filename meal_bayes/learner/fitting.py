@@ -39,8 +39,8 @@ def classify(
     counts : NDArray[np.int64]
         (O,P,E,2,K) percepts by classifiers that never saw the object.
     """
-    given = views.percepts_given(record, agent.levels)[: len(labels)]
-    learned = np.where(given >= 0, -1, labels).astype(np.int8)
+    detections = views.percepts_given(record, agent.levels)[: len(labels)]
+    learned = np.where(detections >= 0, -1, labels).astype(np.int8)
     data, rows, gathered = views.training(record, learned, sizes)
     training = _some(gathered, np.asarray((gathered.labels >= 0).any(axis=1)))
     perceives = PerceptionSettings(levels=agent.levels, by_object=settings.by_object)

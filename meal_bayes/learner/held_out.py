@@ -42,12 +42,12 @@ class HeldOut:
     @cached_property
     def knowledge(self) -> Knowledge:
         """What is learned from all objects but this one."""
-        known = knowledge_without(
+        knowledge = knowledge_without(
             self.labeled, self.object_index, levels=self.agent.levels,
             object_level=self.agent.object_level,
         )  # fmt: skip
         posterior = self.settings.posterior
-        return known if posterior is None else replace(known, posterior=posterior)
+        return knowledge if posterior is None else replace(knowledge, posterior=posterior)
 
     @property
     def limit(self) -> NDArray[np.float64]:

@@ -108,8 +108,8 @@ class Learner(Answerer):
         return f"Learner({self.domain.name}, agent {self.agent.name}, {data})"
 
     def _repr_html_(self) -> str:
-        shown = self.knowledge() if self.table is None else self.table
-        return f"<p>{escape(repr(self))}</p>{shown._repr_html_()}"
+        source = self.knowledge() if self.table is None else self.table
+        return f"<p>{escape(repr(self))}</p>{source._repr_html_()}"
 
     def fit(self, data: Dataset | PerceptTable) -> Self:
         """Learn from recordings, which join the experience, or replay a percept table.
@@ -203,8 +203,8 @@ class Learner(Answerer):
         if isinstance(trial, Trial) and not trial.task.learn:
             key = told(trial.task.object_name)
         with self._lock:
-            shown = recordings and isinstance(trial, Trial) and len(self.experience.shown(key))
-            if not shown and not (self.experience.told_in(key) >= 0).any():
+            recorded = recordings and isinstance(trial, Trial) and len(self.experience.shown(key))
+            if not recorded and not (self.experience.told_in(key) >= 0).any():
                 what = "labels or recordings" if recordings else "labels"
                 name = trial.task.name if isinstance(trial, Trial) else trial
                 raise SettingsError(f"The trial {name!r} has no {what}.")

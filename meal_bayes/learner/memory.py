@@ -52,15 +52,15 @@ class LabelMemory:
 
         A line that holds no labels stays as it is.
         """
-        kept = []
+        lines = []
         forgotten = 0
         for line, entry in self._lines():
             if entry is not None and name in (None, entry.object):
                 forgotten += 1
             else:
-                kept.append(f"{line}\n")
+                lines.append(f"{line}\n")
         if forgotten:
-            write_whole(self.path, "".join(kept).encode(errors=_BYTES))
+            write_whole(self.path, "".join(lines).encode(errors=_BYTES))
         return forgotten
 
     def _lines(self) -> Iterator[tuple[str, Remembered | None]]:

@@ -65,33 +65,35 @@ class Online:
         labels = views.labels_of(record, memory=agent.memory)
         sizes = views.sizes(record)
         warn_of_odd(record, sizes)
-        given = views.percepts_given(record, agent.levels)
+        detections = views.percepts_given(record, agent.levels)
         data, rows, perception, counts = classify(record, agent, settings, labels, sizes)
         counted, unit = experienced(record, agent, settings)
         place = {name: number for number, name in enumerate(data.objects)}
         position = np.array([place[name] for name in record.objects], np.intp)
         instances = record.instances.values
-        i, p = np.nonzero((given >= 0) & (labels >= 0))
+        i, p = np.nonzero((detections >= 0) & (labels >= 0))
         cells = (position[instances["object"][i]], p, instances["behavior"][i])
-        np.add.at(counts, (*cells, labels[i, p], given[i, p]), 1)
+        np.add.at(counts, (*cells, labels[i, p], detections[i, p]), 1)
         percepts = fractions(record, perception, counts).sum(axis=0)
         known_labels = data.labels
         if not data.objects:  # nothing is known: one object of which nothing is
             counts = np.zeros((1, *counts.shape[1:]), np.int64)
             known_labels = np.full(counts.shape[:2], -1, np.int8)
-        known = knowledge_of(record.domain, counts, known_labels, object_level=agent.object_level)
+        knowledge = knowledge_of(
+            record.domain, counts, known_labels, object_level=agent.object_level
+        )
         classified = np.full_like(labels, -1)
-        classified[rows] = np.where(given[rows] >= 0, -1, labels[rows])
-        used = np.where(given >= 0, labels, classified)
+        classified[rows] = np.where(detections[rows] >= 0, -1, labels[rows])
+        used = np.where(detections >= 0, labels, classified)
         if settings.posterior is not None:
-            known = replace(known, posterior=settings.posterior)
+            knowledge = replace(knowledge, posterior=settings.posterior)
             used[instances["origin"] != GIVEN] = -1
             classified = np.where((instances["origin"] == GIVEN)[:, None], 0, -1)
         o, q = len(record.objects), len(record.domain.attributes)
         seen = np.zeros((o, len(record.domain.behaviors), q), np.bool_)
         np.logical_or.at(seen, (instances["object"], instances["behavior"]), classified >= 0)
         fit = cls(
-            record, agent, settings, perception=perception, knowledge=known, refitted=known,
+            record, agent, settings, perception=perception, knowledge=knowledge, refitted=knowledge,
             sizes=sizes, used=used.astype(np.int8), seen=seen,
             experienced=counted, unit=unit, trials=views.trials_before(record, ()),
             told=views.told_fraction(record), percepts=percepts, percepts_at_refit=percepts,
@@ -155,8 +157,8 @@ class Online:
         """Perceive the instances since the last time: those without features as they were shown."""
         first = len(self.levels)
         record = self.record
-        given = views.percepts_given(record, self.agent.levels)
-        levels = given.copy()
+        detections = views.percepts_given(record, self.agent.levels)
+        levels = detections.copy()
         for e in record.domain.recorded:
             name = record.domain.behavior_names[e]
             rows = views.sensed(record, self.sizes, name)
@@ -169,8 +171,8 @@ class Online:
                     for modality in classifier.spaces
                 }
                 log_odds = classifier.log_odds(features)
-            shown = levels_of(round_log_odds(log_odds), BIN_EDGES, self.agent.levels)
-            levels[rows] = np.where(given[rows] >= 0, given[rows], shown)
+            percepts = levels_of(round_log_odds(log_odds), BIN_EDGES, self.agent.levels)
+            levels[rows] = np.where(detections[rows] >= 0, detections[rows], percepts)
         self.levels.extend(levels[first:])
         self.counted.extend(np.full_like(levels[first:], -1))
 

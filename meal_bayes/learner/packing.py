@@ -66,8 +66,8 @@ def unpack(packed: Json, read: Callable[[str, str, int], NDArray[Any]], domain: 
     if "array" in packed:
         return read(str(packed["array"]), packed["dtype"], int(packed["axes"]))
     entries = packed["table"] if "table" in packed else packed["fields"]
-    made = {str(name): unpack(entry, read, domain) for name, entry in entries.items()}
-    return made if "table" in packed else _CLASSES[packed["class"]](**made)
+    values = {str(name): unpack(entry, read, domain) for name, entry in entries.items()}
+    return values if "table" in packed else _CLASSES[packed["class"]](**values)
 
 
 def _succeeding(domain: Domain, probabilities: list[float]) -> Domain:

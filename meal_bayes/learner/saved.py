@@ -162,17 +162,17 @@ def _check_own(path: Path, file: str) -> None:
     """Refuse to write over a file that this learner neither wrote nor read last."""
     if not path.exists():
         return
-    found = "no learner"
+    content = "no learner"
     try:
         with zipfile.ZipFile(path) as archive:
-            found = f"the learner {read_meta(read_member(archive, _TEXT), _FORMAT)['file']}"
+            content = f"the learner {read_meta(read_member(archive, _TEXT), _FORMAT)['file']}"
     except (*UNREADABLE, OSError):
         pass
-    if found != f"the learner {file}":
-        own = f"read or wrote {file} last" if file else "has read and written no file"
+    if content != f"the learner {file}":
+        history = f"read or wrote {file} last" if file else "has read and written no file"
         raise OutputError(
-            f"{path} holds {found}, and this one {own}: somebody else has saved there. Load it and "
-            "tell it what is missing, give another name, or save(path, overwrite=True)."
+            f"{path} holds {content}, and this one {history}: somebody else has saved there. "
+            "Load it and tell it what is missing, give another name, or save(path, overwrite=True)."
         )
 
 

@@ -219,11 +219,11 @@ def implied(report: NDArray[np.bool_], *, right: bool) -> NDArray[np.int8]:
 def check_behaviors(record: Experience, trial: Trial) -> None:
     """Refuse a trial of other behaviors than a record's."""
     theirs = trial.momdp.behavior_names
-    own = record.domain.behavior_names
-    if theirs != own:
+    ours = record.domain.behavior_names
+    if theirs != ours:
         raise SettingsError(
             f"The trial {trial.task.name!r} has the behaviors {', '.join(theirs)}; this learner's "
-            f"domain has {', '.join(own)}. Load the domain of that trial."
+            f"domain has {', '.join(ours)}. Load the domain of that trial."
         )
 
 

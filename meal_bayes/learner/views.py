@@ -162,8 +162,8 @@ def training(
         for row in np.flatnonzero(e == domain.behavior_index(context[0])):
             values[o[row], r[row]] = record.features[context][int(rows[row])]
         features[context] = values
-    known = labels_for(record, objects) if objects else record.known.values
-    dataset = Dataset(domain, objects, features, known, partial=True)
+    object_labels = labels_for(record, objects) if objects else record.known.values
+    dataset = Dataset(domain, objects, features, object_labels, partial=True)
     return dataset, rows, TrainingSet(o, e, r, labels[rows])
 
 
@@ -176,7 +176,9 @@ def percepts_given(record: Experience, k: int) -> Labels:
     bare = (instances["digest"] == 0) & (instances["scale"] == k)
     levels = np.where(bare[:, None], record.levels.values, -1)
     scale = np.maximum(instances["scale"], 1)[:, None]
-    given = record.detected.values.astype(int)
+    detections = record.detected.values.astype(int)
     # The surest levels stay the surest.
-    scaled = np.where(given == scale - 1, k - 1, np.where(given == 0, 0, given * k // scale))
-    return np.where(given >= 0, scaled, levels).astype(np.int8)
+    scaled = np.where(
+        detections == scale - 1, k - 1, np.where(detections == 0, 0, detections * k // scale)
+    )
+    return np.where(detections >= 0, scaled, levels).astype(np.int8)

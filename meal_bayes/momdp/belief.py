@@ -205,8 +205,8 @@ def update_belief(belief: Belief, momdp: MOMDP, transition: Transition) -> Belie
     n = len(momdp.query)
     levels = np.zeros(n, int) if percept is None else np.asarray(percept)
     whole = levels.shape == (n,) and np.issubdtype(levels.dtype, np.integer)
-    known = 0 <= e < momdp.n_actions and 0 <= next_x < len(momdp.x_names)
-    if not (whole and known and levels.min() >= 0 and levels.max() < momdp.levels):
+    exists = 0 <= e < momdp.n_actions and 0 <= next_x < len(momdp.x_names)
+    if not (whole and exists and levels.min() >= 0 and levels.max() < momdp.levels):
         raise SettingsError(
             f"Found {transition}; expected an action from 0 to {momdp.n_actions - 1}, x from 0 to "
             f"{momdp.terminal}, and None or whole numbers from 0 to {momdp.levels - 1}, one for "

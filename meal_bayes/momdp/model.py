@@ -149,8 +149,8 @@ class MOMDP:
         with np.errstate(divide="ignore", invalid="ignore"):
             latent_classes = np.log(self.latent_classes)
             believed, even = (
-                each - np.logaddexp.reduce(each, axis=1, keepdims=True)
-                for each in (latent_classes + np.log(chance), latent_classes)
+                log_joint - np.logaddexp.reduce(log_joint, axis=1, keepdims=True)
+                for log_joint in (latent_classes + np.log(chance), latent_classes)
             )
         # A class that the prior rules out never has probability; its truth is that at even odds.
         return np.where(np.isnan(believed), np.where(np.isnan(even), np.log(0.5), even), believed)

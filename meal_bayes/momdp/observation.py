@@ -44,6 +44,6 @@ def sample_rows(
     """
     rows = np.asarray(mean, dtype=float)
     weight = np.asarray(precision, dtype=float)[..., None]
-    known = np.isinf(weight)
-    gamma = rng.standard_gamma(np.where(known, 1.0, weight) * rows + counts) + 1e-300
-    return np.where(known, rows, gamma / gamma.sum(axis=-1, keepdims=True))
+    exact = np.isinf(weight)
+    gamma = rng.standard_gamma(np.where(exact, 1.0, weight) * rows + counts) + 1e-300
+    return np.where(exact, rows, gamma / gamma.sum(axis=-1, keepdims=True))

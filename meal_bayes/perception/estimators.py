@@ -34,8 +34,8 @@ def check_classifier(classifier: Any) -> None:
         if decides and hasattr(classifier, "fit") and hasattr(classifier, "get_params"):
             fresh = clone(classifier)
     except Exception as fault:  # whatever it raises
-        found = " ".join(str(fault).split()).rstrip(".")
-        raise SettingsError(f"The classifier {name} cannot be copied: {found:.300}.") from fault
+        reason = " ".join(str(fault).split()).rstrip(".")
+        raise SettingsError(f"The classifier {name} cannot be copied: {reason:.300}.") from fault
     if fresh is None:
         raise SettingsError(
             f"classifier is {name}; expected a scikit-learn "
@@ -61,9 +61,9 @@ def blamed(classifier: Any, task: str) -> Iterator[None]:
     try:
         yield
     except Exception as fault:  # whatever it raises
-        found = " ".join(f"{type(fault).__name__}: {fault}".split()).rstrip(".")
+        reason = " ".join(f"{type(fault).__name__}: {fault}".split()).rstrip(".")
         raise DataError(
-            f"The classifier {type(classifier).__name__} cannot {task}. {found:.300}. "
+            f"The classifier {type(classifier).__name__} cannot {task}. {reason:.300}. "
             "Change its settings, or give it more objects with known labels."
         ) from fault
 

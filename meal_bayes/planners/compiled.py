@@ -112,13 +112,13 @@ def dynamics_of(momdp: MOMDP, price: float = _PRICE) -> Dynamics:
     return remember(_known, key, lambda: _dynamics(momdp, cost))
 
 
-def remember(made: dict[object, V], key: object, make: Callable[[], V]) -> V:
+def remember(cache: dict[object, V], key: object, make: Callable[[], V]) -> V:
     """Make a value once a key; a few are remembered."""
-    if key not in made:
-        if len(made) >= _DIAGRAMS:
-            made.clear()
-        made[key] = make()
-    return made[key]
+    if key not in cache:
+        if len(cache) >= _DIAGRAMS:
+            cache.clear()
+        cache[key] = make()
+    return cache[key]
 
 
 def _dynamics(momdp: MOMDP, cost: Floats) -> Dynamics:

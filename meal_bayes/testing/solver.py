@@ -52,9 +52,9 @@ def check_solver(
             "Give an instance of a class that has this method."
         )
     _check_processes(solver, name)
-    given = list(example_problems(seed) if problems is None else problems)
-    for number, momdp in enumerate(given):
-        other = given[number - 1]
+    momdps = list(example_problems(seed) if problems is None else problems)
+    for number, momdp in enumerate(momdps):
+        other = momdps[number - 1]
         if other is momdp:  # the only one: the same with percepts turned round
             other = replace(momdp, confusion=momdp.confusion[..., ::-1])
         _Check(solver, momdp, f"{name}, problem {number}").play(other, seed, steps)
@@ -179,10 +179,10 @@ class _Check:
             raise self.fail(str(fault), "momdp.legal[belief.x] has the legal behaviors.") from fault
         shape = (momdp.n_behaviors + 1,)
         for field in ("values", "value_se", "visits"):
-            found = np.shape(getattr(decision, field))
-            if found != shape:
+            actual = np.shape(getattr(decision, field))
+            if actual != shape:
                 raise self.fail(
-                    f"Decision.{field} has shape {found}.",
+                    f"Decision.{field} has shape {actual}.",
                     f"Give {shape}: one entry for each behavior, then one for the best answer.",
                 )
         if np.isinf(decision.values).any():

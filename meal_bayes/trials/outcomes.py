@@ -179,8 +179,8 @@ class TrialOutcomes:
     @property
     def judged(self) -> Bools:
         """Whether the trial came to its end and its truth is known, (n,)."""
-        known = (self.truth >= 0) | (self.attribute == "")
-        return np.asarray((self.ended == "") & known.all(axis=1))
+        truths_known = (self.truth >= 0) | (self.attribute == "")
+        return np.asarray((self.ended == "") & truths_known.all(axis=1))
 
     @property
     def success(self) -> NDArray[np.int8]:
@@ -196,8 +196,8 @@ class TrialOutcomes:
 
     def beliefs(self) -> tuple[NDArray[np.float64], Bools]:
         """Return final beliefs and known truths of the trials that came to their end, (M,) each."""
-        known = (self.truth >= 0) & (self.ended == "")[:, None]
-        return self.positive[known], self.truth[known] == 1
+        rows = (self.truth >= 0) & (self.ended == "")[:, None]
+        return self.positive[rows], self.truth[rows] == 1
 
 
 class BatchOutcomes(NamedTuple):

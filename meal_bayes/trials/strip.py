@@ -290,12 +290,12 @@ def _overlap(one: tuple[float, ...], other: tuple[float, ...]) -> bool:
 def _draw_worth(ax: Axes, trial: TrialRecord, look: Look) -> None:
     """Draw what one more percept is worth at each decision; the first one below 0 says "stop"."""
     decisions = list(_worths(trial))
-    known = [worth for _, _, worth in decisions if not np.isnan(worth)]
+    worths = [worth for _, _, worth in decisions if not np.isnan(worth)]
     ax.set(yticks=[])
-    if not known:
+    if not worths:
         ax.text(0, 0.45, RULE, color=look.ink, transform=ax.transAxes, size=look.font, va="center")
         return
-    top = max([*known, 1.0])
+    top = max([*worths, 1.0])
     ax.set_ylim(-0.12 * top, 1.5 * top)
     ax.axhline(0, color=look.soft, lw=1)
     last = -np.inf  # s up to which numbers stand already

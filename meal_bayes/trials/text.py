@@ -97,12 +97,12 @@ def truth_text(query: Query, truth: Sequence[int] | NDArray[np.int8]) -> str:
     attributes = query.attributes
     groups = query.groups
     implied = {i for group in groups for i in group if any(truth[k] == 1 for k in group)}
-    known = [
+    names = [
         name if value == 1 else f"not {name}"
         for i, (name, value) in enumerate(zip(attributes, truth, strict=True))
         if value == 1 or (value == 0 and i not in implied)
     ]
-    return ", ".join([*known, "unknown"] if min(truth, default=0) < 0 else known)
+    return ", ".join([*names, "unknown"] if min(truth, default=0) < 0 else names)
 
 
 def outcome_text(momdp: MOMDP, step: Step) -> str:
@@ -142,8 +142,8 @@ def verdict_text(trial: TrialRecord) -> str:
         return f"no answer: {trial.ended}"
     if trial.report is None:
         return "abstained: every answer was too risky"
-    known = {True: "right", False: "wrong", None: UNKNOWN}[trial.success]
-    return f"{trial.task.query.report_name(trial.report)} ({known})"
+    verdict = {True: "right", False: "wrong", None: UNKNOWN}[trial.success]
+    return f"{trial.task.query.report_name(trial.report)} ({verdict})"
 
 
 def final_facts(trial: TrialRecord) -> dict[str, str]:

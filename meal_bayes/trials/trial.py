@@ -29,8 +29,8 @@ class Trial(TrialRecord):
         query = self.task.query
         report = "none"
         if self.report is not None:
-            known = {True: "right", False: "wrong", None: "truth not known"}[self.success]
-            report = f"{query.report_name(self.report)} ({known})"
+            verdict = {True: "right", False: "wrong", None: "truth not known"}[self.success]
+            report = f"{query.report_name(self.report)} ({verdict})"
         beliefs = [*zip(query.value_names, self.last_belief.positive, strict=True)]
         if self.probability is not None:
             beliefs.insert(0, ("yes", np.float64(self.probability)))

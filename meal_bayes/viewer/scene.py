@@ -73,8 +73,8 @@ class Scene:
             directed = rr.GraphEdges.from_fields(graph_type=rr.GraphType.Directed)
             recorder.add_static(f"{entity}/nodes", directed)
         for entity in (BARS, CONFUSION):
-            shown = rr.Points2D.from_fields(radii=0.01, show_labels=True)
-            recorder.add_static(f"{entity}/labels", shown)
+            points = rr.Points2D.from_fields(radii=0.01, show_labels=True)
+            recorder.add_static(f"{entity}/labels", points)
         worth = rr.Measurements.from_fields(
             names="best behavior less answering now", colors=SKY, widths=3,
             interpolation_mode="StepAfter",
@@ -187,11 +187,11 @@ class Scene:
     def _lane(self, lane: str, time: Time, state: str = "", color: Color = GRAY) -> None:
         """Begin a state of a lane; without one, end the last."""
         entity = f"{LANES}/{rr.escape_entity_path_part(lane)}"
-        known = self._lanes.setdefault(lane, {})
-        if state and state not in known:
-            known[state] = color
-            colors = np.array(list(known.values()), np.uint8)
-            style = rr.StateConfiguration(values=list(known), colors=colors)
+        states = self._lanes.setdefault(lane, {})
+        if state and state not in states:
+            states[state] = color
+            colors = np.array(list(states.values()), np.uint8)
+            style = rr.StateConfiguration(values=list(states), colors=colors)
             self._to.add_static(entity, style)
         self._to.add(entity, rr.StateChange, time, state=[state])
 

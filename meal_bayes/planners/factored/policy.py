@@ -95,8 +95,8 @@ class Factored:
             Finite precision, several latent classes a truth, a bonus that is paid for so many
             percepts, more attributes than `points` allow, or rewards without a bound.
         """
-        known = np.isinf(momdp.precision).all() and momdp.class_is_truth
-        if not known or momdp.query.groups:
+        exact = np.isinf(momdp.precision).all() and momdp.class_is_truth
+        if not exact or momdp.query.groups:
             raise SettingsError(
                 "Factored value iteration needs attributes without a group, and percepts that are "
                 "independent given the truth, with known rates (Eq. 8: infinite precision, one "
