@@ -116,6 +116,7 @@ class Predefined:
         position = 0
         before = momdp.start
         for perceived, after in zip(history.perceived, history.moved, strict=True):
+            # A failure leaves no trace: no percept, and the state as it was.
             failed = not perceived and after == before
             position += not (failed and self.persistent)
             before = after
@@ -159,6 +160,7 @@ def _most_bits(momdp: MOMDP, ways: Ways, history: History, rng: np.random.Genera
     stop = answer_value(momdp, belief)
     entropy = belief.entropy
     values = np.append(np.full(momdp.n_behaviors, np.nan), stop)
+    # s a bit: what certainty would add to the answer, over the bits that are missing to it.
     bit_value = (momdp.correct - stop) / entropy if entropy > 0 else 0.0
     gain = information_gain(momdp, belief)
     first = ways.hop[belief.x]
@@ -177,6 +179,7 @@ def information_gain(momdp: MOMDP, belief: Belief) -> Floats:
     joint = next_percept(momdp, belief)  # (N,E,2,K)
     true = joint.sum(axis=3)
     n, e = joint.shape[:2]
+    # I(Y; Z) = H(Y) + H(Z) - H(Y, Z)
     gain = _entropy(true) + _entropy(joint.sum(axis=2)) - _entropy(joint.reshape(n, e, -1))
     left = belief.percept_counts[0].sum(axis=1) < momdp.limit
     return np.where(left, gain.clip(0.0).sum(axis=0), 0.0)

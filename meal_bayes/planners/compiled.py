@@ -153,5 +153,6 @@ def _information(momdp: MOMDP) -> Floats:
     rows = momdp.confusion
     p = momdp.latent_classes.mean(axis=1)[:, None, :, None]
     mixed = (p * rows).sum(axis=2, keepdims=True)
+    # I(C; Z) = sum over c, z of p(c) p(z | c) log2 p(z | c) / p(z)
     ratio = np.log2(np.clip(rows, 1e-300, None) / np.clip(mixed, 1e-300, None))
     return np.asarray((p * rows * ratio).sum(axis=(2, 3)))

@@ -135,6 +135,7 @@ def _episode(world: MOMDP, policy: Policy, rng: np.random.Generator, max_steps: 
             break
     certainty = 0.0
     if report is not None:
+        # E[R | percepts] in place of R (Rao-Blackwell): the same mean, less variance.
         value += scale * expected_reward(world, history.belief, report)
         certainty = report_certainty(world, history.belief, report)
     right = world.query.report_truth(true.astype(np.int8))
@@ -154,6 +155,7 @@ def _object(world: MOMDP, rng: np.random.Generator) -> tuple[NDArray[np.bool_], 
     """Draw an object: its truth (N,), and the rows (N,E,K) that its percepts follow."""
     true = rng.random(len(world.query)) < world.prior
     for group in map(list, world.query.groups):
+        # Of a group exactly one value is true.
         true[group] = np.arange(len(group)) == _draw(world.prior[group], rng)
     attributes = np.arange(len(true))
     latent = [_draw(world.latent_classes[i, v], rng) for i, v in enumerate(true.astype(int))]
@@ -170,6 +172,7 @@ def _execute(
     comes = rng.random() < world.observation_probability[action, belief.x, next_x]
     if not comes or belief.percept_counts[0, action].sum() >= world.limit[action]:
         return next_x, None
+    # Inversion: the level is the number of cumulative probabilities at or below u.
     above = rows[:, action].cumsum(axis=1) <= rng.random(len(rows))[:, None]
     return next_x, np.minimum(above.sum(axis=1), world.levels - 1).astype(np.int8)
 

@@ -107,6 +107,7 @@ def _solve_each(step, branch, problems, scratch, values):
             for g in range(points):
                 value[x, g] = floor[g] if problems.worse[b] else scratch.kept[x, g]
         _lay_out_percepts(problems.rates[b], problems.belief, problems.width, scratch)
+        # Value iteration on the grid: each sweep is a Bellman backup of all x, until nothing moves.
         for _ in range(_SWEEPS):
             if _sweep(step, branch, floor, scratch) < problems.settled:
                 break
@@ -114,6 +115,7 @@ def _solve_each(step, branch, problems, scratch, values):
             for g in range(points):
                 if problems.worse[b]:
                     scratch.kept[x, g] = value[x, g]
+        # V at the prior, linear between the two points beside its log-odds.
         low = min(int(problems.at[b]), points - 2)
         fraction = problems.at[b] - low
         values[b] = (1 - fraction) * value[start, low] + fraction * value[start, low + 1]
@@ -128,6 +130,7 @@ def _lay_out_percepts(rates, belief, width, scratch):
             true = rates[e, 1] if z else max(1 - rates[e, 1], 1e-6)
             for g in range(len(belief)):
                 scratch.prob[e, z, g] = true * belief[g] + false * (1 - belief[g])
+            # Bayes' rule in log-odds is a shift: l' = l + ln Pr(z | true) / Pr(z | false).
             moved = np.log(true / false) / width
             scratch.low[e, z] = int(np.floor(moved))
             scratch.fraction[e, z] = moved - np.floor(moved)
@@ -154,6 +157,7 @@ def _sweep(step, branch, floor, scratch):
                     for g in range(points):
                         raised[g] += p * value[to, g]
             for g in range(points):
+                # V(x, b) = max(stop(b), max_e -c + g sum_k p_k E V(x_k, b'))
                 best[g] = max(best[g], step[x, e].discount * raised[g] - step[x, e].cost)
         for g in range(points):
             largest = max(largest, abs(best[g] - value[x, g]))

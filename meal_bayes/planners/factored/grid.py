@@ -63,6 +63,7 @@ def refine(table: Table, attribute: int, axis: Floats) -> Table:
     old = table.value.reshape(left, len(axes[attribute]), -1)
     below = old[:, low]
     above = old[:, high]
+    # U(new point) = (1 - w) U(below) + w U(above), in place: tables fill the memory.
     below *= (1 - fraction)[:, None]
     above *= fraction[:, None]
     below += above
@@ -101,6 +102,7 @@ def make_axis(momdp: MOMDP, attribute: int, level: int) -> Floats:
     even = np.linspace(0.0, reach / 2, 2**level + 1)
     rest = np.linspace(reach / 2, reach, max(2**level // 2, 1) + 1)
     half = np.concatenate([even, rest[1:]])
+    # A percept adds ln Pr(z | true) / Pr(z | false) to the log-odds: even steps fit all of them.
     odds = momdp.prior[attribute] / (1 - momdp.prior[attribute])
     log_odds = np.log(odds) + np.concatenate([-half[:0:-1], half])
     if np.abs(log_odds).min() > 1e-6:  # no point of the axis yet
@@ -114,6 +116,7 @@ def even_axis(momdp: MOMDP, attribute: int, inner: int) -> Floats:
     Beliefs between its last point and certainty are valued by a straight line, which says little.
     """
     false, true = np.clip(np.moveaxis(momdp.confusion[attribute], 1, 0), 1e-300, None)  # (E,K)
+    # E |ln Pr(z | true) / Pr(z | false)| at even odds: how far a percept moves the log-odds.
     shift = (0.5 * (false + true) * np.abs(np.log(true / false))).sum(axis=1)  # (E,)
     shift = np.where(informative_pairs(momdp)[attribute], shift, 0.0)
     reach = float(np.clip(_PERCEPTS * shift.max(), _NEAREST + _STEP * inner, _WIDEST))

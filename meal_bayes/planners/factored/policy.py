@@ -109,6 +109,7 @@ class Factored:
             )
         momdp = replace(momdp, bonus=np.where((momdp.limit <= 0)[:, None], 0.0, momdp.bonus))
         tolerance = self.tolerance * max(momdp.correct - momdp.incorrect, 1e-9)
+        # The bound is of the MOMDP as it is; the estimate prices free behaviors, which could go on.
         free = _ValueIteration(momdp, compile_momdp(momdp, price=0.0), tolerance)
         many = free.edges.moves.any(axis=1).sum() == _MANY
         bound = free.bounds((_FINER if many else 1) * self.points)
@@ -159,6 +160,7 @@ class FactoredPolicy:
         if (exhausted & (self.moves.any(axis=0) | momdp.bonus.any(axis=(0, 2)))).any():
             return OpenLoop().solve(momdp, rng).decide(history, rng)
         ahead = self._values_ahead(self.estimate, belief.x, belief.positive)
+        # Cubic interpolation may overshoot; no behavior is worth more than its bound.
         ahead = np.minimum(ahead, self.upper_bounds(belief.x, belief.positive))
         decision = Decision.exact(*choose(momdp, belief, ahead))
         return replace(decision, bonus=None) if self.model.shaped else decision  # tables hold sums
@@ -213,6 +215,7 @@ class _ValueIteration:
         fine: set[int] = set()
 
         def merit(other: Table) -> float:
+            # Fall of the bound at the start, for each factor e in points.
             growth = math.log(other.value.shape[1] / table.value.shape[1])
             return (self._at_start(table) - self._at_start(other)) / growth
 
@@ -280,6 +283,7 @@ class _ValueIteration:
         bonus = self.momdp.bonus.max(axis=2).sum(axis=0)
         best = max(self.momdp.correct, self.model.dynamics.exit_value)
         pay = (bonus * step["percepts"] - step["cost"])[step["legal"]]
+        # Paid for ever: sum_t g^t (bonus - c) = (bonus - c) / (1 - g).
         leak = 1 - step["discount"][step["legal"]]
         lasting = leak > 0
         if (pay[~lasting] > 0).any():

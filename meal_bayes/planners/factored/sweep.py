@@ -83,6 +83,7 @@ def percepts_on(momdp: MOMDP, attribute: int, axis: Floats, *, smooth: bool = Fa
     never below a convex function (J = 2K), or smooth, cubic in log-odds, but no bound (J = 4K).
     """
     false, true = momdp.confusion[attribute].transpose(1, 0, 2)[..., None]  # (E,K,1)
+    # Bayes' rule: b' = b Pr(z | true) / Pr(z), Pr(z) = b Pr(z | true) + (1 - b) Pr(z | false).
     joint = true * axis
     p = joint + false * (1 - axis)  # (E,K,G)
     after = np.divide(joint, p, out=np.broadcast_to(axis, p.shape).copy(), where=p > 0)
@@ -132,6 +133,7 @@ def make_backups(momdp: MOMDP, edges: Edges, table: Table, percepts: Sequence[Ma
     for i, (size, (columns, entries)) in enumerate(zip(table.size.tolist(), percepts, strict=True)):
         point[i, :, :size] = columns
         weight[i, :, :size] = entries
+    # A percept that informs of nothing leaves the axis as it is: its matrix is the identity.
     point[~edges.moves, 0, 0] = -1
     return Backups(
         edge=edges.edge,
@@ -150,6 +152,7 @@ def _best_reward(reports: Reports, table: Table) -> Floats:
     It is convex in each marginal, as the largest of functions that are linear in it.
     """
     event = reports.event
+    # Values: r- + (r+ - r-) prod_i max(b_i, 1 - b_i). Yes or no: max over claim and denial.
     if event is None:
         sure = (np.maximum(axis, 1 - axis) for axis in table.axes)
         return reports.of_right(table.combined(sure, np.multiply)[:, None])
@@ -175,6 +178,7 @@ def sweep(backups, value, scratch, ending):
     """
     for _ in range(ending.sweeps):
         largest = 0.0
+        # Later states first: most behaviors lead to them, and one sweep carries values back.
         for x in range(value.shape[0] - 1, -1, -1):
             largest = max(largest, _update(backups, value, x, scratch, ending))
         if largest <= ending.settled:

@@ -75,6 +75,7 @@ def sum_up(diagram: Diagram, start: Ints, path: Ints, ends: Bools) -> Candidates
     cost = sum_k (prod_{j<k} g_j) c_k, discount = prod_k g_k
     """
     length = path.shape[1]
+    # The states that a path passes, along the likeliest outcomes.
     x = np.empty_like(path)
     x[:, 0] = start
     for t in range(length - 1):
@@ -132,6 +133,7 @@ def cheapest(candidates: Candidates) -> Candidates:
 
 def distinct(rows: Ints) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Find the first of each distinct row of small integers >= 0, and each row's place in these."""
+    # Rows as strings of big-endian bytes: they sort as the numbers do, and in one pass.
     keys = rows.astype(">u2").view(f"S{2 * rows.shape[1]}").ravel()
     return np.unique(keys, return_index=True, return_inverse=True)[1:]
 
@@ -148,6 +150,7 @@ def tours(model: Compiled, ways: Ways) -> Iterator[Walk]:
             path = (*path, *ways.path(state, goal))
             state = int(ways.end[state, goal])
             unpaid[list(path)] = False
+            # What a way pays for first percepts on it, less what it costs.
             gain = (ways.observation_counts[state] > 0) @ (pay * unpaid) - ways.cost[state]
             gain = np.where(unpaid & (ways.hop[state] >= 0), gain, -np.inf)
             goal = int(gain.argmax()) if gain.max() > 0 else -1

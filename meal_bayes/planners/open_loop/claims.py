@@ -61,6 +61,7 @@ def _decide_literal(evaluator, t, prob, i, weights):
     thresholds = evaluator.plans.table.shape[1]
     b = evaluator.scratch.chance[i]
     q = b if literal else 1.0 - b
+    # To take the literal always: every hit (q), and every alarm (1 - q).
     always = weights[1] * q - weights[0] * (1.0 - q)
     best = 0.0
     if weights[1] > 0.0:
@@ -138,11 +139,13 @@ def planned_claim(evaluator, j, prob, floor, exact):
                 if k != i:
                     hits *= accepted[1, k]
                     claims *= accepted[0, k] + accepted[1, k]
+            # gain hits h - loss (claims (h + f) - hits h): what it gains with h, and loses with f.
             weights = (loss * claims, (gain + loss) * hits - loss * claims)
             if exact:
                 _compute_literal(evaluator, j, prob, i, weights, turn == 0)
             else:
                 _decide_literal(evaluator, evaluator.plans.row[j, i], prob, i, weights)
+    # E[reward] = deny + gain Pr(claim, right) - loss Pr(claim, wrong); or claim whatever comes.
     right = 1.0
     claimed = 1.0
     for i in range(n):

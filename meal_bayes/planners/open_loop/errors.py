@@ -142,6 +142,7 @@ def _merge(weights, i, m, scratch):
     widest = 1e-9
     for a in range(m):
         widest = max(widest, abs(_log_ratio(scratch.truths, a)))
+    # Beyond this ratio all outcomes are as good as certain, and share the outermost bin.
     widest = min(widest, _WIDEST)
     for a in range(m):
         b = int((_log_ratio(scratch.truths, a) + widest) * (most / (2.0 * widest)))

@@ -80,6 +80,7 @@ def find_ways(dynamics: Dynamics) -> Ways:
         observation_counts=np.zeros((*step.shape, step.shape[1]), np.int64),
     )
     for start in range(len(step)):
+        # States are settled in order of cost: the first way to a percept is the cheapest.
         queue: list[tuple[float, int, tuple[int, ...]]] = [(0.0, start, ())]
         settled: set[int] = set()
         while queue:
@@ -102,6 +103,7 @@ def _record_way(ways: Ways, step: NDArray[np.void], start: int, path: tuple[int,
     scale = 1.0
     for a in path:
         ways.observation_counts[start, goal, a] += ways.senses[x, a]
+        # cost += (prod of g so far) c
         ways.cost[start, goal] += scale * step["cost"][x, a]
         scale *= step["discount"][x, a]
         x = int(ways.target[x, a])
@@ -114,6 +116,7 @@ def _record_way(ways: Ways, step: NDArray[np.void], start: int, path: tuple[int,
 def _log_affinity(bhattacharyya, i, e, k):
     """Return the log Bhattacharyya coefficient of k percepts; beyond the table in proportion."""
     last = bhattacharyya.shape[2] - 1
+    # Independent percepts multiply coefficients, so that logarithms add up: k of them k times.
     return bhattacharyya[i, e, min(k, last)] * max(1.0, k / last)
 
 
@@ -167,6 +170,7 @@ def _next_percept(ways, growth, x, chance):
                 best = gain
                 best_e = e
                 best_k = k
+            # Only what keeps its x can be repeated at once, for its own cost.
             repeats = ways.end[end, e] == end and ways.hop[end, e] == e
             if gain <= last or not repeats:
                 break

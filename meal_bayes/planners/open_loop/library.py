@@ -123,6 +123,7 @@ def _log_bhattacharyya(model: Compiled) -> Floats:
     counts[..., 0] = 1.0
     out = np.zeros((*yes.shape[:2], _COUNTED))
     for k in range(_COUNTED - 1):
+        # Polya's urn: P(j + 1 of k + 1) = P(j of k) Pr(yes | j of k), class by class.
         more = counts[..., :-1] * predictive(yes, s, j, k)[..., :-1]
         counts[..., :-1] -= more
         counts[..., 1:] += more
@@ -193,6 +194,7 @@ def _claimed(model: Compiled, chance: Floats, affinity: Floats) -> Floats:
     claim = model.claim
     q = np.where(claim.literal, chance, 1.0 - chance)  # (B,N)
     error = 0.5 * np.sqrt(chance * (1.0 - chance))[:, :, None] * affinity  # (B,N,J)
+    # Pr(taken to hold, holds) and Pr(taken to hold, does not): of each attribute, then of all.
     hit = q[:, :, None] - np.minimum(q[:, :, None], error)
     alarm = np.minimum(1.0 - q[:, :, None], error)
     right = hit.prod(axis=1)
@@ -234,10 +236,12 @@ def _compete(model: Compiled, candidates: Candidates, beliefs: Floats) -> Candid
     winner = np.zeros(len(plans.plan), np.bool_)
     for x, (start, end) in enumerate(itertools.pairwise(plans.first.tolist())):
         best = best_plans(evaluator, x, beliefs)  # (B,E)
+        # At a belief the plans that are worth most win; who wins at many beliefs is kept first.
         is_highest = (best.value == best.value.max(axis=1, keepdims=True)) & (best.plan >= 0)
         wins = np.bincount(best.plan[is_highest] - start, minlength=end - start)
         ranking = np.argsort(-wins, kind="stable")[:_WINNERS]
         winner[start + ranking[wins[ranking] > 0]] = True
+        # For each behavior the belief where to begin with it is worth most, and its plan there.
         of_first = best.plan[best.value.argmax(axis=0), behaviors]
         winner[of_first[of_first >= 0]] = True
     return candidates.select(np.flatnonzero(winner))

@@ -88,6 +88,7 @@ def stop_value(model, prob):
     right = 1.0
     for i in range(prob.shape[0]):
         b = true_chance(model.percepts, prob, i)
+        # Eq. 5 asks for all attributes: Pr(right) is the product of the likelier values'.
         right *= max(b, 1.0 - b)
     return max(model.incorrect + model.gap * right, model.dynamics.exit_value)
 
@@ -159,6 +160,7 @@ def _plan_value(evaluator, j, prob, floor, exact):
         pay = -plan.cost
         if model.shaped:
             pay += _bonus(evaluator, j)
+        # V = pay + g V_end <= floor, solved for V_end: below it the claim need not be finished.
         least = (floor - pay) / plan.discount if floor > -np.inf else -np.inf
         return pay + plan.discount * planned_claim(evaluator, j, prob, least, exact)
     base = plan.discount * model.incorrect - plan.cost
@@ -188,6 +190,7 @@ def _is_tabled(evaluator, j):
     total = evaluator.scratch.evidence.total
     for e in range(total.shape[0]):
         counts = evaluator.plans.observation_counts[j, e]
+        # Percepts of a row that is not known are exchangeable, not independent: earlier ones count.
         if counts > 0 and not percepts.known[e] and total[e] > 0.0:
             return False
         if counts > percepts.limit[e] - total[e]:

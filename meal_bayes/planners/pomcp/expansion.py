@@ -41,9 +41,11 @@ def expand(model, scratch, tree, edge, rng):
     outcomes = 1.0
     for i in range(tree.level.shape[1]):
         scratch.chance[i] = true_chance(model.percepts, tree.prob[node], i)
+        # K^n outcomes, of the n attributes that the behavior informs of.
         outcomes *= scratch.evidence.counts.shape[2] if model.percepts.informative[i, a] else 1
     total = scratch.evidence.total
     paid = step_bonus(model, x, a, scratch.chance, total)
+    # R(x, b, a) = bonus - cost; what follows is added when the edge is backed up.
     tree.edge[node, a].paid = paid
     tree.edge[node, a].reward = paid - model.dynamics.step[x, a].cost
     tree.edge[node, a].first = tree.size[0]
@@ -69,6 +71,7 @@ def expand(model, scratch, tree, edge, rng):
             else:  # no percept: one child for the branch
                 child.p = branch.p if outcome == 0 else 0.0
             if child.p > 0.0:
+                # An outcome of probability 0 takes no node: the next one overwrites it.
                 child.x = branch.x
                 child.visits = 0
                 child.stop = stop_value(model, prob)
@@ -89,6 +92,7 @@ def _perceive(percepts, evidence, tree, outcome, rng):
         tree.level[child, i] = 0
         if not percepts.informative[i, a]:
             continue
+        # The outcome's number holds the levels as digits to the base K, one an informed attribute.
         z = np.int64(0) if drawn else digits % levels
         p = condition(percepts, evidence, Percept(i, a, z), prob, tree.prob[child])
         if not drawn:
@@ -115,6 +119,7 @@ def value_children(evaluator, tree, reader, edge):
         prob = tree.prob[child]
         count_percept(scratch.evidence, level, a, 1.0)
         if reader is None:
+            # Siblings that show an attribute the same level share its belief, and so its errors.
             for i in range(level.shape[0]):
                 scratch.column[i] = level[i] + 1
             leaf.value = evaluate_plans(evaluator, leaf.x, prob, leaf.stop, np.bool_(False))
@@ -170,6 +175,7 @@ def step_bonus(model, x, a, chance, total):
     if model.shaped and total[a] < model.paid[a]:
         for i in range(chance.shape[0]):
             b = chance[i]
+            # Eq. 11 is of a truth: E over the belief b.
             mean = b * model.bonus[i, a, 1] + (1.0 - b) * model.bonus[i, a, 0]
             paid += model.dynamics.step[x, a].percepts * mean
     return paid

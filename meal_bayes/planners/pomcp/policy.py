@@ -138,10 +138,12 @@ class POMCPPolicy:
         end = None
         if self.settings.milliseconds is not None:
             end = time.thread_time() + 1e-3 * self.settings.milliseconds
+        # What needs no comparison, then what bounds decide; only what is left is searched.
         if certain := _certain(momdp, belief):
             return certain
         evaluator = plan_values(self.model, self.plans, belief)
         lower = evaluator.scratch.value.copy()
+        # L(b, a) <= Q*(b, a) <= U(b, a): plans are policies; U is of factored value iteration.
         upper = np.full(momdp.n_behaviors, np.inf)
         if self.tables is not None:
             upper = self.tables.upper_bounds(belief.x, belief.positive)
@@ -164,12 +166,14 @@ class POMCPPolicy:
         model = self.model
         width = model.dynamics.branch.shape[2] * ENUMERATE  # nodes of an expansion, at most
         tree = make_tree(momdp, belief, settings.capacity + width + 1)
+        # What plans say holds where no simulation follows; the first one opens the root anew.
         tree.edge["value"][0] = evaluator.scratch.value  # before simulations
         tree.edge["bonus"][0] = evaluator.scratch.bonus
         tree.edge["first"][0] = -1
         counts = evaluator.scratch.evidence.counts.copy()
         sampled = make_sampled(model.percepts, tree.prob[0].copy(), counts)
         reader = self.tables.estimate_reader() if self.tables is not None else None
+        # c is a fraction of r+ - r-, so that an agent need not know the scale of rewards.
         exploration = settings.exploration * model.gap if reader is None else 0.0
         averaged = settings.backup == "sampled"
         with lent_generator(rng) as lent:
@@ -213,6 +217,7 @@ def _certain(momdp: MOMDP, belief: Belief) -> Decision | None:
     ways = diagram_of(dynamics).ways
     error = next_percept(momdp, belief).min(axis=2).sum(axis=2)  # (N,E) Bayes error of a percept
     available = belief.percept_counts[0].sum(axis=1) < momdp.limit
+    # Pr(right) >= prod_i (1 - min over percepts on the way of Bayes error_i); V = g V_end - c.
     on_way = (ways.observation_counts[belief.x] > 0) & available  # (goal,E)
     least = np.where(on_way[:, None], error, 1.0 - belief.right[:, None]).min(axis=2)  # (goal,N)
     value = ways.discount[belief.x] * momdp.reports.of_right(1.0 - least) - ways.cost[belief.x]
@@ -235,6 +240,7 @@ def _settled(
     """
     action, values, paid = choose(momdp, belief, lower, bonus)
     chosen = min(action, len(lower))
+    # L(chosen) >= max over others of U: no search can change the choice.
     others = np.append(np.where(np.isfinite(lower), upper, -np.inf), values[-1])
     others[chosen] = -np.inf
     worth = values[-1] if chosen == len(lower) else lower[chosen]
@@ -250,6 +256,7 @@ def _within(end: float, grow: Callable[[int], int]) -> int:
         simulations = grow(chunk)
         done += simulations
         now = time.thread_time()
+        # As many as fit the time left at the pace so far; a tenth is kept for the decision.
         fitting = int(0.9 * (end - now) * done / max(now - begin, 1e-9))
         if simulations < chunk or fitting < 1:
             return done

@@ -76,6 +76,7 @@ def plan(evaluator, beliefs, search, reader, rng):
     for done in range(search.growing.simulations):
         if tree.size[0] + width >= tree.node.shape[0]:  # a free node stays, for `_execute`
             return done
+        # Root sampling [Katt2017]: an object from the belief, and its rows from their posterior.
         draw_object(model.percepts, sampled, rng)
         node = np.int64(0)
         depth = 0
@@ -125,6 +126,7 @@ def _select(tree, node, exploration):
     """Choose by UCB1 among the behaviors; ending has no variance and so no bonus. -1 = end."""
     best = -1
     best_score = tree.node[node].stop
+    # Of ln n(node) and n(node, a): a visit more each, so that an edge never tried is finite, too.
     spread = np.log(tree.node[node].visits + 1.0)
     for a in range(tree.edge.shape[1]):
         edge = tree.edge[node, a]
@@ -186,6 +188,7 @@ def _back_up_path(evaluator, search, node, depth, leaf):
     value = leaf.value
     bonus = leaf.bonus
     for t in range(depth - 1, -1, -1):
+        # The step's percept leaves the counts, so that they are those at its node again.
         a = sampled.path[t, 1]
         count_percept(evaluator.scratch.evidence, tree.level[node], a, -1.0)
         node = sampled.path[t, 0]

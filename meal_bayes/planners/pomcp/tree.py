@@ -84,6 +84,7 @@ def standard_errors(tree: Tree) -> Floats:
         children = tree.node[edge["first"] : edge["first"] + edge["count"]]
         p = children["p"]
         value = children["value"]
+        # Var over children of V(child), which an average of n returns would have over n.
         variance = (p * (value - (p * value).sum()) ** 2).sum()
         errors[a] = np.sqrt(variance / max(edge["visits"], 1))
     return errors
