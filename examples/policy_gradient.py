@@ -1,6 +1,7 @@
 """A masked policy gradient, trained on 27 objects and tested on 9: [EPISODES]; beside `bayes`."""
 
 import sys
+from typing import Any
 
 import gymnasium
 import numpy as np
@@ -49,11 +50,12 @@ def train(env, episodes, rng):
     return lambda seen, mask: choose(seen, mask, best=True)
 
 
-made = {"id": "meal_bayes/ROC36-v0", "attributes": 1, "agent": "bayes"}
+made: dict[str, Any] = {"id": "meal_bayes/ROC36-v0", "attributes": 1, "agent": "bayes"}
 learning = gymnasium.make(**made, objects="train", scale=1 / 500)
 learned = train(learning, int((sys.argv[1:] or ["6000"])[0]), np.random.default_rng(0))
-env = gymnasium.make(**made, objects="test").unwrapped
+env = gymnasium.make(**made, objects="test")
 env.reset(seed=0)
-for name, policy in (("policy gradient", learned), ("bayes", lambda *_: env.decide())):
+agent = env.get_wrapper_attr("decide")
+for name, policy in (("policy gradient", learned), ("bayes", lambda *_: agent())):
     rewards = [play(env, policy) for _ in range(100)]
     print(f"{name}: reward {np.mean(rewards):.0f} ± {np.std(rewards) / 10:.0f} on held-out objects")

@@ -85,16 +85,19 @@ _ROOMS = {
 _HOME = {name: room for room, names in _ROOMS.items() for name in names}
 
 
-def __getattr__(name: str) -> object:
-    if name == "__version__":
-        return package_version()
-    if name not in _HOME:
-        raise AttributeError(
-            f"module 'meal_bayes' has no attribute {name!r}; its names are: {', '.join(__all__)}."
-        )
-    value = getattr(import_module(f"meal_bayes.{_HOME[name]}"), name)
-    globals()[name] = value
-    return value
+__version__: str
+
+if not TYPE_CHECKING:  # a type checker sees the names themselves, and misspelled ones
+
+    def __getattr__(name: str) -> object:
+        if name == "__version__":
+            return package_version()
+        if name not in _HOME:
+            names = f"its names are: {', '.join(__all__)}"
+            raise AttributeError(f"module 'meal_bayes' has no attribute {name!r}; {names}.")
+        value = getattr(import_module(f"meal_bayes.{_HOME[name]}"), name)
+        globals()[name] = value
+        return value
 
 
 def __dir__() -> list[str]:

@@ -76,7 +76,10 @@ def test_every_name_is_found_and_documented():
 
 def test_type_checkers_see_the_same_names():
     tree = ast.parse(SOURCE.read_text(encoding="utf-8"))
-    (block,) = (node for node in tree.body if isinstance(node, ast.If))
+    block, hidden = (node for node in tree.body if isinstance(node, ast.If))
+    (found_late,) = hidden.body  # or every misspelled name would be anything
+    assert ast.unparse(hidden.test) == "not TYPE_CHECKING"
+    assert found_late.name == "__getattr__"
     seen = {
         alias.name: node.module
         for node in block.body

@@ -230,8 +230,10 @@ class Query:
             digits.append(digit)
         return freeze(self._bits(digits[::-1]), np.bool_)
 
-    def report_name(self, values: Sequence[bool] | NDArray[np.bool_]) -> str:
-        """Format one report: "yes" or "no", or values; of a group the one that is true."""
+    def report_name(self, values: Sequence[bool] | NDArray[np.bool_] | None) -> str:
+        """Format a report: yes or no, or values, of a group the true one; None: I do not know."""
+        if values is None:
+            return "I do not know"
         if self.event is not None:
             return "yes" if values[0] else "no"
         grouped = {place for group in self.groups for place in group}

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from html import escape
 from pathlib import Path
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 
@@ -35,8 +35,8 @@ class Learner(Answerer):
 
     Parameters
     ----------
-    domain : str, path or Domain
-        A shipped domain, the path of a TOML file, or a domain.
+    domain : str, path, mapping or Domain
+        A shipped domain, the path of a TOML file, its table, or a domain.
     agent : str | Agent | Solver
         Who decides: see `meal_bayes.agents.as_agent`.
     seed : int
@@ -73,7 +73,7 @@ class Learner(Answerer):
 
     def __init__(
         self,
-        domain: str | Path | Domain,
+        domain: str | Path | Mapping[str, Any] | Domain,
         *,
         agent: object = "bayes",
         classifier: object = None,

@@ -53,8 +53,7 @@ def belief_before(trial: TrialRecord, number: int) -> Belief:
 
 def answer_text(momdp: MOMDP, answer: int) -> str:
     """Return an answer by its values, or "I do not know"."""
-    values = momdp.reported(answer)
-    return "I do not know" if values is None else momdp.query.report_name(values)
+    return momdp.query.report_name(momdp.reported(answer))
 
 
 def compared_actions(
