@@ -35,7 +35,7 @@ def freeze(values: ArrayLike, dtype: Any = np.float64) -> NDArray[Any]:
     return array
 
 
-def set_frozen(instance: object, **fields: Any) -> None:
+def set_frozen(instance: object, **fields: object) -> None:
     """Set fields of a frozen dataclass inside its own `__post_init__`."""
     for name, value in fields.items():
         object.__setattr__(instance, name, value)

@@ -77,7 +77,7 @@ def writable_caches() -> Iterator[None]:
             os.environ["XDG_CACHE_HOME"] = before
 
 
-def compile_kernel(function: Callable[..., Any], **options: Any) -> Callable[..., Any]:
+def compile_kernel(function: Callable[..., Any], **options: object) -> Callable[..., Any]:
     """Compile a function by numba when it is called first; later processes load it.
 
     It is kept in `cache_folder("numba")`, or where `NUMBA_CACHE_DIR` says; without either, each

@@ -15,8 +15,8 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Sequence
-from typing import Any
+from collections.abc import Callable, Mapping, Sequence
+from typing import IO, Any
 
 _POLL = 0.2  # s between looks at the parent
 _PR_SET_PDEATHSIG = 1  # prctl(2)
@@ -62,14 +62,21 @@ def ending_context() -> Any:
     return context
 
 
-def start(command: Sequence[str], **options: Any) -> "subprocess.Popen[bytes]":
+def start(
+    command: Sequence[str],
+    *,
+    environment: Mapping[str, str] | None = None,
+    output: int | None = None,
+    errors: IO[bytes] | None = None,
+) -> "subprocess.Popen[bytes]":
     """Start a foreign program, by its absolute path, that is killed when this process ends.
 
     To be called from a thread that lives as long as the program is to live: the kernel counts the
-    end of the thread as the end of the parent. Options are those of `subprocess.Popen`.
+    end of the thread as the end of the parent. Environment, output and errors are this
+    process's own by default; an output may be `subprocess.PIPE` or `DEVNULL`.
     """
     guard = [sys.executable, "-I", "-S", __file__, str(os.getpid())]
-    return subprocess.Popen([*guard, *command], **options)
+    return subprocess.Popen([*guard, *command], env=environment, stdout=output, stderr=errors)
 
 
 def _run_and_end(parent: int | None, target: Callable[..., object], args: tuple[Any, ...]) -> None:

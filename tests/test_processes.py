@@ -88,7 +88,7 @@ def test_children_end_with_the_terminal(code, count, running, eventually):
 
 
 def test_a_foreign_program_keeps_its_number_and_its_exit_code():
-    child = processes.start(["/bin/sh", "-c", "echo $$; exit 7"], stdout=subprocess.PIPE)
+    child = processes.start(["/bin/sh", "-c", "echo $$; exit 7"], output=subprocess.PIPE)
     said, _ = child.communicate()
     assert int(said) == child.pid
     assert child.returncode == 7

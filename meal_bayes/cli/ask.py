@@ -5,7 +5,7 @@ import time
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypedDict, Unpack
 
 import click
 from rich.text import Text
@@ -81,6 +81,18 @@ def demo(seed: int, logs: Path) -> None:
         console.print(Text(f"  {command}"), soft_wrap=True)
 
 
+class _Asking(TypedDict):
+    """Options of `ask` that name its trial, and so its log."""
+
+    dataset: str
+    question: str
+    object: str
+    agent: str
+    yes_no: bool
+    payoffs: tuple[float, float, float, float] | None
+    seed: int
+
+
 @click.command(short_help="Ask about one object.")
 @click.argument("question")
 @opt.shared("dataset", "root")
@@ -104,7 +116,9 @@ def demo(seed: int, logs: Path) -> None:
     help="Ask whether the answer was right, and use earlier labels; see `meal-bayes memory`.",
 )
 @opt.shared("seed", "logs", "json")
-def ask(root: Path | None, learn: bool, logs: Path, as_json: bool, **options: Any) -> None:
+def ask(
+    root: Path | None, learn: bool, logs: Path, as_json: bool, **options: Unpack[_Asking]
+) -> None:
     """Answer a question about an object, such as "Is it heavy, and does it hold beans?".
 
     The agent has learned from all other objects of the data set, never from this one; percepts are
@@ -127,13 +141,13 @@ def ask(root: Path | None, learn: bool, logs: Path, as_json: bool, **options: An
     else:
         print_answer(output(), trial)
     if remembered is not None:
-        told = (entry.labels for entry in remembered if entry.object == config["object"])
+        told = (entry.labels for entry in remembered if entry.object == options["object"])
         labels = _ask_labels(trial, set().union(*told))
         if not labels:
             note("no labels were given, none are kept")
             return
-        memory.add(Remembered(config["object"], labels, str(path)))
-        note(f"kept in {memory.path}: {config['object']} is {_text(labels)}")
+        memory.add(Remembered(options["object"], labels, str(path)))
+        note(f"kept in {memory.path}: {options['object']} is {_text(labels)}")
     elif not as_json:
         note(f"every decision and its reasons: {command_line('meal-bayes log show', path)}")
 

@@ -107,13 +107,17 @@ def print_facts(console: Console, facts: Mapping[str, str], **styles: str) -> No
         for line in value.splitlines():
             parts = textwrap.wrap(line, width, break_long_words=False) or [""]
             rows += (Text(part, styles.get(label, "")) for part in parts)
-        print_rows(console, label, rows, soft_wrap=True)
+        print_rows(console, label, rows)
 
 
-def print_rows(console: Console, label: str, rows: Iterable[Text], **options: Any) -> None:
-    """Print lines of text, the first behind the label; options are those of `Console.print`."""
+def print_rows(console: Console, label: str, rows: Iterable[Text], *, cut: bool = False) -> None:
+    """Print lines of text, the first behind the label; `cut` ends them where the window ends."""
     for text in rows:
-        console.print(Text.assemble((f"  {label:<{_LABEL}} ", "dim"), text), **options)
+        line = Text.assemble((f"  {label:<{_LABEL}} ", "dim"), text)
+        if cut:
+            console.print(line, no_wrap=True, overflow="ellipsis")
+        else:
+            console.print(line, soft_wrap=True)
         label = ""
 
 

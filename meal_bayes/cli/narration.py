@@ -30,7 +30,6 @@ if TYPE_CHECKING:
 
 _BAR = 30  # characters
 _OPTIONS = 4  # actions that are compared
-_CUT: dict[str, Any] = {"no_wrap": True, "overflow": "ellipsis"}  # lines that do not wrap
 
 
 def print_trial(console: Console, trial: "Trial") -> None:
@@ -97,7 +96,7 @@ def _print_values(console: Console, trial: "Trial", number: int, headed: str) ->
         rows.append(Text(line.rstrip(), "bold" if action.chosen else ""))
     if gap := gap_text(decision):
         rows.append(Text(f"  {gap}", "dim"))
-    print_rows(console, "why", rows, **_CUT)
+    print_rows(console, "why", rows, cut=True)
     return headed
 
 
@@ -121,7 +120,7 @@ def _print_belief(console: Console, names: "Sequence[str]", positive: "Sequence[
         line.append("".ljust(full, "█"), "green" if p > 0.5 else "yellow")  # green is reported
         line.append("".ljust(_BAR - full, "░"), "dim")
         rows.append(line.append(f" {percent(p):>7}"))
-    print_rows(console, "belief", rows, **_CUT)
+    print_rows(console, "belief", rows, cut=True)
 
 
 def print_answer(console: Console, trial: "Trial") -> None:

@@ -1,7 +1,7 @@
 """`posterior`: fit the confusion matrices Theta, check the fit; `export`: a problem they make."""
 
 from pathlib import Path
-from typing import Any
+from typing import Any, TypedDict, Unpack
 
 import click
 
@@ -13,6 +13,21 @@ _R_HAT = 1.01  # above it the chains do not agree
 _ESS = 400  # below it the figures are rough
 _NAMED = 5  # surprising objects
 _FORMATS = ("pomdp", "pomdpx")
+
+
+class _Fitting(TypedDict):
+    """Options of `posterior` that name its draws."""
+
+    dataset: str
+    method: str
+    model: str
+    attributes: str | None
+    levels: int
+    prior_scale: float
+    draws: int
+    tune: int
+    chains: int
+    seed: int
 
 
 @click.command(short_help="Fit the confusion matrices, check the fit, save and draw it.")
@@ -48,7 +63,9 @@ _FORMATS = ("pomdp", "pomdpx")
 @opt.option("--chains", click.IntRange(2, 64), 4, None, "Of the sampler.")
 @opt.option("--seed", opt.SEED, 0, "S", "Equal seeds give equal draws.")
 @opt.shared("json")
-def posterior(root: Path | None, out: Path | None, as_json: bool, **options: Any) -> None:
+def posterior(
+    root: Path | None, out: Path | None, as_json: bool, **options: Unpack[_Fitting]
+) -> None:
     """Fit how likely each percept is of true and of false objects, and how far objects differ.
 
     Writes the draws (posterior.nc, for ArviZ), a summary of every entry (summary.csv), and
@@ -64,27 +81,27 @@ def posterior(root: Path | None, out: Path | None, as_json: bool, **options: Any
     check_method(options["method"], options["model"])
     dataset, table = opt.table_of(options["dataset"], root)
     config = {"command": "posterior", **options, "dataset": dataset}
-    names = opt.listed(config["attributes"]) if config["attributes"] else table.domain.attributes
+    names = opt.listed(options["attributes"]) if options["attributes"] else table.domain.attributes
     # Each attribute once, whatever order and repeats were typed.
     columns = sorted({*table.domain.columns(names)})  # in the order of the domain
     counts = named_counts(
-        percept_counts(table, config["levels"])[:, columns],
+        percept_counts(table, options["levels"])[:, columns],
         objects=table.objects,
         attributes=[table.domain.attributes[p] for p in columns],
         behaviors=table.domain.behavior_names,
     )
-    name = f"{Path(dataset).stem}-{config['method']}-{config['model']}-{opt.digest(config)}"
+    name = f"{Path(dataset).stem}-{options['method']}-{options['model']}-{opt.digest(config)}"
     folder = check_folder(out or Path("posteriors") / name)  # before the work that it is to hold
-    sampled = config["method"] == "pymc"
+    sampled = options["method"] == "pymc"
     if sampled:
         terminal.note("the model is compiled first, which takes half a minute or two")
-    sampling = Sampling(config["draws"], config["tune"], config["chains"], seed=config["seed"])
+    sampling = Sampling(options["draws"], options["tune"], options["chains"], seed=options["seed"])
     with terminal.progress("NUTS", "steps") as advance:
         fit = fit_posterior(
             counts,
-            method=config["method"],
-            model=config["model"],
-            prior_scale=config["prior_scale"],
+            method=options["method"],
+            model=options["model"],
+            prior_scale=options["prior_scale"],
             sampling=sampling,
             progress=advance,
         )
@@ -135,6 +152,15 @@ def _print(facts: dict[str, Any], *, sampled: bool) -> None:
     terminal.print_facts(terminal.output(), lines)
 
 
+class _Exporting(TypedDict):
+    """Options of `export`."""
+
+    format: str | None
+    dataset: str
+    root: Path | None
+    query: str
+
+
 @click.command(short_help="Write a query's decision problem for other solvers.")
 @click.argument("file", type=click.Path(dir_okay=False, path_type=Path))
 @opt.option(
@@ -146,7 +172,7 @@ def _print(facts: dict[str, Any], *, sampled: bool) -> None:
 )
 @opt.shared("dataset", "root")
 @opt.option("--query", None, None, "A,B,...", "The attributes asked.", required=True)
-def export(file: Path, **options: Any) -> None:
+def export(file: Path, **options: Unpack[_Exporting]) -> None:
     """Write a query's decision problem to FILE (.pomdp or .pomdpx).
 
     It is the paper's (Eq. 8: percepts independent given the truth, uniform prior), with the

@@ -4,7 +4,7 @@ import os
 import re
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, TypedDict, Unpack
 
 import click
 
@@ -61,6 +61,17 @@ def record(objects: int, recordings: int, out: Path, seed: int, jobs: int) -> No
     )
 
 
+class _Asking(TypedDict):
+    """Options of `ask`: who answers, what it was trained on, and where the trial is logged."""
+
+    agent: str
+    objects: int
+    recordings: int
+    jobs: int
+    seed: int
+    logs: Path
+
+
 @sim.command(short_help="Ask about a new object, which the arm then touches.")
 @click.argument("question")
 @agent_option
@@ -77,7 +88,9 @@ def record(objects: int, recordings: int, out: Path, seed: int, jobs: int) -> No
 @click.option("--view", is_flag=True, help="See the arm beside beliefs and values, in rerun.")
 @opt.option("--save", opt.FILE, None, "FILE.rrd", "Write what --view would show.")
 @opt.shared("seed", "logs", "json")
-def ask(question: str, view: bool, save: Path | None, as_json: bool, **options: Any) -> None:
+def ask(
+    question: str, view: bool, save: Path | None, as_json: bool, **options: Unpack[_Asking]
+) -> None:
     """Answer a question such as "Is it heavy, and does it rattle?" about an object of the seed.
 
     The learner knows recordings of training objects, made on the way the first time, and meets an
@@ -101,7 +114,12 @@ def ask(question: str, view: bool, save: Path | None, as_json: bool, **options: 
     with terminal.showing_compilation():
         learner.fit(data)
     # Other settings, other logs; equal ones make equal trials.
-    config = {name: options[name] for name in ("objects", "recordings", "agent", "seed")}
+    config = {
+        "objects": options["objects"],
+        "recordings": options["recordings"],
+        "agent": options["agent"],
+        "seed": seed,
+    }
     settings = opt.digest({**config, "question": question})
     asked = "-".join(re.findall(r"\w+", question.lower()))[:50]
     log = options["logs"] / f"sim-seed{seed}-{asked}-{learner.agent.name}-{settings}.mcap"

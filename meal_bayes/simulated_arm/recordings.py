@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from functools import partial
 from importlib import metadata, resources
 from pathlib import Path
-from typing import Any
 
 from numpy.typing import ArrayLike
 
@@ -107,10 +106,13 @@ def record_objects(
     *,
     jobs: int = 1,
     progress: Progress = lambda *_: None,
-    **options: Any,
+    population: str = "training",
+    alter: Callable[[ObjectParameters], ObjectParameters] | None = None,
 ) -> list[Recorded]:
-    """Record objects drawn from a seed, in processes, with options of `record_object`."""
-    work = partial(record_object, recordings=recordings, seed=seed, **options)
+    """Record objects of a population, as `record_object` does, in processes."""
+    work = partial(
+        record_object, recordings=recordings, seed=seed, population=population, alter=alter
+    )
     done = []
     for recorded in in_parallel(work, range(objects), jobs=jobs):
         done.append(recorded)

@@ -4,7 +4,6 @@ import contextlib
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import rerun as rr
@@ -117,11 +116,17 @@ def write_recording(
     trials: Iterable[Trial | TrialOutcomes],
     path: str | Path,
     header: Mapping[str, object],
-    **options: Any,
+    *,
+    name: str = "run",
+    only: int | None = None,
+    frames: Sequence[Frame] = (),
 ) -> int:
-    """Send trials into an .rrd file, which replaces an earlier one when it is whole."""
+    """Send trials into an .rrd file, which replaces an earlier one when it is whole.
+
+    Parameters are those of `send_recording`.
+    """
     with draft_of(path) as draft:
-        return send_recording(trials, draft, header, **options)
+        return send_recording(trials, draft, header, name=name, only=only, frames=frames)
 
 
 def send_recording(

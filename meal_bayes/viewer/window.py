@@ -79,7 +79,10 @@ class Viewer:
         environment = {**os.environ, "CI": "1", "RUST_LOG": os.environ.get("RUST_LOG", "error")}
         self._errors: IO[bytes] = tempfile.TemporaryFile()  # a full pipe would stop it
         self._process = start(
-            self._command, env=environment, stdout=subprocess.DEVNULL, stderr=self._errors
+            self._command,
+            environment=environment,
+            output=subprocess.DEVNULL,
+            errors=self._errors,
         )
         return self
 
