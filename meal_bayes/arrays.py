@@ -44,7 +44,8 @@ def set_frozen(instance: object, **fields: object) -> None:
 def freeze_arrays(instance: Any) -> None:
     """Freeze the arrays of a dataclass, in the types of its annotations; None stays None."""
     for name, dtype in _array_fields(instance.__class__):
-        if (values := getattr(instance, name)) is not None:
+        values = getattr(instance, name)
+        if values is not None:
             object.__setattr__(instance, name, freeze(values, dtype))
 
 

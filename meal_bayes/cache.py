@@ -40,8 +40,10 @@ def cache_folder(name: str) -> Path | None:
             os.environ[_WARNED] = "1"
             log.warning(
                 "no cache of compiled code: %s: %s; compiling anew each time (set XDG_CACHE_HOME "
-                "to a folder of your own)", folder, why,
-            )  # fmt: skip
+                "to a folder of your own)",
+                folder,
+                why,
+            )
         return None
     return folder
 

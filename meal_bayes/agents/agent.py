@@ -115,10 +115,15 @@ class Agent:
             prior = np.where(votes == 0, prior, np.where(votes > 0, right, 1.0 - right))
         loss = None if reward is None else -reward
         return build_momdp(
-            domain, query, confusion, precision,
-            prior=prior, limit=limit, latent_classes=latent_classes,
+            domain,
+            query,
+            confusion,
+            precision,
+            prior=prior,
+            limit=limit,
+            latent_classes=latent_classes,
             objective=Objective(reward, loss, self.discount, self.abstain),
-        )  # fmt: skip
+        )
 
     def _observation(self, knowledge: Knowledge, columns: Sequence[int]) -> Rows:
         """Return the rows of the confusion posterior, of latent classes where they are shared."""

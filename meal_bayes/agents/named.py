@@ -53,9 +53,17 @@ _ITRS = replace(_MORC, name="morc_itrs", exploration=ITRSBonus())
 # Ours: graded percepts, objects differ and may seem what they are not, prior from the training
 # objects, planning for the undiscounted reward that is reported, exploring for what it is worth.
 _BAYES = Agent(
-    "bayes", _SEARCH, object_level=True, shared_trait=True, base_rates=True, levels=4,
-    abstain=True, discount=1.0, exploration=LearningBonus(), whiten=True,
-)  # fmt: skip
+    "bayes",
+    _SEARCH,
+    object_level=True,
+    shared_trait=True,
+    base_rates=True,
+    levels=4,
+    abstain=True,
+    discount=1.0,
+    exploration=LearningBonus(),
+    whiten=True,
+)
 
 AGENTS = {
     agent.name: agent

@@ -142,7 +142,8 @@ def _print(facts: dict[str, Any], *, sampled: bool) -> None:
         "beliefs": "learned without the object, after one behavior: "
         f"{scores['each']}; after all: {scores['together']}",
     }
-    if unreliable := sorted(facts["pareto_k"].items(), key=lambda entry: -entry[1]):
+    unreliable = sorted(facts["pareto_k"].items(), key=lambda entry: -entry[1])
+    if unreliable:
         named = ", ".join(f"{name} ({k:.2f})" for name, k in unreliable[:_NAMED])
         count = f"{len(unreliable)} of the objects' attributes"
         lines["leave one out"] = f"not to be trusted for {count}, by Pareto k: {named}"

@@ -148,10 +148,13 @@ def _print_summary(rows: "list[SummaryRow]", paired: "list[dict[str, object]]") 
     if paired:
         console.print()
         differences = (
-            (str(pair["agent"]), _signed(pair["estimate"]),
-             f"{_signed(pair['low'])} to {_signed(pair['high'])}")
+            (
+                str(pair["agent"]),
+                _signed(pair["estimate"]),
+                f"{_signed(pair['low'])} to {_signed(pair['high'])}",
+            )
             for pair in paired
-        )  # fmt: skip
+        )
         heads = (f"{_MEASURE} against {_AGAINST}", "difference", "95 % interval")
         terminal.print_table(heads, differences)
 

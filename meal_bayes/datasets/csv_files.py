@@ -99,7 +99,8 @@ def _files(domain: Domain, folder: Path) -> dict[Context, Path]:
         name = "{}_{}.csv".format(*context)
         if name != Path(name).name or "\\" in name:
             raise DataError(f"{name!r} is no file's name; rename the behavior or modality.")
-        if (other := files.setdefault(name.casefold(), context)) != context:
+        other = files.setdefault(name.casefold(), context)
+        if other != context:
             raise DataError(
                 f"{other} and {context} have one file, {name}; rename a behavior or modality."
             )

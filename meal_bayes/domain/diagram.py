@@ -107,12 +107,14 @@ class TransitionDiagram:
                     yield f"{source} --{effect.behavior}--> {target} is listed twice; keep one."
                 outcomes[target] = effect.probability
         for (source, behavior), outcomes in outgoing.items():
-            if (total := sum(outcomes.values())) > 1 + 1e-9:
+            total = sum(outcomes.values())
+            if total > 1 + 1e-9:
                 yield f"{behavior!r} in {source!r} has total probability {total}; lower it to 1."
         # A state that nothing leads to is a misspelled name more often than not.
         arrows = {(x, target) for (x, _), outcomes in outgoing.items() for target in outcomes}
         reached = closure(self.start, lambda state: (to for x, to in arrows if x == state))
-        if lost := [repr(state) for state in states if state not in reached]:
+        lost = [repr(state) for state in states if state not in reached]
+        if lost:
             ways = f"No behavior ever leads from {self.start!r} to {', '.join(lost)}"
             yield f"{ways}; add an effect that does, or remove the state."
 

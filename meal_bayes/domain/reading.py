@@ -127,9 +127,11 @@ def read_event(
 
 
 def read_question(
-    question: str | Sequence[str], domain: Domain, answer: str = "values",
+    question: str | Sequence[str],
+    domain: Domain,
+    answer: str = "values",
     payoffs: Sequence[float] | None = None,
-) -> Query:  # fmt: skip
+) -> Query:
     """Read a question to be answered by "values", or by "yes or no", with payoffs of its own.
 
     Raises

@@ -69,13 +69,21 @@ def learning_rows(results: Iterable[BatchOutcomes]) -> list[LearningRow]:
     for agent, repeat, batch, hours, outcomes in results:
         positive, truth = outcomes.beliefs()
         accuracy = mean_effect(outcomes, "success")
-        rows.append(LearningRow(
-            agent, repeat, batch, hours, accuracy=accuracy.estimate, accuracy_se=accuracy.se,
-            reward=float(outcomes.reward.mean()), test_cost_s=float(outcomes.cost.mean()),
-            ece=calibration_error(positive, truth),
-            nll=float(negative_log_likelihood(positive, truth).mean()),
-            claimed_accuracy=float(outcomes.certainty.mean()),
-        ))  # fmt: skip
+        rows.append(
+            LearningRow(
+                agent,
+                repeat,
+                batch,
+                hours,
+                accuracy=accuracy.estimate,
+                accuracy_se=accuracy.se,
+                reward=float(outcomes.reward.mean()),
+                test_cost_s=float(outcomes.cost.mean()),
+                ece=calibration_error(positive, truth),
+                nll=float(negative_log_likelihood(positive, truth).mean()),
+                claimed_accuracy=float(outcomes.certainty.mean()),
+            )
+        )
     return rows
 
 
@@ -110,13 +118,20 @@ def summarize_learning(
         final = [result.outcomes for result in batches if result.batch == last]
         beliefs = [result.outcomes.beliefs() for result in batches if result.batch > last - POOLED]
         at = {f"{hours:g}": difference_at(curve, base, hours).estimate for hours in BUDGETS}
-        rows.append(LearningSummary(
-            agent, end, area.estimate, area.low, area.high, reward_difference_at=at,
-            reward_after=float(np.mean([reward[-1] for _, reward in curve.values()])),
-            reward_after_difference=after.estimate,
-            accuracy_after=float(np.mean([test.success[test.judged].mean() for test in final])),
-            ece_after=calibration_error(*map(np.concatenate, zip(*beliefs, strict=True))),
-        ))  # fmt: skip
+        rows.append(
+            LearningSummary(
+                agent,
+                end,
+                area.estimate,
+                area.low,
+                area.high,
+                reward_difference_at=at,
+                reward_after=float(np.mean([reward[-1] for _, reward in curve.values()])),
+                reward_after_difference=after.estimate,
+                accuracy_after=float(np.mean([test.success[test.judged].mean() for test in final])),
+                ece_after=calibration_error(*map(np.concatenate, zip(*beliefs, strict=True))),
+            )
+        )
     return rows
 
 

@@ -60,12 +60,14 @@ class LoggedOutcomes:
                 on_group(group)
             repeat, batch, part = place_of(group.header)
             n = len(group.outcomes)
-            columns.append((
-                _keyed(group.outcomes, repeat, batch, part),
-                np.full(n, repeat),
-                np.full(n, batch),
-                np.full(n, part, object),
-            ))  # fmt: skip
+            columns.append(
+                (
+                    _keyed(group.outcomes, repeat, batch, part),
+                    np.full(n, repeat),
+                    np.full(n, batch),
+                    np.full(n, part, object),
+                )
+            )
         outcomes, repeats, batches, parts = zip(*columns, strict=True)
         return cls(
             TrialOutcomes.join(outcomes),

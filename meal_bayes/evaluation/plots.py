@@ -77,9 +77,16 @@ def reliability_diagram(
         intervals = [wilson_interval(int(hits[i]), int(n[i])) for i in filled]
         mean = np.array([b[index == i].mean() for i in filled])
         to.errorbar(
-            mean, hits[filled] / n[filled], reach(intervals), fmt="o", ms=4.5,
-            color=agent_style(agent).color, capsize=2, elinewidth=1, label="true",
-        )  # fmt: skip
+            mean,
+            hits[filled] / n[filled],
+            reach(intervals),
+            fmt="o",
+            ms=4.5,
+            color=agent_style(agent).color,
+            capsize=2,
+            elinewidth=1,
+            label="true",
+        )
         name_axes(to, "belief", "fraction true")
         to.set(xlim=(-0.05, 1.05), ylim=(-0.05, 1.05), aspect="equal")
         legend(to, 0 if small else 3, above=True)
@@ -106,9 +113,17 @@ def accuracy_and_cost(points: Mapping[str, tuple[Interval, Interval]]) -> Axes:
         for agent, (accuracy, cost) in points.items():
             color, marker, _ = agent_style(agent)
             to.errorbar(
-                cost.estimate, accuracy.estimate, xerr=reach([cost]), yerr=reach([accuracy]),
-                fmt=marker, color=color, ms=5.5, elinewidth=1.1, capsize=2.5, label=agent,
-            )  # fmt: skip
+                cost.estimate,
+                accuracy.estimate,
+                xerr=reach([cost]),
+                yerr=reach([accuracy]),
+                fmt=marker,
+                color=color,
+                ms=5.5,
+                elinewidth=1.1,
+                capsize=2.5,
+                label=agent,
+            )
         name_axes(to, "mean cost of a trial, s", "accuracy")
         to.set_ylim(-0.04, 1.04)
         _scale_costs(to, [cost.estimate for _, cost in points.values()])
@@ -141,17 +156,31 @@ def forest(
     with axes_to_draw(None, height=1.1 + _ROW * (place[-1] + 1)) as to:
         for truth, (name, marker) in enumerate(_TRUTHS):
             to.errorbar(
-                center[p, e, truth], place + (-0.14 if truth else 0.14), xerr=ends[:, p, e, truth],
-                fmt=marker, ms=3.5, color=COLORS[1 - truth], elinewidth=1.3,
+                center[p, e, truth],
+                place + (-0.14 if truth else 0.14),
+                xerr=ends[:, p, e, truth],
+                fmt=marker,
+                ms=3.5,
+                color=COLORS[1 - truth],
+                elinewidth=1.3,
                 label=f"of {name} objects",
-            )  # fmt: skip
+            )
         to.set_yticks(place, [behaviors[i] for i in e])
         for head in heads:
-            to.text(-0.01, place[head] - 0.9, attributes[p[head]], weight="bold", ha="right",
-                    va="center", fontsize=8, transform=to.get_yaxis_transform())  # fmt: skip
+            to.text(
+                -0.01,
+                place[head] - 0.9,
+                attributes[p[head]],
+                weight="bold",
+                ha="right",
+                va="center",
+                fontsize=8,
+                transform=to.get_yaxis_transform(),
+            )
         to.set(xlim=(-0.02, 1.02), ylim=(place[-1] + 0.7, place[0] - 1.3))
         label = 'probability of "yes", with 95 % interval'
-        if rest := gap.size - len(pairs):
+        rest = gap.size - len(pairs)
+        if rest:
             label += f"\n(the {len(pairs)} pairs that differ most; {rest} more are not shown)"
         name_axes(to, label, "", grid="x")
         to.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2)
@@ -173,13 +202,26 @@ def predictive(observed: ArrayLike, predicted: ArrayLike) -> Axes:
             color = COLORS[1 - truth]
             shift = 0.2 if truth else -0.2
             total = max(counts[truth].sum(), 1.0)
-            to.bar(x + shift, counts[truth] / total, 0.36, color=color, alpha=0.35,
-                   label=f"{name}, observed")  # fmt: skip
+            to.bar(
+                x + shift,
+                counts[truth] / total,
+                0.36,
+                color=color,
+                alpha=0.35,
+                label=f"{name}, observed",
+            )
             low, middle, high = np.quantile(drawn[:, truth] / total, [0.025, 0.5, 0.975], axis=0)
             to.errorbar(
-                x + shift, middle, yerr=[middle - low, high - middle], fmt=marker, ms=4,
-                color=color, capsize=2.5, elinewidth=1.1, label=f"{name}, predicted",
-            )  # fmt: skip
+                x + shift,
+                middle,
+                yerr=[middle - low, high - middle],
+                fmt=marker,
+                ms=4,
+                color=color,
+                capsize=2.5,
+                elinewidth=1.1,
+                label=f"{name}, predicted",
+            )
         to.set_xticks(x)
         name_axes(to, f'percepts of {x[-1]} that say "yes"', "fraction of cases", grid="y")
         legend(to, 4)

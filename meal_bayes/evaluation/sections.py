@@ -94,6 +94,15 @@ def _counted(row: SummaryRow, broken: int) -> str:
     return f"{row.trials:,}" + "".join(f", {n:,} {why}" for why, n in facts.items() if n)
 
 
+def _accuracy(row: SummaryRow) -> str:
+    """Return the accuracy with its interval, or that no truth is known."""
+    if math.isnan(row.accuracy):
+        return UNKNOWN
+    low = _number(row.accuracy_low, 3)
+    high = _number(row.accuracy_high, 3)
+    return f"{row.accuracy:.3f} [{low}, {high}]"
+
+
 def _agents(
     rows: Sequence[SummaryRow],
     agents: Mapping[str, TrialOutcomes],
@@ -102,14 +111,18 @@ def _agents(
 ) -> Section:
     head = ["agent", "trials", "accuracy", "cost, s (sd)", "reward", "NLL", "ECE", "abstained"]
     cells: list[list[str | Section]] = [
-        [name, _counted(row, int((part.ended != "").sum())),
-         UNKNOWN if math.isnan(row.accuracy) else
-         f"{row.accuracy:.3f} [{_number(row.accuracy_low, 3)}, {_number(row.accuracy_high, 3)}]",
-         f"{row.cost_s:.1f} ({_number(row.cost_sd, 1)})",
-         _number(row.reward, 1, row.reward_se, UNKNOWN),
-         _number(row.nll, 3), _number(row.ece, 3), f"{_number(100 * row.abstained, 1)} %"]
+        [
+            name,
+            _counted(row, int((part.ended != "").sum())),
+            _accuracy(row),
+            f"{row.cost_s:.1f} ({_number(row.cost_sd, 1)})",
+            _number(row.reward, 1, row.reward_se, UNKNOWN),
+            _number(row.nll, 3),
+            _number(row.ece, 3),
+            f"{_number(100 * row.abstained, 1)} %",
+        ]
         for row, (name, part) in zip(rows, agents.items(), strict=True)
-    ]  # fmt: skip
+    ]
     # Neither cost nor ECE has a best: both are low where an agent does nothing.
     best = {
         2: best_of([round(row.accuracy, 3) for row in rows]),

@@ -195,9 +195,13 @@ def resampled(values: ArrayLike, ratio: float) -> Effect:
         return Effect(math.nan, math.nan, 0, unit="splits", method="corrected resampled t")
     variance = float(x.var(ddof=1)) if len(x) > 1 else math.nan
     return Effect(
-        float(x.mean()), math.sqrt(variance * (1 / len(x) + ratio)), len(x),
-        fixed=variance * ratio, unit="splits", method="corrected resampled t",
-    )  # fmt: skip
+        float(x.mean()),
+        math.sqrt(variance * (1 / len(x) + ratio)),
+        len(x),
+        fixed=variance * ratio,
+        unit="splits",
+        method="corrected resampled t",
+    )
 
 
 def spent(look: int, level: float = 1 - MASS) -> float:

@@ -268,15 +268,22 @@ def _row(agent: str, outcomes: TrialOutcomes, seconds: float) -> SummaryRow:
         ece = calibration_error(positive, truth)
         calibrated = expected_calibration_error(positive, stream(0, "calibrated belief"))
     return SummaryRow(
-        agent, len(outcomes), int(outcomes.judged.sum()), *accuracy.interval(),
+        agent,
+        len(outcomes),
+        int(outcomes.judged.sum()),
+        *accuracy.interval(),
         cost_s=float(cost.mean()) if len(cost) else math.nan,
         cost_sd=float(cost.std(ddof=1)) if len(cost) > 1 else math.nan,
-        reward=reward.estimate, reward_se=reward.se,
-        nll=nll, brier=squared, ece=ece, ece_calibrated=calibrated,
+        reward=reward.estimate,
+        reward_se=reward.se,
+        nll=nll,
+        brier=squared,
+        ece=ece,
+        ece_calibrated=calibrated,
         abstained=mean_effect(outcomes, "abstained").estimate,
         answered_accuracy=float(outcomes.success[answered].mean()) if answered.any() else math.nan,
         seconds=seconds,
-    )  # fmt: skip
+    )
 
 
 def measured(outcomes: TrialOutcomes, measure: str) -> NDArray[np.float64]:

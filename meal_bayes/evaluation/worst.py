@@ -105,10 +105,17 @@ def lab_sections(trials: Sequence[Chosen]) -> Iterator[Section]:
         facts = _facts(chosen)
         belief = percent(float(chosen.outcome.certainty[0]))
         truth = "not told" if facts["truth"] == "unknown" else facts["truth"]
-        rows.append([
-            _begun(chosen.file), facts["object"], facts["question"], facts["answer"], belief,
-            f"{chosen.outcome.cost[0]:.1f}", truth,
-        ])  # fmt: skip
+        rows.append(
+            [
+                _begun(chosen.file),
+                facts["object"],
+                facts["question"],
+                facts["answer"],
+                belief,
+                f"{chosen.outcome.cost[0]:.1f}",
+                truth,
+            ]
+        )
     head = ["time (UTC)", "object", "question", "answer", "belief", "cost, s", "truth"]
     note = ""
     if len(newest) > _LISTED:

@@ -160,15 +160,16 @@ class OnlineConfig:
     as_dict = _as_dict
 
     def __post_init__(self) -> None:
-        weights: dict[str, float] = {
-            name: value for name in ("alpha", "beta") if (value := getattr(self, name)) is not None
-        }
-        agents = [
-            dataclasses.replace(agent, exploration=dataclasses.replace(bonus, **weights))
-            if isinstance(bonus := agent.exploration, ITRSBonus)
-            else agent
-            for agent in _checked(self.agents, self.seed, self.reward)
-        ]
+        set_weights = {"alpha": self.alpha, "beta": self.beta}
+        weights = {name: value for name, value in set_weights.items() if value is not None}
+        agents = []
+        for agent in _checked(self.agents, self.seed, self.reward):
+            bonus = agent.exploration
+            if isinstance(bonus, ITRSBonus):
+                weighted = dataclasses.replace(bonus, **weights)
+                agents.append(dataclasses.replace(agent, exploration=weighted))
+            else:
+                agents.append(agent)
         object.__setattr__(self, "agents", tuple(agents))
         for name in ("attributes", "batches", "trials", "repeats", "horizon"):
             if getattr(self, name) < 1:

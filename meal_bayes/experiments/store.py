@@ -167,7 +167,8 @@ class Description:
 
     def _code(self, module: ModuleType, attributes: Mapping[str, Any]) -> list[object]:
         """Describe a user's code by its files, and the plain values that a program may have set."""
-        if not (files := _sources(module)):
+        files = _sources(module)
+        if not files:
             return []
         values = []
         for name, value in [*vars(module).items(), *attributes.items()]:

@@ -65,9 +65,12 @@ class Fit(Protocol):
 def problem_of(fit: Fit, task: Task, limit: ArrayLike = np.inf, *, recognize: bool = True) -> MOMDP:
     """Build the MOMDP of a task without a bonus, as a test has it (Alg. 1, l. 1-4)."""
     return fit.agent.model(
-        task.query, fit.knowledge, limit=limits_of(fit, limit), reward=fit.settings.reward,
+        task.query,
+        fit.knowledge,
+        limit=limits_of(fit, limit),
+        reward=fit.settings.reward,
         votes=votes_of(fit, task) if recognize else None,
-    )  # fmt: skip
+    )
 
 
 def limits_of(fit: Fit, limit: ArrayLike) -> NDArray[np.float64]:

@@ -43,9 +43,11 @@ class HeldOut:
     def knowledge(self) -> Knowledge:
         """What is learned from all objects but this one."""
         knowledge = knowledge_without(
-            self.labeled, self.object_index, levels=self.agent.levels,
+            self.labeled,
+            self.object_index,
+            levels=self.agent.levels,
             object_level=self.agent.object_level,
-        )  # fmt: skip
+        )
         posterior = self.settings.posterior
         return knowledge if posterior is None else replace(knowledge, posterior=posterior)
 

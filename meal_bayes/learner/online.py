@@ -93,13 +93,25 @@ class Online:
         seen = np.zeros((o, len(record.domain.behaviors), q), np.bool_)
         np.logical_or.at(seen, (instances["object"], instances["behavior"]), classified >= 0)
         fit = cls(
-            record, agent, settings, perception=perception, knowledge=knowledge, refitted=knowledge,
-            sizes=sizes, used=used.astype(np.int8), seen=seen,
-            experienced=counted, unit=unit, trials=views.trials_before(record, ()),
-            told=views.told_fraction(record), percepts=percepts, percepts_at_refit=percepts,
+            record,
+            agent,
+            settings,
+            perception=perception,
+            knowledge=knowledge,
+            refitted=knowledge,
+            sizes=sizes,
+            used=used.astype(np.int8),
+            seen=seen,
+            experienced=counted,
+            unit=unit,
+            trials=views.trials_before(record, ()),
+            told=views.told_fraction(record),
+            percepts=percepts,
+            percepts_at_refit=percepts,
             labeled=int((labels >= 0).sum()),
-            levels=Rows(np.int8, q), counted=Rows(np.int8, q),
-        )  # fmt: skip
+            levels=Rows(np.int8, q),
+            counted=Rows(np.int8, q),
+        )
         fit.update(np.arange(len(instances)))
         return fit
 

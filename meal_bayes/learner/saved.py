@@ -145,9 +145,14 @@ def read_learner(path: Path, *, agent: object, classifier: object) -> SavedLearn
                 if (fit_agent := _known(entry, chosen)) is not None
             ]
             return SavedLearner(
-                chosen, settings, experience, table, fitted,
-                asked=Asked(**meta["asked"]), file=str(meta["file"]),
-            )  # fmt: skip
+                chosen,
+                settings,
+                experience,
+                table,
+                fitted,
+                asked=Asked(**meta["asked"]),
+                file=str(meta["file"]),
+            )
     except SettingsError:
         raise
     except (*UNREADABLE, MealBayesError) as fault:

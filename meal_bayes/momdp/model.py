@@ -255,7 +255,10 @@ class MOMDP:
 
     def action_name(self, action: int) -> str:
         """Return the name of a behavior, or the text of an answer."""
-        if action < self.n_behaviors or (values := self.reported(action)) is None:
+        if action < self.n_behaviors:
+            return self.action_label(action)
+        values = self.reported(action)
+        if values is None:
             return self.action_label(action)
         return f"report {self.query.report_name(values)}"
 

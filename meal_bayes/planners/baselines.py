@@ -77,9 +77,12 @@ class RandomLegal:
 
 
 def draw_legal(
-    momdp: MOMDP, budget: float, allowed: NDArray[np.bool_], history: History,
+    momdp: MOMDP,
+    budget: float,
+    allowed: NDArray[np.bool_],
+    history: History,
     rng: np.random.Generator,
-) -> Decision:  # fmt: skip
+) -> Decision:
     """Draw a behavior that is `allowed` (X,E), or report once the budget (s) is spent."""
     legal = np.flatnonzero(allowed[history.belief.x])
     if history.cost >= budget or not len(legal):

@@ -76,7 +76,8 @@ def read_records(file: BinaryIO, *, begin: int = 0) -> Iterator[McapRecord]:
     ).records
     end = file.tell()
     _check_summary(file, origin, end)
-    if behind := file.seek(0, os.SEEK_END) - end:
+    behind = file.seek(0, os.SEEK_END) - end
+    if behind:
         raise LogCorruptError(f"{behind} bytes follow the end of the log at byte {end}")
 
 
@@ -90,7 +91,8 @@ def next_log(file: BinaryIO, at: int) -> int:
     tail = b""
     for _ in range(_SEARCHED):
         block = tail + file.read(RECORD_LIMIT)
-        if (offset := block.find(start)) >= 0:
+        offset = block.find(start)
+        if offset >= 0:
             return at - len(tail) + offset
         at += len(block) - len(tail)
         tail = block[1 - len(start) :]

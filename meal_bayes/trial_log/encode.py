@@ -274,7 +274,8 @@ def start_misfits(trial: Trial) -> Iterator[str]:
     momdp = trial.momdp
     n = len(momdp.query)
     e = momdp.n_behaviors
-    if (most := max(n, e, len(momdp.x_names))) > schema.NAME_LIMIT:
+    most = max(n, e, len(momdp.x_names))
+    if most > schema.NAME_LIMIT:
         yield f"the MOMDP has {most} attributes, behaviors or x, more than {schema.NAME_LIMIT}"
     if trial.task.query != momdp.query:
         yield f"the task asks {trial.task.query}, its MOMDP {momdp.query}"

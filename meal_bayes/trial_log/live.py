@@ -25,9 +25,13 @@ class LiveLog(TrialWriter):
     """
 
     def __init__(
-        self, place: Path, header: Mapping[str, object], name: str = "",
-        *, resumed: "Interrupted | None" = None,
-    ) -> None:  # fmt: skip
+        self,
+        place: Path,
+        header: Mapping[str, object],
+        name: str = "",
+        *,
+        resumed: "Interrupted | None" = None,
+    ) -> None:
         self._resumed = resumed  # the draft that it goes on from, held until this is whole
         if place.suffix != ".mcap":
             begun = datetime.now(UTC).strftime("%Y%m%d-%H%M%S-%f")

@@ -95,7 +95,8 @@ class TrialOutcomes:
         size["q"] = self.attribute.shape[1] if self.attribute.ndim == 2 else -1
         for name, shape in _SHAPES.items():
             expected = tuple(size[letter] for letter in shape)
-            if (actual := getattr(self, name).shape) != expected:
+            actual = getattr(self, name).shape
+            if actual != expected:
                 raise SettingsError(f"{name} has shape {actual}, expected {expected}.")
         # Rows of fewer attributes than the widest query are padded with "".
         asked = self.attribute != ""

@@ -25,11 +25,13 @@ def blueprint(*, single: bool, attributes: int, live: bool, robot: bool) -> rrb.
         rrb.BlueprintPanel(state="collapsed"),
         rrb.SelectionPanel(state="collapsed"),
         rrb.TimePanel(
-            state="collapsed", timeline="sim_time" if robot else "step",
+            state="collapsed",
+            timeline="sim_time" if robot else "step",
             play_state="following" if live else "paused",
         ),
-        auto_layout=False, auto_views=False,
-    )  # fmt: skip
+        auto_layout=False,
+        auto_views=False,
+    )
 
 
 def _trial(*, single: bool, crowded: bool, robot: bool) -> rrb.Horizontal:
@@ -44,12 +46,14 @@ def _trial(*, single: bool, crowded: bool, robot: bool) -> rrb.Horizontal:
     belief = rrb.Vertical(
         rrb.Spatial2DView(origin=scene.BARS, name="belief now (orange: before the step)"),
         rrb.TimeSeriesView(
-            origin=scene.BELIEF, name="belief over steps", axis_x=over,
+            origin=scene.BELIEF,
+            name="belief over steps",
+            axis_x=over,
             axis_y=rrb.ScalarAxis(range=(-0.02, 1.02), zoom_lock=False),
             plot_legend=rrb.PlotLegend(rrb.Corner2D.LeftTop, visible=not crowded),
         ),
         row_shares=[2, 3],
-    )  # fmt: skip
+    )
     values = rrb.TimeSeriesView(
         origin=scene.VALUES,
         name="worth of one more percept: below 0 it stops (band: one standard error)",
@@ -57,10 +61,12 @@ def _trial(*, single: bool, crowded: bool, robot: bool) -> rrb.Horizontal:
         plot_legend=rrb.PlotLegend(rrb.Corner2D.RightBottom),
         interaction=rrb.PlotInteraction(points_display="Always"),
     )
-    small = rrb.Vertical(*(
-        rrb.TimeSeriesView(origin=entity, name=name, axis_x=over, plot_legend=_NO_LEGEND)
-        for entity, name in ((scene.ENTROPY, "entropy, bits"), (scene.COST, "cost so far, s"))
-    ))  # fmt: skip
+    small = rrb.Vertical(
+        *(
+            rrb.TimeSeriesView(origin=entity, name=name, axis_x=over, plot_legend=_NO_LEGEND)
+            for entity, name in ((scene.ENTROPY, "entropy, bits"), (scene.COST, "cost so far, s"))
+        )
+    )
     upper = rrb.Horizontal(belief, values, small, column_shares=[3, 4, 2])
     graphs = rrb.Horizontal(
         rrb.GraphView(origin=scene.DIAGRAM, name="where the robot is, what it just did"),
@@ -80,19 +86,22 @@ def _robot() -> rrb.Vertical:
     eye = rrb.EyeControls3D(position=(0.30, -0.42, 0.30), look_target=(0.0, 0.0, 0.10))
     return rrb.Vertical(
         rrb.Spatial3DView(
-            origin=scene.ROBOT, name="the robot (red: contact forces)",
-            line_grid=rrb.LineGrid3D(visible=False), eye_controls=eye,
+            origin=scene.ROBOT,
+            name="the robot (red: contact forces)",
+            line_grid=rrb.LineGrid3D(visible=False),
+            eye_controls=eye,
         ),
         rrb.Spatial2DView(origin=scene.CAMERA, name="the robot's camera"),
         row_shares=[3, 1],
-    )  # fmt: skip
+    )
 
 
 def _run() -> rrb.Vertical:
     accuracy = rrb.TimeSeriesView(
-        origin=run_view.ACCURACY, name="accuracy so far, band = one standard error",
+        origin=run_view.ACCURACY,
+        name="accuracy so far, band = one standard error",
         axis_y=rrb.ScalarAxis(range=(0.0, 1.02)),
-    )  # fmt: skip
+    )
     cost = rrb.TimeSeriesView(
         origin=run_view.COST, name="mean cost so far, s, band = one standard error"
     )

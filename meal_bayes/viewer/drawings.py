@@ -119,7 +119,8 @@ def search_tree(frame: TrialFrame) -> Graph:
         return Graph([Label("nothing is decided yet", GRAY, name="root")], [])
     decision = step.decision
     chosen = min(step.decision.action, momdp.n_behaviors)
-    if not (actions := best_options(decision.total, chosen, _ACTIONS)):
+    actions = best_options(decision.total, chosen, _ACTIONS)
+    if not actions:
         return Graph([Label("no search: a fixed rule", GRAY, name="root")], [])
     count = f"{decision.simulations} simulations" if decision.simulations else "one step ahead"
     root = f"{momdp.x_names[step.x]}\n{count}"

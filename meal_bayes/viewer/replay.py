@@ -89,10 +89,14 @@ class Replay:
     def send_layout(self, *, live: bool = False) -> None:
         """Send the layout that fits the trials so far."""
         single = self._only is not None or (self.trials == 1 and not live)
-        self._stream.send_blueprint(blueprint(
-            single=single, attributes=len(self._scene.attributes), live=live,
-            robot=self._shows_robot,
-        ))  # fmt: skip
+        self._stream.send_blueprint(
+            blueprint(
+                single=single,
+                attributes=len(self._scene.attributes),
+                live=live,
+                robot=self._shows_robot,
+            )
+        )
 
 
 @contextlib.contextmanager
@@ -188,7 +192,8 @@ def follow(
     replay = None
     with contextlib.closing(follower), recording(str(follower.path), to) as stream:
         while watching():
-            if trials := list(follower.poll()):
+            trials = list(follower.poll())
+            if trials:
                 begins = replay is None
                 replay = replay or Replay(stream, follower.header or {})
                 for trial in trials:

@@ -76,9 +76,11 @@ class Scene:
             points = rr.Points2D.from_fields(radii=0.01, show_labels=True)
             recorder.add_static(f"{entity}/labels", points)
         worth = rr.Measurements.from_fields(
-            names="best behavior less answering now", colors=SKY, widths=3,
+            names="best behavior less answering now",
+            colors=SKY,
+            widths=3,
             interpolation_mode="StepAfter",
-        )  # fmt: skip
+        )
         recorder.add_static(f"{VALUES}/worth", worth)
         recorder.add_line(f"{VALUES}/zero", "answering now", GRAY)
         recorder.add_line(ENTROPY, "entropy, bits", ORANGE)

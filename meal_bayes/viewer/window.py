@@ -182,7 +182,8 @@ def viewer_program() -> Path:
     spec = importlib.util.find_spec("rerun_cli")
     for folder in (spec and spec.submodule_search_locations) or ():
         for name in ("Rerun.app/Contents/MacOS/Rerun", "rerun.exe", "rerun"):
-            if (program := Path(folder, name)).is_file():
+            program = Path(folder, name)
+            if program.is_file():
                 return program
     raise ViewerError(
         "The viewer's program is missing; install it with: pip install --force-reinstall rerun-sdk"
