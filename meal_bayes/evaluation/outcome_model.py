@@ -72,30 +72,65 @@ class Cells:
         if not mask.any():
             raise SettingsError(f"No trial has a {measure}; give trials whose truth is known.")
         judged = outcomes.rows(mask)
-        values = values[mask]
-        again = np.zeros(len(mask), int) if repeats is None else np.asarray(repeats)
-        columns = {"agent": judged.agent, "object": judged.object_name, "repeat": again[mask],
-                   "attribute": judged.attribute}  # fmt: skip
-        coded = {name: np.unique(c.astype(str), return_inverse=True) for name, c in columns.items()}
-        codes = [code.reshape(len(judged), -1) for _, code in coded.values()]
-        cells, inverse = np.unique(np.hstack(codes), axis=0, return_inverse=True)
-        trials = np.bincount(inverse.ravel())
-        total = np.bincount(inverse.ravel(), values)
-        residual = values - (total / trials)[inverse.ravel()]
-        free = len(values) - len(cells)
-        spread = math.sqrt(float((residual**2).sum()) / free) if free > 0 else float(values.std())
-        sizes = {name: len(levels) for name, (levels, _) in coded.items()}
-        agent, thing, repeat = cells[:, :3].T
-        others = {"object": thing, "repeat": repeat, "attribute": cells[:, 3:]}
-        terms = {"agent": agent, **others}
-        for other, index in others.items():
-            if sizes[other] > 1 or other == "object":
-                terms[f"agent {other}"] = (agent * sizes[other] + index.T).T
-                sizes[f"agent {other}"] = sizes["agent"] * sizes[other]
-        names = (tuple(coded[name][0].tolist()) for name in ("agent", "attribute"))
-        return cls({name: index for name, index in terms.items() if sizes[name] > 1}, sizes,
-                   trials, np.asarray(total, float),
-                   math.nan if measure == "success" else max(spread, 1e-9), *names)  # fmt: skip
+        measures = values[mask]
+        repeat = np.zeros(len(judged), int) if repeats is None else np.asarray(repeats)[mask]
+        columns = {
+            "agent": judged.agent,
+            "object": judged.object_name,
+            "repeat": repeat,
+            "attribute": judged.attribute,
+        }
+        names = {}  # distinct values of each column, in order
+        codes = []  # (n,1) of each column their places in these; (n,N) of attributes
+        for name, column in columns.items():
+            names[name], code = np.unique(column.astype(str), return_inverse=True)
+            codes.append(code.reshape(len(judged), -1))
+        # A cell is what trials of equal agent, object, repeat and attributes share.
+        cells, cell_of = np.unique(np.hstack(codes), axis=0, return_inverse=True)
+        cell_of = cell_of.ravel()
+        trials = np.bincount(cell_of)
+        total = np.bincount(cell_of, measures)
+        spread = math.nan
+        if measure != "success":
+            spread = max(_spread_within(measures, (total / trials)[cell_of], len(cells)), 1e-9)
+        sizes = {name: len(levels) for name, levels in names.items()}
+        terms = _crossed(cells, sizes)
+        return cls(
+            terms={name: index for name, index in terms.items() if sizes[name] > 1},
+            sizes=sizes,
+            trials=trials,
+            total=np.asarray(total, float),
+            spread=spread,
+            agents=tuple(names["agent"].tolist()),
+            attributes=tuple(names["attribute"].tolist()),
+        )
+
+
+def _spread_within(measures: Floats, means: Floats, cells: int) -> float:
+    """Compute the standard deviation of a measure (n,) about the means of its cells (n,).
+
+    Where each cell has one trial alone, it is that of all trials.
+    """
+    free = len(measures) - cells
+    if free <= 0:
+        return float(measures.std())
+    return math.sqrt(float(((measures - means) ** 2).sum()) / free)
+
+
+def _crossed(cells: Index, sizes: dict[str, int]) -> dict[str, Index]:
+    """Return the terms' levels in cells (C,3+N), each also crossed with the agent.
+
+    A crossed term has a level for every pair: agent * levels of the other + the other's. Its number
+    of levels is added to `sizes`; where the other has one level only, nothing is crossed.
+    """
+    agent, thing, repeat = cells[:, :3].T
+    others = {"object": thing, "repeat": repeat, "attribute": cells[:, 3:]}
+    terms = {"agent": agent, **others}
+    for name, index in others.items():
+        if sizes[name] > 1 or name == "object":
+            terms[f"agent {name}"] = (agent * sizes[name] + index.T).T
+            sizes[f"agent {name}"] = sizes["agent"] * sizes[name]
+    return terms
 
 
 def compare_outcomes(
@@ -149,8 +184,8 @@ def compare_outcomes(
     reach = MARGINS[measure] if margin is None else margin
     subsets = {"": np.full(len(index), True)}
     if by_attributes:
-        subsets |= {", ".join(np.array(cells.attributes)[query]): index == q
-                    for q, query in enumerate(queries)}  # fmt: skip
+        for number, query in enumerate(queries):
+            subsets[", ".join(np.array(cells.attributes)[query])] = index == number
     reference_index = cells.agents.index(base)
     rows = []
     for asked, chosen in subsets.items():
@@ -162,20 +197,22 @@ def compare_outcomes(
             effect = levels[:, number] - levels[:, reference_index]
             low, high = np.quantile(effect, [0.5 - MASS / 2, 0.5 + MASS / 2])
             better = effect < 0 if measure == "cost" else effect > 0
-            rows.append(AgentEffect(
-                agent=name,
-                reference=base,
-                measure=measure,
-                trials=int(count[number]),
-                plain=pairs[name].get(asked, math.nan),
-                effect=float(effect.mean()),
-                low=float(low),
-                high=float(high),
-                ahead=float(better.mean()),
-                equivalent=float((np.abs(effect) < reach).mean()),
-                margin=reach,
-                attributes=asked,
-            ))  # fmt: skip
+            rows.append(
+                AgentEffect(
+                    agent=name,
+                    reference=base,
+                    measure=measure,
+                    trials=int(count[number]),
+                    plain=pairs[name].get(asked, math.nan),
+                    effect=float(effect.mean()),
+                    low=float(low),
+                    high=float(high),
+                    ahead=float(better.mean()),
+                    equivalent=float((np.abs(effect) < reach).mean()),
+                    margin=reach,
+                    attributes=asked,
+                )
+            )
     return rows
 
 
@@ -187,8 +224,8 @@ def _paired(
     Those of all tasks that both have are under ""; sets without a task are not there.
     """
     if repeats is not None:
-        keys = [json.dumps([str(n), key]) for n, key in zip(
-            np.asarray(repeats).tolist(), outcomes.key.tolist(), strict=True)]  # fmt: skip
+        pairs = zip(np.asarray(repeats).tolist(), outcomes.key.tolist(), strict=True)
+        keys = [json.dumps([str(repeat), key]) for repeat, key in pairs]
         outcomes = dataclasses.replace(outcomes, key=np.array(keys, object))
     base = outcomes.of_agent(reference)
     asked = np.array([", ".join(map(str, row)) for row in base.attribute.tolist()])
