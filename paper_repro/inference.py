@@ -43,7 +43,7 @@ def level_above(effect: Effect, bound: float) -> float:
         return float(brentq(lambda level: effect.interval(1 - level).low - bound, _TINY, 1.0))
     if not se > 0:
         return 2.0
-    return 2 * float(stdtr(max(effect.units - 1, 1), -distance / se))
+    return 2 * float(stdtr(max(effect.clusters - 1, 1), -distance / se))
 
 
 def level_below(effect: Effect, bound: float) -> float:
@@ -61,10 +61,10 @@ def needed(effect: Effect, bound: float, level: float) -> int | None:
     where only more objects would, which nobody can draw.
     """
     distance = abs(effect.estimate - bound)
-    if effect.unit != "splits" or not (effect.se > 0 and distance > 0):
+    if effect.cluster != "splits" or not (effect.se > 0 and distance > 0):
         return None
     if effect.fraction and not effect.fixed:  # of splits that succeed: Wilson's of k of n
-        for n in range(effect.units + 1, _MOST):
+        for n in range(effect.clusters + 1, _MOST):
             k = np.arange(n + 1)
             cases = np.where((k > 0) & (k < n), n - 1, n)  # as `Effect.cases`
             away = np.abs(k / n - bound) * np.sqrt(cases / (bound * (1 - bound)))
@@ -74,12 +74,12 @@ def needed(effect: Effect, bound: float, level: float) -> int | None:
         return None
     units = 1000.0
     for _ in range(20):  # Student's t is that of the units it calls for
-        reach = stdtrit(max(units - 1, effect.units, 1), 1 - level / 2) + ndtri(_POWER)
+        reach = stdtrit(max(units - 1, effect.clusters, 1), 1 - level / 2) + ndtri(_POWER)
         wanted = float((distance / reach) ** 2) - effect.fixed
         if wanted <= 0:
             return None
-        units = effect.units * (effect.se**2 - effect.fixed) / wanted
-    return max(math.ceil(units), effect.units + 1)
+        units = effect.clusters * (effect.se**2 - effect.fixed) / wanted
+    return max(math.ceil(units), effect.clusters + 1)
 
 
 def holm(levels: ArrayLike, level: float = LEVEL) -> Floats:
@@ -153,8 +153,8 @@ def drawn_change(first: Effect, second: Effect) -> Effect:
     return Effect(
         first.estimate - second.estimate,
         math.hypot(first.se, second.se),
-        min(first.units, second.units),
-        unit="trials",
+        min(first.clusters, second.clusters),
+        cluster="trials",
         method="Wilson's of both" if both else "Student's t, two runs",
         sides=(first, second) if both else None,
     )
@@ -182,4 +182,4 @@ def _alone(run: TrialOutcomes) -> TrialOutcomes:
 
 def _of_trials(effect: Effect) -> Effect:
     method = effect.method.replace("clusters", "trials")
-    return dataclasses.replace(effect, unit="trials", method=method)
+    return dataclasses.replace(effect, cluster="trials", method=method)

@@ -123,7 +123,7 @@ class Evidence:
             "rule": rule,
             **_told(part.effect, level),
             **tested,
-            "needed": f"{units} {part.effect.unit}" if units else None,
+            "needed": f"{units} {part.effect.cluster}" if units else None,
         }
 
 
@@ -177,7 +177,7 @@ def placed(values: ArrayLike, printed: float, *, of: str) -> Evidence:
     x = np.asarray(values, float)
     x = x[~np.isnan(x)]
     spread = float(x.std(ddof=1)) * math.sqrt(1 + 1 / len(x)) if len(x) > 1 else math.nan
-    effect = Effect(float(x.mean()) if len(x) else math.nan, spread, len(x), unit="splits",
+    effect = Effect(float(x.mean()) if len(x) else math.nan, spread, len(x), cluster="splits",
                     method="prediction interval of one split")  # fmt: skip
     _, _, low, high = effect.interval(1 - LEVEL)
     outcome = FALLS if printed < low or printed > high else UNDECIDED
@@ -258,7 +258,7 @@ def _told(effect: Effect | None, level: float) -> dict[str, Any]:
     _, _, low, high = effect.interval(1 - level)
     return {
         "method": effect.method, "estimate": effect.estimate, "interval": [low, high],
-        "units": f"{effect.units} {effect.unit}", "level": level, "error": effect.se,
+        "units": f"{effect.clusters} {effect.cluster}", "level": level, "error": effect.se,
         "cases": effect.cases if effect.fraction else None,
         "sides": [[side.estimate, side.cases] for side in effect.sides] if effect.sides else None,
     }  # fmt: skip

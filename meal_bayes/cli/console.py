@@ -157,7 +157,7 @@ class _Pace:
 
 
 @contextlib.contextmanager
-def progress(what: str, unit: str) -> Iterator[Advance]:
+def progress(what: str, noun: str) -> Iterator[Advance]:
     """Show fraction done, time passed and time left: a bar on a terminal, else lines.
 
     One after another, several runs may advance it: each begins with what it found done.
@@ -165,11 +165,11 @@ def progress(what: str, unit: str) -> Iterator[Advance]:
     console = output(stderr=True)
     # On no terminal rich prints nothing before the end; then a line tells from time to time.
     bars = rich.progress.Progress(
-        rich.progress.SpinnerColumn("line"),  # moves while a long unit does not
+        rich.progress.SpinnerColumn("line"),  # moves while a long piece of work does not
         rich.progress.TextColumn("{task.description}", markup=False),
         rich.progress.BarColumn(bar_width=None),
         rich.progress.MofNCompleteColumn(),
-        rich.progress.TextColumn(f"{unit},"),
+        rich.progress.TextColumn(f"{noun},"),
         rich.progress.TimeElapsedColumn(),
         rich.progress.TimeRemainingColumn(),
         rich.progress.TextColumn("left"),
@@ -189,31 +189,31 @@ def progress(what: str, unit: str) -> Iterator[Advance]:
         bars.update(task, completed=done, total=total)
         if bars.disable and done < total and pace.is_line_due(done, now):
             seconds = pace.seconds_left(done, total, now)
-            begins = "" if what == unit else f"{what}: "
+            begins = "" if what == noun else f"{what}: "
             passed = now - begun
-            note(f"{begins}{int(done)} of {total} {unit}, {passed:.0f} s, {seconds:.0f} s left")
+            note(f"{begins}{int(done)} of {total} {noun}, {passed:.0f} s, {seconds:.0f} s left")
 
     with bars:
         yield advance
 
 
 @contextlib.contextmanager
-def resumed(units: str) -> Iterator[Advance]:
+def resumed(noun: str) -> Iterator[Advance]:
     """Show progress of a run that can be resumed; print what is there, and what is kept."""
     state = ""
     try:
-        with progress(units, units) as bar:
+        with progress(noun, noun) as bar:
 
             def advance(done: float, total: int) -> None:
                 nonlocal state
                 if not state and done:
-                    note(f"{int(done)} of {total} {units} are there already")
-                state = f"{int(done)} of {total} {units}"
+                    note(f"{int(done)} of {total} {noun} are there already")
+                state = f"{int(done)} of {total} {noun}"
                 bar(done, total)
 
             yield advance
     except KeyboardInterrupt:
-        note(f"interrupted: {state or f'no {units}'} are kept; the same command goes on from there")
+        note(f"interrupted: {state or f'no {noun}'} are kept; the same command goes on from there")
         raise
 
 

@@ -58,13 +58,13 @@ class Effect:
     ----------
     se : float
         Standard error of the estimate; NaN where the data do not determine it.
-    units : int
-        Independent units behind it, such as objects or splits.
+    clusters : int
+        Independent clusters of trials behind it, of each object or split.
     fixed : float
-        Part of the variance that further units do not reduce.
+        Part of the variance that further clusters do not reduce.
     fraction : bool
         Whether it is a probability: then its interval is Wilson's, on as many independent cases as
-        have its standard error (on the units alone where all cases agree).
+        have its standard error (on the clusters alone where all cases agree).
     sides : tuple[Effect, Effect] | None
         Of a difference of fractions: gains and losses, whose intervals its own joins [Zou2008], so
         that it has a width where nobody gains or loses.
@@ -72,10 +72,10 @@ class Effect:
 
     estimate: float
     se: float
-    units: int
+    clusters: int
     fixed: float = 0.0
     fraction: bool = False
-    unit: str = "objects"
+    cluster: str = "objects"
     method: str = "Student's t over clusters"
     sides: "tuple[Effect, Effect] | None" = None
 
@@ -91,7 +91,7 @@ class Effect:
             )
             down, up = (math.sqrt(max(a * a + b * b - 2 * rho * (a * b), 0.0)) for a, b in reaches)
             return Interval(self.estimate, self.se, self.estimate - down, self.estimate + up)
-        t = float(stdtrit(max(self.units - 1, 1), 0.5 + mass / 2))
+        t = float(stdtrit(max(self.clusters - 1, 1), 0.5 + mass / 2))
         if not self.fraction:
             reach = self.se * t
             return Interval(self.estimate, self.se, self.estimate - reach, self.estimate + reach)
@@ -106,7 +106,7 @@ class Effect:
     def cases(self) -> float:
         """Independent cases of a fraction with its standard error."""
         p = self.estimate
-        return p * (1 - p) / self.se**2 if self.se > 0 and 0 < p < 1 else max(self.units, 1.0)
+        return p * (1 - p) / self.se**2 if self.se > 0 and 0 < p < 1 else max(self.clusters, 1.0)
 
 
 def clustered(values: ArrayLike, clusters: ArrayLike, *, fraction: bool = False) -> Effect:
@@ -192,14 +192,14 @@ def resampled(values: ArrayLike, ratio: float) -> Effect:
     """
     x = np.asarray(values, float)
     if len(x) == 0:
-        return Effect(math.nan, math.nan, 0, unit="splits", method="corrected resampled t")
+        return Effect(math.nan, math.nan, 0, cluster="splits", method="corrected resampled t")
     variance = float(x.var(ddof=1)) if len(x) > 1 else math.nan
     return Effect(
         float(x.mean()),
         math.sqrt(variance * (1 / len(x) + ratio)),
         len(x),
         fixed=variance * ratio,
-        unit="splits",
+        cluster="splits",
         method="corrected resampled t",
     )
 

@@ -113,7 +113,7 @@ def _lead(first: TrialOutcomes, second: TrialOutcomes, *, drawn: bool) -> Effect
     )  # fmt: skip
     return Effect(
         bootstrap.estimate, bootstrap.se, len(np.unique(units)),
-        unit="trials" if drawn else "objects",
+        cluster="trials" if drawn else "objects",
         method=f"Student's t, bootstrap of 2000 draws by stream({SEED}, 'eq7')",
     )  # fmt: skip
 

@@ -89,7 +89,7 @@ def judge(scores: Scores, ratio: float) -> dict[str, Evidence | None]:
     paper = paper_values("fig11")
     accuracy = {agent: np.nan_to_num(values, nan=0.5) for agent, values in scores.items()}
     often = clustered(wins(accuracy) >= paper["wins"], range(len(accuracy[BEST])), fraction=True)
-    often = replace(often, unit="splits", method="Wilson's on splits of these objects")
+    often = replace(often, cluster="splits", method="Wilson's on splits of these objects")
     most = above(often, 0.5, of=f"Pr(best on {paper['wins']} or more)")
     evidence: dict[str, Evidence | None] = {f"MORC-ITRS is best on {paper['wins']} of 10": most}
     for name in paper["hard"]:

@@ -75,10 +75,10 @@ def test_a_number_stands_within_its_margin(mean, kind):
 
 def test_what_would_decide_is_told_in_splits():
     assert above(effect(0.5), 0).judge(0.05)["needed"] is None  # nobody can draw objects
-    told = above(effect(0.5, unit="splits"), 0).judge(0.05)
+    told = above(effect(0.5, cluster="splits"), 0).judge(0.05)
     assert told["needed"].endswith(" splits")
     assert int(told["needed"].split()[0]) > 20
-    fixed = above(effect(0.5, fixed=0.2, unit="splits"), 0).judge(0.05)
+    fixed = above(effect(0.5, fixed=0.2, cluster="splits"), 0).judge(0.05)
     assert fixed["needed"] is None  # more splits are not more objects
     assert above(effect(0.0), 0).judge(0.05)["needed"] is None
     assert above(effect(2.0), 0).judge(0.05)["needed"] is None
@@ -196,7 +196,7 @@ def test_a_level_of_a_difference_of_fractions_is_too():
 
 def test_needed_units_decide_at_80_percent_power():
     effect, rng = clustered([0.5, 1.5, -0.5, 2.5], range(4)), np.random.default_rng(2)
-    effect = replace(effect, unit="splits")
+    effect = replace(effect, cluster="splits")
     units = needed(effect, 0.0, 0.05)
     draws = rng.normal(effect.estimate, effect.se * 2, (400, units))
     decided = [level_above(clustered(sample, range(units)), 0.0) < 0.05 for sample in draws]
@@ -208,7 +208,7 @@ def test_needed_units_decide_at_80_percent_power():
 @pytest.mark.parametrize("successes", [1, 2])
 def test_needed_splits_of_a_share_decide_at_80_percent_power(successes):
     effect = clustered(np.arange(10) < successes, range(10), fraction=True)
-    units = needed(replace(effect, unit="splits"), 0.5, 0.01)
+    units = needed(replace(effect, cluster="splits"), 0.5, 0.01)
     drawn = np.random.default_rng(0).random((2000, units)) < effect.estimate
     ahead = [clustered(sample, range(units), fraction=True) for sample in drawn]
     assert 0.77 < np.mean([level_below(sample, 0.5) <= 0.01 for sample in ahead]) < 0.9
