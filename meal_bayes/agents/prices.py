@@ -19,8 +19,6 @@ Behaviors are substitutes. The one whose learning brings most, after its costs, 
 others are worth what they add to that: E max(their gain, its gain) less E of its gain.
 """
 
-from collections.abc import Callable
-
 import numpy as np
 
 from meal_bayes.arrays import Floats
@@ -33,8 +31,6 @@ _LEAST = 0.01  # rates are at least this far from 0 and 1
 _ROUNDS = 6  # of the search for a price, which grows in each
 
 _NORMAL = np.exp(-(_Z**2) / 2) / np.exp(-(_Z**2) / 2).sum()
-
-Valued = Callable[[Floats], Floats]
 
 
 def rates_ahead(alpha: Floats) -> Floats:

@@ -210,6 +210,15 @@ class Dataset:
     def instance(self, object_index: int, behavior: str, recording: int) -> Instance:
         """Return one recorded execution.
 
+        Parameters
+        ----------
+        object_index : int
+            Place in `objects`.
+        behavior : str
+            Its name.
+        recording : int
+            Counted from 0, of this object and behavior.
+
         Raises
         ------
         DataError

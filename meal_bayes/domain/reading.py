@@ -134,6 +134,17 @@ def read_question(
 ) -> Query:
     """Read a question to be answered by "values", or by "yes or no", with payoffs of its own.
 
+    Parameters
+    ----------
+    question : str | Sequence[str]
+        A sentence, or names of attributes and groups.
+    domain : Domain
+        Whose words are read.
+    answer : str
+        "values", or "yes or no".
+    payoffs : Sequence[float] | None
+        What a right yes, a wrong yes, a right no and a wrong no earn, s; the domain's by default.
+
     Raises
     ------
     QueryError

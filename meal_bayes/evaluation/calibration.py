@@ -46,6 +46,15 @@ def expected_calibration_error(
     """Estimate by simulation the mean ECE of calibrated beliefs of these values.
 
     With few cases it is above 0; only an ECE above it shows miscalibration.
+
+    Parameters
+    ----------
+    positive : ArrayLike
+        (n,) beliefs, Pr(true).
+    rng : np.random.Generator
+        Draws the truths.
+    draws : int
+        Of all n truths.
     """
     b = np.asarray(positive, float)
     member = np.eye(BINS)[bins_of(b)]  # (n,bins)

@@ -114,6 +114,22 @@ def clustered(values: ArrayLike, clusters: ArrayLike, *, fraction: bool = False)
 
     The standard error is NaN for a single cluster; with every value its own, it is the usual one.
 
+    Parameters
+    ----------
+    values : ArrayLike
+        (n,) one of each trial.
+    clusters : ArrayLike
+        (n,) names, such as those of the objects.
+    fraction : bool
+        Whether the mean is a probability, so that its interval stays in [0, 1].
+
+    Raises
+    ------
+    SettingsError
+        No values, or another number of clusters.
+
+    Examples
+    --------
     >>> round(clustered([1, 0, 1, 1], [0, 1, 2, 3]).se, 3)
     0.25
     """

@@ -155,7 +155,22 @@ def mean_effect(outcomes: TrialOutcomes, measure: str) -> Effect:
 
 
 def compare(trials: Trials, first: str, second: str, *, measure: str = "reward") -> Interval:
-    """Compare two agents by name, as `difference` does."""
+    """Compare two agents on the tasks that both have, as `difference` does.
+
+    Parameters
+    ----------
+    trials : Trials
+        Of both agents, and perhaps others.
+    first, second : str
+        Their names.
+    measure : str
+        One of `mean_effect`.
+
+    Returns
+    -------
+    Interval
+        Of the mean of first - second, in units of the measure: s, or a fraction of trials.
+    """
     outcomes = TrialOutcomes.of(trials)
     rows = outcomes.of_agent(first)
     others = outcomes.of_agent(second)

@@ -268,7 +268,7 @@ def report_value(momdp: MOMDP, belief: Belief) -> float:
 
 
 def expected_reward(momdp: MOMDP, belief: Belief, report: NDArray[np.bool_]) -> float:
-    """Compute the expected reward of a report at a belief."""
+    """Compute the expected reward (s) of a report at a belief: (N,) values, or (1,) yes."""
     reports = momdp.reports
     if reports.event is None:
         return float(reports.of_right(belief.agreement(report)))
@@ -276,7 +276,7 @@ def expected_reward(momdp: MOMDP, belief: Belief, report: NDArray[np.bool_]) -> 
 
 
 def report_certainty(momdp: MOMDP, belief: Belief, report: NDArray[np.bool_]) -> float:
-    """Compute Pr(a report is right)."""
+    """Compute Pr(a report is right) at a belief, of (N,) values, or (1,) yes."""
     if momdp.reports.event is None:
         return float(belief.agreement(report).prod())
     p = float(momdp.reports.probability(belief.positive))

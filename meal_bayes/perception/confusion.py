@@ -23,6 +23,20 @@ def table_counts(table: PerceptTable, held_out: int, *, levels: int = 2) -> NDAr
 
     The row of object o' comes from classifiers that saw neither `held_out` nor o'; the held-out
     row is zero, and unknown labels do not count.
+
+    Parameters
+    ----------
+    table : PerceptTable
+        Of O objects.
+    held_out : int
+        Place of the object in `table.objects`.
+    levels : int
+        K, of a percept.
+
+    Returns
+    -------
+    NDArray[np.int64]
+        (O,P,E,2,K) percepts by object, attribute, behavior, truth and level.
     """
     return by_truth(table.training_levels(held_out, levels), table.labels)
 

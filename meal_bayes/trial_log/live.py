@@ -64,7 +64,6 @@ class Interrupted:
     def __init__(self, draft: Path) -> None:
         if not draft.is_file():
             raise LogError(f"There is no trial {draft} that was broken off.")
-        self._draft = draft
         self._file = draft.open("rb")
         if not hold(self._file):
             self._file.close()

@@ -16,6 +16,15 @@ def percept_labels(momdp: MOMDP, behavior: int, observation: ArrayLike) -> list[
     """Return the percept of each question by name; of a group the value that it speaks for.
 
     A percept "says nothing" if all its levels are as likely of true objects as of false ones.
+
+    Parameters
+    ----------
+    momdp : MOMDP
+        Its rows say which percepts inform.
+    behavior : int
+        Index of the behavior that sensed it.
+    observation : ArrayLike
+        (N,) levels, 0 to K - 1.
     """
     names = level_names(momdp.levels)
     rows = momdp.rows[:, behavior]  # (N,2,K)
