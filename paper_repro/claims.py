@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 from paper_repro import frame
 from paper_repro.statements import CONSTRUCTED, FALLS, STANDS, UNDECIDED
 
+_SHORT = {STANDS: "stand", FALLS: "fall", None: "not run"}  # of several
 IN_PART, NOT_RUN = "in part", "not run yet"
 _FEW = 2.0  # numbers below have three decimals
 
@@ -92,7 +93,8 @@ def _claim(entry: Mapping[str, Any]) -> Claim:
     rows = chosen(entry, result["statements"]) if result else []
     outcomes = [row["outcome"] for row in rows]
     number = {kind: outcomes.count(kind) for kind in dict.fromkeys(outcomes)}
-    counts = ", ".join(f"{n} {kind or 'not run'}" for kind, n in number.items())
+    counts = ", ".join(f"{n} {_SHORT.get(kind, kind) if n > 1 else kind or 'not run'}"
+                       for kind, n in number.items())  # fmt: skip
     return Claim(
         entry["says"], entry["where"], entry["item"], entry["column"], entry["because"],
         outcome_of(outcomes),
@@ -108,6 +110,8 @@ def labels(rows: Sequence[Mapping[str, Any]]) -> list[str]:
 
     >>> labels([{"text": "best in reward at 1 attribute"}, {"text": "best in cost at 1 attribute"}])
     ['reward: ', 'cost: ']
+    >>> labels([{"text": "best at 2 attributes"}, {"text": "best at 3 attributes"}])
+    ['2 attributes: ', '3 attributes: ']
     """
     if len(rows) < 2:
         return [""] * len(rows)
@@ -120,6 +124,8 @@ def labels(rows: Sequence[Mapping[str, Any]]) -> list[str]:
 
     start = shared(texts)
     end = min(shared([text[::-1] for text in texts]), shortest - start)
+    if end and texts[0][-end].startswith("attribute") and texts[0][-end - 1] != texts[1][-end - 1]:
+        end -= 1  # a word that goes with the number before it
     return [" ".join(text[start : len(text) - end]).strip(":, ") + ": " for text in texts]
 
 
@@ -133,7 +139,9 @@ def _effect(row: Mapping[str, Any]) -> str:
     digits = 3 if max(abs(estimate), abs(low), abs(high)) < _FEW else 1
     of_zero = row["rule"].partition(", and")[0].endswith((" above 0", " below 0"))
     sign = "+" if of_zero else ""
-    return f"{estimate:{sign}.{digits}f} [{low:{sign}.{digits}f}, {high:{sign}.{digits}f}]"
+    seconds = " s" if row["rule"].partition(" is ")[0].endswith(", s") else ""
+    form = f"{sign}.{digits}f"
+    return f"{estimate:{form}} [{low:{form}}, {high:{form}}]{seconds}"
 
 
 def _escaped(pattern: str) -> str:

@@ -118,12 +118,13 @@ results of earlier versions known, and then changed, always with outcomes known:
   want of trials. `table3`: the headline is judged in the first column and central there, no more on
   recordings; printed numbers under the simulator's own setting alone (before: 3 stand, 1 falls, 8
   undecided). `fig8`: MORC as the paper lets it give up, and MORC that must answer; costs that are
-  settings are by construction (before, with an answer "I do not know" for 0 s: 1 stands, 1 falls,
-  4 undecided). `fig9`: the published `ask` by a bound of its optimum, in place of .65^(1/N) in each
-  attribute (before: 1 stands, 1 falls, 4 undecided). `risk`: Sect. 7.1 does say it, so that it is
-  central, and the bonus or the penalty alone are run (before: nothing central). `t1t2`: T1's belief
-  changes after grasp, not press, and no table contradicts it (before: 2 fall). `table4`, `fig10`,
-  `fig11`: sentences as the paper writes them; the starting point is that before training.
+  settings are by construction (before, with an answer "I do not know" for 0 s: 1 stands, 1 falls, 4
+  undecided). `fig9`, `published_ask`: the published `ask` by an exact bound of its optimum, in
+  place of .65^(1/N) in each attribute (before: 1 stands, 1 falls, 4 undecided). `risk`: Sect. 7.1
+  does say it, so that it is central, and the bonus or the penalty alone are run (before: nothing
+  central). `t1t2`: T1's belief changes after grasp, not press, and no table contradicts it (before:
+  2 fall). `table4`, `fig10`, `fig11`: sentences as the paper writes them; the starting point is
+  that before training.
 
 How to check a statement by hand: [check a statement](../docs/how-to/check-a-statement.md).
 What the paper prints is in `paper_values.toml`, what it claims in `claims.toml`, departures of the

@@ -164,7 +164,9 @@ def test_published_matrices_give_the_papers_predefined_plus(tmp_path, recordings
 def test_the_papers_agents_share_one_planner():
     base, best = (load_agent(name) for name in (online.BASE, online.BEST))
     assert base.solver is best.solver
-    assert replace(base, name="", exploration=None) == replace(best, name="", exploration=None)
+    assert replace(base, name="one", exploration=None) == replace(
+        best, name="one", exploration=None
+    )
 
 
 def test_items_are_named_in_the_papers_order():
