@@ -29,6 +29,7 @@ STEADY = settings(
 )
 settings.register_profile("quick", STEADY, max_examples=20)
 settings.register_profile("thorough", STEADY, max_examples=100)
+settings.register_profile("bars", STEADY, max_examples=2500)  # minutes to hours, of named files
 settings.load_profile("quick")
 
 
