@@ -90,12 +90,12 @@ def ordered_agents(names: Iterable[str]) -> list[str]:
 
 
 def reference_agent(names: Iterable[str]) -> str:
-    """Return the agent that others are compared with: the paper's, else the first in order.
+    """Return the agent that others are compared with: the paper's, else the first that is named.
 
-    >>> reference_agent(["bayes", "random", "morc"]), reference_agent(["bayes", "greedy"])
-    ('morc', 'greedy')
+    >>> reference_agent(["bayes", "random", "morc"]), reference_agent(["mine", "greedy"])
+    ('morc', 'mine')
     """
-    present = ordered_agents(names)
+    present = list(names)
     return next((name for name in _REFERENCES if name in present), present[0])
 
 

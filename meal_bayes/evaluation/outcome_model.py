@@ -151,7 +151,8 @@ def compare_outcomes(
     measure : str
         "success", "cost" or "reward".
     reference : str | None
-        The agent that others are compared with; by default the paper's, else the first in order.
+        The agent that others are compared with; by default the paper's, else that of the
+        first trial.
     repeats : ArrayLike | None
         (n,) the repeat of each trial, where objects were split anew.
     margin : float | None

@@ -238,7 +238,11 @@ def update_belief(belief: Belief, momdp: MOMDP, transition: Transition) -> Belie
 
 
 def next_percept(momdp: MOMDP, belief: Belief) -> NDArray[np.float64]:
-    """Compute Pr(truth, level) of the next percept of each behavior and attribute, (N,E,2,K)."""
+    """Compute Pr(truth, level) of the next percept of each behavior and attribute, (N,E,2,K).
+
+    Summed over truths it is Pr(level) at a belief; `predictive` is what it averages over classes,
+    of any number of percepts so far, for planners that look several steps ahead.
+    """
     counts = belief.percept_counts[:, :, None]  # (N,E,1,K)
     total = counts.sum(axis=3, keepdims=True)
     precision = momdp.precision[..., None]
