@@ -22,7 +22,8 @@ def check_robot(
 
     In each trial it executes legal behaviors, those that were executed least often first. States
     must be the domain's, and follow its diagram; features must be finite numbers, of the behavior's
-    modalities and always of the same size; answers must come of behaviors that ask; what was
+    modalities and always of the same size; percepts of a detector name attributes or groups;
+    answers must come of behaviors that ask; what was
     returned must not change afterwards; and a behavior that senses must yield a percept some time.
 
     Parameters
@@ -70,6 +71,7 @@ class _Check:
         self.succeeded = Counter[int]()
         self.perceived = Counter[int]()
         self.returned: list[tuple[str, NDArray[Any], NDArray[Any]]] = []  # and a copy of then
+        self.detected: list[tuple[str, Any, dict[Any, Any]]] = []  # the same of percepts
 
     def fail(self, found: str, mend: str) -> ConformanceError:
         return ConformanceError(f"{self.name}: {found} {mend}")
@@ -97,7 +99,8 @@ class _Check:
             raise self.fail(
                 f"{execution.warning}.",
                 f"The domain says that {spec.name!r} has the modalities {list(spec.modalities)}; "
-                "return a finite number for each feature, or no features where it failed.",
+                "return a finite number for each feature, or a detector's percepts of its "
+                "attributes, or neither where it failed.",
             )
         self.check_move(spec, x, execution.next_x)
         self.check_outcome(spec, outcome)
@@ -153,6 +156,8 @@ class _Check:
             array = np.asarray(values)
             self.sizes.setdefault((spec.name, modality), array.size)
             self.returned.append((f"{spec.name!r}, {modality}", array, array.copy()))
+        if outcome.percepts is not None:
+            self.detected.append((repr(spec.name), outcome.percepts, dict(outcome.percepts)))
         if spec.answer_accuracy is not None and outcome.answers is not None and not outcome.answers:
             raise self.fail(
                 f"{spec.name!r} returned answers that are empty.",
@@ -182,6 +187,12 @@ class _Check:
                     f"features that were returned ({where}) have changed since.",
                     "Return a copy of a buffer that is written again.",
                 )
+        for name, percepts, said in self.detected:
+            if dict(percepts) != said:
+                raise self.fail(
+                    f"percepts that were returned ({name}) have changed since.",
+                    "Return a new dictionary each time.",
+                )
 
     def check_percepts(self) -> None:
         """Check that every behavior that senses has yielded a percept."""
@@ -193,6 +204,6 @@ class _Check:
         if silent:
             raise self.fail(
                 f"{silent} never yielded a percept, although they came to where they sense.",
-                "Return Outcome(state, {modality: numbers}), or take their modalities out of the "
-                "domain.",
+                "Return Outcome(state, {modality: numbers}) or Outcome(state, percepts={attribute: "
+                "True or False}), or take their modalities out of the domain.",
             )

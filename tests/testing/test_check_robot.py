@@ -139,3 +139,47 @@ def test_recorded_robots_pass(name: str, replayed: bool) -> None:
     dataset = make_synthetic(domain, objects=4, recordings=20, rng=rng) if replayed else None
     robot = RecordedRobot(domain, 1, 20, order, failures, dataset=dataset, repeats=True)
     check_robot(robot, domain)
+
+
+class Detector(Arm):
+    """Names attributes itself, in place of features."""
+
+    def __init__(self, percepts: Any) -> None:
+        super().__init__()
+        self.percepts = percepts
+
+    def execute(self, behavior: str) -> Outcome:
+        outcome = super().execute(behavior)
+        if outcome.features is None:
+            return outcome
+        said = self.percepts() if callable(self.percepts) else self.percepts
+        return Outcome(outcome.state, percepts=said)
+
+
+@pytest.mark.parametrize("said", [{"red": True}, {"red": "surely no", "heavy": None}])
+def test_a_detector_of_the_robots_own_passes(said: Any) -> None:
+    check_robot(Detector(said), TOY)
+
+
+SHARED: dict[str, bool] = {}
+
+
+def written_again() -> dict[str, bool]:
+    SHARED["red"] = not SHARED.get("red", False)
+    return SHARED
+
+
+@pytest.mark.parametrize(
+    ("said", "found"),
+    [
+        ({"rad": True}, "Unknown attribute 'rad': did you mean 'red'"),
+        ({"red": "maybe"}, "the percept of 'red' is 'maybe'"),
+        ([True], r"percepts are \[True\]"),
+        ({"red": None}, r"never yielded a percept.*percepts="),
+        ({}, "never yielded a percept"),
+        (written_again, "have changed since. Return a new dictionary"),
+    ],
+)
+def test_faults_of_a_detector_are_found(said: Any, found: str) -> None:
+    with pytest.raises(ConformanceError, match=found):
+        check_robot(Detector(said), TOY)
