@@ -87,6 +87,19 @@ class Decision(FrozenArrays):
         """What the action was chosen by, (E+1,): `values` and `bonus`."""
         return self.values if self.bonus is None else self.values + self.bonus
 
+    def one_more(self) -> tuple[float, float, float]:
+        """Return what the best behavior is worth over answering now, and the variance of that.
+
+        The worth to this answer, and to later questions; NaN where nothing was compared.
+        """
+        total = self.total
+        if np.isnan(total[:-1]).all():
+            return np.nan, 0.0, 0.0
+        best = int(np.nanargmax(total[:-1]))
+        this = float(self.values[best] - self.values[-1])
+        errors = np.nan_to_num(self.value_se[[best, -1]])
+        return this, float(total[best] - total[-1]) - this, float((errors**2).sum())
+
     @property
     def explores(self) -> bool:
         """Whether exploring is paid on the way of any action."""

@@ -20,7 +20,7 @@ from meal_bayes.canvas import drawn_in_style
 from meal_bayes.display import percent
 from meal_bayes.palette import attribute_color, lightened
 from meal_bayes.trials.percepts import SILENT, attribute_labels
-from meal_bayes.trials.record import Step, TrialRecord
+from meal_bayes.trials.record import TrialRecord
 from meal_bayes.trials.text import RULE, verdict_text
 
 _ATTRIBUTES = 6  # that are drawn
@@ -33,6 +33,7 @@ _CAPTIONS = (
     "what it believes (0, 50, 100 %), and what a percept said where that changes",
     "what one more percept is worth over answering now: below 0 it stops",
 )
+_EXPLORING = "what one more percept is worth over answering now: to this answer, to later questions"
 
 
 class Look(NamedTuple):
@@ -94,7 +95,10 @@ def trial_strip(trial: TrialRecord, *, dark: bool = False, narrow: bool = False)
         )  # fmt: skip
         moments = list(_moments(trial))
         end = max(trial.cost, 1e-9)
-        for ax, caption in zip((blocks, beliefs, worth), _CAPTIONS, strict=True):
+        captions = [*_CAPTIONS]
+        if any(step.decision.explores for step in trial.steps):
+            captions[-1] = _EXPLORING
+        for ax, caption in zip((blocks, beliefs, worth), captions, strict=True):
             text = textwrap.fill(caption, 42) if narrow else caption
             ax.text(0, 1.02, text, transform=ax.transAxes, color=look.soft, size=look.font,
                     va="bottom", linespacing=1.0)  # fmt: skip
@@ -289,8 +293,9 @@ def _overlap(one: tuple[float, ...], other: tuple[float, ...]) -> bool:
 
 def _draw_worth(ax: Axes, trial: TrialRecord, look: Look) -> None:
     """Draw what one more percept is worth at each decision; the first one below 0 says "stop"."""
-    decisions = list(_worths(trial))
-    worths = [worth for _, _, worth in decisions if not np.isnan(worth)]
+    parts = np.array([step.decision.one_more()[:2] for step in trial.steps]).reshape(-1, 2)
+    begins = np.cumsum([0.0, *(step.cost for step in trial.steps)])
+    worths = parts.sum(axis=1)[~np.isnan(parts[:, 0])].tolist()
     ax.set(yticks=[])
     if not worths:
         ax.text(0, 0.45, RULE, color=look.ink, transform=ax.transAxes, size=look.font, va="center")
@@ -299,11 +304,13 @@ def _draw_worth(ax: Axes, trial: TrialRecord, look: Look) -> None:
     ax.set_ylim(-0.12 * top, 1.5 * top)
     ax.axhline(0, color=look.soft, lw=1)
     last = -np.inf  # s up to which numbers stand already
-    for step, begin, worth in decisions:
-        if np.isnan(worth):
+    for step, begin, (this, later) in zip(trial.steps, begins, parts.tolist(), strict=False):
+        if np.isnan(this):
             continue
+        worth = this + later
         goes_on = step.decision.action < trial.momdp.n_behaviors
-        number = f"{worth:+.0f}".replace("-", "\u2212")
+        number = f"{this:+.0f} {later:+.0f}" if step.decision.explores else f"{worth:+.0f}"
+        number = number.replace("-", "\u2212")
         if goes_on:
             ax.bar(begin, worth, step.cost, align="edge", color=look.soft, alpha=0.45,
                    edgecolor=look.ink, lw=0.6)  # fmt: skip
@@ -317,17 +324,6 @@ def _draw_worth(ax: Axes, trial: TrialRecord, look: Look) -> None:
                 f"{number}: stop", (begin, 0), (6, 0), textcoords="offset points", ha="left",
                 va="bottom", color=look.ink, size=look.font, weight="bold", annotation_clip=False,
             )  # fmt: skip
-
-
-def _worths(trial: TrialRecord) -> Iterator[tuple[Step, float, float]]:
-    """Yield each step, when it was decided (s), and what a behavior was worth over an answer."""
-    seconds = 0.0
-    for step in trial.steps:
-        values = step.decision.total
-        behaviors = values[:-1][~np.isnan(values[:-1])]
-        worth = float(behaviors.max() - values[-1]) if len(behaviors) else np.nan
-        yield step, seconds, worth
-        seconds += step.cost
 
 
 def _apart(values: Floats, gap: float) -> Floats:

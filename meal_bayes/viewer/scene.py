@@ -8,7 +8,6 @@ from collections.abc import Sequence
 import numpy as np
 import rerun as rr
 
-from meal_bayes.planners import Decision
 from meal_bayes.robots.robot import BALL, SHELL, SOLID, Frame
 from meal_bayes.trials import Trial, percept_labels
 from meal_bayes.viewer.drawings import (
@@ -67,6 +66,7 @@ class Scene:
         self._matrices: dict[int, Picture] = {}  # by behavior
         self.attributes: list[str] = []  # that were queried
         self._lanes: dict[str, dict[str, Color]] = {}
+        self._explores = False  # has any decision been paid for exploring?
         for entity in (NARRATION, DECISION):
             recorder.add_static(entity, rr.TextDocument.from_fields(media_type="text/markdown"))
         for entity in (DIAGRAM, TREE):
@@ -101,9 +101,14 @@ class Scene:
         if event is not None:
             to.add(self._belief(_YES), rr.Scalars, time, scalars=[event])
         if frame.step is not None:
-            worth, variance = _worth(frame.step.decision)
-            fields = {"values": [worth], "variances": [variance]}
+            this, later, variance = frame.step.decision.one_more()
+            fields = {"values": [this], "variances": [variance]}
             to.add(f"{VALUES}/worth", rr.Measurements, time, **fields)
+            if frame.step.decision.explores:
+                if not self._explores:
+                    to.add_line(f"{VALUES}/later", "with what later questions gain", ORANGE)
+                    self._explores = True
+                to.add(f"{VALUES}/later", rr.Scalars, time, scalars=[this + later])
             to.add(f"{VALUES}/zero", rr.Scalars, time, scalars=[0.0])
         self._picture(BARS, belief_bars(frame), time)
         momdp = frame.trial.momdp
@@ -123,6 +128,8 @@ class Scene:
         for entity in (*map(self._belief, names), ENTROPY, COST):
             self._to.add(entity, rr.Scalars, time, scalars=_GAP)
         self._to.add(f"{VALUES}/worth", rr.Measurements, time, values=_GAP, variances=[0.0])
+        if self._explores:
+            self._to.add(f"{VALUES}/later", rr.Scalars, time, scalars=_GAP)
         for lane in ("action", "x", *self._percept_lanes(trial)):
             self._lane(lane, time)
 
@@ -202,16 +209,6 @@ class Scene:
         """Return the lanes of percepts, each named by what is asked."""
         names = (name for name, _ in trial.task.query.questions[:_PERCEPTS])
         return [f"{name}_" if name in ("action", "x") else name for name in names]
-
-
-def _worth(decision: Decision) -> tuple[float, float]:
-    """Return the expected reward of the best behavior less that of answering, and its variance."""
-    values = decision.values
-    if np.isnan(values[:-1]).all():
-        return float("nan"), 0.0
-    best = int(np.nanargmax(values[:-1]))
-    errors = np.nan_to_num(decision.value_se[[best, -1]])
-    return float(values[best] - values[-1]), float((errors**2).sum())
 
 
 def add_robot(to: Recorder, trial: Trial, frames: Sequence[Frame], start: Time) -> None:
