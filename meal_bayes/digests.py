@@ -39,6 +39,12 @@ def _contents(path: Path) -> list[bytes]:
     return pieces
 
 
+def checksum_of(path: Path) -> str:
+    """Compute the SHA-256 of a file, as `sha256sum` prints it."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
 def digest_of_arrays(arrays: Mapping[Any, NDArray[Any]]) -> str:
     """Compute a digest of arrays and their names, in any order."""
     digest = hashlib.sha256()

@@ -20,8 +20,9 @@ def archive(folder: Path, out: Path, others: tuple[Path, ...]) -> None:
     OTHERS are files and folders of your own that belong to the study: the domain, its recordings, a
     percept table, scripts. Equal inputs give equal bytes.
     """
+    from meal_bayes.digests import checksum_of
     from meal_bayes.errors import SettingsError
-    from meal_bayes.trial_log.archive import checksum_of, write_archive
+    from meal_bayes.trial_log.archive import write_archive
 
     if out.suffix != ".zip":
         raise SettingsError(f"{out}: give a name that ends in .zip.")

@@ -121,6 +121,16 @@ def print_rows(console: Console, label: str, rows: Iterable[Text], *, cut: bool 
         label = ""
 
 
+def signed(value: object, digits: int = 1) -> str:
+    """Return a number with its sign, or "-" of what is no finite one.
+
+    >>> signed(2.0), signed(-0.25, 2), signed(None)
+    ('+2.0', '-0.25', '-')
+    """
+    finite = isinstance(value, float) and math.isfinite(value)
+    return f"{value:+.{digits}f}" if finite else "-"
+
+
 def note(text: str) -> None:
     """Print one line on standard error."""
     output(stderr=True).print(text, style="dim", soft_wrap=True)

@@ -1,6 +1,5 @@
 """`log`: contents, check and recovery of trial logs; `report` and `compare`: what runs show."""
 
-import math
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -15,6 +14,7 @@ from meal_bayes.cli.console import (
     print_table,
     progress,
     say,
+    signed,
 )
 from meal_bayes.cli.options import FILE, MOST_TRIALS, option, shared
 from meal_bayes.cli.program import Section
@@ -206,10 +206,6 @@ def _counted(number: int, noun: str) -> str:
     return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
 
 
-def _signed(value: float) -> str:
-    return "-" if math.isnan(value) else f"{value:+.3f}"
-
-
 @click.command(short_help="Compare agents by a hierarchical model of their outcomes.")
 @_logs
 @option(
@@ -264,4 +260,4 @@ def compare(
         "effect": "{effect:+.3f}", "95 %": "{low:+.3f} to {high:+.3f}", "ahead": "{ahead:.3f}",
         "equivalent": "{equivalent:.3f}",
     }  # fmt: skip
-    print_table(columns, (asdict(row) | {"plain": _signed(row.plain)} for row in rows))
+    print_table(columns, (asdict(row) | {"plain": signed(row.plain, 3)} for row in rows))

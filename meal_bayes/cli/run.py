@@ -150,18 +150,13 @@ def _print_summary(rows: "list[SummaryRow]", paired: "list[dict[str, object]]") 
         differences = (
             (
                 str(pair["agent"]),
-                _signed(pair["estimate"]),
-                f"{_signed(pair['low'])} to {_signed(pair['high'])}",
+                terminal.signed(pair["estimate"]),
+                f"{terminal.signed(pair['low'])} to {terminal.signed(pair['high'])}",
             )
             for pair in paired
         )
         heads = (f"{_MEASURE} against {_AGAINST}", "difference", "95 % interval")
         terminal.print_table(heads, differences)
-
-
-def _signed(value: object) -> str:
-    finite = isinstance(value, float) and math.isfinite(value)
-    return f"{value:+.1f}" if finite else "-"
 
 
 @run.command(short_help="Agents learn while they work, tested after every batch.")
@@ -296,8 +291,10 @@ def _print_differences(summary: "list[LearningSummary]", repeats: int) -> None:
         area = row.area_reward_difference
         few = repeats < _FEW or math.isnan(row.area_high)
         half = "" if few else f" ±{row.area_high - area:.1f}"
-        at = (_signed(row.reward_difference_at[hours]) for hours in reached)
-        rows.append((row.agent, f"{area:+.1f}{half}", *at, _signed(row.reward_after_difference)))
+        at = (terminal.signed(row.reward_difference_at[hours]) for hours in reached)
+        rows.append(
+            (row.agent, f"{area:+.1f}{half}", *at, terminal.signed(row.reward_after_difference))
+        )
     at_hours = (f"at {hours} h" for hours in reached)
     names = (
         f"reward less {first.agent}'s", f"first {first.area_hours:.1f} h", *at_hours, "after",

@@ -11,7 +11,6 @@ commits, by ``sha256sum <files> | sort -k 2 > SHA256SUMS``; ``sha256sum --check 
 repeats it.
 """
 
-import hashlib
 import logging
 import os
 import shutil
@@ -28,6 +27,7 @@ from meal_bayes.datasets.csv_files import load_csv_folder, read_features, read_r
 from meal_bayes.datasets.dataset import Dataset
 from meal_bayes.datasets.frames import Context, FeatureRows, add_once, fault, join_features
 from meal_bayes.datasets.percepts import load_percepts
+from meal_bayes.digests import checksum_of
 from meal_bayes.domain import Domain, load_domain, unknown
 from meal_bayes.errors import DataError, DownloadError, SettingsError
 
@@ -281,7 +281,7 @@ def verify(data: str) -> list[tuple[Path, str]]:
         path = cache_folder() / name
         state = "missing"
         if path.is_file():
-            same = hashlib.sha256(path.read_bytes()).hexdigest() == digest
+            same = checksum_of(path) == digest
             state = "ok" if same else "changed"
         states.append((path, state))
     return states

@@ -3,7 +3,6 @@
 Equal inputs give equal bytes, so that two people compare their archives by one checksum.
 """
 
-import hashlib
 import json
 import shutil
 import zipfile
@@ -13,6 +12,7 @@ from pathlib import Path
 from platform import python_version
 from typing import Any
 
+from meal_bayes.digests import checksum_of
 from meal_bayes.errors import LogCorruptError, LogError
 from meal_bayes.files import command_line, draft_of
 from meal_bayes.trial_log.names import log_files
@@ -116,9 +116,3 @@ def _entry(name: str) -> zipfile.ZipInfo:
     entry = zipfile.ZipInfo(name, _WRITTEN)
     entry.external_attr = _PERMISSIONS
     return entry
-
-
-def checksum_of(path: Path) -> str:
-    """Compute the SHA-256 of a file."""
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
