@@ -7,6 +7,8 @@ processes may do the same work twice.
 """
 
 import contextlib
+import dataclasses
+import itertools
 import logging
 import os
 import platform
@@ -21,7 +23,7 @@ from typing import Protocol
 import numpy as np
 from filelock import FileLock, Timeout
 
-from meal_bayes.domain import Domain, Query
+from meal_bayes.domain import Domain, Event, Query
 from meal_bayes.errors import SettingsError
 from meal_bayes.experiments.config import OfflineConfig, OnlineConfig
 from meal_bayes.experiments.parallel import in_parallel
@@ -56,8 +58,14 @@ class Unit(Protocol):
 def warm_up(config: OfflineConfig | OnlineConfig, domain: Domain) -> None:
     """Compile the kernels that the agents need, once, before every process would."""
     query = Query(domain.attributes[: config.attributes])
-    for agent in config.agents:
-        agent.warm_up(domain, query)
+    queries = [query]
+    if isinstance(config, OfflineConfig) and config.answer != "values":
+        event = Event(tuple(itertools.repeat(True, len(query))))
+        about_event = dataclasses.replace(query, event=event)
+        # Whether one attribute holds is its value; that it does not hold is an event.
+        queries = [query, about_event] if len(query) == 1 else [about_event]
+    for agent, asked in itertools.product(config.agents, queries):
+        agent.warm_up(domain, asked)
 
 
 def run_units(

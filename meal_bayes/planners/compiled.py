@@ -69,8 +69,7 @@ class Compiled(NamedTuple):
     shaped: bool  # is there any bonus?
     incorrect: float  # r-
     gap: float  # r+ - r-
-    claims: bool  # is the question one of yes or no?
-    claim: Claim  # what yes and no earn, then
+    claim: Claim | None  # what yes and no earn, where they are asked for
 
 
 _known: dict[object, Dynamics] = {}  # at most _DIAGRAMS of them: the MOMDPs of a run share one
@@ -78,7 +77,6 @@ _known: dict[object, Dynamics] = {}  # at most _DIAGRAMS of them: the MOMDPs of 
 
 def compile_momdp(momdp: MOMDP, price: float = _PRICE) -> Compiled:
     """Compile a MOMDP for the kernels; behaviors cost at least `price` of r+ - r-."""
-    claim = momdp.reports.claim
     return Compiled(
         dynamics=dynamics_of(momdp, price),
         percepts=Percepts(
@@ -96,8 +94,7 @@ def compile_momdp(momdp: MOMDP, price: float = _PRICE) -> Compiled:
         shaped=bool(momdp.bonus.any()),
         incorrect=float(momdp.incorrect),
         gap=float(momdp.correct - momdp.incorrect),
-        claims=claim is not None,
-        claim=claim or Claim(np.zeros(len(momdp.query), np.bool_), 0.0, 0.0, 0.0, 0.0),
+        claim=momdp.reports.claim,
     )
 
 

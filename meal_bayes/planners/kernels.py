@@ -3,11 +3,15 @@
 `entry_kernel` makes a kernel that Python calls; `kernel` one that only kernels call, without the
 wrappers that Python would need (a seventh of the compile time), and inlined, as a call would pass
 all fields of all arrays of its named tuples, some 200 words; `called_kernel` one that is too large
-to be inlined everywhere. These two are not optimized by themselves, nor kept on disk: LLVM sees all
-that an entry kernel leads to at once, and what it had done before would be done again at every
-level (a third of the compile time). A kernel is compiled again in every entry kernel that leads to
-it, so these are few. Nothing in a kernel allocates, so no references are counted: callers bring
-scratch buffers.
+to be inlined: there is one copy of it, wherever it is called. These two are not optimized by
+themselves, made machine code, nor kept on disk: LLVM sees all that an entry kernel leads to at
+once, and what it had done before would be done again at every level (a third of the compile time,
+and a tenth for the machine code that nobody would run). A kernel is compiled again in every entry
+kernel that leads to it, so these are few. Nothing in a kernel allocates, so no references are
+counted: callers bring scratch buffers.
+
+What only some problems need is left out by type: `if claim is None` of an argument that is None is
+decided before anything else is compiled.
 
 In a call from kernel to kernel a literal has a type of its own, such as `Literal[int](0)`, and the
 callee is compiled once more for it. So a constant argument is typed: `np.int64(0)`,
@@ -25,8 +29,9 @@ from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
-from numba import njit
+from numba import _dynfunc, njit
 from numba.core import event
+from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler
 
 from meal_bayes.cache import compile_kernel
@@ -35,22 +40,51 @@ Index = int | np.int64
 NO_BEHAVIOR: Index = np.int64(-1)  # where a kernel takes or returns a behavior
 
 
-class _CalledCompiler(Compiler):  # type: ignore[misc]  # numba has no types
-    """Compiles a kernel to code that is optimized where it is linked."""
+class _LinkedLibrary(JITCodeLibrary):  # type: ignore[misc]  # numba has no types
+    """Code that is linked into entry kernels alone: not optimized, nor made machine code, alone."""
+
+    def _optimize_final_module(self) -> None:
+        pass
+
+    def _finalize_final_module(self) -> None:
+        self._finalized = True
+
+
+class _CalledLibrary(_LinkedLibrary):
+    """Code that is called where it is linked, not inlined: one copy a module."""
+
+    def add_ir_module(self, ir_module: Any) -> None:
+        for function in ir_module.functions:
+            if not function.is_declaration and "alwaysinline" not in function.attributes:
+                function.attributes.add("noinline")
+        super().add_ir_module(ir_module)
+
+
+class _LinkedCompiler(Compiler):  # type: ignore[misc]  # numba has no types
+    """Compiles a kernel that Python does not call."""
+
+    library: type[_LinkedLibrary] = _LinkedLibrary
 
     def compile_extra(self, function: Callable[..., Any]) -> Any:
-        library = self.state.targetctx.codegen().create_library(function.__qualname__)
-        library._optimize_final_module = lambda: None
-        self.state.library = library
+        context = self.state.targetctx
+        context.get_executable = _without_machine_code
+        self.state.library = self.library(context.codegen(), function.__qualname__)
         return super().compile_extra(function)
 
 
-_OPTIONS = {"nogil": True, "error_model": "numpy", "_nrt": False}
-_CALLED = {
-    "no_cpython_wrapper": True,
-    "no_cfunc_wrapper": True,
-    "pipeline_class": _CalledCompiler,
-}
+class _CalledCompiler(_LinkedCompiler):
+    """Compiles a kernel that is not inlined."""
+
+    library = _CalledLibrary
+
+
+def _without_machine_code(library: Any, function: Any, environment: Any) -> Any:
+    """Return what stands for a kernel where Python would call it."""
+    module = function.lookup_module()
+    return _dynfunc.make_function(module, function.qualname, "", 0, environment, (library,))
+
+
+_OPTIONS = {"nogil": True, "error_model": "numpy", "_nrt": False, "no_cfunc_wrapper": True}
 _OBSERVATION = Path(__file__).parents[1] / "momdp" / "observation.py"
 _DIGEST = hashlib.blake2b(digest_size=8)
 for _path in (*sorted(Path(__file__).parent.rglob("*.py")), _OBSERVATION):
@@ -64,12 +98,17 @@ def entry_kernel(function: Callable[..., Any]) -> Callable[..., Any]:
 
 def called_kernel(function: Callable[..., Any]) -> Callable[..., Any]:
     """Compile a large kernel that only kernels call."""
-    return cast(Callable[..., Any], njit(function, **_OPTIONS, **_CALLED))
+    return _linked(function, pipeline_class=_CalledCompiler)
 
 
 def kernel(function: Callable[..., Any]) -> Callable[..., Any]:
     """Compile a kernel that only kernels call, and inline it there."""
-    return cast(Callable[..., Any], njit(function, **_OPTIONS, **_CALLED, forceinline=True))
+    return _linked(function, pipeline_class=_LinkedCompiler, forceinline=True)
+
+
+def _linked(function: Callable[..., Any], **options: Any) -> Callable[..., Any]:
+    compiled = njit(function, **_OPTIONS, **options, no_cpython_wrapper=True)
+    return cast(Callable[..., Any], compiled)
 
 
 def _versioned(compiled: Callable[..., Any]) -> Callable[..., Any]:

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from meal_bayes.domain import Query, load_domain
+from meal_bayes.domain import Event, Query, load_domain
 from meal_bayes.momdp import build_momdp, initial_belief
 from meal_bayes.planners.factored.policy import Factored
 from meal_bayes.planners.open_loop.policy import OpenLoop
@@ -10,7 +10,7 @@ from meal_bayes.planners.pomcp.policy import POMCP
 from meal_bayes.planners.solver import History, Solver
 
 
-def warm_up(solver: Solver, limit: float = 3) -> None:
+def warm_up(solver: Solver, limit: float = 3, *, claims: bool = False) -> None:
     """Compile the kernels that a solver needs; a solver without kernels is left alone.
 
     Parameters
@@ -20,10 +20,13 @@ def warm_up(solver: Solver, limit: float = 3) -> None:
     limit : float
         Percepts of a behavior that its trials can have; `POMCP` reads a table where there is none
         and rates are known (Eq. 8), and plans otherwise: two kernels.
+    claims : bool
+        Of a question of yes or no, which has kernels of its own.
     """
     if isinstance(solver, POMCP | OpenLoop | Factored):
         domain = load_domain("toy")
+        query = Query(domain.attributes[:1], event=Event((True,)) if claims else None)
         rng = np.random.Generator(np.random.PCG64(0))
         rows = np.broadcast_to([[0.6, 0.4], [0.4, 0.6]], (1, len(domain.behaviors), 2, 2))
-        momdp = build_momdp(domain, Query(domain.attributes[:1]), rows, limit=limit)
+        momdp = build_momdp(domain, query, rows, limit=limit)
         solver.solve(momdp, rng).decide(History(initial_belief(momdp)), rng)

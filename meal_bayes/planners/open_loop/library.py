@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from meal_bayes.arrays import Floats
 from meal_bayes.momdp import MOMDP
 from meal_bayes.momdp.observation import predictive
+from meal_bayes.momdp.reports import Claim
 from meal_bayes.planners.compiled import Compiled
 from meal_bayes.planners.entry import best_plans
 from meal_bayes.planners.open_loop import errors
@@ -189,9 +190,8 @@ def _reported(model: Compiled, chance: Floats, affinity: Floats) -> Floats:
     return np.asarray(model.incorrect + model.gap * right)
 
 
-def _claimed(model: Compiled, chance: Floats, affinity: Floats) -> Floats:
+def _claimed(claim: Claim, chance: Floats, affinity: Floats) -> Floats:
     """Estimate rewards (B,J) of yes or no; half of an attribute's error are misses."""
-    claim = model.claim
     q = np.where(claim.literal, chance, 1.0 - chance)  # (B,N)
     error = 0.5 * np.sqrt(chance * (1.0 - chance))[:, :, None] * affinity  # (B,N,J)
     # Pr(taken to hold, holds) and Pr(taken to hold, does not): of each attribute, then of all.
@@ -213,9 +213,10 @@ def _estimated_values(
     within = np.minimum(model.percepts.limit, _COUNTED - 1).astype(np.int64)
     counts = np.minimum(candidates.observation_counts, within)
     affinity = np.exp(bhattacharyya[:, np.arange(counts.shape[1]), counts].sum(axis=2))  # (N,J)
-    ending = (
-        _claimed(model, chance, affinity) if model.claims else _reported(model, chance, affinity)
-    )
+    if model.claim is None:
+        ending = _reported(model, chance, affinity)
+    else:
+        ending = _claimed(model.claim, chance, affinity)
     value = candidates.plan["discount"] * ending - candidates.plan["cost"]
     if model.shaped:
         paid = np.minimum(1.0, model.paid / np.maximum(candidates.observation_counts, 1))
@@ -282,7 +283,8 @@ def retabulate(plans: Plans, model: Compiled, capacity: int = errors.OUTCOMES) -
         n_rows += len(first)
     table = np.empty((n_rows, errors.THRESHOLDS, percepts.rows.shape[2]))
     scratch = errors.make_scratch(percepts, plans=0, rows=0, capacity=capacity)
-    if model.claims:  # where each yes is an error and no "no" is, tables hold Pr(says yes | class)
+    if model.claim is not None:
+        # Where each yes is an error and no "no" is, tables hold Pr(says yes | class).
         truth = np.zeros_like(percepts.truth)
         truth[:, 0] = 1.0
         percepts = percepts._replace(truth=truth)

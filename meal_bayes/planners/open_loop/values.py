@@ -77,14 +77,14 @@ def true_chance(percepts, prob, i):
 
 
 @kernel
-def stop_value(model, prob):
-    """Compute the value of ending now: of the best report or of the exit."""
-    if model.claims:
+def stop_value(model, claim, prob):
+    """Compute the value of ending now: of the best report or of the exit; claim: the model's."""
+    if claim is not None:
         holds = 1.0
         for i in range(prob.shape[0]):
             b = true_chance(model.percepts, prob, i)
-            holds *= b if model.claim.literal[i] else 1.0 - b
-        return max(claim_value(model.claim, holds), model.dynamics.exit_value)
+            holds *= b if claim.literal[i] else 1.0 - b
+        return max(claim_value(claim, holds), model.dynamics.exit_value)
     right = 1.0
     for i in range(prob.shape[0]):
         b = true_chance(model.percepts, prob, i)
@@ -149,14 +149,17 @@ def _table_error(evaluator, t, prob, i):
 
 
 @kernel
-def _plan_value(evaluator, j, prob, floor, exact):
-    """Compute a plan's value by the tables, or exactly; at most `floor` if it cannot beat that."""
+def _plan_value(evaluator, claim, j, prob, floor, exact):
+    """Compute a plan's value by the tables, or exactly; at most `floor` if it cannot beat that.
+
+    `claim` is the model's. Where it is None, what values a claim is not compiled.
+    """
     model = evaluator.model
     plans = evaluator.plans
     scratch = evaluator.scratch
     # V = g r- - c + bonus + g (r+ - r-) prod_i (1 - err_i), which falls with every attribute.
     plan = plans.plan[j]
-    if model.claims:
+    if claim is not None:
         pay = -plan.cost
         if model.shaped:
             pay += _bonus(evaluator, j)
@@ -217,7 +220,12 @@ def is_idle(model, x, a, total):
     """Test whether a behavior cannot help: no other x, no informative percept, no bonus."""
     if model.dynamics.step[x, a].moves or (model.shaped and total[a] < model.paid[a]):
         return False
-    return total[a] >= model.percepts.limit[a] or not model.percepts.informative[:, a].any()
+    if total[a] >= model.percepts.limit[a]:
+        return True
+    for i in range(model.percepts.informative.shape[0]):
+        if model.percepts.informative[i, a]:
+            return False
+    return True
 
 
 @kernel
@@ -276,7 +284,7 @@ def evaluate_plans(evaluator, x, prob, floor, useful):
             scratch.computed[a] += 1
         # A plan that cannot beat this is cut short.
         lowest = best if shared else out[a]
-        value = _plan_value(evaluator, j, prob, lowest, exact)
+        value = _plan_value(evaluator, evaluator.model.claim, j, prob, lowest, exact)
         waits = not exact and not _is_tabled(evaluator, j)
         if not exact:
             scratch.guess[turn] = value if waits else -np.inf
