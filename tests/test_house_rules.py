@@ -177,6 +177,7 @@ def test_workflows_run_what_pages_and_the_ci_run() -> None:
         "pip install '.[test]'",
         "meal-bayes demo",
         'pytest -m "not statistical and not real_data"',
+        'npm install --prefix "$RUNNER_TEMP/npm" @mcap/core@2.2.2 fzstd@0.1.1',
         "sudo apt-get install --yes --no-install-recommends mesa-vulkan-drivers",
         'MEAL_BAYES_DATA_URL="$HOME/recordings" .ci/run '
         "python${{ matrix.python }} ${{ matrix.versions }}",

@@ -33,6 +33,41 @@ for (let record; (record = reader.nextRecord()); ) {
 if (!reader.done()) throw new Error("it does not end");
 console.log(JSON.stringify(counts));
 """
+WRITE = """
+const fs = require("fs");
+const { McapStreamReader, McapWriter } = require("@mcap/core");
+const [source, target, chunks, indexed] = process.argv.slice(1);
+const zstd = (bytes) => require("fzstd").decompress(bytes);
+const reader = new McapStreamReader({ decompressHandlers: { zstd } });
+reader.append(fs.readFileSync(source));
+const parts = [], schemas = new Map(), channels = new Map();
+let size = 0n;
+const writable = {
+  position: () => size,
+  write: async (bytes) => { parts.push(Buffer.from(bytes)); size += BigInt(bytes.length); },
+};
+const flag = indexed === "true";
+const writer = new McapWriter({
+  writable, useChunks: chunks !== "0", chunkSize: Number(chunks), useMessageIndex: flag,
+  useChunkIndex: flag, useStatistics: flag, useSummaryOffsets: flag, repeatChannels: flag,
+});
+(async () => {
+  for (let record; (record = reader.nextRecord()); ) {
+    if (record.type === "Header") await writer.start(record);
+    if (record.type === "Schema") schemas.set(record.id, record);
+    if (record.type === "Channel" && !channels.has(record.id)) {
+      const schemaId = await writer.registerSchema(schemas.get(record.schemaId));
+      channels.set(record.id, await writer.registerChannel({ ...record, schemaId }));
+    }
+    if (record.type === "Message")
+      await writer.addMessage({ ...record, channelId: channels.get(record.channelId) });
+    if (record.type === "Attachment") await writer.addAttachment(record);
+    if (record.type === "Metadata") await writer.addMetadata(record);
+  }
+  await writer.end();
+  fs.writeFileSync(target, Buffer.concat(parts));
+})();
+"""
 
 
 @pytest.fixture(scope="module")
@@ -163,3 +198,22 @@ def test_mcap_core_reads_every_channel(log, mcap_core):
     assert counts["/step"] == sum(len(trial.steps) for trial in trials)
     assert counts["/momdp"] >= 1
     assert counts["/log"] >= len(trials)
+
+
+@pytest.mark.parametrize("chunks", [0, 1, 4096])
+@pytest.mark.parametrize("indexed", ["true", "false"])
+def test_what_mcap_core_wrote_again_holds_its_trials(
+    log, make, mcap_core, tmp_path, chunks, indexed
+):
+    """Another implementation, in another language: chunks of its own, with and without indexes."""
+    path, trials = log
+    again = tmp_path / "again.mcap"
+    command = [*mcap_core, "-e", WRITE, path, again, str(chunks), indexed]
+    subprocess.run(command, check=True)
+    assert again.read_bytes() != path.read_bytes()
+    assert all(map(make.equal, read_trials(again), trials))
+    assert log_info(again).trials == len(trials)
+    assert check_log(again).whole
+    saved = list(read_trials(recover_log(again)))
+    assert len(saved) == len(trials)
+    assert all(map(make.equal, saved, trials))
