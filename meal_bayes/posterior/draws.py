@@ -34,6 +34,8 @@ from meal_bayes.posterior.grid import (
 TRUTHS = ("false", "true")
 ROW = ("attribute", "behavior", "truth")
 _FLOOR = 1e-100  # of probabilities, whose gamma functions would overflow
+_RAREST = 1e-12  # probability of a level, which an own model may hold for impossible
+_WEIGHTS = 1e-3, 1e9  # observations that a row's prior is worth, where draws are apart or equal
 _FINER = 8  # points for each of the grid's, where m is drawn
 
 
@@ -86,6 +88,8 @@ def summarize_draws(draws: xr.Dataset, counts: ArrayLike) -> ConfusionPosterior:
     """
     whole = ConfusionPosterior.from_objects(counts)
     m, s, misperceived = rows_of(draws)
+    m = np.maximum(m, _RAREST)  # a row of one's own may be exactly 0 and 1
+    m = m / m.sum(axis=-1, keepdims=True)
     alike = np.isinf(s)  # objects: their percepts differ as those of two objects do
     finite = np.where(alike, 1.0, s)
     unlike = (1 - (m**2).sum(axis=-1)) * np.where(alike, 1.0, finite / (finite + 1))
@@ -94,7 +98,9 @@ def summarize_draws(draws: xr.Dataset, counts: ArrayLike) -> ConfusionPosterior:
     unlike = (1 - epsilon) * unlike + epsilon * unlike[..., ::-1]
     center = mean.mean(axis=0)
     variance = mean.var(axis=0).sum(axis=-1)
-    weight = (1 - (center**2).sum(axis=-1)) / variance - 1
+    with np.errstate(divide="ignore"):  # draws that are equal: the row is known
+        weight = (1 - (center**2).sum(axis=-1)) / variance - 1
+    weight = np.clip(weight, *_WEIGHTS)
     ratio = unlike.sum(axis=0) / (1 - (mean**2).sum(axis=-1)).sum(axis=0)  # s / (s + 1)
     columns = sensing(counts)
     concentration = whole.concentration.copy()
@@ -147,6 +153,8 @@ def posterior_from(idata: Any, domain: Domain) -> ConfusionPosterior:
             "fit_hierarchical and to_idata."
         ) from None
     epsilon = draws.get("misperception", np.zeros(1))
+    if not mean.size:
+        raise DataError("The posterior has no draws.")
     if not ((mean >= 0).all() and np.allclose(mean.sum("level"), 1.0, atol=1e-6)):
         raise DataError("Rows of `mean` must be probabilities that sum to 1 over the levels.")
     if not (dispersion > 0).all():  # nor NaN

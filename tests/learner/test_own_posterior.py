@@ -10,7 +10,7 @@ import xarray as xr
 import meal_bayes
 from meal_bayes.agents import Agent, NoBonus, load_agent
 from meal_bayes.datasets import load_percepts
-from meal_bayes.errors import SettingsError
+from meal_bayes.errors import DataError, SettingsError
 from meal_bayes.learner import Learner
 from meal_bayes.planners import Predefined
 from meal_bayes.posterior.draws import draw_grid, posterior_from
@@ -57,6 +57,30 @@ class TestAPosteriorOfOnesOwn:
         )
         learner.forget(trial)
         np.testing.assert_allclose(learner.knowledge().posterior.mean, posterior.mean, atol=1e-12)
+
+    @pytest.mark.parametrize("right", [0.0, 0.5, 0.9, 1.0])
+    @pytest.mark.parametrize("number", [1, 50])
+    def test_may_be_certain_of_its_rows(self, dataset, make, right, number):
+        """Rows of 0 and 1, draws that are all equal, one draw: the belief is that."""
+        idata = drawn(dataset, 4, 8)
+        group = idata["posterior"].isel(draw=slice(number))
+        likely = np.array([right, 0.0, 0.0, 1 - right])
+        mean = xr.zeros_like(group["mean"]) + np.stack([likely, likely[::-1]])
+        group = group.assign(mean=mean.transpose(*group["mean"].dims))
+        posterior = {"posterior": group, "observed_data": idata["observed_data"]}
+        learner = make.learner(dataset, posterior=posterior)
+        found = learner.knowledge().posterior.mean[:, :2]
+        np.testing.assert_allclose(found[..., 0, 0], right, atol=1e-9)
+        np.testing.assert_allclose(found[..., 1, 0], 1 - right, atol=1e-9)
+        assert learner.ask("red", make.arm()).report is not None
+
+    def test_without_draws_is_told(self, dataset, make):
+        idata = drawn(dataset, 4, 8)
+        empty = idata["posterior"].isel(draw=slice(0))
+        with pytest.raises(DataError, match="no draws"):
+            make.learner(
+                dataset, posterior={"posterior": empty, "observed_data": idata["observed_data"]}
+            )
 
     def test_other_levels_than_the_agent_s_are_told(self, dataset, make):
         with pytest.raises(SettingsError, match="levels of the agent"):
