@@ -21,7 +21,7 @@ from paper_repro.statements import OUTCOMES, PROTOCOLS, UNDECIDED, verdict
 ROOT = Path(__file__).resolve().parents[2]
 FOLDER = ROOT / "paper_repro"
 PACKAGE = Path(meal_bayes.__file__).resolve().parents[1]
-NEED_RECORDINGS = {"table2", "table3", "table4", "eq7", "fig10", "fig11", "fig12", "eq10",
+NEED_RECORDINGS = {"fig4", "table2", "table3", "table4", "eq7", "fig10", "fig11", "fig12", "eq10",
                    "pomdpsol", "hierarchical", "losses"}  # fmt: skip
 
 
