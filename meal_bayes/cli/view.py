@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     from meal_bayes.viewer import Viewer
     from meal_bayes.viewer.replay import Target
 
+_LARGE = 1_000_000  # bytes of logs, some 200 trials
+
 
 @click.command(short_help="Show trials step by step: beliefs, values, search, percepts.")
 @click.argument("log", type=click.Path(path_type=Path))
@@ -80,6 +82,8 @@ def view(
         group, row = numbered(log, number or 0)
         last = max(len(group.trials[row].steps) - 1, 0) if group.trials else 0
     if save is not None and logs is not None:
+        if number is None:
+            warn_of_size(logs)
         # rerun writes into a draft, so that a full disk leaves no half recording.
         try:
             with draft_of(save, inputs=logs.files) as draft:
@@ -104,6 +108,16 @@ def view(
             else:
                 _record(log, logs, window.url, number)
             window.wait()
+
+
+def warn_of_size(logs: "Logs") -> None:
+    """Say that a recording of every step of a run takes long and is large."""
+    size = sum(file.stat().st_size for file in logs.files)
+    if size > _LARGE:
+        note(
+            f"warning: every step of {size / 1e6:,.0f} MB of logs takes long to write, and the "
+            "recording will be two to eight times as large; --trial N writes the steps of one trial"
+        )
 
 
 def _record(log: Path, logs: "Logs", to: "Target", number: int | None) -> int:

@@ -11,6 +11,14 @@ from meal_bayes.momdp import MOMDP
 from meal_bayes.planners import Decision, History, Policy
 
 _LEAST = 2  # executions without yield, before which nothing is concluded
+_SILENT = (
+    "{!r} yielded nothing several times in a row: it is not counted on until it does again. The "
+    "warnings of the trial's steps say what was wrong with its features, if any came."
+)
+_STUCK = (
+    "{!r} moved nothing several times in a row: it is not counted on until it does again. Look "
+    "whether the object is where the robot takes it to be."
+)
 _CHANCE = 0.05  # and the largest probability of them all by the diagram's own failures
 
 
@@ -71,12 +79,11 @@ class FaultTolerant:
         """Choose the next action among what works; warn of what begins to fail."""
         failing, stuck = faults_of(self.momdp, history, self.expected)
         if (failing != self._failing).any():
+            senses = self.momdp.observation_probability.any(axis=(1, 2))
             for e in np.flatnonzero(failing > self._failing):
+                name = self.momdp.behavior_names[e]
                 warnings.warn(
-                    f"{self.momdp.behavior_names[e]!r} yielded nothing several times in a row: it "
-                    "is not counted on until it does again. The warnings of the trial's steps "
-                    "say what was wrong with its features, if any came.",
-                    stacklevel=2,
+                    _SILENT.format(name) if senses[e] else _STUCK.format(name), stacklevel=2
                 )
             self.policy = self.solve(without(self.momdp, failing, stuck))
             self._failing = failing

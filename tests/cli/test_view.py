@@ -1,5 +1,6 @@
 """`view`: a recording, a picture, a window; what is asked of it and cannot be is told."""
 
+import sys
 import warnings
 from collections import Counter
 from pathlib import Path
@@ -54,6 +55,13 @@ def contents(path):
             for column, values in chunk.to_record_batch().to_pydict().items():
                 rows[chunk.entity_path, column] += len(values)
     return rows
+
+
+def test_saving_every_step_of_much_is_warned_of(run, log, monkeypatch):
+    assert "takes long" not in run("view", log, "--all", "--save", "all.rrd").stderr
+    monkeypatch.setattr(sys.modules["meal_bayes.cli.view"], "_LARGE", 1000)
+    assert "takes long" in run("view", log, "--all", "--save", "all.rrd").stderr
+    assert "takes long" not in run("view", log, "--trial", "1", "--save", "one.rrd").stderr
 
 
 def test_a_file_and_a_folder_are_saved(run, log):

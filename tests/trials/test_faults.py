@@ -2,6 +2,7 @@
 
 import warnings
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -85,6 +86,23 @@ def test_nothing_is_repeated_that_yields_nothing(name, behavior, moves):
     assert len(texts) == (robot.executed.count(behavior) >= 2)
     assert all(repr(behavior) in text for text in texts)
     assert trial.last_belief.x == momdp.terminal
+
+
+def test_what_only_moves_is_warned_of_as_moving_nothing():
+    momdp = momdp_of("look")
+    solver = load_agent("random_legal").solver(DOMAIN, momdp.query)
+    solve = partial(solver.solve, rng=np.random.default_rng(0))
+    policy = FaultTolerant(momdp, solve(momdp), solve, momdp.transition)
+    history = History(initial_belief(momdp))
+    for behavior, state in (("look", "x1"), ("push", "x5")):
+        there = history.belief.at(DOMAIN.diagram.states.index(state))
+        history = history.after(there, DOMAIN.behavior_index(behavior), True, 1.0)
+    reinit = DOMAIN.behavior_index("reinit")
+    for _ in range(2):  # the object does not come back
+        history = history.after(history.belief, reinit, False, 1.0)
+    with pytest.warns(UserWarning, match="'reinit' moved nothing several times") as caught:
+        policy.decide(history, np.random.default_rng(0))
+    assert not any("yielded nothing" in str(warning.message) for warning in caught)
 
 
 def test_a_robot_whose_recordings_run_out_is_sound():
