@@ -79,7 +79,7 @@ class FaultTolerant:
         """Choose the next action among what works; warn of what begins to fail."""
         failing, stuck = faults_of(self.momdp, history, self.expected)
         if (failing != self._failing).any():
-            senses = self.momdp.observation_probability.any(axis=(1, 2))
+            senses = np.asarray(self.momdp.observation_probability.any(axis=(1, 2)))
             for e in np.flatnonzero(failing > self._failing):
                 name = self.momdp.behavior_names[e]
                 warnings.warn(
