@@ -22,7 +22,7 @@ class Claim(NamedTuple):
     outcome : of all its statements together.
     counts : how many statements have each outcome.
     effects : estimate and interval of each, or the rule of a fact.
-    older : whether it was run with percept tables that are not those of this version.
+    older : whether it was run by an earlier version, or with other percept tables.
     """
 
     says: str

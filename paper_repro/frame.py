@@ -202,7 +202,7 @@ def blas_kernel() -> str:
 
 
 def older_columns(item: str) -> tuple[str, ...]:
-    """Return the columns of an item's results whose percepts are not those of this version."""
+    """Return the columns of an item's results that an earlier version ran, or by other tables."""
     path = RESULTS / PROVENANCE
     known = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
     if known.get(item, {}).get("percepts") == percept_tables():

@@ -19,9 +19,9 @@ they were published, percepts drawn; *recorded*, the paper's agents on recording
 none has seen. Numbers are estimates with their intervals, at the level that the claim's family
 leaves them. The statements behind each claim are on the item's page.
 """
-_OLDER = """† Run with percept tables of an earlier version, which newer classifiers have replaced;
-each page has the command that runs it again. All others rest on what was published, or on this
-version's tables.
+_OLDER = """† Run by an earlier version: the agents' code or the percept tables have changed since.
+Where a sentence is worded anew, its statement is missing. Each page has the command that runs it
+again. All others are of this version, or rest on what was published.
 """
 _RULES = """## Run it
 
@@ -188,8 +188,8 @@ def result_page(result: Mapping[str, Any], *, committed: bool = False) -> str:
     size = f"{result['size']} " if result["size"] else ""
     lines += [f"**{result['verdict']}**. {size}`{result['command']}`", ""]
     if older := frame.older_columns(result["item"]) if committed else ():
-        lines += [f"Its {_listed(older)} rest on percept tables of an earlier version; this runs "
-                  f"them again: `{result['command']}`.", ""]  # fmt: skip
+        told = "were run by an earlier version of the agents' code or of the percept tables"
+        lines += [f"Its {_listed(older)} {told}; this runs them again: `{result['command']}`.", ""]
     judged = [row for row in result["statements"] if row["outcome"] is not None]
     if left := len(result["statements"]) - len(judged):
         lines += [f"{left} statements are not run.", ""]
