@@ -8,7 +8,6 @@ below 0 the robot stops.
 
 import textwrap
 from collections.abc import Iterator, Sequence
-from itertools import pairwise
 from typing import Any, NamedTuple, cast
 
 import numpy as np
@@ -18,14 +17,23 @@ from matplotlib.figure import Figure
 from meal_bayes.arrays import Floats
 from meal_bayes.canvas import drawn_in_style
 from meal_bayes.display import percent
-from meal_bayes.palette import attribute_color, lightened
 from meal_bayes.trials.percepts import SILENT, attribute_labels
+from meal_bayes.trials.placing import (
+    HEIGHT,
+    LETTER,
+    Look,
+    Words,
+    bottom_of,
+    heights_apart,
+    look_of,
+    points_a_second,
+    points_high,
+    top_of,
+)
 from meal_bayes.trials.record import TrialRecord
 from meal_bayes.trials.text import RULE, verdict_text
 
 _ATTRIBUTES = 6  # that are drawn
-_LETTER = 0.64  # width of a letter, of the size of the font
-_HEIGHT = 1.35  # of a line of text, of the size of the font
 _DPI = 100
 _BENDS = 0.02  # change of a belief, below which its line bends for no eye
 _CAPTIONS = (
@@ -34,25 +42,6 @@ _CAPTIONS = (
     "what one more percept is worth over answering now: below 0 it stops",
 )
 _EXPLORING = "what one more percept is worth over answering now: to this answer, to later questions"
-
-
-class Look(NamedTuple):
-    """Sizes and colors: inches, points, and the ink on the page's own ground."""
-
-    width: float
-    height: float
-    font: float
-    ink: str
-    soft: str
-    block: str
-    margins: tuple[float, float]  # left and right of the axis of seconds, of the width
-    bands: tuple[float, float, float]  # heights
-    dark: bool
-
-    def color(self, place: int) -> str:
-        """Return the color of an attribute, which is lighter on a dark ground."""
-        color = attribute_color(place)
-        return lightened(color) if self.dark else color
 
 
 class _Moment(NamedTuple):
@@ -82,7 +71,7 @@ def trial_strip(trial: TrialRecord, *, dark: bool = False, narrow: bool = False)
     -----
     The worth of one more percept is max over behaviors b of Q(b), less Q(best answer).
     """
-    look = _look(dark=dark, narrow=narrow)
+    look = look_of(dark=dark, narrow=narrow)
     with drawn_in_style():
         figure = Figure(figsize=(look.width, look.height), dpi=_DPI)
         left, right = look.margins
@@ -90,9 +79,14 @@ def trial_strip(trial: TrialRecord, *, dark: bool = False, narrow: bool = False)
             3,
             sharex=True,
             height_ratios=look.bands,
-            gridspec_kw={"left": left, "right": 1 - right, "top": _top(look), "bottom": _low(look),
-                         "hspace": 0.4 if narrow else 0.24},
-        )  # fmt: skip
+            gridspec_kw={
+                "left": left,
+                "right": 1 - right,
+                "top": top_of(look),
+                "bottom": bottom_of(look),
+                "hspace": 0.4 if narrow else 0.24,
+            },
+        )
         moments = list(_moments(trial))
         end = max(trial.cost, 1e-9)
         captions = [*_CAPTIONS]
@@ -100,8 +94,16 @@ def trial_strip(trial: TrialRecord, *, dark: bool = False, narrow: bool = False)
             captions[-1] = _EXPLORING
         for ax, caption in zip((blocks, beliefs, worth), captions, strict=True):
             text = textwrap.fill(caption, 42) if narrow else caption
-            ax.text(0, 1.02, text, transform=ax.transAxes, color=look.soft, size=look.font,
-                    va="bottom", linespacing=1.0)  # fmt: skip
+            ax.text(
+                0,
+                1.02,
+                text,
+                transform=ax.transAxes,
+                color=look.soft,
+                size=look.font,
+                va="bottom",
+                linespacing=1.0,
+            )
             ax.patch.set_alpha(0)
             ax.set_xlim(0, end)
             ax.tick_params(colors=look.soft, labelsize=look.font, length=0)
@@ -115,22 +117,6 @@ def trial_strip(trial: TrialRecord, *, dark: bool = False, narrow: bool = False)
         worth.xaxis.set_visible(True)
         worth.set_xlabel("seconds", color=look.soft, fontsize=look.font, labelpad=1)
     return cast("Axes", beliefs)
-
-
-def _look(*, dark: bool, narrow: bool) -> Look:
-    ink, soft, block = ("#E8EBEF", "#A9B2BD", "#3A4450") if dark else (
-        "#1C2430", "#5D6876", "#E4E8ED")  # fmt: skip
-    if narrow:
-        return Look(4.0, 5.6, 9.0, ink, soft, block, (0.19, 0.2), (1.3, 2.5, 1.0), dark)
-    return Look(12.0, 4.8, 12.0, ink, soft, block, (0.125, 0.15), (1.05, 2.2, 1.0), dark)
-
-
-def _top(look: Look) -> float:
-    return 1 - (5.4 if look.width < 6 else 4.1) * look.font * _HEIGHT / 72 / look.height
-
-
-def _low(look: Look) -> float:
-    return 2.3 * look.font * _HEIGHT / 72 / look.height
 
 
 def _moments(trial: TrialRecord) -> Iterator[_Moment]:
@@ -158,12 +144,12 @@ def _draw_title(figure: Figure, trial: TrialRecord, look: Look) -> None:
     """Write the question and the answer above the bands."""
     top = 1 - 0.35 * look.font / 72 / look.height
     size = look.font * (1.05 if look.width < 6 else 1.25)
-    letters = int(0.96 * look.width * 72 / (_LETTER * 1.1 * size))  # of a bold line
+    letters = int(0.96 * look.width * 72 / (LETTER * 1.1 * size))  # of a bold line
     question = textwrap.shorten(trial.task.question, letters, placeholder=" ...")
     answer = f"answer after {trial.cost:.1f} s: {verdict_text(trial)}"
     if trial.report is None:
         answer = verdict_text(trial)
-    below = top - size * _HEIGHT / 72 / look.height
+    below = top - size * HEIGHT / 72 / look.height
     figure.text(0.01, top, question, va="top", color=look.ink, size=size, weight="bold")
     lines = textwrap.wrap(answer, letters, max_lines=2 if look.width < 6 else 1, placeholder=" ...")
     figure.text(0.01, below, "\n".join(lines), va="top", color=look.ink, size=size)
@@ -172,20 +158,25 @@ def _draw_title(figure: Figure, trial: TrialRecord, look: Look) -> None:
 def _draw_blocks(ax: Axes, moments: Sequence[_Moment], trial: TrialRecord, look: Look) -> None:
     """Draw behaviors as blocks of their cost, names in them; failed ones are hatched."""
     ax.set(ylim=(0, 1), yticks=[])
-    scale = _points_a_second(ax)
-    height = _points_high(ax)
+    scale = points_a_second(ax)
+    height = points_high(ax)
     ground: Any = {"facecolor": look.block, "edgecolor": "none", "pad": 0.5}
     for moment in moments:
         width = moment.end - moment.begin
         ax.bar(
-            moment.begin, 1, width, align="edge", color=look.block, lw=1.2,
+            moment.begin,
+            1,
+            width,
+            align="edge",
+            color=look.block,
+            lw=1.2,
             edgecolor=look.soft if moment.failed else "none",
             hatch="////" if moment.failed else None,
-        )  # fmt: skip
+        )
         ax.axvline(moment.end, color=look.soft, lw=0.8)
         lines = moment.name.split("_")
-        across = _LETTER * look.font * max(map(len, lines))  # points, of the lines
-        down = _HEIGHT * look.font * len(lines)
+        across = LETTER * look.font * max(map(len, lines))  # points, of the lines
+        down = HEIGHT * look.font * len(lines)
         room = width * scale
         text = "\n".join(lines)
         rotation = 0
@@ -194,20 +185,34 @@ def _draw_blocks(ax: Axes, moments: Sequence[_Moment], trial: TrialRecord, look:
             rotation = 90
             if down > room or across > height:  # in one line, as large as the band lets it be
                 text = moment.name
-                size = min(look.font, 0.98 * height / (_LETTER * len(text)))
+                size = min(look.font, 0.98 * height / (LETTER * len(text)))
         if rotation == 0 or room > 0.45 * size:
             ax.text(
-                moment.begin + width / 2, 0.5, text, ha="center", va="center", color=look.ink,
-                size=size, rotation=rotation, linespacing=1.0,
+                moment.begin + width / 2,
+                0.5,
+                text,
+                ha="center",
+                va="center",
+                color=look.ink,
+                size=size,
+                rotation=rotation,
+                linespacing=1.0,
                 bbox=ground if moment.failed else None,
-            )  # fmt: skip
+            )
     end = moments[-1].end if moments else 0.0
     words = "answers" if trial.report is not None else "abstains"
     ax.annotate(
-        words if not trial.ended else "broken\noff", (end, 0.5), (6, 0), color=look.ink,
-        textcoords="offset points", va="center", ha="left", size=look.font, weight="bold",
+        words if not trial.ended else "broken\noff",
+        (end, 0.5),
+        (6, 0),
+        color=look.ink,
+        textcoords="offset points",
+        va="center",
+        ha="left",
+        size=look.font,
+        weight="bold",
         annotation_clip=False,
-    )  # fmt: skip
+    )
 
 
 def _draw_beliefs(ax: Axes, moments: Sequence[_Moment], trial: TrialRecord, look: Look) -> None:
@@ -221,28 +226,50 @@ def _draw_beliefs(ax: Axes, moments: Sequence[_Moment], trial: TrialRecord, look
     beliefs = np.array([start, *(moment.belief for moment in moments)])  # (T+1,N)
     ax.set(ylim=(-0.08, 1.12), yticks=[0, 0.5, 1], yticklabels=[])
     ax.grid(axis="y", color=look.soft, alpha=0.25, lw=0.8)
-    taken = _Taken(ax, look.font)
+    taken = Words(ax, look.font)
     lines = 2 if look.width < 6 else 1  # of a label at an end
-    gap = lines * 1.15 * look.font * 1.2 / _points_high(ax)
+    gap = lines * 1.15 * look.font * 1.2 / points_high(ax)
     for place, name in enumerate(names):
         color = look.color(place)
-        ax.plot(times, beliefs[:, place], drawstyle="steps-post", color=color, lw=2.2,
-                solid_capstyle="butt")  # fmt: skip
+        ax.plot(
+            times,
+            beliefs[:, place],
+            drawstyle="steps-post",
+            color=color,
+            lw=2.2,
+            solid_capstyle="butt",
+        )
         ax.plot(times[1:], beliefs[1:, place], "o", color=color, ms=4.5, clip_on=False)
         if place < len(trial.truth) and trial.truth[place] >= 0 and moments:
-            ax.plot(times[-1], trial.truth[place], "o", mfc="none", mec=color, ms=10, mew=1.4,
-                    clip_on=False)  # fmt: skip
+            ax.plot(
+                times[-1],
+                trial.truth[place],
+                "o",
+                mfc="none",
+                mec=color,
+                ms=10,
+                mew=1.4,
+                clip_on=False,
+            )
         for when, values in ((0, beliefs[0]), (-1, beliefs[-1])):
-            heights = _apart(values[: len(names)], gap)
+            heights = heights_apart(values[: len(names)], gap)
             text = f"{name} {percent(values[place])}"
             if look.width < 6:
                 text = text.replace(" ", "\n", 1)
             side = ("right", -8) if when == 0 else ("left", 10)
             ax.annotate(
-                text, (times[when], heights[place]), (side[1], 0), textcoords="offset points",
-                ha=side[0], va="center", color=color, size=look.font, annotation_clip=False,
-                linespacing=1.0, weight="bold" if when else "normal",
-            )  # fmt: skip
+                text,
+                (times[when], heights[place]),
+                (side[1], 0),
+                textcoords="offset points",
+                ha=side[0],
+                va="center",
+                color=color,
+                size=look.font,
+                annotation_clip=False,
+                linespacing=1.0,
+                weight="bold" if when else "normal",
+            )
     for number, moment in enumerate(moments):
         for place, word in enumerate(moment.words[: len(names)]):
             change = float(beliefs[number + 1, place] - beliefs[number, place])
@@ -250,45 +277,6 @@ def _draw_beliefs(ax: Axes, moments: Sequence[_Moment], trial: TrialRecord, look
                 at = (moment.end, float(beliefs[number + 1, place]))
                 width = moment.end - moment.begin
                 taken.write(word, at, width, look.color(place), up=change > 0)
-
-
-class _Taken:
-    """Writes words near points, where no other word stands."""
-
-    def __init__(self, ax: Axes, font: float) -> None:
-        self._ax = ax
-        self._font = font
-        self._across = 1 / _points_a_second(ax)  # s a point
-        self._up = 1.2 / _points_high(ax)  # of the axis a point
-        self._boxes = list[tuple[float, float, float, float]]()
-
-    def write(
-        self, word: str, at: tuple[float, float], room: float, color: str, *, up: bool
-    ) -> None:
-        """Write a word over the block before its point, else behind it, above or below."""
-        wide = _LETTER * self._font * len(word) * self._across
-        high = self._font * self._up
-        gap = 5 * self._across
-        before = at[0] - wide - gap
-        behind = at[0] + gap
-        lefts = [before, behind] if wide < room + 2 * gap and before >= 0 else [behind, before]
-        rise = [0.45 * high, -1.35 * high] if up else [-1.35 * high, 0.45 * high]
-        steps = [shift + extra for extra in (0.0, 1.2 * high, -1.2 * high) for shift in rise]
-        end = self._ax.get_xlim()[1]
-        for bottom in steps:
-            for left in lefts:
-                low = at[1] + bottom
-                box = (left, low, left + wide, low + high)
-                inside = low >= -0.08 and low + high <= 1.14 and left >= 0 and box[2] <= end
-                if inside and not any(_overlap(box, other) for other in self._boxes):
-                    self._boxes.append(box)
-                    self._ax.text(left, low + high / 2, word, color=color, size=self._font,
-                                  va="center", ha="left", style="italic")  # fmt: skip
-                    return
-
-
-def _overlap(one: tuple[float, ...], other: tuple[float, ...]) -> bool:
-    return one[0] < other[2] and other[0] < one[2] and one[1] < other[3] and other[1] < one[3]
 
 
 def _draw_worth(ax: Axes, trial: TrialRecord, look: Look) -> None:
@@ -312,35 +300,38 @@ def _draw_worth(ax: Axes, trial: TrialRecord, look: Look) -> None:
         number = f"{this:+.0f} {later:+.0f}" if step.decision.explores else f"{worth:+.0f}"
         number = number.replace("-", "\u2212")
         if goes_on:
-            ax.bar(begin, worth, step.cost, align="edge", color=look.soft, alpha=0.45,
-                   edgecolor=look.ink, lw=0.6)  # fmt: skip
-            wide = _LETTER * look.font * len(number) / _points_a_second(ax)
+            ax.bar(
+                begin,
+                worth,
+                step.cost,
+                align="edge",
+                color=look.soft,
+                alpha=0.45,
+                edgecolor=look.ink,
+                lw=0.6,
+            )
+            wide = LETTER * look.font * len(number) / points_a_second(ax)
             middle = max(begin + step.cost / 2, last + wide * 0.68, wide * 0.5)
             last = middle + wide / 2
-            ax.text(middle, max(worth, 0.0) + 0.05 * top, number, color=look.ink,
-                    size=look.font, ha="center", va="bottom")  # fmt: skip
+            ax.text(
+                middle,
+                max(worth, 0.0) + 0.05 * top,
+                number,
+                color=look.ink,
+                size=look.font,
+                ha="center",
+                va="bottom",
+            )
         else:
             ax.annotate(
-                f"{number}: stop", (begin, 0), (6, 0), textcoords="offset points", ha="left",
-                va="bottom", color=look.ink, size=look.font, weight="bold", annotation_clip=False,
-            )  # fmt: skip
-
-
-def _apart(values: Floats, gap: float) -> Floats:
-    """Return heights near values (N,) that are at least a gap apart."""
-    order = np.argsort(values)
-    heights = np.array(values, float)
-    for lower, upper in pairwise(order.tolist()):
-        heights[upper] = max(heights[upper], heights[lower] + gap)
-    excess = max(float(heights.max()) - 1.06, 0.0)
-    return np.asarray(heights - excess)
-
-
-def _points_a_second(ax: Axes) -> float:
-    figure: Any = ax.figure
-    return float(ax.get_position().width * figure.get_figwidth() * 72 / ax.get_xlim()[1])
-
-
-def _points_high(ax: Axes) -> float:
-    figure: Any = ax.figure
-    return float(ax.get_position().height * figure.get_figheight() * 72)
+                f"{number}: stop",
+                (begin, 0),
+                (6, 0),
+                textcoords="offset points",
+                ha="left",
+                va="bottom",
+                color=look.ink,
+                size=look.font,
+                weight="bold",
+                annotation_clip=False,
+            )
