@@ -10,6 +10,7 @@ from meal_bayes.cli.archive import archive
 from meal_bayes.cli.ask import ask, demo, memory
 from meal_bayes.cli.data import data
 from meal_bayes.cli.doctor import doctor
+from meal_bayes.cli.find import find
 from meal_bayes.cli.log import compare, log, report
 from meal_bayes.cli.posterior import export, posterior
 from meal_bayes.cli.program import Program
@@ -24,6 +25,7 @@ from meal_bayes.cli.view import view
     commands=[
         demo,
         ask,
+        find,
         memory,
         run,
         reproduce,

@@ -35,7 +35,7 @@ from meal_bayes.trial_log.live import Interrupted, LiveLog, interrupted
 from meal_bayes.trials import Session, Step, Task, Trial, run_trial
 from meal_bayes.trials.session import MAX_STEPS
 
-_NO_TABLE = "Give a robot, or fit a percept table (build_percept_table) to replay its objects."
+NO_TABLE = "Give a robot, or fit a percept table (build_percept_table) to replay its objects."
 
 
 class Answerer:
@@ -106,7 +106,7 @@ class Answerer:
         The seed, by default the learner's, draws what fails and the order of recordings.
         """
         if self.table is None:
-            raise SettingsError(_NO_TABLE)
+            raise SettingsError(NO_TABLE)
         seed = self.settings.seed if seed is None else seed
         repeats = self.settings.percepts == "model"
         return replay(self.table, self.task(question, object_name), seed, repeats=repeats)
@@ -174,7 +174,7 @@ class Answerer:
                 f"A robot is an object with start() and execute(behavior); found {driver!r:.60}."
             )
         if (robot is None) == (self.table is None):
-            raise SettingsError(_NO_TABLE if robot is None else NO_CLASSIFIERS)
+            raise SettingsError(NO_TABLE if robot is None else NO_CLASSIFIERS)
         limit = robot.limit if isinstance(robot, RecordedRobot) else np.inf
         options = TrialOptions(truth, learn, limit, max_steps, max_cost, on_step)
         question = self._read(question, answer, payoffs)
@@ -319,16 +319,23 @@ class Answerer:
         place = Path(self.logs or "") / file_name(self.domain.name) if log is None else Path(log)
         text = question.text if isinstance(question, Query) else str(question)
         config = {"command": "Learner.ask", "question": text, "agent": self.agent.name}
+        begun = {
+            "learn": options.learn, "state": state, "max_steps": int(session.max_steps),
+            "max_cost": session.max_cost,
+        }  # fmt: skip
+        self._record(session, place, config, begun)
+        return session
+
+    def _record(
+        self, session: Session, place: Path, config: Mapping[str, object],
+        begun: Mapping[str, object] | None = None,
+    ) -> None:  # fmt: skip
+        """Log a session from now on; `begun` says how it can be resumed, where it can."""
         header = {
             "config": config, "seed": self.settings.seed, "data": self.domain.data,
-            "streams": list(session.key),
-            "begun": {
-                "learn": options.learn, "state": state, "max_steps": int(session.max_steps),
-                "max_cost": session.max_cost,
-            },
+            "streams": list(session.key), **({"begun": begun} if begun else {}),
         }  # fmt: skip
         session.record(LiveLog(place, header, session.task.object_name))
-        return session
 
     def _session(self, task: Task, key: Key, options: TrialOptions) -> Session:
         """Return the session of a task whose random streams `key` names."""

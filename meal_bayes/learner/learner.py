@@ -12,8 +12,8 @@ from meal_bayes.datasets import Dataset, Instance, PerceptTable, object_index
 from meal_bayes.domain import Domain, Query, load_domain
 from meal_bayes.errors import QueryError, SettingsError
 from meal_bayes.learner import views
-from meal_bayes.learner.answering import Answerer
 from meal_bayes.learner.experience import told
+from meal_bayes.learner.finding import Finder
 from meal_bayes.learner.fits import Fits
 from meal_bayes.learner.saved import SavedLearner, read_learner, write_learner
 from meal_bayes.learner.settings import (
@@ -27,7 +27,7 @@ from meal_bayes.trials import Trial
 from meal_bayes.untrusted import name_fault
 
 
-class Learner(Answerer):
+class Learner(Finder):
     """Answers questions about objects, and learns from what it does and is told.
 
     It works with any robot, from nothing or from recordings; with a percept table it replays its

@@ -44,6 +44,7 @@ class TrialOptions:
     max_cost: float | None = None
     on_step: Callable[[Step], None] | None = None
     commanded: bool = False
+    abstain: bool = False  # whether it may, whatever its agent and domain say
     seed: int | None = None  # of what is drawn; the learner's by default
 
 
@@ -141,7 +142,8 @@ def plan_of(
 ) -> tuple[MOMDP, Policy | None]:
     """Return the problem of a task and who decides; None where somebody commands."""
     if options.commanded:
-        return problem_of(fit, task, options.limit), None
+        momdp = problem_of(fit, task, options.limit)
+        return replace(momdp, abstain=momdp.abstain or options.abstain), None
     momdp, policy = fit.plan(task, key, limit=options.limit, explore=explore)
     if task.object_index < 0:  # recordings run out, the sensors of a robot fail
         domain = fit.record.domain

@@ -8,6 +8,14 @@ from meal_bayes.planners.factored.batched import batched_value_iteration
 from meal_bayes.planners.factored.policy import Factored
 from meal_bayes.planners.kernels import watch_compilation
 from meal_bayes.planners.open_loop.policy import OpenLoop, OpenLoopPolicy
+from meal_bayes.planners.outside import (
+    Move,
+    Prospect,
+    Prospector,
+    best_move,
+    values_beside,
+    ways_back,
+)
 from meal_bayes.planners.pomcp.policy import POMCP
 from meal_bayes.planners.precompile import warm_up
 from meal_bayes.planners.solver import (
@@ -21,7 +29,8 @@ from meal_bayes.planners.solver import (
 )
 
 __all__ = [
-    "POMCP", "Decision", "Factored", "Greedy", "History", "OpenLoop", "OpenLoopPolicy",
-    "Policy", "Predefined", "Random", "RandomLegal", "Remembering", "Solver", "TreeEdge",
-    "Untouched", "batched_value_iteration", "unvalued", "warm_up", "watch_compilation",
+    "POMCP", "Decision", "Factored", "Greedy", "History", "Move", "OpenLoop", "OpenLoopPolicy",
+    "Policy", "Predefined", "Prospect", "Prospector", "Random", "RandomLegal", "Remembering",
+    "Solver", "TreeEdge", "Untouched", "batched_value_iteration", "best_move", "unvalued",
+    "values_beside", "warm_up", "watch_compilation", "ways_back",
 ]  # fmt: skip

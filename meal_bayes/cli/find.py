@@ -1,0 +1,93 @@
+"""`meal-bayes find`: claim one of several objects, or none."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from meal_bayes.cli import console as terminal
+from meal_bayes.cli import options as opt
+from meal_bayes.cli.console import note, output, print_facts, print_json, print_table
+
+if TYPE_CHECKING:
+    from meal_bayes.trials import Search
+
+
+@click.command(short_help="Find one of several objects.")
+@click.argument("question")
+@opt.shared("dataset", "root")
+@opt.option("--objects", None, None, "NAME,NAME", "The objects, or none of them.", required=True)
+@opt.option("--agent", None, "bayes", "NAME", f"Who finds: {opt.AGENTS}; or {opt.OWN}.")
+@click.option(
+    "--payoffs", type=float, nargs=2, metavar="S S", help="What a right and a wrong claim earn."
+)
+@opt.option("--none", float, 0.0, "S", 'What the answer "none of them" earns.')
+@opt.option("--turn-cost", opt.AMOUNT, 0.0, "S", "Of turning to an object.")
+@opt.shared("seed", "logs", "json")
+def find(root: Path | None, logs: Path, as_json: bool, **options: Any) -> None:
+    """Find the object of which it is true ("Which one is heavy and blue?"), or none.
+
+    The robot turns to the most promising object, and leaves it for another as soon as that promises
+    more. The agent has learned from all other objects, of each without that one. Every object that
+    it explored has a trial in the log.
+    """
+    from meal_bayes.learner import Learner
+    from meal_bayes.trial_log import write_trials
+
+    dataset, table = opt.table_of(options["dataset"], root)
+    config = {"command": "find", **options, "dataset": dataset}
+    agent = opt.agent_value(options["agent"])
+    learner = Learner(table.domain, agent=agent, seed=options["seed"], logs=None).fit(table)
+    with terminal.showing_compilation():
+        search = learner.find(
+            options["question"],
+            opt.listed(options["objects"]),
+            payoffs=options["payoffs"] or None,
+            none=options["none"],
+            turn_cost=options["turn_cost"],
+        )
+    path = logs / f"find-{opt.digest(config)}.mcap"
+    explored = [trial for trial in search.trials.values() if trial.steps]
+    header = {"config": config, "seed": options["seed"], "data": table.domain.data}
+    write_trials(path, explored, header=header)
+    print_search(search, path, as_json=as_json)
+
+
+def print_search(search: "Search", path: Path, *, as_json: bool) -> None:
+    """Print what a search did with each object, and its answer."""
+    from meal_bayes.cli.narration import trial_json
+    from meal_bayes.display import percent
+
+    if as_json:
+        print_json({
+            "search": {
+                "question": search.question,
+                "claim": search.claim,
+                "turns": list(search.turns),
+                "success": search.success,
+                "cost_s": search.cost,
+                "reward": None if search.success is None else search.reward,
+                "ended": search.ended,
+            },
+            "trials": {name: trial_json(trial) for name, trial in search.trials.items()},
+            "log": str(path),
+        })  # fmt: skip
+        return
+    rows = []
+    for name, trial in search.trials.items():
+        probability = float(trial.momdp.reports.probability(trial.last_belief.positive))
+        behaviors = [
+            trial.momdp.action_name(step.decision.action)
+            for step in trial.steps
+            if step.decision.action < trial.momdp.n_behaviors
+        ]
+        done = ", ".join(behaviors) or "nothing"
+        rows.append((name, done, f"{trial.cost:.1f}", percent(probability)))
+    print_table(("object", "explored by", "s", "Pr(yes)"), rows, left=("explored by",))
+    verdict = {True: "right", False: "wrong", None: "not known"}[search.success]
+    facts = {"question": search.question, "answer": search.claim or "none of them"}
+    facts |= {"verdict": verdict, "turns": ", ".join(search.turns) or "none"}
+    facts |= {"cost": f"{search.cost:.1f} s"}
+    colors = {True: "bold green", False: "bold red", None: ""}
+    print_facts(output(), facts, answer="bold", verdict=colors[search.success])
+    note(f"every decision and its reasons: meal-bayes log show {path}")

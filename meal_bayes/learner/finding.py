@@ -1,0 +1,246 @@
+"""`Learner.find`: claim one of several objects, or none."""
+
+from collections.abc import Callable, Mapping, Sequence
+from datetime import UTC, datetime
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from meal_bayes.domain import Query, read_question
+from meal_bayes.domain.event import Payoffs
+from meal_bayes.errors import QueryError, SettingsError
+from meal_bayes.files import file_name
+from meal_bayes.learner.answering import NO_TABLE, Answerer
+from meal_bayes.learner.fit import Fit, solve
+from meal_bayes.learner.trial import NO_CLASSIFIERS, TrialOptions
+from meal_bayes.momdp import MOMDP
+from meal_bayes.planners import Policy, Prospector, Remembering
+from meal_bayes.robots.several import RobotPerObject
+from meal_bayes.seeds import stream
+from meal_bayes.trials import (
+    FaultTolerant,
+    Search,
+    SearchingRobot,
+    SearchRules,
+    SearchSession,
+    Session,
+    Step,
+    Task,
+    run_search,
+)
+from meal_bayes.trials.session import MAX_STEPS
+from meal_bayes.untrusted import LARGEST
+
+_MOST_OBJECTS = 1000
+
+
+class Finder(Answerer):
+    """Finds one of several objects by the questions of yes or no about each."""
+
+    def find(
+        self,
+        question: str | Sequence[str] | Query,
+        objects: Sequence[str] | int,
+        robot: SearchingRobot | None = None,
+        **options: Any,
+    ) -> Search:
+        """Find the object of which the answer is yes ("Which one is full and red?"), or none.
+
+        Every object's steps are a trial of its own, logged step by step; nothing is explored for
+        later questions.
+
+        Parameters
+        ----------
+        question : str | Sequence[str] | Query
+            As of yes or no: attributes joined by *and* or *or*, perhaps with *not*.
+        objects : Sequence[str] | int
+            Their names, by which an agent with `memory` recognizes them, or how many new ones
+            there are, which are then called "1", "2" and so on.
+        robot : SearchingRobot, optional
+            Has the methods `turn_to(name)` and `execute(behavior)`; without one, objects of the
+            percept table are replayed.
+        **options : Any
+            As for `begin_find`.
+
+        Returns
+        -------
+        search : Search
+            The claim, and the trials.
+
+        Raises
+        ------
+        QueryError
+            A question that cannot be understood; payoffs that are none.
+        SettingsError
+            No objects, or one twice; an agent that compares no values; no data of the kind that the
+            robot needs.
+        RobotError
+            The robot came to a state that the domain does not know.
+
+        Examples
+        --------
+        >>> from meal_bayes import Learner, load_percepts
+        >>> learner = Learner("roc36", logs=None).fit(load_percepts("roc36"))
+        >>> boxes = ["light_blue_beans", "medium_brown_rice", "heavy_green_glass"]
+        >>> learner.find("Which one is heavy?", boxes).claim
+        'heavy_green_glass'
+        """
+        driver: Any = robot  # users give anything
+        if not (driver is None or (hasattr(driver, "turn_to") and hasattr(driver, "execute"))):
+            raise SettingsError(
+                "A robot that finds has the methods turn_to(name) and execute(behavior); found "
+                f"{driver!r:.60}. Where there is a robot for each object, give "
+                "RobotPerObject({name: robot})."
+            )
+        if (robot is None) == (self.table is None):
+            raise SettingsError(NO_TABLE if robot is None else NO_CLASSIFIERS)
+        session = self.begin_find(question, objects, **options)
+        if robot is None:
+            replays = {name: self.replay(each.task) for name, each in session.sessions.items()}
+            robot = RobotPerObject(replays)
+        return run_search(session, robot)
+
+    def begin_find(
+        self,
+        question: str | Sequence[str] | Query,
+        objects: Sequence[str] | int,
+        *,
+        truth: Mapping[str, Mapping[str, bool]] | None = None,
+        payoffs: Sequence[float] | None = None,
+        none: float = 0.0,
+        turn_cost: float = 0.0,
+        learn: bool = True,
+        log: str | Path | None = None,
+        key: str | int | None = None,
+        max_steps: int = MAX_STEPS,
+        max_cost: float | None = None,
+        on_step: Callable[[Step], None] | None = None,
+    ) -> SearchSession:
+        """Begin a search that somebody else drives; see `SearchSession` for what to do with it.
+
+        Parameters
+        ----------
+        question, objects : Any
+            As for `find`.
+        truth : mapping, optional
+            {object: {attribute: True or False}} of what is known; compared with the claim only.
+        payoffs : Sequence[float], optional
+            What a right and a wrong claim earn; r+ and -r+ by default.
+        none : float
+            What "none of them" earns.
+        turn_cost : float
+            s, of turning to an object.
+        learn, key, max_steps, max_cost, on_step : Any
+            As for `ask`; limits are of the whole search.
+        log : str or Path, optional
+            A folder, for a log of each object; a new one in the folder of logs by default.
+        """
+        names = _checked_objects(objects)
+        query = self._searched(question, payoffs, none)
+        seconds: Any = turn_cost  # users give anything
+        if not (isinstance(seconds, int | float) and 0 <= seconds <= LARGEST):
+            raise SettingsError(f"turn_cost is {turn_cost!r:.60}; give seconds, 0 or more.")
+        for name in truth or ():
+            if name not in names:
+                raise SettingsError(f"truth is of {name!r:.60}, which is none of the objects.")
+        with self._lock:
+            if self.table is None:
+                key = self._asked.key(learn=learn) if key is None else key
+                self._asked.count(learn=learn)
+        sessions = dict[str, Session]()
+        prospectors = dict[str, Prospector]()
+        for name in names:
+            known = (truth or {}).get(name)
+            options = TrialOptions(
+                known, learn, max_steps=max_steps, on_step=on_step, commanded=True, abstain=True
+            )
+            named = None if isinstance(objects, int) else name
+            task, streams = self._task(query, named, key if named else f"{key}, {name}")
+            sessions[name] = session = self._session(task, streams, options)
+            with self._lock:
+                fit = self._fit(task, learn=False)
+            prospectors[name] = Prospector(session.momdp, partial(self._planned, fit, task, name))
+        diagram = self.domain.diagram
+        leave = np.isin(diagram.states, self.domain.leave or (diagram.start,))
+        text = question if isinstance(question, str) else query.text
+        return SearchSession(
+            text, sessions, prospectors,
+            rules=SearchRules(leave, diagram.start, float(turn_cost), max_steps, max_cost),
+            rng=stream(self.settings.seed, "search", *names),
+            on_turn=self._logger(text, names, log),
+        )  # fmt: skip
+
+    def _searched(self, question: Any, payoffs: Any, none: float) -> Query:
+        """Return the question of each object: claims earn as they do, and "no" what none earns."""
+        query = question
+        if not isinstance(question, Query):
+            query = read_question(question, self.domain, "yes or no")
+        right, wrong = self.settings.reward, -self.settings.reward
+        if self.domain.payoffs is not None:
+            right, wrong = self.domain.payoffs[:2]
+        if payoffs is not None:
+            if not isinstance(payoffs, Sequence) or isinstance(payoffs, str) or len(payoffs) != 2:
+                raise QueryError(
+                    f"payoffs are {payoffs!r:.60}; give two numbers: of a right and a wrong claim."
+                )
+            right, wrong = payoffs
+        four = Payoffs.of((right, wrong, none, none))
+        if not four.right_no < four.right_yes:
+            raise QueryError(
+                f"None of them earns {none:g}, a right claim {right:g}: nothing would be searched; "
+                "give `none` less."
+            )
+        return Query(query.attributes, query.groups, query.group_names, query.event, four)
+
+    def _planned(self, fit: Fit, task: Task, name: str, momdp: MOMDP) -> Policy:
+        """Return who values a problem of an object; decisions are remembered by belief."""
+
+        def remembering(problem: MOMDP) -> Policy:
+            return Remembering(solve(fit, task, (name, *task.query.attributes), problem))
+
+        policy = remembering(momdp)
+        if task.object_index >= 0:
+            return policy
+        usual = self.domain.diagram.compile(self.domain.behavior_names).transition
+        return FaultTolerant(momdp, policy, remembering, usual)
+
+    def _logger(
+        self, question: str, names: Sequence[str], log: str | Path | None
+    ) -> Callable[[str, Session], None] | None:
+        """Return what records an object's trial in the folder of the search; None: nothing does."""
+        if log is None and self.logs is None:
+            return None
+        if log is None:
+            begun = datetime.now(UTC).strftime("%Y%m%d-%H%M%S-%f")
+            log = Path(self.logs or "") / file_name(self.domain.name) / f"{begun}-find"
+        folder = Path(log)
+        if folder.suffix == ".mcap":
+            raise SettingsError(f"A search has a log an object; give a folder, not {folder}.")
+
+        def record(name: str, session: Session) -> None:
+            config = {
+                "command": "Learner.find", "question": question, "agent": self.agent.name,
+                "objects": list(names), "object": name,
+            }  # fmt: skip
+            self._record(session, folder / f"{file_name(name)}.mcap", config)
+
+        return record
+
+
+def _checked_objects(objects: Any) -> list[str]:
+    """Return the names of objects, or numbers for names."""
+    if isinstance(objects, int) and not isinstance(objects, bool):
+        if not 1 <= objects <= _MOST_OBJECTS:
+            raise SettingsError(f"objects is {objects}; expected 1 to {_MOST_OBJECTS}.")
+        return [str(number) for number in range(1, objects + 1)]
+    sequence = isinstance(objects, Sequence) and not isinstance(objects, str)
+    if not sequence or not all(isinstance(name, str) for name in objects):
+        raise SettingsError(f"objects is {objects!r:.60}; give names, or how many there are.")
+    if not 1 <= len(objects) <= _MOST_OBJECTS:
+        raise SettingsError(f"{len(objects)} objects; give 1 to {_MOST_OBJECTS} of them.")
+    for name in objects:
+        if list(objects).count(name) > 1:
+            raise SettingsError(f"The object {name!r} is named twice; name each object once.")
+    return list(objects)

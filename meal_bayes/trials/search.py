@@ -1,0 +1,98 @@
+"""Which of several objects is it? A search turns from one to another, and claims one, or none.
+
+Each object's steps are a trial of their own, so that all that shows trials shows them.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Protocol
+
+from meal_bayes.display import facts_html, facts_repr, listed
+from meal_bayes.robots import Outcome
+from meal_bayes.trials.trial import Trial
+
+
+class SearchingRobot(Protocol):
+    """A robot with several objects around it."""
+
+    def turn_to(self, name: str) -> str:
+        """Turn to an object, and return the name of the observed state x."""
+        ...
+
+    def execute(self, behavior: str) -> Outcome:
+        """Execute the behavior of that name on the object in front."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class Search:
+    """A search: which objects it turned to, in order, what it claimed, and its cost.
+
+    Attributes
+    ----------
+    question : str
+        What an object was searched for.
+    trials : Mapping[str, Trial]
+        By object; without steps where it was not explored. The claimed one reports yes, others do
+        not report.
+    turns : tuple[str, ...]
+        Objects in the order in which the robot turned to them.
+    claim : str | None
+        The object; None: none of them.
+    none : float
+        Reward of "none of them".
+    turn_cost : float
+        s, of turning to an object.
+    ended : str
+        Why the search was broken off; empty: it was not.
+    """
+
+    question: str
+    trials: Mapping[str, Trial]
+    turns: tuple[str, ...]
+    claim: str | None
+    none: float = 0.0
+    turn_cost: float = 0.0
+    ended: str = ""
+
+    __repr__ = facts_repr
+    _repr_html_ = facts_html
+
+    def _facts(self) -> tuple[str, dict[str, str]]:
+        verdict = {True: " (right)", False: " (wrong)", None: ""}[self.success]
+        return f"Search for {self.question}", {
+            "answer": (self.claim or "none of them") + verdict,
+            "objects": listed(list(self.trials)),
+            "turns": listed(list(self.turns)) or "none",
+            "cost": f"{self.cost:.1f} s in {sum(len(t.steps) for t in self.trials.values())} steps",
+            **({"ended": self.ended} if self.ended else {}),
+        }
+
+    @property
+    def cost(self) -> float:
+        """Seconds of all behaviors, and of turning."""
+        behaviors = sum(trial.cost for trial in self.trials.values())
+        return behaviors + self.turn_cost * len(self.turns)
+
+    @property
+    def success(self) -> bool | None:
+        """Whether the claim is right, or rightly none was; None where that is not known."""
+        if self.ended:
+            return None
+        right = {
+            name: int(trial.task.query.report_truth(trial.truth)[0])
+            for name, trial in self.trials.items()
+        }
+        if self.claim is not None:
+            return None if right[self.claim] < 0 else right[self.claim] == 1
+        if 1 in right.values():
+            return False
+        return None if -1 in right.values() else True
+
+    @property
+    def reward(self) -> float:
+        """Reward of the claim, or of none, less the cost; nan where the truth is not known."""
+        earned = 0.0 if self.ended else self.none
+        if self.claim is not None:
+            earned = sum(step.reward for step in self.trials[self.claim].steps[-1:])
+        return earned - self.cost

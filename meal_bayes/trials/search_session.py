@@ -1,0 +1,275 @@
+"""A search under way: what to do next comes from all objects together (`planners.outside`)."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import NamedTuple, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meal_bayes.arrays import Floats
+from meal_bayes.domain import unknown
+from meal_bayes.errors import RobotError, SettingsError
+from meal_bayes.planners import (
+    Decision,
+    Prospect,
+    Prospector,
+    best_move,
+    values_beside,
+    ways_back,
+)
+from meal_bayes.robots import Outcome
+from meal_bayes.trials.search import Search, SearchingRobot
+from meal_bayes.trials.session import MAX_STEPS, Session
+
+
+class SearchRules(NamedTuple):
+    """What holds for a whole search.
+
+    Attributes
+    ----------
+    leave : NDArray[np.bool_]
+        (X,) states in which an object can be left; elsewhere it is put down first.
+    start : str
+        State of an object that is claimed before the robot turned to it.
+    turn_cost : float
+        s, of turning to an object.
+    max_steps, max_cost : int, float | None
+        Behaviors and s, after which the best answer is given.
+    """
+
+    leave: NDArray[np.bool_]
+    start: str
+    turn_cost: float = 0.0
+    max_steps: int = MAX_STEPS
+    max_cost: float | None = None
+
+
+class SearchSession:
+    """A search under way: it names an object to turn to, or a behavior, and is given the outcome.
+
+    Whoever drives turns to `turn` where it is not None, and says so by `turned`; else executes
+    `behavior` on the `object` in front, and gives its outcome to `observe`; until it is `over`.
+
+    Parameters
+    ----------
+    question : str
+        What is searched for.
+    sessions : Mapping[str, Session]
+        A trial of each object, not begun, that is commanded and may abstain.
+    prospectors : Mapping[str, Prospector]
+        What values each object.
+    rules : SearchRules
+        Costs and limits.
+    rng : np.random.Generator
+        Of the planner.
+    on_turn : Callable[[str, Session], None] | None
+        Called before an object's trial begins, as to record it.
+    """
+
+    def __init__(
+        self,
+        question: str,
+        sessions: Mapping[str, Session],
+        prospectors: Mapping[str, Prospector],
+        *,
+        rules: SearchRules,
+        rng: np.random.Generator,
+        on_turn: Callable[[str, Session], None] | None = None,
+    ) -> None:
+        self.question = question
+        self.sessions = dict(sessions)
+        self.object: str | None = None
+        self.turn: str | None = None
+        self._prospectors = prospectors
+        self._rules = rules
+        self._rng = rng
+        self._on_turn = on_turn
+        self._prospects = {name: self._prospect(name) for name in self.sessions}
+        momdp = next(iter(self.sessions.values())).momdp
+        self._none = momdp.reports.payoffs.right_no
+        self._turns: list[str] = []
+        self._claim: str | None = None
+        self._ended: str | None = None
+        self._decide()
+
+    def __repr__(self) -> str:
+        """Return the search so far."""
+        return repr(self.search)
+
+    @property
+    def search(self) -> Search:
+        """The search so far."""
+        trials = {name: session.trial for name, session in self.sessions.items()}
+        return Search(
+            self.question, trials, tuple(self._turns), self._claim,
+            self._none, self._rules.turn_cost, self._ended or "",
+        )  # fmt: skip
+
+    @property
+    def over(self) -> bool:
+        """Whether the search has ended."""
+        return self._ended is not None
+
+    @property
+    def behavior(self) -> str | None:
+        """Name of the behavior to execute next; None while a turn is waited for, or it is over."""
+        if self.object is None or self.turn is not None:
+            return None
+        return self.sessions[self.object].behavior
+
+    def turned(self, state: str) -> None:
+        """Note that the robot has turned to the object `turn`, which is in a state.
+
+        Raises
+        ------
+        SettingsError
+            No turn is under way.
+        RobotError
+            A state that the domain does not know.
+        """
+        name = self.turn
+        if name is None:
+            raise SettingsError("No turn is under way: execute `behavior`, or the search is over.")
+        session = self.sessions[name]
+        if session.begun:
+            known = session.momdp.x_names[:-1]
+            if state not in known:
+                raise RobotError(unknown("state", str(state), known))
+            session.belief = session.belief.at(known.index(state))
+            session.history = replace(session.history, belief=session.belief)
+        else:
+            self._begin(name, state)
+        self.object = name
+        self.turn = None
+        self._turns.append(name)
+        self._prospects[name] = self._prospect(name)
+        self._decide()
+
+    def observe(self, outcome: Outcome) -> None:
+        """Perceive the outcome of `behavior`, update the belief of its object, and decide again.
+
+        Raises
+        ------
+        SettingsError
+            No behavior is under way.
+        RobotError
+            A state that the domain does not know.
+        """
+        if self.object is None or self.behavior is None:
+            raise SettingsError("No behavior is under way: a turn is, or the search is over.")
+        self.sessions[self.object].observe(outcome)
+        self._prospects[self.object] = self._prospect(self.object)
+        self._decide()
+
+    def fail(self) -> None:
+        """Note that `behavior` failed: the state is as it was, and nothing was perceived."""
+        if self.object is not None:
+            session = self.sessions[self.object]
+            self.observe(Outcome(session.momdp.x_names[session.belief.x]))
+
+    def cancel(self, why: str = "cancelled") -> None:
+        """End the search without an answer; one that is over stays as it is."""
+        if not self.over:
+            for session in self.sessions.values():
+                if session.begun:
+                    session.cancel(why)
+            self._end(why)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, _: object, fault: BaseException | None, __: object) -> None:
+        why = "left before the answer"
+        if fault is not None:
+            why = f"error: {type(fault).__name__}: {fault}".removesuffix(": ")
+        self.cancel(why)
+
+    def _prospect(self, name: str) -> Prospect:
+        return self._prospectors[name].prospect(self.sessions[name].history, self._rng)
+
+    def _turning(self) -> tuple[float, int]:
+        """Return the seconds of leaving the object in front for another, and how that begins."""
+        if self.object is None:
+            return self._rules.turn_cost, -1
+        session = self.sessions[self.object]
+        back, first = ways_back(session.momdp, self._rules.leave)
+        x = session.belief.x
+        return float(self._rules.turn_cost + back[x]), int(first[x])
+
+    def _decide(self) -> None:
+        """Choose the next behavior, the next object, or the answer."""
+        turning, put_down = self._turning()
+        names = list(self.sessions)
+        prospects = [
+            replace(self._prospects[name], turning=0.0 if name == self.object else turning)
+            for name in names
+        ]
+        front = -1 if self.object is None else names.index(self.object)
+        move = best_move(prospects, front)
+        if move.behavior < 0:
+            self._answer(names[move.place] if move.place >= 0 else None)
+        elif move.place == front:
+            self._execute(move.behavior, move.values, prospects[front].claim)
+        elif put_down < 0:  # the hand is empty
+            if self._within_limits(0.0):
+                self.turn = names[move.place]
+        else:
+            values = values_beside(prospects, front)
+            self._execute(put_down, values, prospects[front].claim)
+
+    def _execute(self, action: int, values: Floats, claim: float) -> None:
+        """Command a behavior of the object in front, unless a limit is reached."""
+        session = self.sessions[self.object or ""]
+        if self._within_limits(float(session.momdp.cost[action])):
+            known = np.where(np.isinf(values), np.nan, values)
+            session.command(Decision.exact(action, np.append(known, claim)))
+
+    def _within_limits(self, cost: float) -> bool:
+        """Return whether a behavior may still be executed; else give the best answer."""
+        search = self.search
+        steps = sum(len(trial.steps) for trial in search.trials.values())
+        spent = self._rules.max_cost is not None and search.cost + cost > self._rules.max_cost
+        if steps < self._rules.max_steps and not spent:
+            return True
+        claims = {name: prospect.claim for name, prospect in self._prospects.items()}
+        best = max(claims, key=lambda name: claims[name])
+        self._answer(best if claims[best] > self._none else None)
+        return False
+
+    def _answer(self, name: str | None) -> None:
+        """Claim an object, or none; what was explored besides is left without a report."""
+        self._claim = name
+        if name is not None and not self.sessions[name].begun:
+            self._begin(name, self._rules.start)
+        for other, session in self.sessions.items():
+            if session.begun:
+                e = session.momdp.n_behaviors
+                values = np.full(e + 1, np.nan)
+                values[-1] = self._prospects[other].claim
+                action = e + 1 if other == name else session.momdp.abstention
+                session.command(Decision.exact(action, values))
+        self._end("")
+
+    def _begin(self, name: str, state: str) -> None:
+        if self._on_turn is not None:
+            self._on_turn(name, self.sessions[name])
+        self.sessions[name].start(state)
+
+    def _end(self, why: str) -> None:
+        self._ended = why
+        self.turn = None
+
+
+def run_search(session: SearchSession, robot: SearchingRobot) -> Search:
+    """Run a search to its end: turn, and execute what the session names, until it answers.
+
+    An exception of robot or perceiver ends the search and its trials, and is raised again.
+    """
+    with session:
+        while not session.over:
+            if session.turn is not None:
+                session.turned(robot.turn_to(session.turn))
+            elif session.behavior is not None:
+                session.observe(robot.execute(session.behavior))
+    return session.search
