@@ -14,6 +14,7 @@ from meal_bayes.cli.program import Section
 from meal_bayes.files import command_line
 
 if TYPE_CHECKING:
+    from meal_bayes.learner import Learner
     from meal_bayes.robots.robot import Frame
     from meal_bayes.trials import Trial
 
@@ -72,19 +73,49 @@ class _Asking(TypedDict):
     logs: Path
 
 
+def _training(command: opt.Command) -> opt.Command:
+    """Add the options of a learner that knows recordings of training objects."""
+    for option in (
+        opt.option(
+            "--jobs", SOME, os.cpu_count() or 1, None, "Processes that record them.",
+            show_default="one a core",
+        ),
+        opt.option("--recordings", SOME, 3, None, "Recordings of each."),
+        opt.option("--objects", SEVERAL, 30, None, "Training objects; recorded once, then kept."),
+        agent_option,
+    ):  # fmt: skip
+        command = option(command)
+    return command
+
+
+def _trained(options: "_Asking") -> "Learner":
+    """Return a learner that knows recordings of training objects, made on the way."""
+    from meal_bayes.learner import Learner
+    from meal_bayes.simulated_arm import training_recordings
+
+    size = (options["objects"], options["recordings"])
+    with terminal.progress("recording training objects", "objects") as advance:
+        data = training_recordings(*size, jobs=options["jobs"], progress=advance)
+    agent = opt.agent_value(options["agent"])
+    learner = Learner(data.domain, agent=agent, seed=options["seed"], logs=None)
+    terminal.note(f"learning from {len(data.objects)} objects ...")
+    with terminal.showing_compilation():
+        learner.fit(data)
+    return learner
+
+
+def _log_name(question: str, learner: "Learner", options: "_Asking", **more: object) -> str:
+    """Return the name of a log: other settings, other logs; equal ones make equal trials."""
+    names = ("objects", "recordings", "agent", "seed")
+    config = dict(options)
+    settings = opt.digest({**{n: config[n] for n in names}, "question": question, **more})
+    asked = "-".join(re.findall(r"\w+", question.lower()))[:50]
+    return f"sim-seed{options['seed']}-{asked}-{learner.agent.name}-{settings}"
+
+
 @sim.command(short_help="Ask about a new object, which the arm then touches.")
 @click.argument("question")
-@agent_option
-@opt.option("--objects", SEVERAL, 30, None, "Training objects; recorded once, then kept.")
-@opt.option("--recordings", SOME, 3, None, "Recordings of each.")
-@opt.option(
-    "--jobs",
-    SOME,
-    os.cpu_count() or 1,
-    None,
-    "Processes that record them.",
-    show_default="one a core",
-)
+@_training
 @click.option("--view", is_flag=True, help="See the arm beside beliefs and values, in rerun.")
 @opt.option("--save", opt.FILE, None, "FILE.rrd", "Write what --view would show.")
 @opt.shared("seed", "logs", "json")
@@ -98,31 +129,15 @@ def ask(
     logged step by step.
     """
     from meal_bayes.cli.narration import print_answer, trial_json
-    from meal_bayes.learner import Learner
-    from meal_bayes.simulated_arm import ask_new, training_recordings
+    from meal_bayes.simulated_arm import ask_new
     from meal_bayes.simulated_arm.sensors import frame_of
     from meal_bayes.viewer import Viewer, write_recording
     from meal_bayes.viewer.window import check_recording_name
 
     recording = None if save is None else check_recording_name(save)
-    size = (options["objects"], options["recordings"])
     seed = options["seed"]
-    with terminal.progress("recording training objects", "objects") as advance:
-        data = training_recordings(*size, jobs=options["jobs"], progress=advance)
-    learner = Learner(data.domain, agent=opt.agent_value(options["agent"]), seed=seed, logs=None)
-    terminal.note(f"learning from {len(data.objects)} objects ...")
-    with terminal.showing_compilation():
-        learner.fit(data)
-    # Other settings, other logs; equal ones make equal trials.
-    config = {
-        "objects": options["objects"],
-        "recordings": options["recordings"],
-        "agent": options["agent"],
-        "seed": seed,
-    }
-    settings = opt.digest({**config, "question": question})
-    asked = "-".join(re.findall(r"\w+", question.lower()))[:50]
-    log = options["logs"] / f"sim-seed{seed}-{asked}-{learner.agent.name}-{settings}.mcap"
+    learner = _trained(options)
+    log = options["logs"] / f"{_log_name(question, learner, options)}.mcap"
     # Frames are made only where somebody looks: a picture casts 3,072 rays.
     frames: list[Frame] = []
     watched = view or recording is not None
@@ -149,6 +164,29 @@ def ask(
                 viewer.wait()
     if trial.ended:
         terminal.note(trial.ended)
+        click.get_current_context().exit(_FAULT)
+
+
+@sim.command(short_help="Find one of several new boxes, or none.")
+@click.argument("question")
+@opt.option("--boxes", click.IntRange(1, 20), 3, None, "On the table.")
+@_training
+@opt.shared("seed", "logs", "json")
+def find(question: str, boxes: int, as_json: bool, **options: Unpack[_Asking]) -> None:
+    """Find the box of which it is true ("Which one rattles?"), or none, among boxes of the seed.
+
+    The arm explores the most promising box, puts it down and turns to another where that promises
+    more, and claims one, or none. Every box that it explored has a log.
+    """
+    from meal_bayes.cli.find import print_search
+    from meal_bayes.simulated_arm import find_new
+
+    learner = _trained(options)
+    log = options["logs"] / _log_name(question, learner, options, boxes=boxes)
+    search = find_new(learner, question, options["seed"], boxes, log=log)
+    print_search(search, log, as_json=as_json)
+    if search.ended:
+        terminal.note(search.ended)
         click.get_current_context().exit(_FAULT)
 
 
