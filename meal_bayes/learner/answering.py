@@ -323,18 +323,13 @@ class Answerer:
             "learn": options.learn, "state": state, "max_steps": int(session.max_steps),
             "max_cost": session.max_cost,
         }  # fmt: skip
-        self._record(session, place, config, begun)
+        self._record(session, place, {"config": config, "begun": begun})
         return session
 
-    def _record(
-        self, session: Session, place: Path, config: Mapping[str, object],
-        begun: Mapping[str, object] | None = None,
-    ) -> None:  # fmt: skip
-        """Log a session from now on; `begun` says how it can be resumed, where it can."""
-        header = {
-            "config": config, "seed": self.settings.seed, "data": self.domain.data,
-            "streams": list(session.key), **({"begun": begun} if begun else {}),
-        }  # fmt: skip
+    def _record(self, session: Session, place: Path, header: Mapping[str, object]) -> None:
+        """Log a session from now on, with a header that says how it came about."""
+        drawn = {"seed": self.settings.seed, "streams": list(session.key)}
+        header = {**header, **drawn, "data": self.domain.data}
         session.record(LiveLog(place, header, session.task.object_name))
 
     def _session(self, task: Task, key: Key, options: TrialOptions) -> Session:

@@ -224,7 +224,7 @@ class Finder(Answerer):
                 "command": "Learner.find", "question": question, "agent": self.agent.name,
                 "objects": list(names), "object": name,
             }  # fmt: skip
-            self._record(session, folder / f"{file_name(name)}.mcap", config)
+            self._record(session, folder / f"{file_name(name)}.mcap", {"config": config})
 
         return record
 
