@@ -1,21 +1,25 @@
 """Learning from nothing: reward of a robot's first trials, on a toy and in physics.
 
-    python benchmarks/learning.py toy|physics FIRST-END [--agent A] [--trials T] [--horizon H]
-                                                        [--json]
+    python benchmarks/learning.py toy|detector|physics FIRST-END [--agent A] [--trials T]
+                                                                 [--horizon H] [--json]
 
 Seeds are FIRST to END - 1. A right answer is worth 100 s, a wrong one -100 s, less the seconds of
 the trial; then all labels are told. In the toy one attribute is asked, and of three behaviors one
-tells (.15 and .85), the others nothing; trial i of a seed has the same object for every agent. In
+tells (.15 and .85), the others nothing; trial i of a seed has the same object for every agent.
+`detector` is the toy with percepts that are given as such, so that no classifier is to be learned;
+the agent `bayes_same_objects` is `bayes` with Eq. 8, which is true of the toy. In
 physics one random attribute of each new object is asked, all labels are told (extra `sim`).
 """
 
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 from measuring import options_of, show
 
 from meal_bayes import Learner, Outcome
+from meal_bayes.agents import load_agent
 from meal_bayes.domain import Behavior, Domain, Effect, TransitionDiagram
 from meal_bayes.trials import Trial
 
@@ -51,14 +55,30 @@ class ToyRobot:
         return Outcome("table", {"sensor": np.array([int(yes)])})
 
 
-def toy_trials(learner: Learner, trials: int, seed: int) -> Iterator[Trial]:
+class DetectingRobot(ToyRobot):
+    """Says yes or no itself."""
+
+    def execute(self, behavior: str) -> Outcome:
+        """Draw a percept."""
+        yes = self.rng.random() < RATES[behavior][self.full]
+        return Outcome("table", percepts={"full": bool(yes)})
+
+
+def toy_trials(
+    learner: Learner, trials: int, seed: int, robot: type[ToyRobot] = ToyRobot
+) -> Iterator[Trial]:
     """Ask about one object after another, and tell its label."""
     rng = np.random.default_rng([seed, 1])
     for full in np.random.default_rng([seed, 0]).integers(0, 2, trials).tolist():
         truth = {"full": bool(full)}
-        trial = learner.ask("Is it full?", ToyRobot(rng, full), truth=truth)
+        trial = learner.ask("Is it full?", robot(rng, full), truth=truth)
         learner.tell(trial, truth)
         yield trial
+
+
+def detector_trials(learner: Learner, trials: int, seed: int) -> Iterator[Trial]:
+    """Ask as `toy_trials` does, of a robot with a detector."""
+    yield from toy_trials(learner, trials, seed, DetectingRobot)
 
 
 def physics_trials(learner: Learner, trials: int, seed: int) -> Iterator[Trial]:
@@ -68,7 +88,16 @@ def physics_trials(learner: Learner, trials: int, seed: int) -> Iterator[Trial]:
     yield from learn_live(learner, trials, seed)
 
 
-PARTS = {"toy": (TOY, toy_trials), "physics": ("simulated_arm", physics_trials)}
+PARTS = {
+    "toy": (TOY, toy_trials),
+    "detector": (TOY, detector_trials),
+    "physics": ("simulated_arm", physics_trials),
+}
+OWN = {
+    "bayes_same_objects": replace(
+        load_agent("bayes"), name="bayes_same_objects", object_level=False, shared_trait=False
+    )
+}
 
 
 def measure(
@@ -77,7 +106,7 @@ def measure(
     """Measure the first trials of one learner."""
     domain, ask = PARTS[part]
     begin = time.process_time()
-    learner = Learner(domain, agent=agent, seed=seed, logs=None, horizon=horizon)
+    learner = Learner(domain, agent=OWN.get(agent, agent), seed=seed, logs=None, horizon=horizon)
     done = list(ask(learner, trials, seed))
     reward = np.array([_answered(trial) - trial.cost for trial in done])
     right = np.array([bool(trial.success) for trial in done])
