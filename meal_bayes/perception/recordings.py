@@ -20,6 +20,7 @@ _FAR = 5.0  # standard deviations at which features are clipped
 _WITHIN = 0.3  # e of the whitening, in units of a feature's variance; .03 to .3 do as well
 _CONSTANT = 1e-9  # standard deviation, relative to the largest value, of a feature that is dropped
 _FEWEST_STEPS = 4  # of single precision, that a standard deviation has at least
+_ENOUGH = 8  # recordings, of fewer a sensor of 0 and 1 may well have shown one of them alone
 _COMPARED = 2048  # recordings whose distances are compared for a median
 _SEED = 0  # of the order in which neighbors are dealt to folds
 
@@ -269,7 +270,7 @@ def fit_spaces(
         objects = gathered.object[rows]
         raw = values[objects, gathered.recording[rows]]
         space = fit_space(raw, kernel, objects if whiten else None)
-        if len(raw) > 1 and not len(space.varying):
+        if len(raw) >= _ENOUGH and not len(space.varying):
             warnings.warn(
                 f"None of the features of {context} varies (in single precision): the modality "
                 "says nothing. Check its sensor, or take a large offset away.",

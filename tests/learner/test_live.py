@@ -394,3 +394,15 @@ def test_an_outcome_counts_once_where_a_callback_raises(dataset, make):
         with pytest.raises(fault):
             session.observe(Outcome("table", {"color": GOOD}))
     assert len(session.steps) == 1
+
+
+def test_a_sensor_of_two_values_is_no_dead_one_while_it_has_shown_one(make):
+    """Warnings are errors here; of eight equal recordings there is one."""
+    learner = Learner(domain_from_table(make.kitchen), agent=make.agent("look"), logs=None)
+    for number in range(7):
+        trial = learner.ask("red", Faulty(Outcome("table", {"color": np.ones(3)})))
+        learner.tell(trial, {"red": number % 2 == 0})
+    learner.refit()
+    learner.tell(learner.ask("red", Faulty(Outcome("table", {"color": np.ones(3)}))), {"red": True})
+    with pytest.warns(UserWarning, match="None of the features of"):
+        learner.refit()
