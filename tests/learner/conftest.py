@@ -69,6 +69,19 @@ class Arm:
         return Outcome(self.state, {"force": FORCES[[int(self.full)]] + self.rng.normal(0, 1.2, 1)})
 
 
+class Faulty:
+    """Looks as it is told to, however often."""
+
+    def __init__(self, outcome):
+        self.outcome = outcome
+
+    def start(self):
+        return "table"
+
+    def execute(self, behavior):
+        return self.outcome() if callable(self.outcome) else self.outcome
+
+
 def agent_of(*behaviors, **options):
     """Make an agent that executes behaviors in order, and then reports."""
     return Agent("script", lambda domain, query: Predefined(behaviors), **options)
@@ -94,6 +107,7 @@ def make():
     """The makers."""
     return SimpleNamespace(
         arm=Arm,
+        faulty=Faulty,
         agent=agent_of,
         learner=make_learner,
         dataset=make_dataset,

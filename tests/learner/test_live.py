@@ -1,46 +1,27 @@
 """Trials with a live robot: what is wrong is no percept, and no step is ever lost."""
 
-import dataclasses
 import math
 import os
 import re
 import signal
 import subprocess
 import sys
-import warnings
 from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from meal_bayes.datasets import Dataset
 from meal_bayes.domain import domain_from_table
 from meal_bayes.errors import LogError, RobotError, SettingsError
 from meal_bayes.evaluation import summarize
-from meal_bayes.learner import Learner
-from meal_bayes.learner.views import attempts, labels_for
+from meal_bayes.learner.views import attempts
 from meal_bayes.robots import Outcome, OutcomeChecker
 from meal_bayes.trial_log import check_log, read_trials, recover_log, salvage
 
 HERE = Path(__file__).parent
 ROOT = HERE.parents[1]
 PLAN = ("look", "lift", "reset", "look")
-
-
-class Faulty:
-    """Looks as it is told to, however often."""
-
-    def __init__(self, outcome):
-        self.outcome = outcome
-
-    def start(self):
-        return "table"
-
-    def execute(self, behavior):
-        return self.outcome() if callable(self.outcome) else self.outcome
-
 
 GOOD = np.array([40.0, 60.0, 190.0])
 WRONG = {
@@ -61,7 +42,7 @@ def test_what_is_no_percept_moves_no_belief_and_is_warned_of(dataset, make, tmp_
     features, says = WRONG[kind]
     learner = make.learner(dataset, make.agent("look", **make.ours))
     path = tmp_path / "a.mcap"
-    trial = learner.ask("red", Faulty(Outcome("table", features)), log=path)
+    trial = learner.ask("red", make.faulty(Outcome("table", features)), log=path)
     step = trial.steps[0]
     assert step.observation is None
     np.testing.assert_array_equal(step.belief.log_odds, trial.first_belief.log_odds)
@@ -76,7 +57,7 @@ def test_what_is_no_percept_moves_no_belief_and_is_warned_of(dataset, make, tmp_
 @pytest.mark.parametrize("surplus", [{}, {"force": [1.0]}])
 def test_a_good_percept_has_no_warning(dataset, make, surplus):
     learner = make.learner(dataset, make.agent("look", **make.ours))
-    trial = learner.ask("red", Faulty(Outcome("table", {"color": GOOD, **surplus})))
+    trial = learner.ask("red", make.faulty(Outcome("table", {"color": GOOD, **surplus})))
     assert trial.steps[0].observation is not None
     assert not any(step.warning for step in trial.steps)
 
@@ -94,7 +75,7 @@ def test_a_percept_is_made_of_the_modalities_that_are_there(make, weight):
     learner = make.learner(dataset, make.agent("look", "look", **make.ours))
     features = {"color": GOOD} if weight is None else {"color": GOOD, "weight": weight}
     with pytest.warns(UserWarning, match="look by color alone: weight") as caught:
-        trial = learner.ask("red", Faulty(Outcome("table", features)), truth={"red": False})
+        trial = learner.ask("red", make.faulty(Outcome("table", features)), truth={"red": False})
     assert len(caught) == 1  # a trial
     assert trial.success
     assert all(step.observation is not None for step in trial.steps[:2])
@@ -149,14 +130,14 @@ def test_an_unknown_state_ends_the_trial(dataset, make, tmp_path, outcome, says)
     learner = make.learner(dataset, make.agent(*PLAN, **make.ours))
     path = tmp_path / "a.mcap"
     with pytest.raises(RobotError, match=says):
-        learner.ask("red", Faulty(outcome), log=path)
+        learner.ask("red", make.faulty(outcome), log=path)
     (trial,) = read_trials(path)
     assert trial.ended.startswith("robot error: RobotError: execute('look')")
     assert trial.steps == ()
 
 
 def test_an_unknown_state_at_the_start(dataset, make, tmp_path):
-    robot = Faulty(None)
+    robot = make.faulty(None)
     robot.start = lambda: 99
     with pytest.raises(RobotError, match=r"start\(\)"):
         make.learner(dataset).ask("red", robot, log=tmp_path / "a.mcap")
@@ -267,7 +248,7 @@ def test_a_folder_that_cannot_be_made_is_told(dataset, make, tmp_path):
 def test_what_is_sensed_in_a_motion_that_failed_is_left_aside(dataset, make):
     learner = make.learner(dataset)
     with pytest.warns(UserWarning, match="yielded nothing several times"):
-        trial = learner.ask("full", Faulty(Outcome("table", {"force": [5.5]})), learn=True)
+        trial = learner.ask("full", make.faulty(Outcome("table", {"force": [5.5]})), learn=True)
     lifts = [step for step in trial.steps if step.decision.action == 1]
     assert 2 <= len(lifts) <= 3
     assert {step.warning for step in lifts} == {"it failed: what it sensed is left aside"}
@@ -276,112 +257,8 @@ def test_what_is_sensed_in_a_motion_that_failed_is_left_aside(dataset, make):
 
 def test_a_way_that_the_diagram_does_not_have_is_no_success(dataset, make):
     learner = make.learner(dataset, make.agent("look", **make.ours))
-    learner.ask("red", Faulty(Outcome("held")))
+    learner.ask("red", make.faulty(Outcome("held")))
     assert attempts(learner.experience)[0].tolist() == [1, 0]
-
-
-def test_labels_reach_what_a_trial_shows_before_and_after_them(dataset, make):
-    learner = make.learner(dataset, make.agent("look", "look", **make.ours))
-    arm, session = make.arm(red=True), learner.begin("red", object_name="mug")
-    session.observe(Outcome(arm.start(), arm.execute("look").features))
-    learner.tell(session.trial, {"red": True})
-    session.observe(arm.execute("look"))
-    rows = learner.experience.shown(session.task.key)
-    assert learner.experience.labels.values[rows, 0].tolist() == [1, 1]
-    learner.tell("mug", {"full": True})  # by its name: all that it has shown
-    assert learner.experience.labels.values[rows, 1].tolist() == [1, 1]
-
-
-def test_labels_by_name_teach_as_those_of_trials_do(dataset, make):
-    beliefs = []
-    for by_name in (False, True):
-        learner = Learner(dataset.domain, agent=make.agent("look", **make.ours), logs=None)
-        for number in range(12):
-            name, red = f"cup {number}", number % 2 == 0
-            trial = learner.ask("red", make.arm(red=red, seed=number), object_name=name)
-            learner.tell(name if by_name else trial, {"red": red})
-        test = learner.ask("red", make.arm(red=True, seed=99), learn=False)
-        beliefs.append(test.last_belief.positive)
-    np.testing.assert_array_equal(*beliefs)
-    assert beliefs[0][0] > 0.6
-
-
-def test_to_forget_a_word_restores_the_label_of_the_data(dataset, make):
-    learner = make.learner(dataset, make.agent("look", **make.ours))
-    before = labels_for(learner.experience, ["cup 1"]).tolist()
-    trial = learner.ask("red", make.arm(), object_name="cup 1")
-    learner.tell(trial, {"red": False})
-    assert labels_for(learner.experience, ["cup 1"]).tolist() != before
-    assert repr(learner.experience).endswith(" 25 labels, 1 of them contradicted")
-    learner.tell(trial, {"red": False})
-    assert repr(learner.experience).endswith(" 25 labels, 1 of them contradicted")
-    learner.forget(trial)
-    assert labels_for(learner.experience, ["cup 1"]).tolist() == before
-
-
-ODD = [[], [9.0] * 7, [math.nan] * 3, "red", [[1.0], [2.0, 3.0]], None, {"a": 1}, [9.0] * 2]
-
-
-@given(value=st.sampled_from(ODD), moment=st.integers(0, 5))
-@settings(max_examples=20, deadline=None)
-def test_one_odd_reading_costs_one_reading(make, value, moment):
-    domain = domain_from_table(make.kitchen)
-    learner = Learner(domain, agent=make.agent("look", **make.ours), logs=None)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)
-        for number in range(6):
-            arm = make.arm(red=number % 2 == 0, seed=number)
-            robot = Faulty(Outcome("table", {"color": value})) if number == moment else arm
-            trial = learner.ask("red", robot, object_name=f"mug {number}")
-            learner.tell(trial, {"red": number % 2 == 0})
-        learner.refit()
-    perception = learner.fitted(learner.agent).perception
-    assert len(perception.classifiers["look"].spaces["color"].rows) == 5
-    assert learner.knowledge().posterior.counts[0, 0].sum() == 5
-
-
-def test_a_new_sensor_wins_by_its_number_and_odd_recordings_are_named_once(dataset, make):
-    learner = make.learner(dataset, make.agent("look", **make.ours))
-    wide = {
-        context: np.concatenate([values, values], axis=-1)
-        for context, values in dataset.features.items()
-    }
-    one = {context: np.array(values) for context, values in wide.items()}
-    for values in one.values():
-        values[1:] = values[:, 1:] = np.nan
-    odd = Dataset(dataset.domain, dataset.objects, one, dataset.labels, partial=True)
-    before = learner.knowledge().posterior.counts
-    with pytest.warns(UserWarning, match="look color of .cup 0. has 6 features, most have 3"):
-        learner.fit(odd)
-    np.testing.assert_array_equal(learner.knowledge().posterior.counts, before)
-    learner.refit()  # says nothing any more
-    with pytest.warns(UserWarning, match="has 3 features, most have 6"):
-        learner.fit(dataclasses.replace(dataset, features=wide))
-    assert learner.fitted(learner.agent).expected_sizes["look", "color"] == 6
-    assert "36" not in repr(learner)
-
-
-def test_the_recordings_of_a_trial_can_be_forgotten(dataset, make):
-    learner = make.learner(dataset, make.agent("look", **make.ours))
-    fresh = learner.knowledge().posterior.counts
-    trial = learner.ask("red", make.arm(), object_name="mug")
-    learner.tell(trial, {"red": True})
-    learner.refit()
-    assert learner.knowledge().posterior.counts.sum() == fresh.sum() + 1
-    learner.forget(trial, recordings=True)
-    np.testing.assert_array_equal(learner.knowledge().posterior.counts, fresh)
-    assert repr(learner.experience).startswith("72 recordings of 13 objects, 24 labels")
-    with pytest.raises(SettingsError, match="has no labels or recordings"):
-        learner.forget(trial, recordings=True)
-
-
-def test_trials_of_other_behaviors_are_refused(dataset, make):
-    trial = make.learner(dataset, make.agent("look", **make.ours)).ask("red", make.arm())
-    table = make.kitchen | {"behaviors": make.kitchen["behaviors"][::-1]}
-    other = Learner(domain_from_table(table), agent=make.agent("look", **make.ours), logs=None)
-    with pytest.raises(SettingsError, match="has the behaviors look, lift, reset"):
-        other.tell(trial, {"red": True})
-    assert len(other.experience.executions) == 0
 
 
 def test_an_outcome_counts_once_where_a_callback_raises(dataset, make):
@@ -394,15 +271,3 @@ def test_an_outcome_counts_once_where_a_callback_raises(dataset, make):
         with pytest.raises(fault):
             session.observe(Outcome("table", {"color": GOOD}))
     assert len(session.steps) == 1
-
-
-def test_a_sensor_of_two_values_is_no_dead_one_while_it_has_shown_one(make):
-    """Warnings are errors here; of eight equal recordings there is one."""
-    learner = Learner(domain_from_table(make.kitchen), agent=make.agent("look"), logs=None)
-    for number in range(7):
-        trial = learner.ask("red", Faulty(Outcome("table", {"color": np.ones(3)})))
-        learner.tell(trial, {"red": number % 2 == 0})
-    learner.refit()
-    learner.tell(learner.ask("red", Faulty(Outcome("table", {"color": np.ones(3)}))), {"red": True})
-    with pytest.warns(UserWarning, match="None of the features of"):
-        learner.refit()
