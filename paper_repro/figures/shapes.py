@@ -1,54 +1,120 @@
-"""Figures that the paper has and a run's report has not: bars, maps, a transition diagram."""
+"""Shapes that the paper's figures have and a run's report has not: dots, maps, a diagram."""
 
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
+from textwrap import fill
 from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 from numpy.typing import ArrayLike
 
-from meal_bayes.canvas import COLORS, Axes, axes_to_draw, legend, name_axes
+from meal_bayes.canvas import Axes, axes_to_draw, drawn_in_style, legend, name_axes
 from meal_bayes.display import level_names
 from meal_bayes.domain import TransitionDiagram
 from meal_bayes.domain.diagram import ANY_STATE
 from meal_bayes.evaluation.plots import reach
 from meal_bayes.evaluation.statistics import Interval
+from meal_bayes.palette import agent_style
 
-_LETTERS = 48  # that fit side by side under bars
+_LETTERS = 64  # that fit side by side below an axis
+_TITLE_LETTERS, _CAPTION_LETTERS = 12.0, 16.5  # an inch of a line
 _CELLS = 64  # of an image, beyond which its numbers are small
 
 
-def bars(
+def headline(ax: Axes, finding: str, caption: str) -> Axes:
+    """Write the finding above a figure, and below it what its marks are and how many they are of.
+
+    Both are broken into lines of the figure's width.
+    """
+    figure: Any = ax.get_figure(root=True)
+    width = figure.get_size_inches()[0]
+    with drawn_in_style():
+        figure.suptitle(
+            fill(finding, int(width * _TITLE_LETTERS)), x=0.01, ha="left", fontsize=10,
+            weight="bold",
+        )  # fmt: skip
+        figure.supxlabel(
+            fill(caption, int(width * _CAPTION_LETTERS)), x=0.01, ha="left", fontsize=8,
+            color="#555555",
+        )  # fmt: skip
+    return ax
+
+
+def name_ends(ax: Axes, ends: Mapping[str, tuple[float, float]]) -> None:
+    """Write the name of each line behind its last point (x, y), names apart from one another."""
+    low, high = ax.get_ylim()
+    log = ax.get_yscale() == "log"
+    scale = np.log if log else np.asarray
+    gap = 0.075 * (scale(high) - scale(low))
+    order = sorted(ends, key=lambda name: ends[name][1])
+    places = [float(scale(ends[name][1])) for name in order]
+    for at in range(1, len(places)):
+        places[at] = max(places[at], places[at - 1] + gap)
+    middle = np.mean(places) - np.mean([scale(ends[name][1]) for name in order])
+    for name, place in zip(order, places, strict=True):
+        height = place - middle
+        ax.annotate(
+            name, (1, float(np.exp(height) if log else height)), xytext=(4, 0),
+            xycoords=ax.get_yaxis_transform(), textcoords="offset points", va="center",
+            fontsize=8, annotation_clip=False,
+        )  # fmt: skip
+    ax.set_xlim(right=max(x for x, _ in ends.values()))
+
+
+def shared_legend(axes: Sequence[Axes]) -> None:
+    """Add one legend of all panels to the right of them, clear of title and caption."""
+    found = {
+        name: handle
+        for ax in axes
+        for handle, name in zip(*ax.get_legend_handles_labels(), strict=True)
+    }
+    with drawn_in_style():
+        axes[-1].figure.legend(
+            found.values(), found.keys(), loc="outside right upper", title="agent",
+            alignment="left",
+        )  # fmt: skip
+
+
+def panels(rows: int, columns: int, *, width: float, height: float) -> list[Axes]:
+    """Return the Axes of a new figure (inches), row by row."""
+    with drawn_in_style():
+        figure = Figure(figsize=(width, height), layout="constrained")
+        return list(figure.subplots(rows, columns, squeeze=False).ravel())
+
+
+def dots(
     groups: Mapping[str, Sequence[Interval]],
     names: Sequence[str],
     *,
     y_label: str,
     fraction: bool = False,
-    ax: Axes | None = None,
 ) -> Axes:
-    """Draw estimates with their intervals as bars side by side (as Fig. 8).
+    """Draw estimates with their intervals as dots side by side (as Figs 8 and 11).
 
-    Groups hold for each color an interval for each of the names under the bars; one group stands
-    without a legend. Of a `fraction` y goes from 0 to 1.
+    Groups hold for each agent an interval for each of the names below the axis. Of a `fraction` y
+    goes from 0 to 1.
     """
-    with axes_to_draw(ax) as to:
-        width, single = 0.8 / max(len(groups), 1), len(groups) == 1
+    step = 0.72 / max(len(groups), 1)
+    turned: dict[str, Any] = {"rotation": 30, "ha": "right", "rotation_mode": "anchor"}
+    with axes_to_draw(None, width=6.4, height=3.6) as to:
         place = np.arange(len(names))
-        for number, (group, intervals) in enumerate(groups.items()):
-            x = place + (number - (len(groups) - 1) / 2) * width
-            colors = [COLORS[i % len(COLORS)] for i in place] if single else COLORS[number % 8]
-            heights = [interval.estimate for interval in intervals]
-            to.bar(x, heights, width * 0.9, color=colors, label=None if single else group)
+        for number, (agent, intervals) in enumerate(groups.items()):
+            style = agent_style(agent)
             to.errorbar(
-                x, heights, reach(intervals), fmt="none", ecolor="#222222", elinewidth=1.1,
-                capsize=2.5,
+                place + (number - (len(groups) - 1) / 2) * step,
+                [each.estimate for each in intervals], reach(intervals), fmt=style.marker,
+                color=style.color, ms=5, elinewidth=1.3, capsize=2.5, label=agent,
             )  # fmt: skip
-        turned: dict[str, Any] = {"rotation": 30, "ha": "right", "rotation_mode": "anchor"}
+        for edge in place[1:]:
+            to.axvline(edge - 0.5, color="#E6E6E6", lw=0.7)
         to.set_xticks(place, names, **turned if sum(map(len, names)) > _LETTERS else {})
+        to.set_xlim(-0.5, len(names) - 0.5)
         name_axes(to, "", y_label, grid="y")
+        to.axhline(0, color="#7A7A7A", lw=0.8)
         if fraction:
             to.set_ylim(0, 1.04)
-        legend(to, len(groups), above=True)  # bars fill their axes
+        legend(to, len(groups), above=True)
         return to
 
 
@@ -72,7 +138,7 @@ def heat_map(
     with axes_to_draw(ax, height=height) as to:
         low, high = limits or (None, None)
         image = to.imshow(table, cmap="viridis", origin="lower", aspect="auto", vmin=low, vmax=high)
-        dark, small = image.get_clim(), 8 if table.size <= _CELLS else 6
+        dark, small = image.get_clim(), 8 if table.size <= _CELLS else 7
         for (row, column), value in np.ndenumerate(table):
             if np.isfinite(value):
                 light = value < dark[0] + 0.6 * (dark[1] - dark[0])
@@ -119,7 +185,7 @@ def transition_diagram(
         arrows[source, source if target == ANY_STATE else target].append(effect.behavior + chance)
     with axes_to_draw(ax, width=7.2, height=3.4) as to:
         for name, (x, y) in place.items():
-            color = COLORS[0] if name == diagram.start else "#4A4A4A"
+            color = "#000000" if name == diagram.start else "#7A7A7A"
             to.plot(x, y, "o", ms=24, mfc="white", mec=color, mew=1.6, zorder=3)
             to.text(x, y, name, ha="center", va="center", zorder=4)
         for (source, target), names in arrows.items():
@@ -128,7 +194,7 @@ def transition_diagram(
             elif source == target:
                 x, y = place[source]
                 text = "loop: " + "\n".join(names)
-                to.text(x, y + 0.3, text, ha="center", va="bottom", fontsize=7)
+                to.text(x, y + 0.3, text, ha="center", va="bottom", fontsize=8)
             else:
                 _arrow(to, place[source], place[target], "\n".join(names))
         ends = np.array(list(place.values()))
@@ -174,6 +240,6 @@ def _arrow(ax: Axes, start: tuple[float, float], end: tuple[float, float], name:
     length = float(np.hypot(to_x - x, to_y - y))
     drop = 0.5 * bend * length if back else 0.0
     ax.text(
-        (x + to_x) / 2, (y + to_y) / 2 + drop, name, ha="center", va="center", fontsize=7,
+        (x + to_x) / 2, (y + to_y) / 2 + drop, name, ha="center", va="center", fontsize=8,
         bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.6},
     )  # fmt: skip

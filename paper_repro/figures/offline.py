@@ -1,0 +1,190 @@
+"""Figures of trials of trained agents: strategies, irrelevant attributes, budgets, losses."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from meal_bayes.canvas import Axes, axes_to_draw, legend, name_axes
+from meal_bayes.domain import load_domain
+from meal_bayes.evaluation.plots import reach
+from meal_bayes.evaluation.statistics import Interval
+from meal_bayes.palette import agent_style
+from paper_repro.figures.read import Record, Row, interval_of, joined, leaders, rows_of
+from paper_repro.figures.shapes import (
+    confusion_matrices,
+    dots,
+    headline,
+    name_ends,
+    transition_diagram,
+)
+
+_MEASURES = {"reward": "reward", "cost": "cost, s", "success": "accuracy"}
+_SUPER = {"reward": "reward", "cost": "cost, s", "success": "accuracy, relevant ones"}
+_SETTINGS = (("-", "o"), ("--", "s"), (":", "D"), ("-.", "^"))  # of one agent's lines
+_PARTS = (("more data", "#4A4A4A"), ("better plans", "#9A9A9A"), ("better sensors", "#D8D8D8"))
+_DIAGRAMS = ("ispy32", "cy101", "roc36")
+_MEANS = "Lines reach two standard errors of a mean, or 95 % of a fraction."
+
+
+def fig4(record: Record) -> dict[str, Axes]:
+    """Draw the confusion matrices of each source of classifiers."""
+    table = record["tables"][0]
+    rows = [dict(zip(("attribute", "source", *"abcd", "kappa"), row, strict=True))
+            for row in table["rows"]]  # fmt: skip
+    figures = {}
+    for source in dict.fromkeys(row["source"] for row in rows):
+        chosen = [row for row in rows if row["source"] == source]
+        names = [row["attribute"] for row in chosen]
+        matrices = np.array([[row[cell] for cell in "abcd"] for row in chosen]).reshape(-1, 2, 2)
+        ax = confusion_matrices(matrices, names)
+        kappas = joined([f"{row['kappa']:.2f} for {row['attribute']}" for row in chosen])
+        headline(ax, f"Cohen's kappa of shake is {kappas}",
+                 f"ROC36, {source} classifiers: Pr(percept | truth), a row each truth")  # fmt: skip
+        end = source.removeprefix("published, ")
+        figures["" if end == "default" else f"_{end}"] = ax
+    return figures
+
+
+def fig5(record: Record) -> dict[str, Axes]:
+    """Draw the transition diagrams of the paper and of the published code."""
+    del record  # diagrams are the domains'
+    figures = {}
+    for name in _DIAGRAMS:
+        for end, whose in (("", "the paper's"), ("_published", "the published code's")):
+            title = f"{name.upper()}, {whose}"
+            figures[f"_{name}{end}"] = transition_diagram(
+                load_domain(name + end).diagram, title=title
+            )
+    return figures
+
+
+def fig8(record: Record) -> dict[str, Axes]:
+    """Draw reward, cost and accuracy of each strategy over the number of attributes."""
+    rows, figures = rows_of(record["tables"][0]), {}
+    for percepts in dict.fromkeys(row["percepts"] for row in rows):
+        chosen = [row for row in rows if row["percepts"] == percepts]
+        numbers = list(dict.fromkeys(row["attributes"] for row in chosen))
+        places = [f"{n} attribute{'s' * (n > 1)}" for n in numbers]
+        for measure, column in _MEASURES.items():
+            groups = _by_agent(chosen, column)
+            ax = dots(groups, places, y_label=column, fraction=measure == "success")
+            by_number = {n: {agent: each[i] for agent, each in groups.items()}
+                         for i, n in enumerate(numbers)}  # fmt: skip
+            word, least = ("Least", True) if measure == "cost" else ("Highest", False)
+            told = leaders(by_number, least=least)
+            headline(ax, f"{word} {column.split(',')[0]}, by number of attributes: {told}",
+                     f"ISPY32, percepts {percepts}. {record['size']} {_MEANS}")  # fmt: skip
+            figures[f"_{measure}_{percepts}"] = ax
+    return figures
+
+
+def _by_agent(rows: Sequence[Row], column: str) -> dict[str, list[Interval]]:
+    groups: dict[str, list[Interval]] = {}
+    for row in rows:
+        groups.setdefault(row["agent"], []).append(interval_of(row[column]))
+    return groups
+
+
+def fig9(record: Record) -> dict[str, Axes]:
+    """Draw each measure of MORC over the number of irrelevant attributes."""
+    rows = rows_of(record["tables"][0])
+    kinds = list(dict.fromkeys(row["percepts"] for row in rows))
+    figures = {}
+    for measure, column in _SUPER.items():
+        told, ends = [], {}
+        with axes_to_draw(None, width=6.4, height=3.4) as ax:
+            for kind, (dash, marker) in zip(kinds, _SETTINGS, strict=False):
+                chosen = [row for row in rows if row["percepts"] == kind]
+                x = [row["irrelevant"] for row in chosen]
+                spans = [interval_of(row[column]) for row in chosen]
+                _, _, low, high = np.transpose(spans)
+                y = [span.estimate for span in spans]
+                color = agent_style("morc").color
+                ax.plot(x, y, dash, marker=marker, color=color, ms=4.5, lw=1.6)
+                ax.fill_between(x, low, high, color=color, alpha=0.12, lw=0)
+                ends[kind] = (x[-1], y[-1])
+                digits = 2 if measure == "success" else 0
+                told.append(f"{y[0]:.{digits}f} to {y[-1]:.{digits}f} ({kind})")
+            name_axes(ax, "irrelevant attributes", column)
+            name_ends(ax, ends)
+        finding = f"From {x[0]} to {x[-1]} irrelevant attributes, {column.split(',')[0]} goes from"
+        headline(ax, f"{finding} {joined(told)}",
+                 f"MORC on ISPY32. {record['size']} {_MEANS.replace('Lines', 'Bands')}")  # fmt: skip
+        figures[f"_{measure}"] = ax
+    return figures
+
+
+def eq7(record: Record) -> dict[str, Axes]:
+    """Draw successes within a budget, one line a strategy, both axes logarithmic."""
+    table = record["tables"][0]
+    budgets = [column for column in table["columns"] if column.startswith("within ")]
+    hours = [float(column.split()[1]) for column in budgets]
+    rows, figures = rows_of(table), {}
+    for title in dict.fromkeys(row[""] for row in rows):
+        chosen = [row for row in rows if row[""] == title]
+        last = {row["agent"]: interval_of(row[budgets[-1]]) for row in chosen}
+        ends = {}
+        with axes_to_draw(None, width=6.4, height=3.6) as ax:
+            for row in chosen:
+                spans = [interval_of(row[column]) for column in budgets]
+                style = agent_style(row["agent"])
+                y = [max(span.estimate, 0.5) for span in spans]  # none is below one
+                ax.errorbar(hours, y, reach(spans), fmt=style.marker + style.dash, ms=5, lw=1.5,
+                            color=style.color, capsize=2.5, elinewidth=1.1)  # fmt: skip
+                ends[f"{row['agent']} {spans[-1].estimate:.0f}"] = (hours[-1], y[-1])
+            ax.set(xscale="log", yscale="log")
+            ax.set_xticks(hours, [f"{60 * h:.0f} min" for h in hours], minor=False)
+            ax.minorticks_off()
+            ax.yaxis.set_major_formatter("{x:g}")
+            name_axes(ax, "budget of exploration", "successes")
+            name_ends(ax, ends)
+        seeing = {agent: span for agent, span in last.items() if agent != "random"}
+        best = max(seeing, key=lambda agent: seeing[agent].estimate)
+        finding = (
+            f"Within {hours[-1]:g} h, who guesses has {last['random'].estimate:.0f} successes; of "
+            f"those who explore {best} has most, {seeing[best].estimate:.0f}"
+        )
+        headline(ax, finding, f"{title}. {record['size']} Lines reach two standard errors "
+                 "(bootstrap), one trial after another.")  # fmt: skip
+        place, protocol = title.split(",")[0].lower(), title.rsplit(" ", 1)[1]
+        figures[f"_{place}_{protocol}"] = ax
+    return figures
+
+
+def losses(record: Record) -> dict[str, Axes]:
+    """Draw what each question lacks of the reward of perfect percepts, by what would bring it."""
+    table = record["tables"][0] if record["tables"] else {"columns": (), "rows": ()}
+    if not table["rows"]:
+        return {}
+    columns = table["columns"][-len(_PARTS) :]  # data, plans, sensors
+    rows = rows_of(table)
+    gaps = np.array([[max(row[column][0], 0.0) for column in columns] for row in rows])
+    errors = [row[columns[-1]][1] for row in rows]
+    place = np.arange(len(rows))
+    with axes_to_draw(None, width=6.4, height=1.0 + 0.3 * len(rows)) as ax:
+        left = np.zeros(len(rows))
+        for (name, color), part in zip(_PARTS, gaps.T, strict=True):
+            ax.barh(place, part, 0.66, left=left, color=color, label=name)
+            for at, (start, width) in enumerate(zip(left, part, strict=True)):
+                if width > 0.06 * gaps.sum(axis=1).max():
+                    ax.text(start + width / 2, at, f"{width:.0f}", ha="center", va="center",
+                            fontsize=8, color="white" if color == _PARTS[0][1] else "black")  # fmt: skip
+            left = left + part
+        ax.set_yticks(place, [_question(row) for row in rows])
+        ax.invert_yaxis()
+        name_axes(ax, "reward that is lacking", "", grid="x")
+        ax.tick_params(axis="y", length=0)
+        legend(ax, len(_PARTS), above=True)
+    most = np.bincount(gaps.argmax(axis=1), minlength=len(_PARTS))
+    named = [f"{name} in {n}" for (name, _), n in zip(_PARTS, most, strict=True) if n]
+    headline(ax, f"What would bring most, of {len(rows)} kinds of question: {joined(named)}",
+             f"Our agent; {record['size']} Parts are estimates; standard errors of the last are "
+             f"{min(errors):.0f} to {max(errors):.0f}, of all in the table.")  # fmt: skip
+    return {"": ax}
+
+
+def _question(row: Mapping[str, object]) -> str:
+    asked = row.get("asks for", "values")
+    kind = "" if asked == "values" else f", {asked}"
+    return f"{str(row['data set']).upper()}, {row['attributes']}{kind}"
+

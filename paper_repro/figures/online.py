@@ -1,0 +1,171 @@
+"""Figures of agents that learn online: curves as differences, attributes, weights, a model."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from meal_bayes.canvas import Axes, axes_to_draw, name_axes
+from meal_bayes.evaluation.outcome_model import MARGINS
+from meal_bayes.evaluation.plots import reach
+from meal_bayes.evaluation.statistics import Interval
+from meal_bayes.palette import agent_style
+from paper_repro.figures.read import Record, Row, apart, interval_of, joined, rows_of
+from paper_repro.figures.shapes import dots, headline, heat_map, panels, shared_legend
+
+_BASE, _BEST = "iterative_morc", "morc_itrs"
+_DRAWN = ("iterative_random_legal", _BEST, "bayes", "bayes_memory")
+_BUDGETS = (0.5, 1, 2, 4)  # hours at which the tables compare
+_AREA = "reward over H h, less its"
+_MODEL, _DESIGN = "accuracy less the paper's agent's", "by the model"
+_SIDES = (0.16, -0.16)  # of the model's dot, and of the design's below it
+
+
+def fig10(record: Record) -> dict[str, Axes]:
+    """Draw each agent's reward less Iterative MORC's over the hours of exploration, by panel."""
+    figures = {}
+    for protocol in ("recorded", "theirs"):
+        tables = [table for table in record["tables"] if table["title"].endswith(f", {protocol}")]
+        if not tables:
+            continue
+        columns = min(len(tables), 2)
+        rows = -(-len(tables) // columns)
+        axes = panels(rows, columns, width=6.8, height=1.4 + 1.9 * rows)
+        told: dict[str, list[str]] = {}
+        for ax, table in zip(axes, tables, strict=False):
+            agents = {row["agent"]: row for row in rows_of(table)}
+            for agent in (name for name in _DRAWN if name in agents):
+                _difference(ax, agents[agent], agents[_BASE])
+                area = interval_of(agents[agent][_AREA], agents[agent]["repeats"])
+                told.setdefault(agent, []).append(_side(area))
+            with axes_to_draw(ax):
+                ax.axhline(0, color="#7A7A7A", lw=1)
+                ax.set_title(table["title"].removesuffix(f", {protocol}"), fontsize=9, loc="left")
+                name_axes(ax, "exploration, h", "reward less its")
+                ax.set_xscale("log")
+                ax.set_xticks(_BUDGETS, [f"{h:g}" for h in _BUDGETS])
+                ax.minorticks_off()
+                ax.set_xlim(0.45, 4.4)
+        for ax in axes[len(tables) :]:
+            ax.remove()
+        finding = "; ".join(f"{agent} is {_counts(sides)}" for agent, sides in told.items())
+        shared_legend(axes[: len(tables)])
+        headline(axes[0], f"Reward less Iterative MORC's, number of panels: {finding}",
+                 f"{record['size']} Bands: 95 % intervals over splits of the same objects "
+                 "(Student's t, corrected). Lines end where either agent has explored no longer."
+                 )  # fmt: skip
+        figures[f"_{protocol}"] = axes[0]
+    return figures
+
+
+def _difference(ax: Axes, row: Row, base: Row) -> None:
+    """Draw an agent's line, to where both have explored."""
+    until = min(row["explored, h"][0], base["explored, h"][0])
+    columns = [name for name in row if name.startswith("reward at ")]
+    columns = [name for name in columns if float(name.split()[2]) <= until]
+    columns = [name for name in columns if row[name] is not None]
+    hours = [float(name.split()[2]) for name in columns]
+    spans = [interval_of(row[name], row["repeats"]) for name in columns]
+    if not spans:
+        return
+    y, _, low, high = np.transpose(spans)
+    style = agent_style(row["agent"])
+    ax.plot(hours, y, style.dash, marker=style.marker, color=style.color, ms=4.5, lw=1.5,
+            label=row["agent"])  # fmt: skip
+    ax.fill_between(hours, low, high, color=style.color, alpha=0.15, lw=0)
+
+
+def _side(interval: Interval) -> str:
+    return "ahead" if interval.low > 0 else "behind" if interval.high < 0 else "not told apart"
+
+
+def _counts(sides: Sequence[str]) -> str:
+    return joined([f"{side} in {sides.count(side)}" for side in dict.fromkeys(sides)])
+
+
+def fig11(record: Record) -> dict[str, Axes]:
+    """Draw the accuracy of each attribute, a dot an agent, ranked by MORC-ITRS."""
+    table, figures = record["tables"][0], {}
+    agents = table["columns"][2:]
+    for protocol in dict.fromkeys(row[0] for row in table["rows"]):
+        rows = [row for row in rows_of(table) if row["percepts"] == protocol]
+        groups = {agent: [interval_of(row[agent]) for row in rows] for agent in agents}
+        ax = dots(groups, [row["attribute"] for row in rows], y_label="accuracy", fraction=True)
+        others = [agent for agent in agents if agent != _BEST]
+        ahead = sum(all(row[_BEST][0] > row[agent][0] for agent in others) for row in rows)
+        clear = sum(
+            all(apart(interval_of(row[_BEST]), interval_of(row[agent])) for agent in others)
+            for row in rows
+        )
+        headline(ax, f"MORC-ITRS has the highest estimate on {ahead} of {len(rows)} attributes; "
+                 f"its interval is apart from both others' on {clear}",
+                 f"CY101, percepts {protocol}. {record['size']} 95 % intervals over splits of the "
+                 "same objects.")  # fmt: skip
+        figures[f"_{protocol}"] = ax
+    return figures
+
+
+def fig12(record: Record) -> dict[str, Axes]:
+    """Draw accuracy over alpha and beta, a map a moment, in the colors of one scale."""
+    table = record["tables"][0]
+    rows = rows_of(table)
+    alphas, betas = (list(dict.fromkeys(row[name] for row in rows)) for name in ("alpha", "beta"))
+    moments = table["columns"][3:]
+    means = {moment: np.reshape([row[moment][0] for row in rows], (len(alphas), len(betas))).T
+             for moment in moments}  # fmt: skip
+    everything = np.concatenate(list(means.values()))
+    limits = (float(everything.min()), float(everything.max()))
+    figures = {}
+    for moment, values in means.items():
+        ax = heat_map(values, alphas, betas, labels=("alpha, s a bit", "beta, s", "accuracy"),
+                      digits=3, limits=limits)  # fmt: skip
+        best = max(rows, key=lambda row: row[moment][0])
+        span = interval_of(best[moment])
+        near = sum(not apart(span, interval_of(row[moment])) for row in rows) - 1
+        headline(ax, f"{moment.capitalize()}: best at alpha {best['alpha']}, beta {best['beta']} "
+                 f"({span.estimate:.3f} [{span.low:.3f}, {span.high:.3f}]), not told apart from "
+                 f"{near} of the other {len(rows) - 1} pairs",
+                 f"Accuracy of MORC-ITRS on CY101. {record['size']}")  # fmt: skip
+        figures[f"_{moment}"] = ax
+    return figures
+
+
+def hierarchical(record: Record) -> dict[str, Axes]:
+    """Draw the effects in each figure of the paper, by the model and by design."""
+    rows = rows_of(record["tables"][0])
+    figures = {}
+    for name in dict.fromkeys(row[""].split(":")[0] for row in rows):
+        group = [row for row in rows if row[""].startswith(f"{name}:")]
+        reference = "MORC" if name == "Fig. 8" else "MORC-ITRS"
+        figures[f"_{name.lower().replace('. ', '')}"] = _effects(record, name, group, reference)
+    return figures
+
+
+def _effects(record: Record, name: str, rows: Sequence[Row], reference: str) -> Axes:
+    margin = MARGINS["success"]
+    place = np.arange(len(rows))[::-1]
+    model = [Interval(row[_DESIGN], np.nan, row["low"], row["high"]) for row in rows]
+    plain = [interval_of(row[_MODEL]) for row in rows]
+    with axes_to_draw(None, width=6.4, height=1.4 + 0.24 * len(rows)) as ax:
+        ax.axvspan(-margin, margin, color="#E9E9E9", lw=0)
+        ax.axvline(0, color="#7A7A7A", lw=1)
+        for at, row, fitted, design in zip(place, rows, model, plain, strict=True):
+            style = agent_style(row["agent"])
+            for span, marker, color, up in ((fitted, style.marker, style.color, _SIDES[0]),
+                                            (design, "|", "#7A7A7A", _SIDES[1])):  # fmt: skip
+                ax.errorbar(span.estimate, at + up, xerr=reach([span]), fmt=marker, color=color,
+                            ms=4.5, elinewidth=1.3)  # fmt: skip
+        names = [f"{row[''].split(': ', 1)[1]}: {row['agent']}" for row in rows]
+        ax.set_yticks(place, names)
+        ax.set_ylim(-0.7, len(rows) - 0.3)
+        name_axes(ax, f"accuracy less {reference}'s", "", grid="x")
+    sides = [
+        _side(fitted) if _side(fitted) == _side(design) else "not told apart"
+        for fitted, design in zip(model, plain, strict=True)
+    ]
+    headline(ax, f"{name}: of {len(rows)} differences from {reference}, "
+             f"{joined([f'{sides.count(side)} {side}' for side in dict.fromkeys(sides)])} by both "
+             "intervals",
+             "Colored: the hierarchical model's effect and 95 % credible interval. Gray below it: "
+             f"by design, two standard errors. Gray band: within {margin:g}. {record['size']}"
+             )  # fmt: skip
+    return ax
