@@ -14,7 +14,6 @@ from typing import Any, NamedTuple, TypeVar
 from threadpoolctl import threadpool_info
 
 import meal_bayes
-from meal_bayes import canvas
 from meal_bayes.datasets import percepts
 from meal_bayes.digests import digest_of
 from meal_bayes.domain import unknown
@@ -22,6 +21,7 @@ from meal_bayes.errors import MealBayesError, SettingsError
 from meal_bayes.evaluation import Effect
 from meal_bayes.files import write_whole
 from meal_bayes.trial_log import read_seconds
+from paper_repro import figures
 from paper_repro.statements import PROTOCOLS, THEIRS, Evidence, judged, verdict
 
 HERE = Path(__file__).resolve().parent
@@ -101,8 +101,7 @@ class Result:
     evidence : of what the paper says of it, by protocol and text; None where it is not run.
     size : how many trials or repeats its numbers are of.
     notes : for readers.
-    figures : by what their files' names end in after the item.
-    shows : what the paper describes, beside the figures.
+    shows : what the paper describes, beside the figures, which are drawn from the tables.
     effects : of the published code's departures, by their number in errata.toml.
     """
 
@@ -112,7 +111,6 @@ class Result:
     evidence: Mapping[str, Mapping[str, Evidence | None]]
     size: str = ""
     notes: tuple[str, ...] = ()
-    figures: Mapping[str, canvas.Axes] = dataclasses.field(default_factory=dict)
     shows: str = ""
     effects: Mapping[str, str] = dataclasses.field(default_factory=dict)
 
@@ -164,16 +162,21 @@ def run_item(item: str, setting: Setting, folder: Path) -> dict[str, Any]:
     begin, setting = time.perf_counter(), dataclasses.replace(setting, spent={})
     result: Result = import_module(f"paper_repro.items.{item}").run(setting)
     seconds = max(time.perf_counter() - begin, math.fsum(setting.spent.values()))
-    record = facts(item, result, setting)
-    write_whole(folder / f"{item}.json", json.dumps(record, indent=1, allow_nan=False) + "\n")
-    for end, figure in result.figures.items():
-        canvas.save(figure, folder / f"{item}{end}.png")
+    record = write_record(folder, facts(item, result, setting))
     timing = folder / "timing.json"
     known = json.loads(timing.read_text(encoding="utf-8")) if timing.is_file() else {}
     known[item] = round(seconds, 1)
     write_whole(timing, json.dumps(known, indent=1, sort_keys=True) + "\n")
     note_provenance(item, folder)
     return record
+
+
+def write_record(folder: Path, record: dict[str, Any]) -> dict[str, Any]:
+    """Draw the figures of a record and write it with their names; returns what was written."""
+    shown = record | {"figures": figures.draw_into(folder, record)}
+    text = json.dumps(shown, indent=1, allow_nan=False)
+    write_whole(folder / f"{record['item']}.json", f"{text}\n")
+    return shown
 
 
 def note_provenance(item: str, folder: Path) -> None:
@@ -233,7 +236,7 @@ def facts(item: str, result: Result, setting: Setting) -> dict[str, Any]:
         "tables": [plain(table._asdict()) for table in result.tables],
         "statements": plain(statements),
         "notes": [" ".join(note.split()) for note in result.notes],
-        "figures": [f"{item}{end}.png" for end in result.figures],
+        "figures": [],  # drawn from the rest
         "shows": " ".join(result.shows.split()),
         "effects": dict(result.effects),
     }

@@ -9,7 +9,7 @@ import numpy as np
 from meal_bayes.agents import load_agent
 from meal_bayes.arrays import Floats
 from meal_bayes.domain import load_domain
-from meal_bayes.evaluation import Effect, plots, resampled
+from meal_bayes.evaluation import Effect, resampled
 from meal_bayes.experiments import OnlineConfig, run_online
 from meal_bayes.trials import TrialOutcomes
 from paper_repro import agents
@@ -123,8 +123,10 @@ def run_curves(
 
 
 def at_hours(hours: Floats, values: Floats, when: float) -> Floats:
-    """Read curves (S,B) at some hours, (S,); beyond its end a curve keeps its last value."""
-    return np.array([np.interp(when, x, y) for x, y in zip(hours, values, strict=True)])
+    """Read curves (S,B) at some hours, (S,); nan beyond the end of a curve."""
+    return np.array([
+        np.interp(when, x, y, right=np.nan) for x, y in zip(hours, values, strict=True)
+    ])  # fmt: skip
 
 
 def paired(first: Floats, second: Floats, ratio: float) -> Effect:
@@ -138,10 +140,3 @@ def mean_of(values: Floats, ratio: float, *, fraction: bool = False) -> Effect:
     effect = resampled(values[~np.isnan(values)], ratio)
     method = "Wilson's, corrected resampled" if fraction else effect.method
     return replace(effect, fraction=fraction, method=method)
-
-
-def accuracy_curve(curves: Curves, name: str) -> plots.Series:
-    """Draw mean accuracy over mean hours, with the band of its 95 % intervals."""
-    intervals = [mean_of(x, curves.ratio, fraction=True).interval() for x in curves.accuracy.T]
-    mean, _, low, high = np.array(intervals).T
-    return plots.Series(name, curves.hours.mean(axis=0), mean, low, high)

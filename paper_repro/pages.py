@@ -136,7 +136,10 @@ made again.
 
 
 def write_pages() -> list[str]:
-    """Write the index, a page an item, and ERRATA.md from results; returns their paths."""
+    """Write figures, the index, a page an item, ERRATA.md from results; returns pages' paths."""
+    for item in frame.items():
+        if (record := frame.read_result(item)) is not None:
+            frame.write_record(frame.RESULTS, record)
     pages = {"README.md": readme(frame.items()), "ERRATA.md": errata(frame.items())}
     for item in frame.items():
         if (result := frame.read_result(item)) is not None:

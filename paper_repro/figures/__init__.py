@@ -34,9 +34,10 @@ def draw(record: Record) -> dict[str, canvas.Axes]:
 
 def draw_into(folder: Path, record: Record) -> list[str]:
     """Write the figures of an item's record and remove those it has no more; returns the names."""
-    drawn = draw(record)
+    drawn, item = draw(record), record["item"]
     for name, ax in drawn.items():
         canvas.save(ax, folder / name)
-    for name in set(record.get("figures", ())) - set(drawn):
-        (folder / name).unlink(missing_ok=True)
+    for path in (*folder.glob(f"{item}.png"), *folder.glob(f"{item}_*.png")):
+        if path.name not in drawn:
+            path.unlink()
     return list(drawn)

@@ -72,7 +72,7 @@ def fig8(record: Record) -> dict[str, Axes]:
                          for i, n in enumerate(numbers)}  # fmt: skip
             word, least = ("Least", True) if measure == "cost" else ("Highest", False)
             told = leaders(by_number, least=least)
-            headline(ax, f"{word} {column.split(',')[0]}, by number of attributes: {told}",
+            headline(ax, f"{word} {column.split(',')[0]} by number of attributes: {told}",
                      f"ISPY32, percepts {percepts}. {record['size']} {_MEANS}")  # fmt: skip
             figures[f"_{measure}_{percepts}"] = ax
     return figures
@@ -107,9 +107,12 @@ def fig9(record: Record) -> dict[str, Axes]:
                 told.append(f"{y[0]:.{digits}f} to {y[-1]:.{digits}f} ({kind})")
             name_axes(ax, "irrelevant attributes", column)
             name_ends(ax, ends)
-        finding = f"From {x[0]} to {x[-1]} irrelevant attributes, {column.split(',')[0]} goes from"
-        headline(ax, f"{finding} {joined(told)}",
-                 f"MORC on ISPY32. {record['size']} {_MEANS.replace('Lines', 'Bands')}")  # fmt: skip
+        word, caption = column.split(",")[0], _MEANS.replace("Lines", "Bands")
+        headline(
+            ax,
+            f"From {x[0]} to {x[-1]} irrelevant attributes, {word} goes from {joined(told)}",
+            f"MORC on ISPY32. {record['size']} {caption}",
+        )
         figures[f"_{measure}"] = ax
     return figures
 
@@ -144,8 +147,9 @@ def eq7(record: Record) -> dict[str, Axes]:
             f"Within {hours[-1]:g} h, who guesses has {last['random'].estimate:.0f} successes; of "
             f"those who explore {best} has most, {seeing[best].estimate:.0f}"
         )
-        headline(ax, finding, f"{title}. {record['size']} Lines reach two standard errors "
-                 "(bootstrap), one trial after another.")  # fmt: skip
+        known = any(isinstance(row[budgets[-1]], list) for row in chosen)
+        errors = "Lines reach two standard errors (bootstrap). " * known
+        headline(ax, finding, f"{title}. {record['size']} {errors}Trials run one after another.")
         place, protocol = title.split(",")[0].lower(), title.rsplit(" ", 1)[1]
         figures[f"_{place}_{protocol}"] = ax
     return figures
@@ -167,8 +171,9 @@ def losses(record: Record) -> dict[str, Axes]:
             ax.barh(place, part, 0.66, left=left, color=color, label=name)
             for at, (start, width) in enumerate(zip(left, part, strict=True)):
                 if width > 0.06 * gaps.sum(axis=1).max():
+                    ink = "white" if color == _PARTS[0][1] else "black"
                     ax.text(start + width / 2, at, f"{width:.0f}", ha="center", va="center",
-                            fontsize=8, color="white" if color == _PARTS[0][1] else "black")  # fmt: skip
+                            fontsize=8, color=ink)  # fmt: skip
             left = left + part
         ax.set_yticks(place, [_question(row) for row in rows])
         ax.invert_yaxis()
@@ -187,4 +192,3 @@ def _question(row: Mapping[str, object]) -> str:
     asked = row.get("asks for", "values")
     kind = "" if asked == "values" else f", {asked}"
     return f"{str(row['data set']).upper()}, {row['attributes']}{kind}"
-

@@ -62,7 +62,7 @@ def leaders(groups: Mapping[object, Mapping[str, Interval]], *, least: bool = Fa
 
     >>> one, two = Interval(1.0, 0.1, 0.8, 1.2), Interval(1.1, 0.1, 0.9, 1.3)
     >>> leaders({1: {"morc": one, "random": UNKNOWN}, 2: {"morc": one, "bayes": two}})
-    'morc (1); bayes (2, 1 other is not told apart)'
+    'morc at 1; bayes at 2 (1 not told apart)'
     """
     told: dict[str, list[str]] = {}
     for place, intervals in groups.items():
@@ -70,6 +70,6 @@ def leaders(groups: Mapping[object, Mapping[str, Interval]], *, least: bool = Fa
         sign = -1 if least else 1
         best = max(known, key=lambda name: sign * known[name].estimate)
         near = sum(name != best and not apart(known[best], known[name]) for name in known)
-        others = f", {near} other{'s are' if near > 1 else ' is'} not told apart" if near else ""
-        told.setdefault(best, []).append(f"{place}{others}")
-    return "; ".join(f"{best} ({'; '.join(places)})" for best, places in told.items())
+        others = f" ({near} not told apart)" if near else ""
+        told.setdefault(best, []).append(f"at {place}{others}")
+    return "; ".join(f"{best} {', '.join(places)}" for best, places in told.items())

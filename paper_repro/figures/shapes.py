@@ -19,6 +19,8 @@ from meal_bayes.palette import agent_style
 
 _LETTERS = 64  # that fit side by side below an axis
 _TITLE_LETTERS, _CAPTION_LETTERS = 12.0, 16.5  # an inch of a line
+_CLEAR = 0.07  # inches between a title or a caption and what is drawn
+_NAME_GAP = 0.075  # of the height of the axes, between two names
 _CELLS = 64  # of an image, beyond which its numbers are small
 
 
@@ -29,6 +31,7 @@ def headline(ax: Axes, finding: str, caption: str) -> Axes:
     """
     figure: Any = ax.get_figure(root=True)
     width = figure.get_size_inches()[0]
+    figure.get_layout_engine().set(h_pad=_CLEAR)
     with drawn_in_style():
         figure.suptitle(
             fill(finding, int(width * _TITLE_LETTERS)), x=0.01, ha="left", fontsize=10,
@@ -43,23 +46,21 @@ def headline(ax: Axes, finding: str, caption: str) -> Axes:
 
 def name_ends(ax: Axes, ends: Mapping[str, tuple[float, float]]) -> None:
     """Write the name of each line behind its last point (x, y), names apart from one another."""
-    low, high = ax.get_ylim()
-    log = ax.get_yscale() == "log"
-    scale = np.log if log else np.asarray
-    gap = 0.075 * (scale(high) - scale(low))
+    to_axes = ax.transScale.transform  # linear in what is drawn, also on a logarithmic axis
+    x = max(x for x, _ in ends.values())
     order = sorted(ends, key=lambda name: ends[name][1])
-    places = [float(scale(ends[name][1])) for name in order]
+    heights = np.array([to_axes((x, ends[name][1]))[1] for name in order])
+    low, high = (to_axes((x, edge))[1] for edge in ax.get_ylim())
+    places = heights.copy()
     for at in range(1, len(places)):
-        places[at] = max(places[at], places[at - 1] + gap)
-    middle = np.mean(places) - np.mean([scale(ends[name][1]) for name in order])
-    for name, place in zip(order, places, strict=True):
-        height = place - middle
+        places[at] = max(places[at], places[at - 1] + _NAME_GAP * (high - low))
+    places -= (places - heights).mean()
+    for name, place in zip(order, (places - low) / (high - low), strict=True):
         ax.annotate(
-            name, (1, float(np.exp(height) if log else height)), xytext=(4, 0),
-            xycoords=ax.get_yaxis_transform(), textcoords="offset points", va="center",
-            fontsize=8, annotation_clip=False,
+            name, (1, place), xytext=(4, 0), xycoords="axes fraction",
+            textcoords="offset points", va="center", fontsize=8, annotation_clip=False,
         )  # fmt: skip
-    ax.set_xlim(right=max(x for x, _ in ends.values()))
+    ax.set_xlim(right=x)
 
 
 def shared_legend(axes: Sequence[Axes]) -> None:
@@ -71,8 +72,7 @@ def shared_legend(axes: Sequence[Axes]) -> None:
     }
     with drawn_in_style():
         axes[-1].figure.legend(
-            found.values(), found.keys(), loc="outside right upper", title="agent",
-            alignment="left",
+            found.values(), found.keys(), loc="outside right center"
         )  # fmt: skip
 
 

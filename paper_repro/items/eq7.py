@@ -1,12 +1,11 @@
 """Eq. 7: successes within a budget of exploration, the goal that the reward stands for."""
 
-from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes import canvas
-from meal_bayes.evaluation import Effect, plots
+from meal_bayes.evaluation import Effect
 from meal_bayes.seeds import stream
 from meal_bayes.trials import TrialOutcomes
 from paper_repro.frame import Cell, Result, Setting, Table, asked
@@ -35,7 +34,7 @@ does not say that MORC has the most successes, so that no verdict rests on it. (
 text `<=`; ours is `<`.) Under `theirs` ROC36 is Table 3's, by train5 and the simulator: reinit
 costs nothing, Random draws from all actions, Predefined Plus is all eleven behaviors. ISPY32 is
 Fig. 8's, whose percepts are drawn from tables of our classifiers."""
-SHOWS = """The paper draws no such figure. Successes, one line a strategy, over budgets in hours."""
+SHOWS = """The paper draws no such figure. Successes, one line a strategy, over budgets of time."""
 
 
 def run(setting: Setting) -> Result:
@@ -60,11 +59,16 @@ def run(setting: Setting) -> Result:
             evidence[protocol] |= judge(runs, title, drawn=protocol == THEIRS)
             compared[f"{title}, {protocol}"] = runs
     rows: list[tuple[Cell, ...]] = [
-        (title, agent, *(repeated_successes(run.success, run.cost, budget) for budget in BUDGETS))
+        (title, agent, *(within(run, budget, drawn=title.endswith(THEIRS)) for budget in BUDGETS))
         for title, runs in compared.items()
         for agent, run in runs.items()
     ]
-    told = [f"{row[0]}: {row[4]}" for row in rows if row[1] == AGAINST]
+    told = [
+        f"{title}: {repeated_successes(run.success, run.cost, BUDGETS[2])}"
+        for title, agents in compared.items()
+        for agent, run in agents.items()
+        if agent == AGAINST
+    ]
     return Result(
         title="Successes within a budget of exploration (Eq. 7)",
         sentence=f"MORC's successes within {BUDGETS[2] / 3600:g} h are {'; '.join(told)}.",
@@ -73,15 +77,33 @@ def run(setting: Setting) -> Result:
         evidence=evidence,
         size=f"{trials} trials an agent.",
         notes=(NOTE,),
-        figures={
-            f"_{title.split(',')[0].lower()}_{title.rsplit(' ', 1)[1]}": figure(runs)
-            for title, runs in compared.items()
-        },
         shows=SHOWS,
     )  # fmt: skip
 
 
-def repeated_successes(success: NDArray[np.int8], cost: NDArray[np.float64], budget: float) -> int:
+def within(run: TrialOutcomes, budget: float, *, drawn: bool) -> Effect:
+    """Estimate the successes within a budget; the error is that of units drawn again.
+
+    Parameters
+    ----------
+    run : trials, in their order.
+    budget : of exploration, s.
+    drawn : percepts are drawn, so that trials are the units; else objects are.
+    """
+    units = run.key if drawn else run.object_index
+
+    def successes(both: NDArray[np.float64]) -> float:
+        right, cost = both.T
+        return repeated_successes(right, cost, budget)
+
+    sides = np.stack([run.success, run.cost], axis=1)
+    spread = bootstrap_interval(sides, units, stream(SEED, "eq7"), statistic=successes)
+    count = repeated_successes(run.success, run.cost, budget)
+    return Effect(count, spread.se, len(np.unique(units)),
+                  method=f"Student's t, bootstrap by stream({SEED}, 'eq7')")  # fmt: skip
+
+
+def repeated_successes(success: NDArray[Any], cost: NDArray[np.float64], budget: float) -> int:
     """Count successes of trials whose summed costs stay below a budget (Eq. 7).
 
     Trials come in their order, and again when all are done; those that cost nothing at all once.
@@ -122,20 +144,3 @@ def _hourly(both: NDArray[np.float64]) -> float:
     """Successes an hour of the first less those of the second, from (T,4)."""
     first, first_cost, second, second_cost = both.sum(axis=0)
     return float(3600 * (first / max(first_cost, 1.0) - second / max(second_cost, 1.0)))
-
-
-def figure(runs: Mapping[str, TrialOutcomes]) -> canvas.Axes:
-    """Draw successes over budgets, on a logarithmic axis, as Random has many times as many."""
-    hours = np.linspace(0, BUDGETS[-1] / 3600, 60)
-    lines = [
-        plots.Series(
-            agent, hours,
-            np.array([repeated_successes(run.success, run.cost, 3600 * h) for h in hours], float),
-        )
-        for agent, run in runs.items()
-    ]  # fmt: skip
-    ax = plots.lines(lines, x_label="budget, h", y_label="successes")
-    ax.set_yscale("symlog", linthresh=1.0)  # linear below one success
-    ax.yaxis.set_major_formatter("{x:g}")
-    ax.set_ylim(bottom=0)
-    return ax

@@ -7,7 +7,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meal_bayes.evaluation import clustered
-from paper_repro.figures import bars
 from paper_repro.frame import Cell, Result, Setting, Table, paper_values
 from paper_repro.online import (
     ATTRIBUTES,
@@ -24,7 +23,7 @@ from paper_repro.statements import Evidence, above, below, every
 
 NAMES = ATTRIBUTES["cy101"]
 NOTE = """Read off the curves of Fig. 10 by linear interpolation; an agent that explores for less
-is read at the end of its curve, and an attribute that no test of a split asks counts as .5. Bars
+is read at the end of its curve, and an attribute that no test of a split asks counts as .5. Dots
 are ranked by MORC-ITRS, as in the paper. Best on seven: in more than half of the splits MORC-ITRS
 is ahead of both others on seven attributes or more; the interval is that of further splits of these
 objects, not of other objects. Easy: Iterative MORC
@@ -43,7 +42,7 @@ def run(setting: Setting) -> Result:
     paper, repeats = paper_values("fig11"), setting.repeats_of(REPEATS)
     evidence: dict[str, Mapping[str, Evidence | None]] = {}
     rows: list[tuple[Cell, ...]] = []
-    figures, told = {}, []
+    told = []
     for protocol in setting.protocols[:2]:
         curves = {
             agent: run_curves(setting, "cy101", 1, agent, repeats, protocol) for agent in PAPERS
@@ -57,10 +56,6 @@ def run(setting: Setting) -> Result:
             for name in PAPERS
         }
         rows += [(protocol, NAMES[p], *(cells[a][i] for a in PAPERS)) for i, p in enumerate(order)]
-        groups = {a: [cell.interval() for cell in cells[a]] for a in PAPERS}
-        ax = bars(groups, [NAMES[p] for p in order], y_label="accuracy", fraction=True)
-        ax.tick_params(axis="x", rotation=45)
-        figures[f"_{protocol}"] = ax
         often = (wins(scores) >= paper["wins"]).mean()
         mean = {agent: np.nanmean(score, axis=0)[None] for agent, score in scores.items()}
         told.append(f"in {often:.0%} of the splits, and by mean accuracy on {wins(mean)[0]} "
@@ -73,7 +68,6 @@ def run(setting: Setting) -> Result:
         evidence=evidence,
         size=f"{repeats} repeats.",
         notes=(NOTE,),
-        figures=figures,
         shows=SHOWS,
     )  # fmt: skip
 

@@ -6,7 +6,6 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from paper_repro.figures import heat_map
 from paper_repro.frame import Cell, Result, Setting, Table
 from paper_repro.online import BEST, Curves, mean_of, run_curves
 from paper_repro.statements import RECORDED, Evidence, above, below, every
@@ -28,7 +27,6 @@ def run(setting: Setting) -> Result:
     alphas, betas = setting.choose(ALPHAS, (3, 24)), setting.choose(BETAS, (0, 30, 120))
     repeats = setting.repeats_of(REPEATS, column=RECORDED)
     pairs = {f"{a}, {b}": (a, b) for a, b in product(alphas, betas)}
-    figures = {}
     runs: dict[str, Curves] = {
         name: run_curves(setting, "cy101", 1, BEST, repeats, alpha=float(a), beta=float(b))
         for name, (a, b) in pairs.items()
@@ -44,11 +42,6 @@ def run(setting: Setting) -> Result:
         [[values.mean() for values in moments[f"{a}, {b}"]] for a in alphas] for b in betas
     ])  # fmt: skip
     limits = (float(means.min()), float(means.max()))
-    for moment, of in zip(MOMENTS, np.moveaxis(means, 2, 0), strict=True):
-        figures[f"_{moment}"] = heat_map(
-            of, alphas, betas, labels=("alpha, s a bit", "beta, s", f"accuracy, {moment}"),
-            digits=3, limits=limits,
-        )  # fmt: skip
     sentence = f"Over the grid accuracy lies between {limits[0]:.3f} and {limits[1]:.3f}."
     return Result(
         title="CY101, accuracy over alpha and beta: early, middle, late",
@@ -58,7 +51,6 @@ def run(setting: Setting) -> Result:
         evidence={RECORDED: judge(grid, ratio)},
         size=f"{repeats} repeats of each pair.",
         notes=(NOTE,),
-        figures=figures,
         shows=SHOWS,
     )  # fmt: skip
 

@@ -10,7 +10,6 @@ from meal_bayes.domain import load_domain
 from meal_bayes.evaluation import Effect
 from meal_bayes.perception import TableSource
 from meal_bayes.seeds import stream
-from paper_repro.figures import confusion_matrices
 from paper_repro.frame import Cell, Result, Setting, Table, paper_values
 from paper_repro.inference import bootstrap_interval
 from paper_repro.published import published_counts
@@ -34,7 +33,7 @@ def run(setting: Setting) -> Result:
     text = f"{' > '.join(order)} in kappa"
     rows: list[tuple[Cell, ...]] = []
     evidence: dict[str, dict[str, Evidence | None]] = {}
-    figures, shown = {}, {}
+    shown = {}
     for name, protocol in SOURCES.items():
         if protocol not in setting.protocols or (setting.quick and name == "paper"):
             continue  # it is computed for minutes, once
@@ -52,9 +51,6 @@ def run(setting: Setting) -> Result:
             (attribute, source, *matrix.ravel().tolist(), value)
             for attribute, matrix, value in zip(order, matrices, values, strict=True)
         ]
-        figures["" if name == "default" else f"_{name}"] = confusion_matrices(
-            matrices, order, title=f"{BEHAVIOR}, {title}"
-        )
         if published:
             falling = all(first > second for first, second in pairwise(values))
             rule = "; ".join(f"{a} {k:.2f}" for a, k in zip(order, values, strict=True))
@@ -71,7 +67,6 @@ def run(setting: Setting) -> Result:
         tables=(Table("Pr(percept | truth)", COLUMNS, tuple(rows)),),
         evidence=evidence,
         notes=(NOTE,),
-        figures=figures,
         shows="The paper draws one matrix for each attribute: nearly diagonal for HEAVY, less so "
         "for BEANS, and even for GREEN.",
     )

@@ -4,7 +4,6 @@ import numpy as np
 
 from meal_bayes import Query, build_momdp, load_domain
 from meal_bayes.domain import Domain
-from paper_repro.figures import transition_diagram
 from paper_repro.frame import Cell, Result, Setting, Table, paper_values
 from paper_repro.statements import THEIRS, Evidence, constructed
 
@@ -13,14 +12,11 @@ NUMBERS = {"ispy32": (2, 3), "cy101": (1, 2), "roc36": (2, 3)}
 
 def run(setting: Setting) -> Result:
     """Draw the paper's diagrams and the published code's; count states."""
-    paper, figures = paper_values("fig5"), {}
+    paper = paper_values("fig5")
     evidence: dict[str, Evidence | None] = {}
     rows: list[tuple[Cell, ...]] = []
     for name, numbers in NUMBERS.items():
         domain = load_domain(name)
-        figures[f"_{name}"] = transition_diagram(domain.diagram, title=f"{name}, the paper's")
-        code = load_domain(f"{name}_published").diagram
-        figures[f"_{name}_published"] = transition_diagram(code, title=f"{name}, the code's")
         for n in numbers:
             printed, states = paper[name].get(str(n)), states_of(domain, n)
             rows.append((name, n, printed, states))
@@ -41,7 +37,6 @@ def run(setting: Setting) -> Result:
             "the text prints no number. Behaviors that are not drawn at a state are illegal "
             "there and end the trial; in the published code's ROC36 they change nothing.",
         ),
-        figures=figures,
         shows="The paper draws the diagrams of the three data sets; the published code's, where "
         "success probabilities differ, are beside them.",
     )

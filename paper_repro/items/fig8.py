@@ -2,11 +2,9 @@
 
 from collections.abc import Mapping
 
-from meal_bayes import canvas
 from meal_bayes.evaluation import difference, mean_effect
 from meal_bayes.trials import TrialOutcomes
 from paper_repro.agents import ANSWERS, DECLINES
-from paper_repro.figures import bars
 from paper_repro.frame import Cell, Result, Setting, Table, asked, paper_values
 from paper_repro.inference import (
     LEVEL,
@@ -60,7 +58,7 @@ where the strategy that executes more behaviors (Predefined Plus) is right less 
 that executes fewer (Predefined)."""
 SHOWS = """The paper draws reward, cost and success of the five strategies over the number of
 attributes: MORC above the others in reward and success, its cost rising with the number of
-attributes, Random's falling, the other baselines' level. The bars are in the same order."""
+attributes, Random's falling, the other baselines' level. The dots are in the same order."""
 
 
 def run(setting: Setting) -> Result:
@@ -99,7 +97,6 @@ def run(setting: Setting) -> Result:
         evidence=evidence,
         size=", ".join(f"{trials[name]} trials a row of {name}" for name in runs) + ".",
         notes=(NOTE,),
-        figures={f"_{m}_{p}": figure(run, m) for p, run in runs.items() for m in MEASURES},
         shows=SHOWS,
         effects=_effects(runs) if RECORDED in runs else {},
     )
@@ -158,15 +155,6 @@ def _sentence(runs: Mapping[str, Mapping[int, Runs]]) -> str:
             told.append(f"{protocol}, {how}: {rewards} (best baseline {rivals})")
     return (f"MORC's reward with {', '.join(map(asked, next(iter(runs.values()))))} is, "
             f"{'; '.join(told)}.")  # fmt: skip
-
-
-def figure(runs: Mapping[int, Runs], measure: str) -> canvas.Axes:
-    """Draw one measure, a group of bars a number of attributes, with 95 % intervals."""
-    groups = {
-        agent: [mean_effect(run[agent], measure).interval() for run in runs.values()]
-        for agent in AGENTS
-    }
-    return bars(groups, [asked(n) for n in runs], y_label=MEASURES[measure])
 
 
 def _effects(runs: Mapping[str, Mapping[int, Runs]]) -> dict[str, str]:

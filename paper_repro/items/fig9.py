@@ -5,8 +5,7 @@ from math import hypot
 
 import numpy as np
 
-from meal_bayes import canvas
-from meal_bayes.evaluation import Effect, clustered, mean_effect, plots
+from meal_bayes.evaluation import Effect, clustered, mean_effect
 from meal_bayes.trials import TrialOutcomes
 from paper_repro.agents import ANSWERS, DECLINES
 from paper_repro.frame import Cell, Result, Setting, Table, paper_values
@@ -118,7 +117,6 @@ def run(setting: Setting) -> Result:
         evidence=evidence,
         size="The paper has 200 trials a row.",
         notes=(NOTE,),
-        figures={f"_{m}": figure(runs, numbers, m) for m in MEASURES},
         shows=SHOWS,
     )  # fmt: skip
 
@@ -187,14 +185,3 @@ def measure(run: TrialOutcomes, name: str, *, drawn: bool) -> Effect:
         return drawn_mean(run, name) if drawn else mean_effect(run, name)
     right = (run.report == run.truth)[:, :RELEVANT].all(axis=1)
     return clustered(right, run.key if drawn else run.object_index, fraction=True)
-
-
-def figure(runs: Mapping[str, Runs], numbers: tuple[int, ...], name: str) -> canvas.Axes:
-    """Draw a measure over the irrelevant attributes."""
-    lines = []
-    for kind, points in runs.items():
-        at = [k for k in numbers if str(k) in points]
-        effects = [measure(points[str(k)], name, drawn=kind != RECORDED) for k in at]
-        y, _, low, high = np.array([effect.interval() for effect in effects]).T
-        lines.append(plots.Series(kind, np.array(at, float), y, low, high))
-    return plots.lines(lines, x_label="irrelevant attributes", y_label=LABELS[name])

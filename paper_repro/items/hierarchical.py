@@ -2,11 +2,9 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
-from meal_bayes import canvas
 from meal_bayes.evaluation import Effect, compare_outcomes, difference, resampled
 from meal_bayes.evaluation.outcome_model import MARGINS, AgentEffect
 from meal_bayes.trials import TrialOutcomes
@@ -32,9 +30,9 @@ CY101's panel. Pr(ahead) is withheld where one of both intervals leaves 0 out an
 not: the model takes what an agent owes to the objects that taught it for luck of each repeat, and
 is too sure where repeats teach the same objects. How often intervals of both kinds contain the
 truth in worlds of either kind: `python benchmarks/compare.py` (benchmarks/README.md)."""
-SHOWS = """Dots and lines: effects by the model and their 95 % credible intervals, with Pr(ahead).
-Gray lines below them: 95 % intervals by design. Gray band: practical equivalence. Left of 0 the
-paper's agent is ahead."""
+SHOWS = """Colored dots and lines: effects by the model and their 95 % credible intervals. Gray
+lines below them: by design. Gray band: practical equivalence. Left of 0 the paper's agent is
+ahead."""
 
 Pairs = list[tuple[AgentEffect, Effect]]  # by the model, and by design
 
@@ -95,7 +93,6 @@ def run(setting: Setting) -> Result:
         evidence={},
         size=f"{setting.trials_of(OFFLINE_TRIALS, 6)} trials an agent offline, {repeats} repeats.",
         notes=(NOTE.format(hours=hours, margin=MARGINS["success"]),),
-        figures={"": draw({figure: group for figure, group in pairs.items() if group})},
         shows=SHOWS,
     )
 
@@ -115,36 +112,3 @@ def accuracies(splits: Sequence[TrialOutcomes], attributes: str) -> np.ndarray:
     chosen = [tests.success[(tests.attribute[:, 0] == attributes) | (not attributes)]
               for tests in splits]  # fmt: skip
     return np.array([right.mean() if len(right) else np.nan for right in chosen])
-
-
-def draw(pairs: dict[str, Pairs]) -> canvas.Axes:
-    """Draw the effects of each figure side by side."""
-    rows = max(len(group) for group in pairs.values())
-    with canvas.axes_to_draw(None, width=4.6 * len(pairs), height=1.2 + 0.32 * rows) as ax:
-        figure: Any = ax.get_figure(root=True)
-        ax.remove()
-        axes: list[canvas.Axes] = list(figure.subplots(1, len(pairs), squeeze=False)[0])
-    for to, (title, group) in zip(axes, pairs.items(), strict=True):
-        place, margin = np.arange(len(group))[::-1], group[0][0].margin
-        model = np.array([(row.effect, row.low, row.high) for row, _ in group])
-        plain = np.array([each.interval() for _, each in group])[:, [0, 2, 3]]
-        with canvas.axes_to_draw(to):
-            to.axvspan(-margin, margin, color="0.9")
-            to.axvline(0.0, color="0.5", lw=0.8)
-            for below, fmt, lw, color, drawn in ((0.0, "o", 1.2, "C0", model),
-                                                 (0.25, "x", 0.9, "0.45", plain)):  # fmt: skip
-                reach = np.abs(drawn[:, 1:].T - drawn[:, 0])
-                to.errorbar(
-                    drawn[:, 0], place - below, xerr=reach, fmt=fmt, ms=4, lw=lw, color=color
-                )
-            names = [_name(row, each)
-                     for row, each in group]  # fmt: skip
-            to.set_yticks(place, names)
-            to.set_xlabel(f"{group[0][0].measure} less {group[0][0].reference}'s")
-        to.set_title(title)
-    return axes[0]
-
-
-def _name(row: AgentEffect, plain: Effect) -> str:
-    told = f", Pr {row.ahead:.2f}" if agree(row, plain) else ""
-    return f"{row.attributes}: {row.agent}{told}"

@@ -8,9 +8,8 @@ import numpy as np
 
 from meal_bayes import OfflineConfig, read_trials, run_offline
 from meal_bayes.datasets import PerceptTable, load_percepts
-from meal_bayes.evaluation import Effect, Interval, clustered, difference, mean_effect
+from meal_bayes.evaluation import Effect, clustered, difference, mean_effect
 from meal_bayes.planners import Factored
-from paper_repro.figures import bars
 from paper_repro.frame import Cell, Result, Setting, Table, paper_values
 from paper_repro.halves import table_by_halves
 from paper_repro.offline import AGAINST, OWN, run_agent
@@ -62,7 +61,6 @@ def run(setting: Setting) -> Result:
     trials = setting.trials_of(TRIALS, 6)
     reward = paper_values("offline_reward")
     rows: list[tuple[Cell, ...]] = []
-    groups: dict[str, list[Interval]] = {name: [] for name in BARS}
     told: dict[str, list[float]] = {"more data": [], "better plans": [], "better sensors": []}
     panels = () if setting.as_published else setting.choose(PANELS, PANELS[3:4])
     tables = {name: table_by_halves(setting, name) for name in {dataset for dataset, *_ in panels}}
@@ -78,16 +76,9 @@ def run(setting: Setting) -> Result:
         taught = _and(known, gains.data)
         heights = (mean_effect(morc, "reward"), mean_effect(half, "reward"), known, taught,
                    _and(taught, gains.plans), Effect(ideal, 0.0, 1))  # fmt: skip
-        for name, height in zip(BARS, heights, strict=True):
-            groups[name].append(height.interval())
         rows.append((dataset, n, answer, *heights[:3], difference(ours, half), *gains))
         for name, effect in zip(told, gains, strict=True):
             told[name].append(effect.estimate)
-    figures = {}
-    if rows:
-        names = [f"{dataset.upper()}, {n}" + ", yes or no" * (answer != "values")
-                 for dataset, n, answer in panels]  # fmt: skip
-        figures[""] = bars(groups, names, y_label="reward")
     ranges = [f"{name} ({min(v):.0f} to {max(v):.0f})" for name, v in told.items() if v]
     columns = ("data set", "attributes", "asks for", *list(BARS)[:3], "all less half, paired",
                "more data adds", "the best plan adds, at most", "left for sensors")  # fmt: skip
@@ -99,7 +90,6 @@ def run(setting: Setting) -> Result:
         evidence={},
         size=f"{trials} trials a row.",
         notes=(NOTE.format(bounded=BOUNDED),),
-        figures=figures,
         shows="; ".join(f"*{name}*: {text}" for name, text in BARS.items()) + ".",
     )  # fmt: skip
 

@@ -10,14 +10,13 @@ import pytest
 
 from meal_bayes import read_trials
 from meal_bayes.agents import load_agent
-from meal_bayes.canvas import save
 from meal_bayes.datasets import load_percepts
 from meal_bayes.domain import Query, load_domain
 from meal_bayes.errors import SettingsError
-from meal_bayes.evaluation import Effect, Interval, mean_effect
+from meal_bayes.evaluation import Effect, mean_effect
 from meal_bayes.momdp import build_momdp
 from meal_bayes.perception import table_counts
-from paper_repro import figures, frame, offline, online, pages, published
+from paper_repro import frame, offline, online, pages, published
 from paper_repro.statements import RECORDED, THEIRS
 
 FOLDER = Path(frame.__file__).parent
@@ -226,47 +225,3 @@ def test_plain_values_are_json_of_six_digits():
     assert plain(Effect(2 / 3, nan, 3)) == [0.666667, None]
     assert plain(inf) is None
     assert json.dumps([plain(nan), plain(None), plain("a"), plain(3)]) == '[null, null, "a", 3]'
-
-
-@pytest.mark.parametrize("name", ["roc36", "ispy32", "cy101", "roc36_published", "toy"])
-def test_every_state_and_behavior_is_drawn(name, tmp_path):
-    diagram = load_domain(name).diagram
-    ax = figures.transition_diagram(diagram, title=name)
-    words = " ".join(text.get_text() for text in ax.texts)
-    for state in diagram.states[:-1]:
-        assert state in words
-    for effect in diagram.effects:
-        assert effect.behavior in words
-    assert "term" not in words
-    assert save(ax, tmp_path / "diagram.png").stat().st_size > 1000
-
-
-def test_states_do_not_lie_on_each_other():
-    diagram = load_domain("roc36").diagram
-    ax = figures.transition_diagram(diagram)
-    places = {text.get_text(): text.get_position() for text in ax.texts}
-    assert len({places[state] for state in diagram.states[:-1]}) == len(diagram.states) - 1
-
-
-def test_bars_and_their_intervals_are_the_numbers():
-    spans = [Interval(0.4, 0.1, 0.2, 0.5), Interval(0.9, 0.02, 0.85, 1.0)]
-    ax = figures.bars({"": spans}, ["a", "b"], y_label="accuracy")
-    assert [patch.get_height() for patch in ax.patches] == [0.4, 0.9]
-    (ends,) = [c.get_segments() for c in ax.collections]
-    assert np.allclose([end[:, 1] for end in ends], [(0.2, 0.5), (0.85, 1.0)])
-    ax = figures.bars({"x": spans, "y": spans}, ["a", "b"], y_label="accuracy", fraction=True)
-    ax.figure.canvas.draw()
-    assert ax.get_legend().get_window_extent().y0 >= ax.bbox.y1  # it covers no bar
-
-
-def test_numbers_stand_in_the_maps():
-    table = np.array([[0.25, 0.5], [0.75, np.nan]])
-    labels = ("a", "b", "accuracy")
-    ax = figures.heat_map(table, [1, 2], [3, 4], labels=labels)
-    assert [text.get_text() for text in ax.texts] == ["0.25", "0.50", "0.75"]
-    assert ax.images[0].get_clim() == (0.25, 0.75)
-    rows = np.array([[[0.9, 0.1], [0.2, 0.8]]])
-    ax = figures.confusion_matrices(rows, ["red"])
-    assert [text.get_text() for text in ax.texts][:2] == ["0.90", "0.10"]
-    assert ax.images[0].get_clim() == (0.0, 1.0)
-    assert [label.get_text() for label in ax.get_yticklabels()] == ["not red", "red"]

@@ -9,7 +9,7 @@ from meal_bayes.evaluation import Effect
 from meal_bayes.evaluation.outcome_model import AgentEffect
 from paper_repro import online
 from paper_repro.items import fig10, fig11, fig12
-from paper_repro.items.hierarchical import agree, draw
+from paper_repro.items.hierarchical import agree
 from paper_repro.items.table4 import judge as judge_table_4
 from paper_repro.items.table4 import places
 from paper_repro.online import Curves
@@ -63,6 +63,15 @@ def test_fig_10_compares_over_equal_hours():
     assert itself["reward over H h, less its"].estimate == 0.0
 
 
+def test_no_lead_is_shown_where_an_agent_explored_for_less():
+    hours, reward = np.array([[0.0, 1.0, 2.0]] * 2), np.array([[0.0, 10.0, 20.0]] * 2)
+    long = replace(curves(0.8), hours=hours, reward=reward)
+    short = replace(long, hours=hours / np.array([[1.0], [4.0]]))  # one repeat ends after 0.5 h
+    assert fig10.lead_at(long, short, 0.5).estimate == pytest.approx(-7.5)
+    assert fig10.lead_at(long, short, 1.0) is None
+    assert fig10.lead_at(long, long, 2.0).estimate == 0.0
+
+
 def test_areas_are_means_over_hours():
     hours, values = np.array([[0.0, 1.0, 3.0]]), np.array([[0.0, 1.0, 1.0]])
     curve = Curves(hours, values, values, values, np.zeros((1, 3, 0)), ())
@@ -70,7 +79,7 @@ def test_areas_are_means_over_hours():
         until = replace(curve, hours=np.array([[0.0, 1.0, end]]))
         assert fig10.area(curve, until, "reward")[0] == pytest.approx([mean])
     assert online.at_hours(hours, values, 0.5) == pytest.approx([0.5])
-    assert online.at_hours(hours, values, 9.0) == pytest.approx([1.0])
+    assert np.isnan(online.at_hours(hours, values, 9.0))  # nobody explored for so long
 
 
 @pytest.mark.parametrize(("kind", "lead"), kinds(0.1, -0.1, 0.0))
@@ -142,18 +151,8 @@ def test_table_4_judges_tables_and_choices(kinds, late, more):
     assert outcome(next(iter(judge_table_4(traits, 0.5, printed=True).values()))) == UNDECIDED
 
 
-def test_effects_are_drawn_with_both_intervals():
-    effect = AgentEffect("bayes", "morc", "success", 9, 0.1, 0.08, 0.01, 0.2, 0.9, 0.1, 0.02, "red")
-    ax = draw({"Fig. 8": [(effect, Effect(0.1, 0.01, 9))]})
-    assert ax.get_xlabel() == "success less morc's"
-    assert [label.get_text() for label in ax.get_yticklabels()] == ["red: bayes, Pr 0.90"]
-    assert [drawn[0].get_xdata()[0] for drawn in ax.containers] == [0.08, 0.1]
-
-
 def test_the_model_s_probability_is_withheld_where_the_design_disagrees():
     effect = AgentEffect("bayes", "morc", "success", 9, 0.1, 0.08, 0.01, 0.2, 0.9, 0.1, 0.02, "red")
     assert agree(effect, Effect(0.1, 0.01, 9))
     assert not agree(effect, Effect(0.1, 0.1, 9))  # holds 0
     assert agree(replace(effect, low=-0.1), Effect(0.1, 0.1, 9))
-    ax = draw({"Fig. 8": [(effect, Effect(0.1, 0.1, 9))]})
-    assert [label.get_text() for label in ax.get_yticklabels()] == ["red: bayes"]
