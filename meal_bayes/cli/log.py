@@ -1,8 +1,9 @@
 """`log`: contents, check and recovery of trial logs; `report` and `compare`: what runs show."""
 
+from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -55,7 +56,7 @@ def info(file: Path, as_json: bool) -> None:
         "file": f"{file}{files}, {size:,} bytes, format {FORMAT_VERSION}, {forms}",
         "holds": f"{trials} trials, {steps} steps",
     }
-    print_facts(output(), {**facts, **{k: _as_text(v) for k, v in infos[0].header.items()}})
+    print_facts(output(), facts | _header_facts(infos[0].header))
 
 
 @log.command(short_help="Show one trial step by step; of a compact log its outcome.")
@@ -167,6 +168,22 @@ def _print_json(logs: "list[LogInfo]", path: Path) -> None:
     """Print the facts of one log, or of a folder's logs."""
     facts = [asdict(log) | {"path": str(log.path), "whole": log.whole} for log in logs]
     print_json({"files": facts} if path.is_dir() else facts[0])
+
+
+def _header_facts(header: Mapping[str, Any]) -> dict[str, str]:
+    """Return what a log's header says as text: a line a question, and each fact once."""
+    config = dict(header.get("config") or {})
+    questions = config.pop("questions", None)
+    facts = {}
+    for name, value in header.items():
+        if name != "config":
+            facts[name] = _as_text(value)
+        else:
+            once = {key: each for key, each in config.items() if header.get(key) != each}
+            facts[name] = _as_text(once)
+            if isinstance(questions, list) and questions:
+                facts["questions"] = "\n".join(map(_as_text, questions))
+    return facts
 
 
 def _as_text(value: object) -> str:

@@ -46,6 +46,17 @@ def test_info_and_show(run, log, fails):
     assert "holds 3 whole trials; give --trial 0 to 2" in fails("log", "show", log, "--trial", "3")
 
 
+def test_info_has_a_line_a_question_and_each_fact_once(run):
+    lines = run("log", "info", SAMPLE).stdout.splitlines()
+    seeds = [line for line in lines if "seed" in line]
+    assert [line.split() for line in seeds] == [["seed", "0"]]
+    asked = [
+        line.split("questions")[-1].strip() for line in lines if line.endswith(("?", "beans?"))
+    ]
+    assert asked[:2] == ["Is it heavy, and does it hold beans?", "Is it blue?"]
+    assert len(asked) == 5
+
+
 def test_folders_and_compact_logs_are_read(run, log, torn):
     write_trials("run/a.mcap", read_trials(log), header=HEADER)
     outcomes = TrialOutcomes.of(read_trials(log))
