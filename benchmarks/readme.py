@@ -26,7 +26,7 @@ from typing import Any
 from scipy.special import stdtrit
 
 from meal_bayes.canvas import Axes, axes_to_draw, legend, name_axes, save
-from meal_bayes.palette import agent_style, lightened
+from meal_bayes.palette import agent_style, lightened, readable
 
 ROOT = Path(__file__).resolve().parents[1]
 README = ROOT / "README.md"
@@ -269,12 +269,13 @@ def draw_results(tables: Mapping[str, list[dict[str, Any]]], *, dark: bool) -> A
                     row["reward"], y, xerr=half, fmt=style.marker, color=color, ms=7,
                     elinewidth=1.8, label=name if place == 0 else None,
                 )  # fmt: skip
-                ax.text(row["reward"] + half + 5, y, f"{row['reward']:.0f}", color=color,
-                        va="center", size=9)  # fmt: skip
+                ax.text(row["reward"] + half + 5, y, f"{row['reward']:.0f}", va="center", size=9,
+                        color=readable(color, dark=dark))  # fmt: skip
         ax.set_yticks(range(len(RUNS)), [entry.title for entry in RUNS])
         ax.set(ylim=(len(RUNS) - 0.5, -0.5), xlim=(0, 545))
         name_axes(ax, "mean reward of a trial (+500 or +300 right, -1 a second), 95 % interval", "",
                   grid="x")  # fmt: skip
+        ax.grid(axis="x", color="#38414C" if dark else "#E6E6E6", lw=0.7)
         legend(ax, len(SUMMARIZED), above=True)
         ax.patch.set_alpha(0)
         ax.figure.patch.set_alpha(0)

@@ -18,6 +18,10 @@ ATTRIBUTES = (BLUE, VERMILION, GREEN, PINK, ORANGE, SKY, VIOLET, "#B7A500")
 LEVELS = ("#5E3C99", "#B2ABD2", "#FDB863", "#E66101")  # from the surest "no" to the surest "yes"
 
 
+READABLE = 4.5  # contrast of text with its ground, at least
+GROUNDS = ("#f5f6f8", "#1e2430")  # of light and of dark pages: the one nearest to the text's colors
+
+
 class Style(NamedTuple):
     """How an agent is drawn: color, marker and line, by the names that matplotlib has for them."""
 
@@ -112,6 +116,42 @@ def lightened(color: str, part: float = 0.4) -> str:
     """
     channels = (int(color[at : at + 2], 16) for at in (1, 3, 5))
     return "#" + "".join(f"{round(c + part * (255 - c)):02x}" for c in channels)
+
+
+def contrast(first: str, second: str) -> float:
+    """Return the contrast ratio of two colors as WCAG 2 has it, 1 to 21.
+
+    >>> contrast("#000000", "#ffffff"), round(contrast("#D55E00", "#ffffff"), 1)
+    (21.0, 3.9)
+    """
+    low, high = sorted((_luminance(first), _luminance(second)))
+    return (high + 0.05) / (low + 0.05)
+
+
+def _luminance(color: str) -> float:
+    parts = (int(color[at : at + 2], 16) / 255 for at in (1, 3, 5))
+    linear = (c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in parts)
+    return sum(weight * c for weight, c in zip((0.2126, 0.7152, 0.0722), linear, strict=True))
+
+
+def readable(color: str, *, dark: bool = False) -> str:
+    """Return a color in which text is read on any page, mixed with black, or white on a dark one.
+
+    The contrast with the page is at least 4.5 to 1, as WCAG 2 asks of text (AA).
+
+    >>> readable("#000000"), readable("#D55E00")
+    ('#000000', '#b55000')
+    """
+    ground = GROUNDS[dark]
+    for part in range(0, 100, 5):
+        if dark:
+            mixed = lightened(color, part / 100)
+        else:
+            channels = (int(color[at : at + 2], 16) for at in (1, 3, 5))
+            mixed = "#" + "".join(f"{round(c * (1 - part / 100)):02x}" for c in channels)
+        if contrast(mixed, ground) >= READABLE:
+            return mixed
+    return "#ffffff" if dark else BLACK
 
 
 def level_color(level: int, levels: int) -> str:

@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from meal_bayes.arrays import Floats
-from meal_bayes.palette import attribute_color, lightened
+from meal_bayes.palette import attribute_color, lightened, readable
 
 LETTER = 0.64  # width of a letter, of the size of the font
 HEIGHT = 1.35  # of a line of text, of the size of the font
@@ -30,6 +30,10 @@ class Look(NamedTuple):
         """Return the color of an attribute, which is lighter on a dark ground."""
         color = attribute_color(place)
         return lightened(color) if self.dark else color
+
+    def text_color(self, place: int) -> str:
+        """Return the color in which text names an attribute."""
+        return readable(self.color(place), dark=self.dark)
 
 
 def look_of(*, dark: bool, narrow: bool) -> Look:

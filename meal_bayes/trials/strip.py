@@ -264,7 +264,7 @@ def _draw_beliefs(ax: Axes, moments: Sequence[_Moment], trial: TrialRecord, look
                 textcoords="offset points",
                 ha=side[0],
                 va="center",
-                color=color,
+                color=look.text_color(place),
                 size=look.font,
                 annotation_clip=False,
                 linespacing=1.0,
@@ -276,7 +276,7 @@ def _draw_beliefs(ax: Axes, moments: Sequence[_Moment], trial: TrialRecord, look
             if word and abs(change) > _BENDS:
                 at = (moment.end, float(beliefs[number + 1, place]))
                 width = moment.end - moment.begin
-                taken.write(word, at, width, look.color(place), up=change > 0)
+                taken.write(word, at, width, look.text_color(place), up=change > 0)
 
 
 def _draw_worth(ax: Axes, trial: TrialRecord, look: Look) -> None:
