@@ -1,6 +1,5 @@
 """Fig. 9: two relevant attributes of ISPY32, and more and more irrelevant ones beside them."""
 
-from collections.abc import Mapping
 from math import hypot
 
 import numpy as np
