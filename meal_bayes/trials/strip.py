@@ -39,7 +39,7 @@ _BENDS = 0.02  # change of a belief, below which its line bends for no eye
 _CAPTIONS = (
     "what it does: a block is as wide as the seconds it costs",
     "what it believes (0, 50, 100 %), and what a percept said where that changes",
-    "what one more percept is worth over answering now: below 0 it stops",
+    "what one more percept gains, less its seconds: below 0 it stops",
 )
 _EXPLORING = "what one more percept is worth over answering now: to this answer, to later questions"
 
