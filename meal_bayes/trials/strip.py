@@ -41,7 +41,7 @@ _CAPTIONS = (
     "what it believes (0, 50, 100 %), and what a percept said where that changes",
     "what one more percept gains, less its seconds: below 0 it stops",
 )
-_EXPLORING = "what one more percept is worth over answering now: to this answer, to later questions"
+_EXPLORING = "what one more percept gains, less its seconds: to this answer, to later questions"
 
 
 class _Moment(NamedTuple):
