@@ -18,7 +18,6 @@ from meal_bayes.errors import DomainError, QueryError
 from meal_bayes.untrusted import LARGEST
 
 _SHOWN = 24  # names that a message lists at most; of more, the nearest
-_NEAREST = 3
 _PRIOR = 2.0  # executions at the domain's own probability, where success is learned
 
 
@@ -320,14 +319,11 @@ def unknown(kind: str, name: str, candidates: Iterable[str]) -> str:
         if other != name and unicodedata.normalize("NFC", other) == coded:
             alike = f"{other!r} differs in how accents are coded alone (NFC or NFD)"
             return f"Unknown {kind} {name!r}: {alike}; write both alike."
-    near = difflib.get_close_matches(name, names, n=_NEAREST, cutoff=0.5)
+    few = len(names) <= _SHOWN
+    near = difflib.get_close_matches(name, names, n=3, cutoff=0.5 if few else 0.0)
     hint = f"did you mean {' or '.join(map(repr, near))}? " if near else ""
-    if len(names) <= _SHOWN:
-        return f"Unknown {kind} {name!r}: {hint}expected one of: {listed(names, _SHOWN)}."
-    if near:
-        return f"Unknown {kind} {name!r}: {hint}There are {len(names)} in all."
-    nearest = difflib.get_close_matches(name, names, n=_NEAREST, cutoff=0.0)
-    return f"Unknown {kind} {name!r}: the nearest of {len(names)} are {listed(nearest)}."
+    rest = f"expected one of: {listed(names, _SHOWN)}." if few else f"There are {len(names)}."
+    return f"Unknown {kind} {name!r}: {hint}{rest}"
 
 
 def learn_success(domain: Domain, attempts: NDArray[np.int64]) -> Domain:
