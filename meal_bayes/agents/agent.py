@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from meal_bayes.agents.exploration import ExplorationBonus, NoBonus
 from meal_bayes.agents.knowledge import Knowledge
-from meal_bayes.domain import Domain, Query
+from meal_bayes.domain import Domain, Payoffs, Query
 from meal_bayes.errors import SettingsError
 from meal_bayes.momdp import MOMDP, Objective, build_momdp
 from meal_bayes.planners import Solver, warm_up
@@ -86,6 +86,7 @@ class Agent:
         *,
         limit: ArrayLike = np.inf,
         reward: float | None = None,
+        payoffs: Payoffs | None = None,
         votes: NDArray[np.int64] | None = None,
     ) -> MOMDP:
         """Build the query's MOMDP from what is known (Alg. 1, l. 1-4).
@@ -100,6 +101,8 @@ class Agent:
             (E,) or a number: recordings of a behavior that one trial can perceive.
         reward : float | None
             r+ = -r-, the domain's by default.
+        payoffs : Payoffs | None
+            What yes and no earn where the query does not say it; the domain's by default.
         votes : NDArray[np.int64] | None
             (N,) trials after which a person said of this object that it is so, less those that it
             is not; each is right in 99 of 100 cases, and evidence of its own.
@@ -122,7 +125,7 @@ class Agent:
             prior=prior,
             limit=limit,
             latent_classes=latent_classes,
-            objective=Objective(reward, loss, self.discount, self.abstain),
+            objective=Objective(reward, loss, self.discount, self.abstain, payoffs),
         )
 
     def _observation(self, knowledge: Knowledge, columns: Sequence[int]) -> Rows:

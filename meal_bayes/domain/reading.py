@@ -76,7 +76,7 @@ def read_event(
     domain : Domain
         Its attributes, groups and synonyms are understood.
     payoffs : Sequence[float] | None
-        Four: right yes, wrong yes, right no, wrong no; the domain's by default.
+        Four: right yes, wrong yes, right no, wrong no; the learner's or domain's by default.
 
     Raises
     ------
@@ -143,7 +143,8 @@ def read_question(
     answer : str
         "values", or "yes or no".
     payoffs : Sequence[float] | None
-        What a right yes, a wrong yes, a right no and a wrong no earn, s; the domain's by default.
+        What a right yes, a wrong yes, a right no and a wrong no earn, s; by default what the
+        learner or the domain says.
 
     Raises
     ------

@@ -145,7 +145,7 @@ class Answerer:
         answer : str
             "values" of what is asked, or "yes or no": "Is it red and not empty?", see `read_event`.
         payoffs : Sequence[float], optional
-            What a right yes, a wrong yes, a right no and a wrong no earn; the domain's by default.
+            What a right yes, a wrong yes, a right no and a wrong no earn; the learner's by default.
         learn : bool
             Whether it explores, and becomes experience; else a test, as replays of a table are.
         log : str or Path, optional

@@ -127,7 +127,7 @@ class Finder(Answerer):
         truth : mapping, optional
             {object: {attribute: True or False}} of what is known; compared with the claim only.
         payoffs : Sequence[float], optional
-            What a right and a wrong claim earn; r+ and -r+ by default.
+            What a right and a wrong claim earn; by default what the learner's yes does.
         none : float
             What "none of them" earns.
         turn_cost : float
@@ -178,8 +178,9 @@ class Finder(Answerer):
         if not isinstance(question, Query):
             query = read_question(question, self.domain, "yes or no")
         right, wrong = self.settings.reward, -self.settings.reward
-        if self.domain.payoffs is not None:
-            right, wrong = self.domain.payoffs[:2]
+        usual = self.settings.payoffs or self.domain.payoffs
+        if usual is not None:
+            right, wrong = usual[:2]
         if payoffs is not None:
             if not isinstance(payoffs, Sequence) or isinstance(payoffs, str) or len(payoffs) != 2:
                 raise QueryError(

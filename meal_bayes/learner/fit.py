@@ -69,6 +69,7 @@ def problem_of(fit: Fit, task: Task, limit: ArrayLike = np.inf, *, recognize: bo
         fit.knowledge,
         limit=limits_of(fit, limit),
         reward=fit.settings.reward,
+        payoffs=fit.settings.payoffs,
         votes=votes_of(fit, task) if recognize else None,
     )
 

@@ -20,6 +20,7 @@ from meal_bayes.learner.settings import (
     LearnerSettings,
     check_data,
     checked_labels,
+    checked_payoffs,
     own_posterior,
 )
 from meal_bayes.learner.trial import check_behaviors, record_step
@@ -48,6 +49,9 @@ class Learner(Finder):
         the objects that are asked about, in place of the one that `fit` would learn.
     reward : float, optional
         r+ = -r- of a report; the domain's by default.
+    payoffs : Sequence[float], optional
+        Four: what a right yes, a wrong yes, a right no and a wrong no earn in questions of yes or
+        no that do not say it; the domain's by default.
     percepts : str
         In replays: "recorded", or "model", drawn from the learned confusion matrices.
     refit_every : float, optional
@@ -80,6 +84,7 @@ class Learner(Finder):
         posterior: object = None,
         seed: int = 0,
         reward: float | None = None,
+        payoffs: Sequence[float] | None = None,
         percepts: str = "recorded",
         refit_every: float | None = 0.2,
         learn_success: bool = True,
@@ -94,6 +99,7 @@ class Learner(Finder):
                 seed=seed, horizon=horizon, refit_every=refit_every, learn_success=learn_success,
                 reward=domain.report_reward if reward is None else reward,
                 percepts=percepts, classifier=classifier,
+                payoffs=checked_payoffs(payoffs),
                 posterior=own_posterior(posterior, domain, chosen),
             )  # fmt: skip
         super().__init__(domain, chosen, settings, logs)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from meal_bayes.agents import Knowledge
 from meal_bayes.arrays import Rows
 from meal_bayes.datasets import PerceptTable
-from meal_bayes.domain import Domain
+from meal_bayes.domain import Domain, Payoffs
 from meal_bayes.perception import Perception
 from meal_bayes.perception.perceiver import BehaviorClassifier
 from meal_bayes.perception.recordings import FeatureSpace, Whitening
@@ -23,7 +23,7 @@ from meal_bayes.posterior.trait import SharedTrait
 
 _KINDS: tuple[type[Any], ...] = (
     Perception, BehaviorClassifier, KernelFit, FeatureSpace, Whitening, Stacker, Knowledge,
-    ConfusionPosterior, SharedTrait, PerceptTable,
+    ConfusionPosterior, SharedTrait, PerceptTable, Payoffs,
 )  # fmt: skip
 _CLASSES = {kind.__name__: kind for kind in _KINDS}
 

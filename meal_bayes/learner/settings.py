@@ -1,6 +1,6 @@
 """How a learner learns, and checks of what it is given."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from meal_bayes.agents import Agent
 from meal_bayes.arrays import check_whole
 from meal_bayes.datasets import Dataset, PerceptTable
-from meal_bayes.domain import Domain, unknown
-from meal_bayes.errors import DataError, SettingsError
+from meal_bayes.domain import Domain, Payoffs, unknown
+from meal_bayes.errors import DataError, QueryError, SettingsError
 from meal_bayes.posterior import ConfusionPosterior
 from meal_bayes.untrusted import LARGEST
 
@@ -23,6 +23,8 @@ class LearnerSettings:
 
     Attributes
     ----------
+    payoffs : Payoffs | None
+        What yes and no earn in questions that do not say it; the domain's by default.
     by_object : bool
         Cross-validate over objects, see `PerceptionSettings`.
     unit : float | None
@@ -38,6 +40,7 @@ class LearnerSettings:
 
     seed: int = 0
     reward: float = 100.0
+    payoffs: Payoffs | None = None
     horizon: float | None = None
     refit_every: float | None = 0.2
     learn_success: bool = True
@@ -66,6 +69,15 @@ class LearnerSettings:
             raise SettingsError(
                 f"refit_every is {self.refit_every}; give a number above 0, or None."
             )
+        object.__setattr__(self, "payoffs", checked_payoffs(self.payoffs))
+
+
+def checked_payoffs(values: Sequence[float] | None) -> Payoffs | None:
+    """Return four numbers as what yes and no earn; None where they are not given."""
+    try:
+        return None if values is None else Payoffs.of(values)
+    except QueryError as fault:
+        raise SettingsError(str(fault)) from None
 
 
 def own_posterior(posterior: object, domain: Domain, agent: Agent) -> ConfusionPosterior | None:

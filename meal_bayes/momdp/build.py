@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from meal_bayes.arrays import Floats, freeze
-from meal_bayes.domain import Domain, Query
+from meal_bayes.domain import Domain, Payoffs, Query
 from meal_bayes.errors import SettingsError
 from meal_bayes.momdp.model import MOMDP
 
@@ -29,14 +29,15 @@ class Objective:
         Factor a step, in planning only.
     abstain : bool
         Whether the agent may answer "I do not know", where the domain's diagram lets it.
-
-    What yes and no earn comes from the query, or the domain, where they say it.
+    payoffs : Payoffs | None
+        What yes and no earn where the query does not say it; the domain's by default.
     """
 
     correct: float | None = None
     incorrect: float | None = None
     discount: float = 0.99
     abstain: bool = False
+    payoffs: Payoffs | None = None
 
 
 def build_momdp(
@@ -102,7 +103,9 @@ def build_momdp(
     goal = objective or Objective()
     correct = domain.report_reward if goal.correct is None else goal.correct
     incorrect = -domain.report_reward if goal.incorrect is None else goal.incorrect
-    payoffs = query.payoffs or (domain.payoffs if query.yes_or_no else None)
+    payoffs = query.payoffs
+    if payoffs is None and query.yes_or_no:
+        payoffs = goal.payoffs or domain.payoffs
     senses = np.array([behavior.senses for behavior in domain.behaviors])
     chance = np.array(np.broadcast_to(prior, (n,)), dtype=float)
     for group in map(list, query.groups):

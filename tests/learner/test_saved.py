@@ -224,6 +224,8 @@ HOSTILE = {
     "seed": setting(seed="x"),
     "reward": setting(reward=[1]),
     "a setting that is none": setting(wings=2),
+    "payoffs that are none": setting(payoffs=[1.0, 2.0]),
+    "payoffs of words": setting(payoffs=["a", "b", "c", "d"]),
     "what was fitted": text(fitted=7),
     "a level too high": entry("levels", 0, 99),
     "a label that is none": entry("labels", 0, 7),
