@@ -98,18 +98,7 @@ class _Asking(TypedDict):
 @opt.shared("dataset", "root")
 @click.option("--object", required=True, metavar="NAME", help="The object asked about.")
 @opt.option("--agent", None, "bayes", "NAME", f"Who answers: {opt.AGENTS}; or {opt.OWN}.")
-@click.option(
-    "--yes-no",
-    is_flag=True,
-    help='Answer yes or no: "Is it red and not heavy?", "... or ...".',
-)
-@click.option(
-    "--payoffs",
-    type=float,
-    nargs=4,
-    metavar="S S S S",
-    help="What a right yes, a wrong yes, a right no and a wrong no earn.",
-)
+@opt.shared("yes_no", "payoffs")
 @click.option(
     "--learn",
     is_flag=True,

@@ -83,6 +83,13 @@ _SHARED = {
         "--perception", click.Choice(["default", "paper"]), "default", None,
         "Which classifiers made the percepts: ours, or the paper's.",
     ),
+    "yes_no": click.option(
+        "--yes-no", is_flag=True, help='Answer yes or no: "Is it red and not heavy?", "... or ...".'
+    ),
+    "payoffs": click.option(
+        "--payoffs", type=float, nargs=4, metavar="S S S S",
+        help="What a right yes, a wrong yes, a right no and a wrong no earn.",
+    ),
     "seed": seed_option(),
     "jobs": option("--jobs", click.IntRange(1, 1024), 1, None, "Processes."),
     "cluster": option(

@@ -160,6 +160,8 @@ class _Exporting(TypedDict):
     dataset: str
     root: Path | None
     query: str
+    yes_no: bool
+    payoffs: tuple[float, float, float, float] | None
 
 
 @click.command(short_help="Write a query's decision problem for other solvers.")
@@ -172,14 +174,16 @@ class _Exporting(TypedDict):
     "What FILE's name ends in, by default. SARSOP reads both, pomdpx better.",
 )
 @opt.shared("dataset", "root")
-@opt.option("--query", None, None, "A,B,...", "The attributes asked.", required=True)
+@opt.option("--query", None, None, "A,B,...", "The attributes asked, or a question.", required=True)
+@opt.shared("yes_no", "payoffs")
 def export(file: Path, **options: Unpack[_Exporting]) -> None:
     """Write a query's decision problem to FILE (.pomdp or .pomdpx).
 
     It is the paper's (Eq. 8: percepts independent given the truth, uniform prior), with the
-    confusion matrices that held-out classifiers showed on the data set's recordings.
+    confusion matrices that held-out classifiers showed on the data set's recordings. With --yes-no
+    the reports are two, no and yes.
     """
-    from meal_bayes.domain import read_query
+    from meal_bayes.domain import read_question
     from meal_bayes.momdp import Objective, build_momdp, write_pomdp, write_pomdpx
     from meal_bayes.perception.confusion import percept_counts
     from meal_bayes.posterior import ConfusionPosterior
@@ -190,7 +194,8 @@ def export(file: Path, **options: Unpack[_Exporting]) -> None:
     # Before the work, so that a name that cannot be written is told at once.
     check_output(file, inputs=[options["dataset"]])
     _, table = opt.table_of(options["dataset"], options["root"])
-    query = read_query(options["query"], table.domain)
+    answer = "yes or no" if options["yes_no"] else "values"
+    query = read_question(options["query"], table.domain, answer, options["payoffs"] or None)
     columns = table.domain.columns(query.attributes)
     theta = ConfusionPosterior.from_counts(percept_counts(table, 2))
     rows, precision = theta.select(columns, exact=True)

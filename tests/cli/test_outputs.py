@@ -101,6 +101,34 @@ def test_a_table_of_ones_own_is_counted_over_all_objects(run, table):
     assert {line.split()[-1] for line in _lines("R: a")} == {"100.0", "-100.0", "0.0"}
 
 
+YES_NO = ("--yes-no", "--payoffs", "10", "-20", "30", "-40")
+
+
+@pytest.mark.parametrize(
+    ("question", "holds"),
+    [("Is it full and not red?", {"10"}), ("full or not red", {"00", "10", "11"})],
+)
+def test_a_question_of_yes_or_no_is_exported_with_its_payoffs(run, table, question, holds):
+    run("export", "own.pomdp", "--dataset", "kitchen.npz", "--query", question, *YES_NO)
+    truths = ("00", "01", "10", "11")
+    earned = {}  # by action and truth, of each place of the robot
+    for line in _lines("R: ano") + _lines("R: ayes"):
+        _, action, _, state, *_, reward = line.split()
+        if state != "term":
+            for y in truths if state == "*" else [state.partition("p")[2]]:
+                earned[action, y] = float(reward)
+    assert earned == {("ayes", y): 10.0 if y in holds else -20.0 for y in truths} | {
+        ("ano", y): -40.0 if y in holds else 30.0 for y in truths
+    }
+    assert {line.split()[1] for line in _lines("R: a")} == {"ano", "ayes", "abstain"}
+
+
+def test_a_question_is_exported_as_it_is_asked(run, table):
+    for number, words in enumerate([("--query", "red"), ("--query", "Is it red?", "--yes-no")]):
+        run("export", f"{number}.pomdp", "--dataset", "kitchen.npz", *words)
+    assert Path("0.pomdp").read_bytes() == Path("1.pomdp").read_bytes()
+
+
 def _lines(start, name="own.pomdp"):
     return [line for line in Path(name).read_text().splitlines() if line.startswith(start)]
 
@@ -111,6 +139,10 @@ def test_what_cannot_be_exported_is_told(fails):
     many = ",".join(load_domain("cy101").attributes[:9])
     told = fails("export", "own.pomdp", "--dataset", "cy101", "--query", many)
     assert "9 attributes" in told
+    mixed = ("--query", "heavy and blue or green", "--yes-no")
+    assert 'mixes "and" with "or"' in fails("export", "own.pomdp", *mixed)
+    several = ("--query", "heavy, blue", *YES_NO[1:])
+    assert "ask a question of yes" in fails("export", "own.pomdp", *several)
     assert not list(Path.cwd().iterdir())
 
 

@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 from planner_models import load_reference
 
-from meal_bayes.momdp import flatten, write_pomdpx
+from meal_bayes.domain import Event, Payoffs, Query, load_domain
+from meal_bayes.momdp import build_momdp, flatten, write_pomdpx
+from meal_bayes.planners import Factored
 
 
 def read_pomdpx(path: Path) -> SimpleNamespace:
@@ -115,6 +117,48 @@ def test_what_is_written_is_the_flat_problem(momdp_of, tmp_path, name, n, levels
     reached = flat.transition[:, :-1, :-1, None] > 0
     expected = np.where(reached, flat.observation[:, :-1, :-1], 0.0)
     np.testing.assert_allclose(np.where(reached, shown, 0.0), expected, atol=1e-15)
+
+
+def best_within(file: SimpleNamespace, steps: int) -> float:
+    """Compute the optimum of a file's problem among trials of so many steps, by recursion."""
+    start = int(file.x0.argmax())
+    end = len(file.x0) - 1
+
+    def value(x: int, belief: np.ndarray, left: int) -> float:
+        if x == end or left == 0:
+            return 0.0
+        return max(action(a, x, belief, left) for a in range(len(file.values["a"])))
+
+    def action(a: int, x: int, belief: np.ndarray, left: int) -> float:
+        later = 0.0
+        for after in np.flatnonzero(file.x[a, x, :end]):
+            for z in np.flatnonzero(file.o[a, after].any(axis=0)):
+                weight = belief * file.x[a, x, after] * file.o[a, after, :, z]  # (Y,)
+                chance = weight.sum()
+                later += chance * value(after, weight / chance, left - 1)
+        return float(belief @ file.reward[a, x]) + file.discount * later
+
+    return value(start, file.y0, steps)
+
+
+@pytest.mark.parametrize(
+    ("event", "payoffs"),
+    [
+        (Event((True, False)), Payoffs(300.0, -100.0, 100.0, -1000.0)),
+        (Event((True, False)), Payoffs(100.0, -1000.0, 300.0, -100.0)),
+        (Event((False, False), complement=True), Payoffs(200.0, -100.0, 50.0, -400.0)),
+    ],
+)
+def test_a_question_of_yes_or_no_is_worth_as_much_in_its_file(event, payoffs, tmp_path):
+    """Between the optimum of short trials in the file, and our certified bound, there is little."""
+    rows = np.tile([[0.95, 0.05], [0.05, 0.95]], (2, 3, 1, 1))
+    query = Query(("red", "heavy"), event=event, payoffs=payoffs)
+    momdp = build_momdp(load_domain("toy"), query, rows)
+    file = written(momdp, tmp_path)
+    assert file.values["a"][3:5] == ["ano", "ayes"]
+    bound = Factored().solve(momdp, np.random.default_rng(0)).upper_bound
+    within = best_within(file, 4)
+    assert bound - 0.01 * (max(payoffs) - min(payoffs)) <= within <= bound + 1e-9
 
 
 def test_actions_and_hidden_values_stand_in_our_order(momdp_of, tmp_path):
