@@ -31,6 +31,7 @@ from meal_bayes.planners import Policy
 from meal_bayes.processes import Lock
 from meal_bayes.robots import Robot
 from meal_bayes.robots.recorded import RecordedRobot
+from meal_bayes.robots.robot import state_index
 from meal_bayes.trial_log.live import Interrupted, LiveLog, interrupted
 from meal_bayes.trials import Session, Step, Task, Trial, run_trial
 from meal_bayes.trials.session import MAX_STEPS
@@ -163,7 +164,7 @@ class Answerer:
         SettingsError
             No data were fitted of the kind that the robot needs.
         RobotError
-            The robot came to a state that the domain does not know.
+            The robot came to a state that it cannot be in.
         """
         if isinstance(robot, str):
             object_name = robot
@@ -207,7 +208,7 @@ class Answerer:
         Parameters
         ----------
         state : str, optional
-            Where the robot is; the domain's start by default.
+            Where the robot is, the domain's start by default; a `RobotError` where it cannot be.
         commanded : bool
             Whether somebody else decides, too, by `Session.command`.
         seed : int, optional
@@ -215,7 +216,9 @@ class Answerer:
         question, object_name, truth, answer, payoffs, learn, log, key : Any
             As for `ask`; so are `max_steps`, `max_cost` and `on_step`.
         """
-        state = self.domain.diagram.start if state is None else state
+        diagram = self.domain.diagram
+        state = diagram.start if state is None else state
+        state_index(diagram.states, state, "begin(state=)")  # before there is a log of it
         options = TrialOptions(
             truth, learn, max_steps=max_steps, max_cost=max_cost, on_step=on_step,
             commanded=commanded, seed=seed,

@@ -77,7 +77,7 @@ class Finder(Answerer):
             No objects, or one twice; an agent that compares no values; no data of the kind that the
             robot needs.
         RobotError
-            The robot came to a state that the domain does not know.
+            The robot came to a state that it cannot be in.
 
         Examples
         --------

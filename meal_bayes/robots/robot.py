@@ -5,7 +5,7 @@ viewer.
 """
 
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from meal_bayes.datasets import Instance, checked_features
 from meal_bayes.datasets.detections import checked_percepts
-from meal_bayes.domain import Behavior, Domain, unknown
+from meal_bayes.domain import TERMINAL, Behavior, Domain, unknown
 from meal_bayes.errors import DataError, QueryError, RobotError
 
 Features = dict[str, NDArray[np.float32]]
@@ -29,7 +29,8 @@ class Outcome:
     Attributes
     ----------
     state : str
-        The observed state x after it, one of the domain's diagram.
+        The observed state x after it, one of the domain's diagram; never "term", to which an
+        answer alone leads.
     features : Mapping[str, ArrayLike] | None
         The features (D,) of each of the behavior's modalities; None where nothing was sensed
         (the behavior failed, or has no modalities).
@@ -85,7 +86,7 @@ class _NoPercept(Exception):
 class OutcomeChecker:
     """What a robot returns, checked: every outcome fits the domain, and has indices for names.
 
-    A state that the domain does not know raises `RobotError`. A modality that is missing, or not of
+    A state that a robot cannot be in raises `RobotError`. A modality that is missing, or not of
     finite numbers, is left out, with a warning; one of another size than those learned from
     (`sizes`, where known) is kept, but shows nothing. The percept is made from the others, and
     where there are none the trial goes on without. Modalities that the behavior does not have are
@@ -98,12 +99,11 @@ class OutcomeChecker:
         self._domain = domain
         self._object = object_index
         self._sizes = {} if sizes is None else sizes
-        self._x = {name: x for x, name in enumerate(domain.diagram.states)}
         self._warned = set[str]()
 
     def start(self, state: object) -> int:
         """Return the index of x0, where a robot starts a trial; a `RobotError` if unknown."""
-        return self._index(state, "start()")
+        return state_index(self._domain.diagram.states, state, "start()")
 
     def execute(self, behavior: int, outcome: object) -> Execution:
         """Return the checked outcome of a behavior; a `RobotError` if it has no known state."""
@@ -113,17 +113,12 @@ class OutcomeChecker:
                 f"execute({spec.name!r}) returned {type(outcome).__name__}; "
                 "return an Outcome(state, features)."
             )
-        next_x = self._index(outcome.state, f"execute({spec.name!r})")
+        where = f"execute({spec.name!r})"
+        next_x = state_index(self._domain.diagram.states, outcome.state, where)
         try:
             return self._perceived(spec, outcome, next_x)
         except _NoPercept as fault:
             return Execution(next_x, warning=f"no percept of {spec.name}: {fault}")
-
-    def _index(self, state: object, where: str) -> int:
-        if isinstance(state, str) and state in self._x:
-            return self._x[state]
-        message = unknown("state", str(state), self._x)
-        raise RobotError(f"{where} of the robot came to a state that is not known. {message}")
 
     def _perceived(self, spec: Behavior, outcome: Outcome, next_x: int) -> Execution:
         accuracy = spec.answer_accuracy
@@ -207,6 +202,23 @@ class OutcomeChecker:
             warnings.warn(warning, stacklevel=2)
             self._warned.add(spec.name)
         return features or None, warning
+
+
+def state_index(states: Sequence[str], state: object, where: str) -> int:
+    """Return the index of the state that a robot is in; a `RobotError` where it cannot be there.
+
+    Of the states of a diagram the last, "term", is none of a robot's: an answer alone leads there.
+    """
+    possible = states[:-1]
+    if isinstance(state, str) and state in possible:
+        return possible.index(state)
+    if isinstance(state, str) and state == TERMINAL:
+        raise RobotError(
+            f"{where} of the robot came to {TERMINAL!r}, to which an answer alone leads; expected "
+            f"one of {', '.join(possible)}; return the state that the robot is in."
+        )
+    message = unknown("state", str(state), possible)
+    raise RobotError(f"{where} of the robot came to a state that is not known. {message}")
 
 
 def _checked(modality: str, sensed: Mapping[str, ArrayLike]) -> NDArray[np.float32]:

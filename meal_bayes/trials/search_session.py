@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meal_bayes.arrays import Floats
-from meal_bayes.domain import unknown
-from meal_bayes.errors import RobotError, SettingsError
+from meal_bayes.errors import SettingsError
 from meal_bayes.planners import (
     Decision,
     Prospect,
@@ -18,7 +17,7 @@ from meal_bayes.planners import (
     values_beside,
     ways_back,
 )
-from meal_bayes.robots import Outcome
+from meal_bayes.robots.robot import Outcome, state_index
 from meal_bayes.trials.search import Search, SearchingRobot
 from meal_bayes.trials.session import MAX_STEPS, Session
 
@@ -126,17 +125,15 @@ class SearchSession:
         SettingsError
             No turn is under way.
         RobotError
-            A state that the domain does not know.
+            A state that a robot cannot be in.
         """
         name = self.turn
         if name is None:
             raise SettingsError("No turn is under way: execute `behavior`, or the search is over.")
         session = self.sessions[name]
         if session.begun:
-            known = session.momdp.x_names[:-1]
-            if state not in known:
-                raise RobotError(unknown("state", str(state), known))
-            session.belief = session.belief.at(known.index(state))
+            x = state_index(session.momdp.x_names, state, f"turn_to({name!r})")
+            session.belief = session.belief.at(x)
             session.history = replace(session.history, belief=session.belief)
         else:
             self._begin(name, state)
@@ -154,7 +151,7 @@ class SearchSession:
         SettingsError
             No behavior is under way.
         RobotError
-            A state that the domain does not know.
+            A state that a robot cannot be in.
         """
         if self.object is None or self.behavior is None:
             raise SettingsError("No behavior is under way: a turn is, or the search is over.")

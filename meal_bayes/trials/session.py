@@ -156,7 +156,7 @@ class Session:
         Raises
         ------
         RobotError
-            A state that the domain does not know.
+            A state that a robot cannot be in.
         SettingsError
             The trial has begun.
         """
@@ -179,7 +179,7 @@ class Session:
         SettingsError
             No behavior is under way, or the outcome is of another step.
         RobotError
-            A state that the domain does not know.
+            A state that a robot cannot be in.
         ImpossibleObservation
             What the model holds for impossible.
         """

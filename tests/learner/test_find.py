@@ -139,6 +139,22 @@ def test_a_search_is_driven_by_hand(learner):
     assert session.search.claim == whole.claim
 
 
+@pytest.mark.parametrize("state", ["term", "x9", None])
+def test_an_object_is_in_no_state_where_no_robot_can_be(learner, state):
+    session = learner.begin_find("heavy and blue", BOXES)
+    with pytest.raises(RobotError, match="x0"):
+        session.turned(state)
+    session.turned("x0")
+    while session.turn is None:
+        with pytest.raises(RobotError, match="x0"):
+            session.observe(Outcome(state))
+        session.fail()
+        if session.over:
+            return
+    with pytest.raises(RobotError, match="x0"):
+        session.turned(state)
+
+
 def test_a_robot_that_breaks_ends_all_trials_and_the_search(learner, tmp_path):
     session = learner.begin_find("heavy and blue", BOXES, log=tmp_path)
     with pytest.raises(RobotError, match="stuck"):

@@ -122,6 +122,8 @@ def test_an_exception_is_raised_once_the_log_is_whole(dataset, make, tmp_path, a
     [
         (Outcome("tabel"), "did you mean 'table'"),
         (Outcome(None), "state"),
+        (Outcome("term"), "'term', .*expected one of table, held; return the state"),
+        (Outcome("term", {"color": [1.0, 2.0, 3.0]}), "'term', .*expected one of table, held"),
         (("table", None), r"return an Outcome\(state, features\)"),
         (None, r"return an Outcome\(state, features\)"),
     ],
@@ -136,9 +138,10 @@ def test_an_unknown_state_ends_the_trial(dataset, make, tmp_path, outcome, says)
     assert trial.steps == ()
 
 
-def test_an_unknown_state_at_the_start(dataset, make, tmp_path):
+@pytest.mark.parametrize("state", [99, "term", None, np.array(["table", "term"])])
+def test_an_unknown_state_at_the_start(dataset, make, tmp_path, state):
     robot = make.faulty(None)
-    robot.start = lambda: 99
+    robot.start = lambda: state
     with pytest.raises(RobotError, match=r"start\(\)"):
         make.learner(dataset).ask("red", robot, log=tmp_path / "a.mcap")
     (trial,) = read_trials(tmp_path / "a.mcap")

@@ -6,7 +6,7 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 
-from meal_bayes.errors import LogError, OutputError, SettingsError
+from meal_bayes.errors import LogError, OutputError, RobotError, SettingsError
 from meal_bayes.learner import Learner, recall
 from meal_bayes.learner.views import attempts
 from meal_bayes.robots import Outcome
@@ -284,6 +284,19 @@ def test_tests_are_no_experience_and_their_labels_are_of_the_object(dataset, mak
     assert len(first.experience.executions) == 1
     first.forget(test)
     assert first.experience.told_in(("told", "mug"))[0] == -1
+
+
+@pytest.mark.parametrize("state", ["term", "tabel", "", 0])
+def test_a_trial_neither_begins_nor_goes_on_where_no_robot_can_be(learner, make, tmp_path, state):
+    with pytest.raises(RobotError, match=r"table, held|did you mean 'table'|expected one of"):
+        learner.begin("red", key="k", state=state)
+    assert not list(tmp_path.rglob("*.*"))  # no log of what has not begun
+    with learner.begin("red", key="k") as session:
+        with pytest.raises(RobotError):
+            session.observe(Outcome(state))
+        assert session.behavior == "look"  # it is waited for still
+        trial = drive(session, started(make.arm()))
+    assert trial.report is not None
 
 
 def test_several_broken_trials_are_listed(learner, tmp_path):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from meal_bayes.datasets import Dataset, make_synthetic
-from meal_bayes.domain import Domain, load_domain
+from meal_bayes.domain import TERMINAL, Domain, load_domain
 from meal_bayes.robots import OutcomeChecker
 from meal_bayes.robots.recorded import RecordedRobot
 from meal_bayes.robots.robot import Execution
@@ -25,13 +25,17 @@ class CheckedRobot:
 
     def __init__(self, robot: RecordedRobot, domain: Domain, *, object_index: int) -> None:
         self.robot, self.names = robot, domain.behavior_names
+        self.terminal = len(domain.diagram.states) - 1
         self.checker = OutcomeChecker(domain, object_index=object_index)
 
     def start(self) -> int:
         return self.checker.start(self.robot.start())
 
     def execute(self, behavior: int) -> Execution:
-        return self.checker.execute(behavior, self.robot.execute(self.names[behavior]))
+        outcome = self.robot.execute(self.names[behavior])
+        if outcome.state == TERMINAL:  # of an illegal behavior, which no trial commands
+            return Execution(self.terminal)
+        return self.checker.execute(behavior, outcome)
 
 
 def looked_up(domain, seed, failure_seed=0, o=1, **options):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from meal_bayes.datasets import make_synthetic
-from meal_bayes.domain import Domain, load_domain
+from meal_bayes.domain import TERMINAL, Domain, load_domain
 from meal_bayes.errors import ConformanceError
 from meal_bayes.robots import Outcome
 from meal_bayes.robots.recorded import RecordedRobot
@@ -30,6 +30,8 @@ class Arm:
         self.x = self.domain.diagram.states.index(self.domain.diagram.start)
         if self.faults.get("starts nowhere"):
             return "somewhere"
+        if self.faults.get("starts at the end"):
+            return TERMINAL
         if self.faults.get("starts at a number"):
             return 0  # type: ignore[return-value]
         return self.domain.diagram.start
@@ -52,8 +54,10 @@ class Arm:
             return states[self.x], features  # type: ignore[return-value]
         if faults.get("comes to an unknown state"):
             return Outcome("lost", features)
-        if faults.get("moves where nothing leads"):
-            return Outcome(states[-1], features)
+        if faults.get("comes to the end"):
+            return Outcome(TERMINAL, features)
+        if faults.get("moves where nothing leads") and behavior == "look":
+            return Outcome("x1", features)
         if faults.get("never senses"):
             features = None
         if faults.get("senses where it moves only") and not spec.senses:
@@ -89,6 +93,8 @@ class Arm:
 FAULTS = {
     "starts nowhere": r"start\(\) .* state that is not known",
     "starts at a number": r"start\(\) .* state that is not known",
+    "starts at the end": r"start\(\) .* 'term', .*expected one of x0, x1; return the state",
+    "comes to the end": r"execute\(.*\) .* 'term', .*expected one of x0, x1; return the state",
     "comes to an unknown state": r"execute\(.*\) .* not known. Unknown state 'lost'",
     "moves where nothing leads": "came to .* The domain's diagram leads to",
     "returns a pair": r"returned tuple; return an Outcome\(state, features\)",
