@@ -15,6 +15,8 @@ from meal_bayes.evaluation import summarize
 from meal_bayes.experiments import OfflineConfig, offline_tasks, run_offline
 from meal_bayes.learner import Learner
 from meal_bayes.perception import fit_and_validate
+from meal_bayes.planners import RULE
+from meal_bayes.trial_log import read_trials
 from meal_bayes.trials import Trial, trials_frame
 
 LONGEST = 2000  # characters
@@ -103,6 +105,35 @@ def test_a_trial_is_a_table_with_a_bar_a_belief(trial):
     assert page.count["span"] == 2 * 2 * (1 + len(trial.steps))
     for word in ("Pr(heavy)", "Pr(beans)", "before", "report heavy, beans", "(right)"):
         assert word in page.text
+
+
+def test_a_decision_names_what_it_compared(tmp_path):
+    asked = {"dataset": "roc36", "object": "heavy_green_beans", "log": tmp_path / "one.mcap"}
+    trial = meal_bayes.ask("Is it heavy?", agent="bayes", **asked)
+    behaviors = trial.momdp.behavior_names
+    for shown in (trial, *read_trials(tmp_path / "one.mcap")):
+        for step in shown.steps:
+            decision = step.decision
+            page = Outline(decision._repr_html_())
+            valued = np.flatnonzero(~np.isnan(decision.values[:-1]))
+            assert page.count["tr"] == 2 + len(valued)  # header, answer
+            assert page.count["b"] == 1
+            for text in (page.text, repr(decision)):
+                assert f"Decision: {shown.momdp.action_name(decision.action)}" in text
+                assert "behavior" not in text
+            assert all(behaviors[e] in page.text for e in valued)
+            assert ("simulations" in page.text) == (decision.simulations > 0)
+    bare = dataclasses.replace(decision, momdp=None)
+    assert "Decision: answer" in bare._repr_html_()
+    assert f"behavior {valued[0]}" in bare._repr_html_()
+
+
+def test_a_decision_by_a_rule_says_so():
+    asked = {"dataset": "roc36", "object": "heavy_green_beans", "logs": None}
+    trial = meal_bayes.ask("Is it heavy?", agent="predefined", **asked)
+    for text in (repr(trial.steps[0].decision), trial.steps[0].decision._repr_html_()):
+        assert "Decision: look" in text
+        assert RULE in text
 
 
 def test_names_cannot_break_out_of_a_table(trial):

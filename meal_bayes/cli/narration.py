@@ -8,15 +8,14 @@ from rich.text import Text
 
 from meal_bayes.cli.console import print_facts, print_rows
 from meal_bayes.display import percent
+from meal_bayes.planners import RULE
 from meal_bayes.trials.percepts import percept_labels
 from meal_bayes.trials.text import (
-    RULE,
     belief_before,
     compared_actions,
     final_facts,
     gap_text,
     outcome_text,
-    value_heads,
 )
 
 if TYPE_CHECKING:
@@ -81,7 +80,7 @@ def _print_values(console: Console, trial: "Trial", number: int, headed: str) ->
         return headed
     width = max(len(action.name) for action in compared)
     rows = []
-    titles = [*value_heads(momdp, decision), "simulations"]
+    titles = [*decision.value_heads, "simulations"]
     heads = "   ".join(titles if decision.simulations > 0 else titles[:-1])
     if not headed.startswith(heads):
         rows.append(Text(f"{'':<{width + 4}}{heads}", "dim"))

@@ -19,6 +19,7 @@ from meal_bayes.planners.outside import (
 from meal_bayes.planners.pomcp.policy import POMCP
 from meal_bayes.planners.precompile import warm_up
 from meal_bayes.planners.solver import (
+    RULE,
     Decision,
     History,
     Policy,
@@ -29,8 +30,8 @@ from meal_bayes.planners.solver import (
 )
 
 __all__ = [
-    "POMCP", "Decision", "Factored", "Greedy", "History", "Move", "OpenLoop", "OpenLoopPolicy",
-    "Policy", "Predefined", "Prospect", "Prospector", "Random", "RandomLegal", "Remembering",
-    "Solver", "TreeEdge", "Untouched", "batched_value_iteration", "best_move", "unvalued",
-    "values_beside", "warm_up", "watch_compilation", "ways_back",
+    "POMCP", "RULE", "Decision", "Factored", "Greedy", "History", "Move", "OpenLoop",
+    "OpenLoopPolicy", "Policy", "Predefined", "Prospect", "Prospector", "Random", "RandomLegal",
+    "Remembering", "Solver", "TreeEdge", "Untouched", "batched_value_iteration", "best_move",
+    "unvalued", "values_beside", "warm_up", "watch_compilation", "ways_back",
 ]  # fmt: skip

@@ -2,15 +2,19 @@
 
 import hashlib
 from dataclasses import dataclass, field
+from html import escape
 from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from meal_bayes.arrays import Floats, FrozenArrays
-from meal_bayes.display import best_options, table_html
+from meal_bayes.display import best_options, facts_repr, table_html
 from meal_bayes.momdp import MOMDP, Belief, answer_value, best_answer
 from meal_bayes.seeds import stream
+
+RULE = "this agent follows a rule and compares nothing"
+_PRINTED = 6  # actions of a decision that is printed; an HTML table has all
 
 
 class TreeEdge(NamedTuple):
@@ -70,6 +74,8 @@ class Decision(FrozenArrays):
     bonus : NDArray[np.float64] | None
         (E+1,) what exploring is paid on the way, s; the action is the best of the sum of both.
         None where `values` are this sum: in older logs, and of solvers that do not tell them apart.
+    momdp : MOMDP | None
+        The problem, after which actions are named; a trial sets it, so that solvers need not.
     """
 
     action: int
@@ -81,6 +87,9 @@ class Decision(FrozenArrays):
     sampled_rows: NDArray[np.float64] | None = None
     gap: float | None = None
     bonus: NDArray[np.float64] | None = None
+    momdp: MOMDP | None = field(default=None, compare=False)
+
+    __repr__ = facts_repr
 
     @property
     def total(self) -> NDArray[np.float64]:
@@ -105,21 +114,67 @@ class Decision(FrozenArrays):
         """Whether exploring is paid on the way of any action."""
         return self.bonus is not None and bool(self.bonus.any())
 
+    @property
+    def value_heads(self) -> tuple[str, ...]:
+        """What the values of actions are called, and the bonus, if any is paid."""
+        if self.explores:
+            return "this answer", "for later questions"
+        # Older logs, and solvers that know sums alone.
+        if self.bonus is None and self.momdp is not None and self.momdp.bonus.any():
+            return ("this answer and later ones",)
+        return ("expected reward",)
+
+    @property
+    def _chosen(self) -> int:
+        return min(self.action, len(self.values) - 1)
+
+    def _name(self, option: int) -> str:
+        """Return the name of one of the E+1 compared actions, of which the last answers."""
+        answers = option == len(self.values) - 1
+        if self.momdp is None:
+            return "answer" if answers else f"behavior {option}"
+        if not answers:
+            return self.momdp.behavior_names[option]
+        return self.momdp.action_name(self.action) if self._chosen == option else "answer now"
+
+    def _compared(self, most: int) -> dict[int, list[str]]:
+        """Return the values of the best actions as text, best first, by action."""
+        compared = {}
+        for option in best_options(self.total, self._chosen, most):
+            cells = [f"{self.values[option]:.1f}"]
+            if self.value_se[option] > 0:
+                cells[0] += f" ± {self.value_se[option]:.1f}"
+            if self.bonus is not None and self.explores:
+                cells.append(f"{self.bonus[option]:.1f}")
+            if self.simulations:  # none begins with the answer
+                cells.append("" if option == len(self.values) - 1 else str(self.visits[option]))
+            compared[option] = cells
+        return compared
+
+    @property
+    def _heads(self) -> list[str]:
+        return [*self.value_heads, *(["simulations"] if self.simulations else [])]
+
+    def _facts(self) -> tuple[str, dict[str, str]]:
+        compared = self._compared(_PRINTED)
+        facts = {
+            self._name(option): ", ".join(
+                f"{head} {cell}" for head, cell in zip(self._heads, cells, strict=True) if cell
+            )
+            for option, cells in compared.items()
+        }
+        return f"Decision: {self._name(self._chosen)}", facts or {"why": RULE}
+
     def _repr_html_(self) -> str:
         """Return the values of the actions as an HTML table, the chosen one marked."""
-        chosen = min(self.action, len(self.values) - 1)
-        header = ["", "this answer", "for later questions", "simulations"]
         rows = []
-        for option in best_options(self.total, chosen, len(self.values)):
-            name = "the answer" if option == len(self.values) - 1 else f"behavior {option}"
-            bonus = "" if self.bonus is None else f"{self.bonus[option]:.1f}"
-            value = f"{self.values[option]:.1f} ± {self.value_se[option]:.1f}"
-            cells = [f"<b>{name}</b>" if option == chosen else name, value, bonus]
-            rows.append([*cells, str(self.visits[option])])
-        if not self.explores:
-            header = [*header[:2], header[3]]
-            rows = [[*row[:2], row[3]] for row in rows]
-        return table_html(f"Decision of action {self.action}", header, rows)
+        for option, cells in self._compared(len(self.values)).items():
+            name = escape(self._name(option))
+            rows.append([f"<b>{name}</b>" if option == self._chosen else name, *cells])
+        title = f"Decision: {self._name(self._chosen)}"
+        if not rows:
+            return table_html(title, (), [(escape(RULE),)])
+        return table_html(title, ["", *self._heads], rows)
 
     @classmethod
     def exact(

@@ -291,6 +291,7 @@ def _step(message: Any, momdp: MOMDP, before: Belief) -> Step:
             sampled_rows=_array(rows, (-1, n, k)) if rows else None,
             gap=message.gap[0] if message.gap else None,
             bonus=_array(message.bonus, (e + 1,)) if message.bonus else None,
+            momdp=momdp,
             **{name: getattr(message, name) for name in schema.DECISION_ARRAYS},
         ),
         observation=freeze(levels, np.int8) if levels else None,

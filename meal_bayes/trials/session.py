@@ -283,8 +283,8 @@ class Session:
     def _follow(self, decision: Decision, warning: str = "") -> None:
         """Wait for the outcome of a behavior, or end the trial with an answer."""
         momdp = self.momdp
-        x = self.belief.x
-        momdp.check_action(x, decision.action)
+        momdp.check_action(self.belief.x, decision.action)
+        decision = replace(decision, momdp=momdp)
         if decision.action < momdp.n_behaviors:
             self._decision = decision
             return
@@ -295,7 +295,7 @@ class Session:
         if report is not None and (right >= 0).all():
             reward = momdp.reports.reward(report, right)
         last = self.belief.at(momdp.terminal)
-        self._append(Step(x, decision, momdp.terminal, None, 0.0, reward, last, warning))
+        self._append(Step(self.belief.x, decision, last.x, None, 0.0, reward, last, warning))
 
     def _append(self, step: Step) -> None:
         """Record a step, and end the trial where it leads to `term`."""

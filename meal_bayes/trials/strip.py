@@ -17,6 +17,7 @@ from matplotlib.figure import Figure
 from meal_bayes.arrays import Floats
 from meal_bayes.canvas import drawn_in_style
 from meal_bayes.display import percent
+from meal_bayes.planners import RULE
 from meal_bayes.trials.percepts import SILENT, attribute_labels
 from meal_bayes.trials.placing import (
     HEIGHT,
@@ -31,7 +32,7 @@ from meal_bayes.trials.placing import (
     top_of,
 )
 from meal_bayes.trials.record import TrialRecord
-from meal_bayes.trials.text import RULE, verdict_text
+from meal_bayes.trials.text import verdict_text
 
 _ATTRIBUTES = 6  # that are drawn
 _DPI = 100

@@ -14,7 +14,6 @@ from meal_bayes.trials.outcomes import TrialOutcomes
 from meal_bayes.trials.record import Step, TrialRecord
 
 UNKNOWN = "truth unknown"
-RULE = "this agent follows a rule and compares nothing"
 _LEAST_ERROR = 0.05  # standard errors below it would print as 0.0
 
 
@@ -35,15 +34,6 @@ class ComparedAction(NamedTuple):
     cost: float
     chosen: bool
     is_answer: bool
-
-
-def value_heads(momdp: MOMDP, decision: Decision) -> tuple[str, ...]:
-    """Return what the values of compared actions are called, and of the bonus, if any is paid."""
-    if decision.explores:
-        return "this answer", "for later questions"
-    if decision.bonus is None and momdp.bonus.any():  # older logs, and solvers that know sums alone
-        return ("this answer and later ones",)
-    return ("expected reward",)
 
 
 def belief_before(trial: TrialRecord, number: int) -> Belief:

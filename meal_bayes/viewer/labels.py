@@ -6,16 +6,14 @@ import numpy as np
 
 from meal_bayes.display import percent
 from meal_bayes.momdp import MOMDP, best_report, report_certainty
-from meal_bayes.planners import Decision
+from meal_bayes.planners import RULE, Decision
 from meal_bayes.trials import percept_labels
 from meal_bayes.trials.text import (
-    RULE,
     belief_before,
     compared_actions,
     final_facts,
     gap_text,
     outcome_text,
-    value_heads,
 )
 from meal_bayes.viewer.recorder import TrialFrame
 
@@ -96,7 +94,7 @@ def explain_decision(frame: TrialFrame) -> str:
     compared = compared_actions(momdp, decision, belief_before(frame.trial, frame.number), _OPTIONS)
     if not compared:
         return f"*{RULE}*"
-    heads = ["action", *value_heads(momdp, decision), "visits", "cost, s"]
+    heads = ["action", *decision.value_heads, "visits", "cost, s"]
     lines = [f"|{'|'.join(heads)}|", "|".join(["", *("---" for _ in heads), ""])]
     for action in compared:
         cells = [
