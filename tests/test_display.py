@@ -1,6 +1,7 @@
 """What objects show of themselves: short texts, tables for a notebook, data frames."""
 
 import dataclasses
+import re
 from html.parser import HTMLParser
 
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 import meal_bayes
 from meal_bayes.agents import knowledge_without
 from meal_bayes.datasets import TrainingSet, load_percepts, make_synthetic
+from meal_bayes.display import percent
 from meal_bayes.domain import load_domain
 from meal_bayes.evaluation import summarize
 from meal_bayes.experiments import OfflineConfig, offline_tasks, run_offline
@@ -94,9 +96,42 @@ def test_a_learner_shows_what_it_has_learned():
     assert page.count["b"] == 1 + len(table.domain.attributes)  # a best behavior of each
     alone = Outline(replays.knowledge(table.objects[0]).posterior._repr_html_())
     assert (alone.count["tr"], alone.count["b"]) == (page.count["tr"], page.count["b"])
-    nothing = Outline(Learner("toy", logs=None)._repr_html_())
+    shown = Outline(replays._repr_html_()).text
+    assert "learned from 36 objects with labels" in shown
+    heavy = shown.partition("heavy")[2]
+    assert heavy.startswith(f"12, 24{percent(13 / 38)}")  # labels, and (12 + 1) / (36 + 2)
+
+
+def test_a_learner_says_what_to_do_next():
+    learner = Learner("toy", logs=None)
+    nothing = Outline(learner._repr_html_())
     assert "0 recordings of 0 objects" in nothing.text
-    assert nothing.count["tr"] == 1 + len(load_domain("toy").attributes)
+    assert "learner.fit(dataset)" in nothing.text
+    assert "table" not in nothing.count
+    first = learner.domain.attributes[0]
+    learner.tell("a mug", {first: True})
+    page = Outline(learner._repr_html_())
+    assert page.count["tr"] == 1 + len(learner.domain.attributes)
+    assert f"{first}1, 0{percent(2 / 3)}none yet" in page.text
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_best_behavior_of_a_learner_has_the_largest_youden(seed):
+    domain = load_domain("toy")
+    rng = np.random.default_rng(seed)
+    dataset = make_synthetic(domain, objects=12, recordings=3, rng=rng)
+    learner = Learner(domain, logs=None).fit(dataset)
+    known = learner.knowledge()
+    rows = learner._repr_html_().split("<tr>")[2:]
+    for p, row in enumerate(rows):
+        cells = re.findall("<td[^>]*>(.*?)</td>", row)
+        best = np.where(known.posterior.informative, known.posterior.youden, -1)[p].argmax()
+        false, true = known.posterior.mean[p, best][:, known.posterior.mean.shape[-1] // 2 :].sum(1)
+        rate = known.base_rates[p]
+        right = rate * true + (1 - rate) * (1 - false)
+        expected = [domain.behavior_names[best], f"{true - false:.2f}", percent(right)]
+        told_apart = known.posterior.informative[p].any()
+        assert cells[3:] == (expected if told_apart else ["none yet", "", ""])
 
 
 def test_a_trial_is_a_table_with_a_bar_a_belief(trial):
@@ -117,7 +152,7 @@ def test_a_decision_names_what_it_compared(tmp_path):
             page = Outline(decision._repr_html_())
             valued = np.flatnonzero(~np.isnan(decision.values[:-1]))
             assert page.count["tr"] == 2 + len(valued)  # header, answer
-            assert page.count["b"] == 1
+            assert page.count["b"] == 2  # title, chosen action
             for text in (page.text, repr(decision)):
                 assert f"Decision: {shown.momdp.action_name(decision.action)}" in text
                 assert "behavior" not in text

@@ -12,7 +12,7 @@ from meal_bayes.domain import Query
 from meal_bayes.learner.experience import Experience, Key, Labels
 from meal_bayes.learner.fit import problem_of, sampled, solve
 from meal_bayes.learner.settings import LearnerSettings
-from meal_bayes.learner.views import labels_for
+from meal_bayes.learner.views import labeled_table
 from meal_bayes.momdp import MOMDP
 from meal_bayes.perception import Perceiver, RecordedPercepts
 from meal_bayes.planners import Policy
@@ -36,8 +36,7 @@ class HeldOut:
     @cached_property
     def labeled(self) -> PerceptTable:
         """The table, with what was told of objects that had no label."""
-        told = labels_for(self.record, self.table.objects)
-        return replace(self.table, labels=np.where(self.table.labels < 0, told, self.table.labels))
+        return labeled_table(self.record, self.table)
 
     @cached_property
     def knowledge(self) -> Knowledge:

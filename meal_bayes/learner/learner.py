@@ -12,6 +12,7 @@ from meal_bayes.datasets import Dataset, Instance, PerceptTable, object_index
 from meal_bayes.domain import Domain, Query, load_domain
 from meal_bayes.errors import QueryError, SettingsError
 from meal_bayes.learner import views
+from meal_bayes.learner.card import learned_html, next_html, table_knowledge
 from meal_bayes.learner.experience import told
 from meal_bayes.learner.finding import Finder
 from meal_bayes.learner.fits import Fits
@@ -114,8 +115,16 @@ class Learner(Finder):
         return f"Learner({self.domain.name}, agent {self.agent.name}, {data})"
 
     def _repr_html_(self) -> str:
-        source = self.knowledge() if self.table is None else self.table
-        return f"<p>{escape(repr(self))}</p>{source._repr_html_()}"
+        """Return what was learned of each attribute, or what to do next, as HTML."""
+        head = f"<p>{escape(repr(self))}</p>"
+        table = None if self.table is None else views.labeled_table(self.experience, self.table)
+        labels = self.experience.known.values if table is None else table.labels
+        if not (labels >= 0).any():
+            return head + next_html(self.domain.attributes[0], len(self.experience.instances))
+        if table is None:
+            return head + learned_html(self.knowledge(), labels)
+        knowledge = table_knowledge(table, self.agent, self.settings)
+        return f"{head}{learned_html(knowledge, labels)}{table._repr_html_()}"
 
     def fit(self, data: Dataset | PerceptTable) -> Self:
         """Learn from recordings, which join the experience, or replay a percept table.

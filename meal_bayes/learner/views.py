@@ -6,11 +6,12 @@ trial; without, those of the trials that showed it, and of the object by its nam
 
 from collections import Counter
 from collections.abc import Iterable
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes.datasets import Dataset, TrainingSet
+from meal_bayes.datasets import Dataset, PerceptTable, TrainingSet
 from meal_bayes.domain import Query
 from meal_bayes.learner.experience import GIVEN, NONE, WITHDRAWN, Experience, Key, Labels, told
 
@@ -50,6 +51,12 @@ def labels_for(record: Experience, names: Iterable[str]) -> Labels:
     """Return the labels (O,P) of objects by name; -1 unknown."""
     rows = np.vstack([record.known.values, record.nothing])
     return rows[[record.objects.get(name, NONE) for name in names]]
+
+
+def labeled_table(record: Experience, table: PerceptTable) -> PerceptTable:
+    """Return a percept table with what was told of its objects that had no label."""
+    told_labels = labels_for(record, table.objects)
+    return replace(table, labels=np.where(table.labels < 0, told_labels, table.labels))
 
 
 def votes(record: Experience, query: Query, object_name: str) -> NDArray[np.int64] | None:

@@ -1,0 +1,78 @@
+"""What a learner shows of itself in a notebook: what it learned of each attribute."""
+
+from dataclasses import replace
+from html import escape
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meal_bayes.agents import Agent, Knowledge
+from meal_bayes.agents.knowledge import knowledge_of
+from meal_bayes.datasets import PerceptTable
+from meal_bayes.display import percent, table_html
+from meal_bayes.learner.experience import Labels
+from meal_bayes.learner.settings import LearnerSettings
+from meal_bayes.perception.confusion import percept_counts
+
+_HEADER = (
+    "attribute", "labels: yes, no", "base rate", "best behavior", "Youden's J", "percept right",
+)  # fmt: skip
+_READING = (
+    "Percepts of an object that it has no label of: Youden's J is how often they say yes where "
+    "that is true, less where it is not; right are those of all, at the base rate."
+)
+NO_LABEL = "Nothing is learned yet, as there is no label. "
+WITH_NOTHING = (
+    'Ask, and tell what was true: `trial = learner.ask("...", robot)`, `learner.tell(trial, '
+    "{{{name!r}: True}})`; or begin with recordings: `learner.fit(dataset)`."
+)
+WITH_RECORDINGS = (
+    "Tell what is true of an object: `learner.tell(trial, {{{name!r}: True}})`, or by the object's "
+    "name."
+)
+
+
+def next_html(attribute: str, recordings: int) -> str:
+    """Return what to do next with a learner that has no label, naming an attribute of its own."""
+    way = WITH_RECORDINGS if recordings else WITH_NOTHING
+    return f"<p>{escape(NO_LABEL + way.format(name=attribute))}</p>"
+
+
+def table_knowledge(table: PerceptTable, agent: Agent, settings: LearnerSettings) -> Knowledge:
+    """Return what a percept table teaches, each object's percepts by classifiers without it."""
+    counts = percept_counts(table, agent.levels)
+    known = knowledge_of(table.domain, counts, table.labels, object_level=agent.object_level)
+    return known if settings.posterior is None else replace(known, posterior=settings.posterior)
+
+
+def learned_html(knowledge: Knowledge, labels: Labels) -> str:
+    """Return what was learned as an HTML table, a row an attribute.
+
+    Parameters
+    ----------
+    knowledge : Knowledge
+        What was learned.
+    labels : Labels
+        (O,P) of the objects, from which that was; -1 unknown.
+    """
+    domain = knowledge.domain
+    informative = np.where(knowledge.posterior.informative, knowledge.posterior.youden, -np.inf)
+    rows = []
+    for p, name in enumerate(domain.attributes):
+        rate = float(knowledge.base_rates[p])
+        number = f"{(labels[:, p] == 1).sum()}, {(labels[:, p] == 0).sum()}"
+        best = int(informative[p].argmax())
+        cells = ["none yet", "", ""]
+        if informative[p, best] > 0:
+            right = percent(_right(knowledge.posterior.mean[p, best], rate))
+            cells = [escape(domain.behavior_names[best]), f"{informative[p, best]:.2f}", right]
+        rows.append([escape(name), number, percent(rate), *cells])
+    objects = int((labels >= 0).any(axis=1).sum())
+    title = f"{domain.name}: what was learned from {objects} objects with labels"
+    return f"{table_html(title, _HEADER, rows)}<p>{_READING}</p>"
+
+
+def _right(rows: NDArray[np.float64], rate: float) -> float:
+    """Return Pr(percept is right) of rows (2,K) [truth, level], at a base rate."""
+    half = rows.shape[-1] // 2
+    return float(rate * rows[1, half:].sum() + (1.0 - rate) * rows[0, :half].sum())
