@@ -87,8 +87,9 @@ def label_values(values: Any) -> NDArray[np.int8]:
     Traceback (most recent call last):
     meal_bayes.errors.DataError: Found the label 'False'; expected 1 or True, 0 or False, or None.
     """
-    if type(values) is np.ndarray and values.dtype == np.int8 and np.isin(values, (-1, 0, 1)).all():
-        return values
+    small = type(values) is np.ndarray and values.dtype == np.int8
+    if small and ((values >= -1) & (values <= 1)).all():
+        return np.asarray(values)
     # Values one by one, as a cast would make 257 to 1, and "False" to True.
     array = np.ma.filled(np.ma.asarray(values).astype(object), None)
     labels = np.empty(array.shape, np.int8)

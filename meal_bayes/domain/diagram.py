@@ -3,6 +3,7 @@
 import heapq
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -164,30 +165,36 @@ class TransitionDiagram:
 
     def compile(self, behaviors: Sequence[str]) -> TransitionArrays:
         """Compile to arrays over the named behaviors, in their order."""
-        size = len(self.states)
-        index = {name: i for i, name in enumerate(self.states)}
-        row = {name: e for e, name in enumerate(behaviors)}
-        transition = np.zeros((len(behaviors), size, size))
-        sensed = np.zeros((len(behaviors), size, size))
-        for effect in self.effects:
-            for source, target in self._expand(effect):
-                e = row[effect.behavior]
-                x = index[source]
-                next_x = index[target]
-                transition[e, x, next_x] += effect.probability
-                sensed[e, x, next_x] += effect.probability * effect.senses
-        legal = np.asarray(transition.any(axis=2))  # (E,X)
-        # What the arrows leave of each row is failure: x stays, nothing is perceived. Rounding must
-        # not make it negative.
-        rest = np.maximum(1.0 - transition.sum(axis=2), 0.0)
-        ends = ~legal & self.abstain
-        ends[:, -1] = True
-        stays = np.arange(size)
-        transition[:, stays, stays] += np.where(ends, 0.0, rest)
-        transition[:, :, -1] += np.where(ends, rest, 0.0)
-        # Pr(a percept | behavior, x, next x): the arrows that sense, of all that lead there.
-        probability = np.divide(sensed, transition, out=np.zeros_like(sensed), where=transition > 0)
-        return TransitionArrays(freeze(transition), freeze(probability), freeze(legal.T, np.bool_))
+        return _compile(self, tuple(behaviors))
+
+
+@lru_cache(maxsize=64)
+def _compile(diagram: TransitionDiagram, behaviors: tuple[str, ...]) -> TransitionArrays:
+    """Compile a diagram once: every trial asks for the same few."""
+    size = len(diagram.states)
+    index = {name: i for i, name in enumerate(diagram.states)}
+    row = {name: e for e, name in enumerate(behaviors)}
+    transition = np.zeros((len(behaviors), size, size))
+    sensed = np.zeros((len(behaviors), size, size))
+    for effect in diagram.effects:
+        for source, target in diagram._expand(effect):
+            e = row[effect.behavior]
+            x = index[source]
+            next_x = index[target]
+            transition[e, x, next_x] += effect.probability
+            sensed[e, x, next_x] += effect.probability * effect.senses
+    legal = np.asarray(transition.any(axis=2))  # (E,X)
+    # What the arrows leave of each row is failure: x stays, nothing is perceived. Rounding must
+    # not make it negative.
+    rest = np.maximum(1.0 - transition.sum(axis=2), 0.0)
+    ends = ~legal & diagram.abstain
+    ends[:, -1] = True
+    stays = np.arange(size)
+    transition[:, stays, stays] += np.where(ends, 0.0, rest)
+    transition[:, :, -1] += np.where(ends, rest, 0.0)
+    # Pr(a percept | behavior, x, next x): the arrows that sense, of all that lead there.
+    probability = np.divide(sensed, transition, out=np.zeros_like(sensed), where=transition > 0)
+    return TransitionArrays(freeze(transition), freeze(probability), freeze(legal.T, np.bool_))
 
 
 def closure(start: str, follow: Callable[[str], Iterable[str]]) -> set[str]:
