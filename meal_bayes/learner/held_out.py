@@ -1,6 +1,6 @@
 """Algorithm 1: an object of a percept table is replayed, and left out of all that was learned."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -32,6 +32,7 @@ class HeldOut:
     settings: LearnerSettings
     table: PerceptTable
     object_index: int  # of the object that is left out
+    _problems: dict[tuple[object, ...], MOMDP] = field(default_factory=dict)
 
     @cached_property
     def labeled(self) -> PerceptTable:
@@ -67,6 +68,13 @@ class HeldOut:
         """Return the labels (N,) of the object; -1 unknown."""
         columns = self.record.domain.columns(query.attributes)
         return np.asarray(self.labeled.labels[self.object_index, columns])
+
+    def problem(self, task: Task) -> MOMDP:
+        """Return the MOMDP of a task, built once: who commands often comes back to a task."""
+        key = task.query, task.query.group_names
+        if key not in self._problems:
+            self._problems[key] = problem_of(self, task)
+        return self._problems[key]
 
     def plan(
         self, task: Task, streams: Key, *, limit: ArrayLike, explore: bool

@@ -18,6 +18,7 @@ from meal_bayes.domain import Domain, Query, read_query
 from meal_bayes.errors import SettingsError
 from meal_bayes.learner.experience import Context, Experience, Key
 from meal_bayes.learner.fit import Fit, problem_of, solve
+from meal_bayes.learner.held_out import HeldOut
 from meal_bayes.learner.online import Online
 from meal_bayes.momdp import MOMDP
 from meal_bayes.planners import Policy
@@ -142,8 +143,12 @@ def plan_of(
 ) -> tuple[MOMDP, Policy | None]:
     """Return the problem of a task and who decides; None where somebody commands."""
     if options.commanded:
-        momdp = problem_of(fit, task, options.limit)
-        return replace(momdp, abstain=momdp.abstain or options.abstain), None
+        if isinstance(fit, HeldOut) and np.isinf(options.limit).all():
+            momdp = fit.problem(task)
+        else:
+            momdp = problem_of(fit, task, options.limit)
+        allows = options.abstain and not momdp.abstain
+        return replace(momdp, abstain=True) if allows else momdp, None
     momdp, policy = fit.plan(task, key, limit=options.limit, explore=explore)
     if task.object_index < 0:  # recordings run out, the sensors of a robot fail
         domain = fit.record.domain

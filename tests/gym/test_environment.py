@@ -1,5 +1,7 @@
 """Gymnasium environments: they keep the rules, and score what the experiments score."""
 
+from dataclasses import replace
+
 import gymnasium
 import numpy as np
 import pytest
@@ -101,8 +103,27 @@ def test_train_and_test_objects_are_apart_whatever_the_seed():
     assert (len(train), len(test)) == (27, 9)
     assert asked([*test][:1], 0) == {*[*test][:1]}
     for objects in ("trian", ["no such object"]):
-        with pytest.raises(SettingsError, match="expected one of"):
+        with pytest.raises(SettingsError, match=r"Unknown (set of objects 'tri|object 'no such)"):
             MealEnv("roc36", agent="greedy", objects=objects)
+
+
+def test_a_task_that_comes_back_is_built_anew_only_after_a_label():
+    table = load_percepts("roc36")
+    labels = table.labels.copy()
+    labels[5] = -1
+    learner = Learner(table.domain, logs=None).fit(replace(table, labels=labels))
+    task = offline_tasks(table, 2, 1, 0)[0]
+    assert task.object_name != table.objects[5]
+
+    def begun():
+        return learner.begin(task, commanded=True).momdp
+
+    first = begun()
+    assert begun() is first
+    learner.tell(table.objects[5], {table.domain.attributes[0]: True})
+    after = begun()
+    assert not np.array_equal(after.confusion, first.confusion)
+    assert np.array_equal(after.confusion, learner.problem(task).confusion)
 
 
 def test_rewards_are_scaled():
