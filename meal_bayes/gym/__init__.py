@@ -129,6 +129,7 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
         reports = 2**n if answer == "values" else 2
         answers = reports + (chosen.abstain and table.domain.diagram.abstain)
         self._actions = e + answers
+        self._answers = np.ones(answers, bool)  # always legal
         self.action_space = spaces.Discrete(self._actions)
         self.observation_space = spaces.Dict(
             {
@@ -165,6 +166,12 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
         robot = learner.replay(task, seed=seed_of_task)
         session = learner.begin(task, state=robot.start(), seed=seed_of_task, commanded=True)
         self._begun = (session, robot)
+        self._asked = np.array(learner.domain.columns(task.query.attributes))
+        self._question = {  # of every info until the next reset
+            "object": task.object_name,
+            "query": tuple(name for name, _ in task.query.questions),
+            "question": task.query.text,
+        }
         self._policy = None
         self._steps = 0
         return self._seen()
@@ -228,10 +235,9 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
         """Return observation and info."""
         running, _ = self._running
         belief = running.belief
-        query = running.task.query.attributes
         observation = {
             "state": belief.x,
-            "asked": np.array(self._learner.domain.columns(query)),
+            "asked": self._asked.copy(),
             "percepts": np.array(belief.percept_counts, np.int64),
             "belief": np.array(belief.positive, np.float64),
             "cost": np.array([running.history.cost], np.float64),
@@ -239,17 +245,14 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
         reported = belief.x == running.momdp.terminal
         return observation, {
             "action_mask": self.action_masks().astype(np.int8),
-            "object": running.task.object_name,
-            "query": tuple(name for name, _ in running.task.query.questions),
-            "question": running.task.query.text,
+            **self._question,
             "success": bool(self.trial.success) if reported else None,
         }
 
     def action_masks(self) -> NDArray[np.bool_]:
         """Return which actions are legal, (A,), as sb3-contrib asks for; answers always are."""
         running, _ = self._running
-        reports = running.momdp.n_actions - running.momdp.n_behaviors
-        return np.append(running.momdp.legal[running.belief.x], np.ones(reports, bool))
+        return np.concatenate([running.momdp.legal[running.belief.x], self._answers])
 
 
 def _chosen(table: PerceptTable, objects: str | Sequence[str]) -> set[str]:
