@@ -104,7 +104,7 @@ def lab_sections(trials: Sequence[Chosen]) -> Iterator[Section]:
     for chosen in newest[:_LISTED]:
         facts = _facts(chosen)
         belief = percent(float(chosen.outcome.certainty[0]))
-        truth = "not told" if facts["truth"] == "unknown" else facts["truth"]
+        truth = "not logged" if facts["truth"] == "unknown" else facts["truth"]
         rows.append(
             [
                 _begun(chosen.file),
@@ -117,9 +117,10 @@ def lab_sections(trials: Sequence[Chosen]) -> Iterator[Section]:
             ]
         )
     head = ["time (UTC)", "object", "question", "answer", "belief", "cost, s", "truth"]
-    note = ""
+    # What `Learner.tell` is told stands in the learner's own file.
+    note = "The truth is what was given with the question; what was told later is not in the logs."
     if len(newest) > _LISTED:
-        note = f"The newest {_LISTED} of {len(newest):,} trials."
+        note = f"The newest {_LISTED} of {len(newest):,} trials. {note}"
     table = {"head": head, "rows": rows, "texts": (1, 2, 3, 6), "note": note}
     parts = [
         trial_section(chosen) | {"opened": number < _OPENED}
@@ -189,7 +190,10 @@ def trial_section(chosen: Chosen) -> Section:
 
 def trial_content(chosen: Chosen, trial: Trial) -> Section:
     """Return the picture of a trial and the table of its steps."""
-    caption = "What it did, what it believed, and what one more percept was worth; circles: truth."
+    caption = (
+        "What it did and believed, and what one more percept gains, less its seconds; circles are "
+        "the truth."
+    )
     gaps = any(step.decision.gap is not None for step in trial.steps)
     names = trial.task.query.value_names
     head = ["", "behavior", "s", *names, *(["gap"] if gaps else [])]

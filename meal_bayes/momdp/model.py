@@ -263,7 +263,7 @@ class MOMDP:
         return f"report {self.query.report_name(values)}"
 
     def action_label(self, action: int) -> str:
-        """Return the name of a behavior, "report" or "abstain"."""
+        """Return the name of a behavior, "answer" or "abstain"."""
         if action < self.n_behaviors:
             return self.behavior_names[action]
-        return "abstain" if action == self.abstention else "report"
+        return "abstain" if action == self.abstention else "answer"

@@ -138,7 +138,7 @@ def verdict_text(trial: TrialRecord) -> str:
 def final_facts(trial: TrialRecord) -> dict[str, str]:
     """Return the answer of a trial, its truth, the verdict where there is one, and the cost."""
     query = trial.task.query
-    answer = "abstained; every report was too risky"
+    answer = "abstained; every answer was too risky"
     if trial.ended:
         answer = f"none; {trial.ended}"
     truth = truth_text(query, trial.truth)

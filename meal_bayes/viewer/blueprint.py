@@ -56,7 +56,7 @@ def _trial(*, single: bool, crowded: bool, robot: bool) -> rrb.Horizontal:
     )
     values = rrb.TimeSeriesView(
         origin=scene.VALUES,
-        name="worth of one more percept: below 0 it stops (band: one standard error)",
+        name="what one more percept gains, less its seconds: below 0 it stops",
         axis_x=over,
         plot_legend=rrb.PlotLegend(rrb.Corner2D.RightBottom),
         interaction=rrb.PlotInteraction(points_display="Always"),
@@ -73,7 +73,7 @@ def _trial(*, single: bool, crowded: bool, robot: bool) -> rrb.Horizontal:
         rrb.GraphView(origin=scene.TREE, name="search tree: action, percepts → next action"),
     )
     lower = rrb.Horizontal(
-        rrb.StateTimelineView(origin=scene.LANES, name="action, x, percepts", time_view=over),
+        rrb.StateTimelineView(origin=scene.LANES, name="action, state, percepts", time_view=over),
         rrb.Spatial2DView(origin=scene.CONFUSION, name="confusion matrices of this behavior"),
     )
     right = rrb.Vertical(upper, graphs, lower, row_shares=[4, 3, 3])

@@ -28,7 +28,7 @@ def plain_text(text: str) -> str:
 
 
 def action_label(momdp: MOMDP, action: int) -> str:
-    """Return the name of a behavior, "report" or "abstain"."""
+    """Return the name of a behavior, "answer" or "abstain"."""
     return plain_text(momdp.action_label(action))
 
 
@@ -94,7 +94,7 @@ def explain_decision(frame: TrialFrame) -> str:
     compared = compared_actions(momdp, decision, belief_before(frame.trial, frame.number), _OPTIONS)
     if not compared:
         return f"*{RULE}*"
-    heads = ["action", *decision.value_heads, "visits", "cost, s"]
+    heads = ["action", *decision.value_heads, "simulations", "cost, s"]
     lines = [f"|{'|'.join(heads)}|", "|".join(["", *("---" for _ in heads), ""])]
     for action in compared:
         cells = [

@@ -177,7 +177,7 @@ class Scene:
         trial = frame.trial
         step = frame.step
         momdp = frame.trial.momdp
-        self._lane("x", time, momdp.x_names[frame.belief.x], (DIM, GRAY)[frame.belief.x % 2])
+        self._lane("state", time, momdp.x_names[frame.belief.x], (DIM, GRAY)[frame.belief.x % 2])
         if step is None:
             return
         action = step.decision.action
@@ -208,7 +208,7 @@ class Scene:
     def _percept_lanes(trial: Trial) -> list[str]:
         """Return the lanes of percepts, each named by what is asked."""
         names = (name for name, _ in trial.task.query.questions[:_PERCEPTS])
-        return [f"{name}_" if name in ("action", "x") else name for name in names]
+        return [f"{name}_" if name in ("action", "state") else name for name in names]
 
 
 def add_robot(to: Recorder, trial: Trial, frames: Sequence[Frame], start: Time) -> None:

@@ -142,7 +142,8 @@ def test_a_lab_s_trials_are_listed_newest_first(trials, tmp_path, cells):
     assert [row[0][:10] for row in rows[start + 1 : start + 9]] == [
         f"2026-01-0{n}" for n in range(8, 0, -1)
     ]
-    assert [row[-1] == "not told" for row in rows[start + 1 : start + 9]] == [False, True] * 4
+    assert [row[-1] == "not logged" for row in rows[start + 1 : start + 9]] == [False, True] * 4
+    assert "what was told later is not in the logs" in text
     assert len(re.findall(r"<details open><summary>", text)) >= 3
 
 

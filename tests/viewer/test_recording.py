@@ -97,14 +97,14 @@ def test_the_worth_of_one_more_percept_is_the_log_s(messages, recorded):
 
 def test_lanes_words_and_graphs_tell_the_step(messages, recorded, trials):
     action = series(recorded, "/lanes/action", "StateChange:state")
-    where = series(recorded, "/lanes/x", "StateChange:state")
+    where = series(recorded, "/lanes/state", "StateChange:state")
     narration = series(recorded, "/narration", "TextDocument:text")
     labels = series(recorded, "/diagram/nodes", "GraphNodes:labels")
     for (first, start, steps), trial in zip(starts(messages), trials, strict=True):
         for row, step in enumerate(steps, start=1):
             key = (start.trial, first + row)
             report = step.action == trial.momdp.n_behaviors
-            assert action[key] == ["report" if report else step.action_name]
+            assert action[key] == ["answer" if report else step.action_name]
             assert where[key] == [trial.momdp.x_names[step.next_x]]
             assert f"trial {start.trial}, step {row}:" in narration[key][0]
             assert set(labels[key]) >= set(trial.momdp.x_names[:-1])
