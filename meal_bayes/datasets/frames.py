@@ -193,6 +193,7 @@ def join_features(
 ) -> dict[Context, NDArray[np.float32]]:
     """Sort rows by their keys (object, recording) into (O,R,D), NaN where an object has fewer.
 
+    A number of a recording is whole, 0 or more (a name in its place is read as it is).
     Rows of one behavior must be of the same recordings. Every object must have so many
     `recordings`, named from 1; by default what the first context of a behavior has, 2 before 10. An
     unknown object or recording, one that comes twice or is missing is a `DataError`.
@@ -241,9 +242,22 @@ def _row_of(rows: FeatureRows, objects: Mapping[str, int]) -> dict[Context, int]
             hint = unknown("object", name, objects).removesuffix(".")
             expected = "an object of the list"
             raise fault(rows.places[row], f"object {name!r}", expected, f"correct it ({hint})")
+        if not _numbers_a_recording(recording):
+            content = f"{recording!r:.60} as {_RECORDING[0]}"
+            expected = f"{_RECORDING[1]}, 0 or more and whole"
+            raise fault(rows.places[row], content, expected, f"{_RECORDING[2]} or remove the row")
         if (name, recording) in row_of:
             before = rows.places[row_of[name, recording]].removeprefix(f"{rows.source}, ")
             content = f"recording {recording} of {name} again, after {before}"
             raise fault(rows.places[row], content, "each recording once", "remove one of the rows")
         row_of[name, recording] = row
     return row_of
+
+
+def _numbers_a_recording(text: str) -> bool:
+    """Return whether a text can be a recording's: a whole number from 0 on, or a name."""
+    try:
+        number = float(text)
+    except ValueError:
+        return text.strip() != ""
+    return number >= 0 and number.is_integer() and not text.strip().startswith("-")

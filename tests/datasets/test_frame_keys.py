@@ -44,6 +44,24 @@ def test_a_key_that_is_none_is_named_by_its_row(missing, row, column):
         data_of(frame, {"a": {"red": True}, "b": {"red": False}})
 
 
+@given(
+    st.one_of(st.integers(max_value=-1), st.floats(max_value=-0.5, allow_infinity=False)),
+    st.integers(0, 3),
+    st.sampled_from([str, lambda number: number]),
+)
+def test_no_recording_has_a_number_below_nothing(number, row, typed):
+    numbers = [1, 2, 1, 2]
+    numbers[row] = typed(number)
+    with pytest.raises(DataError, match=rf"row {row + 1}: found .* as a recording; .*; number it"):
+        data_of(frame_of(["a", "a", "b", "b"], numbers), {"a": {"red": True}, "b": {"red": False}})
+
+
+@pytest.mark.parametrize("first", [0, 1, 7, "0", "1.0", "morning"])
+def test_recordings_count_from_where_they_begin_or_have_names(first):
+    data = data_of(frame_of(["a", "b"], [first] * 2), {"a": {"red": True}, "b": {"red": False}})
+    assert data.recording_counts.tolist() == [[1], [1]]
+
+
 @given(st.sampled_from(MISSING))
 def test_labels_of_nobody_are_refused(missing):
     frame = frame_of(["a", "b"], [1, 1])
