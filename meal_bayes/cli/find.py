@@ -1,7 +1,7 @@
 """`meal-bayes find`: claim one of several objects, or none."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, TypedDict, Unpack
 
 import click
 
@@ -11,6 +11,19 @@ from meal_bayes.cli.console import note, output, print_facts, print_json, print_
 
 if TYPE_CHECKING:
     from meal_bayes.trials import Search
+
+
+class _Searching(TypedDict):
+    """Options of `find` that name its log."""
+
+    dataset: str
+    objects: str
+    agent: str
+    payoffs: tuple[float, float] | None
+    none: float
+    turn_cost: float
+    seed: int
+    question: str
 
 
 @click.command(short_help="Find one of several objects.")
@@ -24,7 +37,7 @@ if TYPE_CHECKING:
 @opt.option("--none", float, 0.0, "S", 'What the answer "none of them" earns.')
 @opt.option("--turn-cost", opt.AMOUNT, 0.0, "S", "Of turning to an object.")
 @opt.shared("seed", "logs", "json")
-def find(root: Path | None, logs: Path, as_json: bool, **options: Any) -> None:
+def find(root: Path | None, logs: Path, as_json: bool, **options: Unpack[_Searching]) -> None:
     """Find the object of which it is true ("Which one is heavy and blue?"), or none.
 
     The robot turns to the most promising object, and leaves it for another as soon as that promises

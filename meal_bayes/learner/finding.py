@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, TypedDict, Unpack
 
 import numpy as np
 
@@ -36,6 +36,21 @@ from meal_bayes.untrusted import LARGEST
 _MOST_OBJECTS = 1000
 
 
+class SearchOptions(TypedDict, total=False):
+    """What `Learner.find` takes besides; `Learner.begin_find` says what each means."""
+
+    truth: Mapping[str, Mapping[str, bool]] | None
+    payoffs: Sequence[float] | None
+    none: float
+    turn_cost: float
+    learn: bool
+    log: str | Path | None
+    key: str | int | None
+    max_steps: int
+    max_cost: float | None
+    on_step: Callable[[Step], None] | None
+
+
 class Finder(Answerer):
     """Finds one of several objects by the questions of yes or no about each."""
 
@@ -44,7 +59,7 @@ class Finder(Answerer):
         question: str | Sequence[str] | Query,
         objects: Sequence[str] | int,
         robot: SearchingRobot | None = None,
-        **options: Any,
+        **options: Unpack[SearchOptions],
     ) -> Search:
         """Find the object of which the answer is yes ("Which one is full and red?"), or none.
 
@@ -61,7 +76,7 @@ class Finder(Answerer):
         robot : SearchingRobot, optional
             Has the methods `turn_to(name)` and `execute(behavior)`; without one, objects of the
             percept table are replayed.
-        **options : Any
+        **options : Unpack[SearchOptions]
             As for `begin_find`.
 
         Returns

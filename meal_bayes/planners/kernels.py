@@ -98,16 +98,20 @@ def entry_kernel(function: Callable[..., Any]) -> Callable[..., Any]:
 
 def called_kernel(function: Callable[..., Any]) -> Callable[..., Any]:
     """Compile a large kernel that only kernels call."""
-    return _linked(function, pipeline_class=_CalledCompiler)
+    return _linked(function, _CalledCompiler, inline=False)
 
 
 def kernel(function: Callable[..., Any]) -> Callable[..., Any]:
     """Compile a kernel that only kernels call, and inline it there."""
-    return _linked(function, pipeline_class=_LinkedCompiler, forceinline=True)
+    return _linked(function, _LinkedCompiler, inline=True)
 
 
-def _linked(function: Callable[..., Any], **options: Any) -> Callable[..., Any]:
-    compiled = njit(function, **_OPTIONS, **options, no_cpython_wrapper=True)
+def _linked(
+    function: Callable[..., Any], compiler: type[_LinkedCompiler], *, inline: bool
+) -> Callable[..., Any]:
+    compiled = njit(
+        function, **_OPTIONS, pipeline_class=compiler, forceinline=inline, no_cpython_wrapper=True
+    )
     return cast(Callable[..., Any], compiled)
 
 
