@@ -1,9 +1,9 @@
 """One picture of a trial: what the robot tried, what it came to believe, and why it stopped.
 
 Three bands on one axis of seconds. Behaviors are blocks as wide as their cost. Beliefs are lines
-that change where a percept comes, whose words stand there. The bars below say what one more percept
-is worth: the expected reward of the best behavior less that of answering now. Where that falls
-below 0 the robot stops.
+that change where a percept comes, whose words stand there; one is Pr(yes) where that is asked. The
+bars below say what one more percept is worth: the expected reward of the best behavior less that of
+answering now. Where that falls below 0 the robot stops.
 """
 
 import textwrap
@@ -54,6 +54,16 @@ class _Moment(NamedTuple):
     failed: bool
     words: Sequence[str]  # of each attribute's percept; "" of none
     belief: Floats  # (N,) after it
+
+
+class _Line(NamedTuple):
+    """What is believed of an attribute, or of the answer yes."""
+
+    name: str
+    values: Floats  # (T+1,) before and after each behavior
+    truth: int  # -1 where it is not known
+    color: str
+    text_color: str
 
 
 def trial_strip(trial: TrialRecord, *, dark: bool = False, narrow: bool = False) -> Axes:
@@ -216,63 +226,64 @@ def _draw_blocks(ax: Axes, moments: Sequence[_Moment], trial: TrialRecord, look:
     )
 
 
+def _belief_lines(trial: TrialRecord, beliefs: Floats, look: Look) -> list[_Line]:
+    """Return the lines of beliefs (T+1,N): attributes, and Pr(yes) of a question of yes or no."""
+    query = trial.task.query
+    truths = [*trial.truth.tolist(), *[-1] * len(query)]
+    lines = [
+        _Line(name, beliefs[:, place], truths[place], look.color(place), look.text_color(place))
+        for place, name in enumerate(query.value_names[:_ATTRIBUTES])
+    ]
+    if query.event is not None:
+        values = np.asarray(trial.momdp.reports.probability(beliefs))
+        truth = int(query.report_truth(trial.truth)[0])
+        lines.append(_Line("yes", values, truth, look.ink, look.ink))
+    return lines
+
+
 def _draw_beliefs(ax: Axes, moments: Sequence[_Moment], trial: TrialRecord, look: Look) -> None:
-    """Draw the belief in each attribute, named and numbered at both ends, percepts where it bends.
+    """Draw beliefs, named and numbered at both ends, and percepts where they bend.
 
     A circle at the right end is the truth.
     """
-    names = trial.task.query.value_names[:_ATTRIBUTES]
-    start = trial.first_belief.positive
     times = np.array([0.0, *(moment.end for moment in moments)])
-    beliefs = np.array([start, *(moment.belief for moment in moments)])  # (T+1,N)
+    beliefs = np.array([trial.first_belief.positive, *(moment.belief for moment in moments)])
+    lines = _belief_lines(trial, beliefs, look)
     ax.set(ylim=(-0.08, 1.12), yticks=[0, 0.5, 1], yticklabels=[])
     ax.grid(axis="y", color=look.soft, alpha=0.25, lw=0.8)
     taken = Words(ax, look.font)
-    lines = 2 if look.width < 6 else 1  # of a label at an end
-    gap = lines * 1.15 * look.font * 1.2 / points_high(ax)
-    for place, name in enumerate(names):
-        color = look.color(place)
-        ax.plot(
-            times,
-            beliefs[:, place],
-            drawstyle="steps-post",
-            color=color,
-            lw=2.2,
-            solid_capstyle="butt",
-        )
-        ax.plot(times[1:], beliefs[1:, place], "o", color=color, ms=4.5, clip_on=False)
-        if place < len(trial.truth) and trial.truth[place] >= 0 and moments:
-            ax.plot(
-                times[-1],
-                trial.truth[place],
-                "o",
-                mfc="none",
-                mec=color,
-                ms=10,
-                mew=1.4,
-                clip_on=False,
-            )
-        for when, values in ((0, beliefs[0]), (-1, beliefs[-1])):
-            heights = heights_apart(values[: len(names)], gap)
-            text = f"{name} {percent(values[place])}"
+    rows = 2 if look.width < 6 else 1  # of a label at an end
+    gap = rows * 1.15 * look.font * 1.2 / points_high(ax)
+    heights = [
+        heights_apart(np.array([line.values[end] for line in lines]), gap) for end in (0, -1)
+    ]
+    for place, line in enumerate(lines):
+        color = line.color
+        stroke: Any = {"drawstyle": "steps-post", "lw": 2.2, "solid_capstyle": "butt"}
+        ax.plot(times, line.values, color=color, **stroke)
+        ax.plot(times[1:], line.values[1:], "o", color=color, ms=4.5, clip_on=False)
+        if line.truth >= 0 and moments:
+            ring: Any = {"mfc": "none", "mec": color, "ms": 10, "mew": 1.4, "clip_on": False}
+            ax.plot(times[-1], line.truth, "o", **ring)
+        for end, side, shift in ((0, "right", -8), (-1, "left", 10)):
+            text = f"{line.name} {percent(line.values[end])}"
             if look.width < 6:
                 text = text.replace(" ", "\n", 1)
-            side = ("right", -8) if when == 0 else ("left", 10)
             ax.annotate(
                 text,
-                (times[when], heights[place]),
-                (side[1], 0),
+                (times[end], heights[end][place]),
+                (shift, 0),
                 textcoords="offset points",
-                ha=side[0],
+                ha=side,
                 va="center",
-                color=look.text_color(place),
+                color=line.text_color,
                 size=look.font,
                 annotation_clip=False,
                 linespacing=1.0,
-                weight="bold" if when else "normal",
+                weight="bold" if end else "normal",
             )
     for number, moment in enumerate(moments):
-        for place, word in enumerate(moment.words[: len(names)]):
+        for place, word in enumerate(moment.words[:_ATTRIBUTES]):
             change = float(beliefs[number + 1, place] - beliefs[number, place])
             if word and abs(change) > _BENDS:
                 at = (moment.end, float(beliefs[number + 1, place]))

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from meal_bayes.display import bar_html, best_options, facts_repr, listed, percent, table_html
+from meal_bayes.momdp import Belief
 from meal_bayes.planners import Decision
 from meal_bayes.trials.percepts import percept_labels
 from meal_bayes.trials.record import TrialRecord
@@ -31,9 +32,7 @@ class Trial(TrialRecord):
         if self.report is not None:
             verdict = {True: "right", False: "wrong", None: "truth not known"}[self.success]
             report = f"{query.report_name(self.report)} ({verdict})"
-        beliefs = [*zip(query.value_names, self.last_belief.positive, strict=True)]
-        if self.probability is not None:
-            beliefs.insert(0, ("yes", np.float64(self.probability)))
+        beliefs = self._beliefs(self.last_belief)
         actions = [self.momdp.action_name(step.decision.action) for step in self.steps]
         title = f"Trial of {self.agent or 'an agent'} with {self.task.object_name}: {query.text}"
         return title, {
@@ -45,6 +44,13 @@ class Trial(TrialRecord):
             **({"warnings": listed(self.warnings, 3)} if self.warnings else {}),
         }
 
+    def _beliefs(self, belief: Belief) -> list[tuple[str, float]]:
+        """Return Pr(yes), where that is asked, and of each attribute Pr(it is true), named."""
+        probability = self.momdp.reports.probability_now(belief.positive)
+        event = [] if probability is None else [("yes", probability)]
+        names = self.task.query.value_names
+        return [*event, *zip(names, belief.positive.tolist(), strict=True)]
+
     def plot(self, *, dark: bool = False, narrow: bool = False) -> "Axes":
         """Draw the trial in one picture; see `meal_bayes.trials.strip.trial_strip`."""
         from meal_bayes.trials.strip import trial_strip  # noqa: PLC0415  matplotlib takes a second
@@ -53,9 +59,9 @@ class Trial(TrialRecord):
 
     def _repr_html_(self) -> str:
         """Return the picture, on light and on dark pages, and a table: a row a step."""
-        names = self.task.query.value_names
-        header = ("", "action", "s", "percept", *(f"Pr({name})" for name in names))
-        rows = [("", "", "", "before", *map(bar_html, self.first_belief.positive))]
+        before = self._beliefs(self.first_belief)
+        header = ("", "action", "s", "percept", *(f"Pr({name})" for name, _ in before))
+        rows = [("", "", "", "before", *(bar_html(p) for _, p in before))]
         for number, step in enumerate(self.steps, start=1):
             action = step.decision.action
             percept = ""
@@ -63,7 +69,7 @@ class Trial(TrialRecord):
                 percept = ", ".join(percept_labels(self.momdp, action, step.observation))
             name = self.momdp.action_name(action)
             cells = (str(number), escape(name), f"{step.cost:.1f}", escape(percept))
-            rows.append((*cells, *map(bar_html, step.belief.positive)))
+            rows.append((*cells, *(bar_html(p) for _, p in self._beliefs(step.belief))))
         title, facts = self._facts()
         text = "; ".join(f"{escape(k)}: {escape(v)}" for k, v in facts.items() if k != "steps")
         picture = f"{self._picture_html(title)}<br>" if self.steps else ""

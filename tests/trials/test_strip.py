@@ -11,6 +11,7 @@ from matplotlib.text import Text
 
 import meal_bayes
 from meal_bayes import canvas
+from meal_bayes.display import percent
 from meal_bayes.errors import SettingsError
 from meal_bayes.evaluation import plots
 from meal_bayes.learner.api import ask
@@ -119,6 +120,25 @@ def test_any_trial_is_drawn(agent, question, tmp_path):
             assert "nan" not in " ".join(texts(axes))
             assert canvas.render(axes, "svg").startswith(b"<?xml")
         assert "<picture>" in shown._repr_html_() or not shown.steps
+    plt.close("all")
+
+
+@pytest.mark.parametrize("question", ["heavy and not blue", "heavy or blue"])
+def test_a_question_of_yes_or_no_has_a_line_of_its_own(question):
+    learner = meal_bayes.Learner("roc36", agent="olfc", logs=None)
+    learner.fit(meal_bayes.load_percepts("roc36"))
+    trial = learner.ask(question, "heavy_blue_beans", answer="yes or no")
+    axes = trial.plot()
+    lines = [line for line in axes.lines if line.get_drawstyle() == "steps-post"]
+    heavy, blue = (lines[place].get_ydata() for place in (0, 1))
+    expected = heavy * (1 - blue) if "and" in question else 1 - (1 - heavy) * (1 - blue)
+    np.testing.assert_allclose(lines[2].get_ydata(), expected, atol=1e-12)
+    assert len(lines) == 3
+    words = texts(axes)
+    for p in (expected[0], trial.probability):
+        assert f"yes {percent(p)}" in words
+    table = trial._repr_html_().partition("<table")[2]
+    assert table.index("Pr(yes)") < table.index("Pr(heavy)")
     plt.close("all")
 
 
