@@ -44,6 +44,7 @@ DIAGRAM = "/diagram"
 TREE = "/search_tree"
 CONFUSION = "/confusion"
 LANES = "/lanes"
+_OWN_LANES = ("action", "state")  # beside those of percepts
 ROBOT = "/robot"
 CAMERA = "/camera"
 _PERCEPTS = 6  # lanes
@@ -130,7 +131,7 @@ class Scene:
         self._to.add(f"{VALUES}/worth", rr.Measurements, time, values=_GAP, variances=[0.0])
         if self._explores:
             self._to.add(f"{VALUES}/later", rr.Scalars, time, scalars=_GAP)
-        for lane in ("action", "x", *self._percept_lanes(trial)):
+        for lane in (*_OWN_LANES, *self._percept_lanes(trial)):
             self._lane(lane, time)
 
     def _belief(self, name: str) -> str:
@@ -177,7 +178,9 @@ class Scene:
         trial = frame.trial
         step = frame.step
         momdp = frame.trial.momdp
-        self._lane("state", time, momdp.x_names[frame.belief.x], (DIM, GRAY)[frame.belief.x % 2])
+        x = frame.belief.x
+        state = "end" if x == momdp.terminal else momdp.x_names[x]  # as in the diagram
+        self._lane("state", time, state, (DIM, GRAY)[x % 2])
         if step is None:
             return
         action = step.decision.action
@@ -208,7 +211,7 @@ class Scene:
     def _percept_lanes(trial: Trial) -> list[str]:
         """Return the lanes of percepts, each named by what is asked."""
         names = (name for name, _ in trial.task.query.questions[:_PERCEPTS])
-        return [f"{name}_" if name in ("action", "state") else name for name in names]
+        return [f"{name}_" if name in _OWN_LANES else name for name in names]
 
 
 def add_robot(to: Recorder, trial: Trial, frames: Sequence[Frame], start: Time) -> None:

@@ -100,12 +100,16 @@ def test_lanes_words_and_graphs_tell_the_step(messages, recorded, trials):
     where = series(recorded, "/lanes/state", "StateChange:state")
     narration = series(recorded, "/narration", "TextDocument:text")
     labels = series(recorded, "/diagram/nodes", "GraphNodes:labels")
+    asked = {name for trial in trials for name, _ in trial.task.query.questions}
+    lanes = {path.removeprefix("/lanes/") for path in recorded if path.startswith("/lanes/")}
+    assert lanes == {"action", "state"} | asked
     for (first, start, steps), trial in zip(starts(messages), trials, strict=True):
         for row, step in enumerate(steps, start=1):
             key = (start.trial, first + row)
             report = step.action == trial.momdp.n_behaviors
             assert action[key] == ["answer" if report else step.action_name]
-            assert where[key] == [trial.momdp.x_names[step.next_x]]
+            states = [*trial.momdp.x_names[:-1], "end"]
+            assert where[key] == [states[step.next_x]]
             assert f"trial {start.trial}, step {row}:" in narration[key][0]
             assert set(labels[key]) >= set(trial.momdp.x_names[:-1])
         verdict = "**right**" if trial.success else "**WRONG"
