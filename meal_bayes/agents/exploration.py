@@ -163,9 +163,10 @@ class ITRSBonus:
 
 @dataclass(frozen=True, slots=True)
 class LearningBonus:
-    """Eq. 11 with weights from the posterior (`equation_11`): what one more labeled object teaches.
+    """Eq. 11 with weights from the posterior: what one more labeled object teaches.
 
-    It is paid for an object's first percept by a behavior.
+    It pays `first_percept_value` for an object's first percept by a behavior; `as_equation_11`
+    shows the prices behind it in the terms of Eq. 11.
     """
 
     paid: float = 1.0
@@ -218,8 +219,8 @@ class Equation11(NamedTuple):
         return self.weight * (self.entropy - self.experience)
 
 
-def equation_11(progress: Progress, asked: int = 1) -> Equation11:
-    """Return the prices of `learning_prices` as the terms of Eq. 11."""
+def as_equation_11(progress: Progress, asked: int = 1) -> Equation11:
+    """Return the prices of `learning_prices` as terms of Eq. 11, for people: no plan reads it."""
     alpha = 1 + progress.percepts
     rates = progress.knowledge.base_rates[:, None]
     entropy = percept_entropy(alpha, rates)

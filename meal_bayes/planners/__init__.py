@@ -8,7 +8,9 @@ from meal_bayes.planners.factored.batched import batched_value_iteration
 from meal_bayes.planners.factored.policy import Factored
 from meal_bayes.planners.kernels import watch_compilation
 from meal_bayes.planners.open_loop.policy import OpenLoop, OpenLoopPolicy
-from meal_bayes.planners.outside import (
+from meal_bayes.planners.pomcp.policy import POMCP
+from meal_bayes.planners.precompile import warm_up
+from meal_bayes.planners.several_objects import (
     Move,
     Prospect,
     Prospector,
@@ -16,8 +18,6 @@ from meal_bayes.planners.outside import (
     values_beside,
     ways_back,
 )
-from meal_bayes.planners.pomcp.policy import POMCP
-from meal_bayes.planners.precompile import warm_up
 from meal_bayes.planners.solver import (
     RULE,
     Decision,

@@ -1,4 +1,4 @@
-"""A search under way: what to do next comes from all objects together (`planners.outside`)."""
+"""A search under way; what comes next is chosen by all objects (`planners.several_objects`)."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -195,7 +195,7 @@ class SearchSession:
         return float(self._rules.turn_cost + back[x]), int(first[x])
 
     def _decide(self) -> None:
-        """Choose the next behavior, the next object, or the answer."""
+        """Carry out what `best_move` chooses: a behavior, another object, or the answer."""
         turning, put_down = self._turning()
         names = list(self.sessions)
         prospects = [

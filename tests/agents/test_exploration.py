@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from meal_bayes.agents import Horizon, LearningBonus, Progress
 from meal_bayes.agents.exploration import (
-    equation_11,
+    as_equation_11,
     experience_bits,
     first_percept_value,
     learning_prices,
@@ -125,14 +125,14 @@ class TestPrices:
 class TestEquation11:
     def test_its_terms_make_the_price(self):
         for percepts in (NEW, shown(4, 0.5), shown(12, 0.8)):
-            terms = equation_11(progress(percepts))
+            terms = as_equation_11(progress(percepts))
             expected = learning_prices(progress(percepts), 1)
             np.testing.assert_allclose(terms.bonus, expected, atol=1e-12)
             assert (terms.experience < terms.entropy).all()
             assert (terms.weight >= 0).all()
 
     def test_of_nothing_a_percept_teaches_a_quarter_of_a_bit(self):
-        terms = equation_11(progress())
+        terms = as_equation_11(progress())
         np.testing.assert_allclose(terms.entropy, 1.0)
         np.testing.assert_allclose(terms.experience, 0.7213, atol=1e-4)
 

@@ -1,9 +1,8 @@
-"""The library of open-loop plans of a MOMDP, in three steps: grow, compete, complete."""
+"""The library of open-loop plans of a MOMDP, in four steps: grow, sift, compete, complete."""
 
 import itertools
 
 import numpy as np
-from numpy.typing import NDArray
 
 from meal_bayes.arrays import Floats
 from meal_bayes.momdp import MOMDP
@@ -28,30 +27,36 @@ from meal_bayes.planners.open_loop.growth import Growth, Paths, grow_plans
 from meal_bayes.planners.open_loop.values import PLAN, Plans, make_evaluator
 
 _GROWN = 4  # beliefs for which plans are grown from every x, to every first percept
-_JUDGED = 16  # times N, up to N = _MANY: beliefs at which plans compete to be kept
-_MANY = 5
-_ROUNDS = 6  # of moving them apart
+_MANY = 5  # attributes: with more, no more beliefs and candidates are taken
+_JUDGED = 16  # beliefs for each attribute, up to _MANY of them, at which plans compete
+_ROUNDS = 6  # of correcting a belief that latent classes hold together
 _WINNERS = 14  # plans an x, besides one for every first behavior and what remains of them
-_CANDIDATES = 10  # times N: candidates an x and a belief that are looked at closely
-_OF_FIRST = 2  # and of each first behavior
+_CANDIDATES = 10  # candidates for each attribute, an x and a belief, that are valued exactly
+_OF_FIRST = 2  # further candidates of each first behavior
 _COUNTED = 8  # percepts of one behavior that growing looks ahead to
 
 
 def plan_library(momdp: MOMDP, model: Compiled) -> Plans:
     """Build the plan library of a MOMDP.
 
-    1. *Grow.* For a spread of beliefs, plans are grown from every x to every first percept, and
-       percept by percept from there. They, their beginnings, and simple plans are the candidates.
-    2. *Compete.* At further beliefs, and from every x, candidates are valued; winners are kept.
-       Every legal behavior keeps its best plan, so that none is without a lower bound.
-    3. *Complete.* What remains of a winner after each of its steps joins the library: who follows a
-       plan and looks again can only gain, and never puts off its end.
+    1. *Grow.* For the first few of a spread of beliefs, plans are grown from every x to every first
+       percept, and percept by percept from there. They, their beginnings, and simple plans are the
+       candidates.
+    2. *Sift.* By a cheap estimate of their value the most promising go on, at every belief.
+    3. *Compete.* At all beliefs of the spread, and from every x, candidates are valued exactly;
+       winners are kept. Every legal behavior keeps its best plan, so that none is without a lower
+       bound.
+    4. *Complete.* What remains of a winner after each of its steps joins the library: who follows a
+       plan and plans anew after a step can only gain, and never puts off its end.
     """
     if not model.dynamics.step["legal"].any():  # as where everything fails
         return _no_plans(momdp, model)
     diagram = diagram_of(model.dynamics)
     beliefs = _spread_beliefs(momdp, model)
-    candidates = _grow(model, diagram, beliefs)
+    probabilities = (beliefs * model.percepts.truth[:, 1]).sum(axis=2)  # (B,N) of true
+    bhattacharyya = _log_bhattacharyya(model)
+    grown = _grow(model, diagram, probabilities[:_GROWN], bhattacharyya)
+    candidates = _sift(model, grown, probabilities, bhattacharyya)
     winners = _compete(model, candidates, beliefs)
     return _complete(model, diagram, winners)
 
@@ -74,10 +79,10 @@ def _spread_beliefs(momdp: MOMDP, model: Compiled) -> Floats:
     n = len(momdp.query)
     rng = np.random.Generator(np.random.PCG64(n))
     spread = rng.uniform(-4.0, 4.0, (_JUDGED * min(n, _MANY), n))
-    return _tilted(momdp, model, np.concatenate([0 * spread[:1], spread]))
+    return _move_prior(momdp, model, np.concatenate([0 * spread[:1], spread]))
 
 
-def _tilted(momdp: MOMDP, model: Compiled, spread: Floats) -> Floats:
+def _move_prior(momdp: MOMDP, model: Compiled, spread: Floats) -> Floats:
     """Move the prior's log-odds by a spread (B,N) -> Pr(latent class) (B,N,C), as percepts would.
 
     Evidence weighs the classes by exp(s Pr(true | class)), which moves the log-odds by s where the
@@ -91,8 +96,8 @@ def _tilted(momdp: MOMDP, model: Compiled, spread: Floats) -> Floats:
         no = (beliefs * false).sum(axis=-1).clip(1e-300)
         return np.asarray(np.log(yes / no))
 
-    chance = np.clip(np.stack([1 - momdp.prior, momdp.prior], axis=1), 1e-9, 1.0)  # (N,2)
-    prior = np.clip((chance[:, :, None] * momdp.latent_classes).sum(axis=1), 1e-21, 1.0)  # (N,C)
+    both = np.clip(np.stack([1 - momdp.prior, momdp.prior], axis=1), 1e-9, 1.0)  # (N,2)
+    prior = np.clip((both[:, :, None] * momdp.latent_classes).sum(axis=1), 1e-21, 1.0)  # (N,C)
     prior /= prior.sum(axis=1, keepdims=True)
     wanted = log_odds(prior) + spread
     beliefs = prior[None]
@@ -103,15 +108,14 @@ def _tilted(momdp: MOMDP, model: Compiled, spread: Floats) -> Floats:
     return np.ascontiguousarray(beliefs / beliefs.sum(axis=2, keepdims=True))
 
 
-def _grow(model: Compiled, diagram: Diagram, beliefs: Floats) -> Candidates:
-    """Grow plans at the first beliefs (B,N,C); return them and simple ones, the promising alone."""
-    bhattacharyya = _log_bhattacharyya(model)
-    chance = (beliefs * model.percepts.truth[:, 1]).sum(axis=2)  # (B,N)
-    parts = [_grown(model, diagram, chance[:_GROWN], bhattacharyya), diagram.simple]
+def _grow(
+    model: Compiled, diagram: Diagram, probabilities: Floats, bhattacharyya: Floats
+) -> Candidates:
+    """Return plans grown at beliefs (B,N), simple ones, and tours where exploring is paid."""
+    parts = [_grow_percepts(model, diagram, probabilities, bhattacharyya), diagram.simple]
     if model.shaped and (diagram.ways.hop >= 0).any():
         parts.append(sum_up_walks(diagram, tours(model, diagram.ways), beginnings=True))
-    candidates = cheapest(Candidates(*map(np.concatenate, zip(*parts, strict=True))))
-    return candidates.select(_promising(model, candidates, chance, bhattacharyya))
+    return cheapest(Candidates(*map(np.concatenate, zip(*parts, strict=True))))
 
 
 def _log_bhattacharyya(model: Compiled) -> Floats:
@@ -134,11 +138,13 @@ def _log_bhattacharyya(model: Compiled) -> Floats:
     return np.where(percepts.informative[..., None], out, 0.0)
 
 
-def _grown(model: Compiled, diagram: Diagram, chance: Floats, bhattacharyya: Floats) -> Candidates:
+def _grow_percepts(
+    model: Compiled, diagram: Diagram, probabilities: Floats, bhattacharyya: Floats
+) -> Candidates:
     """Grow plans at beliefs (B,N) from every x to every first percept; with their beginnings."""
     step = diagram.dynamics.step
     n_states, n_behaviors = step.shape
-    shape = n_states, len(chance), n_behaviors, LENGTH
+    shape = n_states, len(probabilities), n_behaviors, LENGTH
     paths = Paths(behavior=np.full(shape, -1), ends=np.zeros(shape, np.bool_))
     cost = np.where(diagram.ways.senses & step["legal"], step["cost"], np.inf).min(axis=0)
     growth = Growth(
@@ -150,22 +156,22 @@ def _grown(model: Compiled, diagram: Diagram, chance: Floats, bhattacharyya: Flo
         counts=np.zeros(n_behaviors, np.int64),
         log_r=np.zeros((2, len(bhattacharyya))),
     )
-    length = grow_plans(diagram.ways, growth, chance, paths)
-    start = np.repeat(np.arange(n_states), len(chance) * n_behaviors)
+    length = grow_plans(diagram.ways, growth, probabilities, paths)
+    start = np.repeat(np.arange(n_states), len(probabilities) * n_behaviors)
     path = paths.behavior[..., :length].reshape(-1, length)
     return sum_up(diagram, start, path, paths.ends[..., :length].reshape(-1, length))
 
 
-def _promising(
-    model: Compiled, candidates: Candidates, chance: Floats, bhattacharyya: Floats
-) -> NDArray[np.intp]:
+def _sift(
+    model: Compiled, candidates: Candidates, probabilities: Floats, bhattacharyya: Floats
+) -> Candidates:
     """Select candidates by an estimate of their values at beliefs (B,N).
 
     An error is at most sqrt(b (1 - b)) times the Bhattacharyya coefficient of the percepts
     [Kailath1967]. The best few from each x at each belief stay, and _OF_FIRST of each first
     behavior.
     """
-    value = _estimated_values(model, candidates, chance, bhattacharyya)  # (B,J)
+    value = _estimate_values(model, candidates, probabilities, bhattacharyya)  # (B,J)
     chosen = np.zeros(value.shape[1], np.bool_)
     # Of each x and first behavior, those that are worth most at the belief where they are best.
     peak = value.max(axis=0)
@@ -179,21 +185,23 @@ def _promising(
     for same in np.split(np.arange(len(peak)), np.flatnonzero(np.diff(candidates.x)) + 1):
         best = np.argpartition(-value[:, same], min(most, len(same) - 1), axis=1)[:, :most]
         chosen[same[best]] = True
-    return np.flatnonzero(chosen)
+    return candidates.select(np.flatnonzero(chosen))
 
 
-def _reported(model: Compiled, chance: Floats, affinity: Floats) -> Floats:
+def _estimate_reports(model: Compiled, probabilities: Floats, affinity: Floats) -> Floats:
     """Estimate rewards (B,J) of values where the attributes' errors are as large as they can be."""
-    right = np.ones((len(chance), affinity.shape[1]))
-    for unsure, factor in zip(np.sqrt(chance * (1.0 - chance)).T, affinity, strict=True):
-        right *= 1.0 - unsure[:, None] * factor
+    right = np.ones((len(probabilities), affinity.shape[1]))
+    unsure = np.sqrt(probabilities * (1.0 - probabilities))
+    for spread, factor in zip(unsure.T, affinity, strict=True):
+        right *= 1.0 - spread[:, None] * factor
     return np.asarray(model.incorrect + model.gap * right)
 
 
-def _claimed(claim: Claim, chance: Floats, affinity: Floats) -> Floats:
+def _estimate_yes_or_no(claim: Claim, probabilities: Floats, affinity: Floats) -> Floats:
     """Estimate rewards (B,J) of yes or no; half of an attribute's error are misses."""
-    q = np.where(claim.literal, chance, 1.0 - chance)  # (B,N)
-    error = 0.5 * np.sqrt(chance * (1.0 - chance))[:, :, None] * affinity  # (B,N,J)
+    q = np.where(claim.literal, probabilities, 1.0 - probabilities)  # (B,N)
+    unsure = np.sqrt(probabilities * (1.0 - probabilities))
+    error = 0.5 * unsure[:, :, None] * affinity  # (B,N,J)
     # Pr(taken to hold, holds) and Pr(taken to hold, does not): of each attribute, then of all.
     hit = q[:, :, None] - np.minimum(q[:, :, None], error)
     alarm = np.minimum(1.0 - q[:, :, None], error)
@@ -206,17 +214,17 @@ def _claimed(claim: Claim, chance: Floats, affinity: Floats) -> Floats:
     return np.asarray(deny + np.maximum(gain * right - loss * wrong, 0.0))
 
 
-def _estimated_values(
-    model: Compiled, candidates: Candidates, chance: Floats, bhattacharyya: Floats
+def _estimate_values(
+    model: Compiled, candidates: Candidates, probabilities: Floats, bhattacharyya: Floats
 ) -> Floats:
-    """Estimate the values (B,J) of candidates by bounds of their errors; see `_promising`."""
+    """Estimate the values (B,J) of candidates by bounds of their errors; see `_sift`."""
     within = np.minimum(model.percepts.limit, _COUNTED - 1).astype(np.int64)
     counts = np.minimum(candidates.observation_counts, within)
     affinity = np.exp(bhattacharyya[:, np.arange(counts.shape[1]), counts].sum(axis=2))  # (N,J)
     if model.claim is None:
-        ending = _reported(model, chance, affinity)
+        ending = _estimate_reports(model, probabilities, affinity)
     else:
-        ending = _claimed(model.claim, chance, affinity)
+        ending = _estimate_yes_or_no(model.claim, probabilities, affinity)
     value = candidates.plan["discount"] * ending - candidates.plan["cost"]
     if model.shaped:
         paid = np.minimum(1.0, model.paid / np.maximum(candidates.observation_counts, 1))

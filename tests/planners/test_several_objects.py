@@ -18,7 +18,7 @@ from meal_bayes.planners import (
     best_move,
     ways_back,
 )
-from meal_bayes.planners.outside import Prospect, beside
+from meal_bayes.planners.several_objects import Prospect, beside
 
 LIMIT = 2  # percepts of each behavior
 DOMAIN = load_domain("toy")
