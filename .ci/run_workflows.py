@@ -8,6 +8,7 @@ variables of this shell but those that find packages. Steps that only GitHub can
 left out, as are those that need its network: `full` takes the recordings of MEAL_BAYES_DATA_URL.
 """
 
+import argparse
 import os
 import re
 import subprocess
@@ -115,19 +116,21 @@ def run_job(name: str, job: Mapping[str, Any], folder: Path) -> bool:
     return True
 
 
-def main(names: list[str]) -> int:
-    """Run jobs by name; return the exit code."""
-    known = dict(jobs())
-    if unknown := set(names) - known.keys():
-        say(f"no job {', '.join(unknown)}; there are {', '.join(known)}")
-        return 2
+def main() -> int:
+    """Run the jobs that the command line names; return the exit code."""
+    workflows = dict(jobs())
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("job", nargs="*", help=f"one of {', '.join(workflows)}")
+    names = parser.parse_args().job or ["build", "fast"]
+    if unknown := set(names) - workflows.keys():
+        parser.error(f"no job {', '.join(unknown)}; there are {', '.join(workflows)}")
     passed = True
-    for name in names or ["build", "fast"]:
+    for name in names:
         with TemporaryDirectory(prefix="workflow-") as folder:
-            passed &= run_job(name, known[name], Path(folder))
+            passed &= run_job(name, workflows[name], Path(folder))
     say("all passed" if passed else "failed")
     return not passed
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    sys.exit(main())

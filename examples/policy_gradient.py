@@ -1,12 +1,9 @@
 """A masked policy gradient, trained on 27 objects and tested on 9: [EPISODES]; beside `bayes`."""
 
 import sys
-from typing import Any
 
 import gymnasium
 import numpy as np
-
-import meal_bayes.gym  # noqa: F401  registers the environments
 
 BATCH, RATE = 50, 0.05
 
@@ -50,10 +47,10 @@ def train(env, episodes, rng):
     return lambda seen, mask: choose(seen, mask, best=True)
 
 
-made: dict[str, Any] = {"id": "meal_bayes/ROC36-v0", "attributes": 1, "agent": "bayes"}
-learning = gymnasium.make(**made, objects="train", scale=1 / 500)
+ROC36 = "meal_bayes.gym:meal_bayes/ROC36-v0"  # the module registers it
+learning = gymnasium.make(ROC36, attributes=1, agent="bayes", objects="train", scale=1 / 500)
 learned = train(learning, int((sys.argv[1:] or ["6000"])[0]), np.random.default_rng(0))
-env = gymnasium.make(**made, objects="test")
+env = gymnasium.make(ROC36, attributes=1, agent="bayes", objects="test")
 env.reset(seed=0)
 agent = env.get_wrapper_attr("decide")
 for name, policy in (("policy gradient", learned), ("bayes", lambda *_: agent())):
