@@ -165,8 +165,7 @@ class ITRSBonus:
 class LearningBonus:
     """Eq. 11 with weights from the posterior: what one more labeled object teaches.
 
-    It pays `first_percept_value` for an object's first percept by a behavior; `as_equation_11`
-    shows the prices behind it in the terms of Eq. 11.
+    It pays `first_percept_value` for a first percept; `as_equation_11` has the terms of Eq. 11.
     """
 
     paid: float = 1.0
