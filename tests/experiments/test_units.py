@@ -123,7 +123,7 @@ def test_without_file_locks_two_processes_do_the_same_work(tmp_path, monkeypatch
     def no_locks(descriptor, kind):
         raise OSError(errno.ENOLCK, os.strerror(errno.ENOLCK))
 
-    monkeypatch.setattr("filelock._unix.fcntl.flock", no_locks)
+    monkeypatch.setattr("fcntl.flock", no_locks)
     with claimed(tmp_path / "unit") as first, claimed(tmp_path / "unit") as second:
         assert first is second is False
     config = OfflineConfig("roc36", 2, 3, ("random",), seed=5)
