@@ -167,12 +167,13 @@ class Finder(Answerer):
         sessions = dict[str, Session]()
         prospectors = dict[str, Prospector]()
         for name in names:
-            known = (truth or {}).get(name)
+            labels = (truth or {}).get(name)
             options = TrialOptions(
-                known, learn, max_steps=max_steps, on_step=on_step, commanded=True, abstain=True
+                labels, learn, max_steps=max_steps, on_step=on_step, commanded=True, abstain=True
             )
-            named = None if isinstance(objects, int) else name
-            task, streams = self._task(query, named, key if named else f"{key}, {name}")
+            object_name = None if isinstance(objects, int) else name
+            key_of_object = key if object_name else f"{key}, {name}"
+            task, streams = self._task(query, object_name, key_of_object)
             sessions[name] = session = self._session(task, streams, options)
             with self._lock:
                 fit = self._fit(task, learn=False)
