@@ -191,7 +191,7 @@ def trial_section(chosen: Chosen) -> Section:
 def trial_content(chosen: Chosen, trial: Trial) -> Section:
     """Return the picture of a trial and the table of its steps."""
     caption = (
-        "What it did and believed, and what one more percept gains, less its seconds; circles are "
+        "What it did and believed, and what going on was worth over answering now; circles are "
         "the truth."
     )
     gaps = any(step.decision.gap is not None for step in trial.steps)

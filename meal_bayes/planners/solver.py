@@ -47,6 +47,25 @@ class TreeEdge(NamedTuple):
     bonus: float = 0.0
 
 
+class GoingOn(NamedTuple):
+    """What the best behavior, and all that may follow it, is worth over answering now.
+
+    Attributes
+    ----------
+    value : float
+        What this trial is expected to bring more than by answering now, s of reward; below 0
+        answering is better, NaN where nothing was compared.
+    bonus : float
+        What exploring is paid on the way, s.
+    variance : float
+        Of `value`, s^2; 0 where both values are exact.
+    """
+
+    value: float
+    bonus: float
+    variance: float
+
+
 @dataclass(frozen=True, slots=True)
 class Decision(FrozenArrays):
     """A chosen action with its evidence.
@@ -96,18 +115,19 @@ class Decision(FrozenArrays):
         """What the action was chosen by, (E+1,): `values` and `bonus`."""
         return self.values if self.bonus is None else self.values + self.bonus
 
-    def one_more(self) -> tuple[float, float, float]:
-        """Return what the best behavior is worth over answering now, and the variance of that.
-
-        The worth to this answer, and to later questions; NaN where nothing was compared.
-        """
+    def going_on(self) -> GoingOn:
+        """Return what going on is worth over answering now: max over b of Q(b), less Q(answer)."""
         total = self.total
         if np.isnan(total[:-1]).all():
-            return np.nan, 0.0, 0.0
+            return GoingOn(np.nan, 0.0, 0.0)
         best = int(np.nanargmax(total[:-1]))
-        this = float(self.values[best] - self.values[-1])
+        value = float(self.values[best] - self.values[-1])
         errors = np.nan_to_num(self.value_se[[best, -1]])
-        return this, float(total[best] - total[-1]) - this, float((errors**2).sum())
+        return GoingOn(
+            value=value,
+            bonus=float(total[best] - total[-1]) - value,
+            variance=float((errors**2).sum()),
+        )
 
     @property
     def explores(self) -> bool:

@@ -2,8 +2,8 @@
 
 Three bands on one axis of seconds. Behaviors are blocks as wide as their cost. Beliefs are lines
 that change where a percept comes, whose words stand there; one is Pr(yes) where that is asked. The
-bars below say what one more percept is worth: the expected reward of the best behavior less that of
-answering now. Where that falls below 0 the robot stops.
+bars below say what going on is worth over answering now: the value of the best behavior, with all
+that may follow it, less that of the best answer. Where that falls below 0 the robot stops.
 """
 
 import textwrap
@@ -40,9 +40,9 @@ _BENDS = 0.02  # change of a belief, below which its line bends for no eye
 _CAPTIONS = (
     "what it does: a block is as wide as the seconds it costs",
     "what it believes (0, 50, 100 %), and what a percept said where that changes",
-    "what one more percept gains, less its seconds: below 0 it stops",
+    "what going on is worth over answering now: below 0 it stops",
 )
-_EXPLORING = "what one more percept gains, less its seconds: to this answer, to later questions"
+_EXPLORING = "what going on is worth over answering now: to this answer, to later questions"
 
 
 class _Moment(NamedTuple):
@@ -80,7 +80,7 @@ def trial_strip(trial: TrialRecord, *, dark: bool = False, narrow: bool = False)
 
     Notes
     -----
-    The worth of one more percept is max over behaviors b of Q(b), less Q(best answer).
+    Going on is worth max over behaviors b of Q(b), less Q(best answer): `Decision.going_on`.
     """
     look = look_of(dark=dark, narrow=narrow)
     with drawn_in_style():
@@ -292,8 +292,8 @@ def _draw_beliefs(ax: Axes, moments: Sequence[_Moment], trial: TrialRecord, look
 
 
 def _draw_worth(ax: Axes, trial: TrialRecord, look: Look) -> None:
-    """Draw what one more percept is worth at each decision; the first one below 0 says "stop"."""
-    parts = np.array([step.decision.one_more()[:2] for step in trial.steps]).reshape(-1, 2)
+    """Draw what going on is worth at each decision; the first one below 0 says "stop"."""
+    parts = np.array([step.decision.going_on()[:2] for step in trial.steps]).reshape(-1, 2)
     begins = np.cumsum([0.0, *(step.cost for step in trial.steps)])
     worths = parts.sum(axis=1)[~np.isnan(parts[:, 0])].tolist()
     ax.set(yticks=[])

@@ -56,7 +56,7 @@ def _trial(*, single: bool, crowded: bool, robot: bool) -> rrb.Horizontal:
     )
     values = rrb.TimeSeriesView(
         origin=scene.VALUES,
-        name="what one more percept gains, less its seconds: below 0 it stops",
+        name="what going on is worth over answering now: below 0 it stops",
         axis_x=over,
         plot_legend=rrb.PlotLegend(rrb.Corner2D.RightBottom),
         interaction=rrb.PlotInteraction(points_display="Always"),

@@ -102,14 +102,14 @@ class Scene:
         if event is not None:
             to.add(self._belief(_YES), rr.Scalars, time, scalars=[event])
         if frame.step is not None:
-            this, later, variance = frame.step.decision.one_more()
-            fields = {"values": [this], "variances": [variance]}
+            worth = frame.step.decision.going_on()
+            fields = {"values": [worth.value], "variances": [worth.variance]}
             to.add(f"{VALUES}/worth", rr.Measurements, time, **fields)
             if frame.step.decision.explores:
                 if not self._explores:
                     to.add_line(f"{VALUES}/later", "with what later questions gain", ORANGE)
                     self._explores = True
-                to.add(f"{VALUES}/later", rr.Scalars, time, scalars=[this + later])
+                to.add(f"{VALUES}/later", rr.Scalars, time, scalars=[worth.value + worth.bonus])
             to.add(f"{VALUES}/zero", rr.Scalars, time, scalars=[0.0])
         self._picture(BARS, belief_bars(frame), time)
         momdp = frame.trial.momdp

@@ -76,7 +76,7 @@ def test_beliefs_entropy_and_cost_are_the_logs(messages, recorded):
     assert len(entropy) == sum(len(steps) + 2 for _, steps in messages)
 
 
-def test_the_worth_of_one_more_percept_is_the_log_s(messages, recorded):
+def test_what_going_on_is_worth_is_the_log_s(messages, recorded):
     values = series(recorded, "/expected_reward/worth", "Measurements:values")
     variances = series(recorded, "/expected_reward/worth", "Measurements:variances")
     compared = 0

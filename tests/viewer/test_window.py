@@ -19,7 +19,7 @@ from meal_bayes.viewer import Viewer, ViewerError, send_recording, window, write
 SAMPLE = Path(__file__).resolve().parents[2] / "logs" / "sample.mcap"
 TRIAL = {
     "question and answer", "why this action", "belief now (orange: before the step)",
-    "belief over steps", "what one more percept gains, less its seconds: below 0 it stops",
+    "belief over steps", "what going on is worth over answering now: below 0 it stops",
     "entropy, bits", "cost so far, s", "where the robot is, what it just did",
     "search tree: action, percepts → next action", "action, state, percepts",
     "confusion matrices of this behavior",
