@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes.datasets import Dataset, Instance, PerceptTable, object_index
+from meal_bayes.datasets import Dataset, PerceptTable, object_index
 from meal_bayes.domain import Query
 from meal_bayes.errors import SettingsError
 from meal_bayes.experiments.config import OnlineConfig
@@ -237,15 +237,13 @@ class Environment:
         robot = self._robot(task, learn=True)
         checker = OutcomeChecker(domain, object_index=task.object_index)
         robot.start()
-        sensed = list[Instance | None]()
-        for step in trial.steps:
+        steps = list(trial.steps)
+        for number, step in enumerate(steps):
             e = step.decision.action
             if e < trial.momdp.n_behaviors:
                 outcome = robot.execute(domain.behavior_names[e])
-                sensed.append(checker.execute(e, outcome).instance)
-            else:
-                sensed.append(None)
-        learner.record(trial, sensed)
+                steps[number] = replace(step, sensed=checker.execute(e, outcome).instance)
+        learner.record(replace(trial, steps=tuple(steps)))
         self._tell(learner, trial)
 
     def _tell(self, learner: Learner, trial: Trial) -> None:

@@ -237,8 +237,8 @@ class Answerer:
         """Go on with a trial whose process ended in the middle of it, from its log.
 
         The learner is the one that began it, or has been saved before and loaded since. The robot
-        is where the last step of the log led. The log holds percepts, no features: of the steps
-        before the end only what the learner has saved since is learned from by classifiers.
+        is where the last step of the log led. What it sensed until then is in the log, and is
+        learned from.
 
         Parameters
         ----------

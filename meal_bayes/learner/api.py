@@ -67,8 +67,8 @@ def ask(
 def recall(learner: Learner, *logs: str | Path) -> list[Trial]:
     """Rebuild the experience of a learner from the logs of its robot's trials.
 
-    What was executed, whether it succeeded and what it showed of the attributes asked is in a log;
-    features and labels are not: labels can be told of the trials.
+    What was executed, whether it succeeded and what the robot sensed is in a log; labels are not:
+    they can be told of the trials.
     Trials that the learner has had, tests, and trials with other levels than its agent's are passed
     over.
 

@@ -8,7 +8,7 @@ from typing import Any, Self
 import numpy as np
 
 from meal_bayes.agents import as_agent
-from meal_bayes.datasets import Dataset, Instance, PerceptTable, object_index
+from meal_bayes.datasets import Dataset, PerceptTable, object_index
 from meal_bayes.domain import Domain, Query, load_domain
 from meal_bayes.errors import QueryError, SettingsError
 from meal_bayes.learner import views
@@ -227,17 +227,16 @@ class Learner(Finder):
             recordings = recordings and isinstance(trial, Trial)
             self._fits.update(self.experience.forget(key, recordings=recordings), refit=True)
 
-    def record(self, trial: Trial, sensed: Sequence[Instance | None] = ()) -> None:
+    def record(self, trial: Trial) -> None:
         """Record a trial of another learner's, or of a log, as experience.
 
-        Percepts are those that its steps show of the attributes asked; labels can be told of it.
+        What its steps sensed is perceived by this learner's classifiers; of steps that do not say
+        it, percepts are those of the attributes asked. Labels can be told of it.
 
         Parameters
         ----------
         trial : Trial
             Of the same behaviors.
-        sensed : Sequence[Instance | None]
-            What each step sensed, where it is known; perceived at the next fit.
 
         Raises
         ------
@@ -249,9 +248,8 @@ class Learner(Finder):
         with self._lock:
             self._use()
             self.experience.trial(trial.task.key)
-            for number, step in enumerate(trial.steps):
-                instance = sensed[number] if sensed else None
-                perceived = None if instance is None else (instance, nothing)
+            for step in trial.steps:
+                perceived = None if step.sensed is None else (step.sensed, nothing)
                 record_step(self.experience, trial.task, trial.momdp, step, perceived)
 
     def save(self, path: str | Path, *, overwrite: bool = False) -> None:

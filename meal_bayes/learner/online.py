@@ -208,8 +208,8 @@ class Online:
         used = np.vstack([self.used, np.full((1, self.used.shape[1]), -1)])
         return np.asarray(seen | (used[np.minimum(rows, len(self.used))] >= 0))
 
-    def perceive(self, instance: Instance) -> Labels | None:
-        """Return the percept levels (P,) of what was sensed; -1 unknown, None where all is.
+    def perceive(self, instance: Instance) -> Labels:
+        """Return the percept levels (P,) of what was sensed; -1 unknown.
 
         What a detector says holds; features of another size than learned from show nothing.
         """
@@ -226,8 +226,7 @@ class Online:
             log_odds = self.perception.log_odds(replace(instance, features=fitted), of_all)
             levels = levels_of(log_odds, BIN_EDGES, self.agent.levels)
         detected = detected_levels(instance.percepts, domain, self.agent.levels)
-        levels = np.where(detected >= 0, detected, levels).astype(np.int8)
-        return levels if (levels >= 0).any() else None
+        return np.where(detected >= 0, detected, levels).astype(np.int8)
 
     @property
     def expected_sizes(self) -> dict[Context, int]:

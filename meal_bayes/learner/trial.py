@@ -187,11 +187,10 @@ class RecordingPerceiver:
             levels = fit.perceive(instance)
         else:
             levels = fit.perception.observe(instance, Query(domain.attributes), rng)
-        nothing = fit.record.nothing
-        self._last = instance, nothing if levels is None else levels
+        self._last = instance, levels
         if fit.settings.drawn is not None:  # of the learned tables, not those that came
             return fit.perceiver.observe(instance, query, rng)
-        if levels is None:
+        if (levels < 0).all():
             return None
         columns = np.array(domain.columns(query.attributes))
         missing = columns[levels[columns] < 0]
@@ -204,6 +203,8 @@ class RecordingPerceiver:
     def record(self, step: Step) -> None:
         """Record an executed step; what was recorded before a restart is not recorded again."""
         last, self._last = self._last, None
+        if last is None and step.sensed is not None:  # before a restart, by the same classifiers
+            last = step.sensed, self._fit.perceive(step.sensed)
         if self._known:
             self._known -= 1
         else:
@@ -250,7 +251,8 @@ def record_step(
     percepts = None if instance is None else instance.percepts
     detected = detected_levels(percepts, domain, momdp.levels)
     shows = step.observation is not None or (levels is not None and (levels >= 0).any())
-    if step.observation is not None and levels is None and domain.behaviors[e].modalities:
+    unknown = levels is None or (levels < 0).all()
+    if step.observation is not None and unknown and domain.behaviors[e].modalities:
         levels = np.full(len(domain.attributes), -1, np.int8)
         levels[domain.columns(momdp.query.attributes)] = step.observation
     # When all recordings are used, a loop that succeeds looks as one that fails.

@@ -78,6 +78,12 @@ class Execution:
     answers: Mapping[str, bool] | None = None
     warning: str = ""
 
+    def failure(self) -> "Execution":
+        """Return it as a failure, of which nothing is perceived."""
+        sensed = self.instance is not None or self.answers is not None
+        warning = "it failed: what it sensed is left aside" if sensed else ""
+        return Execution(self.next_x, warning=warning)
+
 
 class _NoPercept(Exception):
     """The features or answers are invalid."""

@@ -17,6 +17,7 @@ from meal_bayes.planners import Decision, TreeEdge
 from meal_bayes.trial_log import schema
 from meal_bayes.trial_log.container import FAULTS, chunk_messages, message_of
 from meal_bayes.trial_log.encode import End, judgment, limit_misfits, start_misfits, step_misfits
+from meal_bayes.trial_log.sensed import read_sensed
 from meal_bayes.trials import Step, Task, Trial, TrialOutcomes
 from meal_bayes.trials.outcomes import INTEGERS, REALS, TEXTS
 from meal_bayes.untrusted import read_json
@@ -282,6 +283,9 @@ def _step(message: Any, momdp: MOMDP, before: Belief) -> Step:
     elif levels:
         counts = counts.copy()
         counts[np.arange(n), action, levels] += 1
+    sensed = read_sensed(message, momdp.action_name(action))
+    if sensed is not None and action >= e:
+        raise LogCorruptError("an answer has sensed something")
     rows = message.sampled_rows  # (M,N,K) of the sampled MOMDPs that the decision kept, if any
     return Step(
         decision=Decision(
@@ -296,6 +300,7 @@ def _step(message: Any, momdp: MOMDP, before: Belief) -> Step:
         ),
         observation=freeze(levels, np.int8) if levels else None,
         belief=_belief(message, counts, momdp),
+        sensed=sensed,
         **{name: getattr(message, name) for name in schema.STEP_VALUES},
     )
 

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from meal_bayes.errors import LogError
 from meal_bayes.momdp import MOMDP, Belief
 from meal_bayes.trial_log import schema
+from meal_bayes.trial_log.sensed import sensed_fields, within_limits
 from meal_bayes.trials import Step, Trial, TrialOutcomes, task_key
 from meal_bayes.trials.outcomes import INTEGERS, REALS, TEXTS
 
@@ -103,6 +104,7 @@ class TrialEncoder:
         self._number = number
         self._momdps = momdps
         self._steps = self._edges = self._size = 0
+        self._features = 0  # that are logged
 
     def begin(self, trial: Trial) -> Iterator[Packed]:
         """Pack the start of a trial, after its MOMDP where that is new; its steps come later."""
@@ -148,6 +150,7 @@ class TrialEncoder:
             change[np.arange(len(change)), action, step.observation] -= 1
         self._before = step.belief
         report = momdp.reported(action) if action >= momdp.n_behaviors else None
+        sensed, self._features = within_limits(step.sensed, self._features)
         message = schema.StepMessage(
             trial=self._number,
             step=index,
@@ -169,6 +172,7 @@ class TrialEncoder:
             tree_observation_size=[len(edge.observation) for edge in decision.tree],
             tree_observation=[z for edge in decision.tree for z in edge.observation],
             **_belief(step.belief, replayed=not change.any()),
+            **sensed_fields(sensed),
         )
         # The same in a line of text, for viewers of MCAP files that do not know our messages.
         line = schema.LogMessage(

@@ -36,6 +36,8 @@ NAME_LIMIT = 1000  # attributes, behaviors, or x of one MOMDP
 MOMDP_MEMORY = 256  # a trial may refer to this many of the newest MOMDPs,
 MOMDP_BYTES = 64 << 20  # as far as their messages have this many bytes
 EDGE_LIMIT = 250_000  # edges of the search trees of one trial
+FEATURE_LIMIT = 1_000_000  # features of one step; of a step that has more none are logged,
+TRIAL_FEATURES = 8_000_000  # nor of the steps beyond so many
 COUNT_LIMIT = 4_000_000  # percept counts (N,E,K) of all beliefs of one trial
 
 _SECOND = 1_000_000_000  # ns
@@ -65,7 +67,9 @@ _FIELDS = {
         "trial:int64 step:int64 x:int64 action:int64 action_name:string report:bool* legal:bool* "
         "next_x:int64 observation:int64* cost:double reward:double values:double* "
         f"value_se:double* visits:int64* simulations:int64 {_TREE} {_BELIEF} warning:string "
-        "sampled_rows:double* gap:double* bonus:double* tree_bonus:double*"
+        "sampled_rows:double* gap:double* bonus:double* tree_bonus:double* "
+        "recording:int64* modality:string* feature_count:int64* features:float* "
+        "detected:string* detection:double*"
     ),
     "meal_bayes.Outcome": (
         "trial:int64 steps:int64 report:bool* success:int64 cost:double reward:double ended:string"

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from meal_bayes.arrays import FrozenArrays, label_values
+from meal_bayes.datasets import Instance
 from meal_bayes.display import short_repr
 from meal_bayes.domain import Query
 from meal_bayes.domain.labels import one_value
@@ -74,6 +75,8 @@ class Step:
     warning : str
         Why sensor data of the robot were not used as a percept, or which limit brought the answer;
         empty: neither.
+    sensed : Instance | None
+        What a robot sensed, of which nothing is recorded elsewhere; None of a replay.
     """
 
     x: int
@@ -84,6 +87,7 @@ class Step:
     reward: float
     belief: Belief
     warning: str = ""
+    sensed: Instance | None = None
 
     __repr__ = short_repr
 

@@ -196,14 +196,13 @@ class Session:
         cost = float(self.momdp.cost[action])
         # By the model nothing comes of a failure: a percept of it would have probability 0.
         if execution.next_x == x and not self.momdp.observation_probability[action, x, x]:
-            sensed = execution.instance is not None or execution.answers is not None
-            warning = "it failed: what it sensed is left aside" if sensed else ""
-            execution = Execution(x, warning=warning)
+            execution = execution.failure()
         percept, warning = self._perceive(execution)
         next_x = execution.next_x
         after = update_belief(self.belief, self.momdp, Transition(action, next_x, percept))
         self._decision = None
-        self._append(Step(x, decision, next_x, percept, cost, -cost, after, warning))
+        instance = execution.instance if self.task.object_index < 0 else None  # not in a data set
+        self._append(Step(x, decision, next_x, percept, cost, -cost, after, warning, instance))
         self._decide()
 
     def fail(self, *, step: int | None = None) -> None:

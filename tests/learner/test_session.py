@@ -146,7 +146,8 @@ def test_a_restart_goes_on_as_if_undisturbed(learner, make, tmp_path, steps):
     def loaded():
         return Learner.load(tmp_path / "mind", agent=learner.agent, logs=tmp_path)
 
-    undisturbed = drive(loaded().begin("red"), started(make.arm()))
+    whole = loaded()
+    undisturbed = drive(whole.begin("red"), started(make.arm()))
     first, arm = loaded().begin("red", truth={"red": False}), started(make.arm())
     for _ in range(steps):
         if first.behavior is not None:
@@ -170,10 +171,13 @@ def test_a_restart_goes_on_as_if_undisturbed(learner, make, tmp_path, steps):
     assert_same(trial, undisturbed)
     assert trial.success is not None
     assert not draft.exists()
-    again.tell(second.trial, {"red": False})
-    assert len(again.experience.shown(second.task.key)) == sum(
-        step.observation is not None for step in undisturbed.steps
-    )
+    for mind, done in ((whole, undisturbed), (again, second.trial)):
+        mind.tell(done, {"red": False, "full": True})
+        mind.refit()
+    for context, sensed in whole.experience.features.items():
+        np.testing.assert_equal(again.experience.features[context], sensed)
+    counts = [mind.knowledge().posterior.counts for mind in (whole, again)]
+    np.testing.assert_array_equal(*counts)  # of what was not asked, too
 
 
 def test_a_restart_with_other_knowledge_is_refused(dataset, make, tmp_path):
@@ -248,7 +252,8 @@ def test_a_trial_of_another_learner_keeps_its_own_percepts(dataset, make):
     second.tell(mine, {"red": True})
     (row,) = second.experience.shown(mine.task.key)
     assert second.experience.levels.values[row, 0] == mine.steps[0].observation[0]
-    assert second.experience.instances.values["digest"][row] == 0  # no features of another trial
+    features = second.experience.features["look", "color"][row]  # not of its own trial
+    np.testing.assert_array_equal(features, mine.steps[0].sensed.features["color"])
 
 
 def test_the_experience_is_rebuilt_from_logs(dataset, make, tmp_path):
@@ -266,6 +271,8 @@ def test_the_experience_is_rebuilt_from_logs(dataset, make, tmp_path):
         np.testing.assert_array_equal(getattr(before, name).values, getattr(after, name).values)
     np.testing.assert_array_equal(attempts(before), attempts(after))
     np.testing.assert_array_equal(before.levels.values[:, 0], after.levels.values[:, 0])
+    for context, sensed in before.features.items():
+        np.testing.assert_equal(after.features[context], sensed)
     for learner in (first, again):
         alpha = learner.knowledge().posterior.concentration[0]
         np.testing.assert_array_equal(alpha, first.knowledge().posterior.concentration[0])

@@ -108,6 +108,8 @@ def equal(left: object, right: object) -> bool:
             and left.dtype == right.dtype
             and np.array_equal(left, right, equal_nan=left.dtype.kind == "f")
         )
+    if isinstance(left, dict) and isinstance(right, dict):
+        return list(left) == list(right) and all(equal(left[name], right[name]) for name in left)
     if isinstance(left, tuple) and isinstance(right, tuple):
         if left and isinstance(left[0], TreeEdge) and left == right:
             return True  # quick; NaN needs the long way

@@ -11,6 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from mcap.reader import make_reader
 
+from meal_bayes.arrays import freeze
+from meal_bayes.datasets import Instance
 from meal_bayes.domain import load_domain
 from meal_bayes.errors import LogError, LogVersionError, SettingsError
 from meal_bayes.momdp import Belief, belief_of, initial_belief
@@ -27,7 +29,7 @@ from meal_bayes.trial_log import (
     salvage,
     write_trials,
 )
-from meal_bayes.trial_log.schema import LINES
+from meal_bayes.trial_log.schema import FEATURE_LIMIT, LINES
 from meal_bayes.trials import Step, Task, Trial
 from meal_bayes.untrusted import name_fault
 
@@ -36,6 +38,19 @@ COUNTS = (0, 7, 2**62)
 TEXTS = st.text(max_size=12)
 NAMES = TEXTS.filter(lambda text: not name_fault(text))  # of objects
 KEYS = st.lists(TEXTS | st.integers(-(2**70), 2**70), max_size=3).map(tuple)
+
+
+def odd_instance(behavior, rng):
+    """Return what a robot sensed: features of some modalities, a detector's percepts, or both."""
+    sizes = rng.integers(1, 5, rng.integers(3))
+    features = {
+        f"sensor {n}": freeze(rng.choice((1e38, -0.0, 0.1), size), np.float32)
+        for n, size in enumerate(sizes)
+    }
+    percepts = dict.fromkeys(
+        rng.choice(("red", "a b"), rng.integers(3), replace=False).tolist(), -0.5
+    )
+    return Instance(-1, behavior, int(rng.integers(-1, 3)), features or None, percepts or None)
 
 
 def odd(trial, rng):
@@ -51,7 +66,12 @@ def odd(trial, rng):
         )  # fmt: skip
         x, cost, reward = int(rng.integers(len(momdp.x_names))), *rng.choice(ODD[3:], 2).tolist()
         belief = belief_of(momdp, x, log_prob, counts)
-        steps.append(Step(x, decision, momdp.terminal, step.observation, cost, reward, belief))
+        sensed = None
+        if decision.action < momdp.n_behaviors and rng.integers(2):
+            sensed = odd_instance(momdp.behavior_names[decision.action], rng)
+        steps.append(
+            Step(x, decision, momdp.terminal, step.observation, cost, reward, belief, sensed=sensed)
+        )
     return dataclasses.replace(trial, steps=tuple(steps))
 
 
@@ -69,6 +89,22 @@ def test_any_trials_come_back_equal(seed, text, name, key, make, tmp_path_factor
     back = list(read_trials(path))
     assert len(back) == 2
     assert all(map(make.equal, trials, back))
+
+
+def test_features_beyond_what_a_log_holds_stay_out_of_it(make, tmp_path):
+    (trial,) = make.trials(1, 3)
+    many = {"camera": np.ones(FEATURE_LIMIT + 1, np.float32)}
+    first, *others = trial.steps
+    behavior = trial.momdp.behavior_names[first.decision.action]
+    for percepts in (None, {"red": 1.0}):
+        sensed = Instance(-1, behavior, -1, many, percepts)
+        steps = (dataclasses.replace(first, sensed=sensed), *others)
+        large = dataclasses.replace(trial, steps=steps)
+        write_trials(tmp_path / "a.mcap", [large], header={})
+        (back,) = read_trials(tmp_path / "a.mcap")
+        left = None if percepts is None else dataclasses.replace(sensed, features=None)
+        assert back.steps[0].sensed == left
+        assert back.cost == trial.cost
 
 
 def test_a_report_of_81_attributes_comes_back(make, tmp_path):
