@@ -42,7 +42,8 @@ def log() -> None:
 @shared("json")
 def info(file: Path, as_json: bool) -> None:
     """Show what whole logs hold, of a file or a run's folder, and the configuration of the run."""
-    from meal_bayes.trial_log import FORMAT_VERSION, log_files, log_info
+    from meal_bayes.trial_log import FORMAT_VERSION, log_files, log_info, read_feedback
+    from meal_bayes.trial_log.schema import FEEDBACK_FORM
 
     infos = list(map(log_info, log_files(file)))
     if as_json:
@@ -52,9 +53,13 @@ def info(file: Path, as_json: bool) -> None:
     trials, steps = (sum(getattr(info, name) for info in infos) for name in ("trials", "steps"))
     forms = ", ".join(dict.fromkeys(info.form for info in infos))
     files = f" ({len(infos)} files)" if file.is_dir() else ""
+    holds = f"{trials} trials, {steps} steps"
+    if forms == FEEDBACK_FORM:
+        (entry,) = read_feedback(file)
+        holds = f"what was told of {entry.object_name}: {entry.text}"
     facts = {
         "file": f"{file}{files}, {size:,} bytes, format {FORMAT_VERSION}, {forms}",
-        "holds": f"{trials} trials, {steps} steps",
+        "holds": holds,
     }
     print_facts(output(), facts | _header_facts(infos[0].header))
 

@@ -104,7 +104,6 @@ def lab_sections(trials: Sequence[Chosen]) -> Iterator[Section]:
     for chosen in newest[:_LISTED]:
         facts = _facts(chosen)
         belief = percent(float(chosen.outcome.certainty[0]))
-        truth = "not logged" if facts["truth"] == "unknown" else facts["truth"]
         rows.append(
             [
                 _begun(chosen.file),
@@ -113,12 +112,11 @@ def lab_sections(trials: Sequence[Chosen]) -> Iterator[Section]:
                 facts["answer"],
                 belief,
                 f"{chosen.outcome.cost[0]:.1f}",
-                truth,
+                facts["truth"],
             ]
         )
     head = ["time (UTC)", "object", "question", "answer", "belief", "cost, s", "truth"]
-    # What `Learner.tell` is told stands in the learner's own file.
-    note = "The truth is what was given with the question; what was told later is not in the logs."
+    note = "The truth is what was given with the question, or told since."
     if len(newest) > _LISTED:
         note = f"The newest {_LISTED} of {len(newest):,} trials. {note}"
     table = {"head": head, "rows": rows, "texts": (1, 2, 3, 6), "note": note}

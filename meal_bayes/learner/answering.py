@@ -53,6 +53,7 @@ class Answerer:
         self._agent = agent
         self._fits = Fits(self.experience, settings)
         self._asked = Asked()
+        self._folders: dict[Key, Path] = {}  # of the logs of its trials
         self._lock = Lock()
 
     @property
@@ -265,15 +266,13 @@ class Answerer:
     def _resumed(self, broken: Interrupted) -> Session:
         """Return the session of a trial that was broken off, where it was."""
         before = broken.trial
-        header = broken.header
-        streams = tuple(header["streams"])
-        begun = dict(header["begun"])
+        begun = dict(broken.header["begun"])
         start = begun.pop("state", None) or self.domain.diagram.start
         options = TrialOptions(truth=before.truth, **begun)
-        session = self._session(before.task, streams, options)
+        session = self._session(before.task, tuple(broken.header["streams"]), options)
         session.start(before.momdp.x_names[before.steps[0].x] if before.steps else start)
         session.repeat(before.steps)
-        session.record(LiveLog(broken.path, header, resumed=broken))
+        self._record(session, broken.path, broken.header, broken)
         return session
 
     def _fit(self, task: Task, *, learn: bool) -> Fit:
@@ -322,18 +321,20 @@ class Answerer:
         place = Path(self.logs or "") / file_name(self.domain.name) if log is None else Path(log)
         text = question.text if isinstance(question, Query) else str(question)
         config = {"command": "Learner.ask", "question": text, "agent": self.agent.name}
-        begun = {
-            "learn": options.learn, "state": state, "max_steps": int(session.max_steps),
-            "max_cost": session.max_cost,
-        }  # fmt: skip
+        begun: dict[str, object] = {"learn": options.learn, "state": state}
+        begun |= {"max_steps": int(session.max_steps), "max_cost": session.max_cost}
         self._record(session, place, {"config": config, "begun": begun})
         return session
 
-    def _record(self, session: Session, place: Path, header: Mapping[str, object]) -> None:
+    def _record(
+        self, session: Session, place: Path, header: Mapping[str, object],
+        resumed: Interrupted | None = None,
+    ) -> None:  # fmt: skip
         """Log a session from now on, with a header that says how it came about."""
-        drawn = {"seed": self.settings.seed, "streams": list(session.key)}
-        header = {**header, **drawn, "data": self.domain.data}
-        session.record(LiveLog(place, header, session.task.object_name))
+        drawn = {"seed": self.settings.seed, "streams": list(session.key), "data": self.domain.data}
+        log = LiveLog(place, {**drawn, **header}, session.task.object_name, resumed=resumed)
+        self._folders[session.task.key] = log.path.parent
+        session.record(log)
 
     def _session(self, task: Task, key: Key, options: TrialOptions) -> Session:
         """Return the session of a task whose random streams `key` names."""

@@ -3,7 +3,9 @@
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+from meal_bayes.arrays import label_values
 from meal_bayes.datasets import PerceptTable, load_percepts
+from meal_bayes.learner.experience import Key, told
 from meal_bayes.learner.learner import Learner
 from meal_bayes.trial_log import Logs
 from meal_bayes.trials import Step, Trial
@@ -67,10 +69,9 @@ def ask(
 def recall(learner: Learner, *logs: str | Path) -> list[Trial]:
     """Rebuild the experience of a learner from the logs of its robot's trials.
 
-    What was executed, whether it succeeded and what the robot sensed is in a log; labels are not:
-    they can be told of the trials.
-    Trials that the learner has had, tests, and trials with other levels than its agent's are passed
-    over.
+    What was executed, whether it succeeded, what the robot sensed, and the labels that people told
+    of it are in the logs. Trials that the learner has had, tests, and trials with other levels than
+    its agent's are passed over.
 
     Parameters
     ----------
@@ -89,15 +90,25 @@ def recall(learner: Learner, *logs: str | Path) -> list[Trial]:
     SettingsError
         Trials of another domain.
     """
-    recalled = [
-        trial
-        for group in Logs(*logs).groups()
-        for trial in group.trials
-        if trial.task.learn
-        and trial.task.key not in learner.experience.trials
-        and trial.momdp.levels == learner.agent.levels
-    ]
+    files = Logs(*logs)
+    experience = learner.experience
+    recalled = list[Trial]()
+    labels = dict[tuple[Key, str], dict[str, int]]()  # by key and object
+    for group in files.groups():
+        feedback = files.feedback_in(group.file.parent)
+        for trial in group.trials:
+            task = trial.task
+            fits = trial.momdp.levels == learner.agent.levels
+            if task.learn and fits and task.key not in experience.trials:
+                recalled.append(trial)
+                labels[task.key, task.object_name] = feedback.labels(task.key)
+                named = feedback.labels(task.object_name)
+                labels[told(task.object_name), task.object_name] = named
     for trial in recalled:
         learner.record(trial)
+    for (key, object_name), by_attribute in labels.items():
+        values = label_values([by_attribute.get(name) for name in learner.domain.attributes])
+        if ((values >= 0) & (values != experience.told_in(key))).any():
+            experience.label(key, object_name, values)
     learner.refit()
     return recalled

@@ -11,9 +11,10 @@ from meal_bayes.agents import as_agent
 from meal_bayes.datasets import Dataset, PerceptTable, object_index
 from meal_bayes.domain import Domain, Query, load_domain
 from meal_bayes.errors import QueryError, SettingsError
+from meal_bayes.files import file_name
 from meal_bayes.learner import views
 from meal_bayes.learner.card import learned_html, next_html, table_knowledge
-from meal_bayes.learner.experience import told
+from meal_bayes.learner.experience import Key, Labels, told
 from meal_bayes.learner.finding import Finder
 from meal_bayes.learner.fits import Fits
 from meal_bayes.learner.saved import SavedLearner, read_learner, write_learner
@@ -25,6 +26,8 @@ from meal_bayes.learner.settings import (
     own_posterior,
 )
 from meal_bayes.learner.trial import check_behaviors, record_step
+from meal_bayes.trial_log.feedback import Feedback
+from meal_bayes.trial_log.writer import write_feedback
 from meal_bayes.trials import Trial
 from meal_bayes.untrusted import name_fault
 
@@ -157,6 +160,7 @@ class Learner(Finder):
         """Learn from labels of a trial's object; the posterior is updated at once.
 
         How much objects differ, and how their percepts err together, hold until the next refit.
+        Labels are logged, as far as trials are: of a trial beside its log.
 
         Parameters
         ----------
@@ -197,7 +201,9 @@ class Learner(Finder):
             except QueryError as fault:
                 raise QueryError(f"Then {name!r} would be {fault}.") from None
             self._use()
+            before = self.experience.told_in(key)
             self._fits.update(self.experience.label(key, name, labels), refit=True)
+            self._log_feedback(trial, name, key, before)
 
     def forget(self, trial: Trial | str, *, recordings: bool = False) -> None:
         """Forget the labels of a trial; refit without them if the last refit has used them.
@@ -225,7 +231,24 @@ class Learner(Finder):
                 raise SettingsError(f"The trial {name!r} has no {what}.")
             self._use()
             recordings = recordings and isinstance(trial, Trial)
+            before = self.experience.told_in(key)
             self._fits.update(self.experience.forget(key, recordings=recordings), refit=True)
+            name = trial.task.object_name if isinstance(trial, Trial) else trial
+            self._log_feedback(trial, name, key, before)
+
+    def _log_feedback(self, trial: Trial | str, name: str, key: Key, before: Labels) -> None:
+        """Log which labels of a trial, or of an object by its name, are others than before."""
+        folder = None if self.logs is None else self.logs / file_name(self.domain.name)
+        if isinstance(trial, Trial):
+            folder = self._folders.get(trial.task.key, folder)
+        after = self.experience.told_in(key)
+        changed = np.flatnonzero(after != before)
+        if folder is None or not len(changed):
+            return
+        labels = {self.domain.attributes[p]: int(after[p]) for p in changed}
+        feedback = Feedback(name, labels, None if key == told(name) else key)
+        header = {"config": {"command": "Learner.tell"}, "data": self.domain.data}
+        write_feedback(folder, feedback, header=header)
 
     def record(self, trial: Trial) -> None:
         """Record a trial of another learner's, or of a log, as experience.

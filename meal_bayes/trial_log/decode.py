@@ -17,6 +17,7 @@ from meal_bayes.planners import Decision, TreeEdge
 from meal_bayes.trial_log import schema
 from meal_bayes.trial_log.container import FAULTS, chunk_messages, message_of
 from meal_bayes.trial_log.encode import End, judgment, limit_misfits, start_misfits, step_misfits
+from meal_bayes.trial_log.feedback import Feedback, read_key
 from meal_bayes.trial_log.sensed import read_sensed
 from meal_bayes.trials import Step, Task, Trial, TrialOutcomes
 from meal_bayes.trials.outcomes import INTEGERS, REALS, TEXTS
@@ -40,6 +41,7 @@ class TrialBuilder:
     header: dict[str, object] | None = None
     read: End = End()  # noqa: RUF009  immutable
     end: End | None = None  # as the writer counted
+    feedback: list[Feedback] = field(default_factory=list)  # of a log of that form
     _channels: dict[int, str] = field(default_factory=dict)
     _runs: int = 0  # headers of runs
     _next: int = 0  # number of the next trial
@@ -96,6 +98,8 @@ class TrialBuilder:
             self._open.append(data)
             if sum(map(len, self._open)) > schema.TRIAL_LIMIT:
                 raise LogCorruptError(f"a trial is longer than {schema.TRIAL_LIMIT} bytes")
+        elif topic == schema.FEEDBACK:
+            self.feedback.append(Feedback.unpacked(data))
         elif topic in (schema.OUTCOME, schema.OUTCOMES):
             entry: Trial | TrialOutcomes
             first, entry = self._finish(data) if topic == schema.OUTCOME else decode_outcomes(data)
@@ -115,6 +119,10 @@ class TrialBuilder:
             raise LogCorruptError(f"a trial has no outcome; {steps} of its steps can be recovered")
         if self.end is None:
             raise LogCorruptError(NO_END)
+        if self.form == schema.FEEDBACK_FORM and len(self.feedback) != 1:
+            raise LogCorruptError(
+                f"it holds {len(self.feedback)} messages of feedback, expected one"
+            )
         if self.read != self.end:
             raise LogCorruptError(
                 f"the trials are not those that were written ({self.read}, {self.end})"
@@ -151,11 +159,6 @@ class TrialBuilder:
         edges = sum(len(message.tree_level) for message in messages)
         for problem in limit_misfits(counts.size * len(self._open), edges):
             raise LogCorruptError(f"trial {begin.trial}: {problem}")
-        key = read_json(begin.key)
-        if not isinstance(key, list) or not all(type(part) in (int, str) for part in key):
-            raise LogCorruptError(
-                f"a trial's key is {begin.key[:40]!r}, expected names and numbers"
-            )
         first = belief = _belief(begin, counts, momdp)
         steps = list[Step]()
         for index, message in enumerate(messages):
@@ -166,7 +169,7 @@ class TrialBuilder:
         trial = Trial(
             task=Task(
                 query=replace(momdp.query, attributes=tuple(begin.attributes)),
-                key=tuple(key),
+                key=read_key(begin.key),
                 learn=not begin.test,
                 **{name: getattr(begin, name) for name in schema.TASK_VALUES},
             ),

@@ -2,17 +2,15 @@
 
 import contextlib
 import re
-import secrets
 from collections.abc import Mapping
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 from meal_bayes.errors import LogError
-from meal_bayes.files import file_name, hold
-from meal_bayes.trial_log.names import drafts_of, remove_drafts, stem_of
+from meal_bayes.files import hold
+from meal_bayes.trial_log.names import dated_name, drafts_of, remove_drafts, stem_of
 from meal_bayes.trial_log.reader import read_header, salvage
-from meal_bayes.trial_log.schema import ACTIVE
+from meal_bayes.trial_log.schema import ACTIVE, SUFFIX
 from meal_bayes.trial_log.writer import TrialWriter
 from meal_bayes.trials import Trial
 
@@ -33,9 +31,8 @@ class LiveLog(TrialWriter):
         resumed: "Interrupted | None" = None,
     ) -> None:
         self._resumed = resumed  # the draft that it goes on from, held until this is whole
-        if place.suffix != ".mcap":
-            begun = datetime.now(UTC).strftime("%Y%m%d-%H%M%S-%f")
-            place /= f"{begun}-{file_name(name)}-{secrets.token_hex(3)}.mcap"
+        if place.suffix != SUFFIX:
+            place /= f"{dated_name(name)}{SUFFIX}"
         super().__init__(place, header)
         self.__enter__()
 
@@ -82,7 +79,7 @@ class Interrupted:
                 f"{draft} holds no trial that was broken off; there is nothing to resume."
             )
         self.trial = last
-        self.path = draft.with_name(stem_of(draft) + ".mcap")
+        self.path = draft.with_name(stem_of(draft) + SUFFIX)
 
     def release(self) -> None:
         """Let others have the draft."""

@@ -12,11 +12,12 @@ from typing import NamedTuple
 
 from mcap.records import DataEnd
 
-from meal_bayes.errors import LogCorruptError, LogError, LogVersionError
+from meal_bayes.errors import LogCorruptError, LogError, LogVersionError, QueryError
 from meal_bayes.trial_log.container import FAULTS, TORN, fault_text, read_records
 from meal_bayes.trial_log.decode import TrialBuilder
-from meal_bayes.trial_log.names import log_files, stem_of
-from meal_bayes.trial_log.reader import Scan, grouped, read_header
+from meal_bayes.trial_log.feedback import Feedback, FeedbackIndex
+from meal_bayes.trial_log.names import feedback_files, holds_feedback, log_files, stem_of
+from meal_bayes.trial_log.reader import Scan, grouped, read_feedback, read_header
 from meal_bayes.trial_log.schema import ACTIVE, FULL, SUFFIX
 from meal_bayes.trials import Trial, TrialOutcomes
 
@@ -38,7 +39,9 @@ class Group(NamedTuple):
 class Logs:
     """One or more logs, damaged ones included: faults are noted, whole trials are read.
 
-    A unit that several files hold, such as a draft and a later run of it, is read once.
+    A unit that several files hold, such as a draft and a later run of it, is read once. Trials
+    have the truth that was told of them since, by the logs of feedback in their folder and the one
+    above it.
 
     Parameters
     ----------
@@ -55,6 +58,7 @@ class Logs:
         files = {file.resolve(): file for path in paths for file in log_files(path)}
         self.files: Sequence[Path] = list(files.values())
         self.problems: list[str] = []  # grows while trials are read
+        self._feedback: dict[Path, FeedbackIndex] = {}  # by folder
 
     @property
     def header(self) -> dict[str, object]:
@@ -91,7 +95,8 @@ class Logs:
                 empty = False
                 first = place
                 place = place + len(outcomes)
-                yield Group(header, file, range(first, place), outcomes, trials)
+                places = range(first, place)
+                yield self._judged(Group(header, file, places, outcomes, trials))
             if file.name.endswith(ACTIVE):
                 why = f" ({scan.problems[0]})" if scan.problems else ""
                 self.problems.append(f"{file} was not finished by its writer{why}")
@@ -99,8 +104,45 @@ class Logs:
                 self.problems += [f"{file}: {problem}" for problem in scan.problems]
         if empty and self.problems:
             raise LogCorruptError(f"Not one trial can be read: {self.problems[0]}.")
+        if empty and holds_feedback(self.files[0]):
+            raise LogError(
+                f"{self.files[0]} holds what was told of trials; name one of their logs."
+            )
         if empty:
             raise LogError(f"{self.files[0]} holds no trial yet.")
+
+    def trials(self) -> Iterator[Trial]:
+        """Yield the trials of all files, none of a compact log; errors are those of `groups`."""
+        for group in self.groups():
+            yield from group.trials
+
+    def _judged(self, group: Group) -> Group:
+        """Return a group with the truth that was told of its trials when they were over."""
+        feedback = self.feedback_in(group.file.parent)
+        trials = list[Trial]()
+        for number, trial in zip(group.places, group.trials, strict=False):
+            try:
+                trials.append(feedback.judged(trial))
+            except QueryError as fault:
+                trials.append(trial)
+                self.problems.append(f"{group.file}: what was told of trial {number}: {fault}")
+        if all(new is old for new, old in zip(trials, group.trials, strict=False)):
+            return group
+        return group._replace(outcomes=TrialOutcomes.of(trials), trials=tuple(trials))
+
+    def feedback_in(self, folder: Path) -> FeedbackIndex:
+        """Return what people told of the trials of a folder, as far as it can be read."""
+        if folder not in self._feedback:
+            entries = list[Feedback]()
+            # Trials of a search stand in a folder of their own, beside those of single objects.
+            files = [*feedback_files(folder), *feedback_files(folder.parent)]
+            for file in sorted(files, key=lambda file: file.name):  # a name begins with the time
+                try:
+                    entries += read_feedback(file)
+                except LogError as fault:
+                    self.problems.append(str(fault))
+            self._feedback[folder] = FeedbackIndex(entries)
+        return self._feedback[folder]
 
     def _distinct(self) -> list[tuple[Path, dict[str, object]]]:
         """Return the files but for copies; check that they are of one data set, and of one run."""

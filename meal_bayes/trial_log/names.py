@@ -8,19 +8,40 @@ import contextlib
 import os
 import re
 import secrets
+from datetime import UTC, datetime
 from pathlib import Path
 
 from meal_bayes.errors import LogError
-from meal_bayes.files import hold
+from meal_bayes.files import file_name, hold
 from meal_bayes.trial_log.schema import ACTIVE, SUFFIX
 
 RECOVERED = ".recovered"
+FEEDBACK = ".feedback"  # ends the stem of a log of feedback
 _ENDINGS = re.compile(r"(\.w\d+-[0-9a-f]{6})?(\.recovered)?$")
 
 
 def new_draft(path: Path) -> Path:
     """Choose a name for a log that is to become `path`."""
     return path.with_name(f"{path.stem}.w{os.getpid()}-{secrets.token_hex(3)}{SUFFIX}{ACTIVE}")
+
+
+def dated_name(name: str) -> str:
+    """Choose a name for a log by the time (UTC) and an object's name; no other log has it.
+
+    It is such as 20260131-142507-381904-blue_cup-a3f9c2, without an ending.
+    """
+    begun = datetime.now(UTC).strftime("%Y%m%d-%H%M%S-%f")
+    return f"{begun}-{file_name(name)}-{secrets.token_hex(3)}"
+
+
+def holds_feedback(path: Path) -> bool:
+    """Return whether a log, or a draft, has the name of a log of feedback."""
+    return stem_of(path).endswith(FEEDBACK)
+
+
+def feedback_files(folder: Path) -> list[Path]:
+    """Find the whole logs of feedback in a folder, in the order in which they were written."""
+    return sorted(folder.glob(f"*{FEEDBACK}{SUFFIX}"))
 
 
 def timing_of(path: Path) -> Path:
@@ -59,7 +80,7 @@ def log_files(path: str | Path) -> list[Path]:
     """Find the logs of a run: the file itself, or all of a folder in order of their names.
 
     A log that is not whole yet is there by its largest draft, under the name it has, or else by
-    what was recovered from one.
+    what was recovered from one. Logs of feedback hold no trials, and are not among them.
 
     Raises
     ------
@@ -74,7 +95,8 @@ def log_files(path: str | Path) -> list[Path]:
         raise LogError(f"There is no log {path}; expected a {SUFFIX} file, or a folder of them.")
     best = dict[Path, tuple[tuple[int, int], Path]]()  # of each log
     for file in path.rglob(f"*{SUFFIX}*"):
-        if file.name.endswith((SUFFIX, SUFFIX + ACTIVE)) and file.is_file():
+        ending = file.name.endswith((SUFFIX, SUFFIX + ACTIVE))
+        if ending and not holds_feedback(file) and file.is_file():
             recovered = file.name.endswith(RECOVERED + SUFFIX)
             kind = 0 if recovered else 1 if file.name.endswith(ACTIVE) else 2
             with contextlib.suppress(FileNotFoundError):  # it has got its name meanwhile

@@ -18,7 +18,8 @@ from meal_bayes.trial_log import schema
 from meal_bayes.trial_log.container import FAULTS, fault_text, next_log, read_records
 from meal_bayes.trial_log.decode import NO_END, NO_HEADER, TrialBuilder
 from meal_bayes.trial_log.encode import End
-from meal_bayes.trial_log.names import RECOVERED, log_files, stem_of
+from meal_bayes.trial_log.feedback import Feedback
+from meal_bayes.trial_log.names import RECOVERED, feedback_files, log_files, stem_of
 from meal_bayes.trial_log.writer import write_trials
 from meal_bayes.trials import Trial, TrialOutcomes
 
@@ -33,7 +34,7 @@ class LogInfo:
     """What can be read of a log."""
 
     path: Path
-    form: str  # "full" or "compact"
+    form: str  # "full", "compact" or "feedback"
     trials: int
     steps: int
     cost: float  # s, of all trials
@@ -79,6 +80,20 @@ def _trials(scan: "Scan") -> Iterator[Trial]:
 def read_outcomes(path: str | Path) -> TrialOutcomes:
     """Read the outcomes of a whole log, of either form; errors as for `read_trials`."""
     return TrialOutcomes.join([outcomes for outcomes, _ in grouped(Scan(path))])
+
+
+def read_feedback(path: str | Path) -> list[Feedback]:
+    """Read what people told of trials, from a log of feedback or all of a folder, in order.
+
+    Errors are those of `read_trials`; a folder may hold none.
+    """
+    files = feedback_files(Path(path)) if Path(path).is_dir() else [Path(path)]
+    entries = list[Feedback]()
+    for file in files:
+        scan = Scan(file)
+        deque(scan.entries(), maxlen=0)
+        entries += scan.builder.feedback
+    return entries
 
 
 def grouped(scan: "Scan") -> Iterator[tuple[TrialOutcomes, tuple[Trial, ...]]]:

@@ -15,7 +15,10 @@ from meal_bayes.momdp.model import ARRAYS
 FORMAT_VERSION = 5
 FULL = "full"  # the form of a log that holds whole trials
 COMPACT = "compact"  # ... that holds their outcomes alone
-PROFILES = {FULL: "meal_bayes", COMPACT: "meal_bayes/outcomes"}  # in the MCAP header
+FEEDBACK_FORM = "feedback"  # ... that holds what a person told of a trial when that was over
+PROFILES = {  # in the MCAP header
+    FULL: "meal_bayes", COMPACT: "meal_bayes/outcomes", FEEDBACK_FORM: "meal_bayes/feedback",
+}  # fmt: skip
 SUFFIX = ".mcap"
 ACTIVE = ".active"  # ends the name of a file that is still being written
 END = "end.json"  # attachment behind the last trial: trials, steps and summed cost (s)
@@ -26,6 +29,7 @@ TRIAL = "/trial"
 STEP = "/step"
 OUTCOME = "/outcome"
 OUTCOMES = "/outcomes"  # of the compact form: columns of many trials in one message
+FEEDBACK = "/feedback"  # of the form of that name: one message
 LINES = "/log"  # for other tools; reading takes nothing from it
 
 # Both sides keep to these limits, so that a damaged length can never ask for much memory.
@@ -80,6 +84,7 @@ _FIELDS = {
         "report:int64* positive:double* cost:double* reward:double* ended:int64* steps:int64* "
         "executed:int64* failed:int64*"
     ),
+    "meal_bayes.Feedback": "object_name:string key:string attributes:string* labels:int64*",
     "foxglove.Log": (
         "timestamp:time level:level message:string name:string file:string line:fixed32"
     ),
@@ -98,6 +103,7 @@ TOPICS = {
         STEP: "meal_bayes.Step", OUTCOME: "meal_bayes.Outcome", LINES: "foxglove.Log",
     },
     COMPACT: {RUN: "meal_bayes.Run", OUTCOMES: "meal_bayes.Outcomes"},
+    FEEDBACK_FORM: {RUN: "meal_bayes.Run", FEEDBACK: "meal_bayes.Feedback"},
 }  # fmt: skip
 
 
@@ -136,9 +142,14 @@ for _file in (_TIMESTAMP, *_FILES.values()):
     _POOL.Add(_file)
 _NAMES = [file.name for file in _FILES.values()]
 _CLASSES: dict[str, Any] = message_factory.GetMessageClassesForFiles(_NAMES, _POOL)
-RunMessage, MomdpMessage, TrialMessage, StepMessage, OutcomeMessage, OutcomesMessage, LogMessage = (
-    _CLASSES[name] for name in _FIELDS
-)
+RunMessage = _CLASSES["meal_bayes.Run"]
+MomdpMessage = _CLASSES["meal_bayes.Momdp"]
+TrialMessage = _CLASSES["meal_bayes.Trial"]
+StepMessage = _CLASSES["meal_bayes.Step"]
+OutcomeMessage = _CLASSES["meal_bayes.Outcome"]
+OutcomesMessage = _CLASSES["meal_bayes.Outcomes"]
+FeedbackMessage = _CLASSES["meal_bayes.Feedback"]
+LogMessage = _CLASSES["foxglove.Log"]
 
 
 def channels(form: str) -> Iterator[tuple[str, str, bytes]]:

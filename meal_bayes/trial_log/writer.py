@@ -19,7 +19,8 @@ from meal_bayes.errors import LogError, SettingsError
 from meal_bayes.files import hold, replace_whole, write_whole
 from meal_bayes.trial_log import schema
 from meal_bayes.trial_log.encode import End, Packed, TrialEncoder, encode_outcomes
-from meal_bayes.trial_log.names import new_draft, timing_of
+from meal_bayes.trial_log.feedback import Feedback
+from meal_bayes.trial_log.names import FEEDBACK, dated_name, holds_feedback, new_draft, timing_of
 from meal_bayes.trial_log.schema import FORMAT_VERSION, SUFFIX
 from meal_bayes.trials import Step, Trial, TrialOutcomes
 from meal_bayes.untrusted import read_json
@@ -45,7 +46,7 @@ class TrialWriter:
     header : Mapping[str, object]
         What the run was, in JSON values: config, seed, git. `versions` is filled in.
     form : str
-        "full" or "compact".
+        "full", "compact" or "feedback".
     """
 
     def __init__(
@@ -55,6 +56,11 @@ class TrialWriter:
         self._form = form
         if self.path.suffix != SUFFIX:
             raise SettingsError(f"A log's name ends in {SUFFIX}; found {self.path.name!r}.")
+        if holds_feedback(self.path) != (form == schema.FEEDBACK_FORM):
+            raise SettingsError(
+                f"A name that ends in {FEEDBACK}{SUFFIX} is of feedback alone; found "
+                f"{self.path.name!r}. Choose another."
+            )
         self.active_path = new_draft(self.path)  # its name while it is being written
         versions = {"meal_bayes": package_version(), "numpy": np.__version__}
         versions["python"] = platform.python_version()
@@ -172,6 +178,10 @@ class TrialWriter:
             self._seconds.update(zip(range(number, number + len(rows)), seconds, strict=False))
             self.written = self.written.after(rows)
 
+    def write_feedback(self, feedback: Feedback) -> None:
+        """Write what a person told to disk, into a log of feedback."""
+        self._put([Packed(schema.FEEDBACK, 0, feedback.packed())], sync=True)
+
     def begin(self, trial: Trial) -> None:
         """Write the start of a trial to disk; its steps follow one by one, then its end."""
         self._encoder = self._next_encoder()
@@ -223,6 +233,17 @@ def write_trials(
                 log.write_outcomes(entry, times)
             else:
                 log.write(entry, seconds=next(times, None))
+
+
+def write_feedback(folder: Path, feedback: Feedback, *, header: Mapping[str, object]) -> Path:
+    """Write what a person told into a log of its own in a folder, and return its path.
+
+    The log is whole on disk when this returns, or not there; no two processes write into one.
+    """
+    path = folder / f"{dated_name(feedback.object_name)}{FEEDBACK}{SUFFIX}"
+    with TrialWriter(path, header, schema.FEEDBACK_FORM) as log:
+        log.write_feedback(feedback)
+    return path
 
 
 def read_seconds(path: str | Path) -> list[float]:

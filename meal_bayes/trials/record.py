@@ -1,9 +1,10 @@
 """Records of a trial: its task, its steps, what came of it."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import reduce
 from operator import add
+from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -180,6 +181,17 @@ class TrialRecord(FrozenArrays):
     def reward(self) -> float:
         """Undiscounted, unshaped return; nan where the truth of a report is not known."""
         return reduce(add, (step.reward for step in self.steps), 0.0)
+
+    def with_truth(self, truth: NDArray[np.int8]) -> Self:
+        """Return the trial as another truth (N,) of its object judges it: 1, 0, -1 not known."""
+        right = self.task.query.report_truth(truth)
+        steps = self.steps
+        if self.report is not None:
+            reward = float("nan")
+            if (right >= 0).all():
+                reward = self.momdp.reports.reward(self.report, right)
+            steps = (*steps[:-1], replace(steps[-1], reward=reward))
+        return replace(self, truth=truth, steps=steps)
 
     @property
     def last_belief(self) -> Belief:

@@ -6,7 +6,15 @@ from pathlib import Path
 
 import pytest
 
-from meal_bayes.trial_log import FORMAT_VERSION, check_log, read_trials, write_trials, writer
+from meal_bayes.trial_log import (
+    FORMAT_VERSION,
+    Feedback,
+    check_log,
+    read_trials,
+    write_trials,
+    writer,
+)
+from meal_bayes.trial_log.writer import write_feedback
 from meal_bayes.trials import TrialOutcomes
 
 SAMPLE = Path(__file__).resolve().parents[2] / "logs" / "sample.mcap"
@@ -136,3 +144,11 @@ def test_every_log_of_a_file_is_recovered_and_what_is_not_read_is_told(run, log)
     assert done.exit_code == 3
     told = json.loads(done.stdout)
     assert (told["trials"], told["unread_bytes"]) == (2 * trials, 4)
+
+
+def test_a_label_s_log_says_what_was_told(run, tmp_path):
+    told = Feedback("blue cup", {"heavy": 1, "beans": 0, "full": -1}, ("kitchen", "live", "1"))
+    path = write_feedback(tmp_path, told, header={"data": "kitchen"})
+    said = "what was told of blue cup: heavy, not beans, full taken back"
+    assert said in " ".join(run("log", "info", path).stdout.split())
+    assert "whole" in run("log", "check", path).stdout

@@ -18,7 +18,8 @@ from meal_bayes.evaluation.sections import best_of
 from meal_bayes.evaluation.worst import WORST, worst_of
 from meal_bayes.learner.api import ask
 from meal_bayes.palette import ordered_agents
-from meal_bayes.trial_log import Group, Logs, TrialWriter, write_trials
+from meal_bayes.trial_log import Feedback, Group, Logs, TrialWriter, write_trials
+from meal_bayes.trial_log.writer import write_feedback
 from meal_bayes.trials import TrialOutcomes, truth_text
 from meal_bayes.viewer.labels import narrate
 from meal_bayes.viewer.recorder import Clock
@@ -142,9 +143,21 @@ def test_a_lab_s_trials_are_listed_newest_first(trials, tmp_path, cells):
     assert [row[0][:10] for row in rows[start + 1 : start + 9]] == [
         f"2026-01-0{n}" for n in range(8, 0, -1)
     ]
-    assert [row[-1] == "not logged" for row in rows[start + 1 : start + 9]] == [False, True] * 4
-    assert "what was told later is not in the logs" in text
+    assert [row[-1] == "unknown" for row in rows[start + 1 : start + 9]] == [False, True] * 4
     assert len(re.findall(r"<details open><summary>", text)) >= 3
+
+
+def test_a_lab_s_trials_have_the_truth_as_it_was_told_later(trials, tmp_path, cells):
+    trial = dataclasses.replace(trials[0], truth=np.full(len(trials[0].truth), -1))
+    path = tmp_path / "20260101-120000-000001-thing-abcdef.mcap"
+    write_trials(path, [trial], header={"config": {"command": "Learner.ask"}, "data": "roc36"})
+    labels = {name: not value for name, value in trial.answer.items()}
+    write_feedback(tmp_path, Feedback(trial.task.object_name, labels, trial.task.key), header={})
+    write_report(Logs(tmp_path), tmp_path / "r.html")
+    text = (tmp_path / "r.html").read_text()
+    told = ", ".join(f"not {name}" for name in labels)
+    assert f"<b>{told}</b><span>truth</span>" in text
+    assert "<b>wrong</b><span>verdict</span>" in text
 
 
 def test_nothing_is_fetched_and_nothing_runs(page):

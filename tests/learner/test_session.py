@@ -329,3 +329,53 @@ def test_two_learners_do_not_write_over_each_other(dataset, make, tmp_path):
         make.learner(dataset, agent).save(path)
     second.save(path, overwrite=True)
     assert [file.name for file in tmp_path.iterdir()] == ["mind"]
+
+
+def test_what_is_told_stands_in_the_logs(dataset, make, tmp_path):
+    """As told of a trial, of an object, taken back, of a test; and in a log that was named."""
+    learner = make.learner(dataset, make.agent("look", **make.ours), logs=tmp_path / "logs")
+    trials = [
+        learner.ask("red", make.arm(), object_name="mug", learn=learn, log=log)
+        for learn, log in ((True, None), (False, None), (True, tmp_path / "own" / "a.mcap"))
+    ]
+
+    def truths(folder):
+        logged = {
+            trial.task.key: int(trial.truth[0])
+            for group in Logs(tmp_path / folder).groups()
+            for trial in group.trials
+        }
+        return [logged[trial.task.key] for trial in trials if trial.task.key in logged]
+
+    assert truths("logs") == [-1, -1]
+    learner.tell(trials[0], {"red": True, "full": False})
+    assert truths("logs") == [1, -1]
+    learner.tell(trials[1], {"red": False})  # a test's labels are of the object
+    assert truths("logs") == [0, 0]
+    learner.forget("mug")
+    assert truths("logs") == [1, -1]
+    learner.tell(trials[2], {"red": None})
+    assert truths("own") == [-1]
+    learner.tell(trials[2], {"red": True})
+    assert truths("own") == [1]
+    learner.tell(trials[2], {"red": True})  # nothing new
+    assert len(list((tmp_path / "own").glob("*.feedback.mcap"))) == 1
+    unlogged = make.learner(dataset, make.agent("look", **make.ours))
+    unlogged.tell("mug", {"red": True})
+    assert len(list(tmp_path.rglob("*.feedback.mcap"))) == 4
+
+
+def test_labels_are_rebuilt_from_logs(dataset, make, tmp_path):
+    agent = make.agent("look", **make.ours)
+    first, again = make.learner(dataset, agent, logs=tmp_path), make.learner(dataset, agent)
+    trials = [first.ask("red", make.arm(seed=n), object_name="mug") for n in range(3)]
+    first.tell(trials[0], {"red": True, "full": True})
+    first.tell(trials[1], {"red": False})
+    first.forget(trials[1])
+    first.tell("mug", {"full": False})
+    recall(again, tmp_path)
+    for key in (*(trial.task.key for trial in trials), ("told", "mug")):
+        expected = first.experience.told_in(key)
+        np.testing.assert_array_equal(again.experience.told_in(key), expected)
+    rows = first.experience.labels.values
+    np.testing.assert_array_equal(again.experience.labels.values[: len(rows)], rows)

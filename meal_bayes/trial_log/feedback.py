@@ -1,0 +1,139 @@
+"""What a person told of a trial when that was over: the truth that its own log cannot hold.
+
+A trial's log is whole when the trial ends. What is told later is a log of its own beside it, one a
+telling, so that nothing that was written is ever changed; readers of the trials put both together.
+"""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from meal_bayes.errors import LogCorruptError, LogError
+from meal_bayes.trial_log import schema
+from meal_bayes.trials import Trial, task_key
+from meal_bayes.trials.record import truth_of
+from meal_bayes.untrusted import name_fault, read_json
+
+Key = tuple[str | int, ...]
+_WITHDRAWN = -1
+
+
+@dataclass(frozen=True, slots=True)
+class Feedback:
+    """Labels as a person told them of a trial, or of an object by its name.
+
+    Attributes
+    ----------
+    object_name : str
+        The object.
+    labels : Mapping[str, int]
+        By attribute 1 true, 0 false, or -1 where a label was taken back. What a value of a group
+        says of the others is among them.
+    key : tuple[str | int, ...] | None
+        Of the trial's task; None where the object was named, so that they are of all its trials.
+
+    Raises
+    ------
+    LogError
+        Values that are no labels, or a name that no object has.
+    """
+
+    object_name: str
+    labels: Mapping[str, int]
+    key: Key | None = None
+
+    def __post_init__(self) -> None:
+        if fault := name_fault(self.object_name):
+            raise LogError(f"The object's name {self.object_name!a:.60} {fault}.")
+        if not 0 < len(self.labels) <= schema.NAME_LIMIT:
+            raise LogError(f"{len(self.labels)} labels; expected 1 to {schema.NAME_LIMIT}.")
+        for name, label in self.labels.items():
+            if label not in (_WITHDRAWN, 0, 1):
+                raise LogError(f"The label of {name!r:.60} is {label!r:.60}; expected 1, 0 or -1.")
+
+    @property
+    def text(self) -> str:
+        """The labels in words, such as "heavy, not beans, full taken back"."""
+        words = {_WITHDRAWN: "{} taken back", 0: "not {}", 1: "{}"}
+        return ", ".join(words[int(label)].format(name) for name, label in self.labels.items())
+
+    def packed(self) -> bytes:
+        """Return the message."""
+        message = schema.FeedbackMessage(
+            object_name=self.object_name,
+            key="" if self.key is None else task_key(self.key),
+            attributes=list(self.labels),
+            labels=[int(label) for label in self.labels.values()],
+        )
+        data: bytes = message.SerializeToString()
+        return data
+
+    @classmethod
+    def unpacked(cls, data: bytes) -> "Feedback":
+        """Read a message."""
+        message: Any = schema.FeedbackMessage.FromString(data)
+        labels = dict(zip(message.attributes, message.labels, strict=True))
+        if len(labels) != len(message.labels):
+            raise LogCorruptError("an attribute has two labels")
+        return cls(message.object_name, labels, read_key(message.key) if message.key else None)
+
+
+def read_key(text: str) -> Key:
+    """Read the key of a task."""
+    key = read_json(text)
+    if not isinstance(key, list) or not all(type(part) in (int, str) for part in key):
+        raise LogCorruptError(f"a trial's key is {text[:40]!r}, expected names and numbers")
+    return tuple(key)
+
+
+class FeedbackIndex:
+    """The feedback of one folder, by trial and object; a later label replaces an earlier one.
+
+    Parameters
+    ----------
+    entries : Iterable[Feedback]
+        In the order in which they were told.
+    """
+
+    def __init__(self, entries: Iterable[Feedback]) -> None:
+        # By the trial, or by the object where that was named: (number of the entry, label).
+        self._labels: dict[Key | str, dict[str, tuple[int, int]]] = {}
+        for number, entry in enumerate(entries):
+            whose = entry.object_name if entry.key is None else entry.key
+            labels = self._labels.setdefault(whose, {})
+            for name, label in entry.labels.items():
+                labels.pop(name, None)
+                if label != _WITHDRAWN:
+                    labels[name] = (number, label)
+
+    def labels(self, whose: Key | str) -> dict[str, int]:
+        """Return what holds of a trial, by its key, or of an object that was named: 1 or 0."""
+        return {name: label for name, (_, label) in self._labels.get(whose, {}).items()}
+
+    def truth(self, trial: Trial) -> dict[str, int]:
+        """Return the labels that hold of a trial's object when it was shown, by attribute."""
+        by_trial = self._labels.get(trial.task.key, {})
+        by_object = self._labels.get(trial.task.object_name, {})
+        labels = dict[str, int]()
+        for name in by_trial | by_object:
+            entries = [place[name] for place in (by_trial, by_object) if name in place]
+            labels[name] = max(entries)[1]  # the later one
+        return labels
+
+    def judged(self, trial: Trial) -> Trial:
+        """Return a trial with the truth as told, and its report rewarded by that.
+
+        Raises
+        ------
+        QueryError
+            Labels of a group of which not exactly one can be true.
+        """
+        labels = self.truth(trial)
+        truth = trial.truth.copy()
+        for place, name in enumerate(trial.task.query.attributes):
+            truth[place] = labels.get(name, truth[place])
+        if np.array_equal(truth, trial.truth):
+            return trial
+        return trial.with_truth(truth_of(trial.task.query, truth))
