@@ -89,10 +89,10 @@ def _most_favorable(momdp: MOMDP) -> MOMDP:
             "No bound is known for rows whose precision differs between the truths; bound the "
             "MOMDP of Eq. 8 (precision=inf) instead, which is another problem."
         )
-    lasting = np.isinf(np.minimum(momdp.limit, momdp.paid))[:, None]
+    lasting = np.isinf(np.minimum(momdp.limit, momdp.bonus_limit))[:, None]
     return replace(
         momdp,
         precision=np.full_like(momdp.precision, np.inf),
         bonus=np.where(lasting, momdp.bonus, momdp.bonus.clip(0.0)),
-        paid=np.full_like(momdp.paid, np.inf),
+        bonus_limit=np.full_like(momdp.bonus_limit, np.inf),
     )

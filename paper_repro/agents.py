@@ -152,5 +152,5 @@ def online_agent(name: str) -> Agent:
     """Return an online agent as the published code has it."""
     agent = load_agent(name)
     if isinstance(agent.exploration, ITRSBonus):  # which pays for percepts without end
-        agent = replace(agent, exploration=replace(agent.exploration, paid=np.inf))
+        agent = replace(agent, exploration=replace(agent.exploration, bonus_limit=np.inf))
     return replace(agent, solver=_random_legal) if name == "iterative_random_legal" else agent

@@ -116,12 +116,12 @@ class ExplorationBonus(Protocol):
 
     Attributes
     ----------
-    paid : float
-        Percepts of a behavior in one trial that the bonus is paid for, at most: `MOMDP.paid`.
+    bonus_limit : float
+        Percepts of a behavior in one trial that the bonus is paid for, at most.
     """
 
     @property
-    def paid(self) -> float: ...  # noqa: D102  in the class's docstring
+    def bonus_limit(self) -> float: ...  # noqa: D102  in the class's docstring
 
     def shape(self, momdp: MOMDP, progress: Progress) -> MOMDP:
         """Return the query's MOMDP with a bonus for exploring, given what was learned so far."""
@@ -130,15 +130,15 @@ class ExplorationBonus(Protocol):
 
 def add_bonus(exploration: ExplorationBonus, momdp: MOMDP, progress: Progress) -> MOMDP:
     """Return the query's MOMDP with its bonus, and how many percepts of a trial it is paid for."""
-    paid = np.full(momdp.n_behaviors, float(exploration.paid))
-    return replace(exploration.shape(momdp, progress), paid=paid)
+    limit = np.full(momdp.n_behaviors, float(exploration.bonus_limit))
+    return replace(exploration.shape(momdp, progress), bonus_limit=limit)
 
 
 @dataclass(frozen=True, slots=True)
 class NoBonus:
     """Answer the query at hand, and learn from what that shows."""
 
-    paid: float = np.inf
+    bonus_limit: float = np.inf
 
     def shape(self, momdp: MOMDP, progress: Progress) -> MOMDP:
         """Return the MOMDP as it is."""
@@ -151,7 +151,7 @@ class ITRSBonus:
 
     alpha: float = 6.0
     beta: float = 30.0
-    paid: float = RECORDED
+    bonus_limit: float = RECORDED
 
     def shape(self, momdp: MOMDP, progress: Progress) -> MOMDP:
         """Return the MOMDP with the shaped reward of Eq. 11."""
@@ -168,7 +168,7 @@ class LearningBonus:
     It pays `first_percept_value` for a first percept; `as_equation_11` has the terms of Eq. 11.
     """
 
-    paid: float = 1.0
+    bonus_limit: float = 1.0
 
     def shape(self, momdp: MOMDP, progress: Progress) -> MOMDP:
         """Return the MOMDP with a bonus on the first percept of each behavior."""

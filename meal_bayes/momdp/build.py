@@ -124,7 +124,7 @@ def build_momdp(
         latent_classes=classes,
         cost=np.array([behavior.cost for behavior in domain.behaviors]),
         bonus=np.zeros((n, e, 2)),
-        paid=np.full(e, np.inf),
+        bonus_limit=np.full(e, np.inf),
         limit=np.where(answers, np.inf, np.broadcast_to(limit, (e,))),
         correct=correct if payoffs is None else max(payoffs),
         incorrect=incorrect if payoffs is None else min(payoffs),
@@ -188,7 +188,7 @@ def shape_reward(
 
     Only behaviors with modalities are shaped, as the domain lists them: `ask` answers but gives no
     instance to learn from, `reinit` perceives nothing. Planners pay the bonus for percepts within
-    `limit` and `paid`; what a trial reports as its reward is never shaped.
+    `limit` and `bonus_limit`; what a trial reports as its reward is never shaped.
 
     Parameters
     ----------

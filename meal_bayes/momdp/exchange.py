@@ -75,10 +75,10 @@ def _check_size(momdp: MOMDP, size: float, largest: float) -> None:
             "A flat POMDP cannot hold rows of finite precision, or several latent classes a "
             "truth; build the MOMDP with precision=inf and without `latent_classes` (Eq. 8)."
         )
-    if momdp.counts_paid_percepts:
+    if momdp.bonus_runs_out:
         raise SettingsError(
             "A flat POMDP does not count percepts, and would pay the bonus for exploring without "
-            "end; pay for all of them (paid=inf), or leave the bonus out."
+            "end; pay for all of them (bonus_limit=inf), or leave the bonus out."
         )
     if size > largest:
         raise SettingsError(

@@ -14,7 +14,7 @@ from meal_bayes.momdp.reports import Reports
 ARRAYS = {  # of a MOMDP: N attributes, E behaviors, X states, C latent classes, K levels
     "transition": "exx", "observation_probability": "exx", "legal": "xe", "confusion": "neck",
     "precision": "nec", "prior": "n", "latent_classes": "n2c", "cost": "e", "bonus": "ne2",
-    "paid": "e", "limit": "e",
+    "bonus_limit": "e", "limit": "e",
 }  # fmt: skip
 
 
@@ -58,7 +58,7 @@ class MOMDP:
         r+ and r-, rewards of a right and a wrong report; of yes and no the largest and smallest.
     bonus : NDArray[np.float64]
         (N,E,2) s that exploring is paid for a percept, by attribute, behavior and truth (Eq. 11).
-    paid : NDArray[np.float64]
+    bonus_limit : NDArray[np.float64]
         (E,) percepts of a trial that `bonus` is paid for, the first ones; inf = all.
     limit : NDArray[np.float64]
         (E,) percepts that a trial can have, inf where they never run out.
@@ -87,7 +87,7 @@ class MOMDP:
     correct: float
     incorrect: float
     bonus: NDArray[np.float64]
-    paid: NDArray[np.float64]
+    bonus_limit: NDArray[np.float64]
     limit: NDArray[np.float64]
     discount: float = 0.99
     abstain: bool = False
@@ -126,7 +126,7 @@ class MOMDP:
             ("observation_probability", 0.0, 1.0, "lie in [0, 1]"),
             ("precision", tiny, np.inf, "be above 0 (inf = rows known exactly)"),
             ("limit", 0.0, np.inf, "be 0 or more"),
-            ("paid", 0.0, np.inf, "be 0 or more"),
+            ("bonus_limit", 0.0, np.inf, "be 0 or more"),
             ("cost", 0.0, huge, "be finite, and 0 or more"),
             *((name, -huge, huge, "be finite") for name in ("bonus", "correct", "incorrect")),
             ("discount", tiny, 1.0, "be above 0, and 1 at most"),
@@ -162,14 +162,14 @@ class MOMDP:
         names = self.query.value_names
         best = zip(names, youden.argmax(axis=1), youden.max(axis=1), strict=True)
         largest = [f"{name} by {self.behavior_names[e]} ({j:.2f})" for name, e, j in best]
-        paid = f"{self.correct:g} or {self.incorrect:g} for a report, discount {self.discount:g}"
+        payoffs = f"{self.correct:g} or {self.incorrect:g} for a report, discount {self.discount:g}"
         values = self.query.n_values if self.query.groups else f"2^{len(names)}"
         return f"MOMDP of {self.query.text.removesuffix('?')}", {
             "states": f"{self.n_states}: {listed(self.x_names)} and {values} values",
             "actions": f"{self.n_actions}: {listed(self.behavior_names)} and the reports",
             "percepts": f"{self.levels} levels, {self.n_classes} latent classes",
             "largest TPR - FPR": listed(largest, 3),
-            "rewards": f"{paid}, costs {np.min(self.cost):g} to {np.max(self.cost):g} s",
+            "rewards": f"{payoffs}, costs {np.min(self.cost):g} to {np.max(self.cost):g} s",
         }
 
     @property
@@ -199,10 +199,10 @@ class MOMDP:
         return np.asarray(np.einsum("nvc,neck->nevk", self.latent_classes, self.confusion))
 
     @property
-    def counts_paid_percepts(self) -> bool:
+    def bonus_runs_out(self) -> bool:
         """Whether a bonus ends after so many percepts: then their number is part of the state."""
         pays = self.bonus.any(axis=(0, 2))
-        return bool((pays & np.isfinite(self.paid)).any())
+        return bool((pays & np.isfinite(self.bonus_limit)).any())
 
     @property
     def n_behaviors(self) -> int:

@@ -65,7 +65,7 @@ class Compiled(NamedTuple):
     dynamics: Dynamics
     percepts: Percepts
     bonus: Floats  # (N,E,2) shaping of each attribute and truth (ITRS, Eq. 11)
-    paid: Floats  # (E,) percepts of a trial that shaping pays for
+    bonus_limit: Floats  # (E,) percepts of a trial that shaping pays for
     shaped: bool  # is there any bonus?
     incorrect: float  # r-
     gap: float  # r+ - r-
@@ -90,7 +90,7 @@ def compile_momdp(momdp: MOMDP, price: float = _PRICE) -> Compiled:
             class_is_truth=momdp.class_is_truth,
         ),
         bonus=momdp.bonus.copy(),
-        paid=np.minimum(momdp.limit, momdp.paid),
+        bonus_limit=np.minimum(momdp.limit, momdp.bonus_limit),
         shaped=bool(momdp.bonus.any()),
         incorrect=float(momdp.incorrect),
         gap=float(momdp.correct - momdp.incorrect),

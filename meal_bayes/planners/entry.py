@@ -53,7 +53,7 @@ _NO_SEARCH = Search(
         kept=np.empty((0, 0, 0, 0)),
         path=np.empty((0, 2), np.int64),
         reward=np.empty(0),
-        paid=np.empty(0),
+        bonus=np.empty(0),
     ),
     growing=Growing(simulations=0, exploration=0.0, averaged=False),
 )

@@ -202,8 +202,8 @@ class Decision(FrozenArrays):
     ) -> "Decision":
         """Return a decision whose values (E+1,), nan where not valued, have no standard errors."""
         visits = np.zeros(len(values), dtype=np.int64)
-        paid = np.zeros(len(values)) if bonus is None else bonus
-        return cls(action, values, no_errors(values), visits, bonus=paid)
+        bonuses = np.zeros(len(values)) if bonus is None else bonus
+        return cls(action, values, no_errors(values), visits, bonus=bonuses)
 
 
 def no_errors(values: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -313,8 +313,8 @@ def choose(
     best = int(values.argmax())
     ending = answer_value(momdp, belief)
     action = best if values[best] > ending else best_answer(momdp, belief)
-    paid = np.zeros(momdp.n_behaviors + 1)
+    bonuses = np.zeros(momdp.n_behaviors + 1)
     if bonus is not None:
-        paid[:-1] = np.where(np.isneginf(values), 0.0, bonus)
+        bonuses[:-1] = np.where(np.isneginf(values), 0.0, bonus)
     total = np.append(values, ending)
-    return action, np.where(np.isneginf(total), np.nan, total) - paid, paid
+    return action, np.where(np.isneginf(total), np.nan, total) - bonuses, bonuses

@@ -258,7 +258,10 @@ def _momdp(message: Any) -> tuple[MOMDP, NDArray[np.float64] | None]:
         behavior_names=tuple(message.behavior_names),
         **{name: getattr(message, name) for name in schema.MOMDP_NUMBERS},
         **_arrays(message, schema.MOMDP_ARRAYS, size),
-        paid=_array(message.paid, (e,)) if message.paid else np.full(e, np.inf),  # older logs
+        # Older logs have no limit: their bonus is paid for all percepts.
+        bonus_limit=(
+            _array(message.bonus_limit, (e,)) if message.bonus_limit else np.full(e, np.inf)
+        ),
     )
     return momdp, counts
 

@@ -69,7 +69,7 @@ def _momdp(trial: Trial) -> Any:
         complement=query.event is not None and query.event.complement,
         **{name: getattr(momdp, name) for name in schema.MOMDP_NUMBERS},
         **{name: _values(getattr(momdp, name)) for name in schema.MOMDP_ARRAYS},
-        paid=_values(momdp.paid),
+        bonus_limit=_values(momdp.bonus_limit),
     )
 
 

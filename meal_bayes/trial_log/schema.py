@@ -61,7 +61,7 @@ _FIELDS = {
         "precision:double* prior:double* cost:double* correct:double incorrect:double "
         "bonus:double* limit:double* discount:double abstain:bool latent_classes:double* "
         "row_counts:double* group:int64* group_name:string* "
-        "payoffs:double* own_payoffs:bool literal:bool* complement:bool paid:double*"
+        "payoffs:double* own_payoffs:bool literal:bool* complement:bool bonus_limit:double*"
     ),
     "meal_bayes.Trial": (
         "trial:int64 momdp:int64 agent:string name:string attributes:string* object_index:int64 "
@@ -89,7 +89,8 @@ _FIELDS = {
         "timestamp:time level:level message:string name:string file:string line:fixed32"
     ),
 }
-MOMDP_ARRAYS = {name: axes for name, axes in ARRAYS.items() if name != "paid"}  # by its names
+# By the names of `MOMDP`; the bonus limit is missing in older logs.
+MOMDP_ARRAYS = {name: axes for name, axes in ARRAYS.items() if name != "bonus_limit"}
 TASK_VALUES = ("name", "object_index", "object_name")  # by the names of `Task`
 STEP_VALUES = ("x", "next_x", "cost", "reward", "warning")  # by the names of `Step`
 EDGE_VALUES = ("level", "parent", "action", "visits", "value", "bonus")  # of `TreeEdge`

@@ -120,8 +120,8 @@ def test_no_agent_explores_or_asks_without_end(planner, bonus, domain, seed):
         tests = [learner.ask(query, Arm(domain, truth, rng), learn=False) for _ in range(3)]
         trial = learner.ask(query, Arm(domain, truth, rng), truth=truth)
         assert len(trial.steps) < MAX_STEPS
-        unpaid = perceived([trial]) - trial.momdp.paid - perceived(tests)
-        unpaid[domain.behavior_index("lift")] -= trial.momdp.paid[0]  # it leads to shaking
+        unpaid = perceived([trial]) - trial.momdp.bonus_limit - perceived(tests)
+        unpaid[domain.behavior_index("lift")] -= trial.momdp.bonus_limit[0]  # it leads to shaking
         assert (unpaid <= 0).all()
         assert answered([trial], domain) <= answered(tests, domain) + 2
         for step in trial.steps:

@@ -209,7 +209,7 @@ class Expectimax:
     def _bonus(self, seen: Counts, e: int) -> float:
         """Pay for a percept, at the belief before it."""
         m = self.momdp
-        if sum(seen[0][e]) >= min(m.limit[e], m.paid[e]):
+        if sum(seen[0][e]) >= min(m.limit[e], m.bonus_limit[e]):
             return 0.0
         both = zip(self.positive(seen), m.bonus[:, e].tolist(), strict=True)
         return sum((1 - b) * no + b * yes for b, (no, yes) in both)

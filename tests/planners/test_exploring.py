@@ -33,13 +33,13 @@ def domain_of(success, costs):
     return Domain("d", ("red", "full"), behaviors, diagram, report_reward=REWARD)
 
 
-def shaped(domain, rows, pay, paid, **options):
+def shaped(domain, rows, pay, bonus_limit, **options):
     """Build a problem in which a percept of each behavior is paid (E,), so many of a trial."""
     n = len(rows)
     momdp = build_momdp(domain, Query(domain.attributes[:n]), rows, **options)
     bonus = np.zeros_like(momdp.bonus)
     bonus[0] = np.asarray(pay, float)[:, None]
-    return replace(momdp, bonus=bonus, paid=np.full(momdp.n_behaviors, float(paid)))
+    return replace(momdp, bonus=bonus, bonus_limit=np.full(momdp.n_behaviors, float(bonus_limit)))
 
 
 def decided(solver, momdp, seed=0):
@@ -68,7 +68,7 @@ def problems(draw):
     rng = np.random.default_rng(draw(st.integers(0, 2**32)))
     e = draw(st.integers(1, 3))
     n = draw(st.integers(1, 2))
-    paid = draw(st.sampled_from([0, 1, 2, 4]))
+    bonus_limit = draw(st.sampled_from([0, 1, 2, 4]))
     levels = draw(st.sampled_from([2, 4]))
     domain = domain_of(rng.choice([1.0, 0.9, 0.5], e), rng.uniform(0.5, 10.0, e))
     precision = draw(st.sampled_from([np.inf, 5.0]))
@@ -78,7 +78,9 @@ def problems(draw):
         discount=draw(st.sampled_from([0.99, 1.0])), abstain=bool(rng.random() < 0.5)
     )
     pay = rng.choice([0.0, 1.0, 20.0, 1000.0], e)
-    return shaped(domain, rows, pay, paid, precision=precision, limit=limit, objective=objective)
+    return shaped(
+        domain, rows, pay, bonus_limit, precision=precision, limit=limit, objective=objective
+    )
 
 
 @pytest.mark.parametrize("solver", SOLVERS)
@@ -110,12 +112,12 @@ def test_no_behavior_is_paid_more_often_than_the_problem_says(solver, momdp):
             return policy.decide(history, rng)
 
     simulate(idle, Counted(), 2, rng)
-    assert (np.max(counts, axis=0) <= np.minimum(idle.paid, idle.limit)).all()
+    assert (np.max(counts, axis=0) <= np.minimum(idle.bonus_limit, idle.limit)).all()
 
 
 @given(momdp=problems())
 def test_who_cannot_count_percepts_refuses(momdp):
-    if not momdp.counts_paid_percepts:
+    if not momdp.bonus_runs_out:
         return
     known = replace(momdp, precision=np.full_like(momdp.precision, np.inf))
     for use in (lambda: Factored().solve(known, None), lambda: flatten(known)):

@@ -60,7 +60,7 @@ def any_momdp(seed):
         correct=float(rng.choice([10, 100, 500])),
         incorrect=float(rng.choice([-500, -100, -10, 0])),
         bonus=rng.uniform(-3, 3, (n, e, 2)) * (rng.random() < 0.35) * (discount < 1),
-        paid=np.full(e, np.inf),
+        bonus_limit=np.full(e, np.inf),
         limit=np.full(e, np.inf),
         discount=discount,
         abstain=bool(rng.random() < 0.5),
@@ -212,7 +212,7 @@ def to_and_fro(n):
         correct=20.0,
         incorrect=-20.0,
         bonus=np.zeros((n, 1, 2)),
-        paid=np.full(1, np.inf),
+        bonus_limit=np.full(1, np.inf),
         limit=np.full(1, np.inf),
         discount=0.9,
     )

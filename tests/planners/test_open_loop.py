@@ -15,11 +15,11 @@ from meal_bayes.planners.open_loop.library import plan_library
 from meal_bayes.planners.open_loop.values import make_evaluator
 
 
-def with_bonus(momdp, pay, paid=np.inf):
+def with_bonus(momdp, pay, bonus_limit=np.inf):
     """Pay for so many percepts of each behavior, (E,), whatever the truth."""
     bonus = np.zeros_like(momdp.bonus)
     bonus[0] = np.asarray(pay, float)[:, None]
-    return replace(momdp, bonus=bonus, paid=np.full(momdp.n_behaviors, float(paid)))
+    return replace(momdp, bonus=bonus, bonus_limit=np.full(momdp.n_behaviors, float(bonus_limit)))
 
 
 def with_evidence(evaluator, counts):
@@ -32,7 +32,7 @@ def with_evidence(evaluator, counts):
 
 def values_of(model, plans, belief):
     """Values (J,) of every plan from x, each as if it were the only one."""
-    values, rows = [], ("plan", "observation_counts", "paid_percepts", "row")
+    values, rows = [], ("plan", "observation_counts", "expected_percepts", "row")
     for j in range(plans.first[belief.x], plans.first[belief.x + 1]):
         first = np.array([0] * (belief.x + 1) + [1] * (len(plans.first) - belief.x - 1))
         single = plans._replace(
@@ -44,9 +44,9 @@ def values_of(model, plans, belief):
     return np.array(values)
 
 
-def bonuses_of(momdp, pay, paid, belief=None):
+def bonuses_of(momdp, pay, bonus_limit, belief=None):
     """What a bonus adds to the value of every plan from the start, and the plans' uses (J,E)."""
-    shaped, plain = compile_momdp(with_bonus(momdp, pay, paid)), compile_momdp(momdp)
+    shaped, plain = compile_momdp(with_bonus(momdp, pay, bonus_limit)), compile_momdp(momdp)
     plans = plan_library(momdp, shaped)
     belief = initial_belief(momdp) if belief is None else belief
     counts = plans.observation_counts[plans.first[belief.x] : plans.first[belief.x + 1]]
@@ -60,18 +60,18 @@ def decide(momdp, belief=None):
     return policy.decide(History(belief), np.random.default_rng(0)).action
 
 
-@pytest.mark.parametrize("paid", [1, 2, np.inf])
-def test_a_bonus_is_paid_for_so_many_percepts_of_a_trial(small, paid):
+@pytest.mark.parametrize("bonus_limit", [1, 2, np.inf])
+def test_a_bonus_is_paid_for_so_many_percepts_of_a_trial(small, bonus_limit):
     momdp = small.momdp("toy", small.rates, limit=5, objective=Objective(discount=1.0))
-    added, counts = bonuses_of(momdp, [7.0, 0.0, 0.0], paid)
+    added, counts = bonuses_of(momdp, [7.0, 0.0, 0.0], bonus_limit)
     assert counts[:, 0].max() >= 3
-    np.testing.assert_allclose(added, 7.0 * np.minimum(counts[:, 0], paid))
+    np.testing.assert_allclose(added, 7.0 * np.minimum(counts[:, 0], bonus_limit))
 
 
 @pytest.mark.parametrize("prior", [0.5, 0.2])
 def test_other_rewards_are_planned_for_with_the_same_plans(small, prior):
     momdp = small.momdp("toy", small.rates, limit=4)
-    first = POMCP(0).solve(with_bonus(momdp, [30.0, 60.0, 0.0], paid=1), None)
+    first = POMCP(0).solve(with_bonus(momdp, [30.0, 60.0, 0.0], bonus_limit=1), None)
     now = with_bonus(small.momdp("toy", small.rates, limit=4, prior=prior), [0.0, 40.0, 0.0], 1)
     again, belief = first.sharing_plans(now), initial_belief(now)
     for observation in ([1, 1], [0, 1], [0, 0]):
@@ -88,8 +88,8 @@ def test_a_bonus_that_is_worth_its_cost_is_fetched(small):
     rates = {"red": {"look": (0.5, 0.5)}}  # nothing tells of the query
     momdp = small.momdp("toy", rates, limit=4)
     assert decide(momdp) >= momdp.n_behaviors
-    assert decide(with_bonus(momdp, [0.0, 50.0, 0.0], paid=1)) == 1
-    poor = with_bonus(momdp, [0.0, 5.0, 0.0], paid=1)  # less than lift costs
+    assert decide(with_bonus(momdp, [0.0, 50.0, 0.0], bonus_limit=1)) == 1
+    poor = with_bonus(momdp, [0.0, 5.0, 0.0], bonus_limit=1)  # less than lift costs
     assert decide(poor) >= momdp.n_behaviors
 
 
@@ -99,7 +99,7 @@ def test_one_plan_fetches_every_bonus(small):
         domain, {domain.attributes[0]: {}}, limit=4, objective=Objective(discount=1.0)
     )
     senses = np.array([bool(behavior.modalities) for behavior in domain.behaviors])
-    rich = with_bonus(momdp, 200.0 * senses, paid=1)
+    rich = with_bonus(momdp, 200.0 * senses, bonus_limit=1)
     model = compile_momdp(rich)
     added = values_of(model, plan_library(rich, model), initial_belief(rich))
     assert added.max() > 200.0 * senses.sum() - 150.0  # a tour's cost, s

@@ -102,7 +102,7 @@ class Factored:
                 "independent given the truth, with known rates (Eq. 8: infinite precision, one "
                 "latent class a truth); plan with POMCP."
             )
-        if momdp.counts_paid_percepts:
+        if momdp.bonus_runs_out:
             raise SettingsError(
                 "Factored value iteration does not count percepts, and would pay the bonus for "
                 "exploring without end; plan with POMCP or OpenLoop."
@@ -113,14 +113,14 @@ class Factored:
         free = _ValueIteration(momdp, compile_momdp(momdp, price=0.0), tolerance)
         many = free.edges.moves.any(axis=1).sum() == _MANY
         bound = free.bounds((_FINER if many else 1) * self.points)
-        paid = _ValueIteration(momdp, compile_momdp(momdp), tolerance)
-        estimate = paid.estimate(bound, _FINER * self.points)
+        priced = _ValueIteration(momdp, compile_momdp(momdp), tolerance)
+        estimate = priced.estimate(bound, _FINER * self.points)
         # Rounded up, in float32, a table stays an upper bound.
         tables = (
             table._replace(value=np.nextafter(table.value.astype(np.float32), np.float32(np.inf)))
             for table in (bound, estimate)
         )
-        return FactoredPolicy(momdp, paid.model, paid.edges.moves, *tables)
+        return FactoredPolicy(momdp, priced.model, priced.edges.moves, *tables)
 
 
 @dataclass(frozen=True, slots=True)

@@ -26,7 +26,7 @@ class Candidates(NamedTuple):
     path: NDArray[np.int16]  # (J,L) behaviors, padded by -1
     plan: NDArray[np.void]  # as in `Plans`, like the following
     observation_counts: Ints
-    paid_percepts: Floats
+    expected_percepts: Floats
 
     def select(self, rows: NDArray[np.intp]) -> "Candidates":
         """Select some of them."""
@@ -99,7 +99,7 @@ def sum_up(diagram: Diagram, start: Ints, path: Ints, ends: Bools) -> Candidates
         path=behavior,
         plan=plan,
         observation_counts=_by_behavior(senses, path, n_behaviors)[row, end],
-        paid_percepts=_by_behavior(scale * step["percepts"], path, n_behaviors)[row, end],
+        expected_percepts=_by_behavior(scale * step["percepts"], path, n_behaviors)[row, end],
     )
 
 
@@ -140,7 +140,7 @@ def distinct(rows: Ints) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
 
 def tours(model: Compiled, ways: Ways) -> Iterator[Walk]:
     """Build tours: after every first behavior, to the best-paid first percept while it pays."""
-    pay = np.where(model.paid > 0, model.bonus.mean(axis=2).sum(axis=0), 0.0)
+    pay = np.where(model.bonus_limit > 0, model.bonus.mean(axis=2).sum(axis=0), 0.0)
     for x, first in np.argwhere(ways.hop >= 0).tolist():
         path: tuple[int, ...] = ()
         state = x

@@ -68,7 +68,7 @@ def _no_plans(momdp: MOMDP, model: Compiled) -> Plans:
         first=np.zeros(n_states + 1, np.int64),
         plan=np.zeros((0,), PLAN),
         observation_counts=np.zeros((0, n_behaviors), np.int64),
-        paid_percepts=np.zeros((0, n_behaviors)),
+        expected_percepts=np.zeros((0, n_behaviors)),
         row=np.zeros((0, len(momdp.query)), np.int64),
         table=np.ones((1, errors.THRESHOLDS, model.percepts.rows.shape[2])),
     )
@@ -227,9 +227,10 @@ def _estimate_values(
         ending = _estimate_yes_or_no(model.claim, probabilities, affinity)
     value = candidates.plan["discount"] * ending - candidates.plan["cost"]
     if model.shaped:
-        paid = np.minimum(1.0, model.paid / np.maximum(candidates.observation_counts, 1))
+        planned = candidates.observation_counts
+        fraction = np.minimum(1.0, model.bonus_limit / np.maximum(planned, 1)) * (planned > 0)
         pay = model.bonus.mean(axis=2).sum(axis=0)
-        value += (paid * (candidates.observation_counts > 0) * candidates.paid_percepts) @ pay
+        value += (fraction * candidates.expected_percepts) @ pay
     return np.asarray(value)
 
 
@@ -269,7 +270,7 @@ def _tabulated(model: Compiled, candidates: Candidates, capacity: int) -> Plans:
         first=np.searchsorted(candidates.x, states),
         plan=candidates.plan,
         observation_counts=candidates.observation_counts,
-        paid_percepts=candidates.paid_percepts,
+        expected_percepts=candidates.expected_percepts,
         row=np.empty((0, 0), np.int64),
         table=np.empty((0, 0, 0)),
     )

@@ -82,9 +82,9 @@ class OpenLoopPolicy:
         if model.shaped:
             truth = np.stack([1 - belief.positive, belief.positive], axis=1)  # (N,2)
             bonus = (model.bonus * truth[:, None]).sum(axis=(0, 2))  # (E,)
-            unpaid = np.maximum(model.paid - total, 0.0)
+            unpaid = np.maximum(model.bonus_limit - total, 0.0)
             fraction = np.minimum(1.0, unpaid / np.maximum(planned, 1))
-            pay = (self.plans.paid_percepts[from_x] * fraction * (coming > 0)) @ bonus
+            pay = (self.plans.expected_percepts[from_x] * fraction * (coming > 0)) @ bonus
             value += pay
         best = np.full(momdp.n_behaviors, -np.inf)
         np.maximum.at(best, plan["action"], value)

@@ -31,7 +31,7 @@ class Plans(NamedTuple):
     first: Ints  # (X+1,) plans of x are first[x] : first[x+1]
     plan: NDArray[np.void]  # (J,) records of `PLAN`
     observation_counts: Ints  # (J,E) percepts gathered
-    paid_percepts: Floats  # (J,E) expected, discounted: what a bonus pays for
+    expected_percepts: Floats  # (J,E) discounted: what a bonus pays for
     row: Ints  # (J,N) of the table
     table: Floats  # (T,G,C) Pr(error | latent class) at thresholds, see `tabulate_errors`;
     # of yes or no, Pr(says yes | latent class)
@@ -104,11 +104,11 @@ def _bonus(evaluator, j):
         counts = plans.observation_counts[j, e]
         if counts > 0:
             # Of the plan's percepts, the first ones are paid: so many as the trial has to pay yet.
-            paid = min(1.0, max(0.0, model.paid[e] - scratch.evidence.total[e]) / counts)
+            fraction = min(1.0, max(0.0, model.bonus_limit[e] - scratch.evidence.total[e]) / counts)
             for i in range(scratch.chance.shape[0]):
                 b = scratch.chance[i]
                 mean = b * model.bonus[i, e, 1] + (1.0 - b) * model.bonus[i, e, 0]
-                total += paid * plans.paid_percepts[j, e] * mean
+                total += fraction * plans.expected_percepts[j, e] * mean
     return total
 
 
@@ -218,7 +218,7 @@ def _locate(evaluator, prob):
 @kernel
 def is_idle(model, x, a, total):
     """Test whether a behavior cannot help: no other x, no informative percept, no bonus."""
-    if model.dynamics.step[x, a].moves or (model.shaped and total[a] < model.paid[a]):
+    if model.dynamics.step[x, a].moves or (model.shaped and total[a] < model.bonus_limit[a]):
         return False
     if total[a] >= model.percepts.limit[a]:
         return True

@@ -44,10 +44,10 @@ def expand(model, scratch, tree, edge, rng):
         # K^n outcomes, of the n attributes that the behavior informs of.
         outcomes *= scratch.evidence.counts.shape[2] if model.percepts.informative[i, a] else 1
     total = scratch.evidence.total
-    paid = step_bonus(model, x, a, scratch.chance, total)
+    bonus = step_bonus(model, x, a, scratch.chance, total)
     # R(x, b, a) = bonus - cost; what follows is added when the edge is backed up.
-    tree.edge[node, a].paid = paid
-    tree.edge[node, a].reward = paid - model.dynamics.step[x, a].cost
+    tree.edge[node, a].step_bonus = bonus
+    tree.edge[node, a].reward = bonus - model.dynamics.step[x, a].cost
     tree.edge[node, a].first = tree.size[0]
     perceives = total[a] < model.percepts.limit[a]
     listed = outcomes <= ENUMERATE
@@ -170,15 +170,15 @@ def open_node(model, scratch, tree, reader, node):
 
 @kernel
 def step_bonus(model, x, a, chance, total):
-    """Compute what a behavior is paid for its percept, at Pr(attribute is true) (N,)."""
-    paid = 0.0
-    if model.shaped and total[a] < model.paid[a]:
+    """Compute the bonus (s) of a behavior's percept, at Pr(attribute is true) (N,)."""
+    bonus = 0.0
+    if model.shaped and total[a] < model.bonus_limit[a]:
         for i in range(chance.shape[0]):
             b = chance[i]
             # Eq. 11 is of a truth: E over the belief b.
             mean = b * model.bonus[i, a, 1] + (1.0 - b) * model.bonus[i, a, 0]
-            paid += model.dynamics.step[x, a].percepts * mean
-    return paid
+            bonus += model.dynamics.step[x, a].percepts * mean
+    return bonus
 
 
 @kernel

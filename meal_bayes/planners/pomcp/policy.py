@@ -238,13 +238,13 @@ def _settled(
 
     Bounds (E,) are of the sum of what the trial brings and of the bonus for exploring.
     """
-    action, values, paid = choose(momdp, belief, lower, bonus)
+    action, values, bonuses = choose(momdp, belief, lower, bonus)
     chosen = min(action, len(lower))
     # L(chosen) >= max over others of U: no search can change the choice.
     others = np.append(np.where(np.isfinite(lower), upper, -np.inf), values[-1])
     others[chosen] = -np.inf
     worth = values[-1] if chosen == len(lower) else lower[chosen]
-    return Decision.exact(action, values, paid) if worth >= others.max() else None
+    return Decision.exact(action, values, bonuses) if worth >= others.max() else None
 
 
 def _within(end: float, grow: Callable[[int], int]) -> int:

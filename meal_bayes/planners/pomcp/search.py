@@ -107,9 +107,9 @@ def plan(evaluator, beliefs, search, reader, rng):
             tree.edge[node, a].visits += 1
             sampled.path[depth, 0] = node
             sampled.path[depth, 1] = a
-            paid = step_bonus(model, x, a, sampled.truth, scratch.evidence.total)
-            sampled.paid[depth] = paid
-            sampled.reward[depth] = paid - model.dynamics.step[x, a].cost
+            bonus = step_bonus(model, x, a, sampled.truth, scratch.evidence.total)
+            sampled.bonus[depth] = bonus
+            sampled.reward[depth] = bonus - model.dynamics.step[x, a].cost
             node = _execute(model, tree, sampled, edge, rng)
             count_percept(scratch.evidence, tree.level[node], a, 1.0)
             depth += 1
@@ -195,7 +195,7 @@ def _back_up_path(evaluator, search, node, depth, leaf):
         # return = R + g return
         discount = evaluator.model.dynamics.step[tree.node[node].x, a].discount
         value = sampled.reward[t] + discount * value
-        bonus = sampled.paid[t] + discount * bonus
+        bonus = sampled.bonus[t] + discount * bonus
         _back_up(tree, Edge(node, a), discount, Return(value, bonus), search.growing.averaged)
 
 
@@ -203,7 +203,7 @@ def _back_up_path(evaluator, search, node, depth, leaf):
 def _back_up(tree, edge, discount, outcome, averaged):
     """Update an edge by a return, averaged, or by the exact expectation; then its node.
 
-    The value of a node is that of its best action; of it, the bonus is what this one is paid.
+    The value of a node is that of its best action; its bonus is that of this action.
     """
     node, a = edge
     record = tree.edge[node, a]
@@ -212,12 +212,12 @@ def _back_up(tree, edge, discount, outcome, averaged):
         record.bonus += (outcome.bonus - record.bonus) / record.visits
     else:  # Q = R + g sum over children of Pr(child) V(child)
         mean = 0.0
-        paid = 0.0
+        mean_bonus = 0.0
         for child in range(record.first, record.first + record.count):
             mean += tree.node[child].p * tree.node[child].value
-            paid += tree.node[child].p * tree.node[child].bonus
+            mean_bonus += tree.node[child].p * tree.node[child].bonus
         record.value = record.reward + discount * mean
-        record.bonus = record.paid + discount * paid
+        record.bonus = record.step_bonus + discount * mean_bonus
     # V = max(stop, max_a Q)
     best = tree.node[node].stop
     bonus = 0.0

@@ -35,8 +35,8 @@ EDGE = np.dtype([
     ("visits", np.int64),
     ("first", np.int64),  # first child, -1 before any
     ("count", np.int64),  # children, which stand in a row
-    ("reward", np.float64),  # cost and bonus
-    ("paid", np.float64),  # of it, the bonus
+    ("reward", np.float64),  # of the step: its bonus less its cost
+    ("step_bonus", np.float64),  # of it, the bonus
     ("value", np.float64),
     ("bonus", np.float64),  # of it, what shaping pays
 ], align=True)  # fmt: skip
@@ -141,7 +141,7 @@ class Sampled(NamedTuple):
     kept: Floats  # (E,KEPT,N,K) rows of the last simulations that began with a behavior
     path: Ints  # (DEPTH,2) nodes and behaviors of the simulation
     reward: Floats  # (DEPTH,) rewards of its steps
-    paid: Floats  # (DEPTH,) of them, the bonus
+    bonus: Floats  # (DEPTH,) of them, what shaping pays
 
 
 def make_sampled(percepts: Percepts, prob: Floats, counts: Floats) -> Sampled:
@@ -157,7 +157,7 @@ def make_sampled(percepts: Percepts, prob: Floats, counts: Floats) -> Sampled:
         kept=np.zeros((e, KEPT, n, k)),
         path=np.zeros((DEPTH, 2), np.int64),
         reward=np.zeros(DEPTH),
-        paid=np.zeros(DEPTH),
+        bonus=np.zeros(DEPTH),
     )
 
 
