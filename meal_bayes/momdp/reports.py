@@ -88,8 +88,8 @@ class Reports:
 
     def of_right(self, right: Floats) -> Floats:
         """Compute r- + (r+ - r-) prod_i right_i of Pr(attribute reported right) (...,N)."""
-        gap = self.payoffs.right_yes - self.payoffs.wrong_yes
-        return np.asarray(self.payoffs.wrong_yes + gap * right.prod(axis=-1))
+        reward_range = self.payoffs.right_yes - self.payoffs.wrong_yes
+        return np.asarray(self.payoffs.wrong_yes + reward_range * right.prod(axis=-1))
 
     def reward(self, report: NDArray[np.bool_], right: NDArray[Any]) -> float:
         """Return the reward of a report where the right one is known."""

@@ -68,7 +68,7 @@ class Compiled(NamedTuple):
     bonus_limit: Floats  # (E,) percepts of a trial that shaping pays for
     shaped: bool  # is there any bonus?
     incorrect: float  # r-
-    gap: float  # r+ - r-
+    reward_range: float  # r+ - r-
     claim: Claim | None  # what yes and no earn, where they are asked for
 
 
@@ -93,7 +93,7 @@ def compile_momdp(momdp: MOMDP, price: float = _PRICE) -> Compiled:
         bonus_limit=np.minimum(momdp.limit, momdp.bonus_limit),
         shaped=bool(momdp.bonus.any()),
         incorrect=float(momdp.incorrect),
-        gap=float(momdp.correct - momdp.incorrect),
+        reward_range=float(momdp.correct - momdp.incorrect),
         claim=momdp.reports.claim,
     )
 

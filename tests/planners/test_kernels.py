@@ -90,7 +90,7 @@ import numpy as np
 from meal_bayes.domain import Query, load_domain
 from meal_bayes.momdp import build_momdp
 from meal_bayes.planners.compiled import compile_momdp
-from meal_bayes.planners.open_loop.errors import make_scratch, tabulate_errors
+from meal_bayes.planners.open_loop.bayes_error import make_scratch, tabulate_errors
 rows = np.tile([[0.9, 0.1], [0.2, 0.8]], (1, 3, 1, 1))
 momdp = build_momdp(load_domain("toy"), Query(("red",)), rows)
 percepts = compile_momdp(momdp).percepts

@@ -10,7 +10,7 @@ form where those of the others are held, and thresholds are improved one at a ti
 import numpy as np
 
 from meal_bayes.planners.kernels import kernel
-from meal_bayes.planners.open_loop.errors import SPAN, plan_rates
+from meal_bayes.planners.open_loop.bayes_error import SPAN, plan_rates
 
 _ROUNDS = 3  # in which the thresholds of a claim are improved
 

@@ -61,7 +61,7 @@ class Growth(NamedTuple):
     rate: Floats  # (N,) its greatest fall a second
     limit: Floats  # (E,) percepts that a trial can have
     incorrect: float  # r-
-    gap: float  # r+ - r-
+    reward_range: float  # r+ - r-
     counts: Ints  # (E,) percepts of the plan
     log_r: Floats  # (2,N) sum of the log coefficients, of the plan and of what may follow
 
@@ -238,7 +238,7 @@ def _grow_plan(ways, growth, chance, path, origin):
     cost = 0.0
     scale = 1.0
     # What to report at once is worth, before anything is perceived.
-    best = growth.incorrect + growth.gap * _right(log_r, growth.rate, 0.0, chance)
+    best = growth.incorrect + growth.reward_range * _right(log_r, growth.rate, 0.0, chance)
     while goal >= 0 and place.length < path.behavior.shape[0]:
         # Go for the percepts chosen last: cost += scale c, scale *= g.
         for _ in range(repeats):
@@ -247,7 +247,7 @@ def _grow_plan(ways, growth, chance, path, origin):
             place = _follow_way(ways, growth, path, place, goal)
         # V = g r- - c + g (r+ - r-) Pr(right), and stop where nothing that follows can pay.
         base = scale * growth.incorrect - cost
-        reward = scale * growth.gap
+        reward = scale * growth.reward_range
         best = max(best, base + reward * _right(log_r, growth.rate, 0.0, chance))
         spare = base + reward - best
         if spare <= 0.0 or _best_ahead(growth, chance, base, reward, spare) <= best:

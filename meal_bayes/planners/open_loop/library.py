@@ -10,7 +10,7 @@ from meal_bayes.momdp.observation import predictive
 from meal_bayes.momdp.reports import Claim
 from meal_bayes.planners.compiled import Compiled
 from meal_bayes.planners.entry import best_plans
-from meal_bayes.planners.open_loop import errors
+from meal_bayes.planners.open_loop import bayes_error
 from meal_bayes.planners.open_loop.candidates import (
     LENGTH,
     Candidates,
@@ -70,7 +70,7 @@ def _no_plans(momdp: MOMDP, model: Compiled) -> Plans:
         observation_counts=np.zeros((0, n_behaviors), np.int64),
         expected_percepts=np.zeros((0, n_behaviors)),
         row=np.zeros((0, len(momdp.query)), np.int64),
-        table=np.ones((1, errors.THRESHOLDS, model.percepts.rows.shape[2])),
+        table=np.ones((1, bayes_error.THRESHOLDS, model.percepts.rows.shape[2])),
     )
 
 
@@ -152,7 +152,7 @@ def _grow_percepts(
         rate=(-bhattacharyya[..., 1] / cost).max(axis=1),
         limit=model.percepts.limit,
         incorrect=model.incorrect,
-        gap=model.gap,
+        reward_range=model.reward_range,
         counts=np.zeros(n_behaviors, np.int64),
         log_r=np.zeros((2, len(bhattacharyya))),
     )
@@ -194,7 +194,7 @@ def _estimate_reports(model: Compiled, probabilities: Floats, affinity: Floats) 
     unsure = np.sqrt(probabilities * (1.0 - probabilities))
     for spread, factor in zip(unsure.T, affinity, strict=True):
         right *= 1.0 - spread[:, None] * factor
-    return np.asarray(model.incorrect + model.gap * right)
+    return np.asarray(model.incorrect + model.reward_range * right)
 
 
 def _estimate_yes_or_no(claim: Claim, probabilities: Floats, affinity: Floats) -> Floats:
@@ -240,7 +240,7 @@ def _compete(model: Compiled, candidates: Candidates, beliefs: Floats) -> Candid
     These are the _WINNERS plans that are the best of all at most beliefs, and for each first
     behavior the plan that is best at the belief where going for it is worth most.
     """
-    plans = _tabulated(model, candidates, errors.FEW_OUTCOMES)
+    plans = _tabulated(model, candidates, bayes_error.FEW_OUTCOMES)
     evaluator = make_evaluator(model, plans)
     behaviors = np.arange(model.dynamics.step.shape[1])
     winner = np.zeros(len(plans.plan), np.bool_)
@@ -260,7 +260,7 @@ def _compete(model: Compiled, candidates: Candidates, beliefs: Floats) -> Candid
 def _complete(model: Compiled, diagram: Diagram, winners: Candidates) -> Plans:
     """Add what remains of the winners after each of their steps; tabulate all their errors."""
     plans = cheapest(sum_up_walks(diagram, remainders(winners, diagram.ways)))
-    return _tabulated(model, plans, errors.OUTCOMES)
+    return _tabulated(model, plans, bayes_error.OUTCOMES)
 
 
 def _tabulated(model: Compiled, candidates: Candidates, capacity: int) -> Plans:
@@ -277,7 +277,7 @@ def _tabulated(model: Compiled, candidates: Candidates, capacity: int) -> Plans:
     return retabulate(plans, model, capacity)
 
 
-def retabulate(plans: Plans, model: Compiled, capacity: int = errors.OUTCOMES) -> Plans:
+def retabulate(plans: Plans, model: Compiled, capacity: int = bayes_error.OUTCOMES) -> Plans:
     """Tabulate the errors of plans in a MOMDP; equal percepts of an attribute share a row."""
     percepts = model.percepts
     rows, counts = [], []
@@ -290,12 +290,14 @@ def retabulate(plans: Plans, model: Compiled, capacity: int = errors.OUTCOMES) -
         counts.append(informing[first])
         attribute.extend(itertools.repeat(i, len(first)))
         n_rows += len(first)
-    table = np.empty((n_rows, errors.THRESHOLDS, percepts.rows.shape[2]))
-    scratch = errors.make_scratch(percepts, plans=0, rows=0, capacity=capacity)
+    table = np.empty((n_rows, bayes_error.THRESHOLDS, percepts.rows.shape[2]))
+    scratch = bayes_error.make_scratch(percepts, plans=0, rows=0, capacity=capacity)
     if model.claim is not None:
         # Where each yes is an error and no "no" is, tables hold Pr(says yes | class).
         truth = np.zeros_like(percepts.truth)
         truth[:, 0] = 1.0
         percepts = percepts._replace(truth=truth)
-    errors.tabulate_errors(percepts, np.concatenate(counts), np.array(attribute), scratch, table)
+    bayes_error.tabulate_errors(
+        percepts, np.concatenate(counts), np.array(attribute), scratch, table
+    )
     return plans._replace(row=np.column_stack(rows), table=table)

@@ -14,7 +14,7 @@ from meal_bayes.arrays import Floats, Ints
 from meal_bayes.planners.compiled import Compiled
 from meal_bayes.planners.kernels import called_kernel, kernel
 from meal_bayes.planners.open_loop.claims import claim_value, planned_claim
-from meal_bayes.planners.open_loop.errors import SPAN, Scratch, make_scratch, plan_error
+from meal_bayes.planners.open_loop.bayes_error import SPAN, Scratch, make_scratch, plan_error
 
 COMPUTED = 6  # plans of a first behavior that are computed at one belief, at most
 
@@ -90,7 +90,7 @@ def stop_value(model, claim, prob):
         b = true_chance(model.percepts, prob, i)
         # Eq. 5 asks for all attributes: Pr(right) is the product of the likelier values'.
         right *= max(b, 1.0 - b)
-    return max(model.incorrect + model.gap * right, model.dynamics.exit_value)
+    return max(model.incorrect + model.reward_range * right, model.dynamics.exit_value)
 
 
 @kernel
@@ -167,7 +167,7 @@ def _plan_value(evaluator, claim, j, prob, floor, exact):
         least = (floor - pay) / plan.discount if floor > -np.inf else -np.inf
         return pay + plan.discount * planned_claim(evaluator, j, prob, least, exact)
     base = plan.discount * model.incorrect - plan.cost
-    reward = plan.discount * model.gap
+    reward = plan.discount * model.reward_range
     if model.shaped:
         base += _bonus(evaluator, j)
     for i in range(prob.shape[0]):

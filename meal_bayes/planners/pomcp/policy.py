@@ -174,7 +174,7 @@ class POMCPPolicy:
         sampled = make_sampled(model.percepts, tree.prob[0].copy(), counts)
         reader = self.tables.estimate_reader() if self.tables is not None else None
         # c is a fraction of r+ - r-, so that an agent need not know the scale of rewards.
-        exploration = settings.exploration * model.gap if reader is None else 0.0
+        exploration = settings.exploration * model.reward_range if reader is None else 0.0
         averaged = settings.backup == "sampled"
         with lent_generator(rng) as lent:
 
