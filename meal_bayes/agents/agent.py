@@ -77,7 +77,7 @@ class Agent:
 
     def warm_up(self, domain: Domain, query: Query) -> None:
         """Compile the kernels that the solver of a query needs, before the first decision."""
-        warm_up(self.solver(domain, query), claims=query.event is not None)
+        warm_up(self.solver(domain, query), yes_or_no=query.event is not None)
 
     def model(
         self,

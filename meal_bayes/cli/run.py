@@ -260,12 +260,12 @@ def _print_learning(rows: "list[LearningRow]", summary: "list[LearningSummary]")
         end = [row for row in rows if (row.agent, row.batch) == (agent_row.agent, last)]
         means = {
             name: fmean(getattr(row, name) for row in end)
-            for name in ("hours", "claimed_accuracy", "test_cost_s")
+            for name in ("hours", "certainty", "test_cost_s")
         }
         cells.append(asdict(agent_row) | means)
     columns = {
         "agent": "{agent}", "explored, h": "{hours:.1f}", "accuracy": "{accuracy_after:.3f}",
-        "claimed": "{claimed_accuracy:.3f}", "test cost, s": "{test_cost_s:.1f}",
+        "certainty": "{certainty:.3f}", "test cost, s": "{test_cost_s:.1f}",
         "reward": "{reward_after:.1f}", "ECE": "{ece_after:.3f}",
     }  # fmt: skip
     terminal.print_table(columns, cells, narrow=True)

@@ -41,7 +41,7 @@ class LearningRow(Measures):
     accuracy_se: float  # with objects as clusters
     test_cost_s: float
     nll: float  # of the final beliefs
-    claimed_accuracy: float  # mean of the agent's own Pr(its report is right)
+    certainty: float  # mean of the agent's own Pr(its report is right)
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -81,7 +81,7 @@ def learning_rows(results: Iterable[BatchOutcomes]) -> list[LearningRow]:
                 test_cost_s=float(outcomes.cost.mean()),
                 ece=calibration_error(positive, truth),
                 nll=float(negative_log_likelihood(positive, truth).mean()),
-                claimed_accuracy=float(outcomes.certainty.mean()),
+                certainty=float(outcomes.certainty.mean()),
             )
         )
     return rows

@@ -1,9 +1,9 @@
 """Units of an experiment, run by processes here or on a cluster, and shared with other commands.
 
-A unit is claimed by a lock of the file system, which the system releases when its holder ends,
-however it ends, on this machine or another: no claim is stale. Results do not rest on claims, as
-drafts have unique names and equal units are equal files; where a file system has no locks, two
-processes may do the same work twice.
+A unit is locked by the file system, which releases the lock when its holder ends, however it ends,
+on this machine or another: no lock is stale. Results do not rest on locks, as drafts have unique
+names and equal units are equal files; where a file system has no locks, two processes may do the
+same work twice.
 """
 
 import contextlib
@@ -33,7 +33,7 @@ from meal_bayes.trials import Task, Trial
 
 log = logging.getLogger("meal_bayes.experiments")
 
-_POLL = 0.2  # s between looks at claims of others
+_POLL = 0.2  # s between looks at locks of others
 
 
 class Unit(Protocol):
@@ -79,7 +79,7 @@ def run_units(
 ) -> None:
     """Run all units that are not done; any number of processes may do so at a time.
 
-    What another process has claimed is left to the end and waited for, and `on_note` called with a
+    What another process has locked is left to the end and waited for, and `on_note` called with a
     line that says so. `warm_up` compiles what units need, once, before every process would;
     `on_progress` is called with (parts done, parts in all), those of units under way here included,
     after an interruption with what is kept. See `in_parallel` for jobs and cluster.
@@ -105,12 +105,12 @@ def run_units(
             report(done + progress.under_way, total)
 
         try:
-            # First what nobody has claimed; then what others had, once they let go of it.
+            # First what nobody has locked; then what others had, once they let go of it.
             for wait in (False, True):
-                claimed_by_others: list[Unit] = []
+                locked_by_others: list[Unit] = []
                 alone = cluster is None and min(jobs, len(todo)) == 1
                 run = partial(
-                    _run_claimed, file=progress.file, then=look if alone else None, wait=wait
+                    _run_locked, file=progress.file, then=look if alone else None, wait=wait
                 )
                 for number, holder in in_parallel(
                     run, enumerate(todo), jobs=jobs, cluster=cluster, meanwhile=look
@@ -121,12 +121,12 @@ def run_units(
                         done += remaining[unit.path]
                         look()
                         continue
-                    claimed_by_others.append(unit)
+                    locked_by_others.append(unit)
                     if holder not in announced:
                         announced.add(holder)
                         waiting = f"{unit.path} is being made by {holder}; waiting for it"
                         (on_note or log.warning)(waiting)
-                todo = claimed_by_others
+                todo = locked_by_others
         except KeyboardInterrupt:
             report(done, total)
             raise
@@ -162,7 +162,7 @@ class Progress:
         return advance
 
 
-def _run_claimed(
+def _run_locked(
     numbered: tuple[int, Unit], *, file: Path, then: Callable[[], None] | None, wait: bool
 ) -> tuple[int, str | None]:
     """Run a unit once nobody else holds it; return its number, and who holds it."""
@@ -174,11 +174,11 @@ def _run_claimed(
         if then is not None:
             then()
 
-    with claimed(unit.path, wait=wait) as claim:
-        if isinstance(claim, str):
-            return number, claim
+    with locked(unit.path, wait=wait) as lock:
+        if isinstance(lock, str):
+            return number, lock
         unit.run(advance)
-        if claim:  # else another process may still be writing its drafts
+        if lock:  # else another process may still be writing its drafts
             for path in unit.path.glob("*.mcap") if unit.path.is_dir() else [unit.path]:
                 remove_drafts(path)
     return number, None
@@ -203,9 +203,9 @@ def timed(
 
 
 @contextlib.contextmanager
-def claimed(path: Path, *, wait: bool = False) -> Iterator[str | bool]:
+def locked(path: Path, *, wait: bool = False) -> Iterator[str | bool]:
     """Lock a path while the block runs; yield who else holds it, or whether there are locks."""
-    file = path.with_name(f"{path.name}.claim")
+    file = path.with_name(f"{path.name}.lock")
     lock = FileLock(file, fallback_to_soft=False)
     try:
         lock.acquire(blocking=wait, poll_interval=_POLL)

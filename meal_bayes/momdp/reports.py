@@ -18,12 +18,12 @@ from meal_bayes.arrays import Floats
 from meal_bayes.domain import Event, Payoffs, Query
 
 
-class Claim(NamedTuple):
-    """Yes or no as kernels read it: a claim that a conjunction of literals holds, or its denial."""
+class Conjunction(NamedTuple):
+    """Yes or no as kernels read it: asserts that a conjunction of literals holds, or denies it."""
 
     literal: NDArray[np.bool_]  # (N,) value of each attribute that the conjunction needs
-    wrong: float  # reward of a wrong claim,
-    gain: float  # and what a right one adds
+    wrong_assertion: float  # reward of a wrong assertion,
+    assertion_gain: float  # and what a right one adds
     wrong_denial: float
     denial_gain: float
 
@@ -55,18 +55,24 @@ class Reports:
         return self.query.event
 
     @property
-    def claim(self) -> Claim | None:
+    def conjunction(self) -> Conjunction | None:
         """Yes or no for kernels; None where values are reported, or groups are asked."""
         event = self.event
         if event is None:
             return None
-        answers = self.payoffs.right_yes, self.payoffs.wrong_yes
-        others = self.payoffs.right_no, self.payoffs.wrong_no
-        if event.complement:  # no claims that the conjunction holds
-            answers, others = others, answers
-        (right, wrong), (right_denial, wrong_denial) = answers, others
-        literal = np.array(event.allowed)
-        return Claim(literal, wrong, right - wrong, wrong_denial, right_denial - wrong_denial)
+        asserting = self.payoffs.right_yes, self.payoffs.wrong_yes
+        denying = self.payoffs.right_no, self.payoffs.wrong_no
+        if event.complement:  # "no" asserts that the conjunction holds
+            asserting, denying = denying, asserting
+        right_assertion, wrong_assertion = asserting
+        right_denial, wrong_denial = denying
+        return Conjunction(
+            literal=np.array(event.allowed),
+            wrong_assertion=wrong_assertion,
+            assertion_gain=right_assertion - wrong_assertion,
+            wrong_denial=wrong_denial,
+            denial_gain=right_denial - wrong_denial,
+        )
 
     def probability(self, positive: Floats) -> Floats:
         """Compute Pr(yes is right) at Pr(attribute is true) (...,N)."""

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from meal_bayes.arrays import Floats
 from meal_bayes.momdp import MOMDP
-from meal_bayes.momdp.reports import Claim
+from meal_bayes.momdp.reports import Conjunction
 
 _INFORMATIVE = 3e-4  # bits: percepts with less information on the class are not planned with
 _ROUNDING = 1e-12
@@ -69,7 +69,7 @@ class Compiled(NamedTuple):
     shaped: bool  # is there any bonus?
     incorrect: float  # r-
     reward_range: float  # r+ - r-
-    claim: Claim | None  # what yes and no earn, where they are asked for
+    conjunction: Conjunction | None  # what yes and no earn, where they are asked for
 
 
 _known: dict[object, Dynamics] = {}  # at most _DIAGRAMS of them: the MOMDPs of a run share one
@@ -94,7 +94,7 @@ def compile_momdp(momdp: MOMDP, price: float = _PRICE) -> Compiled:
         shaped=bool(momdp.bonus.any()),
         incorrect=float(momdp.incorrect),
         reward_range=float(momdp.correct - momdp.incorrect),
-        claim=momdp.reports.claim,
+        conjunction=momdp.reports.conjunction,
     )
 
 

@@ -10,8 +10,8 @@ and a tenth for the machine code that nobody would run). A kernel is compiled ag
 kernel that leads to it, so these are few. Nothing in a kernel allocates, so no references are
 counted: callers bring scratch buffers.
 
-What only some problems need is left out by type: `if claim is None` of an argument that is None is
-decided before anything else is compiled.
+What only some problems need is left out by type: `if conjunction is None` of an argument that is
+None is decided before anything else is compiled.
 
 In a call from kernel to kernel a literal has a type of its own, such as `Literal[int](0)`, and the
 callee is compiled once more for it. So a constant argument is typed: `np.int64(0)`,

@@ -10,7 +10,7 @@ from meal_bayes.planners.pomcp.policy import POMCP
 from meal_bayes.planners.solver import History, Solver
 
 
-def warm_up(solver: Solver, limit: float = 3, *, claims: bool = False) -> None:
+def warm_up(solver: Solver, limit: float = 3, *, yes_or_no: bool = False) -> None:
     """Compile the kernels that a solver needs; a solver without kernels is left alone.
 
     Parameters
@@ -20,12 +20,12 @@ def warm_up(solver: Solver, limit: float = 3, *, claims: bool = False) -> None:
     limit : float
         Percepts of a behavior that its trials can have; `POMCP` reads a table where there is none
         and rates are known (Eq. 8), and plans otherwise: two kernels.
-    claims : bool
+    yes_or_no : bool
         Of a question of yes or no, which has kernels of its own.
     """
     if isinstance(solver, POMCP | OpenLoop | Factored):
         domain = load_domain("toy")
-        query = Query(domain.attributes[:1], event=Event((True,)) if claims else None)
+        query = Query(domain.attributes[:1], event=Event((True,)) if yes_or_no else None)
         rng = np.random.Generator(np.random.PCG64(0))
         rows = np.broadcast_to([[0.6, 0.4], [0.4, 0.6]], (1, len(domain.behaviors), 2, 2))
         momdp = build_momdp(domain, query, rows, limit=limit)

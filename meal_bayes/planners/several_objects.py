@@ -49,7 +49,7 @@ class Prospect(FrozenArrays):
     explored : NDArray[np.float64]
         (L,E) value of each behavior where the object can be left for so much; -inf where it is not
         legal, or not valued.
-    claim : float
+    claim_value : float
         Expected reward of claiming the object.
     turning : float
         Cost of turning to the object, s, before it can be explored; not to claim it.
@@ -57,14 +57,14 @@ class Prospect(FrozenArrays):
 
     outside: Floats
     explored: Floats
-    claim: float
+    claim_value: float
     turning: float = 0.0
 
     @property
     def value(self) -> Floats:
         """V(L), (L,): the best of exploring, claiming, and leaving."""
         best = self.explored.max(axis=1) - self.turning
-        return np.asarray(np.maximum(np.maximum(best, self.claim), self.outside))
+        return np.asarray(np.maximum(np.maximum(best, self.claim_value), self.outside))
 
     @property
     def leaving(self) -> Floats:
@@ -142,7 +142,7 @@ def best_move(prospects: Sequence[Prospect], front: int = -1) -> Move:
     if indices[place] == -np.inf:
         return Move(-1, -1, values)
     behavior = int(values.argmax())
-    return Move(place, behavior if values[behavior] > prospects[place].claim else -1, values)
+    return Move(place, behavior if values[behavior] > prospects[place].claim_value else -1, values)
 
 
 class Prospector:

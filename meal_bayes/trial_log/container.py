@@ -59,7 +59,7 @@ def read_records(file: BinaryIO, *, begin: int = 0) -> Iterator[McapRecord]:
     def read(size: int) -> bytes:
         """Read no more than a record holds; the library reads one byte where a record begins."""
         if size > RECORD_LIMIT:
-            raise LogCorruptError(f"a record claims to hold {size} bytes")
+            raise LogCorruptError(f"a record declares {size} bytes")
         data = file.read(size)
         if size == 1 and data == b"\0":  # it would be read as empty records, for terabytes perhaps
             raise LogCorruptError(f"nothing is written from byte {file.tell() - 1} on")
@@ -117,28 +117,28 @@ def message_of(record: Message, channels: dict[int, str]) -> tuple[str, bytes]:
 
 
 def _unpacked(chunk: Chunk) -> bytes:
-    """Unpack a chunk, whose size is what it claims, within the limit."""
-    claimed = chunk.uncompressed_size
-    if claimed > RECORD_LIMIT:
+    """Unpack a chunk, whose size is what it declares, within the limit."""
+    declared = chunk.uncompressed_size
+    if declared > RECORD_LIMIT:
         raise LogCorruptError(
-            f"a chunk of {claimed:,} bytes, more than {RECORD_LIMIT:,}; "
+            f"a chunk of {declared:,} bytes, more than {RECORD_LIMIT:,}; "
             "write smaller ones: mcap compress --chunk-size 1048576"
         )
     data = chunk.data
     if chunk.compression == "zstd":
         size = zstandard.frame_content_size(data)  # what the library would allocate; -1: not said
-        if size not in (-1, claimed):
-            raise LogCorruptError(f"a chunk of {claimed} bytes claims to unpack {size}")
-        data = zstandard.ZstdDecompressor().decompress(data, max_output_size=claimed)
+        if size not in (-1, declared):
+            raise LogCorruptError(f"a chunk of {declared} bytes says that it unpacks to {size}")
+        data = zstandard.ZstdDecompressor().decompress(data, max_output_size=declared)
     elif chunk.compression == "lz4":
-        data = lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=claimed + 1)
+        data = lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=declared + 1)
     elif chunk.compression:
         raise LogCorruptError(
             f"its chunks are packed by {chunk.compression!r:.20}; "
             "pack it again with: mcap compress --compression zstd"
         )
-    if len(data) != claimed:
-        raise LogCorruptError(f"a chunk of {claimed} bytes unpacks to {len(data)}")
+    if len(data) != declared:
+        raise LogCorruptError(f"a chunk of {declared} bytes unpacks to {len(data)}")
     return data
 
 

@@ -207,20 +207,20 @@ class SearchSession:
         if move.behavior < 0:
             self._answer(names[move.place] if move.place >= 0 else None)
         elif move.place == front:
-            self._execute(move.behavior, move.values, prospects[front].claim)
+            self._execute(move.behavior, move.values, prospects[front].claim_value)
         elif put_down < 0:  # the hand is empty
             if self._within_limits(0.0):
                 self.turn = names[move.place]
         else:
             values = values_beside(prospects, front)
-            self._execute(put_down, values, prospects[front].claim)
+            self._execute(put_down, values, prospects[front].claim_value)
 
-    def _execute(self, action: int, values: Floats, claim: float) -> None:
+    def _execute(self, action: int, values: Floats, claim_value: float) -> None:
         """Command a behavior of the object in front, unless a limit is reached."""
         session = self.sessions[self.object or ""]
         if self._within_limits(float(session.momdp.cost[action])):
             known = np.where(np.isinf(values), np.nan, values)
-            session.command(Decision.exact(action, np.append(known, claim)))
+            session.command(Decision.exact(action, np.append(known, claim_value)))
 
     def _within_limits(self, cost: float) -> bool:
         """Return whether a behavior may still be executed; else give the best answer."""
@@ -229,7 +229,7 @@ class SearchSession:
         spent = self._rules.max_cost is not None and search.cost + cost > self._rules.max_cost
         if steps < self._rules.max_steps and not spent:
             return True
-        claims = {name: prospect.claim for name, prospect in self._prospects.items()}
+        claims = {name: prospect.claim_value for name, prospect in self._prospects.items()}
         best = max(claims, key=lambda name: claims[name])
         self._answer(best if claims[best] > self._none else None)
         return False
@@ -243,7 +243,7 @@ class SearchSession:
             if session.begun:
                 e = session.momdp.n_behaviors
                 values = np.full(e + 1, np.nan)
-                values[-1] = self._prospects[other].claim
+                values[-1] = self._prospects[other].claim_value
                 action = e + 1 if other == name else session.momdp.abstention
                 session.command(Decision.exact(action, values))
         self._end("")

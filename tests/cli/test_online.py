@@ -38,7 +38,7 @@ def test_json_is_one_object_with_every_field(run, words):
     for row in told["rows"]:
         assert list(row) == [field.name for field in fields(LearningRow)]
         assert 0 <= row["accuracy"] <= 1
-        assert 0 <= row["claimed_accuracy"] <= 1
+        assert 0 <= row["certainty"] <= 1
         assert (row["hours"] == 0) == (row["batch"] == 0)
     assert [row["agent"] for row in told["summary"]] == config["agents"]
     for row in told["summary"]:
@@ -54,7 +54,7 @@ def test_the_table_fits_and_names_the_log(run, words):
     result = run(*words, "--agent", "bayes,iterative_morc")
     lines = result.stdout.splitlines()
     assert max(map(len, lines)) <= 80
-    names = "agent explored, h accuracy claimed test cost, s reward ECE"
+    names = "agent explored, h accuracy certainty test cost, s reward ECE"
     assert lines[0].split() == names.split()
     assert [line.split()[0] for line in lines[1:3]] == ["bayes", "iterative_morc"]
     assert lines[3].startswith("repeats: 1;")

@@ -140,7 +140,7 @@ def test_rows_measure_each_batch():
     last = rows[1]
     assert (last.hours, last.accuracy, last.test_cost_s) == (1.0, 0.75, 10.0)
     assert last.reward == pytest.approx(300 * 0.75 - 300 * 0.25 - 10)
-    assert last.claimed_accuracy == pytest.approx(0.75)
+    assert last.certainty == pytest.approx(0.75)
     assert last.ece == pytest.approx(0.0, abs=1e-9)  # three quarters are true
     assert rows[0].ece == pytest.approx(0.25)
     assert last.nll == pytest.approx(-0.75 * math.log(0.75) - 0.25 * math.log(0.25))

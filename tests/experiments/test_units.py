@@ -15,7 +15,7 @@ import pytest
 from meal_bayes.errors import OutputError, SettingsError
 from meal_bayes.experiments import OfflineConfig, run_offline, units
 from meal_bayes.experiments.parallel import in_parallel
-from meal_bayes.experiments.units import claimed, run_units
+from meal_bayes.experiments.units import locked, run_units
 from meal_bayes.trial_log import read_trials
 from meal_bayes.trial_log.names import drafts_of, new_draft
 
@@ -23,9 +23,9 @@ ROOT = Path(units.__file__).resolve().parents[2]
 HOLD = """
 import sys, time
 from pathlib import Path
-from meal_bayes.experiments.units import claimed
-with claimed(Path(sys.argv[1])) as claim:
-    print(claim, flush=True)
+from meal_bayes.experiments.units import locked
+with locked(Path(sys.argv[1])) as lock:
+    print(lock, flush=True)
     sys.stdin.readline()
 """
 
@@ -60,7 +60,7 @@ class Patient(Part):
 
 @pytest.fixture
 def other(tmp_path):
-    """Another process, which holds the claim of `tmp_path / "unit"`."""
+    """Another process, which holds the lock of `tmp_path / "unit"`."""
     with subprocess.Popen(
         [sys.executable, "-c", HOLD, str(tmp_path / "unit")],
         env={**os.environ, "PYTHONPATH": str(ROOT)},
@@ -71,28 +71,28 @@ def other(tmp_path):
         process.kill()
 
 
-def test_a_claim_is_held_once_and_leaves_nothing(tmp_path):
+def test_a_lock_is_held_once_and_leaves_nothing(tmp_path):
     path = tmp_path / "unit"
-    with claimed(path) as first:
+    with locked(path) as first:
         assert first is True
-        with claimed(path) as second:
+        with locked(path) as second:
             assert f"process {os.getpid()} on " in second
             assert "since 20" in second
     assert list(tmp_path.iterdir()) == []
-    with claimed(path) as third:
+    with locked(path) as third:
         assert third is True
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("kind", [signal.SIGKILL, signal.SIGTERM])
-def test_the_claim_of_a_killed_process_is_taken_over(tmp_path, other, kind):
-    with claimed(tmp_path / "unit") as claim:
-        assert f"process {other.pid} on " in claim
+def test_the_lock_of_a_killed_process_is_taken_over(tmp_path, other, kind):
+    with locked(tmp_path / "unit") as lock:
+        assert f"process {other.pid} on " in lock
     other.send_signal(kind)
     other.wait()
-    assert [path.name for path in tmp_path.iterdir()] == ["unit.claim"]
-    with claimed(tmp_path / "unit") as claim:
-        assert claim is True
+    assert [path.name for path in tmp_path.iterdir()] == ["unit.lock"]
+    with locked(tmp_path / "unit") as lock:
+        assert lock is True
     assert list(tmp_path.iterdir()) == []
 
 
@@ -124,7 +124,7 @@ def test_without_file_locks_two_processes_do_the_same_work(tmp_path, monkeypatch
         raise OSError(errno.ENOLCK, os.strerror(errno.ENOLCK))
 
     monkeypatch.setattr("fcntl.flock", no_locks)
-    with claimed(tmp_path / "unit") as first, claimed(tmp_path / "unit") as second:
+    with locked(tmp_path / "unit") as first, locked(tmp_path / "unit") as second:
         assert first is second is False
     config = OfflineConfig("roc36", 2, 3, ("random",), seed=5)
     (path,) = run_offline(config, logs=tmp_path / "first").paths

@@ -64,8 +64,8 @@ for info in pkgutil.walk_packages(planners.__path__, "meal_bayes.planners."):
     for name, value in vars(importlib.import_module(info.name)).items():
         if len(getattr(value, "signatures", ())) > 1 + (name in LEAVES):
             print(value.py_func.__module__, name, *value.signatures)
-from meal_bayes.planners.open_loop.claims import planned_claim
-print(*planned_claim.signatures, end="")  # nobody asked whether all hold
+from meal_bayes.planners.open_loop.yes_or_no import planned_yes_or_no
+print(*planned_yes_or_no.signatures, end="")  # nobody asked whether all hold
 """
 
 

@@ -204,7 +204,7 @@ def test_values_beside_others_are_those_of_boxes():
     def box(p):
         outside = np.linspace(0.0, 100.0, 1001)
         value = -1.0 + p * 100.0 + (1 - p) * outside
-        return Prospect(outside, value[:, None], claim=-np.inf)
+        return Prospect(outside, value[:, None], claim_value=-np.inf)
 
     one, two, three = map(box, (0.3, 0.5, 0.1))
     assert two.index == pytest.approx(100 - 1 / 0.5, abs=0.01)

@@ -221,7 +221,7 @@ def test_trials_of_one_log_do_not_pass_in_another_order(make, outcome_of, tmp_pa
 
 
 @pytest.mark.parametrize(
-    ("size", "count", "said"), [(1 << 20, 1, "claims to unpack"), (15 << 20, 8, "far more")]
+    ("size", "count", "said"), [(1 << 20, 1, "says that it unpacks"), (15 << 20, 8, "far more")]
 )
 def test_a_bomb_is_refused(size, count, said, tmp_path):
     """One chunk that unpacks to more than it says, and small ones that come to very much."""

@@ -136,20 +136,25 @@ class FactoredPolicy:
 
     @property
     def upper_bound(self) -> float:
-        """Bound on the value that any policy has from the start.
+        """Certified bound on the value that any policy has from the start.
 
-        Certified, unless percepts run out and shaping takes pay away for them.
+        It is no bound where percepts run out and shaping takes pay away for them.
         """
         momdp = self.momdp
         ending = answer_value(momdp, initial_belief(momdp))
         free = replace(self, model=compile_momdp(momdp, price=0.0))
-        ahead = float(free.upper_bounds(momdp.start, momdp.prior).max())
+        ahead = float(free._values_ahead(self.bound, momdp.start, momdp.prior).max())
         prior = np.array(momdp.prior)
         value = float(grid.value_after(self._reader(self.bound), momdp.start, NO_BEHAVIOR, prior))
         return min(max(ending, ahead), value)
 
-    def upper_bounds(self, x: int, prob: Floats) -> Floats:
-        """Bound the value of each behavior (E,) from x at marginals (N,); -inf where not legal."""
+    def priced_bounds(self, x: int, prob: Floats) -> Floats:
+        """Bound the value of each behavior (E,) from x at marginals (N,); -inf where not legal.
+
+        Behaviors that cost next to nothing are priced, as in the estimate that these bounds hold
+        down. So the bound of a free one can lie below its value, by the price (1e-4 of r+ - r-) of
+        one step; `upper_bound` is certified.
+        """
         return self._values_ahead(self.bound, x, prob)
 
     def decide(self, history: History, rng: np.random.Generator) -> Decision:
@@ -161,7 +166,7 @@ class FactoredPolicy:
             return OpenLoop().solve(momdp, rng).decide(history, rng)
         ahead = self._values_ahead(self.estimate, belief.x, belief.positive)
         # Cubic interpolation may overshoot; no behavior is worth more than its bound.
-        ahead = np.minimum(ahead, self.upper_bounds(belief.x, belief.positive))
+        ahead = np.minimum(ahead, self.priced_bounds(belief.x, belief.positive))
         decision = Decision.exact(*choose(momdp, belief, ahead))
         return replace(decision, bonus=None) if self.model.shaped else decision  # tables hold sums
 

@@ -152,7 +152,7 @@ def _best_reward(reports: Reports, table: Table) -> Floats:
     It is convex in each marginal, as the largest of functions that are linear in it.
     """
     event = reports.event
-    # Values: r- + (r+ - r-) prod_i max(b_i, 1 - b_i). Yes or no: max over claim and denial.
+    # Values: r- + (r+ - r-) prod_i max(b_i, 1 - b_i). Yes or no: max over assertion and denial.
     if event is None:
         sure = (np.maximum(axis, 1 - axis) for axis in table.axes)
         return reports.of_right(table.combined(sure, np.multiply)[:, None])

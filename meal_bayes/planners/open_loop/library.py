@@ -7,7 +7,7 @@ import numpy as np
 from meal_bayes.arrays import Floats
 from meal_bayes.momdp import MOMDP
 from meal_bayes.momdp.observation import predictive
-from meal_bayes.momdp.reports import Claim
+from meal_bayes.momdp.reports import Conjunction
 from meal_bayes.planners.compiled import Compiled
 from meal_bayes.planners.entry import best_plans
 from meal_bayes.planners.open_loop import bayes_error
@@ -197,9 +197,11 @@ def _estimate_reports(model: Compiled, probabilities: Floats, affinity: Floats) 
     return np.asarray(model.incorrect + model.reward_range * right)
 
 
-def _estimate_yes_or_no(claim: Claim, probabilities: Floats, affinity: Floats) -> Floats:
+def _estimate_yes_or_no(
+    conjunction: Conjunction, probabilities: Floats, affinity: Floats
+) -> Floats:
     """Estimate rewards (B,J) of yes or no; half of an attribute's error are misses."""
-    q = np.where(claim.literal, probabilities, 1.0 - probabilities)  # (B,N)
+    q = np.where(conjunction.literal, probabilities, 1.0 - probabilities)  # (B,N)
     unsure = np.sqrt(probabilities * (1.0 - probabilities))
     error = 0.5 * unsure[:, :, None] * affinity  # (B,N,J)
     # Pr(taken to hold, holds) and Pr(taken to hold, does not): of each attribute, then of all.
@@ -208,9 +210,11 @@ def _estimate_yes_or_no(claim: Claim, probabilities: Floats, affinity: Floats) -
     right = hit.prod(axis=1)
     wrong = (hit + alarm).prod(axis=1) - right
     holds = q.prod(axis=1)[:, None]
-    gain = claim.wrong + claim.gain - claim.wrong_denial
-    loss = claim.wrong_denial + claim.denial_gain - claim.wrong
-    deny = claim.wrong_denial + claim.denial_gain * (1.0 - holds)
+    right_assertion = conjunction.wrong_assertion + conjunction.assertion_gain
+    right_denial = conjunction.wrong_denial + conjunction.denial_gain
+    gain = right_assertion - conjunction.wrong_denial
+    loss = right_denial - conjunction.wrong_assertion
+    deny = conjunction.wrong_denial + conjunction.denial_gain * (1.0 - holds)
     return np.asarray(deny + np.maximum(gain * right - loss * wrong, 0.0))
 
 
@@ -221,10 +225,10 @@ def _estimate_values(
     within = np.minimum(model.percepts.limit, _COUNTED - 1).astype(np.int64)
     counts = np.minimum(candidates.observation_counts, within)
     affinity = np.exp(bhattacharyya[:, np.arange(counts.shape[1]), counts].sum(axis=2))  # (N,J)
-    if model.claim is None:
+    if model.conjunction is None:
         ending = _estimate_reports(model, probabilities, affinity)
     else:
-        ending = _estimate_yes_or_no(model.claim, probabilities, affinity)
+        ending = _estimate_yes_or_no(model.conjunction, probabilities, affinity)
     value = candidates.plan["discount"] * ending - candidates.plan["cost"]
     if model.shaped:
         planned = candidates.observation_counts
@@ -292,7 +296,7 @@ def retabulate(plans: Plans, model: Compiled, capacity: int = bayes_error.OUTCOM
         n_rows += len(first)
     table = np.empty((n_rows, bayes_error.THRESHOLDS, percepts.rows.shape[2]))
     scratch = bayes_error.make_scratch(percepts, plans=0, rows=0, capacity=capacity)
-    if model.claim is not None:
+    if model.conjunction is not None:
         # Where each yes is an error and no "no" is, tables hold Pr(says yes | class).
         truth = np.zeros_like(percepts.truth)
         truth[:, 0] = 1.0

@@ -2,7 +2,7 @@
 
 A plan is worth -sum_k (prod_{j<k} g_j) c_k + (prod_k g_k) [r- + (r+ - r-) prod_i (1 - err_i)], and
 what shaping pays on the way. Errors come from tables where the plan's behaviors have shown nothing
-yet (or their rows are known), and are computed otherwise. Of yes or no, see `claims`.
+yet (or their rows are known), and are computed otherwise. Of yes or no, see `yes_or_no`.
 """
 
 from typing import NamedTuple
@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from meal_bayes.arrays import Floats, Ints
 from meal_bayes.planners.compiled import Compiled
 from meal_bayes.planners.kernels import called_kernel, kernel
-from meal_bayes.planners.open_loop.claims import claim_value, planned_claim
 from meal_bayes.planners.open_loop.bayes_error import SPAN, Scratch, make_scratch, plan_error
+from meal_bayes.planners.open_loop.yes_or_no import planned_yes_or_no, yes_or_no_value
 
 COMPUTED = 6  # plans of a first behavior that are computed at one belief, at most
 
@@ -77,14 +77,14 @@ def true_chance(percepts, prob, i):
 
 
 @kernel
-def stop_value(model, claim, prob):
-    """Compute the value of ending now: of the best report or of the exit; claim: the model's."""
-    if claim is not None:
+def stop_value(model, conjunction, prob):
+    """Compute the value of ending now: of the best report or of the exit."""
+    if conjunction is not None:
         holds = 1.0
         for i in range(prob.shape[0]):
             b = true_chance(model.percepts, prob, i)
-            holds *= b if claim.literal[i] else 1.0 - b
-        return max(claim_value(claim, holds), model.dynamics.exit_value)
+            holds *= b if conjunction.literal[i] else 1.0 - b
+        return max(yes_or_no_value(conjunction, holds), model.dynamics.exit_value)
     right = 1.0
     for i in range(prob.shape[0]):
         b = true_chance(model.percepts, prob, i)
@@ -149,23 +149,23 @@ def _table_error(evaluator, t, prob, i):
 
 
 @kernel
-def _plan_value(evaluator, claim, j, prob, floor, exact):
+def _plan_value(evaluator, conjunction, j, prob, floor, exact):
     """Compute a plan's value by the tables, or exactly; at most `floor` if it cannot beat that.
 
-    `claim` is the model's. Where it is None, what values a claim is not compiled.
+    `conjunction` is the model's. Where it is None, kernels of yes or no are not compiled.
     """
     model = evaluator.model
     plans = evaluator.plans
     scratch = evaluator.scratch
     # V = g r- - c + bonus + g (r+ - r-) prod_i (1 - err_i), which falls with every attribute.
     plan = plans.plan[j]
-    if claim is not None:
+    if conjunction is not None:
         pay = -plan.cost
         if model.shaped:
             pay += _bonus(evaluator, j)
-        # V = pay + g V_end <= floor, solved for V_end: below it the claim need not be finished.
+        # V = pay + g V_end <= floor, solved for V_end: below it thresholds need not be improved.
         least = (floor - pay) / plan.discount if floor > -np.inf else -np.inf
-        return pay + plan.discount * planned_claim(evaluator, j, prob, least, exact)
+        return pay + plan.discount * planned_yes_or_no(evaluator, j, prob, least, exact)
     base = plan.discount * model.incorrect - plan.cost
     reward = plan.discount * model.reward_range
     if model.shaped:
@@ -284,7 +284,7 @@ def evaluate_plans(evaluator, x, prob, floor, useful):
             scratch.computed[a] += 1
         # A plan that cannot beat this is cut short.
         lowest = best if shared else out[a]
-        value = _plan_value(evaluator, evaluator.model.claim, j, prob, lowest, exact)
+        value = _plan_value(evaluator, evaluator.model.conjunction, j, prob, lowest, exact)
         waits = not exact and not _is_tabled(evaluator, j)
         if not exact:
             scratch.guess[turn] = value if waits else -np.inf

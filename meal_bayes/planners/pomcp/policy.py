@@ -146,7 +146,7 @@ class POMCPPolicy:
         # L(b, a) <= Q*(b, a) <= U(b, a): plans are policies; U is of factored value iteration.
         upper = np.full(momdp.n_behaviors, np.inf)
         if self.tables is not None:
-            upper = self.tables.upper_bounds(belief.x, belief.positive)
+            upper = self.tables.priced_bounds(belief.x, belief.positive)
         bonus = evaluator.scratch.bonus.copy()
         decision = _settled(momdp, belief, lower, bonus, upper)
         if decision is None:

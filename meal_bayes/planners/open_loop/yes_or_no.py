@@ -1,10 +1,11 @@
-"""Kernels of yes or no after an open-loop plan: the value of claiming that all literals hold.
+"""Kernels of yes or no after an open-loop plan: the value of asserting that all literals hold.
 
 Each attribute's percepts are taken for its literal or against it: with probability h_i if it holds,
-f_i if not (a point of the plan's ROC), and a claim is made where all are taken to hold. With
-q_i = Pr(literal i), Pr(claim) = prod_i (q_i h_i + (1 - q_i) f_i) and Pr(claim, right) =
-prod_i q_i h_i, in which the value is linear. So the best threshold of one attribute is in closed
-form where those of the others are held, and thresholds are improved one at a time.
+f_i if not (a point of the plan's ROC). The conjunction is asserted where all are taken to hold, and
+denied elsewhere. With q_i = Pr(literal i), Pr(assert) = prod_i (q_i h_i + (1 - q_i) f_i) and
+Pr(assert, right) = prod_i q_i h_i, in which the value is linear. So the best threshold of one
+attribute is in closed form where those of the others are held, and thresholds are improved one at a
+time.
 """
 
 import numpy as np
@@ -12,20 +13,20 @@ import numpy as np
 from meal_bayes.planners.kernels import kernel
 from meal_bayes.planners.open_loop.bayes_error import SPAN, plan_rates
 
-_ROUNDS = 3  # in which the thresholds of a claim are improved
+_ROUNDS = 3  # in which the thresholds are improved
 
 
 @kernel
-def claim_value(claim, holds):
-    """Compute the value of the best of claim and denial at Pr(all literals hold)."""
-    deny = claim.wrong_denial + claim.denial_gain * (1.0 - holds)
-    return max(claim.wrong + claim.gain * holds, deny)
+def yes_or_no_value(conjunction, holds):
+    """Compute the value of the best of assertion and denial at Pr(all literals hold)."""
+    deny = conjunction.wrong_denial + conjunction.denial_gain * (1.0 - holds)
+    return max(conjunction.wrong_assertion + conjunction.assertion_gain * holds, deny)
 
 
 @kernel
-def _as_literal(claim, i, scratch):
+def _as_literal(conjunction, i, scratch):
     """Turn Pr(says yes, truth) of attribute i into Pr(taken to hold, literal's truth)."""
-    if not claim.literal[i]:
+    if not conjunction.literal[i]:
         b = scratch.chance[i]
         false = scratch.accepted[0, i]
         true = scratch.accepted[1, i]
@@ -48,14 +49,14 @@ def _score(evaluator, t, g, prob, i, weights):
         p = prob[i, c] * table[t, g, c]
         accepted[0, i] += p * truth[i, 0, c]
         accepted[1, i] += p * truth[i, 1, c]
-    _as_literal(evaluator.model.claim, i, evaluator.scratch)
+    _as_literal(evaluator.model.conjunction, i, evaluator.scratch)
     return weights[1] * accepted[1, i] - weights[0] * accepted[0, i]
 
 
 @kernel
 def _decide_literal(evaluator, t, prob, i, weights):
     """Choose the threshold of the best `_score`, or to take the literal always, or never."""
-    literal = evaluator.model.claim.literal[i]
+    literal = evaluator.model.conjunction.literal[i]
     exact_rule = evaluator.model.percepts.class_is_truth
     accepted = evaluator.scratch.accepted
     thresholds = evaluator.plans.table.shape[1]
@@ -96,7 +97,7 @@ def _decide_literal(evaluator, t, prob, i, weights):
 def _compute_literal(evaluator, j, prob, i, weights, first):
     """Compute what `_decide_literal` reads from tables; of the first round once a row."""
     scratch = evaluator.scratch
-    claim = evaluator.model.claim
+    conjunction = evaluator.model.conjunction
     t = evaluator.plans.row[j, i]
     z = scratch.column[i]
     if first and scratch.error[t, z] >= 0.0:
@@ -105,51 +106,53 @@ def _compute_literal(evaluator, j, prob, i, weights, first):
         return
     against = max(weights[0], 0.0) + 1e-300
     pro = max(weights[1], 0.0) + 1e-300
-    weight = pro / against if claim.literal[i] else against / pro
+    weight = pro / against if conjunction.literal[i] else against / pro
     counts = evaluator.plans.observation_counts[j]
     plan_rates(evaluator.model.percepts, counts, i, prob, weight, scratch)
-    _as_literal(claim, i, scratch)
+    _as_literal(conjunction, i, scratch)
     if first:
         scratch.alarm[t, z] = scratch.accepted[0, i]
         scratch.error[t, z] = scratch.accepted[1, i]
 
 
 @kernel
-def planned_claim(evaluator, j, prob, floor, exact):
+def planned_yes_or_no(evaluator, j, prob, floor, exact):
     """Compute the reward expected at the end of a plan; at most `floor` if it cannot beat that."""
-    claim = evaluator.model.claim
+    conjunction = evaluator.model.conjunction
     accepted = evaluator.scratch.accepted
     n = prob.shape[0]
     holds = 1.0
     for i in range(n):
         b = evaluator.scratch.chance[i]
-        holds *= b if claim.literal[i] else 1.0 - b
-    # What a claim adds to a denial where it is right, and takes from it where it is wrong.
-    gain = claim.wrong + claim.gain - claim.wrong_denial
-    loss = claim.wrong_denial + claim.denial_gain - claim.wrong
-    deny = claim.wrong_denial + claim.denial_gain * (1.0 - holds)
+        holds *= b if conjunction.literal[i] else 1.0 - b
+    # What an assertion adds to a denial where it is right, and takes from it where it is wrong.
+    right_assertion = conjunction.wrong_assertion + conjunction.assertion_gain
+    right_denial = conjunction.wrong_denial + conjunction.denial_gain
+    gain = right_assertion - conjunction.wrong_denial
+    loss = right_denial - conjunction.wrong_assertion
+    deny = conjunction.wrong_denial + conjunction.denial_gain * (1.0 - holds)
     if deny + gain * holds <= floor:  # with percepts that tell all
         return deny + gain * holds
     for turn in range(_ROUNDS):
         for i in range(n):
             # What the others do: at first as if they were known.
             hits = 1.0
-            claims = 1.0
+            asserts = 1.0
             for k in range(n if turn > 0 else 0):
                 if k != i:
                     hits *= accepted[1, k]
-                    claims *= accepted[0, k] + accepted[1, k]
-            # gain hits h - loss (claims (h + f) - hits h): what it gains with h, and loses with f.
-            weights = (loss * claims, (gain + loss) * hits - loss * claims)
+                    asserts *= accepted[0, k] + accepted[1, k]
+            # gain hits h - loss (asserts (h + f) - hits h): gained with h, and lost with f.
+            weights = (loss * asserts, (gain + loss) * hits - loss * asserts)
             if exact:
                 _compute_literal(evaluator, j, prob, i, weights, turn == 0)
             else:
                 _decide_literal(evaluator, evaluator.plans.row[j, i], prob, i, weights)
-    # E[reward] = deny + gain Pr(claim, right) - loss Pr(claim, wrong); or claim whatever comes.
+    # E[reward] = deny + gain Pr(assert, right) - loss Pr(assert, wrong); or assert in any case.
     right = 1.0
-    claimed = 1.0
+    asserted = 1.0
     for i in range(n):
         right *= accepted[1, i]
-        claimed *= accepted[0, i] + accepted[1, i]
-    best = max(gain * right - loss * (claimed - right), gain * holds - loss * (1.0 - holds))
+        asserted *= accepted[0, i] + accepted[1, i]
+    best = max(gain * right - loss * (asserted - right), gain * holds - loss * (1.0 - holds))
     return deny + max(best, 0.0)
