@@ -24,7 +24,7 @@ from meal_bayes.agents.knowledge import Knowledge
 from meal_bayes.agents.prices import AHEAD, explained, prices, rates_ahead
 from meal_bayes.arrays import Bools, Floats
 from meal_bayes.domain import Domain, Query
-from meal_bayes.momdp import MOMDP, Objective, build_momdp, shape_reward
+from meal_bayes.momdp import MOMDP, Objective, add_itrs_bonus, build_momdp
 from meal_bayes.planners import batched_value_iteration
 
 _FIRST = 20.0  # questions that a robot expects before it was asked any
@@ -158,7 +158,7 @@ class ITRSBonus:
         domain = progress.knowledge.domain
         columns = domain.columns(momdp.query.attributes)
         experience = progress.instances[columns] / progress.unit
-        return shape_reward(momdp, experience, self.alpha, self.beta, domain=domain)
+        return add_itrs_bonus(momdp, experience, self.alpha, self.beta, domain=domain)
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,6 +13,7 @@ from meal_bayes.arrays import freeze
 from meal_bayes.domain.event import Event, Payoffs
 from meal_bayes.errors import QueryError
 
+DO_NOT_KNOW = "I do not know"  # the answer that abstains, wherever it is written
 _TABLE_LIMIT = 2**20  # value vectors in a table; more would not fit in memory
 
 
@@ -231,9 +232,9 @@ class Query:
         return freeze(self._bits(digits[::-1]), np.bool_)
 
     def report_name(self, values: Sequence[bool] | NDArray[np.bool_] | None) -> str:
-        """Format a report: yes or no, or values, of a group the true one; None: I do not know."""
+        """Format a report: yes or no, or values, of a group the true one; None abstains."""
         if values is None:
-            return "I do not know"
+            return DO_NOT_KNOW
         if self.event is not None:
             return "yes" if values[0] else "no"
         grouped = {place for group in self.groups for place in group}

@@ -18,7 +18,7 @@ from meal_bayes.momdp.belief import (
     report_value,
     update_belief,
 )
-from meal_bayes.momdp.build import Objective, build_momdp, observation_entropy, shape_reward
+from meal_bayes.momdp.build import Objective, add_itrs_bonus, build_momdp, observation_entropy
 from meal_bayes.momdp.exchange import FlatPOMDP, flatten, percept_probabilities
 from meal_bayes.momdp.model import MOMDP
 from meal_bayes.momdp.observation import predictive
@@ -26,9 +26,9 @@ from meal_bayes.momdp.reports import Reports
 from meal_bayes.momdp.solver_files import write_pomdp, write_pomdpx
 
 __all__ = [
-    "MOMDP", "Belief", "FlatPOMDP", "Objective", "Reports", "Transition", "answer_value",
-    "belief_of", "best_answer", "best_report", "build_momdp", "expected_reward", "flatten",
-    "initial_belief", "next_percept", "observation_entropy", "percept_probabilities", "predictive",
-    "report_certainty", "report_value", "shape_reward", "update_belief", "write_pomdp",
+    "MOMDP", "Belief", "FlatPOMDP", "Objective", "Reports", "Transition", "add_itrs_bonus",
+    "answer_value", "belief_of", "best_answer", "best_report", "build_momdp", "expected_reward",
+    "flatten", "initial_belief", "next_percept", "observation_entropy", "percept_probabilities",
+    "predictive", "report_certainty", "report_value", "update_belief", "write_pomdp",
     "write_pomdpx",
 ]  # fmt: skip

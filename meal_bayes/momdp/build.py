@@ -176,7 +176,7 @@ def observation_entropy(momdp: MOMDP) -> NDArray[np.float64]:
     return freeze(np.where(senses, entropy, 0.0))
 
 
-def shape_reward(
+def add_itrs_bonus(
     momdp: MOMDP,
     experience: ArrayLike,
     alpha: float,
@@ -184,7 +184,7 @@ def shape_reward(
     *,
     domain: Domain,
 ) -> MOMDP:
-    """Add alpha Ent - beta IE to the reward of exploring (Eq. 11).
+    """Return the MOMDP with the bonus of ITRS, alpha Ent - beta IE of a percept (Eq. 11).
 
     Only behaviors with modalities are shaped, as the domain lists them: `ask` answers but gives no
     instance to learn from, `reinit` perceives nothing. Planners pay the bonus for percepts within

@@ -14,6 +14,7 @@ from meal_bayes.trials.outcomes import TrialOutcomes
 from meal_bayes.trials.record import Step, TrialRecord
 
 UNKNOWN = "truth unknown"
+_ABSTAINED = "abstained: every answer was too risky"  # of a trial; the answer is `DO_NOT_KNOW`
 _LEAST_ERROR = 0.05  # standard errors below it would print as 0.0
 
 
@@ -130,7 +131,7 @@ def verdict_text(trial: TrialRecord) -> str:
     if trial.ended:
         return f"no answer: {trial.ended}"
     if trial.report is None:
-        return "abstained: every answer was too risky"
+        return _ABSTAINED
     verdict = {True: "right", False: "wrong", None: UNKNOWN}[trial.success]
     return f"{trial.task.query.report_name(trial.report)} ({verdict})"
 
@@ -138,7 +139,7 @@ def verdict_text(trial: TrialRecord) -> str:
 def final_facts(trial: TrialRecord) -> dict[str, str]:
     """Return the answer of a trial, its truth, the verdict where there is one, and the cost."""
     query = trial.task.query
-    answer = "abstained; every answer was too risky"
+    answer = _ABSTAINED
     if trial.ended:
         answer = f"none; {trial.ended}"
     truth = truth_text(query, trial.truth)

@@ -13,11 +13,11 @@ from meal_bayes.domain import Query, load_domain
 from meal_bayes.errors import SettingsError
 from meal_bayes.momdp import (
     Objective,
+    add_itrs_bonus,
     build_momdp,
     flatten,
     observation_entropy,
     percept_probabilities,
-    shape_reward,
 )
 
 
@@ -165,7 +165,7 @@ tables = hnp.arrays(float, (2, E, 2, 2), elements=st.floats(0.01, 1.0)).map(
 def test_shaped_reward_is_equation_11_for_a_percept(confusion, experience):
     """Of an execution it is expected: Pr(a percept comes) times it."""
     momdp = build_momdp(ISPY32, QUERY, confusion)
-    shaped = flatten(shape_reward(momdp, experience, *WEIGHTS, domain=ISPY32))
+    shaped = flatten(add_itrs_bonus(momdp, experience, *WEIGHTS, domain=ISPY32))
     plain = flatten(momdp)
     comes = (momdp.transition * momdp.observation_probability).sum(axis=2)  # (E,X)
     difference = (shaped.reward - plain.reward)[:-1].reshape(momdp.terminal, 4, -1)  # (X-1,Y,A)
@@ -181,7 +181,7 @@ def test_shaped_reward_is_equation_11_for_a_percept(confusion, experience):
 
 def test_ask_and_reinit_are_not_shaped():
     confusion = np.full((2, E, 2, 2), 0.5)
-    shaped = shape_reward(
+    shaped = add_itrs_bonus(
         build_momdp(ISPY32, QUERY, confusion), np.ones((2, E)), *WEIGHTS, domain=ISPY32
     )
     for name in ("ask", "reinit"):

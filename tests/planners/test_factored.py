@@ -10,7 +10,7 @@ from planner_bound import upper_bound
 
 from meal_bayes.domain import Query, load_domain
 from meal_bayes.errors import SettingsError
-from meal_bayes.momdp import Objective, build_momdp, initial_belief, shape_reward
+from meal_bayes.momdp import Objective, add_itrs_bonus, build_momdp, initial_belief
 from meal_bayes.planners import Factored, History, batched_value_iteration
 from meal_bayes.planners.rollout import simulate
 
@@ -63,7 +63,7 @@ class TestThePolicy:
         """ITRS: what pays to explore is explored first."""
         momdp = small.momdp("toy", small.rates, objective=Objective(discount=0.9))
         domain = load_domain("toy")
-        shaped = shape_reward(momdp, np.zeros((2, 3)), 30.0, 0.0, domain=domain)
+        shaped = add_itrs_bonus(momdp, np.zeros((2, 3)), 30.0, 0.0, domain=domain)
         plain, paid = solve(momdp), solve(shaped)
         assert paid.upper_bound > plain.upper_bound
         start = History(initial_belief(momdp))

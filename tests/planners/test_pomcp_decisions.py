@@ -15,7 +15,7 @@ from meal_bayes.momdp.observation import predictive
 from meal_bayes.planners import POMCP, Decision, History, Remembering
 from meal_bayes.planners.compiled import compile_momdp
 from meal_bayes.planners.kernels import entry_kernel
-from meal_bayes.planners.pomcp.tree import KEPT, draw_object, draw_percept, make_sampled
+from meal_bayes.planners.pomcp.tree import KEPT, draw_percept, draw_root_object, make_sampled
 
 
 def same(first, second):
@@ -174,7 +174,7 @@ DRAWS = 100_000
 def draw_percepts(percepts, sampled, behaviors, rng, out):
     """Draw what so many sampled MOMDPs show along a sequence of behaviors -> out (D,T,N)."""
     for d in range(out.shape[0]):
-        draw_object(percepts, sampled, rng)
+        draw_root_object(percepts, sampled, rng)
         for t in range(behaviors.shape[0]):
             draw_percept(percepts, sampled, behaviors[t], out[d, t], rng)
 

@@ -29,8 +29,8 @@ from meal_bayes.planners.pomcp.tree import (
     KEPT,
     Sampled,
     Tree,
-    draw_object,
     draw_percept,
+    draw_root_object,
 )
 
 
@@ -77,7 +77,7 @@ def plan(evaluator, beliefs, search, reader, rng):
         if tree.size[0] + width >= tree.node.shape[0]:  # a free node stays, for `_execute`
             return done
         # Root sampling [Katt2017]: an object from the belief, and its rows from their posterior.
-        draw_object(model.percepts, sampled, rng)
+        draw_root_object(model.percepts, sampled, rng)
         node = np.int64(0)
         depth = 0
         value = 0.0  # of what follows, and of it the bonus

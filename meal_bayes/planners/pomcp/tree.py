@@ -162,8 +162,11 @@ def make_sampled(percepts: Percepts, prob: Floats, counts: Floats) -> Sampled:
 
 
 @kernel
-def draw_object(percepts, sampled, rng):
-    """Draw a latent class and a truth for each attribute; rows wait until they are needed."""
+def draw_root_object(percepts, sampled, rng):
+    """Draw the object of a simulation at the root: of each attribute a latent class and a truth.
+
+    Rows are drawn when they are needed first.
+    """
     sampled.drawn[:] = False
     for i in range(sampled.prob.shape[0]):
         # The class by inversion: the first whose cumulative probability exceeds u.
