@@ -201,10 +201,13 @@ def run(command: str) -> str:
 
 
 def demo_block() -> str:
-    """Make a code block of the demo's question, one of its decisions, and its answer."""
+    """Make a code block of the demo's question, a decision to go on, one to stop, and its end."""
     parts = [part.rstrip() for part in run(DEMO).split("\n\n")]
-    shown = [part for part in parts if part.startswith(("  question", "2  ", "  answer"))]
-    return "\n".join(("```text", "\n...\n".join(shown), "```\n"))
+    question = next(part for part in parts if part.startswith("  question"))
+    going_on = next(part for part in parts if part.startswith("2  "))
+    end = next(place for place, part in enumerate(parts) if part.startswith("  answer"))
+    excerpt = (question, going_on, "\n\n".join(parts[end - 1 : end + 1]))
+    return "\n".join(("```text", "\n...\n".join(excerpt), "```\n"))
 
 
 def online_block(summary: list[dict[str, Any]]) -> str:

@@ -39,10 +39,10 @@ _DPI = 100
 _BENDS = 0.02  # change of a belief, below which its line bends for no eye
 _CAPTIONS = (
     "what it does: a block is as wide as the seconds it costs",
-    "what it believes (0, 50, 100 %), and what a percept said where that changes",
-    "what going on is worth over answering now: below 0 it stops",
+    "what it believes, from 0 to 100 %, and the percepts that moved it",
+    "what going on is worth over answering now (reward): below 0 it stops",
 )
-_EXPLORING = "what going on is worth over answering now: to this answer, to later questions"
+_EXPLORING = "what going on is worth over answering now (reward): to this answer, to later ones"
 
 
 class _Moment(NamedTuple):
