@@ -17,6 +17,8 @@ def ask(
     dataset: str | Path | PerceptTable,
     object: str,
     agent: object = "bayes",
+    answer: str = "values",
+    payoffs: Sequence[float] | None = None,
     seed: int = 0,
     percepts: str = "recorded",
     reward: float | None = None,
@@ -39,6 +41,8 @@ def ask(
         The object's name.
     agent : object
         A name, an `Agent`, or a planner: see `meal_bayes.agents.as_agent`.
+    answer, payoffs : str, Sequence[float] | None
+        "values" or "yes or no", and what yes and no earn: as of `Learner.ask`.
     seed : int
         Of failures, of the recordings' order, and of planning.
     percepts : str
@@ -63,7 +67,7 @@ def ask(
     learner = Learner(
         table.domain, agent=agent, seed=seed, reward=reward, percepts=percepts, logs=logs
     ).fit(table)
-    return learner.ask(question, object, on_step=on_step, log=log)
+    return learner.ask(question, object, answer=answer, payoffs=payoffs, on_step=on_step, log=log)
 
 
 def recall(learner: Learner, *logs: str | Path) -> list[Trial]:

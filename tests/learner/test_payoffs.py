@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from meal_bayes import Learner, load_percepts
+from meal_bayes import Learner, ask, load_percepts
 from meal_bayes.domain import Payoffs
 from meal_bayes.errors import SettingsError
 
@@ -57,6 +57,9 @@ def test_payoffs_come_back_from_a_file(dataset, make, tmp_path):
 def test_replays_and_searches_have_them_too():
     table = load_percepts("roc36")
     learner = Learner("roc36", agent="olfc", payoffs=list(OF_LEARNER), logs=None).fit(table)
+    asked = {"answer": "yes or no", "payoffs": OF_CALL}
+    trial = ask("heavy and blue", dataset=table, object="heavy_blue_beans", logs=None, **asked)
+    assert trial.momdp.payoffs == OF_CALL
     trial = learner.ask("heavy and blue", "heavy_blue_beans", answer="yes or no")
     assert earned(trial) in OF_LEARNER
     (of_object,) = learner.begin_find("heavy", ["heavy_blue_beans"], none=-50.0).sessions.values()
