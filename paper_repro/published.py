@@ -2,6 +2,7 @@
 
 import csv
 from dataclasses import replace
+from functools import lru_cache
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -37,22 +38,33 @@ def table_path(
     answer : Pr(a person is right), of each attribute.
     changes : other fields of the domain.
     """
-    base, costs = load_domain(domain or dataset), costs or {}
+    return _written(
+        setting.logs / "tables" / f"{name}.npz", dataset, domain or dataset, matrices,
+        tuple((costs or {}).items()), answer, (("name", name), *changes.items()),
+    )  # fmt: skip
+
+
+@lru_cache(maxsize=32)
+def _written(
+    path: Path, dataset: str, domain: str, matrices: str, costs: tuple[tuple[str, float], ...],
+    answer: float | None, changes: tuple[tuple[str, Any], ...],
+) -> str:  # fmt: skip
+    """Write a table once for a program, as items share it and compressing it takes a second."""
+    base, priced = load_domain(domain), dict(costs)
     behaviors = [
         replace(
             behavior,
-            cost=costs.get(behavior.name, behavior.cost),
+            cost=priced.get(behavior.name, behavior.cost),
             answer_accuracy=behavior.answer_accuracy
             if behavior.name != ASK
             else answer or behavior.answer_accuracy,
         )
         for behavior in base.behaviors
     ]
-    base = replace(base, name=name, behaviors=tuple(behaviors), **changes)
+    base = replace(base, behaviors=tuple(behaviors), **dict(changes))
     table = load_percepts(dataset, domain=base)
     if matrices:
         table = with_counts(table, published_counts(matrices, base))
-    path = setting.logs / "tables" / f"{name}.npz"
     path.parent.mkdir(parents=True, exist_ok=True)
     save_percepts(table, path)
     return str(path)
