@@ -10,6 +10,7 @@ from paper_repro.statements import CONSTRUCTED, FALLS, STANDS, UNDECIDED
 _SHORT = {STANDS: "stand", FALLS: "fall", None: "not run"}  # of several
 IN_PART, NOT_RUN = "in part", "not run yet"
 _FEW = 2.0  # numbers below have three decimals
+_SHOWN = 3  # statements whose effects are shown one by one; of more, what they come to
 
 
 class Claim(NamedTuple):
@@ -21,7 +22,7 @@ class Claim(NamedTuple):
     item, column, because : what answers it, in which column, and why in that one.
     outcome : of all its statements together.
     counts : how many statements have each outcome.
-    effects : estimate and interval of each, or the rule of a fact.
+    effects : estimate and interval of each, or the rule of a fact; of many, what they come to.
     older : whether it was run by an earlier version, or with other percept tables.
     """
 
@@ -99,49 +100,105 @@ def _claim(entry: Mapping[str, Any]) -> Claim:
         entry["says"], entry["where"], entry["item"], entry["column"], entry["because"],
         outcome_of(outcomes),
         counts if len(number) > 1 else "",
-        tuple(f"{label}{effect}" for row, label in zip(rows, labels(rows), strict=True)
-              if (effect := _effect(row))),
+        effects_of(rows),
         older=result is not None and entry["column"] in frame.older_columns(entry["item"]),
     )  # fmt: skip
 
 
-def labels(rows: Sequence[Mapping[str, Any]]) -> list[str]:
+def effects_of(rows: Iterable[Mapping[str, Any]]) -> tuple[str, ...]:
+    """Say what the statements of a claim come to, short enough for a row.
+
+    A few are shown one by one. Of more, those that fall are named where they are printed numbers
+    with margins; else each quantity has the range of its estimates and of its half widths.
+    """
+    run = [row for row in rows if row["outcome"] is not None]
+    quantities = [quantity_of(row) for row in run]
+    if len(run) <= _SHOWN:
+        names = labels([row["text"] for row in run])
+        mixed = len(set(quantities)) > 1 and all(name[:1].isdigit() for name in names)
+        return tuple(
+            label + f"{quantity} " * mixed + _effect(row)
+            for row, label, quantity in zip(run, names, quantities, strict=True)
+        )
+    if all(" is in [" in row["rule"] for row in run):
+        fallen = [f"{_shortened(row['text'])}: {_effect(row)}"
+                  for row in run if row["outcome"] == FALLS]  # fmt: skip
+        return (f"of {len(run)} printed numbers {len(fallen)} fall", *fallen)
+    groups = {name: [row for row, own in zip(run, quantities, strict=True) if own == name]
+              for name in dict.fromkeys(quantities)}  # fmt: skip
+    return tuple(_range(name, group) for name, group in groups.items())
+
+
+def quantity_of(row: Mapping[str, Any]) -> str:
+    """Return what the interval of a statement is of, without its unit and its bound.
+
+    >>> quantity_of({"rule": "reward: the lead over random is above 0, and 3 more"})
+    'reward'
+    >>> quantity_of({"rule": "hours less its is below 0"})
+    'hours less its'
+    """
+    return str(row["rule"]).partition(" is ")[0].partition(": ")[0].removesuffix(", s")
+
+
+def labels(texts: Sequence[str]) -> list[str]:
     """Return what tells statements apart, each with a colon: their texts less what all share.
 
-    >>> labels([{"text": "best in reward at 1 attribute"}, {"text": "best in cost at 1 attribute"}])
+    >>> labels(["best in reward at 1 attribute", "best in cost at 1 attribute"])
     ['reward: ', 'cost: ']
-    >>> labels([{"text": "best at 2 attributes"}, {"text": "best at 3 attributes"}])
+    >>> labels(["best at 2 attributes", "best at 3 attributes"])
     ['2 attributes: ', '3 attributes: ']
     """
-    if len(rows) < 2:
-        return [""] * len(rows)
-    texts = [row["text"].split(" ") for row in rows]
-    shortest = min(map(len, texts))
+    if len(texts) < 2:
+        return [""] * len(texts)
+    words = [_shortened(text).split(" ") for text in texts]
+    shortest = min(map(len, words))
 
-    def shared(words: list[list[str]]) -> int:
-        places = (n for n in range(shortest) if len({text[n] for text in words}) > 1)
+    def shared(sides: list[list[str]]) -> int:
+        places = (n for n in range(shortest) if len({side[n] for side in sides}) > 1)
         return next(places, shortest)
 
-    start = shared(texts)
-    end = min(shared([text[::-1] for text in texts]), shortest - start)
-    if end and texts[0][-end].startswith("attribute") and texts[0][-end - 1] != texts[1][-end - 1]:
+    start = shared(words)
+    end = min(shared([side[::-1] for side in words]), shortest - start)
+    if end and words[0][-end].startswith("attribute") and words[0][-end - 1] != words[1][-end - 1]:
         end -= 1  # a word that goes with the number before it
-    return [" ".join(text[start : len(text) - end]).strip(":, ") + ": " for text in texts]
+    return [" ".join(side[start : len(side) - end]).strip(":, ") + ": " for side in words]
+
+
+def _shortened(text: str) -> str:
+    """Say a statement's text by the short words of claims.toml."""
+    for long, short in frame.read_table("claims.toml")["short"].items():
+        text = text.replace(long, short)
+    return text
 
 
 def _effect(row: Mapping[str, Any]) -> str:
     """Show the estimate with its interval at its level, or what a fact rests on."""
-    if row["outcome"] is None:
-        return ""
     if row["estimate"] is None:
         return str(row["rule"])
     estimate, (low, high) = row["estimate"], row["interval"]
-    digits = 3 if max(abs(estimate), abs(low), abs(high)) < _FEW else 1
-    of_zero = row["rule"].partition(", and")[0].endswith((" above 0", " below 0"))
-    sign = "+" if of_zero else ""
-    seconds = " s" if row["rule"].partition(" is ")[0].endswith(", s") else ""
-    form = f"{sign}.{digits}f"
-    return f"{estimate:{form}} [{low:{form}}, {high:{form}}]{seconds}"
+    form, unit = _form([row])
+    return f"{estimate:{form}} [{low:{form}}, {high:{form}}]{unit}"
+
+
+def _range(quantity: str, rows: Sequence[Mapping[str, Any]]) -> str:
+    """Show the least and the largest estimate of a quantity, and how wide its intervals are."""
+    if len(rows) == 1:
+        return f"{quantity}: {_effect(rows[0])}"
+    form, unit = _form(rows)
+    estimates = [row["estimate"] for row in rows]
+    halves = [(row["interval"][1] - row["interval"][0]) / 2 for row in rows]
+    plain = form.removeprefix("+")
+    return (f"{quantity}: {min(estimates):{form}} to {max(estimates):{form}}{unit} (of {len(rows)},"
+            f" ± {min(halves):{plain}} to {max(halves):{plain}})")  # fmt: skip
+
+
+def _form(rows: Sequence[Mapping[str, Any]]) -> tuple[str, str]:
+    """Return the number format of some effects, signed where they are compared with 0; the unit."""
+    ends = [abs(value) for row in rows for value in (row["estimate"], *row["interval"])]
+    bounds = [row["rule"].partition(", and")[0] for row in rows]
+    sign = "+" if all(rule.endswith((" above 0", " below 0")) for rule in bounds) else ""
+    unit = " s" if rows[0]["rule"].partition(" is ")[0].endswith(", s") else ""
+    return f"{sign}.{3 if max(ends) < _FEW else 1}f", unit
 
 
 def _escaped(pattern: str) -> str:

@@ -37,6 +37,16 @@ def test_a_row_has_the_outcome_and_the_numbers_of_its_results(number):
         words = {STANDS: "stand", FALLS: "fall", None: "not run"}
         assert f"{often} {words.get(kind, kind)}" in cells[2]
     shown = [row for row in answering if row["estimate"] is not None]
+    if len(shown) > 3 and all(" is in [" in row["rule"] for row in shown):
+        shown = [row for row in shown if row["outcome"] == FALLS]
+        assert f"of {len(answering)} printed numbers {len(shown)} fall" in cells[3]
+    elif len(shown) > 3:  # the ranges of their estimates, quantity by quantity
+        words = {row["rule"].partition(" is ")[0].partition(": ")[0] for row in shown}
+        assert cells[3].count("; ") == len(words) - 1
+        for pick in (min, max):
+            end = pick(row["estimate"] for row in shown)
+            assert any(f"{end:{form}}" in cells[3] for form in ("+.3f", "+.1f"))
+        return
     assert cells[3].count("[") == len(shown)
     for row in shown:
         low, high = row["interval"]
