@@ -113,6 +113,8 @@ def effects_of(rows: Iterable[Mapping[str, Any]]) -> tuple[str, ...]:
     """
     run = [row for row in rows if row["outcome"] is not None]
     quantities = [quantity_of(row) for row in run]
+    if len(run) == 1 and run[0]["estimate"] is not None:
+        return (f"{quantities[0]}: {_effect(run[0])}",)
     if len(run) <= _SHOWN:
         names = labels([row["text"] for row in run])
         mixed = len(set(quantities)) > 1 and all(name[:1].isdigit() for name in names)

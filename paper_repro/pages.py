@@ -17,7 +17,8 @@ object-centric action policies. Autonomous Robots 47, 2023. doi:10.1007/s10514-0
 _CLAIMS = """Each claim is answered in one of two columns: *theirs*, the paper's settings as far as
 they were published, percepts drawn; *recorded*, the paper's agents on recordings of objects that
 none has seen. Numbers are estimates with their intervals, at the level that the claim's family
-leaves them. The statements behind each claim are on the item's page.
+leaves them; of more than three statements of one claim, the range of the estimates and of the half
+widths of their intervals. The statements behind each claim are on the item's page.
 """
 _OLDER = """† Run by an earlier version: the agents' code or the percept tables have changed since.
 Where a sentence is worded anew, its statement is missing. Each page has the command that runs it
@@ -124,7 +125,8 @@ results of earlier versions known, and then changed, always with outcomes known:
   does say it, so that it is central, and the bonus or the penalty alone are run (before: nothing
   central). `t1t2`: T1's belief changes after grasp, not press, and no table contradicts it (before:
   2 fall). `table4`, `fig10`, `fig11`: sentences as the paper writes them; the starting point is
-  that before training.
+  that before training. `fig12`: that accuracy rises is judged by the mean over the grid as well
+  (before: 3 undecided).
 
 How to check a statement by hand: [check a statement](../docs/how-to/check-a-statement.md).
 What the paper prints is in `paper_values.toml`, what it claims in `claims.toml`, departures of the
