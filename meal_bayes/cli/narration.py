@@ -9,7 +9,7 @@ from rich.text import Text
 from meal_bayes.cli.console import print_facts, print_rows
 from meal_bayes.display import percent
 from meal_bayes.planners import RULE
-from meal_bayes.trials.percepts import percept_labels
+from meal_bayes.trials.percept_text import percept_labels
 from meal_bayes.trials.text import (
     belief_before,
     compared_actions,

@@ -15,7 +15,7 @@ from meal_bayes.evaluation.summary import mean_effect
 from meal_bayes.files import command_line
 from meal_bayes.trial_log import Group
 from meal_bayes.trials import Trial, TrialOutcomes
-from meal_bayes.trials.percepts import attribute_labels
+from meal_bayes.trials.percept_text import attribute_labels
 from meal_bayes.trials.text import outcome_facts
 
 WORST = 3  # trials of each agent that are kept whole

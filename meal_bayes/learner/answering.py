@@ -14,7 +14,7 @@ from meal_bayes.errors import SettingsError
 from meal_bayes.files import file_name
 from meal_bayes.learner.experience import Experience, Key
 from meal_bayes.learner.fit import Fit, problem_of, training_agent
-from meal_bayes.learner.fits import Fits
+from meal_bayes.learner.fit_cache import FitCache
 from meal_bayes.learner.held_out import replay
 from meal_bayes.learner.online import Online
 from meal_bayes.learner.settings import LearnerSettings, own_posterior
@@ -51,7 +51,7 @@ class Answerer:
         self.experience = Experience(domain)
         self.table: PerceptTable | None = None  # that is replayed
         self._agent = agent
-        self._fits = Fits(self.experience, settings)
+        self._fits = FitCache(self.experience, settings)
         self._asked = Asked()
         self._folders: dict[Key, Path] = {}  # of the logs of its trials
         self._lock = Lock()

@@ -16,7 +16,7 @@ from meal_bayes.learner import views
 from meal_bayes.learner.card import learned_html, next_html, table_knowledge
 from meal_bayes.learner.experience import Key, Labels, told
 from meal_bayes.learner.finding import Finder
-from meal_bayes.learner.fits import Fits
+from meal_bayes.learner.fit_cache import FitCache
 from meal_bayes.learner.saved import SavedLearner, read_learner, write_learner
 from meal_bayes.learner.settings import (
     LearnerSettings,
@@ -327,7 +327,7 @@ class Learner(Finder):
         learner.table = saved.table
         learner._asked = saved.asked
         learner._file = saved.file
-        learner._fits = Fits(saved.experience, saved.settings)
+        learner._fits = FitCache(saved.experience, saved.settings)
         learner._fits.online = saved.fitted
         return learner
 

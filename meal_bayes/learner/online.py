@@ -21,7 +21,7 @@ from meal_bayes.domain import Query, learn_success
 from meal_bayes.learner import views
 from meal_bayes.learner.experience import GIVEN, Context, Experience, Key, Labels
 from meal_bayes.learner.fit import limits_of, problem_of, sampled, solve, votes_of
-from meal_bayes.learner.fitting import classify, experienced, fractions, warn_of_odd
+from meal_bayes.learner.refit import classify, experienced, fractions, warn_of_odd
 from meal_bayes.learner.settings import LearnerSettings
 from meal_bayes.momdp import MOMDP
 from meal_bayes.perception import Perceiver, Perception

@@ -33,9 +33,9 @@ from meal_bayes.files import alone_in, draft_of
 from meal_bayes.learner.digest import agent_digest
 from meal_bayes.learner.experience import NONE, WITHDRAWN, Experience
 from meal_bayes.learner.fit import training_agent
-from meal_bayes.learner.fitting import classify
 from meal_bayes.learner.online import Online
 from meal_bayes.learner.packing import pack, unpack
+from meal_bayes.learner.refit import classify
 from meal_bayes.learner.settings import LearnerSettings, check_data, own_posterior
 from meal_bayes.learner.trial import Asked
 from meal_bayes.untrusted import UNREADABLE, read_array, read_member, read_meta, write_array

@@ -36,7 +36,7 @@ from meal_bayes.perception.estimators import blamed, decisions_of, repeatable
 from meal_bayes.perception.recordings import BehaviorRecordings, FeatureSpace, Rows, dealt
 from meal_bayes.perception.settings import PerceptionSettings
 from meal_bayes.perception.stacked import RIDGE, Stacker
-from meal_bayes.perception.stacking import fit_stacker, fit_stackers
+from meal_bayes.perception.stacking_kernels import fit_stacker, fit_stackers
 
 Decisions = Mapping[frozenset[int], Floats]  # folds left out -> (n,M,P) of their rows
 

@@ -29,7 +29,7 @@ from meal_bayes.perception.recordings import (
     joint_kernel,
 )
 from meal_bayes.perception.settings import PerceptionSettings
-from meal_bayes.perception.stacking import fit_stackers, score_without
+from meal_bayes.perception.stacking_kernels import fit_stackers, score_without
 
 NOISE = 0.15  # lambda of C = K + lambda I
 RIDGE = 0.5  # on the stackers' slopes

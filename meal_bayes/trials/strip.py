@@ -18,7 +18,7 @@ from meal_bayes.arrays import Floats
 from meal_bayes.canvas import drawn_in_style
 from meal_bayes.display import percent
 from meal_bayes.planners import RULE
-from meal_bayes.trials.percepts import SILENT, attribute_labels
+from meal_bayes.trials.percept_text import SILENT, attribute_labels
 from meal_bayes.trials.placing import (
     HEIGHT,
     LETTER,

@@ -10,7 +10,7 @@ import numpy as np
 from meal_bayes.display import bar_html, best_options, facts_repr, listed, percent, table_html
 from meal_bayes.momdp import Belief
 from meal_bayes.planners import Decision
-from meal_bayes.trials.percepts import percept_labels
+from meal_bayes.trials.percept_text import percept_labels
 from meal_bayes.trials.record import TrialRecord
 
 if TYPE_CHECKING:

@@ -22,7 +22,7 @@ from meal_bayes.perception.stacked import (
     landmark_problem,
     leave_out,
 )
-from meal_bayes.perception.stacking import fit_stacker
+from meal_bayes.perception.stacking_kernels import fit_stacker
 
 NOISE = 0.2
 

@@ -1,4 +1,4 @@
-"""What each agent that asked makes of the record, until all is made anew."""
+"""The fits that a learner keeps: what each agent that asked makes of the record."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,12 +11,15 @@ from meal_bayes.learner.online import Online
 from meal_bayes.learner.settings import LearnerSettings
 
 
-class Fits:
+class FitCache:
     """An `Online` of each agent in use, a `HeldOut` of each object of a table.
 
     The second are functions of table and labels. The first are state: made by `refit`, at an
     agent's first use, and by `update` where a refit is due; nothing that is only looked at makes
     one that would not be made then, as whatever changes the record uses the agent first.
+
+    Agents are compared, not hashed: a solver or a bonus of one's own need not be hashable. There
+    are few of them.
     """
 
     def __init__(self, record: Experience, settings: LearnerSettings) -> None:
