@@ -13,6 +13,9 @@ from meal_bayes.perception import table_counts
 from meal_bayes.posterior import ConfusionPosterior
 from meal_bayes.posterior.trait import SharedTrait, learn_trait
 
+_ROUNDS = 100  # of sharing out objects whose value of a group is known in part
+_SAME = 1e-12  # rates that move by less stay
+
 
 @dataclass(frozen=True, slots=True)
 class Knowledge(FrozenArrays):
@@ -25,7 +28,7 @@ class Knowledge(FrozenArrays):
     posterior : ConfusionPosterior
         Of the confusion matrices.
     base_rates : NDArray[np.float64]
-        (P,) (n+ + 1) / (n + 2) of the training objects.
+        (P,) of the training objects, see `base_rates`; over the values of a group they sum to 1.
     trait : SharedTrait | None
         Latent trait that percepts of an object share; None: they share the truth alone.
     """
@@ -80,7 +83,7 @@ def knowledge_of(
     Counts are (O,P,E,2,K). Of objects in no training set all labels are unknown; `object_level` is
     as in `knowledge_without`.
     """
-    rates = base_rates(labels)
+    rates = base_rates(domain, labels)
     if not object_level:
         return Knowledge(domain, ConfusionPosterior.from_counts(counts), rates)
     posterior = ConfusionPosterior.from_objects(counts)
@@ -88,6 +91,34 @@ def knowledge_of(
     return Knowledge(domain, posterior, rates, learn_trait(posterior, percepts, labels, rates))
 
 
-def base_rates(labels: NDArray[np.int8]) -> NDArray[np.float64]:
-    """Compute the posterior mean of Pr(attribute), (P,), from labels (O,P) of objects."""
-    return np.asarray(((labels == 1).sum(axis=0) + 1) / ((labels >= 0).sum(axis=0) + 2))
+def base_rates(domain: Domain, labels: NDArray[np.int8]) -> NDArray[np.float64]:
+    """Compute the posterior mean of Pr(attribute), (P,), from labels (O,P) of objects.
+
+    It is (n+ + 1) / (n + 2) of an attribute, and (n_k + 1) / (n + K) of the K values of a group,
+    of which each object has one: both under a uniform prior.
+    """
+    rates = ((labels == 1).sum(axis=0) + 1) / ((labels >= 0).sum(axis=0) + 2)
+    for members in domain.groups.values():
+        columns = domain.columns(members)
+        rates[columns] = _value_rates(labels[:, columns])
+    return np.asarray(rates)
+
+
+def _value_rates(labels: NDArray[np.int8]) -> NDArray[np.float64]:
+    """Compute the rates (K,) of a group's values from labels (O,K).
+
+    An object of which only some values are ruled out counts for the others by their rates, which
+    are those at which all counts agree (expectation maximization; one step where values are known).
+    """
+    n_values = labels.shape[1]
+    possible = np.where((labels == 1).any(axis=1, keepdims=True), labels == 1, labels != 0)
+    possible = possible[possible.any(axis=1) & ~possible.all(axis=1)]  # else nothing is known
+    rates = np.full(n_values, 1.0 / n_values)
+    for _ in range(_ROUNDS):
+        shared = possible * rates
+        counts = (shared / shared.sum(axis=1, keepdims=True)).sum(axis=0)
+        new = (counts + 1.0) / (len(possible) + n_values)
+        if np.allclose(new, rates, rtol=0.0, atol=_SAME):
+            return np.asarray(new)
+        rates = new
+    return rates

@@ -143,7 +143,7 @@ class Online:
             posterior = self.knowledge.posterior.update(after, before)
             self.knowledge = replace(self.knowledge, posterior=posterior)
             moved |= (before != after).any(axis=(1, 2, 3))
-        rates = base_rates(self.record.known.values)
+        rates = base_rates(self.record.domain, self.record.known.values)
         if self.agent.base_rates:
             moved |= rates != self.knowledge.base_rates
         self.knowledge = replace(self.knowledge, base_rates=rates)
