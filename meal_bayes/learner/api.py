@@ -1,13 +1,13 @@
 """`ask`: one question about one recorded object; `recall`: experience from logs."""
 
 from collections.abc import Callable, Sequence
+from itertools import chain
 from pathlib import Path
 
-from meal_bayes.arrays import label_values
 from meal_bayes.datasets import PerceptTable, load_percepts
-from meal_bayes.learner.experience import Key, told
+from meal_bayes.learner.experience import Experience, told
 from meal_bayes.learner.learner import Learner
-from meal_bayes.trial_log import Logs
+from meal_bayes.trial_log import Feedback, Logs
 from meal_bayes.trials import Step, Trial
 
 
@@ -75,7 +75,7 @@ def recall(learner: Learner, *logs: str | Path) -> list[Trial]:
 
     What was executed, whether it succeeded, what the robot sensed, and the labels that people told
     of it are in the logs. Trials that the learner has had, tests, and trials with other levels than
-    its agent's are passed over.
+    its agent's are passed over, but for what people have told of them, or taken back, since.
 
     Parameters
     ----------
@@ -97,22 +97,36 @@ def recall(learner: Learner, *logs: str | Path) -> list[Trial]:
     files = Logs(*logs)
     experience = learner.experience
     recalled = list[Trial]()
-    labels = dict[tuple[Key, str], dict[str, int]]()  # by key and object
+    told_of = dict[Path, list[Feedback]]()  # trials of a folder
     for group in files.groups():
-        feedback = files.feedback_in(group.file.parent)
+        told_of[group.file.parent] = files.feedback_in(group.file.parent).entries
         for trial in group.trials:
             task = trial.task
             fits = trial.momdp.levels == learner.agent.levels
             if task.learn and fits and task.key not in experience.trials:
                 recalled.append(trial)
-                labels[task.key, task.object_name] = feedback.labels(task.key)
-                named = feedback.labels(task.object_name)
-                labels[told(task.object_name), task.object_name] = named
     for trial in recalled:
         learner.record(trial)
-    for (key, object_name), by_attribute in labels.items():
-        values = label_values([by_attribute.get(name) for name in learner.domain.attributes])
-        if ((values >= 0) & (values != experience.told_in(key))).any():
-            experience.label(key, object_name, values)
+    for feedback in chain.from_iterable(told_of.values()):
+        _tell_again(experience, feedback)
     learner.refit()
     return recalled
+
+
+def _tell_again(experience: Experience, feedback: Feedback) -> None:
+    """Let what was told, or taken back, of a trial that is known or of an object hold again.
+
+    In the order of all that was told this ends with the same labels, whatever was known before.
+    """
+    key = feedback.key or told(feedback.object_name)
+    if feedback.key is not None and key not in experience.trials:
+        return
+    before = experience.told_in(key)
+    labels = before.copy()
+    for name, label in feedback.labels.items():
+        if name in experience.domain.attributes:
+            labels[experience.domain.columns([name])] = label
+    if ((labels < 0) & (before >= 0)).any():
+        experience.forget(key)
+    if (labels >= 0).any():
+        experience.label(key, feedback.object_name, labels)

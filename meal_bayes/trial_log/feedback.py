@@ -94,33 +94,26 @@ class FeedbackIndex:
     Parameters
     ----------
     entries : Iterable[Feedback]
-        In the order in which they were told.
+        In the order in which they were told, which they keep.
     """
 
     def __init__(self, entries: Iterable[Feedback]) -> None:
         # By the trial, or by the object where that was named: (number of the entry, label).
         self._labels: dict[Key | str, dict[str, tuple[int, int]]] = {}
-        for number, entry in enumerate(entries):
+        self.entries = list(entries)
+        for number, entry in enumerate(self.entries):
             whose = entry.object_name if entry.key is None else entry.key
             labels = self._labels.setdefault(whose, {})
-            for name, label in entry.labels.items():
-                labels.pop(name, None)
-                if label != _WITHDRAWN:
-                    labels[name] = (number, label)
-
-    def labels(self, whose: Key | str) -> dict[str, int]:
-        """Return what holds of a trial, by its key, or of an object that was named: 1 or 0."""
-        return {name: label for name, (_, label) in self._labels.get(whose, {}).items()}
+            labels |= {name: (number, label) for name, label in entry.labels.items()}
 
     def truth(self, trial: Trial) -> dict[str, int]:
         """Return the labels that hold of a trial's object when it was shown, by attribute."""
-        by_trial = self._labels.get(trial.task.key, {})
-        by_object = self._labels.get(trial.task.object_name, {})
-        labels = dict[str, int]()
-        for name in by_trial | by_object:
-            entries = [place[name] for place in (by_trial, by_object) if name in place]
-            labels[name] = max(entries)[1]  # the later one
-        return labels
+        latest = dict[str, tuple[int, int]]()
+        for whose in (trial.task.key, trial.task.object_name):
+            for name, entry in self._labels.get(whose, {}).items():
+                if entry[1] != _WITHDRAWN:
+                    latest[name] = max(entry, latest.get(name, entry))
+        return {name: label for name, (_, label) in latest.items()}
 
     def judged(self, trial: Trial) -> Trial:
         """Return a trial with the truth as told, and its report rewarded by that.

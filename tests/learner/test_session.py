@@ -1,10 +1,13 @@
 """Sessions: a trial driven from outside, from threads and asyncio, across restarts."""
 
+import contextlib
 import threading
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
 
 from meal_bayes.errors import LogError, OutputError, RobotError, SettingsError
 from meal_bayes.learner import Learner, recall
@@ -363,6 +366,49 @@ def test_what_is_told_stands_in_the_logs(dataset, make, tmp_path):
     unlogged = make.learner(dataset, make.agent("look", **make.ours))
     unlogged.tell("mug", {"red": True})
     assert len(list(tmp_path.rglob("*.feedback.mcap"))) == 4
+
+
+TELLINGS = st.lists(
+    st.tuples(
+        st.sampled_from((0, 1, 2, "mug", "cup 1")),  # a trial, or an object by its name
+        st.dictionaries(st.sampled_from(("red", "full")), st.booleans(), max_size=2),
+    ),
+    max_size=8,
+)
+
+
+@given(tellings=TELLINGS, saved=st.integers(0, 8))
+@example(
+    tellings=[("mug", {"full": True}), (0, {"red": False, "full": False}), ("mug", {"full": True})],
+    saved=2,
+)  # what is told again is the latest again
+@settings(max_examples=max(settings().max_examples // 5, 4))
+def test_no_label_is_lost_with_what_was_not_saved(dataset, make, tmp_path_factory, tellings, saved):
+    """A learner of an earlier moment, and a new one, hold what the one that ended held."""
+    folder = tmp_path_factory.mktemp("logs")
+    agent = make.agent("look", **make.ours)
+    first = make.learner(dataset, agent, logs=folder)
+    trials = [first.ask("red", make.arm(seed=n), object_name="mug") for n in range(3)]
+    for number, (whose, labels) in enumerate(tellings):
+        if number == saved:
+            first.save(folder / "mind")
+        trial = trials[whose] if isinstance(whose, int) else whose
+        if labels:
+            first.tell(trial, labels)
+        else:  # take back what was told
+            with contextlib.suppress(SettingsError):
+                first.forget(trial)
+    heirs = [make.learner(dataset, agent, logs=None)]
+    if (folder / "mind").exists():
+        heirs.append(Learner.load(folder / "mind", agent=agent, logs=None))
+    for heir in heirs:
+        recall(heir, folder)
+        text = repr(heir)
+        recall(heir, folder)  # again changes nothing
+        assert repr(heir) == text
+        for name in ("labels", "known"):
+            expected = getattr(first.experience, name).values
+            np.testing.assert_array_equal(getattr(heir.experience, name).values, expected)
 
 
 def test_labels_are_rebuilt_from_logs(dataset, make, tmp_path):
