@@ -110,6 +110,7 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
         table = TableSource.of(dataset).load()
         chosen = as_agent(agent)
         names = _chosen(table, objects)
+        # The tasks of `run offline`, so that results of both can be compared.
         every = offline_tasks(table, attributes, trials, seed, answer=answer)
         self.tasks = [task for task in every if task.object_name in names]
         if not self.tasks:
@@ -162,7 +163,7 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
             raise SettingsError(f"Task {index}; expected 0 to {len(self.tasks) - 1}.")
         task = self.tasks[index]
         learner = self._learner
-        self.close()
+        self.close()  # an episode that was left is logged as far as it went
         robot = learner.replay(task, seed=seed_of_task)
         session = learner.begin(task, state=robot.start(), seed=seed_of_task, commanded=True)
         self._begun = (session, robot)
@@ -190,6 +191,7 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
         if not 0 <= chosen < self._actions:
             raise SettingsError(f"The action is {chosen!s:.60}; give one of {self.action_space}.")
         self._steps += 1
+        # An illegal behavior costs its seconds and changes nothing: learners try it all the time.
         if chosen < momdp.n_behaviors and not momdp.legal[running.belief.x, chosen]:
             reward = -float(momdp.cost[chosen])
         else:
@@ -258,6 +260,7 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
 def _chosen(table: PerceptTable, objects: str | Sequence[str]) -> set[str]:
     """Return the names of the objects that tasks are about."""
     if isinstance(objects, str):
+        # A quarter of the objects, the same in every environment, is held out.
         order = stream(0, "held-out objects", table.domain.data).permutation(len(table.objects))
         held = {table.objects[i] for i in order[: -(-len(order) // 4)]}
         sets = {"all": set(table.objects), "train": set(table.objects) - held, "test": held}

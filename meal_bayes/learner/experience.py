@@ -206,6 +206,7 @@ class Experience:
             before = self.instances.values
             like = (before["object"] == o) & (before["behavior"] == behavior)
             like &= (before["digest"] == digest) & (before["origin"] != WITHDRAWN)
+            # The same recording shown again is the instance that is there; a robot's is a new one.
             recording = NONE
             if instance is not None and instance.object_index >= 0:  # a replay shows it again
                 recording = instance.recording
@@ -244,6 +245,7 @@ class Experience:
         instances = self.shown(trial)
         if recordings:
             rows = self.executions.values
+            # A recording that another trial showed, too, stays with that trial.
             others = rows["instance"][rows["trial"] != number]
             gathered = self.instances.values["origin"][instances] == GATHERED
             for i in instances[gathered & ~np.isin(instances, others)].tolist():
@@ -282,6 +284,7 @@ class Experience:
     def calls(self, o: int) -> list[tuple[int, Labels]]:
         """Return what was told of an object and holds, in order: (trial, labels (P,)) a call."""
         rows = self.feedback.values[self.feedback.values["object"] == o]
+        # Feedback is never erased: a row of value -1 withdraws the earlier ones of its trial.
         withdrawn: dict[tuple[int, int], int] = {}
         for at, (t, p, value) in enumerate(rows[["trial", "attribute", "value"]].tolist()):
             if value < 0:
@@ -299,7 +302,7 @@ class Experience:
             o = int(self.instances.values["object"][i])
             name = list(self.objects)[o]
             trials = {*executions["trial"][executions["instance"] == i].tolist()}
-            trials.add(self.trials.get(told(name), NONE))
+            trials.add(self.trials.get(told(name), NONE))  # told by name, outside of any trial
             self.labels.values[i] = self._folded(
                 labels for t, labels in self.calls(o) if t in trials
             )

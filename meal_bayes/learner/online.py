@@ -68,6 +68,7 @@ class Online:
         detections = views.percepts_given(record, agent.levels)
         data, rows, perception, counts = classify(record, agent, settings, labels, sizes)
         counted, unit = experienced(record, agent, settings)
+        # What a detector gave counts as it is, beside what classifiers of other objects said.
         place = {name: number for number, name in enumerate(data.objects)}
         position = np.array([place[name] for name in record.objects], np.intp)
         instances = record.instances.values
@@ -82,10 +83,12 @@ class Online:
         knowledge = knowledge_of(
             record.domain, counts, known_labels, object_level=agent.object_level
         )
+        # A label enters once: here, or later by `update`. `used` holds those that entered here.
         classified = np.full_like(labels, -1)
         classified[rows] = np.where(detections[rows] >= 0, -1, labels[rows])
         used = np.where(detections >= 0, labels, classified)
         if settings.posterior is not None:
+            # A posterior of one's own holds what was given; what the robot gathered is counted.
             knowledge = replace(knowledge, posterior=settings.posterior)
             used[instances["origin"] != GIVEN] = -1
             classified = np.where((instances["origin"] == GIVEN)[:, None], 0, -1)
@@ -132,6 +135,8 @@ class Online:
         o = self.record.instances.values["object"][rows]
         labels = views.labels_of(self.record, memory=self.agent.memory)[rows]
         labels = np.where(self._uncounted(rows) | (self.levels.values[rows] < 0), -1, labels)
+        # Objects are the clusters of the posterior: of each that changed, its old counts are taken
+        # out and its new ones put in.
         moved = np.zeros(len(domain.attributes), np.bool_)
         for n in dict.fromkeys(o[(labels != self.counted.values[rows]).any(axis=1)].tolist()):
             before = self._counts(self.record.gathered(n))
@@ -147,6 +152,7 @@ class Online:
         if self.agent.base_rates:
             moved |= rates != self.knowledge.base_rates
         self.knowledge = replace(self.knowledge, base_rates=rates)
+        # Policies stay where nothing that they were solved with has moved.
         self.answering = {
             (query, limit): answer
             for (query, limit), answer in self.answering.items()
@@ -299,6 +305,7 @@ class Online:
         if not explore and self.settings.shaped_answers:
             shaped = isinstance(exploration, ITRSBonus)
         unshaped = not shaped or (isinstance(exploration, NoBonus) and not recognized)
+        # An object that is recognized has a prior of its own, so its problem is solved anew.
         if unshaped and not recognized and key in self.answering:
             return self.answering[key]
         momdp = problem_of(self, task, limit)

@@ -44,6 +44,7 @@ def classify(
     data, rows, gathered = views.training(record, learned, sizes)
     training = _some(gathered, np.asarray((gathered.labels >= 0).any(axis=1)))
     perceives = PerceptionSettings(levels=agent.levels, by_object=settings.by_object)
+    # Scaling comes from all instances; the labels have no part in it.
     spaces = None
     if settings.classifier is not None:
         perceives = with_classifier(settings.classifier, levels=agent.levels)
@@ -74,7 +75,7 @@ def fractions(
 
     Zeros where there are none; half of each where the classifier cannot tell yet.
     """
-    half = counts.shape[-1] // 2
+    half = counts.shape[-1] // 2  # levels below it say no
     sides = np.stack([counts[..., :half].sum(axis=-1), counts[..., half:].sum(axis=-1)], axis=-1)
     total = sides.sum(axis=-1, keepdims=True)
     silent = np.ones(counts.shape[-4:-2], np.bool_)  # (P,E)
@@ -82,6 +83,7 @@ def fractions(
         silent[:, perception.domain.behavior_index(name)] = ~classifier.used
     i, p = np.nonzero(record.detected.values >= 0)
     silent[p, record.instances.values["behavior"][i]] = False
+    # No and yes alike, so that what tells nothing adds to neither rate.
     even = silent[..., None, None] & (total > 0)
     return np.asarray(np.where(even, 0.5, sides / np.maximum(total, 1)))
 

@@ -98,6 +98,7 @@ class _Check:
             legal = np.flatnonzero(self.momdp.legal[history.belief.x])
             if not len(legal):
                 break
+            # Beliefs that the policy itself would not reach are visited, too.
             action = int(decision.action)
             if action >= self.momdp.n_behaviors or step % 3 == 2:
                 action = int(rng.choice(legal))
@@ -218,6 +219,7 @@ class _Check:
         if not getattr(policy, "deterministic", False):
             return
         for history, luck, decision in decided:
+            # The same belief, reached by nothing: what else it reads of a history is missing.
             bare = self.decide(policy, History(history.belief), luck)
             if bare.action != decision.action:
                 raise self.fail(
@@ -232,6 +234,7 @@ def _executed(momdp: MOMDP, history: History, action: int, rng: np.random.Genera
     belief = history.belief
     percept = None
     x = int(rng.choice(np.flatnonzero(momdp.transition[action, belief.x])))
+    # Any level of positive probability may come, by no rows in particular.
     left = belief.percept_counts[0, action].sum() < momdp.limit[action]
     if momdp.observation_probability[action, belief.x, x] > rng.random() and left:
         rows = np.einsum("nc,nck->nk", np.exp(belief.log_prob), momdp.confusion[:, action])

@@ -131,6 +131,7 @@ class SearchSession:
         if name is None:
             raise SettingsError("No turn is under way: execute `behavior`, or the search is over.")
         session = self.sessions[name]
+        # An object that was left is found where it stood; what was perceived of it holds.
         if session.begun:
             x = state_index(session.momdp.x_names, state, f"turn_to({name!r})")
             session.belief = session.belief.at(x)
@@ -196,6 +197,7 @@ class SearchSession:
 
     def _decide(self) -> None:
         """Carry out what `best_move` chooses: a behavior, another object, or the answer."""
+        # Before another object is explored, the one in front has to be put down.
         turning, put_down = self._turning()
         names = list(self.sessions)
         prospects = [
@@ -229,6 +231,7 @@ class SearchSession:
         spent = self._rules.max_cost is not None and search.cost + cost > self._rules.max_cost
         if steps < self._rules.max_steps and not spent:
             return True
+        # At a limit: the object of the largest value, or none where that is worth more.
         claims = {name: prospect.claim_value for name, prospect in self._prospects.items()}
         best = max(claims, key=lambda name: claims[name])
         self._answer(best if claims[best] > self._none else None)
@@ -239,6 +242,7 @@ class SearchSession:
         self._claim = name
         if name is not None and not self.sessions[name].begun:
             self._begin(name, self._rules.start)
+        # Each trial ends in its own words: yes (E + 1) of the claimed one, others abstain.
         for other, session in self.sessions.items():
             if session.begun:
                 e = session.momdp.n_behaviors
