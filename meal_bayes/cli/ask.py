@@ -43,9 +43,13 @@ def demo(seed: int, logs: Path) -> None:
     if seed != _SEED:
         name = table.objects[int(stream(seed, "demo").integers(len(table.objects)))]
     config = {
-        "command": "demo", "question": _QUESTION, "dataset": "roc36", "object": name,
-        "agent": "bayes", "seed": seed,
-    }  # fmt: skip
+        "command": "demo",
+        "question": _QUESTION,
+        "dataset": "roc36",
+        "object": name,
+        "agent": "bayes",
+        "seed": seed,
+    }
     console = output()
     text = (
         "A robot meets an object it has never learned from, and is asked about it. It tries one "

@@ -48,12 +48,17 @@ def list_(name: str | None, dataset: str | None, root: Path | None, as_json: boo
     for source in SOURCES:
         table = load_percepts(source)
         states = verify(source)
-        rows.append({
-            "name": source, "objects": len(table.objects),
-            "behaviors": len(table.domain.behaviors), "attributes": len(table.domain.attributes),
-            "recordings": table.recordings, "files": len(states),
-            "files_cached": sum(state == "ok" for _, state in states),
-        })  # fmt: skip
+        rows.append(
+            {
+                "name": source,
+                "objects": len(table.objects),
+                "behaviors": len(table.domain.behaviors),
+                "attributes": len(table.domain.attributes),
+                "recordings": table.recordings,
+                "files": len(states),
+                "files_cached": sum(state == "ok" for _, state in states),
+            }
+        )
     if as_json:
         terminal.print_json({"datasets": rows, "cache": str(cache_folder())})
         return

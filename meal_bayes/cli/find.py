@@ -72,19 +72,21 @@ def print_search(search: "Search", path: Path, *, as_json: bool) -> None:
     from meal_bayes.display import percent
 
     if as_json:
-        print_json({
-            "search": {
-                "question": search.question,
-                "claim": search.claim,
-                "turns": list(search.turns),
-                "success": search.success,
-                "cost_s": search.cost,
-                "reward": None if search.success is None else search.reward,
-                "ended": search.ended,
-            },
-            "trials": {name: trial_json(trial) for name, trial in search.trials.items()},
-            "log": str(path),
-        })  # fmt: skip
+        print_json(
+            {
+                "search": {
+                    "question": search.question,
+                    "claim": search.claim,
+                    "turns": list(search.turns),
+                    "success": search.success,
+                    "cost_s": search.cost,
+                    "reward": None if search.success is None else search.reward,
+                    "ended": search.ended,
+                },
+                "trials": {name: trial_json(trial) for name, trial in search.trials.items()},
+                "log": str(path),
+            }
+        )
         return
     rows = []
     for name, trial in search.trials.items():

@@ -297,8 +297,11 @@ def _print_differences(summary: "list[LearningSummary]", repeats: int) -> None:
         )
     at_hours = (f"at {hours} h" for hours in reached)
     names = (
-        f"reward less {first.agent}'s", f"first {first.area_hours:.1f} h", *at_hours, "after",
-    )  # fmt: skip
+        f"reward less {first.agent}'s",
+        f"first {first.area_hours:.1f} h",
+        *at_hours,
+        "after",
+    )
     console = terminal.output()
     console.print()
     terminal.print_table(names, rows, narrow=True)

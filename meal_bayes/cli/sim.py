@@ -77,13 +77,17 @@ def _training(command: opt.Command) -> opt.Command:
     """Add the options of a learner that knows recordings of training objects."""
     for option in (
         opt.option(
-            "--jobs", SOME, os.cpu_count() or 1, None, "Processes that record them.",
+            "--jobs",
+            SOME,
+            os.cpu_count() or 1,
+            None,
+            "Processes that record them.",
             show_default="one a core",
         ),
         opt.option("--recordings", SOME, 3, None, "Recordings of each."),
         opt.option("--objects", SEVERAL, 30, None, "Training objects; recorded once, then kept."),
         agent_option,
-    ):  # fmt: skip
+    ):
         command = option(command)
     return command
 

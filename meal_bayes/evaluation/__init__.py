@@ -46,4 +46,4 @@ __all__ = [
     "paired_fractions",
     "resampled",
     "summarize",
-]  # fmt: skip
+]

@@ -182,11 +182,13 @@ class Finder(Answerer):
         leave = np.isin(diagram.states, self.domain.leave or (diagram.start,))
         text = question if isinstance(question, str) else query.text
         return SearchSession(
-            text, sessions, prospectors,
+            text,
+            sessions,
+            prospectors,
             rules=SearchRules(leave, diagram.start, float(turn_cost), max_steps, max_cost),
             rng=stream(self.settings.seed, "search", *names),
             on_turn=self._logger(text, names, log),
-        )  # fmt: skip
+        )
 
     def _searched(self, question: Any, payoffs: Any, none: float) -> Query:
         """Return the question of each object: claims earn as they do, and "no" what none earns."""

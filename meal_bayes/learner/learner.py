@@ -100,12 +100,16 @@ class Learner(Finder):
         chosen = as_agent(agent)
         if settings is None:
             settings = LearnerSettings(
-                seed=seed, horizon=horizon, refit_every=refit_every, learn_success=learn_success,
+                seed=seed,
+                horizon=horizon,
+                refit_every=refit_every,
+                learn_success=learn_success,
                 reward=domain.report_reward if reward is None else reward,
-                percepts=percepts, classifier=classifier,
+                percepts=percepts,
+                classifier=classifier,
                 payoffs=checked_payoffs(payoffs),
                 posterior=own_posterior(posterior, domain, chosen),
-            )  # fmt: skip
+            )
         super().__init__(domain, chosen, settings, logs)
         self._joined = (0, 0)  # recordings that joined with the last data set, and it had
         self._file = ""  # id of the file that was read or written last
@@ -342,6 +346,11 @@ class Learner(Finder):
     def _saved(self) -> SavedLearner:
         """Return all that this learner is."""
         return SavedLearner(
-            self.agent, self.settings, self.experience, self.table, self._fits.online,
-            asked=self._asked, file=self._file,
-        )  # fmt: skip
+            agent=self.agent,
+            settings=self.settings,
+            experience=self.experience,
+            table=self.table,
+            fitted=self._fits.online,
+            asked=self._asked,
+            file=self._file,
+        )

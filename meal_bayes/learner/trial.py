@@ -69,9 +69,12 @@ class Asked:
 
 
 def task_of(
-    domain: Domain, table: PerceptTable | None, question: Question,
-    object_name: str | None, key: str | int | None,
-) -> tuple[Task, Key]:  # fmt: skip
+    domain: Domain,
+    table: PerceptTable | None,
+    question: Question,
+    object_name: str | None,
+    key: str | int | None,
+) -> tuple[Task, Key]:
     """Return the task of a question, and the key of its random streams.
 
     With a robot the task's own key has an identity that no other trial has, of whatever session,
@@ -101,9 +104,14 @@ def task_of(
 
 
 def session_of(
-    fit: Fit, task: Task, key: Key, options: TrialOptions, *,
-    lock: AbstractContextManager[Any], on_end: Callable[[Trial], None],
-) -> Session:  # fmt: skip
+    fit: Fit,
+    task: Task,
+    key: Key,
+    options: TrialOptions,
+    *,
+    lock: AbstractContextManager[Any],
+    on_end: Callable[[Trial], None],
+) -> Session:
     """Return the session of a task whose random streams `key` names; replays teach nothing."""
     domain = fit.record.domain
     learn = options.learn and isinstance(fit, Online)
@@ -125,7 +133,11 @@ def session_of(
         sizes = fit.expected_sizes
     checker = OutcomeChecker(fit.knowledge.domain, object_index=task.object_index, sizes=sizes)
     return Session(
-        task, momdp, policy, checker, perceiver,
+        task,
+        momdp,
+        policy,
+        checker,
+        perceiver,
         agent=fit.agent.name,
         seed=fit.settings.seed if options.seed is None else options.seed,
         key=key,
@@ -135,7 +147,7 @@ def session_of(
         max_cost=options.max_cost,
         on_step=on_step,
         on_end=on_end if learn else None,
-    )  # fmt: skip
+    )
 
 
 def plan_of(
@@ -161,9 +173,13 @@ class RecordingPerceiver:
     """A perceiver that records the executions of a trial, with all that was perceived."""
 
     def __init__(
-        self, fit: Online, task: Task, momdp: MOMDP, lock: AbstractContextManager[Any],
+        self,
+        fit: Online,
+        task: Task,
+        momdp: MOMDP,
+        lock: AbstractContextManager[Any],
         on_step: Callable[[Step], None] | None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self._fit = fit
         self._task = task
         self._momdp = momdp
@@ -236,9 +252,12 @@ def check_behaviors(record: Experience, trial: Trial) -> None:
 
 
 def record_step(
-    record: Experience, task: Task, momdp: MOMDP, step: Step,
+    record: Experience,
+    task: Task,
+    momdp: MOMDP,
+    step: Step,
     perceived: tuple[Instance, NDArray[np.int8]] | None = None,
-) -> None:  # fmt: skip
+) -> None:
     """Record a step, with what was sensed and the levels (P,) where these are known; no report.
 
     A step that only shows the queried attributes' percepts is recorded with these.
@@ -263,6 +282,12 @@ def record_step(
         meant = momdp.transition[e, step.x, step.next_x] > 0
         success = int(shows or (step.next_x != step.x and meant))
     record.execute(
-        task.key, task.object_name, e, success=success, instance=instance,
-        levels=levels, detected=detected, k=momdp.levels,
-    )  # fmt: skip
+        task.key,
+        task.object_name,
+        e,
+        success=success,
+        instance=instance,
+        levels=levels,
+        detected=detected,
+        k=momdp.levels,
+    )

@@ -48,9 +48,15 @@ def ask_new(
 
 
 def find_new(
-    learner: Learner, question: str | Query, seed: int, objects: int, number: int = 0,
-    *, turn_cost: float = TURN_COST, log: Path | None = None,
-) -> Search:  # fmt: skip
+    learner: Learner,
+    question: str | Query,
+    seed: int,
+    objects: int,
+    number: int = 0,
+    *,
+    turn_cost: float = TURN_COST,
+    log: Path | None = None,
+) -> Search:
     """Find one of some new boxes on the table, of which nothing is recorded, or none; in a test.
 
     The arm reaches one box at a time: turning to another costs `turn_cost`, s. Boxes are called

@@ -101,9 +101,14 @@ class SearchSession:
         """The search so far."""
         trials = {name: session.trial for name, session in self.sessions.items()}
         return Search(
-            self.question, trials, tuple(self._turns), self._claim,
-            self._none, self._rules.turn_cost, self._ended or "",
-        )  # fmt: skip
+            question=self.question,
+            trials=trials,
+            turns=tuple(self._turns),
+            claim=self._claim,
+            none=self._none,
+            turn_cost=self._rules.turn_cost,
+            ended=self._ended or "",
+        )
 
     @property
     def over(self) -> bool:

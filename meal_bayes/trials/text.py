@@ -186,20 +186,22 @@ def trials_frame(trials: Iterable[TrialRecord]) -> Any:
         query = trial.task.query
         right = query.report_truth(trial.truth)
         p = trial.probability
-        rows.append({
-            "agent": trial.agent,
-            "task": trial.task.name,
-            "object": trial.task.object_name,
-            "query": query.text.removesuffix("?"),
-            "report": None if trial.report is None else query.report_name(trial.report),
-            "truth": query.report_name(right == 1) if (right >= 0).all() else None,
-            "success": trial.success,
-            "abstained": trial.report is None,
-            "cost_s": trial.cost,
-            "reward": trial.reward,
-            "steps": len(trial.steps),
-            "certainty": trial.last_belief.certainty if p is None else max(p, 1.0 - p),
-            "warnings": "; ".join(trial.warnings),
-        })  # fmt: skip
+        rows.append(
+            {
+                "agent": trial.agent,
+                "task": trial.task.name,
+                "object": trial.task.object_name,
+                "query": query.text.removesuffix("?"),
+                "report": None if trial.report is None else query.report_name(trial.report),
+                "truth": query.report_name(right == 1) if (right >= 0).all() else None,
+                "success": trial.success,
+                "abstained": trial.report is None,
+                "cost_s": trial.cost,
+                "reward": trial.reward,
+                "steps": len(trial.steps),
+                "certainty": trial.last_belief.certainty if p is None else max(p, 1.0 - p),
+                "warnings": "; ".join(trial.warnings),
+            }
+        )
     frame = pd.DataFrame(rows)
     return frame.astype({"success": "boolean"}) if rows else frame

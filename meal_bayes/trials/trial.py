@@ -103,19 +103,21 @@ class Trial(TrialRecord):
         percepts = [f"percept_{name}" for name in names]
         for number, step in enumerate(self.steps, start=1):
             levels = [None] * len(names) if step.observation is None else step.observation.tolist()
-            rows.append({
-                "step": number,
-                "state": self.momdp.x_names[step.x],
-                "action": self.momdp.action_name(step.decision.action),
-                "next_state": self.momdp.x_names[step.next_x],
-                "cost_s": step.cost,
-                "reward": step.reward,
-                **_value_columns(step.decision),
-                "gap": step.decision.gap,
-                **dict(zip(percepts, levels, strict=True)),
-                **{f"belief_{n}": p for n, p in zip(names, step.belief.positive, strict=True)},
-                "warning": step.warning,
-            })  # fmt: skip
+            rows.append(
+                {
+                    "step": number,
+                    "state": self.momdp.x_names[step.x],
+                    "action": self.momdp.action_name(step.decision.action),
+                    "next_state": self.momdp.x_names[step.next_x],
+                    "cost_s": step.cost,
+                    "reward": step.reward,
+                    **_value_columns(step.decision),
+                    "gap": step.decision.gap,
+                    **dict(zip(percepts, levels, strict=True)),
+                    **{f"belief_{n}": p for n, p in zip(names, step.belief.positive, strict=True)},
+                    "warning": step.warning,
+                }
+            )
         return pd.DataFrame(rows).astype(dict.fromkeys(percepts, "Int8") if rows else {})
 
 
