@@ -206,7 +206,9 @@ def _ask_labels(trial: "Trial", labelled: set[str]) -> dict[str, bool]:
                 continue
             if len(members) > 1:
                 labels |= _prompt_value(question, members)
-            elif (reply := _prompt(f"Is it {question}?")) is not None:
+                continue
+            reply = _prompt(f"Is it {question}?")
+            if reply is not None:
                 labels[question] = reply
     return labels
 

@@ -113,7 +113,8 @@ def offline(root: Path | None, agents: tuple[str, ...], as_json: bool, **setting
     _print_summary(rows, paired)
     if rates:
         _print_rates(rates)
-    if no_better := no_better_than_prior(rows.outcomes):
+    no_better = no_better_than_prior(rows.outcomes)
+    if no_better:
         terminal.say(no_better)
     terminal.note(f"trials in {finished.folder}")
 

@@ -49,7 +49,8 @@ def run_folder(
     else's. Agents name folders in it: of them the user's code counts alone. Facts stand beside the
     settings; those to ignore are the ones that only say how much of the same is run.
     """
-    sources = {agent.name: digest for agent in config.agents if (digest := agent_digest(agent))}
+    sources = {agent.name: own_agent_digest(agent) for agent in config.agents}
+    sources = {name: digest for name, digest in sources.items() if digest}
     settings = {name: value for name, value in config.as_dict().items() if name not in ignore}
     digest = digest_of({**settings, "agents": sources, **facts}, environment())
     return Path(root) / f"{file_name(name, 200)}-{digest[:8]}"
@@ -83,7 +84,7 @@ class _UnknownError(Exception):
     """Nobody can say whether a value is the same as in another run."""
 
 
-def agent_digest(agent: Agent) -> str:
+def own_agent_digest(agent: Agent) -> str:
     """Compute a digest of an agent's settings and of the user's code that it goes by.
 
     It is "" of an agent that ships. It is that of no other where nobody can know whether the agent

@@ -139,17 +139,18 @@ def read_learner(path: Path, *, agent: object, classifier: object) -> SavedLearn
             _read_features(meta["features"], read, experience)
             if table is not None:
                 check_data(table, domain)
-            fitted = [
-                _fitted(experience, fit_agent, settings, unpack(entry["state"], read, domain))
-                for entry in meta["fitted"]
-                if (fit_agent := _known(entry, chosen)) is not None
-            ]
+            fitted = []
+            for entry in meta["fitted"]:
+                fit_agent = _known(entry, chosen)
+                if fit_agent is not None:  # else it is made anew when it is asked
+                    state = unpack(entry["state"], read, domain)
+                    fitted.append(_fitted(experience, fit_agent, settings, state))
             return SavedLearner(
-                chosen,
-                settings,
-                experience,
-                table,
-                fitted,
+                agent=chosen,
+                settings=settings,
+                experience=experience,
+                table=table,
+                fitted=fitted,
                 asked=Asked(**meta["asked"]),
                 file=str(meta["file"]),
             )

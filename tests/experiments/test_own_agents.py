@@ -23,7 +23,7 @@ from meal_bayes.agents import AGENTS, Agent, as_agent
 from meal_bayes.cli import main
 from meal_bayes.errors import SettingsError
 from meal_bayes.experiments import OfflineConfig, OnlineConfig, run_offline, run_online, store
-from meal_bayes.experiments.store import Description, agent_digest
+from meal_bayes.experiments.store import Description, own_agent_digest
 from meal_bayes.momdp import best_report
 from meal_bayes.planners import RandomLegal, unvalued
 
@@ -130,10 +130,10 @@ def folder(tmp_path, monkeypatch):
 )
 def test_what_a_planner_imports_from_beside_it_is_in_its_digest(folder, changed, matters):
     agent = as_agent(importlib.import_module("planner_of_mine").Planner())
-    before = agent_digest(agent)
+    before = own_agent_digest(agent)
     with (folder / changed).open("a") as file:
         file.write("\nmore = 1\n")
-    assert (agent_digest(agent) != before) == matters
+    assert (own_agent_digest(agent) != before) == matters
 
 
 def test_settings_matter_and_shipped_agents_have_no_sources(folder):
@@ -142,13 +142,13 @@ def test_settings_matter_and_shipped_agents_have_no_sources(folder):
     def digest(**settings):
         value = planner()
         vars(value).update(settings)
-        return agent_digest(as_agent(value))
+        return own_agent_digest(as_agent(value))
 
     values = [{}, {"a": 1}, {"a": 2}, {"a": {"x", "y"}}, {"a": np.arange(5000)}]
     values.append({"a": np.append(np.arange(4999), 0)})  # another where its repr says nothing
     assert len({digest(**settings) for settings in values}) == len(values)
     assert digest(a={"x", "y"}) == digest(a={"y", "x"})
-    assert {agent_digest(agent) for agent in AGENTS.values()} == {""}
+    assert {own_agent_digest(agent) for agent in AGENTS.values()} == {""}
 
 
 def planner_of(sure):
@@ -196,7 +196,7 @@ UNKNOWN = [
 @pytest.mark.parametrize("value", UNKNOWN, ids=range(len(UNKNOWN)))
 def test_what_cannot_be_known_is_told_and_never_the_same(value, caplog):
     agent = as_agent(value)
-    assert agent_digest(agent) != agent_digest(agent)
+    assert own_agent_digest(agent) != own_agent_digest(agent)
     assert "a folder of its own" in caplog.text
 
 
@@ -249,22 +249,22 @@ def written(value):
 
 def test_what_a_program_sets_on_a_class_or_module_matters(folder, monkeypatch):
     module = importlib.import_module("planner_of_mine")
-    digests = [agent_digest(as_agent(module.Planner()))]
+    digests = [own_agent_digest(as_agent(module.Planner()))]
     monkeypatch.setattr(module.Planner, "sure", 0.4, raising=False)
-    digests.append(agent_digest(as_agent(module.Planner())))
+    digests.append(own_agent_digest(as_agent(module.Planner())))
     monkeypatch.setattr(module.Planner, "sure", 0.9, raising=False)
-    digests.append(agent_digest(as_agent(module.Planner())))
+    digests.append(own_agent_digest(as_agent(module.Planner())))
     monkeypatch.setattr(module, "best", 2, raising=False)
-    digests.append(agent_digest(as_agent(module.Planner())))
+    digests.append(own_agent_digest(as_agent(module.Planner())))
     assert len(set(digests)) == 4
 
 
 def test_a_shipped_agent_with_other_settings_is_another(folder):
     ships = AGENTS["bayes"]
-    digests = {agent_digest(replace(ships, discount=d)) for d in (0.5, 0.6, ships.discount)}
+    digests = {own_agent_digest(replace(ships, discount=d)) for d in (0.5, 0.6, ships.discount)}
     assert len(digests) == 3
-    assert agent_digest(ships) == ""
-    assert agent_digest(replace(ships, discount=0.5)) in digests
+    assert own_agent_digest(ships) == ""
+    assert own_agent_digest(replace(ships, discount=0.5)) in digests
 
 
 @pytest.mark.long
@@ -272,8 +272,8 @@ def test_the_digest_is_that_of_every_process(folder):
     """Strings have another hash in each, and so sets another order."""
     code = (
         "from planner_of_mine import Planner; from meal_bayes.agents import as_agent;"
-        "from meal_bayes.experiments.store import agent_digest;"
-        "p = Planner(); p.words = frozenset('abcdefgh'); print(agent_digest(as_agent(p)))"
+        "from meal_bayes.experiments.store import own_agent_digest;"
+        "p = Planner(); p.words = frozenset('abcdefgh'); print(own_agent_digest(as_agent(p)))"
     )
     digests = set()
     for seed in ("1", "2"):

@@ -212,7 +212,10 @@ class _ValueIteration:
         table = self._swept(self._coarsest(points))
         fall = np.inf
         finer = dict.fromkeys(np.flatnonzero(table.size > 1).tolist(), 1)  # next level of an axis
-        while fall > self.tolerance and (even := self._finer(table, finer, points // _EVENLY)):
+        while fall > self.tolerance:
+            even = self._finer(table, finer, points // _EVENLY)
+            if even is None:
+                break
             even = self._swept(even)
             fall = self._at_start(table) - self._at_start(even)
             table = even

@@ -139,7 +139,8 @@ class POMCPPolicy:
         if self.settings.milliseconds is not None:
             end = time.thread_time() + 1e-3 * self.settings.milliseconds
         # What needs no comparison, then what bounds decide; only what is left is searched.
-        if certain := _certain(momdp, belief):
+        certain = _certain(momdp, belief)
+        if certain is not None:
             return certain
         evaluator = plan_values(self.model, self.plans, belief)
         lower = evaluator.scratch.value.copy()
