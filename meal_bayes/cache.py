@@ -25,7 +25,7 @@ _WARNED = "MEAL_BAYES_CACHE_WARNED"  # set with the warning, so that workers do 
 
 
 @functools.cache
-def cache_folder(name: str) -> Path | None:
+def private_folder(name: str) -> Path | None:
     """Return the folder of one kind of compiled code, or None where none is safe and writable.
 
     The folder is `meal_bayes/NAME` in the system's cache folder (on Linux `$XDG_CACHE_HOME` or
@@ -50,8 +50,8 @@ def cache_folder(name: str) -> Path | None:
 
 @functools.cache
 def scratch_folder(name: str) -> Path:
-    """Return `cache_folder(name)`, or where there is none a folder that goes with the process."""
-    folder = cache_folder(name)
+    """Return `private_folder(name)`, or where there is none a folder that goes with the process."""
+    folder = private_folder(name)
     if folder is None:
         folder = Path(tempfile.mkdtemp(prefix=f"meal_bayes-{name}-"))
         atexit.register(shutil.rmtree, folder, ignore_errors=True)
@@ -64,7 +64,7 @@ def writable_caches() -> Iterator[None]:
 
     Nothing changes where the user's cache folder can be written.
     """
-    if cache_folder("libraries") is not None:
+    if private_folder("libraries") is not None:
         yield
         return
     scratch = str(scratch_folder("libraries"))
@@ -82,7 +82,7 @@ def writable_caches() -> Iterator[None]:
 def compile_kernel(function: Callable[..., Any], **options: object) -> Callable[..., Any]:
     """Compile a function by numba when it is called first; later processes load it.
 
-    It is kept in `cache_folder("numba")`, or where `NUMBA_CACHE_DIR` says; without either, each
+    It is kept in `private_folder("numba")`, or where `NUMBA_CACHE_DIR` says; without either, each
     process compiles. What is there but torn is compiled again. Options are those of `numba.njit`.
     """
     from numba import config, njit  # noqa: PLC0415  loaded by those who compile
@@ -90,7 +90,7 @@ def compile_kernel(function: Callable[..., Any], **options: object) -> Callable[
     # Numba reads this setting while it decorates, and each function keeps what it was then.
     configured = config.CACHE_DIR
     usable = configured and _writable(Path(configured))
-    folder = configured if usable else cache_folder("numba")
+    folder = configured if usable else private_folder("numba")
     config.CACHE_DIR = str(folder or "")
     try:
         kernel: Callable[..., Any] = njit(cache=folder is not None, **options)(function)

@@ -20,13 +20,13 @@ def home(tmp_path, monkeypatch):
     monkeypatch.setattr("numba.core.config.CACHE_DIR", "")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     monkeypatch.delenv("MEAL_BAYES_CACHE_WARNED", raising=False)
-    cache.cache_folder.cache_clear()
+    cache.private_folder.cache_clear()
     yield tmp_path / "cache"
-    cache.cache_folder.cache_clear()
+    cache.private_folder.cache_clear()
 
 
 def test_the_folder_is_the_user_s_alone(home):
-    folder = cache.cache_folder("numba")
+    folder = cache.private_folder("numba")
     assert folder == home / "meal_bayes" / "numba"
     assert folder.stat().st_mode & 0o777 == 0o700
     assert folder.parent.stat().st_mode & 0o777 == 0o700
@@ -51,11 +51,11 @@ def test_a_folder_that_others_can_fill_is_not_used(home, way, caplog, monkeypatc
             folder.chmod(0o777)
         else:
             monkeypatch.setattr(os, "getuid", lambda: folder.stat().st_uid + 1)
-    assert cache.cache_folder("numba") is None
+    assert cache.private_folder("numba") is None
     (record,) = caplog.records
     assert "no cache of compiled code" in record.message
-    cache.cache_folder.cache_clear()
-    assert cache.cache_folder("numba") is None
+    cache.private_folder.cache_clear()
+    assert cache.private_folder("numba") is None
     assert len(caplog.records) == 1  # told once
     assert cache.compile_kernel(add_one, nogil=True)(1) == 2
 
@@ -63,7 +63,7 @@ def test_a_folder_that_others_can_fill_is_not_used(home, way, caplog, monkeypatc
 def test_a_link_of_the_user_s_own_to_another_disk_is_followed(home, tmp_path):
     (tmp_path / "disk").mkdir(mode=0o700)
     home.symlink_to(tmp_path / "disk")
-    assert cache.cache_folder("numba") == home / "meal_bayes" / "numba"
+    assert cache.private_folder("numba") == home / "meal_bayes" / "numba"
 
 
 def add_one(x):

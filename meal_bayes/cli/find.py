@@ -54,7 +54,7 @@ def find(root: Path | None, logs: Path, as_json: bool, **options: Unpack[_Search
     with terminal.showing_compilation():
         search = learner.find(
             options["question"],
-            opt.listed(options["objects"]),
+            opt.comma_list(options["objects"]),
             payoffs=options["payoffs"] or None,
             none=options["none"],
             turn_cost=options["turn_cost"],

@@ -112,7 +112,7 @@ def shared(*names: str) -> Callable[[Command], Command]:
     return add
 
 
-def listed(*texts: str) -> tuple[str, ...]:
+def comma_list(*texts: str) -> tuple[str, ...]:
     """Return names that were given one by one or as comma lists."""
     return tuple(name.strip() for text in texts for name in text.split(","))
 

@@ -81,7 +81,9 @@ def posterior(
     check_method(options["method"], options["model"])
     dataset, table = opt.table_of(options["dataset"], root)
     config = {"command": "posterior", **options, "dataset": dataset}
-    names = opt.listed(options["attributes"]) if options["attributes"] else table.domain.attributes
+    names = (
+        opt.comma_list(options["attributes"]) if options["attributes"] else table.domain.attributes
+    )
     # Each attribute once, whatever order and repeats were typed.
     columns = sorted({*table.domain.columns(names)})  # in the order of the domain
     counts = named_counts(

@@ -86,7 +86,7 @@ def offline(root: Path | None, agents: tuple[str, ...], as_json: bool, **setting
     how = {name: settings.pop(name) for name in _HOW}
     perception = settings["perception"]
     settings["dataset"], table = opt.table_of(settings["dataset"], root, perception)
-    chosen = tuple(map(opt.agent_value, opt.listed(*agents))) or experiments.DEFAULT_AGENTS
+    chosen = tuple(map(opt.agent_value, opt.comma_list(*agents))) or experiments.DEFAULT_AGENTS
     config = experiments.OfflineConfig(**settings, agents=chosen)
     # Compiled before the bar of the trials, which would stand still meanwhile.
     with terminal.showing_compilation():
@@ -225,7 +225,7 @@ def online(
     settings["root"] = None if root is None else str(root)
     settings["repeats"] = settings["repeats"] or (_MOST if until_decided else 1)
     if agents:
-        settings["agents"] = tuple(map(opt.agent_value, opt.listed(*agents)))
+        settings["agents"] = tuple(map(opt.agent_value, opt.comma_list(*agents)))
     config = OnlineConfig(**settings)
     with terminal.showing_compilation():
         warm_up(config, load_domain(config.dataset))

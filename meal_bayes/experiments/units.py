@@ -99,7 +99,7 @@ def run_units(
     warm_up()
     announced = set[str]()
     with TemporaryDirectory(prefix="meal_bayes-") as name:
-        progress = Progress(Path(name, "parts"), len(todo))
+        progress = SharedProgress(Path(name, "parts"), len(todo))
 
         def look() -> None:
             report(done + progress.under_way, total)
@@ -132,7 +132,7 @@ def run_units(
             raise
 
 
-class Progress:
+class SharedProgress:
     """How much of each unit under way is done, in a file that processes of this machine share."""
 
     def __init__(self, file: Path, units: int) -> None:
@@ -167,7 +167,7 @@ def _run_locked(
 ) -> tuple[int, str | None]:
     """Run a unit once nobody else holds it; return its number, and who holds it."""
     number, unit = numbered
-    count = Progress.counter(file, number)
+    count = SharedProgress.counter(file, number)
 
     def advance(amount: float) -> None:
         count(amount)

@@ -60,7 +60,7 @@ def told(name: str) -> Key:
     return ("told", name)
 
 
-def digest_of(features: Mapping[str, NDArray[np.float32]] | None) -> int:
+def features_digest(features: Mapping[str, NDArray[np.float32]] | None) -> int:
     """Compute the digest of a recording's features by modality; 0 where there are none."""
     if not features:
         return 0
@@ -167,7 +167,7 @@ class Experience:
                 behavior = dataset.domain.behavior_names[e]
                 for r in range(int(dataset.recording_counts[o, e])):
                     features = dataset.instance(o, behavior, r).features
-                    digest = digest_of(features)
+                    digest = features_digest(features)
                     copy = copies[e, digest]
                     copies[e, digest] += 1
                     if (number, e, digest, copy) not in present:
@@ -202,7 +202,7 @@ class Experience:
         if levels is not None:
             o = self.object(object_name)
             features = None if instance is None else instance.features
-            digest = digest_of(features)
+            digest = features_digest(features)
             before = self.instances.values
             like = (before["object"] == o) & (before["behavior"] == behavior)
             like &= (before["digest"] == digest) & (before["origin"] != WITHDRAWN)

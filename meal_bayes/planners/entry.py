@@ -17,7 +17,7 @@ from meal_bayes.planners.open_loop.values import (
     Plans,
     make_evaluator,
 )
-from meal_bayes.planners.pomcp.search import Growing, Search, plan
+from meal_bayes.planners.pomcp.search import Growing, TreeSearch, plan
 from meal_bayes.planners.pomcp.tree import EDGE, NODE, Sampled, Tree
 
 
@@ -35,7 +35,7 @@ _NO_BELIEFS = Beliefs(
     useful=False,
     best=BestPlans(value=np.empty((0, 0)), plan=np.empty((0, 0), np.int64)),
 )
-_NO_SEARCH = Search(
+_NO_SEARCH = TreeSearch(
     tree=Tree(
         size=np.ones(1, np.int64),
         node=np.empty(0, NODE),
@@ -72,7 +72,7 @@ def lent_generator(rng: np.random.Generator) -> Iterator[np.random.Generator]:
 
 
 def grow_tree(
-    evaluator: Evaluator, search: Search, reader: Reader | None, rng: np.random.Generator
+    evaluator: Evaluator, search: TreeSearch, reader: Reader | None, rng: np.random.Generator
 ) -> int:
     """Grow a tree by simulations; leaves are valued by plans, or by a table where one is read.
 

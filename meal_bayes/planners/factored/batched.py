@@ -35,7 +35,7 @@ class Problems(NamedTuple):
     start: int  # x
 
 
-class Scratch(NamedTuple):
+class Buffers(NamedTuple):
     """What the kernel writes: G beliefs, E behaviors, X states without the terminal one."""
 
     value: Floats  # (X,G)
@@ -71,7 +71,7 @@ def batched_value_iteration(
     report = momdp.reports.of_right(np.maximum(belief, 1 - belief)[:, None])
     floor = np.maximum(report, dynamics.exit_value)  # (G,)
     states, e, points = momdp.terminal, momdp.n_behaviors, len(grid)
-    scratch = Scratch(
+    scratch = Buffers(
         value=np.zeros((states, points)),
         kept=np.zeros((states, points)),
         best=np.zeros(points),

@@ -34,7 +34,7 @@ class Candidates(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Diagram:
+class CompiledDiagram:
     """What plans need of a diagram; made once for all MOMDPs that share it."""
 
     dynamics: Dynamics
@@ -61,15 +61,17 @@ class Diagram:
 
 _Number = TypeVar("_Number", np.int64, np.float64)
 
-_diagrams: dict[object, Diagram] = {}  # by the identity of dynamics that they hold
+_diagrams: dict[object, CompiledDiagram] = {}  # by the identity of dynamics that they hold
 
 
-def diagram_of(dynamics: Dynamics) -> Diagram:
+def diagram_of(dynamics: Dynamics) -> CompiledDiagram:
     """Find the ways of a diagram, once."""
-    return remember(_diagrams, id(dynamics.step), lambda: Diagram(dynamics, find_ways(dynamics)))
+    return remember(
+        _diagrams, id(dynamics.step), lambda: CompiledDiagram(dynamics, find_ways(dynamics))
+    )
 
 
-def sum_up(diagram: Diagram, start: Ints, path: Ints, ends: Bools) -> Candidates:
+def sum_up(diagram: CompiledDiagram, start: Ints, path: Ints, ends: Bools) -> Candidates:
     """Sum up the beginnings of paths (R,L) from start (R,) that stop behind the steps `ends`.
 
     cost = sum_k (prod_{j<k} g_j) c_k, discount = prod_k g_k
@@ -111,7 +113,7 @@ def _by_behavior(amount: NDArray[_Number], path: Ints, n_behaviors: int) -> NDAr
 
 
 def sum_up_walks(
-    diagram: Diagram, walks: Iterable[Walk], *, beginnings: bool = False
+    diagram: CompiledDiagram, walks: Iterable[Walk], *, beginnings: bool = False
 ) -> Candidates:
     """Sum up walks of any length, or all their beginnings."""
     start, paths = zip(*walks, strict=True)

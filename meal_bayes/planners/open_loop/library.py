@@ -14,7 +14,7 @@ from meal_bayes.planners.open_loop import bayes_error
 from meal_bayes.planners.open_loop.candidates import (
     LENGTH,
     Candidates,
-    Diagram,
+    CompiledDiagram,
     cheapest,
     diagram_of,
     distinct,
@@ -109,7 +109,7 @@ def _move_prior(momdp: MOMDP, model: Compiled, spread: Floats) -> Floats:
 
 
 def _grow(
-    model: Compiled, diagram: Diagram, probabilities: Floats, bhattacharyya: Floats
+    model: Compiled, diagram: CompiledDiagram, probabilities: Floats, bhattacharyya: Floats
 ) -> Candidates:
     """Return plans grown at beliefs (B,N), simple ones, and tours where exploring is paid."""
     parts = [_grow_percepts(model, diagram, probabilities, bhattacharyya), diagram.simple]
@@ -139,7 +139,7 @@ def _log_bhattacharyya(model: Compiled) -> Floats:
 
 
 def _grow_percepts(
-    model: Compiled, diagram: Diagram, probabilities: Floats, bhattacharyya: Floats
+    model: Compiled, diagram: CompiledDiagram, probabilities: Floats, bhattacharyya: Floats
 ) -> Candidates:
     """Grow plans at beliefs (B,N) from every x to every first percept; with their beginnings."""
     step = diagram.dynamics.step
@@ -261,7 +261,7 @@ def _compete(model: Compiled, candidates: Candidates, beliefs: Floats) -> Candid
     return candidates.select(np.flatnonzero(winner))
 
 
-def _complete(model: Compiled, diagram: Diagram, winners: Candidates) -> Plans:
+def _complete(model: Compiled, diagram: CompiledDiagram, winners: Candidates) -> Plans:
     """Add what remains of the winners after each of their steps; tabulate all their errors."""
     plans = cheapest(sum_up_walks(diagram, remainders(winners, diagram.ways)))
     return _tabulated(model, plans, bayes_error.OUTCOMES)

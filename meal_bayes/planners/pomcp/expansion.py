@@ -25,7 +25,7 @@ class Edge(NamedTuple):
     behavior: Index
 
 
-class Outcome(NamedTuple):
+class BranchOutcome(NamedTuple):
     """An outcome of a behavior from a node."""
 
     node: Index
@@ -66,7 +66,7 @@ def expand(model, scratch, tree, edge, rng):
                 for c in range(prob.shape[1]):
                     prob[i, c] = tree.prob[node, i, c]
             if branch.senses and perceives:
-                percept = Outcome(node, a, outcome if listed else -1)
+                percept = BranchOutcome(node, a, outcome if listed else -1)
                 _perceive(model.percepts, scratch.evidence, tree, percept, rng)
             else:  # no percept: one child for the branch
                 child.p = branch.p if outcome == 0 else 0.0

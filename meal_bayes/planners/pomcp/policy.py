@@ -32,7 +32,7 @@ from meal_bayes.planners.open_loop.library import plan_library, retabulate
 from meal_bayes.planners.open_loop.policy import OpenLoopPolicy
 from meal_bayes.planners.open_loop.values import Evaluator, Plans
 from meal_bayes.planners.pomcp.expansion import ENUMERATE
-from meal_bayes.planners.pomcp.search import Growing, Search
+from meal_bayes.planners.pomcp.search import Growing, TreeSearch
 from meal_bayes.planners.pomcp.tree import KEPT, make_sampled, make_tree, standard_errors, top_edges
 from meal_bayes.planners.solver import Decision, History, choose, no_errors
 
@@ -180,7 +180,7 @@ class POMCPPolicy:
         with lent_generator(rng) as lent:
 
             def grow(simulations: int) -> int:
-                search = Search(tree, sampled, Growing(simulations, exploration, averaged))
+                search = TreeSearch(tree, sampled, Growing(simulations, exploration, averaged))
                 return grow_tree(evaluator, search, reader, lent)
 
             done = grow(settings.simulations) if end is None else _within(end, grow)

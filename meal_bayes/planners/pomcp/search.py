@@ -42,7 +42,7 @@ class Growing(NamedTuple):
     averaged: bool  # do edges average returns? else they take the expectation over outcomes
 
 
-class Search(NamedTuple):
+class TreeSearch(NamedTuple):
     """A tree that grows."""
 
     tree: Tree
