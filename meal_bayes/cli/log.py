@@ -50,7 +50,8 @@ def info(file: Path, as_json: bool) -> None:
         _print_json(infos, file)
         return
     size = sum(info.path.stat().st_size for info in infos)
-    trials, steps = (sum(getattr(info, name) for info in infos) for name in ("trials", "steps"))
+    trials = sum(info.trials for info in infos)
+    steps = sum(info.steps for info in infos)
     forms = ", ".join(dict.fromkeys(info.form for info in infos))
     files = f" ({len(infos)} files)" if file.is_dir() else ""
     holds = f"{trials} trials, {steps} steps"
@@ -157,7 +158,8 @@ def recover(file: Path, out: Path | None, as_json: bool) -> None:
     """
     from meal_bayes.trial_log import check_log, log_info, recover_log
 
-    saved, torn = log_info(recover_log(file, out)), check_log(file)
+    saved = log_info(recover_log(file, out))
+    torn = check_log(file)
     for problem in torn.problems:
         note(f"{torn.path}: {problem}")
     if as_json:
@@ -184,7 +186,7 @@ def _header_facts(header: Mapping[str, Any]) -> dict[str, str]:
         if name != "config":
             facts[name] = _as_text(value)
         else:
-            once = {key: each for key, each in config.items() if header.get(key) != each}
+            once = {key: entry for key, entry in config.items() if header.get(key) != entry}
             facts[name] = _as_text(once)
             if isinstance(questions, list) and questions:
                 facts["questions"] = "\n".join(map(_as_text, questions))

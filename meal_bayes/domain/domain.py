@@ -1,8 +1,6 @@
 """What a robot can do and be asked about: attributes, behaviors with costs, the diagram."""
 
-import difflib
 import math
-import unicodedata
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -14,10 +12,10 @@ from meal_bayes.display import facts_html, facts_repr, listed
 from meal_bayes.domain.diagram import TransitionDiagram
 from meal_bayes.domain.event import Payoffs
 from meal_bayes.domain.labels import label_of, one_value
+from meal_bayes.domain.words import fold, unknown
 from meal_bayes.errors import DomainError, QueryError
 from meal_bayes.untrusted import LARGEST
 
-_SHOWN = 24  # names that a message lists at most; of more, the nearest
 _PRIOR = 2.0  # executions at the domain's own probability, where success is learned
 
 
@@ -205,22 +203,29 @@ class Domain:
         # A value names an attribute, alone or as one of its group's.
         labels = np.full(len(self.attributes), -1, np.int8)
         for name, value in values.items():
-            members, word = self.groups.get(name, ()), str(value).strip()
-            if word in members or (members and word and isinstance(value, str)):
-                column, label = self.attribute_index(self._value(name, word)), 1
-            elif name in self.attributes:
-                column, label = self.attribute_index(name), label_of(name, value)
-            elif not members:
-                names = (*self.attributes, *self.groups)
-                raise QueryError(unknown("attribute", str(name), names))
-            elif label_of(name, value) >= 0:
-                raise QueryError(unknown(f"value of {name!r}", word, members))
-            else:
+            attribute, label = self._label(name, value)
+            if label < 0:
                 continue
-            if label >= 0 and labels[column] == 1 - label:
-                raise QueryError(f"Labels say that it is {self.attributes[column]!r}, and not.")
-            labels[column] = max(label, labels[column])
+            column = self.attribute_index(attribute)
+            if labels[column] == 1 - label:
+                raise QueryError(f"Labels say that it is {attribute!r}, and not.")
+            labels[column] = label
         return self.replace(np.full_like(labels, -1), labels)
+
+    def _label(self, name: str, value: object) -> tuple[str, int]:
+        """Return the attribute that a name and its value speak of, and its label; -1 unknown."""
+        members = self.groups.get(name, ())
+        word = str(value).strip()
+        if word in members or (members and word and isinstance(value, str)):
+            return self._value(name, word), 1
+        if name in self.attributes:
+            return name, label_of(name, value)
+        if not members:
+            names = (*self.attributes, *self.groups)
+            raise QueryError(unknown("attribute", str(name), names))
+        if label_of(name, value) >= 0:  # True or False, of a group
+            raise QueryError(unknown(f"value of {name!r}", word, members))
+        return name, -1
 
     def _value(self, group: str, word: str) -> str:
         """Return the attribute that a word means as the value of a group."""
@@ -304,26 +309,6 @@ class Domain:
     def columns(self, names: Iterable[str]) -> list[int]:
         """Return the positions of some attributes; raises as `attribute_index` does."""
         return [self.attribute_index(name) for name in names]
-
-
-def fold(word: str) -> str:
-    """Write a word so that case and the way its accents are coded play no part."""
-    return unicodedata.normalize("NFC", unicodedata.normalize("NFC", word).casefold()).strip()
-
-
-def unknown(kind: str, name: str, candidates: Iterable[str]) -> str:
-    """Build the message that a name is not known, with the known names nearest to it."""
-    names = list(candidates)
-    coded = unicodedata.normalize("NFC", name)
-    for other in names:
-        if other != name and unicodedata.normalize("NFC", other) == coded:
-            alike = f"{other!r} differs in how accents are coded alone (NFC or NFD)"
-            return f"Unknown {kind} {name!r}: {alike}; write both alike."
-    few = len(names) <= _SHOWN
-    near = difflib.get_close_matches(name, names, n=3, cutoff=0.5 if few else 0.0)
-    hint = f"did you mean {' or '.join(map(repr, near))}? " if near else ""
-    rest = f"expected one of: {listed(names, _SHOWN)}." if few else f"There are {len(names)}."
-    return f"Unknown {kind} {name!r}: {hint}{rest}"
 
 
 def learn_success(domain: Domain, attempts: NDArray[np.int64]) -> Domain:

@@ -5,9 +5,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from meal_bayes.domain.domain import Domain, fold, unknown
+from meal_bayes.domain.domain import Domain
 from meal_bayes.domain.event import Event, Payoffs
 from meal_bayes.domain.query import Query
+from meal_bayes.domain.words import fold, unknown
 from meal_bayes.errors import QueryError
 
 _NEGATIONS = {"not", "no", "non", "without", "never", "neither", "nor", "isnt", "doesnt"}  # and n't
@@ -169,7 +170,8 @@ def _of_literals(
     grouped = {place for group in asked.groups for place in group}
     allowed = [place in grouped for place in range(len(asked))]
     for name, positive in literals.items():
-        place, needed = asked.attributes.index(name), positive != disjunction
+        place = asked.attributes.index(name)
+        needed = positive != disjunction  # by De Morgan
         members = next((group for group in asked.groups if place in group), (place,))
         if len(members) > 1 and needed:
             for other in members:
@@ -232,14 +234,18 @@ def _words(question: str, vocabulary: Mapping[str, str], domain: Domain) -> list
     Of two values of one group that stand side by side ("half full") the first is meant.
     """
     text = fold(question).replace("\N{RIGHT SINGLE QUOTATION MARK}", "'")
+    # The longest first, as a pattern takes the first alternative that fits.
     compound = sorted((name for name in vocabulary if not name.isalnum()), key=len, reverse=True)
-    pattern = "|".join([*(rf"(?<!\w){re.escape(n)}(?!\w)" for n in compound), r"[\w'-]+"])
+    whole = [rf"(?<!\w){re.escape(name)}(?!\w)" for name in compound]
+    pattern = "|".join([*whole, r"[\w'-]+"])
     words: list[str] = []
     end = 0
     for match in re.finditer(pattern, text):
-        word, before = match.group().strip("'-"), vocabulary.get(words[-1], "") if words else ""
+        word = match.group().strip("'-")
+        before = vocabulary.get(words[-1], "") if words else ""
         beside = words and text[end : match.start()].isspace()
-        if not (beside and vocabulary.get(word) in domain.group_of(before)) and word:
+        second = beside and vocabulary.get(word) in domain.group_of(before)
+        if word and not second:
             words.append(word)
         end = match.end()
     return words

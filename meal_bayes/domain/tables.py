@@ -26,8 +26,9 @@ from pathlib import Path
 from typing import Any
 
 from meal_bayes.domain.diagram import TERMINAL, Effect, TransitionDiagram
-from meal_bayes.domain.domain import Behavior, Domain, unknown
+from meal_bayes.domain.domain import Behavior, Domain
 from meal_bayes.domain.event import Payoffs
+from meal_bayes.domain.words import unknown
 from meal_bayes.errors import DomainError, QueryError, SettingsError
 from meal_bayes.untrusted import (
     DIAGRAM_LIMIT,

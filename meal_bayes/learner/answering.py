@@ -12,7 +12,8 @@ from meal_bayes.datasets import PerceptTable, object_index
 from meal_bayes.domain import Domain, Query, read_question
 from meal_bayes.errors import SettingsError
 from meal_bayes.files import file_name
-from meal_bayes.learner.experience import Experience, Key
+from meal_bayes.learner.columns import Key
+from meal_bayes.learner.experience import Experience
 from meal_bayes.learner.fit import Fit, problem_of, training_agent
 from meal_bayes.learner.fit_cache import FitCache
 from meal_bayes.learner.held_out import replay

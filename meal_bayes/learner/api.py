@@ -5,7 +5,8 @@ from itertools import chain
 from pathlib import Path
 
 from meal_bayes.datasets import PerceptTable, load_percepts
-from meal_bayes.learner.experience import Experience, told
+from meal_bayes.learner.columns import told
+from meal_bayes.learner.experience import Experience
 from meal_bayes.learner.learner import Learner
 from meal_bayes.trial_log import Feedback, Logs
 from meal_bayes.trials import Step, Trial

@@ -20,44 +20,19 @@ from meal_bayes.arrays import Rows
 from meal_bayes.datasets import Dataset, Instance
 from meal_bayes.domain import Domain
 from meal_bayes.errors import QueryError
-
-Key = tuple[str | int, ...]
-Labels = NDArray[np.int8]
-Context = tuple[str, str]  # (behavior, modality)
-
-GIVEN = 0  # an instance's origin: recordings that were given
-GATHERED = 1  # or a trial of the robot
-WITHDRAWN = 2  # or nothing any more: it was forgotten
-NONE = -1  # in place of a row's number
-
-INSTANCE = np.dtype([
-    ("object", np.int64),
-    ("behavior", np.int64),
-    ("digest", np.int64),  # of its features; 0: there are none
-    ("copy", np.int64),  # how many with this digest came before it
-    ("recording", np.int64),  # its number in the data set that is replayed; NONE
-    ("origin", np.int64),
-    ("scale", np.int64),  # K, of its percepts in the trial; 0 where it was given
-])  # fmt: skip
-EXECUTION = np.dtype([
-    ("trial", np.int64),
-    ("behavior", np.int64),
-    ("instance", np.int64),  # NONE: nothing was perceived
-    ("success", np.int64),  # 1, 0, or -1 where failing and succeeding look the same
-])  # fmt: skip
-FEEDBACK = np.dtype([
-    ("trial", np.int64),
-    ("call", np.int64),  # labels that were told together
-    ("object", np.int64),
-    ("attribute", np.int64),
-    ("value", np.int64),  # 1, 0, or -1 where those of the trial before it were withdrawn
-    ("given", np.int64),  # 1: by a data set, 0: by a person
-])  # fmt: skip
-
-
-def told(name: str) -> Key:
-    """Return what stands for a trial where labels are told of an object by its name."""
-    return ("told", name)
+from meal_bayes.learner.columns import (
+    EXECUTION,
+    FEEDBACK,
+    GATHERED,
+    GIVEN,
+    INSTANCE,
+    NONE,
+    WITHDRAWN,
+    Context,
+    Key,
+    Labels,
+    told,
+)
 
 
 def features_digest(features: Mapping[str, NDArray[np.float32]] | None) -> int:
@@ -180,10 +155,17 @@ class Experience:
         return len(self.instances) - before
 
     def execute(
-        self, trial: Key, object_name: str, behavior: int, *, success: int,
-        instance: Instance | None = None, levels: Labels | None = None,
-        detected: Labels | None = None, k: int = 2,
-    ) -> None:  # fmt: skip
+        self,
+        trial: Key,
+        object_name: str,
+        behavior: int,
+        *,
+        success: int,
+        instance: Instance | None = None,
+        levels: Labels | None = None,
+        detected: Labels | None = None,
+        k: int = 2,
+    ) -> None:
         """Add an execution, and its instance if it is a new one.
 
         Parameters
@@ -326,9 +308,12 @@ class Experience:
         return row
 
     def _instance(
-        self, fields: tuple[int, ...], features: Mapping[str, NDArray[np.float32]] | None,
-        levels: Labels, detected: Labels | None,
-    ) -> int:  # fmt: skip
+        self,
+        fields: tuple[int, ...],
+        features: Mapping[str, NDArray[np.float32]] | None,
+        levels: Labels,
+        detected: Labels | None,
+    ) -> int:
         """Add an instance; return its number.
 
         Features are kept where they are of all the behavior's modalities.

@@ -14,7 +14,7 @@ from meal_bayes.errors import QueryError, SettingsError
 from meal_bayes.files import file_name
 from meal_bayes.learner import views
 from meal_bayes.learner.card import learned_html, next_html, table_knowledge
-from meal_bayes.learner.experience import NONE, Key, Labels, told
+from meal_bayes.learner.columns import NONE, Key, Labels, told
 from meal_bayes.learner.finding import Finder
 from meal_bayes.learner.fit_cache import FitCache
 from meal_bayes.learner.saved import SavedLearner, read_learner, write_learner

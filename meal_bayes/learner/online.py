@@ -19,7 +19,8 @@ from meal_bayes.datasets.detections import detected_levels
 from meal_bayes.datasets.percepts import BIN_EDGES, levels_of, round_log_odds
 from meal_bayes.domain import Query, learn_success
 from meal_bayes.learner import views
-from meal_bayes.learner.experience import GIVEN, Context, Experience, Key, Labels
+from meal_bayes.learner.columns import GIVEN, Context, Key, Labels
+from meal_bayes.learner.experience import Experience
 from meal_bayes.learner.fit import limits_of, problem_of, sampled, solve, votes_of
 from meal_bayes.learner.refit import classify, experienced, fractions, warn_of_odd
 from meal_bayes.learner.settings import LearnerSettings

@@ -10,7 +10,8 @@ from meal_bayes.agents import Agent
 from meal_bayes.datasets import Dataset, TrainingSet
 from meal_bayes.display import listed
 from meal_bayes.learner import views
-from meal_bayes.learner.experience import GIVEN, Experience, Labels
+from meal_bayes.learner.columns import GIVEN, Labels
+from meal_bayes.learner.experience import Experience
 from meal_bayes.learner.settings import LearnerSettings
 from meal_bayes.perception import (
     Perception,

@@ -30,8 +30,9 @@ from meal_bayes.datasets import PerceptTable
 from meal_bayes.domain import domain_from_table, domain_table
 from meal_bayes.errors import DataError, MealBayesError, OutputError, SettingsError
 from meal_bayes.files import alone_in, draft_of
+from meal_bayes.learner.columns import NONE, WITHDRAWN
 from meal_bayes.learner.digest import agent_digest
-from meal_bayes.learner.experience import NONE, WITHDRAWN, Experience
+from meal_bayes.learner.experience import Experience
 from meal_bayes.learner.fit import training_agent
 from meal_bayes.learner.online import Online
 from meal_bayes.learner.packing import pack, unpack

@@ -16,7 +16,8 @@ from meal_bayes.datasets.detections import detected_levels
 from meal_bayes.datasets.percepts import BIN_EDGES, levels_of
 from meal_bayes.domain import Domain, Query, read_query
 from meal_bayes.errors import SettingsError
-from meal_bayes.learner.experience import Context, Experience, Key
+from meal_bayes.learner.columns import Context, Key
+from meal_bayes.learner.experience import Experience
 from meal_bayes.learner.fit import Fit, problem_of, solve
 from meal_bayes.learner.held_out import HeldOut
 from meal_bayes.learner.online import Online

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 from meal_bayes.datasets import Dataset, PerceptTable, TrainingSet
 from meal_bayes.domain import Query
-from meal_bayes.learner.experience import GIVEN, NONE, WITHDRAWN, Experience, Key, Labels, told
+from meal_bayes.learner.columns import GIVEN, NONE, WITHDRAWN, Key, Labels, told
+from meal_bayes.learner.experience import Experience
 
 Sizes = NDArray[np.int64]  # of each of the domain's contexts; NONE: nothing was sensed
 

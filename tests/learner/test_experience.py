@@ -10,7 +10,7 @@ from meal_bayes.domain import load_domain
 from meal_bayes.errors import QueryError, SettingsError
 from meal_bayes.experiments.protocol import Recordings
 from meal_bayes.learner import Experience, Learner, implied
-from meal_bayes.learner.experience import told
+from meal_bayes.learner.columns import told
 from meal_bayes.learner.views import attempts, labelled, labels_for, labels_of, sizes, training
 from meal_bayes.robots import Outcome
 
