@@ -98,8 +98,7 @@ class Answerer:
         """Return who decides about a question, as in a test of it."""
         task, streams = self._task(question, object_name)
         with self._lock:
-            fit = self._fit(task, learn=False)
-            return fit.plan(task, streams, limit=np.inf, explore=False)[1]
+            return self._fit(task, learn=False).plan(task, streams, limit=np.inf, explore=False)[1]
 
     def replay(
         self, question: Question, object_name: str | None = None, *, seed: int | None = None

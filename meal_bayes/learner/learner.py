@@ -14,7 +14,7 @@ from meal_bayes.errors import QueryError, SettingsError
 from meal_bayes.files import file_name
 from meal_bayes.learner import views
 from meal_bayes.learner.card import learned_html, next_html, table_knowledge
-from meal_bayes.learner.columns import NONE, Key, Labels, told
+from meal_bayes.learner.columns import Key, Labels, told
 from meal_bayes.learner.finding import Finder
 from meal_bayes.learner.fit_cache import FitCache
 from meal_bayes.learner.saved import SavedLearner, read_learner, write_learner
@@ -205,7 +205,7 @@ class Learner(Finder):
             except QueryError as fault:
                 raise QueryError(f"Then {name!r} would be {fault}.") from None
             self._use()
-            before = self._labels_of(key, name)
+            before = views.labels_touched(self.experience, key, name)
             self._fits.update(self.experience.label(key, name, labels), refit=True)
             self._log_feedback(trial, name, key, before)
 
@@ -236,23 +236,16 @@ class Learner(Finder):
             self._use()
             recordings = recordings and isinstance(trial, Trial)
             name = trial.task.object_name if isinstance(trial, Trial) else trial
-            before = self._labels_of(key, name)
+            before = views.labels_touched(self.experience, key, name)
             self._fits.update(self.experience.forget(key, recordings=recordings), refit=True)
             self._log_feedback(trial, name, key, before)
-
-    def _labels_of(self, key: Key, name: str) -> Labels:
-        """Return labels (rows,P): what a trial says first, then its object and its instances."""
-        experience = self.experience
-        instances = experience.gathered(experience.objects.get(name, NONE))
-        of_object = views.labels_for(experience, [name])
-        return np.vstack([experience.told_in(key), of_object, experience.labels.values[instances]])
 
     def _log_feedback(self, trial: Trial | str, name: str, key: Key, before: Labels) -> None:
         """Log the labels of a trial, or of an object by its name, that moved any of its object."""
         folder = None if self.logs is None else self.logs / file_name(self.domain.name)
         if isinstance(trial, Trial):
             folder = self._folders.get(trial.task.key, folder)
-        after = self._labels_of(key, name)
+        after = views.labels_touched(self.experience, key, name)
         said = (before[0] >= 0) | (after[0] >= 0)
         changed = np.flatnonzero(said & (after != before).any(axis=0))
         if folder is None or not len(changed):

@@ -54,6 +54,13 @@ def labels_for(record: Experience, names: Iterable[str]) -> Labels:
     return rows[[record.objects.get(name, NONE) for name in names]]
 
 
+def labels_touched(record: Experience, trial: Key, name: str) -> Labels:
+    """Return labels (rows,P): what a trial says first, then its object and its instances."""
+    instances = record.gathered(record.objects.get(name, NONE))
+    of_object = labels_for(record, [name])
+    return np.vstack([record.told_in(trial), of_object, record.labels.values[instances]])
+
+
 def labeled_table(record: Experience, table: PerceptTable) -> PerceptTable:
     """Return a percept table with what was told of its objects that had no label."""
     told_labels = labels_for(record, table.objects)
