@@ -1,6 +1,7 @@
 """What beliefs are worth on the real recordings: NLL, Brier, ECE of observation models.
 
-python benchmarks/calibration.py [--dataset NAME ...] [--json]
+python benchmarks/calibration.py [--dataset NAME ...] [--prior rates|even]
+                                 [--attributes all|well|weak] [--json]
 
 Everything is nested: percepts of an object come from classifiers, and what is believed of them
 from tables, that never saw it; the prior is the other objects' base rate.
@@ -12,7 +13,10 @@ objects of the held-out object at hand, and beliefs of several behaviors are tho
 FPR are of the decision: "true" where class-balanced log-odds and the base rate's sum to more than
 0.
 
-Intervals are of the NLL, 95 %, whole objects redrawn.
+Intervals are of the NLL, 95 %, whole objects redrawn. Sensitivity and specificity are those of
+beliefs above one half; one half counts half. With `--prior even` beliefs start from there: what is
+left between the two is the percepts'. Well read are attributes of which some behavior has
+TPR - FPR > .6.
 """
 
 import time
@@ -24,6 +28,7 @@ from measuring import options_of, show
 from numpy.typing import NDArray
 
 from meal_bayes.agents import knowledge_without
+from meal_bayes.agents.knowledge import base_rates
 from meal_bayes.arrays import Floats
 from meal_bayes.datasets import PerceptTable, load_percepts
 from meal_bayes.datasets.percepts import LIMIT
@@ -44,6 +49,7 @@ from paper_repro.inference import bootstrap_interval
 DEFAULT = "shared trait"
 LEVELS = {"counts": 2, "object level": 2, "graded": 4, DEFAULT: 4}
 USEFUL = 0.2  # TPR - FPR of the pairs that count
+WELL = 0.6  # of attributes that are read well, by some behavior
 SETS = 500  # bootstrap draws
 
 
@@ -72,7 +78,7 @@ def folds(table: PerceptTable, columns: list[int]) -> Iterator[Fold]:
         posteriors[levels] = list(map(ConfusionPosterior.from_objects, counts))
     for o in range(len(labels)):
         others = np.delete(labels, o, axis=0)
-        rates = ((others == 1).sum(axis=0) + 1) / ((others >= 0).sum(axis=0) + 2)
+        rates = base_rates(table.domain, others)
         prior = np.log(rates) - np.log1p(-rates)
         models = {}
         for levels, graded in ((2, "object level"), (4, "graded")):
@@ -130,15 +136,27 @@ def evidence(recordings: int) -> dict[str, list[NDArray[np.int64]]]:
     return choices
 
 
-def measure(name: str) -> tuple[list[dict[str, Any]], float]:
+def chosen(table: PerceptTable, attributes: str) -> list[int]:
+    """Return the columns of what experiments ask: all, those read "well", or "weak" ones."""
+    columns = table.domain.columns(askable(table))
+    if attributes == "all":
+        return columns
+    counts = by_truth(table.training_levels(0, 2), table.labels).sum(axis=0)
+    well = youden(counts).max(axis=1) > WELL
+    return [p for p in columns if well[p] == (attributes == "well")]
+
+
+def measure(name: str, attributes: str, prior: str) -> tuple[list[dict[str, Any]], float]:
     """Measure one data set: rows, and CPU seconds of learning all folds of the default."""
     table = load_percepts(name)
-    columns = table.domain.columns(askable(table))
+    columns = chosen(table, attributes)
     start = time.process_time()
     for o in range(len(table.objects)):
         knowledge_without(table, o, levels=LEVELS[DEFAULT])
     seconds = time.process_time() - start
     known = list(folds(table, columns))
+    if prior == "even":
+        known = [fold._replace(prior=np.zeros_like(fold.prior)) for fold in known]
     rows = []
     for kind, sets in evidence(table.recordings).items():
         for model in LEVELS:
@@ -187,6 +205,8 @@ def score(
         "ece": calibration_error(positive, truth),
         "ece_calibrated": expected_calibration_error(positive, stream(0, "calibrated belief")),
         "accuracy": float(((positive > 0.5) == truth).mean()),
+        "sensitivity": float(np.heaviside(positive[truth] - 0.5, 0.5).mean()),
+        "specificity": float(np.heaviside(0.5 - positive[~truth], 0.5).mean()),
     }
 
 
@@ -194,10 +214,12 @@ def main() -> None:
     """Measure the data sets and print a table, or JSON."""
     parser = options_of(__doc__)
     parser.add_argument("--dataset", nargs="+", default=["roc36", "ispy32", "cy101"])
+    parser.add_argument("--prior", choices=("rates", "even"), default="rates")
+    parser.add_argument("--attributes", choices=("all", "well", "weak"), default="all")
     options = parser.parse_args()
     rows, seconds = [], {}
     for name in options.dataset:
-        of_data, seconds[name] = measure(name)
+        of_data, seconds[name] = measure(name, options.attributes, options.prior)
         rows += of_data
     show(rows, {"default": DEFAULT, "fit_cpu_s": seconds, "rows": rows} if options.json else None)
     if not options.json:

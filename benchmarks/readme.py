@@ -192,9 +192,10 @@ def run(command: str) -> str:
     if name not in ("meal-bayes", "python"):
         raise ValueError(f"not a command of this package: {command}")
     print(f"$ {command}", file=sys.stderr, flush=True)
-    # -P: the installed package, not the one in the working directory
+    # -P: the installed package, not the one in the working directory; scripts import their siblings
+    program = ["-P", "-m", "meal_bayes"] if name == "meal-bayes" else []
     done = subprocess.run(
-        [sys.executable, "-P", *(["-m", "meal_bayes"] if name == "meal-bayes" else []), *arguments],
+        [sys.executable, *program, *arguments],
         cwd=ROOT, env={**os.environ, **PLAIN}, stdout=subprocess.PIPE, encoding="utf-8", check=True,
     )  # fmt: skip
     return done.stdout
