@@ -5,7 +5,15 @@ from fnmatch import fnmatch
 from typing import Any, NamedTuple
 
 from paper_repro import frame
-from paper_repro.statements import CONSTRUCTED, FALLS, STANDS, UNDECIDED
+from paper_repro.statements import (
+    CONSTRUCTED,
+    FALLS,
+    OUTCOMES,
+    RECORDED,
+    STANDS,
+    THEIRS,
+    UNDECIDED,
+)
 
 _SHORT = {STANDS: "stand", FALLS: "fall", None: "not run"}  # of several
 IN_PART, NOT_RUN = "in part", "not run yet"
@@ -21,6 +29,7 @@ class Claim(NamedTuple):
     says, where : the claim, and its places in the paper.
     item, column, because : what answers it, in which column, and why in that one.
     outcome : of all its statements together.
+    elsewhere : how many of the same statements have each outcome in the other of both columns.
     counts : how many statements have each outcome.
     effects : estimate and interval of each, or the rule of a fact; of many, what they come to.
     older : whether it was run by an earlier version, or with other percept tables.
@@ -32,6 +41,7 @@ class Claim(NamedTuple):
     column: str
     because: str
     outcome: str
+    elsewhere: str
     counts: str
     effects: tuple[str, ...]
     older: bool
@@ -93,16 +103,30 @@ def _claim(entry: Mapping[str, Any]) -> Claim:
     result = frame.read_result(entry["item"])
     rows = chosen(entry, result["statements"]) if result else []
     outcomes = [row["outcome"] for row in rows]
-    number = {kind: outcomes.count(kind) for kind in dict.fromkeys(outcomes)}
-    counts = ", ".join(f"{n} {_SHORT.get(kind, kind) if n > 1 else kind or 'not run'}"
-                       for kind, n in number.items())  # fmt: skip
+    (other,) = {THEIRS, RECORDED} - {entry["column"]}
+    there = chosen({**entry, "column": other}, result["statements"]) if result else []
+    told = counted([row["outcome"] for row in there])
     return Claim(
         entry["says"], entry["where"], entry["item"], entry["column"], entry["because"],
         outcome_of(outcomes),
-        counts if len(number) > 1 else "",
+        f"in *{other}* {told}" if told else "",
+        counted(outcomes) if len(set(outcomes)) > 1 else "",
         effects_of(rows),
         older=result is not None and entry["column"] in frame.older_columns(entry["item"]),
     )  # fmt: skip
+
+
+def counted(outcomes: Sequence[str | None]) -> str:
+    """Say how many statements have each outcome, in its order; nothing where none is run.
+
+    >>> counted(["undecided", "stands", "stands", None])
+    '2 stand, 1 undecided, 1 not run'
+    """
+    number = {kind: outcomes.count(kind) for kind in (*OUTCOMES, None) if kind in outcomes}
+    if set(number) <= {None}:
+        return ""
+    return ", ".join(f"{n} {_SHORT.get(kind, kind) if n > 1 or kind is None else kind}"
+                     for kind, n in number.items())  # fmt: skip
 
 
 def effects_of(rows: Iterable[Mapping[str, Any]]) -> tuple[str, ...]:
@@ -128,7 +152,12 @@ def effects_of(rows: Iterable[Mapping[str, Any]]) -> tuple[str, ...]:
         return (f"of {len(run)} printed numbers {len(fallen)} fall", *fallen)
     groups = {name: [row for row, own in zip(run, quantities, strict=True) if own == name]
               for name in dict.fromkeys(quantities)}  # fmt: skip
-    return tuple(_range(name, group) for name, group in groups.items())
+    decided = [row for row in run if row["outcome"] in {STANDS, FALLS}]
+    few = decided if len(decided) < len(run) and len(decided) <= _SHOWN else []
+    return (
+        *(_range(name, group) for name, group in groups.items()),
+        *(f"{row['outcome']}: {_shortened(row['text'])} {_effect(row)}" for row in few),
+    )
 
 
 def quantity_of(row: Mapping[str, Any]) -> str:

@@ -178,7 +178,8 @@ def _claim(row: claims.Claim) -> str:
     outcome = f"**{row.outcome}**" + (f" ({row.counts})" if row.counts else "")
     link = f"[{row.item}](results/{row.item}.md)" + " †" * row.older
     effect = "; ".join(row.effects) or _DASH
-    return _row([row.says, row.where, outcome, effect, f"*{row.column}*: {row.because}", link])
+    why = f"*{row.column}*: {row.because}" + (f" ({row.elsewhere})" if row.elsewhere else "")
+    return _row([row.says, row.where, outcome, effect, why, link])
 
 
 def result_page(result: Mapping[str, Any], *, committed: bool = False) -> str:

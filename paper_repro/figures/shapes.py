@@ -93,18 +93,21 @@ def dots(
     """Draw estimates with their intervals as dots side by side (as Figs 8 and 11).
 
     Groups hold for each agent an interval for each of the names below the axis. Of a `fraction` y
-    goes from 0 to 1.
+    goes from 0 to 1. Marks of a second agent of one style are hollow.
     """
     step = 0.72 / max(len(groups), 1)
     turned: dict[str, Any] = {"rotation": 30, "ha": "right", "rotation_mode": "anchor"}
     with axes_to_draw(None, width=6.4, height=3.6) as to:
         place = np.arange(len(names))
+        styles = set()
         for number, (agent, intervals) in enumerate(groups.items()):
             style = agent_style(agent)
+            face = "white" if style in styles else style.color
+            styles.add(style)
             to.errorbar(
                 place + (number - (len(groups) - 1) / 2) * step,
                 [each.estimate for each in intervals], reach(intervals), fmt=style.marker,
-                color=style.color, ms=5, elinewidth=1.3, capsize=2.5, label=agent,
+                color=style.color, mfc=face, ms=5, elinewidth=1.3, capsize=2.5, label=agent,
             )  # fmt: skip
         for edge in place[1:]:
             to.axvline(edge - 0.5, color="#E6E6E6", lw=0.7)
