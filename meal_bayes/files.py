@@ -60,16 +60,6 @@ def file_name(text: str, longest: int = 60) -> str:
     return name
 
 
-def add_line(path: Path, line: str) -> None:
-    """Append a line to a text file; a torn last line, or one without its end, stays for itself."""
-    with path.open("ab+") as file:
-        whole = file.tell() == 0
-        if not whole:
-            file.seek(-1, os.SEEK_END)
-            whole = file.read(1) == b"\n"
-        file.write((b"" if whole else b"\n") + line.encode() + b"\n")
-
-
 def check_output(path: str | Path, *, inputs: Iterable[str | Path] = ()) -> Path:
     """Check that a file can be written, before the work that it is to hold; creates its folder.
 

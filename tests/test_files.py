@@ -8,7 +8,6 @@ import subprocess
 import sys
 import tracemalloc
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 import pytest
 from hypothesis import given
@@ -17,7 +16,6 @@ from hypothesis import strategies as st
 from meal_bayes.cli.console import printable
 from meal_bayes.errors import OutputError
 from meal_bayes.files import (
-    add_line,
     check_folder,
     check_output,
     command_line,
@@ -227,21 +225,6 @@ def test_two_texts_are_never_one_file(texts):
     for name in names:
         assert (Path("logs") / name).resolve().parent == Path("logs").resolve()
         assert len(name.encode()) <= 60
-
-
-LINES = st.text(st.characters(exclude_characters="\n", exclude_categories=["Cs"]), min_size=1)
-
-
-@given(st.lists(LINES, max_size=5), st.integers(0, 9), LINES)
-def test_a_line_is_added_behind_a_torn_one(lines, torn, line):
-    with TemporaryDirectory() as folder:
-        path = Path(folder, "notes")
-        whole = "".join(f"{each}\n" for each in lines).encode()
-        before = whole[: max(len(whole) - torn, 0)]
-        path.write_bytes(before)
-        add_line(path, line)
-        end = b"" if not before or before.endswith(b"\n") else b"\n"
-        assert path.read_bytes() == before + end + line.encode() + b"\n"
 
 
 SIGNS = st.characters(codec="utf-8", exclude_characters="\0") | st.sampled_from(

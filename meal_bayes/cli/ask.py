@@ -116,10 +116,10 @@ def ask(
 
     The agent has learned from all other objects of the data set, never from this one; percepts are
     classifiers' outputs on the robot's recordings of it. The trial is logged. With --learn it
-    keeps the labels that it gets of an object, in a file of the folder of logs.
+    keeps the labels that it gets of an object, in logs beside the others.
     """
     from meal_bayes.cli.narration import print_answer, trial_json
-    from meal_bayes.learner.memory import LabelMemory, Remembered
+    from meal_bayes.learner.memory import LabelMemory
 
     dataset, table = opt.table_of(options["dataset"], root)
     config = {"command": "ask", **options, "dataset": dataset}
@@ -139,8 +139,8 @@ def ask(
         if not labels:
             note("no labels were given, none are kept")
             return
-        memory.add(Remembered(options["object"], labels, str(path)))
-        note(f"kept in {memory.path}: {options['object']} is {_text(labels)}")
+        memory.add(options["object"], labels)
+        note(f"kept in {memory.folder}: {options['object']} is {_text(labels)}")
     elif not as_json:
         note(f"every decision and its reasons: {command_line('meal-bayes log show', path)}")
 
@@ -262,8 +262,8 @@ def show(dataset: str, root: Path | None, logs: Path, as_json: bool) -> None:
         command = command_line('meal-bayes ask --learn "..." --logs', logs)
         note(f"no labels yet; ask with --learn: {command}")
         return
-    cells = ((entry.object, _text(entry.labels), Path(entry.log).name) for entry in remembered)
-    terminal.print_table(("object", "is", "log"), cells, left=("is", "log"))
+    cells = ((entry.object, _text(entry.labels)) for entry in remembered)
+    terminal.print_table(("object", "is"), cells, left=("is",))
 
 
 @memory.command()

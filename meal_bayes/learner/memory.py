@@ -1,80 +1,76 @@
-"""Labels that people gave between programs: a file beside the logs, a line of JSON a trial.
+"""Labels that people gave between programs: logs of feedback in a folder of their own.
 
-A learner that goes on keeps labels in its `Experience`, and `Learner.save` keeps that. Where every
-question is a program of its own (`meal-bayes ask --learn`), this file is what is left in between.
+A learner that goes on has labels in its `Experience`, logs them, and `Learner.save` keeps them.
+Where every question is a program of its own (`meal-bayes ask --learn`), these logs are what is left
+in between.
 """
 
-import json
 import logging
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-from meal_bayes.files import add_line, file_name, write_whole
+from meal_bayes.errors import LogError
+from meal_bayes.files import file_name
 from meal_bayes.learner.learner import Learner
-from meal_bayes.untrusted import read_json
+from meal_bayes.trial_log import Feedback, read_feedback
+from meal_bayes.trial_log.names import feedback_files
+from meal_bayes.trial_log.writer import write_feedback
 
 log = logging.getLogger("meal_bayes.learner")
 
-_BYTES = "surrogateescape"  # bytes that are no UTF-8 stay as they are
-
 
 class Remembered(NamedTuple):
-    """What a person said of an object after one trial, and the path of its log."""
+    """What a person said of an object after one trial."""
 
     object: str
     labels: dict[str, bool]
-    log: str
 
 
 class LabelMemory:
     """The labels that were given of one data set, the latest last."""
 
     def __init__(self, folder: Path, data: str) -> None:
-        self.path = folder / f"labels-{file_name(data)}.jsonl"
+        self.folder = folder / f"labels-{file_name(data)}"
+        self._data = data
 
     def read(self) -> list[Remembered]:
-        """Read the labels in the order they were given; a line that holds none is left out."""
-        entries = []
-        for line, entry in self._lines():
-            if entry is None:
-                log.warning("left out of the memory: %.40s in %s", line, self.path)
-            else:
-                entries.append(entry)
-        return entries
+        """Read the labels that hold in the order they were given; what is torn is left out."""
+        remembered = list[Remembered]()
+        for told in self._told():
+            for before in remembered:
+                if before.object == told.object_name:
+                    for name in (name for name, label in told.labels.items() if label < 0):
+                        before.labels.pop(name, None)
+            labels = {name: label == 1 for name, label in told.labels.items() if label >= 0}
+            remembered.append(Remembered(told.object_name, labels))
+        return [entry for entry in remembered if entry.labels]
 
-    def add(self, entry: Remembered) -> None:
-        """Append the labels of one more trial."""
-        add_line(self.path, json.dumps(entry._asdict()))
+    def add(self, name: str, labels: Mapping[str, bool]) -> None:
+        """Write what was told of an object."""
+        self._write(Feedback(name, {attribute: int(label) for attribute, label in labels.items()}))
 
     def forget(self, name: str | None = None) -> int:
-        """Remove the labels of an object, or all; return of how many trials they were.
+        """Take the labels of an object back, or all; return of how many trials they were."""
+        entries = [entry for entry in self.read() if name in (None, entry.object)]
+        names = dict[str, set[str]]()  # of the attributes, by object
+        for entry in entries:
+            names.setdefault(entry.object, set()).update(entry.labels)
+        for of_object, attributes in names.items():
+            self._write(Feedback(of_object, dict.fromkeys(sorted(attributes), -1)))
+        return len(entries)
 
-        A line that holds no labels stays as it is.
-        """
-        lines = []
-        forgotten = 0
-        for line, entry in self._lines():
-            if entry is not None and name in (None, entry.object):
-                forgotten += 1
-            else:
-                lines.append(f"{line}\n")
-        if forgotten:
-            write_whole(self.path, "".join(lines).encode(errors=_BYTES))
-        return forgotten
+    def _write(self, feedback: Feedback) -> None:
+        header = {"config": {"command": "ask --learn"}, "data": self._data}
+        write_feedback(self.folder, feedback, header=header)
 
-    def _lines(self) -> Iterator[tuple[str, Remembered | None]]:
-        """Yield the lines of the file, with what each tells; None where it holds no labels."""
-        content = self.path.read_bytes() if self.path.is_file() else b""
-        text = content.decode("utf-8-sig", errors=_BYTES)
-        for line in filter(str.strip, text.split("\n")):
+    def _told(self) -> Iterator[Feedback]:
+        """Yield what was told, in order."""
+        for file in feedback_files(self.folder):
             try:
-                entry: Any = read_json(line)
-                labels = dict(entry["labels"])
-                told = Remembered(str(entry["object"]), labels, str(entry["log"]))
-                yield line, told if all(isinstance(v, bool) for v in labels.values()) else None
-            except (ValueError, TypeError, LookupError, AttributeError):
-                yield line, None
+                yield from read_feedback(file)
+            except LogError as fault:
+                log.warning("left out of the memory: %s", fault)
 
 
 def tell_remembered(learner: Learner, entries: list[Remembered]) -> None:
