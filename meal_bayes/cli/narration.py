@@ -72,8 +72,8 @@ def _print_values(console: Console, trial: "Trial", number: int, headed: str) ->
     possible = momdp.legal[step.x].nonzero()[0]
     if len(possible) == 1:
         only = momdp.behavior_names[possible[0]]
-        state = momdp.x_names[step.x]
-        print_facts(console, {"possible": f"in {state} only {only}, or an answer"})
+        state = momdp.state_label(step.x)
+        print_facts(console, {"possible": f"{state}: only {only}, or an answer"})
     compared = compared_actions(momdp, decision, belief_before(trial, number), _OPTIONS)
     if not compared:
         print_facts(console, {"why": RULE})

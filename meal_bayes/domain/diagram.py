@@ -68,6 +68,8 @@ class TransitionDiagram:
     illegal : str
         What an illegal behavior would do, "terminate" or "stay". None is ever commanded; but where
         they stay, as in the published ROC36, no agent abstains.
+    labels : tuple[str, ...]
+        (X-1,) what people read in place of the names of the states, `term` aside; or none.
 
     Raises
     ------
@@ -80,6 +82,7 @@ class TransitionDiagram:
     start: str
     effects: tuple[Effect, ...]
     illegal: str = "terminate"
+    labels: tuple[str, ...] = ()
 
     __repr__ = short_repr
 
@@ -93,6 +96,11 @@ class TransitionDiagram:
             yield f"illegal = {self.illegal!r}; expected 'terminate' or 'stay'."
         if len(set(self.states)) != len(self.states) or self.states[-1:] != (TERMINAL,):
             yield f"States {list(self.states)} must be distinct, with {TERMINAL!r} as the last."
+        if self.labels and len(self.labels) != len(states):
+            yield f"labels = {list(self.labels)}; expected one for each of {states}."
+        for label in self.labels:
+            if self.labels.count(label) > 1:
+                yield f"Two states have the label {label!r}; give each its own."
         if self.start not in states:
             yield f"start = {self.start!r} is none of the states {states}."
         outgoing: dict[tuple[str, str], dict[str, float]] = {}

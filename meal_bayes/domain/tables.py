@@ -7,8 +7,9 @@ name, attributes
 behaviors
     Rows of name, cost (s), modalities [none] and answer_accuracy [it asks nobody].
 diagram
-    states, start, illegal ["terminate", or "stay"], and effects: rows of from, do, to,
-    probability [1] and senses [true]; "*" is every state.
+    states, start, illegal ["terminate", or "stay"], labels of the states for readers [their
+    names], and effects: rows of from, do, to, probability [1] and senses [true]; "*" is every
+    state.
 report_reward, predefined, legal_budget, leave, asked_minimum, groups, synonyms, data
     As in `Domain`, with its defaults.
 payoffs
@@ -57,7 +58,9 @@ _DOMAIN_KEYS = {
     "asked_minimum": _COUNT, "leave": _LIST, "payoffs": _TABLE, "behaviors": _ROWS,
     "diagram": _TABLE,
 }  # fmt: skip
-_DIAGRAM_KEYS = {"states": _LIST, "start": _TEXT, "effects": _ROWS, "illegal": _TEXT}
+_DIAGRAM_KEYS = {
+    "states": _LIST, "start": _TEXT, "effects": _ROWS, "illegal": _TEXT, "labels": _LIST,
+}  # fmt: skip
 _BEHAVIOR_KEYS = {
     "name": _TEXT, "cost": _NUMBER, "modalities": _LIST, "answer_accuracy": _NUMBER,
 }  # fmt: skip
@@ -175,6 +178,8 @@ def domain_table(domain: Domain) -> dict[str, Any]:
     ]
     diagram = table["diagram"]
     diagram["states"] = diagram["states"][:-1]
+    if not diagram["labels"]:
+        del diagram["labels"]
     diagram["effects"] = [
         {key: effect[_FIELDS.get(key, key)] for key in _EFFECT_KEYS}
         for effect in diagram["effects"]
@@ -210,8 +215,8 @@ def _check_sizes(table: dict[str, Any]) -> None:
     """Refuse more names than a trial log holds, longer ones, and diagrams that fill the memory."""
     diagram = table["diagram"]
     names = [table["name"], table.get("data", table["name"])]
-    for key in ("attributes", "behaviors", "groups", "synonyms", "states"):
-        entries = diagram["states"] if key == "states" else table.get(key, ())
+    for key in ("attributes", "behaviors", "groups", "synonyms", "states", "labels"):
+        entries = (diagram if key in _DIAGRAM_KEYS else table).get(key, ())
         if len(entries) > NAME_LIMIT:
             raise DomainError(f"{len(entries)} {key}; expected at most {NAME_LIMIT}.")
         names += [row.get("name") if isinstance(row, dict) else row for row in entries]

@@ -93,10 +93,8 @@ def build_momdp(
     rows = np.array(confusion, dtype=float)
     c = classes.shape[-1]
     if rows.ndim != 4 or rows.shape[:3] != (n, e, c):
-        raise SettingsError(
-            f"confusion has shape {rows.shape}; expected ({n} queried, {e} behaviors, {c} latent "
-            "classes, levels)."
-        )
+        expected = f"({n} queried, {e} behaviors, {c} latent classes, levels)"
+        raise SettingsError(f"confusion has shape {rows.shape}; expected {expected}.")
     spread = np.array(np.broadcast_to(precision, (n, e, c)), dtype=float)
     rows, spread, classes = _with_answers(domain, rows, spread, classes)
     arrays = domain.diagram.compile(domain.behavior_names)
@@ -113,6 +111,7 @@ def build_momdp(
     return MOMDP(
         query=query,
         x_names=domain.diagram.states,
+        x_labels=domain.diagram.labels,
         behavior_names=domain.behavior_names,
         start=domain.diagram.states.index(domain.diagram.start),
         transition=arrays.transition,

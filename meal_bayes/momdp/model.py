@@ -68,6 +68,8 @@ class MOMDP:
         Whether the agent may answer "I do not know".
     payoffs : Payoffs | None
         Of yes and no; r+ and r- by default.
+    x_labels : tuple[str, ...]
+        (X-1,) what people read in place of the names of the x, or none; see `state_label`.
     log_truth : NDArray[np.float64]
         (N,2,C) ln Pr(truth | latent class) under the prior.
     """
@@ -92,6 +94,7 @@ class MOMDP:
     discount: float = 0.99
     abstain: bool = False
     payoffs: Payoffs | None = None
+    x_labels: tuple[str, ...] = ()
     log_truth: NDArray[np.float64] = field(init=False, repr=False)
 
     __repr__ = facts_repr
@@ -105,6 +108,9 @@ class MOMDP:
     def _check(self) -> None:
         if self.levels % 2:
             raise SettingsError(f"Percepts have {self.levels} levels; expected an even number.")
+        labels = len(self.x_labels)
+        if labels not in (0, self.terminal):
+            raise SettingsError(f"MOMDP.x_labels has {labels}; expected {self.terminal}, or none.")
         size = {"n": len(self.query), "e": self.n_behaviors, "x": len(self.x_names), "2": 2}
         size |= {"c": self.latent_classes.size // (2 * size["n"]), "k": self.levels}
         for name, axes in ARRAYS.items():
@@ -164,8 +170,9 @@ class MOMDP:
         largest = [f"{name} by {self.behavior_names[e]} ({j:.2f})" for name, e, j in best]
         payoffs = f"{self.correct:g} or {self.incorrect:g} for a report, discount {self.discount:g}"
         values = self.query.n_values if self.query.groups else f"2^{len(names)}"
+        states = [self.state_label(x) for x in range(len(self.x_names))]
         return f"MOMDP of {self.query.text.removesuffix('?')}", {
-            "states": f"{self.n_states}: {listed(self.x_names)} and {values} values",
+            "states": f"{self.n_states}: {listed(states)} and {values} values",
             "actions": f"{self.n_actions}: {listed(self.behavior_names)} and the reports",
             "percepts": f"{self.levels} levels, {self.n_classes} latent classes",
             "largest TPR - FPR": listed(largest, 3),
@@ -252,6 +259,10 @@ class MOMDP:
                 f"The planner commands {self.behavior_names[action]!r} in {self.x_names[x]!r}, "
                 f"where only {legal} are legal; command one of them, or answer."
             )
+
+    def state_label(self, x: int) -> str:
+        """Return what people read for a state: its label, or its name where it has none."""
+        return self.x_labels[x] if x < len(self.x_labels) else self.x_names[x]
 
     def action_name(self, action: int) -> str:
         """Return the name of a behavior, or the text of an answer."""

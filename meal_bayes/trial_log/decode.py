@@ -255,6 +255,7 @@ def _momdp(message: Any) -> tuple[MOMDP, NDArray[np.float64] | None]:
         query=query,
         payoffs=payoffs,
         x_names=tuple(message.x_names),
+        x_labels=tuple(message.x_labels),
         behavior_names=tuple(message.behavior_names),
         **{name: getattr(message, name) for name in schema.MOMDP_NUMBERS},
         **_arrays(message, schema.MOMDP_ARRAYS, size),

@@ -59,6 +59,7 @@ def _momdp(trial: Trial) -> Any:
     return schema.MomdpMessage(
         attributes=query.attributes,
         x_names=momdp.x_names,
+        x_labels=momdp.x_labels,
         behavior_names=momdp.behavior_names,
         row_counts=_values(trial.counts),
         group=[number_of.get(i, 0) for i in range(len(query))] if query.groups else [],

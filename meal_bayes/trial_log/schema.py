@@ -61,7 +61,8 @@ _FIELDS = {
         "precision:double* prior:double* cost:double* correct:double incorrect:double "
         "bonus:double* limit:double* discount:double abstain:bool latent_classes:double* "
         "row_counts:double* group:int64* group_name:string* "
-        "payoffs:double* own_payoffs:bool literal:bool* complement:bool bonus_limit:double*"
+        "payoffs:double* own_payoffs:bool literal:bool* complement:bool bonus_limit:double* "
+        "x_labels:string*"
     ),
     "meal_bayes.Trial": (
         "trial:int64 momdp:int64 agent:string name:string attributes:string* object_index:int64 "

@@ -100,7 +100,7 @@ def outcome_text(momdp: MOMDP, step: Step) -> str:
     action = step.decision.action
     x = step.x
     next_x = step.next_x
-    path = f"{momdp.x_names[x]} → {momdp.x_names[next_x]}"
+    path = f"{momdp.state_label(x)} → {momdp.state_label(next_x)}"
     if step.observation is not None:
         return f"succeeded, {path}"
     if step.warning:

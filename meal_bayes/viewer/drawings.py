@@ -84,8 +84,8 @@ class Diagram:
         column = np.where(np.isinf(depth), 0, depth).astype(int).tolist()
         boxes = list[Label]()  # at the places of columns
         self._edges = list[tuple[str, str]]()
-        for x, name in enumerate(momdp.x_names[:-1]):
-            boxes.append(Label(name, GRAY, 2 * column[x], name=f"x{x}"))
+        for x in range(momdp.terminal):
+            boxes.append(Label(momdp.state_label(x), GRAY, 2 * column[x], name=f"x{x}"))
         for (source, target), names in labels.items():
             box = f"{source}-{target}"
             place = column[source] + column[target]
@@ -123,7 +123,7 @@ def search_tree(frame: TrialFrame) -> Graph:
     if not actions:
         return Graph([Label("no search: a fixed rule", GRAY, name="root")], [])
     count = f"{decision.simulations} simulations" if decision.simulations else "one step ahead"
-    root = f"{momdp.x_names[step.x]}\n{count}"
+    root = f"{momdp.state_label(step.x)}\n{count}"
     labels = {}
     for action in actions:
         visits = f" · {decision.visits[action]}" if decision.visits[action] else ""

@@ -179,7 +179,7 @@ class Scene:
         step = frame.step
         momdp = frame.trial.momdp
         x = frame.belief.x
-        state = "end" if x == momdp.terminal else momdp.x_names[x]  # as in the diagram
+        state = "end" if x == momdp.terminal else momdp.state_label(x)  # as in the diagram
         self._lane("state", time, state, (DIM, GRAY)[x % 2])
         if step is None:
             return

@@ -48,13 +48,19 @@ def step(momdp, action, x, next_x, observation=None, seen=0):
 
 
 def test_every_outcome_has_its_words(momdp):
+    """States by their labels, by their names where they have none."""
     look, lift, reinit = range(3)
     yes = np.array([1, 0], np.int8)
-    assert outcome_text(momdp, step(momdp, look, 0, 0, yes, 1)) == "succeeded, x0 → x0"
-    assert outcome_text(momdp, step(momdp, lift, 0, 0)) == "failed, x0 → x0; nothing perceived"
-    assert "no recording is left" in outcome_text(momdp, step(momdp, look, 0, 0, None, 2))
-    assert outcome_text(momdp, step(momdp, reinit, 1, 0)) == "succeeded, x1 → x0; it shows nothing"
-    assert outcome_text(momdp, step(momdp, reinit, 1, 1)) == "failed, x1 → x1"
+    unnamed = replace(momdp, x_labels=())
+    for problem, table, hand in ((momdp, "on the table", "in hand"), (unnamed, "x0", "x1")):
+        for expected, (action, x, next_x, *percept) in (
+            (f"succeeded, {table} → {table}", (look, 0, 0, yes, 1)),
+            (f"failed, {table} → {table}; nothing perceived", (lift, 0, 0)),
+            (f"{table} → {table}, but no recording is left to replay", (look, 0, 0, None, 2)),
+            (f"succeeded, {hand} → {table}; it shows nothing", (reinit, 1, 0)),
+            (f"failed, {hand} → {hand}", (reinit, 1, 1)),
+        ):
+            assert outcome_text(problem, step(problem, action, x, next_x, *percept)) == expected
     assert percept_labels(momdp, look, yes) == ["yes", "no"]
 
 
@@ -93,7 +99,7 @@ def test_labels_are_dim_and_what_they_say_is_not():
         "heavy, beans",
         "right",
         f"reward {trial.reward:.1f}",
-        "succeeded, x0",
+        "succeeded, at rest",
         ">99.9 %",
     ):
         assert words in bright

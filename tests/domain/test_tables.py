@@ -198,3 +198,19 @@ def test_every_key_is_documented(place):
     sign = "`" if place == "the site" else ""
     absent = {key for key in keys if not re.search(rf"{sign}\[?{key}\b\]?{sign}", text)}
     assert absent == set()
+
+
+def test_states_have_words_for_people():
+    for name in domain_names():
+        diagram = load_domain(name).diagram
+        words = diagram.labels or diagram.states[:-1]
+        assert not [word for word in words if re.fullmatch(r"x\d+", word)], name
+    table = domain_table(load_domain("toy"))
+    for labels, message in (
+        (["in hand"], r"expected one for each of \['x0', 'x1'\]"),
+        (["in hand", "in hand"], "Two states have the label 'in hand'"),
+        (["in hand", "a\nb"], "rename it"),
+    ):
+        wrong = {**table, "diagram": {**table["diagram"], "labels": labels}}
+        with pytest.raises(DomainError, match=message):
+            domain_from_table(wrong)

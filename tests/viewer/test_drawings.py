@@ -35,7 +35,7 @@ def test_the_diagram_shows_every_x_and_every_legal_behavior(name, trials):
     graph = Diagram(momdp).at(frame)
     apart(graph.nodes)
     labels = "\n".join(node.label for node in graph.nodes).split("\n")
-    assert set(momdp.x_names[:-1]) <= set(labels)
+    assert set(momdp.x_labels or momdp.x_names[:-1]) <= set(labels)
     legal = {momdp.behavior_names[a] for a in range(momdp.n_behaviors) if momdp.legal[:-1, a].any()}
     assert legal <= set(labels)
     names = {node.name for node in graph.nodes}

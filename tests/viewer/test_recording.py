@@ -108,10 +108,10 @@ def test_lanes_words_and_graphs_tell_the_step(messages, recorded, trials):
             key = (start.trial, first + row)
             report = step.action == trial.momdp.n_behaviors
             assert action[key] == ["answer" if report else step.action_name]
-            states = [*trial.momdp.x_names[:-1], "end"]
+            states = [*trial.momdp.x_labels, "end"]
             assert where[key] == [states[step.next_x]]
             assert f"trial {start.trial}, step {row}:" in narration[key][0]
-            assert set(labels[key]) >= set(trial.momdp.x_names[:-1])
+            assert set(labels[key]) >= set(trial.momdp.x_labels)
         verdict = "**right**" if trial.success else "**WRONG"
         assert trial.report is None or verdict in narration[start.trial, first + len(steps)][0]
         assert "now it would answer" in narration[start.trial, first][0]
@@ -193,6 +193,7 @@ def test_strange_names_break_nothing(trials, read_back, tmp_path):
         trial.momdp,
         query=query,
         x_names=tuple(f"x/{i}|" for i in range(len(trial.momdp.x_names))),
+        x_labels=tuple(f"x{i}|" for i in range(trial.momdp.terminal)),
         behavior_names=tuple(f"do: {i}/*" for i in range(trial.momdp.n_behaviors)),
     )
     task = Task("t", query, 0, "object| # <i>", ("k",))
