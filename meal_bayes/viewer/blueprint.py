@@ -58,7 +58,7 @@ def _trial(*, single: bool, crowded: bool, robot: bool) -> rrb.Horizontal:
         origin=scene.VALUES,
         name="what going on is worth over answering now: below 0 it stops",
         axis_x=over,
-        plot_legend=rrb.PlotLegend(rrb.Corner2D.RightBottom),
+        plot_legend=rrb.PlotLegend(rrb.Corner2D.RightTop),  # a trial ends below, on the right
         interaction=rrb.PlotInteraction(points_display="Always"),
     )
     small = rrb.Vertical(
