@@ -17,6 +17,7 @@ from meal_bayes.trial_log.schema import ACTIVE, SUFFIX
 
 RECOVERED = ".recovered"
 FEEDBACK = ".feedback"  # ends the stem of a log of feedback
+_FEEDBACK_FOLDER = "feedback"  # beside the logs of trials
 _ENDINGS = re.compile(r"(\.w\d+-[0-9a-f]{6})?(\.recovered)?$")
 
 
@@ -40,8 +41,13 @@ def holds_feedback(path: Path) -> bool:
 
 
 def feedback_files(folder: Path) -> list[Path]:
-    """Find the whole logs of feedback in a folder, in the order in which they were written."""
-    return sorted(folder.glob(f"*{FEEDBACK}{SUFFIX}"))
+    """Find the whole logs of feedback on a folder's trials, in the order they were written."""
+    return sorted((folder / _FEEDBACK_FOLDER).glob(f"*{FEEDBACK}{SUFFIX}"))
+
+
+def feedback_name(folder: Path, name: str) -> Path:
+    """Choose a name for a log of feedback on a trial of a folder, by its object's name."""
+    return folder / _FEEDBACK_FOLDER / f"{dated_name(name)}{FEEDBACK}{SUFFIX}"
 
 
 def timing_of(path: Path) -> Path:

@@ -83,7 +83,7 @@ def read_outcomes(path: str | Path) -> TrialOutcomes:
 
 
 def read_feedback(path: str | Path) -> list[Feedback]:
-    """Read what people told of trials, from a log of feedback or all of a folder, in order.
+    """Read what people told of trials, from a log of feedback or all on a folder's, in order.
 
     Errors are those of `read_trials`; a folder may hold none.
     """

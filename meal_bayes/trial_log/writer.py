@@ -20,7 +20,7 @@ from meal_bayes.files import hold, replace_whole, write_whole
 from meal_bayes.trial_log import schema
 from meal_bayes.trial_log.encode import End, Packed, TrialEncoder, encode_outcomes
 from meal_bayes.trial_log.feedback import Feedback
-from meal_bayes.trial_log.names import FEEDBACK, dated_name, holds_feedback, new_draft, timing_of
+from meal_bayes.trial_log.names import FEEDBACK, feedback_name, holds_feedback, new_draft, timing_of
 from meal_bayes.trial_log.schema import FORMAT_VERSION, SUFFIX
 from meal_bayes.trials import Step, Trial, TrialOutcomes
 from meal_bayes.untrusted import read_json
@@ -236,11 +236,11 @@ def write_trials(
 
 
 def write_feedback(folder: Path, feedback: Feedback, *, header: Mapping[str, object]) -> Path:
-    """Write what a person told into a log of its own in a folder, and return its path.
+    """Write what a person told of a folder's trial into a log of its own; return its path.
 
     The log is whole on disk when this returns, or not there; no two processes write into one.
     """
-    path = folder / f"{dated_name(feedback.object_name)}{FEEDBACK}{SUFFIX}"
+    path = feedback_name(folder, feedback.object_name)
     with TrialWriter(path, header, schema.FEEDBACK_FORM) as log:
         log.write_feedback(feedback)
     return path

@@ -362,7 +362,7 @@ def test_what_is_told_stands_in_the_logs(dataset, make, tmp_path):
     learner.tell(trials[2], {"red": True})
     assert truths("own") == [1]
     learner.tell(trials[2], {"red": True})  # nothing new
-    assert len(list((tmp_path / "own").glob("*.feedback.mcap"))) == 1
+    assert len(list((tmp_path / "own").rglob("*.feedback.mcap"))) == 1
     unlogged = make.learner(dataset, make.agent("look", **make.ours))
     unlogged.tell("mug", {"red": True})
     assert len(list(tmp_path.rglob("*.feedback.mcap"))) == 4

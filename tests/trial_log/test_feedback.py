@@ -195,7 +195,7 @@ def test_two_processes_tell_at_once_and_one_is_killed(tmp_path):
     for name, count in (("a", 10), ("b", 9)):
         labels = [entry.labels["heavy"] for entry in entries if entry.object_name == name]
         assert labels == [number % 2 for number in range(count)]
-    assert len(list(tmp_path.glob("*.active"))) == 1
+    assert len(list(tmp_path.rglob("*.active"))) == 1
 
 
 def test_outcomes_of_a_compact_log_stay_as_they_are(answered, tmp_path):
