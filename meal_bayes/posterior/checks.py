@@ -39,7 +39,7 @@ def predictive_check(draws: xr.Dataset, counts: ArrayLike, rng: np.random.Genera
     """
     sensed = np.asarray(counts)
     number = sensed.sum(axis=-1)
-    n = int(np.bincount(number[number > 0]).argmax())
+    n = int(np.bincount(number[number > 0]).argmax())  # one histogram needs one number of percepts
     positive = youden(sensed.sum(axis=0).astype(float)) > 0  # (P,E)
     full = (number == n) & positive[..., None]  # (O,P,E,2)
     replicates = replicate(draws, sensed, rng)
@@ -81,15 +81,15 @@ def beliefs_without_itself(draws: xr.Dataset, counts: ArrayLike, *, size: int = 
         ]
     )  # (S,2,O,P,E)
     # The base rate of the others is (n+ + 1) / (n + 2).
-    others = by_truth.sum(axis=0) - by_truth + 1.0  # (O,P,2)
-    prior_odds = np.log(others[..., 1] / others[..., 0])
+    smoothed = by_truth.sum(axis=0) - by_truth + 1.0  # (O,P,2)
+    prior_log_odds = np.log(smoothed[..., 1] / smoothed[..., 0])
     truth = by_truth[..., 1]
     labelled = np.asarray(by_truth.any(axis=-1))  # (O,P)
     perceived = labelled[..., None] & (percepts.sum(axis=-1) > 0)  # (O,P,E)
     truths = np.broadcast_to(truth[..., None], perceived.shape)
     # Behaviors are independent given the truth and the draw, so their log-likelihoods add up.
-    together = prior_odds + _log_ratio(scores.sum(axis=-1), truth, epsilon[picked])
-    single = prior_odds[..., None] + _log_ratio(scores, truths, epsilon[picked])
+    together = prior_log_odds + _log_ratio(scores.sum(axis=-1), truth, epsilon[picked])
+    single = prior_log_odds[..., None] + _log_ratio(scores, truths, epsilon[picked])
     return {
         "each": (expit(single[perceived]), truths[perceived]),
         "together": (expit(together[labelled]), truth[labelled]),
@@ -98,12 +98,15 @@ def beliefs_without_itself(draws: xr.Dataset, counts: ArrayLike, *, size: int = 
 
 def _log_ratio(scores: Floats, truth: Bools, epsilon: Floats) -> Floats:
     """Compute the log likelihood ratio of the truths without the object; scores (S,2,...)."""
-    mixed = epsilon.reshape(-1, *(1 for _ in scores.shape[1:]))
+    misperceived = epsilon.reshape(-1, *(1 for _ in scores.shape[1:]))  # (S,1,...)
+    # A share epsilon of objects shows the rows of the other truth.
     with np.errstate(divide="ignore"):  # ln 0, where no object is misperceived
-        scores = np.logaddexp(scores + np.log1p(-mixed), scores[:, ::-1] + np.log(mixed))
+        as_its_truth = scores + np.log1p(-misperceived)
+        as_the_other = scores[:, ::-1] + np.log(misperceived)
+    by_truth = np.logaddexp(as_its_truth, as_the_other)
     # Importance weights 1 / Pr(the object's percepts | its truth, draw) take the object out.
-    weight = -np.where(truth, scores[:, 1], scores[:, 0])
-    false, true = logsumexp(scores + weight[:, None], axis=0)
+    weight = -np.where(truth, by_truth[:, 1], by_truth[:, 0])
+    false, true = logsumexp(by_truth + weight[:, None], axis=0)
     return np.asarray(true - false)
 
 

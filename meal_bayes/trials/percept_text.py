@@ -59,7 +59,18 @@ def _spoken_for(names: Sequence[str], members: Sequence[str], levels: Sequence[i
     top = max(levels)
     likeliest = " or ".join(m for m, z in zip(members, levels, strict=True) if z == top)
     if top >= len(names) // 2:
-        return f"{names[top].removesuffix('yes')}{likeliest}"
+        return _said(likeliest, names[top], "yes")
     least = min(levels)
     denied = " or ".join(m for m, z in zip(members, levels, strict=True) if z == least < top)
-    return f"{names[least].removesuffix('no')}not {denied}" if denied else "none of them"
+    return _said(f"not {denied}", names[least], "no") if denied else "none of them"
+
+
+def _said(value: str, level: str, word: str) -> str:
+    """Return a value with how sure a percept is: "surely half"; of nameless levels their number.
+
+    >>> _said("half", "surely yes", "yes"), _said("half", "level 5", "yes")
+    ('surely half', 'half (level 5)')
+    """
+    if level.endswith(word):
+        return f"{level.removesuffix(word)}{value}"
+    return f"{value} ({level})"

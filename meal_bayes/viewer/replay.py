@@ -56,16 +56,17 @@ class Replay:
         number = self.trials
         self.trials = self.trials + 1
         clock = self._clock
-        start = time = Time(number, clock.row, clock.seconds)
+        begin = Time(number, clock.row, clock.seconds)
+        end = begin
         if self._only is None or self._only == number:
             for frame in clock.frames(number, trial):
                 self._scene.add(frame)
-                time = frame.time
+                end = frame.time
             self._scene.close(trial, Time(number, clock.row - 1, clock.seconds))
             if frames:
-                add_robot(self._recorder, trial, frames, start)
+                add_robot(self._recorder, trial, frames, begin)
                 self._shows_robot = True
-        self._run.add(TrialOutcomes.of([trial]), [time])
+        self._run.add(TrialOutcomes.of([trial]), [end])
         if self.trials % _BATCH == 0:
             self._recorder.flush()
 

@@ -72,6 +72,24 @@ def test_a_percept_without_information_says_nothing(momdp):
     assert percept_labels(silent, 1, np.array([1, 0])) == ["yes", "no"]
 
 
+@pytest.mark.parametrize(
+    ("levels", "percept", "words"),
+    [
+        (4, [3, 0], "surely red"),
+        (4, [1, 1], "none of them"),
+        (4, [0, 1], "surely not red"),
+        (8, [5, 2], "red (level 5)"),
+        (8, [1, 3], "not red (level 1)"),
+    ],
+)
+def test_a_group_is_spoken_of_at_every_number_of_levels(levels, percept, words):
+    domain = replace(load_domain("toy"), groups={"kind": ("red", "heavy")})
+    likely_if_true = np.arange(1, levels + 1) / np.arange(1, levels + 1).sum()
+    rows = np.tile([likely_if_true[::-1], likely_if_true], (2, 3, 1, 1))
+    momdp = build_momdp(domain, Query(("red", "heavy"), ((0, 1),), ("kind",)), rows, limit=2)
+    assert percept_labels(momdp, 0, np.array(percept)) == [words]
+
+
 @pytest.mark.parametrize("agent", ["greedy", "random"])
 def test_a_trial_fits_in_80_columns(agent):
     trial = ask("heavy, beans", dataset="roc36", object="heavy_blue_beans", agent=agent)
