@@ -57,7 +57,7 @@ class Place(NamedTuple):
 class Growth(NamedTuple):
     """What percepts tell, and what a plan has gathered so far."""
 
-    bhattacharyya: Floats  # (N,E,U) log coefficient of u percepts, 0 where they do not inform
+    log_affinity: Floats  # (N,E,U) log coefficient of u percepts, 0 where they do not inform
     rate: Floats  # (N,) its greatest fall a second
     limit: Floats  # (E,) percepts that a trial can have
     incorrect: float  # r-
@@ -113,11 +113,11 @@ def _record_way(ways: Ways, step: NDArray[np.void], start: int, path: tuple[int,
 
 
 @kernel
-def _log_affinity(bhattacharyya, i, e, k):
+def _log_affinity(log_affinity, i, e, k):
     """Return the log Bhattacharyya coefficient of k percepts; beyond the table in proportion."""
-    last = bhattacharyya.shape[2] - 1
+    last = log_affinity.shape[2] - 1
     # Independent percepts multiply coefficients, so that logarithms add up: k of them k times.
-    return bhattacharyya[i, e, min(k, last)] * max(1.0, k / last)
+    return log_affinity[i, e, min(k, last)] * max(1.0, k / last)
 
 
 @kernel
@@ -138,7 +138,7 @@ def _right(log_r, rate, seconds, chance):
 @kernel
 def _next_percept(ways, growth, x, chance):
     """Choose the percepts that add most log Pr(right) a second -> behavior, number."""
-    bhattacharyya = growth.bhattacharyya
+    log_affinity = growth.log_affinity
     counts = growth.counts
     log_r = growth.log_r
     n = counts.shape[0]
@@ -161,8 +161,8 @@ def _next_percept(ways, growth, x, chance):
                     more = ways.observation_counts[x, e, o]
                     if more > 0 or o == e:
                         more += k - 1 if o == e else 0
-                        log_r[1, i] += _log_affinity(bhattacharyya, i, o, counts[o] + more)
-                        log_r[1, i] -= _log_affinity(bhattacharyya, i, o, counts[o])
+                        log_r[1, i] += _log_affinity(log_affinity, i, o, counts[o] + more)
+                        log_r[1, i] -= _log_affinity(log_affinity, i, o, counts[o])
             # (ln Pr(right | k more) - ln Pr(right)) / (cost of the way and of k - 1 repeats)
             price = ways.cost[x, e] + (k - 1) * ways.cost[end, e] + 1e-6
             gain = np.log(_right(log_r[1], growth.rate, 0.0, chance) / right) / price
@@ -200,7 +200,7 @@ def _informs(growth, e):
     """Test whether a first percept of a behavior tells anything of any attribute, and may come."""
     informs = False
     for i in range(growth.log_r.shape[1]):
-        informs = informs or growth.bhattacharyya[i, e, 1] < 0.0
+        informs = informs or growth.log_affinity[i, e, 1] < 0.0
     return informs and growth.limit[e] >= 1.0
 
 
@@ -216,8 +216,8 @@ def _follow_way(ways, growth, path, place, goal):
         arrived = a == goal and ways.senses[state, a]
         if ways.senses[state, a]:
             for i in range(log_r.shape[0]):
-                log_r[i] += _log_affinity(growth.bhattacharyya, i, a, counts[a] + 1)
-                log_r[i] -= _log_affinity(growth.bhattacharyya, i, a, counts[a])
+                log_r[i] += _log_affinity(growth.log_affinity, i, a, counts[a] + 1)
+                log_r[i] -= _log_affinity(growth.log_affinity, i, a, counts[a])
             counts[a] += 1
         path.behavior[filled] = a
         path.ends[filled] = arrived

@@ -33,7 +33,7 @@ _ROUNDS = 6  # of correcting a belief that latent classes hold together
 _WINNERS = 14  # plans an x, besides one for every first behavior and what remains of them
 _CANDIDATES = 10  # candidates for each attribute, an x and a belief, that are valued exactly
 _OF_FIRST = 2  # further candidates of each first behavior
-_COUNTED = 8  # percepts of one behavior that growing looks ahead to
+_COUNTED = 8  # numbers of percepts of one behavior, 0 to 7, whose affinities are computed
 
 
 def plan_library(momdp: MOMDP, model: Compiled) -> Plans:
@@ -54,9 +54,9 @@ def plan_library(momdp: MOMDP, model: Compiled) -> Plans:
     diagram = diagram_of(model.dynamics)
     beliefs = _spread_beliefs(momdp, model)
     probabilities = (beliefs * model.percepts.truth[:, 1]).sum(axis=2)  # (B,N) of true
-    bhattacharyya = _log_bhattacharyya(model)
-    grown = _grow(model, diagram, probabilities[:_GROWN], bhattacharyya)
-    candidates = _sift(model, grown, probabilities, bhattacharyya)
+    log_affinity = _log_affinities(model)
+    grown = _grow(model, diagram, probabilities[:_GROWN], log_affinity)
+    candidates = _sift(model, grown, probabilities, log_affinity)
     winners = _compete(model, candidates, beliefs)
     return _complete(model, diagram, winners)
 
@@ -79,15 +79,16 @@ def _spread_beliefs(momdp: MOMDP, model: Compiled) -> Floats:
     n = len(momdp.query)
     rng = np.random.Generator(np.random.PCG64(n))
     spread = rng.uniform(-4.0, 4.0, (_JUDGED * min(n, _MANY), n))
-    return _move_prior(momdp, model, np.concatenate([0 * spread[:1], spread]))
+    return _move_prior(momdp, model, np.concatenate([np.zeros((1, n)), spread]))
 
 
 def _move_prior(momdp: MOMDP, model: Compiled, spread: Floats) -> Floats:
     """Move the prior's log-odds by a spread (B,N) -> Pr(latent class) (B,N,C), as percepts would.
 
-    Evidence weighs the classes by exp(s Pr(true | class)), which moves the log-odds by s where the
-    class is the truth. Elsewhere by less, so that more is added, in rounds; if both truths share a
-    class, no weight of the classes may reach these odds, and the rounds stop short of them.
+    Evidence of s nats weighs the classes by exp(s Pr(true | class)). Where the class is the truth,
+    this moves the log-odds by s, and one round is enough. Otherwise it moves them by less, and each
+    round adds what is still missing. Where both truths share a class, no weights may reach the odds
+    that are wanted; then the last round stops short of them.
     """
     false, true = model.percepts.truth.transpose(1, 0, 2)  # (N,C)
 
@@ -96,8 +97,8 @@ def _move_prior(momdp: MOMDP, model: Compiled, spread: Floats) -> Floats:
         no = (beliefs * false).sum(axis=-1).clip(1e-300)
         return np.asarray(np.log(yes / no))
 
-    both = np.clip(np.stack([1 - momdp.prior, momdp.prior], axis=1), 1e-9, 1.0)  # (N,2)
-    prior = np.clip((both[:, :, None] * momdp.latent_classes).sum(axis=1), 1e-21, 1.0)  # (N,C)
+    by_truth = np.clip(np.stack([1 - momdp.prior, momdp.prior], axis=1), 1e-9, 1.0)  # (N,2)
+    prior = (by_truth[:, :, None] * momdp.latent_classes).sum(axis=1).clip(1e-21, 1.0)  # (N,C)
     prior /= prior.sum(axis=1, keepdims=True)
     wanted = log_odds(prior) + spread
     beliefs = prior[None]
@@ -109,37 +110,41 @@ def _move_prior(momdp: MOMDP, model: Compiled, spread: Floats) -> Floats:
 
 
 def _grow(
-    model: Compiled, diagram: CompiledDiagram, probabilities: Floats, bhattacharyya: Floats
+    model: Compiled, diagram: CompiledDiagram, probabilities: Floats, log_affinity: Floats
 ) -> Candidates:
     """Return plans grown at beliefs (B,N), simple ones, and tours where exploring is paid."""
-    parts = [_grow_percepts(model, diagram, probabilities, bhattacharyya), diagram.simple]
+    parts = [_grow_percepts(model, diagram, probabilities, log_affinity), diagram.simple]
     if model.shaped and (diagram.ways.hop >= 0).any():
         parts.append(sum_up_walks(diagram, tours(model, diagram.ways), beginnings=True))
     return cheapest(Candidates(*map(np.concatenate, zip(*parts, strict=True))))
 
 
-def _log_bhattacharyya(model: Compiled) -> Floats:
-    """Compute log sum_j sqrt(Pr(j of k say yes | true) Pr(j | false)), (N,E,U) for k < U."""
+def _log_affinities(model: Compiled) -> Floats:
+    """Compute the log of the Bhattacharyya coefficient of k percepts, (N,E,U) for k < U.
+
+    It is sum_j sqrt(Pr(j of k say yes | true) Pr(j of k say yes | false)): 1 where percepts tell
+    nothing, 0 where they tell all.
+    """
     percepts = model.percepts
     yes = percepts.rows[..., percepts.rows.shape[3] // 2 :].sum(axis=-1)[..., None]  # (N,E,C,1)
     s = percepts.precision[..., None]
     j = np.arange(_COUNTED)
     counts = np.zeros((*yes.shape[:3], _COUNTED))  # Pr(j of k say yes | class)
     counts[..., 0] = 1.0
-    out = np.zeros((*yes.shape[:2], _COUNTED))
+    log_affinity = np.zeros((*yes.shape[:2], _COUNTED))
     for k in range(_COUNTED - 1):
         # Polya's urn: P(j + 1 of k + 1) = P(j of k) Pr(yes | j of k), class by class.
         more = counts[..., :-1] * predictive(yes, s, j, k)[..., :-1]
         counts[..., :-1] -= more
         counts[..., 1:] += more
         by_truth = percepts.classes[:, None] @ counts  # (N,E,2,U)
-        both = np.sqrt(by_truth[:, :, 0] * by_truth[:, :, 1])[..., : k + 2].sum(axis=-1)
-        out[..., k + 1] = np.log(both + 1e-300)
-    return np.where(percepts.informative[..., None], out, 0.0)
+        affinity = np.sqrt(by_truth[:, :, 0] * by_truth[:, :, 1])[..., : k + 2].sum(axis=-1)
+        log_affinity[..., k + 1] = np.log(affinity + 1e-300)
+    return np.where(percepts.informative[..., None], log_affinity, 0.0)
 
 
 def _grow_percepts(
-    model: Compiled, diagram: CompiledDiagram, probabilities: Floats, bhattacharyya: Floats
+    model: Compiled, diagram: CompiledDiagram, probabilities: Floats, log_affinity: Floats
 ) -> Candidates:
     """Grow plans at beliefs (B,N) from every x to every first percept; with their beginnings."""
     step = diagram.dynamics.step
@@ -148,13 +153,15 @@ def _grow_percepts(
     paths = Paths(behavior=np.full(shape, -1), ends=np.zeros(shape, np.bool_))
     cost = np.where(diagram.ways.senses & step["legal"], step["cost"], np.inf).min(axis=0)
     growth = Growth(
-        bhattacharyya=bhattacharyya,
-        rate=(-bhattacharyya[..., 1] / cost).max(axis=1),
+        log_affinity=log_affinity,
+        rate=(-log_affinity[..., 1] / cost).max(
+            axis=1
+        ),  # nats a second, by each one's best behavior
         limit=model.percepts.limit,
         incorrect=model.incorrect,
         reward_range=model.reward_range,
         counts=np.zeros(n_behaviors, np.int64),
-        log_r=np.zeros((2, len(bhattacharyya))),
+        log_r=np.zeros((2, len(log_affinity))),
     )
     length = grow_plans(diagram.ways, growth, probabilities, paths)
     start = np.repeat(np.arange(n_states), len(probabilities) * n_behaviors)
@@ -163,7 +170,7 @@ def _grow_percepts(
 
 
 def _sift(
-    model: Compiled, candidates: Candidates, probabilities: Floats, bhattacharyya: Floats
+    model: Compiled, candidates: Candidates, probabilities: Floats, log_affinity: Floats
 ) -> Candidates:
     """Select candidates by an estimate of their values at beliefs (B,N).
 
@@ -171,9 +178,10 @@ def _sift(
     [Kailath1967]. The best few from each x at each belief stay, and _OF_FIRST of each first
     behavior.
     """
-    value = _estimate_values(model, candidates, probabilities, bhattacharyya)  # (B,J)
+    value = _estimate_values(model, candidates, probabilities, log_affinity)  # (B,J)
     chosen = np.zeros(value.shape[1], np.bool_)
-    # Of each x and first behavior, those that are worth most at the belief where they are best.
+    # Of each x and first behavior, those that are worth most at the belief where they are best:
+    # sorted by x, behavior and falling value, a rank is the number within one's x and behavior.
     peak = value.max(axis=0)
     action = candidates.plan["action"]
     order = np.lexsort((-peak, action, candidates.x))
@@ -181,7 +189,7 @@ def _sift(
     rank = np.arange(len(group)) - np.searchsorted(group, group)
     chosen[order[rank < _OF_FIRST]] = True
     # Of each x and belief, those that are worth most.
-    most = _CANDIDATES * min(len(bhattacharyya), _MANY)
+    most = _CANDIDATES * min(len(log_affinity), _MANY)
     for same in np.split(np.arange(len(peak)), np.flatnonzero(np.diff(candidates.x)) + 1):
         best = np.argpartition(-value[:, same], min(most, len(same) - 1), axis=1)[:, :most]
         chosen[same[best]] = True
@@ -189,18 +197,18 @@ def _sift(
 
 
 def _estimate_reports(model: Compiled, probabilities: Floats, affinity: Floats) -> Floats:
-    """Estimate rewards (B,J) of values where the attributes' errors are as large as they can be."""
+    """Estimate rewards (B,J) of reporting values, with every attribute's error at its bound."""
     right = np.ones((len(probabilities), affinity.shape[1]))
     unsure = np.sqrt(probabilities * (1.0 - probabilities))
-    for spread, factor in zip(unsure.T, affinity, strict=True):
-        right *= 1.0 - spread[:, None] * factor
+    for of_attribute, of_plans in zip(unsure.T, affinity, strict=True):
+        right *= 1.0 - of_attribute[:, None] * of_plans
     return np.asarray(model.incorrect + model.reward_range * right)
 
 
 def _estimate_yes_or_no(
     conjunction: Conjunction, probabilities: Floats, affinity: Floats
 ) -> Floats:
-    """Estimate rewards (B,J) of yes or no; half of an attribute's error are misses."""
+    """Estimate rewards (B,J) of yes or no, as if half of an attribute's error were misses."""
     q = np.where(conjunction.literal, probabilities, 1.0 - probabilities)  # (B,N)
     unsure = np.sqrt(probabilities * (1.0 - probabilities))
     error = 0.5 * unsure[:, :, None] * affinity  # (B,N,J)
@@ -219,12 +227,12 @@ def _estimate_yes_or_no(
 
 
 def _estimate_values(
-    model: Compiled, candidates: Candidates, probabilities: Floats, bhattacharyya: Floats
+    model: Compiled, candidates: Candidates, probabilities: Floats, log_affinity: Floats
 ) -> Floats:
     """Estimate the values (B,J) of candidates by bounds of their errors; see `_sift`."""
     within = np.minimum(model.percepts.limit, _COUNTED - 1).astype(np.int64)
     counts = np.minimum(candidates.observation_counts, within)
-    affinity = np.exp(bhattacharyya[:, np.arange(counts.shape[1]), counts].sum(axis=2))  # (N,J)
+    affinity = np.exp(log_affinity[:, np.arange(counts.shape[1]), counts].sum(axis=2))  # (N,J)
     if model.conjunction is None:
         ending = _estimate_reports(model, probabilities, affinity)
     else:
@@ -244,6 +252,7 @@ def _compete(model: Compiled, candidates: Candidates, beliefs: Floats) -> Candid
     These are the _WINNERS plans that are the best of all at most beliefs, and for each first
     behavior the plan that is best at the belief where going for it is worth most.
     """
+    # Coarse tables are enough to rank some hundred candidates; winners are tabulated again, finely.
     plans = _tabulated(model, candidates, bayes_error.FEW_OUTCOMES)
     evaluator = make_evaluator(model, plans)
     behaviors = np.arange(model.dynamics.step.shape[1])
@@ -297,7 +306,8 @@ def retabulate(plans: Plans, model: Compiled, capacity: int = bayes_error.OUTCOM
     table = np.empty((n_rows, bayes_error.THRESHOLDS, percepts.rows.shape[2]))
     scratch = bayes_error.make_scratch(percepts, plans=0, rows=0, capacity=capacity)
     if model.conjunction is not None:
-        # Where each yes is an error and no "no" is, tables hold Pr(says yes | class).
+        # Of yes or no, hits and false alarms are needed apart, not their sum, the error. As if all
+        # truths were false, an error is to say yes: then tables hold Pr(says yes | class).
         truth = np.zeros_like(percepts.truth)
         truth[:, 0] = 1.0
         percepts = percepts._replace(truth=truth)
