@@ -187,7 +187,7 @@ def first_percept_value(progress: Progress, columns: list[int]) -> Floats:
     p = len(progress.labeled)
     certain = progress.labeled.copy()
     certain[columns] = True
-    if progress.told <= 0.5 and len(columns) < p:
+    if progress.told <= 0.5 and len(columns) < p:  # mostly, only what was asked is told
         value = deviation_value(progress, len(columns)) * certain[:, None]
     else:
         value = learning_prices(progress, len(columns))

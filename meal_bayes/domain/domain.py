@@ -238,8 +238,8 @@ class Domain:
     def replace(self, row: NDArray[np.int8], new: NDArray[np.int8]) -> NDArray[np.int8]:
         """Return what is known of an object once new labels are told; every label enters by this.
 
-        A group is one value. One that is true makes the others false, and all but one that are
-        false make that one true. A new value replaces the old one.
+        A label that contradicts an earlier one replaces it. A group is one value: one that is true
+        makes the others false, and all but one that are false make that one true.
 
         Parameters
         ----------

@@ -88,7 +88,8 @@ class _Unit:
         for batch in range(config.batches + 1):
             train = config.batches > batch and not self.has(batch + 1, "train")
             test = not self.has(batch, "test")
-            # What is logged is repeated, not perceived; it is learned from once it is needed.
+            # Of trials in the log only the record is made again; a refit costs time, and is due
+            # only before the next trial that runs.
             if test or train:
                 learner.refit()
             if test:
@@ -163,7 +164,7 @@ def run_online(
         Called with (batches done, batches in all) after every trial, from processes once a second;
         from a cluster after a repeat of an agent.
     """
-    domain = _protocol(config, 0).dataset.domain  # or say what is wrong
+    domain = _protocol(config, 0).dataset.domain  # raises here, not in a process, what is wrong
     if config.reward is None:
         reward = _REWARD if domain.data in SOURCES else domain.report_reward
         config = dataclasses.replace(config, reward=reward)
@@ -219,7 +220,7 @@ def _learner(config: OnlineConfig, protocol: Protocol) -> Learner:
         horizon=config.horizon,
         refit_every=None,
         learn_success=False,
-        unit=float(dataset.recordings * counted),
+        unit=float(dataset.recordings * counted),  # labelled instances in one unit of Eq. 10
         count_given=count_given,
         drawn=dataset.labels if config.percepts == "model" else None,
     )

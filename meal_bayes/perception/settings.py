@@ -14,7 +14,8 @@ METHODS = ("stacked", "paper", "classifier")
 class PerceptionSettings:
     """How a behavior's percept is made from its modalities.
 
-    `joint` and the last five flags can be switched off for ablations.
+    For ablations, `joint`, `by_object`, `nested`, `balanced`, `nonnegative` and
+    `positive_youden_only` can be switched off.
 
     Attributes
     ----------
@@ -27,12 +28,13 @@ class PerceptionSettings:
         "stacked" only: one more kernel, of all modalities at once.
     levels : int
         K of an observed percept: 2 yes or no, 4 graded.
-    exact_objects, exact_recordings : int
-        Up to so many objects (of percept tables, which leave out pairs of them), and recordings of
-        a behavior, "stacked" leaves every object out alone, and compares all recordings with each
-        other.
+    exact_objects : int
+        Up to so many objects "stacked" leaves every one out alone; percept tables, pairs of them.
+        Above, it leaves out `folds` groups.
+    exact_recordings : int
+        Up to so many recordings of a behavior "stacked" compares all with each other.
     landmarks : int
-        Above these, recordings are compared with so many of them.
+        Above `exact_recordings`, recordings are compared with so many of them.
     folds : int
         "paper" and "classifier", and "stacked" above the exact sizes: groups of objects that are
         left out together, an object never split.
@@ -78,7 +80,7 @@ class PerceptionSettings:
             raise SettingsError(
                 f"width is {self.width}; give a number above 0 to 'stacked', and None to others."
             )
-        level_edges(BIN_EDGES, self.levels)
+        level_edges(BIN_EDGES, self.levels)  # raises where K does not fit
         least = {"folds": 2, "landmarks": 1, "exact_objects": 0, "exact_recordings": 0}
         for name, lowest in least.items():
             if getattr(self, name) < lowest:

@@ -85,8 +85,8 @@ def remove_drafts(path: Path) -> None:
 def log_files(path: str | Path) -> list[Path]:
     """Find the logs of a run: the file itself, or all of a folder in order of their names.
 
-    A log that is not whole yet is there by its largest draft, under the name it has, or else by
-    what was recovered from one. Logs of feedback hold no trials, and are not among them.
+    Each log is found once: as the whole file; if there is none, as its largest draft; if there is
+    none either, as what was recovered of it. Logs of feedback hold no trials, and are not found.
 
     Raises
     ------
@@ -99,16 +99,21 @@ def log_files(path: str | Path) -> list[Path]:
             if file.is_file():
                 return [file]
         raise LogError(f"There is no log {path}; expected a {SUFFIX} file, or a folder of them.")
-    best = dict[Path, tuple[tuple[int, int], Path]]()  # of each log
+    best = dict[Path, tuple[int, int, Path]]()  # by log: how whole, bytes, file
     for file in path.rglob(f"*{SUFFIX}*"):
         ending = file.name.endswith((SUFFIX, SUFFIX + ACTIVE))
         if ending and not holds_feedback(file) and file.is_file():
-            recovered = file.name.endswith(RECOVERED + SUFFIX)
-            kind = 0 if recovered else 1 if file.name.endswith(ACTIVE) else 2
-            with contextlib.suppress(FileNotFoundError):  # it has got its name meanwhile
-                rank = (kind, file.stat().st_size), file
+            with contextlib.suppress(FileNotFoundError):  # a draft that was renamed meanwhile
+                candidate = (_wholeness(file), file.stat().st_size, file)
                 log = file.with_name(stem_of(file))
-                best[log] = max(best.get(log, rank), rank)
+                best[log] = max(best.get(log, candidate), candidate)
     if not best:
         raise LogError(f"{path} holds no log (*{SUFFIX}).")
-    return sorted(file for _, file in best.values())
+    return sorted(file for _, _, file in best.values())
+
+
+def _wholeness(file: Path) -> int:
+    """Return 2 of a log that was finished, 1 of a draft, 0 of what was recovered."""
+    if file.name.endswith(RECOVERED + SUFFIX):
+        return 0
+    return 1 if file.name.endswith(ACTIVE) else 2
