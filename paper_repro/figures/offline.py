@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+from matplotlib.ticker import LogLocator
 
 from meal_bayes.canvas import Axes, axes_to_draw, legend, name_axes
 from meal_bayes.domain import load_domain
@@ -23,6 +24,7 @@ _SUPER = {"reward": "reward", "cost": "cost, s", "success": "accuracy, relevant 
 _SETTINGS = (("-", "o"), ("--", "s"), (":", "D"), ("-.", "^"))  # of one agent's lines
 _PARTS = (("more data", "#4A4A4A"), ("better plans", "#9A9A9A"), ("better sensors", "#D8D8D8"))
 _DIAGRAMS = ("ispy32", "cy101", "roc36")
+_ARROWS = "Arrows are behaviors, with their probability where it is below 1."
 _MEANS = "Lines reach two standard errors of a mean, or 95 % of a fraction."
 
 
@@ -51,10 +53,14 @@ def fig5(record: Record) -> dict[str, Axes]:
     figures = {}
     for name in _DIAGRAMS:
         for end, whose in (("", "the paper's"), ("_published", "the published code's")):
-            title = f"{name.upper()}, {whose}"
-            figures[f"_{name}{end}"] = transition_diagram(
-                load_domain(name + end).diagram, title=title
-            )
+            diagram = load_domain(name + end).diagram
+            behaviors = {effect.behavior for effect in diagram.effects}
+            size = f"{len(diagram.states) - 1} states, {len(behaviors)} behaviors"
+            finding = f"{name.upper()}, {whose}: {size}"
+            words = zip(diagram.states, diagram.labels, strict=False)
+            states = ", ".join(f"{state} {label}" for state, label in words)
+            caption = f"Circles are states ({states}); the black one is the start. " + _ARROWS
+            figures[f"_{name}{end}"] = headline(transition_diagram(diagram), finding, caption)
     return figures
 
 
@@ -138,14 +144,15 @@ def eq7(record: Record) -> dict[str, Axes]:
             ax.set(xscale="log", yscale="log")
             ax.set_xticks(hours, [f"{60 * h:.0f} min" for h in hours], minor=False)
             ax.minorticks_off()
+            ax.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
             ax.yaxis.set_major_formatter("{x:g}")
             name_axes(ax, "budget of exploration", "successes")
             name_ends(ax, ends)
         seeing = {agent: span for agent, span in last.items() if agent != "random"}
         best = max(seeing, key=lambda agent: seeing[agent].estimate)
         finding = (
-            f"Within {hours[-1]:g} h, who guesses has {last['random'].estimate:.0f} successes; of "
-            f"those who explore {best} has most, {seeing[best].estimate:.0f}"
+            f"Within {hours[-1]:g} h, random is right {last['random'].estimate:.0f} times, by "
+            f"guessing; of those that look, {best} is most often, {seeing[best].estimate:.0f} times"
         )
         known = any(isinstance(row[budgets[-1]], list) for row in chosen)
         errors = "Lines reach two standard errors (bootstrap). " * known

@@ -171,9 +171,7 @@ def confusion_matrices(
     return to
 
 
-def transition_diagram(
-    diagram: TransitionDiagram, *, title: str = "", ax: Axes | None = None
-) -> Axes:
+def transition_diagram(diagram: TransitionDiagram, *, ax: Axes | None = None) -> Axes:
     """Draw a diagram (as Fig. 5): a column for each number of behaviors that it takes to get there.
 
     Arrows are named by their behaviors, with a probability where it is below 1; loops stand under
@@ -204,7 +202,6 @@ def transition_diagram(
         low, high = ends.min(axis=0), ends.max(axis=0)
         to.set(xlim=(low[0] - 0.5, high[0] + 0.5), ylim=(low[1] - 0.7, high[1] + 1.0))
         to.set_axis_off()
-        to.set_title(title)
         return to
 
 
