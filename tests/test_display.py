@@ -194,6 +194,7 @@ def test_the_frame_of_a_trial_holds_its_steps(trial):
     assert frame["cost_s"].sum() == pytest.approx(trial.cost)
     assert frame["reward"].sum() == pytest.approx(trial.reward)
     assert frame["belief_heavy"].iloc[-1] == trial.last_belief.positive[0]
+    assert "probability" not in frame
     silent = [step.observation is None for step in trial.steps]
     assert frame["percept_beans"].isna().tolist() == silent
     assert frame["action"].iloc[-1] == "report heavy, beans"

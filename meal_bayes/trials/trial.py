@@ -94,7 +94,8 @@ class Trial(TrialRecord):
 
         `value` is what the trial was expected to bring by the chosen action, `bonus` what exploring
         is paid on its way, `next_value` and `next_bonus` the same of the next best action; missing
-        where nothing was compared. `gap` is missing where no upper bound is known.
+        where nothing was compared. `gap` is missing where no upper bound is known. `probability`
+        is Pr(yes) after the step, of yes or no to several attributes; others have no such column.
         """
         import pandas as pd  # noqa: PLC0415  takes half a second
 
@@ -103,6 +104,7 @@ class Trial(TrialRecord):
         percepts = [f"percept_{name}" for name in names]
         for number, step in enumerate(self.steps, start=1):
             levels = [None] * len(names) if step.observation is None else step.observation.tolist()
+            answer = self.momdp.reports.probability_now(step.belief.positive)
             rows.append(
                 {
                     "step": number,
@@ -115,6 +117,7 @@ class Trial(TrialRecord):
                     "gap": step.decision.gap,
                     **dict(zip(percepts, levels, strict=True)),
                     **{f"belief_{n}": p for n, p in zip(names, step.belief.positive, strict=True)},
+                    **({} if answer is None else {"probability": answer}),
                     "warning": step.warning,
                 }
             )

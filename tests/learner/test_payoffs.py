@@ -38,6 +38,9 @@ def test_call_before_learner_before_domain(question, dataset, make):
         trial = learner.ask(question, make.arm(), truth=truth, **asked, **options)
         assert trial.momdp.payoffs == expected
         assert (trial.momdp.correct, trial.momdp.incorrect) == (max(expected), min(expected))
+        last = trial.to_frame().iloc[-1]  # one attribute is its own event
+        column = "belief_red" if question == "red" else "probability"
+        assert last[column] == (trial.probability or trial.last_belief.positive[0])
         assert earned(trial) in expected
 
 
