@@ -234,8 +234,8 @@ def learning_prices(progress: Progress, asked: int) -> Floats:
 
     It is what `prices.prices` says, of rates that are learned from percepts of the pair alone.
     """
-    knowledge, p = progress.knowledge, len(progress.labeled)
-    domain = knowledge.domain
+    knowledge = progress.knowledge
+    p = len(progress.labeled)
     share = asked / p  # of the questions are about an attribute
     pace = 1 / (share + (1 - share) * progress.told)  # trials until an object is labeled
     alpha = 1 + progress.percepts  # (P,E,2,2)
@@ -246,10 +246,10 @@ def learning_prices(progress: Progress, asked: int) -> Floats:
     # A better table of one attribute counts where the answers on all others are right.
     right = (1 + now.mean() / progress.reward) / 2
     questions = questions * np.clip(right, 0.0, 1.0) ** (asked - 1)
-    costs = np.array([behavior.cost for behavior in domain.behaviors])
+    costs = np.array([behavior.cost for behavior in knowledge.domain.behaviors])
     variance_explained = explained(alpha, knowledge.base_rates[:, None])
     price = prices(value - now[:, None, None], variance_explained, questions, costs)
-    senses = np.isin(np.arange(len(costs)), domain.recorded)
+    senses = np.isin(np.arange(len(costs)), knowledge.domain.recorded)
     return np.asarray(np.where(senses, price, 0.0))
 
 

@@ -248,7 +248,8 @@ def complete_labels(
     DataError
         An object with two values of a group, or with none.
     """
-    complete, nothing = labels.copy(), np.full(len(domain.attributes), -1, np.int8)
+    complete = labels.copy()
+    nothing = np.full(len(domain.attributes), -1, np.int8)
     for o, name in enumerate(objects if domain.groups else ()):
         try:
             complete[o] = domain.replace(nothing, labels[o])

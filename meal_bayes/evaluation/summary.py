@@ -189,14 +189,14 @@ def difference(first: TrialOutcomes, second: TrialOutcomes, *, measure: str = "r
         No task in common; a task that one of them has twice, as in tests after several batches; or
         a task that is another object's, or another question, in the other.
     """
-    left, right = paired_rows(first, second)
-    gain = measured(first, measure)[left] - measured(second, measure)[right]
+    rows, others = paired_rows(first, second)
+    gain = measured(first, measure)[rows] - measured(second, measure)[others]
     mask = ~np.isnan(gain)
     if not mask.any():
         raise SettingsError(
             f"{_named(first, second)} share no task with a {measure}; run both under the same seed."
         )
-    objects = first.object_name[left][mask]
+    objects = first.object_name[rows][mask]
     if measure in _FRACTIONS:
         return paired_fractions(gain[mask], partial(clustered, clusters=objects))
     return clustered(gain[mask], objects)

@@ -61,7 +61,8 @@ class Recordings:
 
     def __init__(self, dataset: Dataset, rng: np.random.Generator) -> None:
         self.counts = replayable(dataset)  # (O,E)
-        o, e, r = *self.counts.shape, dataset.recordings
+        o, e = self.counts.shape
+        r = dataset.recordings
         # Sorting random numbers gives a random order; absent recordings come last, at infinity.
         absent = np.arange(r) >= self.counts[..., None]
         self._order = np.where(absent, np.inf, rng.random((o, e, r))).argsort(axis=-1)

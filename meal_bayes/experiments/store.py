@@ -153,7 +153,8 @@ class Description:
 
     def _named(self, value: Any) -> object:
         """Describe a function or class by its name, if it can be found by that, and its code."""
-        module, name = sys.modules.get(value.__module__), value.__qualname__
+        module = sys.modules.get(value.__module__)
+        name = value.__qualname__
         target: Any = module
         for part in name.split("."):
             target = getattr(target, part, None)

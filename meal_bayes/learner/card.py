@@ -41,8 +41,10 @@ def next_html(attribute: str, recordings: int) -> str:
 def table_knowledge(table: PerceptTable, agent: Agent, settings: LearnerSettings) -> Knowledge:
     """Return what a percept table teaches, each object's percepts by classifiers without it."""
     counts = percept_counts(table, agent.levels)
-    known = knowledge_of(table.domain, counts, table.labels, object_level=agent.object_level)
-    return known if settings.posterior is None else replace(known, posterior=settings.posterior)
+    knowledge = knowledge_of(table.domain, counts, table.labels, object_level=agent.object_level)
+    if settings.posterior is None:
+        return knowledge
+    return replace(knowledge, posterior=settings.posterior)
 
 
 def learned_html(knowledge: Knowledge, labels: Labels) -> str:

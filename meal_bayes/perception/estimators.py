@@ -103,7 +103,8 @@ def checked_probabilities(probabilities: Any, classes: Any, recordings: int) -> 
     ValueError
         What else was found.
     """
-    names, values = list(classes), np.asarray(probabilities, np.float64)
+    names = list(classes)
+    values = np.asarray(probabilities, np.float64)
     if not {0, 1} <= set(names):
         raise ValueError(f"found classes_ {names!r:.60}; expected 0 and 1")
     if values.shape != (recordings, len(names)):

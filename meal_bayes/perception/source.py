@@ -103,8 +103,8 @@ class TableSource:
     def _of_domain(cls, name: str, perception: str, root: Path | None) -> "TableSource":
         """Return the source of a shipped domain, or of one's own with its recordings."""
         domain = load_domain(name)
-        own = name.endswith(".toml")
-        if root is not None and not own:
+        is_own = name.endswith(".toml")
+        if root is not None and not is_own:
             raise SettingsError(
                 f"The percepts of {name!r} need no folder of recordings; leave root out, or give "
                 "the path of a domain of your own (TOML)."
@@ -120,7 +120,7 @@ class TableSource:
             )
         path = _computed_path(domain, perception, content)
         found_by = name if root is None else str(path)
-        recordings = name if own else domain.data
+        recordings = name if is_own else domain.data
         return cls(found_by, perception, content, domain, path, _recordings=recordings, _root=root)
 
     @classmethod

@@ -21,6 +21,7 @@ from meal_bayes.planners.several_objects import (
 from meal_bayes.planners.solver import (
     RULE,
     Decision,
+    GoingOn,
     History,
     Policy,
     Remembering,
@@ -30,7 +31,7 @@ from meal_bayes.planners.solver import (
 )
 
 __all__ = [
-    "POMCP", "RULE", "Decision", "Factored", "Greedy", "History", "Move", "OpenLoop",
+    "POMCP", "RULE", "Decision", "Factored", "GoingOn", "Greedy", "History", "Move", "OpenLoop",
     "OpenLoopPolicy", "Policy", "Predefined", "Prospect", "Prospector", "Random", "RandomLegal",
     "Remembering", "Solver", "TreeEdge", "Untouched", "batched_value_iteration", "best_move",
     "unvalued", "values_beside", "warm_up", "watch_compilation", "ways_back",

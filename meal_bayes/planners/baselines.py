@@ -184,8 +184,8 @@ def information_gain(momdp: MOMDP, belief: Belief) -> Floats:
     n, e = joint.shape[:2]
     # I(Y; Z) = H(Y) + H(Z) - H(Y, Z)
     gain = _entropy(true) + _entropy(joint.sum(axis=2)) - _entropy(joint.reshape(n, e, -1))
-    left = belief.percept_counts[0].sum(axis=1) < momdp.limit
-    return np.where(left, gain.clip(0.0).sum(axis=0), 0.0)
+    available = belief.percept_counts[0].sum(axis=1) < momdp.limit
+    return np.where(available, gain.clip(0.0).sum(axis=0), 0.0)
 
 
 def _entropy(rows: Floats) -> Floats:

@@ -1,4 +1,7 @@
-"""The seams of planning: a `Solver` (the paper's Sol) makes a `Policy`, which makes `Decision`s."""
+"""The seams of planning: a `Solver` (the paper's Sol) makes a `Policy`, which makes `Decision`s.
+
+`POMCP`, `OpenLoop` and `Factored` go on or answer by `choose`; baselines have rules of their own.
+"""
 
 import hashlib
 from dataclasses import dataclass, field

@@ -235,8 +235,8 @@ def _executed(momdp: MOMDP, history: History, action: int, rng: np.random.Genera
     percept = None
     x = int(rng.choice(np.flatnonzero(momdp.transition[action, belief.x])))
     # Any level of positive probability may come, by no rows in particular.
-    left = belief.percept_counts[0, action].sum() < momdp.limit[action]
-    if momdp.observation_probability[action, belief.x, x] > rng.random() and left:
+    available = belief.percept_counts[0, action].sum() < momdp.limit[action]
+    if momdp.observation_probability[action, belief.x, x] > rng.random() and available:
         rows = np.einsum("nc,nck->nk", np.exp(belief.log_prob), momdp.confusion[:, action])
         percept = np.array([rng.choice(np.flatnonzero(row > 0)) for row in rows])
     after = update_belief(belief, momdp, Transition(action, x, percept))

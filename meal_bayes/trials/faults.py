@@ -34,7 +34,7 @@ def faults_of(
     """
     chance = np.ones(momdp.n_behaviors)
     count = np.zeros(momdp.n_behaviors, int)
-    left = momdp.limit.copy()  # a robot that replays runs out of recordings
+    remaining = momdp.limit.copy()  # a robot that replays runs out of recordings
     still = np.ones(momdp.n_behaviors, bool)
     x = momdp.start
     for e, perceived, after in zip(history.actions, history.perceived, history.moved, strict=True):
@@ -43,8 +43,8 @@ def faults_of(
             chance[e] = 1.0
             count[e] = 0
             still[e] = True
-            left[e] -= perceived
-        elif left[e] > 0 or percept == 0:
+            remaining[e] -= perceived
+        elif remaining[e] > 0 or percept == 0:
             chance[e] *= 1.0 - percept if percept else expected[e, x, x]
             count[e] += 1
             still[e] &= after == x

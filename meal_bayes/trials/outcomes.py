@@ -221,12 +221,14 @@ def _columns(trial: TrialRecord) -> _Part:
     done = [step for step in trial.steps if step.decision.action < len(names)]
     actions = [step.decision.action for step in done]
     empty = [step.decision.action for step in done if step.observation is None]
-    query, positive = task.query, trial.last_belief.positive
+    query = task.query
+    positive = trial.last_belief.positive
     truth = query.report_truth(trial.truth)
     report = np.full(len(truth), -1) if trial.report is None else trial.report
     asked = query.value_names
     if trial.probability is not None:  # yes or no is a question about one event
-        asked, positive = (query.text.removesuffix("?"),), np.array([trial.probability])
+        asked = (query.text.removesuffix("?"),)
+        positive = np.array([trial.probability])
     return names, {
         "agent": [trial.agent],
         "key": [task_key(task.key)],

@@ -226,8 +226,8 @@ class SearchSession:
         """Command a behavior of the object in front, unless a limit is reached."""
         session = self.sessions[self.object or ""]
         if self._within_limits(float(session.momdp.cost[action])):
-            known = np.where(np.isinf(values), np.nan, values)
-            session.command(Decision.exact(action, np.append(known, claim_value)))
+            compared = np.where(np.isinf(values), np.nan, values)
+            session.command(Decision.exact(action, np.append(compared, claim_value)))
 
     def _within_limits(self, cost: float) -> bool:
         """Return whether a behavior may still be executed; else give the best answer."""

@@ -26,9 +26,9 @@ from meal_bayes.planners.open_loop.candidates import (
 from meal_bayes.planners.open_loop.growth import Growth, Paths, grow_plans
 from meal_bayes.planners.open_loop.values import PLAN, Plans, make_evaluator
 
-_GROWN = 4  # beliefs for which plans are grown from every x, to every first percept
+_GROWTH_BELIEFS = 4  # beliefs for which plans are grown from every x, to every first percept
 _MANY = 5  # attributes: with more, no more beliefs and candidates are taken
-_JUDGED = 16  # beliefs for each attribute, up to _MANY of them, at which plans compete
+_BELIEFS = 16  # beliefs for each attribute, up to _MANY of them, at which plans compete
 _ROUNDS = 6  # of correcting a belief that latent classes hold together
 _WINNERS = 14  # plans an x, besides one for every first behavior and what remains of them
 _CANDIDATES = 10  # candidates for each attribute, an x and a belief, that are valued exactly
@@ -55,7 +55,7 @@ def plan_library(momdp: MOMDP, model: Compiled) -> Plans:
     beliefs = _spread_beliefs(momdp, model)
     probabilities = (beliefs * model.percepts.truth[:, 1]).sum(axis=2)  # (B,N) of true
     log_affinity = _log_affinities(model)
-    grown = _grow(model, diagram, probabilities[:_GROWN], log_affinity)
+    grown = _grow(model, diagram, probabilities[:_GROWTH_BELIEFS], log_affinity)
     candidates = _sift(model, grown, probabilities, log_affinity)
     winners = _compete(model, candidates, beliefs)
     return _complete(model, diagram, winners)
@@ -78,7 +78,7 @@ def _spread_beliefs(momdp: MOMDP, model: Compiled) -> Floats:
     """Draw beliefs (B,N,C) around the prior, of which the first is the prior itself."""
     n = len(momdp.query)
     rng = np.random.Generator(np.random.PCG64(n))
-    spread = rng.uniform(-4.0, 4.0, (_JUDGED * min(n, _MANY), n))
+    spread = rng.uniform(-4.0, 4.0, (_BELIEFS * min(n, _MANY), n))
     return _move_prior(momdp, model, np.concatenate([np.zeros((1, n)), spread]))
 
 
