@@ -187,6 +187,10 @@ def test_free_behaviors_that_say_nothing_are_not_used(make, table, agent):
         assert len(learner.ask(make.task(free, 0, *free.domain.attributes[:n])).steps) == 1
 
 
+# Agents that explore otherwise, but plan as bayes does.
+PLAN_AS_BAYES = [name for name in AGENTS if "bayes" in name and name != "bayes"]
+
+
 @pytest.mark.parametrize("trials", [4, pytest.param(200, marks=pytest.mark.long)])
 @pytest.mark.parametrize("signal", [0.0, 2.0])
 @pytest.mark.parametrize("name", AGENTS)
@@ -194,7 +198,10 @@ def test_nothing_illegal_is_commanded(make, name, signal, trials):
     """A session refuses what is not legal, by `MOMDP.check_action`."""
     table = make.table("ispy32", signal=signal)
     learner = make.learner(table, name)
-    for index in range(trials):
+    tasks = range(trials)
+    if name in PLAN_AS_BAYES and trials > 4:
+        tasks = tasks[PLAN_AS_BAYES.index(name) % 3 :: 3]  # each a third of them, another one
+    for index in tasks:
         n = 1 + 2 * (index % 2)
         task = make.task(table, index // 2 % 8, *table.domain.attributes[index // 16 :][:n])
         trial = learner.ask(task)
