@@ -1,6 +1,7 @@
 """Named random streams, which do not depend on the order and place of work."""
 
 import hashlib
+from functools import lru_cache
 
 import numpy as np
 
@@ -13,9 +14,14 @@ def stream(root: int, *path: str | int) -> np.random.Generator:
     >>> stream(7, "robot", 3).random() == stream(7, "planner", 3).random()
     False
     """
-    key = list[int]()
-    for part in path:  # NumPy's integers are the same numbers as Python's
-        name = f"{'text' if isinstance(part, str) else 'number'}:{part}"
-        digest = hashlib.blake2b(name.encode(), digest_size=8).digest()
-        key += np.frombuffer(digest, "<u4").tolist()
+    key = [word for part in path for word in _words(part)]
     return np.random.Generator(np.random.PCG64(np.random.SeedSequence(root, spawn_key=key)))
+
+
+@lru_cache(maxsize=4096, typed=True)  # a text comes again and again, and True is not 1
+def _words(part: str | int) -> tuple[int, int]:
+    """Return two words of 32 bits of a name's part; NumPy's integers are as Python's."""
+    name = f"{'text' if isinstance(part, str) else 'number'}:{part}"
+    digest = hashlib.blake2b(name.encode(), digest_size=8).digest()
+    low, high = digest[:4], digest[4:]
+    return int.from_bytes(low, "little"), int.from_bytes(high, "little")

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 from itertools import zip_longest
 from typing import Any
 
@@ -15,6 +16,18 @@ from meal_bayes.errors import QueryError
 
 DO_NOT_KNOW = "I do not know"  # the answer that abstains, wherever it is written
 _TABLE_LIMIT = 2**20  # value vectors in a table; more would not fit in memory
+
+
+@lru_cache(maxsize=256)  # every step of a trial asks
+def _variables(attributes: int, groups: tuple[tuple[int, ...], ...]) -> tuple[tuple[int, ...], ...]:
+    grouped = {place for group in groups for place in group}
+    alone = ((place,) for place in range(attributes) if place not in grouped)
+    return tuple(sorted((*groups, *alone)))
+
+
+@lru_cache(maxsize=256)
+def _sizes(attributes: int, groups: tuple[tuple[int, ...], ...]) -> tuple[int, ...]:
+    return tuple(max(2, len(places)) for places in _variables(attributes, groups))
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,9 +101,7 @@ class Query:
     @property
     def variables(self) -> tuple[tuple[int, ...], ...]:
         """Places of each variable's attributes: a group, or an attribute alone; by first place."""
-        grouped = {place for group in self.groups for place in group}
-        alone = ((place,) for place in range(len(self)) if place not in grouped)
-        return tuple(sorted((*self.groups, *alone)))
+        return _variables(len(self), self.groups)
 
     @property
     def questions(self) -> tuple[tuple[str, tuple[int, ...]], ...]:
@@ -161,7 +172,7 @@ class Query:
     @property
     def _sizes(self) -> tuple[int, ...]:
         """Numbers of values of the variables."""
-        return tuple(max(2, len(places)) for places in self.variables)
+        return _sizes(len(self), self.groups)
 
     @property
     def n_values(self) -> int:
