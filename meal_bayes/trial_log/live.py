@@ -2,7 +2,7 @@
 
 import contextlib
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -45,6 +45,10 @@ class LiveLog(TrialWriter):
         remove_drafts(self.path)  # of processes that were killed in this trial
 
 
+class NotBrokenOff(LogError):
+    """A trial that another process drives, or that is over."""
+
+
 class Interrupted:
     """A trial that a killed process left in the draft of a log, held by this process alone.
 
@@ -65,7 +69,7 @@ class Interrupted:
         if not hold(self._file):
             self._file.close()
             who = re.search(r"\.w(\d+)-", draft.name)
-            raise LogError(
+            raise NotBrokenOff(
                 f"{draft} is under way{f' in process {who[1]}' if who else ''}: one process drives "
                 "a robot at a time. Wait for it, or end it, and resume again."
             )
@@ -75,15 +79,32 @@ class Interrupted:
         begun = isinstance(self.header.get("begun"), dict)
         if not isinstance(last, Trial) or not last.ended or not begun:
             self.release()
-            raise LogError(
-                f"{draft} holds no trial that was broken off; there is nothing to resume."
-            )
+            kind = NotBrokenOff if isinstance(last, Trial) and not last.ended else LogError
+            raise kind(f"{draft} holds no trial that was broken off; there is nothing to resume.")
         self.trial = last
         self.path = draft.with_name(stem_of(draft) + SUFFIX)
 
     def release(self) -> None:
         """Let others have the draft."""
         self._file.close()
+
+
+def _furthest(drafts: Sequence[Path]) -> Interrupted:
+    """Return the trial of one log as far as any of its drafts holds it; each resumption has one."""
+    held = list[Interrupted]()
+    faults = list[LogError]()
+    for draft in drafts:
+        try:
+            held.append(Interrupted(draft))
+        except LogError as fault:
+            faults.append(fault)
+    held.sort(key=lambda broken: len(broken.trial.steps))
+    elsewhere = [fault for fault in faults if isinstance(fault, NotBrokenOff)]
+    for broken in held if elsewhere else held[:-1]:
+        broken.release()
+    if elsewhere or not held:
+        raise (elsewhere or faults)[0]
+    return held[-1]
 
 
 def interrupted(place: Path) -> Interrupted:
@@ -95,12 +116,14 @@ def interrupted(place: Path) -> Interrupted:
         There is none, or there are several in the folder; another process drives it.
     """
     if not place.is_dir():
-        names = [place, *drafts_of(place)]
-        return Interrupted(next((path for path in names if path.is_file()), place))
-    drafts = list[Interrupted]()
+        return _furthest([place] if place.is_file() else drafts_of(place) or [place])
+    of_logs = dict[Path, list[Path]]()
     for path in sorted(place.rglob(f"*{ACTIVE}")):
+        of_logs.setdefault(path.with_name(stem_of(path)), []).append(path)
+    drafts = list[Interrupted]()
+    for paths in of_logs.values():
         with contextlib.suppress(LogError):  # it is under way, or holds no trial
-            drafts.append(Interrupted(path))
+            drafts.append(_furthest(paths))
     if len(drafts) == 1:
         return drafts[0]
     for draft in drafts:

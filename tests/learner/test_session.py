@@ -183,6 +183,31 @@ def test_a_restart_goes_on_as_if_undisturbed(learner, make, tmp_path, steps):
     np.testing.assert_array_equal(*counts)  # of what was not asked, too
 
 
+@pytest.mark.parametrize("steps", [0, 1])
+def test_a_resumption_that_ended_too_is_resumed_from_the_furthest_draft(
+    dataset, make, tmp_path, steps
+):
+    """The second process had written so many of the first one's steps again, or gone on."""
+    learner = make.learner(dataset, make.agent(*PLAN, **make.ours), logs=tmp_path)
+    first, arm = learner.begin("red"), started(make.arm())
+    for _ in range(2):
+        first.observe(arm.execute(first.behavior))
+    first._recorder._file.close()
+    again = make.learner(dataset, make.agent(*PLAN, **make.ours), logs=tmp_path)
+    second = again.resume()
+    for _ in range(steps):
+        second.observe(arm.execute(second.behavior))
+    second._recorder._file.close()
+    second._recorder._resumed.release()
+    assert len(list(tmp_path.rglob("*.active"))) == 2
+    last = make.learner(dataset, make.agent(*PLAN, **make.ours), logs=tmp_path)
+    third = last.resume()
+    assert len(third.steps) == 2 + steps
+    drive(third, arm)
+    assert len(logs_of(tmp_path)) == 1
+    assert not list(tmp_path.rglob("*.active"))
+
+
 def test_a_restart_with_other_knowledge_is_refused(dataset, make, tmp_path):
     learner = make.learner(dataset, make.agent(*PLAN, **make.ours), logs=tmp_path)
     session, arm = learner.begin("red"), started(make.arm())
