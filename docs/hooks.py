@@ -20,6 +20,10 @@ from mkdocs.structure.files import File, Files
 ROOT = Path(__file__).resolve().parents[1]
 BESIDE = ("*.md", "benchmarks/README.md", "paper_repro/*.md", "paper_repro/results/*.md",
           "paper_repro/results/*.png")  # fmt: skip
+# Who searches a word wants what it means before who decided it and where it was measured; a page's
+# own head may say otherwise.
+BOOSTS = {"concepts/": 2.0, "results/": 0.5, "decisions.md": 0.5, "paper_repro/": 0.5,
+          "benchmarks/": 0.5, "CHANGELOG.md": 0.5}  # fmt: skip
 HEADING = "    options: { show_root_heading: true, show_root_full_path: false }"
 FUNCTIONS = {  # functions that a package takes from modules as a whole
     "meal_bayes.trial_log": f"\n::: meal_bayes.trial_log.reader.salvage\n{HEADING}\n",
@@ -73,6 +77,8 @@ def on_files(files: Files, config: Any) -> Files:
 def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
     """Turn links between files of the repository into links between pages of the site."""
     here = page.file.src_uri
+    boosts = [boost for place, boost in BOOSTS.items() if here.startswith(place)]
+    page.meta.setdefault("search", {"boost": boosts[0]} if boosts else {})
     if here.startswith("reference/"):
         return markdown + (package_table() if here.endswith("index.md") else "")
     source = here if (ROOT / here).is_file() else f"docs/{here}"
