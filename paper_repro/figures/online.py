@@ -159,8 +159,8 @@ def _effects(record: Record, name: str, rows: Sequence[Row], reference: str) -> 
         ax.set_ylim(-0.7, len(rows) - 0.3)
         name_axes(ax, f"accuracy less {reference}'s", "", grid="x")
     sides = [
-        _side(fitted) if _side(fitted) == _side(design) else "not told apart"
-        for fitted, design in zip(model, plain, strict=True)
+        _side(fitted) if row["Pr(ahead)"] is not None else "not told apart"  # they disagree
+        for fitted, row in zip(model, rows, strict=True)
     ]
     headline(ax, f"{name}: of {len(rows)} differences from {reference}, "
              f"{joined([f'{sides.count(side)} {side}' for side in dict.fromkeys(sides)])} by both "
