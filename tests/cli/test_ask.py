@@ -101,7 +101,7 @@ def test_it_tells_every_part_of_a_trial(told):
     assert max(map(len, text[: text.index("what next")].splitlines())) <= 80
     for part in (
         "Is it heavy, and does it hold beans?", "heavy_blue_beans", "before any behavior",
-        "1  look", "expected reward", "not heavy, not beans", "succeeded, x",
+        "1  look", "expected reward", "not heavy, not beans", "succeeded, looked at → grasped",
         "percept    heavy: ", "answer     heavy, beans", "verdict    right",
     ):  # fmt: skip
         assert part in text

@@ -112,7 +112,7 @@ def test_what_is_taken_back_may_be_told_again(ask, run):
 @pytest.mark.parametrize("end", [0, 9, -9])
 def test_a_torn_label_is_left_out_with_a_note(ask, run, end):
     ask("Is it red?", "yes\n", "blue_mug")
-    (path,) = Path("logs").glob("labels-*/*.feedback.mcap")
+    (path,) = Path("logs").glob("labels-*/**/*.feedback.mcap")
     path.write_bytes(torn := path.read_bytes()[:end])
     assert "left out of the memory" in ask("Is it red?", "yes\n").stderr
     assert remembered(run) == [("red_jar", {"red": True})]
