@@ -13,10 +13,10 @@ from meal_bayes.domain.event import Payoffs
 from meal_bayes.errors import QueryError, SettingsError
 from meal_bayes.files import file_name
 from meal_bayes.learner.answering import NO_TABLE, Answerer
-from meal_bayes.learner.fit import Fit, solve
+from meal_bayes.learner.fit import solve
 from meal_bayes.learner.trial import NO_CLASSIFIERS, TrialOptions
 from meal_bayes.momdp import MOMDP
-from meal_bayes.planners import Policy, Prospector, Remembering
+from meal_bayes.planners import Policy, Prospector, SharedPlans
 from meal_bayes.robots.several import RobotPerObject
 from meal_bayes.seeds import stream
 from meal_bayes.trials import (
@@ -166,6 +166,7 @@ class Finder(Answerer):
                 self._asked.count(learn=learn)
         sessions = dict[str, Session]()
         prospectors = dict[str, Prospector]()
+        shared: SharedPlans | None = None
         for name in names:
             labels = (truth or {}).get(name)
             options = TrialOptions(
@@ -177,7 +178,9 @@ class Finder(Answerer):
             sessions[name] = session = self._session(task, streams, options)
             with self._lock:
                 fit = self._fit(task, learn=False)
-            prospectors[name] = Prospector(session.momdp, partial(self._planned, fit, task, name))
+            if shared is None:
+                shared = SharedPlans(partial(solve, fit, task, (*names, *task.query.attributes)))
+            prospectors[name] = Prospector(session.momdp, partial(self._planned, shared, task))
         diagram = self.domain.diagram
         leave = np.isin(diagram.states, self.domain.leave or (diagram.start,))
         text = question if isinstance(question, str) else query.text
@@ -213,17 +216,13 @@ class Finder(Answerer):
             )
         return Query(query.attributes, query.groups, query.group_names, query.event, four)
 
-    def _planned(self, fit: Fit, task: Task, name: str, momdp: MOMDP) -> Policy:
-        """Return who values a problem of an object; decisions are remembered by belief."""
-
-        def remembering(problem: MOMDP) -> Policy:
-            return Remembering(solve(fit, task, (name, *task.query.attributes), problem))
-
-        policy = remembering(momdp)
+    def _planned(self, shared: SharedPlans, task: Task, momdp: MOMDP) -> Policy:
+        """Return who values a problem of an object; of a robot's without behaviors that fail."""
+        policy = shared(momdp)
         if task.object_index >= 0:
             return policy
         usual = self.domain.diagram.compile(self.domain.behavior_names).transition
-        return FaultTolerant(momdp, policy, remembering, usual)
+        return FaultTolerant(momdp, policy, shared, usual)
 
     def _logger(
         self, question: str, names: Sequence[str], log: str | Path | None

@@ -14,6 +14,7 @@ from meal_bayes.planners.several_objects import (
     Move,
     Prospect,
     Prospector,
+    SharedPlans,
     best_move,
     values_beside,
     ways_back,
@@ -33,6 +34,6 @@ from meal_bayes.planners.solver import (
 __all__ = [
     "POMCP", "RULE", "Decision", "Factored", "GoingOn", "Greedy", "History", "Move", "OpenLoop",
     "OpenLoopPolicy", "Policy", "Predefined", "Prospect", "Prospector", "Random", "RandomLegal",
-    "Remembering", "Solver", "TreeEdge", "Untouched", "batched_value_iteration", "best_move",
-    "unvalued", "values_beside", "warm_up", "watch_compilation", "ways_back",
+    "Remembering", "SharedPlans", "Solver", "TreeEdge", "Untouched", "batched_value_iteration",
+    "best_move", "unvalued", "values_beside", "warm_up", "watch_compilation", "ways_back",
 ]  # fmt: skip

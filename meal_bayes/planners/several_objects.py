@@ -30,7 +30,8 @@ from numpy.typing import NDArray
 from meal_bayes.arrays import Floats, FrozenArrays
 from meal_bayes.errors import SettingsError
 from meal_bayes.momdp import MOMDP, Belief, expected_reward
-from meal_bayes.planners.solver import History, Policy
+from meal_bayes.momdp.model import ARRAYS
+from meal_bayes.planners.solver import History, Policy, Remembering
 
 POINTS = 17  # outside values, from what "none" earns to r+
 _SETTLED = 1e-9  # of r+ - r-: an object is worth nothing more than L where it gains less
@@ -195,6 +196,35 @@ class Prospector:
             self.momdp, payoffs=payoffs, correct=max(payoffs), incorrect=min(payoffs), abstain=False
         )
         return self._solve(problem)
+
+
+class SharedPlans:
+    """Solves problems: equal ones once, and those that differ in payoffs alone by the same plans.
+
+    Decisions are remembered by belief, so that objects of one problem share them, too.
+
+    Parameters
+    ----------
+    solve : Solve
+        The planner.
+    """
+
+    def __init__(self, solve: Solve) -> None:
+        self._solve = solve
+        self._solved: dict[tuple[bytes, ...], dict[object, Remembering]] = {}
+
+    def __call__(self, momdp: MOMDP) -> Policy:
+        """Return the policy of a problem."""
+        arrays = (np.ascontiguousarray(getattr(momdp, name)) for name in ARRAYS)
+        key = tuple(array.tobytes() for array in arrays)
+        policies = self._solved.setdefault(key, {})
+        if momdp.payoffs not in policies:
+            planner = self._solve
+            if policies:  # plans that are grown for one payoff are as good for the others
+                first = next(iter(policies.values()))
+                planner = getattr(first.policy, "sharing_plans", planner)
+            policies[momdp.payoffs] = Remembering(planner(momdp))
+        return policies[momdp.payoffs]
 
 
 def claim_value(momdp: MOMDP, belief: Belief) -> float:

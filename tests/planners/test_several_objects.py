@@ -15,6 +15,7 @@ from meal_bayes.planners import (
     Prospector,
     Random,
     Remembering,
+    SharedPlans,
     best_move,
     ways_back,
 )
@@ -214,6 +215,23 @@ def test_values_beside_others_are_those_of_boxes():
     exact = -1 + 50 + 0.5 * (-1 + 30 + 0.7 * last)
     assert beside(two, two.value, [one, three]) == pytest.approx(exact, abs=0.2)
     assert beside(one, one.value, []) == one.value[0] == 29.0
+
+
+def test_plans_are_shared_by_problems_that_differ_in_payoffs():
+    solved = []
+
+    def solve(momdp):
+        solved.append(momdp)
+        return POMCP().solve(momdp, np.random.default_rng(0))
+
+    shared = SharedPlans(solve)
+    momdp = problem(RATES["both tell"])
+    dearer = replace(momdp, payoffs=Payoffs(100.0, -100.0, 50.0, 50.0))
+    assert shared(momdp) is shared(problem(RATES["both tell"]))
+    assert shared(dearer) is not shared(momdp)
+    assert len(solved) == 1
+    assert shared(problem(RATES["both tell"], prior=0.1)) is not shared(momdp)
+    assert len(solved) == 2
 
 
 def test_an_agent_that_compares_no_values_cannot_find():
