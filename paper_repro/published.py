@@ -70,7 +70,6 @@ def _written(
     return str(path)
 
 
-@lru_cache(maxsize=8)  # it takes more than a second to compress
 def published_roc36(setting: Setting, matrices: str, domain: str = SIMULATOR) -> str:
     """Return ROC36 by published counts and a domain's diagram, reinit for 0 s as in Table 3."""
     return table_path(
@@ -79,14 +78,12 @@ def published_roc36(setting: Setting, matrices: str, domain: str = SIMULATOR) ->
     )  # fmt: skip
 
 
-@lru_cache(maxsize=8)  # it takes more than a second to compress
 def every_action_roc36(setting: Setting, matrices: str) -> str:
     """Return it with every action legal everywhere, for the published Random, Predefined Plus."""
     name = f"roc36_every_{matrices}"
     return table_path(setting, "roc36", name=name, domain=EVERY_ACTION, matrices=matrices)
 
 
-@lru_cache(maxsize=8)  # it takes more than a second to compress
 def plotted_ispy32(setting: Setting) -> str:
     """Return ISPY32 under the settings that the plotted files' names tell.
 
