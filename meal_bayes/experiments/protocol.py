@@ -104,9 +104,11 @@ def _draw_split(dataset: Dataset, shares: NDArray[np.intp], seed: int, repeat: i
     # Draw splits until one has enough positives of every attribute in each part; where none does
     # after many, ask for one fewer. With none asked the first will do.
     minimum = _POSITIVES
+    richest = np.sort(positive.sum(axis=1))[-(ends - starts).min() :].sum()  # in the smallest part
     while True:
         rng = stream(seed, "split", dataset.domain.data, repeat, minimum)
         possible = (positive.sum(axis=0) >= 3 * minimum).all()
+        possible = possible and richest >= minimum * positive.shape[1]
         for _ in range(_TRIES if possible else 0):
             order = rng.permutation(count)
             if np.add.reduceat(positive[order], starts).min(initial=minimum) >= minimum:
