@@ -99,7 +99,7 @@ def test_a_learner_shows_what_it_has_learned():
     shown = Outline(replays._repr_html_()).text
     assert "learned from 36 objects with labels" in shown
     heavy = shown.partition("heavy")[2]
-    assert heavy.startswith(f"12, 24{percent(13 / 38)}")  # labels, and (12 + 1) / (36 + 2)
+    assert heavy.startswith(f"12, 24{percent(13 / 39)}")  # labels; rate of three values
 
 
 def test_a_learner_says_what_to_do_next():
