@@ -12,7 +12,7 @@ from meal_bayes.datasets import PerceptTable, object_index
 from meal_bayes.domain import Domain, Query, read_question
 from meal_bayes.errors import SettingsError
 from meal_bayes.files import file_name
-from meal_bayes.learner.columns import Key
+from meal_bayes.learner.columns import Key, Rows
 from meal_bayes.learner.experience import Experience
 from meal_bayes.learner.fit import Fit, problem_of, training_agent
 from meal_bayes.learner.fit_cache import FitCache
@@ -275,10 +275,10 @@ class Answerer:
         self._record(session, broken.path, broken.header, broken)
         return session
 
-    def _fit(self, task: Task, *, learn: bool) -> Fit:
+    def _fit(self, task: Task, *, learn: bool, beside: Rows = ()) -> Fit:
         """Return what is known for a trial, by who runs it: training may be another agent's."""
         if self.table is not None:
-            return self._fits.held_out(self.table, self.agent, task.object_index)
+            return self._fits.held_out(self.table, self.agent, task.object_index, beside)
         return self._fits.of(self._agents[-1] if learn else self.agent)
 
     @property
@@ -336,12 +336,12 @@ class Answerer:
         self._folders[session.task.key] = log.path.parent
         session.record(log)
 
-    def _session(self, task: Task, key: Key, options: TrialOptions) -> Session:
-        """Return the session of a task whose random streams `key` names."""
+    def _session(self, task: Task, key: Key, options: TrialOptions, beside: Rows = ()) -> Session:
+        """Return the session of a task, perhaps of a search, whose random streams `key` names."""
         with self._lock:
             if options.learn:
                 self._use()
-            fit = self._fit(task, learn=options.learn)
+            fit = self._fit(task, learn=options.learn, beside=beside)
         return session_of(fit, task, key, options, lock=self._lock, on_end=self._end)
 
     def _end(self, trial: Trial) -> None:

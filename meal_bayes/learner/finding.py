@@ -8,11 +8,13 @@ from typing import Any, TypedDict, Unpack
 
 import numpy as np
 
+from meal_bayes.datasets import object_index
 from meal_bayes.domain import Query, read_question
 from meal_bayes.domain.event import Payoffs
 from meal_bayes.errors import QueryError, SettingsError
 from meal_bayes.files import file_name
 from meal_bayes.learner.answering import NO_TABLE, Answerer
+from meal_bayes.learner.columns import Rows
 from meal_bayes.learner.fit import solve
 from meal_bayes.learner.trial import NO_CLASSIFIERS, TrialOptions
 from meal_bayes.momdp import MOMDP
@@ -175,9 +177,10 @@ class Finder(Answerer):
             object_name = None if isinstance(objects, int) else name
             key_of_object = key if object_name else f"{key}, {name}"
             task, streams = self._task(query, object_name, key_of_object)
-            sessions[name] = session = self._session(task, streams, options)
+            beside = self._rows(names, name)
+            sessions[name] = session = self._session(task, streams, options, beside)
             with self._lock:
-                fit = self._fit(task, learn=False)
+                fit = self._fit(task, learn=False, beside=beside)
             if shared is None:
                 shared = SharedPlans(partial(solve, fit, task, (*names, *task.query.attributes)))
             prospectors[name] = Prospector(session.momdp, partial(self._planned, shared, task))
@@ -192,6 +195,12 @@ class Finder(Answerer):
             rng=stream(self.settings.seed, "search", *names),
             on_turn=self._logger(text, names, log),
         )
+
+    def _rows(self, names: Sequence[str], name: str) -> Rows:
+        """Return the rows of the other objects of a search in the table, if there is one."""
+        if self.table is None:
+            return ()
+        return tuple(object_index(self.table.objects, other) for other in names if other != name)
 
     def _searched(self, question: Any, payoffs: Any, none: float) -> Query:
         """Return the question of each object: claims earn as they do, and "no" what none earns."""

@@ -5,6 +5,7 @@ from numpy.typing import NDArray
 
 from meal_bayes.agents import Agent
 from meal_bayes.datasets import PerceptTable
+from meal_bayes.learner.columns import Rows
 from meal_bayes.learner.experience import Experience
 from meal_bayes.learner.held_out import HeldOut
 from meal_bayes.learner.online import Online
@@ -36,12 +37,12 @@ class FitCache:
         self.online.append(Online.refit(self.record, agent, self.settings))
         return self.online[-1]
 
-    def held_out(self, table: PerceptTable, agent: Agent, o: int) -> HeldOut:
-        """Return what an agent makes of the objects of a table but one."""
+    def held_out(self, table: PerceptTable, agent: Agent, o: int, beside: Rows = ()) -> HeldOut:
+        """Return what an agent makes of the objects of a table but one, and those beside it."""
         for fit in self._held_out:
-            if fit.object_index == o and fit.agent == agent:
+            if (fit.object_index, fit.beside) == (o, beside) and fit.agent == agent:
                 return fit
-        self._held_out.append(HeldOut(self.record, agent, self.settings, table, o))
+        self._held_out.append(HeldOut(self.record, agent, self.settings, table, o, beside))
         return self._held_out[-1]
 
     def clear(self) -> None:

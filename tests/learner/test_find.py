@@ -1,5 +1,7 @@
 """`Learner.find`: replays, a robot of one's own, by hand; logs, limits, faults, wrong input."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -64,6 +66,19 @@ def test_one_object_is_explored_as_in_the_question(learner):
             if step.decision.action < asked.momdp.n_behaviors
         ]
         assert found == alone
+
+
+def test_labels_of_the_objects_of_a_search_say_nothing_of_each_other(learner):
+    table = learner.table
+    labels = table.labels.copy()
+    rows = [table.objects.index(name) for name in BOXES]
+    labels[rows] = labels[rows[::-1]]
+    others = Learner("roc36", agent="olfc", logs=None).fit(replace(table, labels=labels))
+    sessions = [each.begin_find("heavy and blue", BOXES).sessions for each in (learner, others)]
+    for name in BOXES:
+        momdps = [each[name].momdp for each in sessions]
+        np.testing.assert_array_equal(momdps[0].prior, momdps[1].prior)
+        np.testing.assert_array_equal(momdps[0].confusion, momdps[1].confusion)
 
 
 def test_turning_that_costs_too_much_is_left_alone(learner):
