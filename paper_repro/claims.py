@@ -65,8 +65,8 @@ def chosen(entry: Mapping[str, Any], statements: Iterable[Mapping[str, Any]]) ->
 def outcome_of(outcomes: Sequence[str | None]) -> str:
     """Return the outcome of a claim from those of its statements.
 
-    It stands, or falls, where all that is decided does and nothing is left open; where some stand
-    it holds in part; else it is undecided.
+    It stands where all do, and falls where what is decided falls; where only some stand it holds in
+    part; where nothing is decided it is undecided.
 
     >>> outcome_of(["stands", "undecided"]), outcome_of(["undecided", "undecided"])
     ('in part', 'undecided')

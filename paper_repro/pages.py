@@ -17,12 +17,13 @@ object-centric action policies. Autonomous Robots 47, 2023. doi:10.1007/s10514-0
 _CLAIMS = """Each claim is answered in one of two columns: *theirs*, the paper's settings as far as
 they were published, percepts drawn; *recorded*, the paper's agents on recordings of objects that
 none has seen. Numbers are estimates with their intervals, at the level that the claim's family
-leaves them; of more than three statements of one claim, the range of the estimates and of the half
-widths of their intervals. The statements behind each claim are on the item's page.
+leaves them. A claim of more than three statements shows its smallest and its largest estimate, and
+the narrowest and the widest half interval. The statements behind each claim are on the item's page.
 """
 _OLDER = """† Run by an earlier version: the agents' code or the percept tables have changed since.
-Where a sentence is worded anew, its statement is missing. Each page has the command that runs it
-again. All others are of this version, or rest on what was published.
+Where a sentence is worded anew, its statement is missing in this table; the page of an older run
+still has the old one. Each page has the command that runs it again. All others rest on the percept
+tables of this version, or on what was published.
 """
 _RULES = """## Run it
 
@@ -36,14 +37,15 @@ _RULES = """## Run it
 
 - **theirs**: the paper's own settings, as far as they were published: ROC36's confusion matrices,
   from which percepts are drawn, settings that stand in the file names of the paper's plots (what
-  `ask` costs and how often it is right, Random Legal's budget), and how CY101's objects are split.
+  `ask` costs, how often it is right, which we read as each attribute's, Random Legal's budget), and
+  how CY101's objects are split.
   Those matrices that the simulators of ISPY32 and CY101 load were not published (an older file,
-  some ten counts a matrix, holds 34 of ISPY32's 37 attributes): in Figs 8 to 12, `eq7` and `risk`
-  percepts are drawn from tables that our classifiers learned, so that there it is the paper's
-  method under its settings, not its data. Offline, the paper's objects are the whole population:
+  some ten counts a matrix, holds 34 of ISPY32's 37 attributes): in Figs 8 to 11, Table 4, `eq7` of
+  ISPY32, `risk`, and Fig. 9 by SARSOP, percepts are drawn from tables that our classifiers
+  learned, so that there it is the paper's method under its settings, not its data. Offline, the paper's objects are the whole population:
   each trial draws object, question and percepts, so that trials are independent, and as many were
   run as a half width planned before asks for (the items' code has the plan, Table 3's page shows
-  it beside what was reached).
+  it beside what was reached), but in `eq7` (400) and `pomdpsol` (20).
 - **recorded**: the paper's agents on outputs of our classifiers (`fig4`: of the paper's) on real
   recordings of an object that none has seen, no recording used twice in a trial. Objects are
   independent units, and intervals hold for these objects and what was learned from them: trials of
@@ -53,35 +55,36 @@ _RULES = """## Run it
   (tree search in place of SARSOP, ...) stands in [departures](../docs/paper/departures.md).
 - **ours**: our agent on the same tasks as the second column.
 
-Printed numbers are judged in the first column alone, ideas in the second (the headline of Table 3
-in the first, too), and our agent against the second.
+Printed numbers are judged in the first column alone, ideas in the second where recordings can tell
+(the table of claims says of each in which, and why), and our agent against the second.
 
 ## The rules
 
 - *stands*: the whole interval is on the side that the statement says, or within the margin that
   `paper_values.toml` gave before the run. *falls*: on the other side, or outside. *undecided*: it
-  reaches both. Values that are all equal have no spread and decide nothing, but where what a trial
-  can earn bounds their mean (`fig9`). `needed` are the splits that would decide an online statement
-  at 80 % power if mean and spread stayed as they are; on recordings only more objects would decide
-  the rest, and nobody can draw them.
+  reaches both. Values that are all equal show no spread, and decide nothing; but where every trial
+  is given up, the share that is given up bounds the mean reward (`fig9`). `needed` are the splits
+  that would decide an online statement at 80 % power if mean and spread stayed as they are; on
+  recordings only more objects would decide the rest, and nobody can draw them.
 - *by construction*: what was fitted to the paper's numbers, is read back from settings, or is
   chance. It is no evidence. Where a printed belief follows, or does not, from others that are
-  printed, the paper is checked against itself: the item is *consistent* or *not consistent*.
+  printed, or a figure from the published code, the paper is checked against itself: the item is
+  *consistent* or *not consistent*.
 - What the paper shows of one split *falls* where the 95 % prediction interval of one more of ours
   leaves it out; otherwise it stays *undecided*, as one split proves nothing. Single trials are
   placed among ours in a table, and not judged.
 - Online, every repeat splits the same objects anew, so that repeats are not independent: their
-  variance is the corrected one of Nadeau and Bengio (2003), (1/J + test objects / others) s². It is
-  wider than it had to be for what each repeat draws anew (a 95 % interval then holds in 98 to 100
-  %), and too narrow where all of the spread is owed to the objects taught (94 % for accuracies, 84
-  % for costs; the how-to has the simulation): its target is agents taught by these objects. 20
+  variance is the corrected one of Nadeau and Bengio (2003), (1/J + test objects / others) s². This
+  interval is too wide where luck is new in each repeat (one of 95 % covers 98 to 100 %), and too
+  narrow where all of the spread comes from the objects taught (94 % for accuracies, 84 % for costs;
+  the how-to has the simulation): its target is agents taught by these objects. 20
   repeats in place of 10 would narrow intervals by 11 %; Fig. 12 has 5 at each of its 25 pairs of
   weights, whose intervals are 32 % wider than 10 would give. These numbers were settled before the
   run.
 - Intervals of proportions are Wilson's, also where all or none of the trials succeed; those of
   paired differences of proportions join Wilson's of gains and Wilson's of losses (Zou and Donner
-  2008). Tables show proportions with their 95 % intervals, other means ± one standard error. Each
-  run is looked at once.
+  2008). Tables show proportions with their 95 % intervals, other means ± one standard error. No run
+  was made longer until it decided; what was planned anew with outcomes known stands below.
 - All statements of an item in one column are a family, judged at 95 % by Holm's levels; the
   interval that is shown is that of its level.
 - The verdict of an item is that of its central statements, on recordings where they are judged
@@ -97,9 +100,11 @@ in the first, too), and our agent against the second.
 
 ## When the rules were made
 
-Margins are older than every run that is shown; those of Table 3 and Fig. 8 were written on
-2026-11-22, when first results of both were known. Central statements were named on that day, with
-results of earlier versions known, and then changed, always with outcomes known:
+Margins of Table 3 were written on 2026-11-22, when first results were known, that of `fig9` on
+2026-11-25, with those of a pilot known; Fig. 8 has none. Which claims there are, and in which
+column each is judged, was written on 2026-11-25, with most outcomes known. Central statements were
+named on 2026-11-22, with results of earlier versions known, and then changed, always with outcomes
+known:
 
 - 2026-11-22, `eq7` and `risk`: none is central, as the paper says neither (before: reproduced in
   part, reproduced). `table5`: what lift and shake say is read off fitted rates (2 stood; 1 stands).
