@@ -42,10 +42,11 @@ _RULES = """## Run it
   Those matrices that the simulators of ISPY32 and CY101 load were not published (an older file,
   some ten counts a matrix, holds 34 of ISPY32's 37 attributes): in Figs 8 to 11, Table 4, `eq7` of
   ISPY32, `risk`, and Fig. 9 by SARSOP, percepts are drawn from tables that our classifiers
-  learned, so that there it is the paper's method under its settings, not its data. Offline, the paper's objects are the whole population:
-  each trial draws object, question and percepts, so that trials are independent, and as many were
-  run as a half width planned before asks for (the items' code has the plan, Table 3's page shows
-  it beside what was reached), but in `eq7` (400) and `pomdpsol` (20).
+  learned, so that there it is the paper's method under its settings, not its data. Offline, the
+  paper's objects are the whole population: each trial draws object, question and percepts, so that
+  trials are independent, and as many were run as a half width planned before asks for (the items'
+  code has the plan, Table 3's page shows it beside what was reached), but in `eq7` (400) and
+  `pomdpsol` (20).
 - **recorded**: the paper's agents on outputs of our classifiers (`fig4`: of the paper's) on real
   recordings of an object that none has seen, no recording used twice in a trial. Objects are
   independent units, and intervals hold for these objects and what was learned from them: trials of

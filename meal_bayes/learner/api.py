@@ -122,12 +122,12 @@ def _tell_again(experience: Experience, feedback: Feedback) -> None:
     key = feedback.key or told(feedback.object_name)
     if feedback.key is not None and key not in experience.trials:
         return
-    before = experience.told_in(key)
-    labels = before.copy()
+    labels = experience.nothing
     for name, label in feedback.labels.items():
         if name in experience.domain.attributes:
             labels[experience.domain.columns([name])] = label
-    if ((labels < 0) & (before >= 0)).any():
-        experience.forget(key)
+    # What was told before in the same trial is not told again: it may have been replaced since.
     if (labels >= 0).any():
         experience.label(key, feedback.object_name, labels)
+    elif (experience.told_in(key) >= 0).any():
+        experience.forget(key)

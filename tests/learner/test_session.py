@@ -407,6 +407,7 @@ TELLINGS = st.lists(
     tellings=[("mug", {"full": True}), (0, {"red": False, "full": False}), ("mug", {"full": True})],
     saved=2,
 )  # what is told again is the latest again
+@example(tellings=[(0, {"red": True}), (1, {"red": False}), (0, {"full": False})], saved=0)
 @settings(max_examples=max(settings().max_examples // 5, 4))
 def test_no_label_is_lost_with_what_was_not_saved(dataset, make, tmp_path_factory, tellings, saved):
     """A learner of an earlier moment, and a new one, hold what the one that ended held."""
