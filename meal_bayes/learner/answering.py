@@ -321,9 +321,7 @@ class Answerer:
         place = Path(self.logs or "") / file_name(self.domain.name) if log is None else Path(log)
         text = question.text if isinstance(question, Query) else str(question)
         config = {"command": "Learner.ask", "question": text, "agent": self.agent.name}
-        begun: dict[str, object] = {"learn": options.learn, "state": state}
-        begun |= {"max_steps": int(session.max_steps), "max_cost": session.max_cost}
-        self._record(session, place, {"config": config, "begun": begun})
+        self._record(session, place, {"config": config, "begun": options.begun(state)})
         return session
 
     def _record(

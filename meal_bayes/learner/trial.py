@@ -49,6 +49,17 @@ class TrialOptions:
     abstain: bool = False  # whether it may, whatever its agent and domain say
     seed: int | None = None  # of what is drawn; the learner's by default
 
+    def begun(self, state: str | None) -> dict[str, object]:
+        """Return what a log says of how a trial was begun, in a state, for who resumes it."""
+        return {
+            "state": state,
+            "learn": self.learn,
+            "max_steps": int(self.max_steps),
+            "max_cost": None if self.max_cost is None else float(self.max_cost),
+            "commanded": self.commanded,
+            "seed": None if self.seed is None else int(self.seed),
+        }
+
 
 @dataclass(slots=True)
 class Asked:

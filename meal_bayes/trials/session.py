@@ -229,7 +229,7 @@ class Session:
     def repeat(self, steps: Sequence[Step]) -> None:
         """Repeat steps that were executed before a restart; the robot does not move.
 
-        The policy decides again, so that its random stream stands where it stood.
+        A policy decides again, so that its random stream stands where it stood.
 
         Raises
         ------
@@ -237,7 +237,8 @@ class Session:
             The policy decides otherwise than it did then.
         """
         for number, step in enumerate(steps):
-            if self._decision is None or self._decision.action != step.decision.action:
+            decision = step.decision if self._policy is None else self._decision  # or commanded
+            if decision is None or decision.action != step.decision.action:
                 raise LogError(
                     f"Step {number} was {self.momdp.action_name(step.decision.action)}, but the "
                     f"agent now decides for {self.behavior}; it has learned other things since."

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from meal_bayes.errors import LogError, OutputError, RobotError, SettingsError
 from meal_bayes.learner import Learner, recall
 from meal_bayes.learner.views import attempts
+from meal_bayes.planners import unvalued
 from meal_bayes.robots import Outcome
 from meal_bayes.trial_log import Logs, check_log, read_trials, salvage
 from meal_bayes.trials import trials_frame
@@ -206,6 +207,34 @@ def test_a_resumption_that_ended_too_is_resumed_from_the_furthest_draft(
     drive(third, arm)
     assert len(logs_of(tmp_path)) == 1
     assert not list(tmp_path.rglob("*.active"))
+
+
+@pytest.mark.parametrize("seed", [None, 5])
+def test_a_restart_draws_by_the_seed_that_the_trial_was_begun_with(dataset, make, tmp_path, seed):
+    whole, first, again = (
+        make.learner(dataset, "random", logs=tmp_path / name) for name in ("a", "b", "b")
+    )
+    undisturbed = drive(whole.begin("red", seed=seed), started(make.arm()))
+    session, arm = first.begin("red", seed=seed), started(make.arm())
+    if session.behavior is not None:
+        session.observe(arm.execute(session.behavior))
+    if not session.over:
+        session._recorder._file.close()
+        session = again.resume()
+    assert_same(drive(session, arm), undisturbed)
+
+
+def test_a_restart_goes_on_being_commanded(dataset, make, tmp_path):
+    learner = make.learner(dataset, make.agent(*PLAN, **make.ours), logs=tmp_path)
+    first, arm = learner.begin("red", commanded=True), started(make.arm())
+    first.command(unvalued(first.momdp, learner.domain.behavior_index("lift")))
+    first.observe(arm.execute("lift"))
+    first._recorder._file.close()
+    second = make.learner(dataset, make.agent(*PLAN, **make.ours), logs=tmp_path).resume()
+    # As none can be that decides by itself.
+    second.command(unvalued(second.momdp, learner.domain.behavior_index("reset")))
+    assert second.behavior == "reset"
+    second.cancel()
 
 
 def test_a_restart_with_other_knowledge_is_refused(dataset, make, tmp_path):
