@@ -2,7 +2,8 @@
 
 Every output goes through `draft_of`: a draft of a unique name in the same folder, which is synced
 to the disk and renamed when it is whole. What stood under the name before stays until then, also
-when the disk is full or the process is killed.
+when the disk is full or the process is killed. Drafts of logs, which programs read while they
+grow, are named in `trial_log/names.py`.
 """
 
 import contextlib

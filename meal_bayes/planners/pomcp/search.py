@@ -1,12 +1,11 @@
 """POMCP's tree search, read from the top: simulate, select, expand, value, execute, back up.
 
-The search values its leaves by the plans' kernels. Two entry kernels would each hold a copy of
-these, and a third of what a first decision waits for would be compiled twice: so there is one, of
-plans and search. Python calls it by the functions of `planners.entry`.
+The tree and the sampled MOMDPs are in `tree.py`, new edges in `expansion.py`. Leaves are valued by
+one of two evaluators: open-loop plans give a lower bound for any MOMDP; where the marginals are the
+state (Eq. 8) and few enough, a table of factored value iteration estimates the optimum.
 
-Kernels over the tree and the sampled MOMDPs (`tree.py`), and the leaf evaluators. Open-loop plans
-give a lower bound for any MOMDP. Where the marginals are the state (Eq. 8) and few enough, a table
-of factored value iteration estimates the optimum.
+`plan` is one kernel for two jobs, values of plans and the search, so that the plans' code is
+compiled once. Python calls it by the functions of `planners.entry`.
 """
 
 from typing import NamedTuple
@@ -54,17 +53,17 @@ class Return(NamedTuple):
     """What a simulation comes to from a step on."""
 
     value: float
-    bonus: float  # of it, what shaping pays
+    bonus: float  # the part of it that shaping pays
 
 
 @entry_kernel
 def plan(evaluator, beliefs, search, reader, rng):
-    """Value plans at beliefs, then grow a tree from its root; either may be nothing to do.
+    """Value plans at beliefs, then grow a tree from its root: no beliefs, no simulations, or both.
 
-    A simulation descends the tree in a MOMDP sampled from the posterior, until ending is best, or
-    to a child of the first edge that is new, and backs up its return. Leaves are valued by plans,
-    or by a table where `reader` is not None: numba compiles a kernel for each of the two, without
-    the other's code. Returns how many simulations fit the tree's capacity.
+    A simulation descends the tree in a MOMDP sampled from the posterior, until ending is best, it
+    has taken an edge that is new, or is `DEPTH` deep, and backs up its return. Leaves are valued by
+    plans, or by a table where `reader` is not None: numba compiles a kernel for each of the two,
+    without the other's code. Returns how many simulations fit the tree's capacity.
     """
     if reader is None:
         value_plans(evaluator, beliefs)
@@ -74,14 +73,14 @@ def plan(evaluator, beliefs, search, reader, rng):
     sampled = search.sampled
     width = model.dynamics.branch.shape[2] * ENUMERATE
     for done in range(search.growing.simulations):
-        if tree.size[0] + width >= tree.node.shape[0]:  # a free node stays, for `_execute`
+        if tree.size[0] + width >= tree.node.shape[0]:  # `_execute` writes into the next free one
             return done
         # Root sampling [Katt2017]: an object from the belief, and its rows from their posterior.
         draw_root_object(model.percepts, sampled, rng)
         node = np.int64(0)
         depth = 0
-        value = 0.0  # of what follows, and of it the bonus
-        bonus = 0.0
+        value = 0.0  # of what follows
+        bonus = 0.0  # the part of it that shaping pays
         is_new = False
         while depth < DEPTH and not is_new:
             # A node's edges begin with what its leaf evaluator says of each behavior.
