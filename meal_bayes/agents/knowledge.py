@@ -1,5 +1,6 @@
 """What a robot knows of an object that it was not trained on."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -49,7 +50,12 @@ class Knowledge(FrozenArrays):
 
 
 def knowledge_without(
-    table: PerceptTable, held_out: int, *, levels: int = 2, object_level: bool = True
+    table: PerceptTable,
+    held_out: int,
+    *,
+    levels: int = 2,
+    object_level: bool = True,
+    unlabeled: Sequence[int] = (),
 ) -> Knowledge:
     """Learn from every object but one: its recordings and labels enter nowhere.
 
@@ -64,10 +70,15 @@ def knowledge_without(
     object_level : bool
         Let objects differ from each other and percepts of one object err together (ours), or take
         all percepts as independent (the paper).
+    unlabeled : Sequence[int]
+        Indices of further objects of which no label is known.
     """
     counts = table_counts(table, held_out, levels=levels)
     labels = table.labels.copy()
     labels[held_out] = -1
+    for o in unlabeled:
+        counts[o] = 0  # percepts are counted by the truth
+        labels[o] = -1
     return knowledge_of(table.domain, counts, labels, object_level=object_level)
 
 

@@ -12,7 +12,7 @@ from meal_bayes.datasets import PerceptTable, object_index
 from meal_bayes.domain import Domain, Query, read_question
 from meal_bayes.errors import SettingsError
 from meal_bayes.files import file_name
-from meal_bayes.learner.columns import Key, Rows
+from meal_bayes.learner.columns import Key, Objects
 from meal_bayes.learner.experience import Experience
 from meal_bayes.learner.fit import Fit, problem_of, training_agent
 from meal_bayes.learner.fit_cache import FitCache
@@ -275,7 +275,7 @@ class Answerer:
         self._record(session, broken.path, broken.header, broken)
         return session
 
-    def _fit(self, task: Task, *, learn: bool, beside: Rows = ()) -> Fit:
+    def _fit(self, task: Task, *, learn: bool, beside: Objects = ()) -> Fit:
         """Return what is known for a trial, by who runs it: training may be another agent's."""
         if self.table is not None:
             return self._fits.held_out(self.table, self.agent, task.object_index, beside)
@@ -334,7 +334,9 @@ class Answerer:
         self._folders[session.task.key] = log.path.parent
         session.record(log)
 
-    def _session(self, task: Task, key: Key, options: TrialOptions, beside: Rows = ()) -> Session:
+    def _session(
+        self, task: Task, key: Key, options: TrialOptions, beside: Objects = ()
+    ) -> Session:
         """Return the session of a task, perhaps of a search, whose random streams `key` names."""
         with self._lock:
             if options.learn:

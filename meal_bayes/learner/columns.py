@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 
 Key = tuple[str | int, ...]
 Labels = NDArray[np.int8]
-Rows = tuple[int, ...]  # of objects in a percept table
+Objects = tuple[int, ...]  # by their rows in a percept table
 Context = tuple[str, str]  # (behavior, modality)
 
 GIVEN = 0  # an instance's origin: recordings that were given

@@ -14,7 +14,7 @@ from meal_bayes.domain.event import Payoffs
 from meal_bayes.errors import QueryError, SettingsError
 from meal_bayes.files import file_name
 from meal_bayes.learner.answering import NO_TABLE, Answerer
-from meal_bayes.learner.columns import Rows
+from meal_bayes.learner.columns import Objects
 from meal_bayes.learner.fit import solve
 from meal_bayes.learner.trial import NO_CLASSIFIERS, TrialOptions
 from meal_bayes.momdp import MOMDP
@@ -177,7 +177,7 @@ class Finder(Answerer):
             object_name = None if isinstance(objects, int) else name
             key_of_object = key if object_name else f"{key}, {name}"
             task, streams = self._task(query, object_name, key_of_object)
-            beside = self._rows(names, name)
+            beside = self._others(names, name)
             sessions[name] = session = self._session(task, streams, options, beside)
             with self._lock:
                 fit = self._fit(task, learn=False, beside=beside)
@@ -196,7 +196,7 @@ class Finder(Answerer):
             on_turn=self._logger(text, names, log),
         )
 
-    def _rows(self, names: Sequence[str], name: str) -> Rows:
+    def _others(self, names: Sequence[str], name: str) -> Objects:
         """Return the rows of the other objects of a search in the table, if there is one."""
         if self.table is None:
             return ()

@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 
 from meal_bayes.agents import Agent
 from meal_bayes.datasets import PerceptTable
-from meal_bayes.learner.columns import Rows
+from meal_bayes.learner.columns import Objects
 from meal_bayes.learner.experience import Experience
 from meal_bayes.learner.held_out import HeldOut
 from meal_bayes.learner.online import Online
@@ -37,7 +37,7 @@ class FitCache:
         self.online.append(Online.refit(self.record, agent, self.settings))
         return self.online[-1]
 
-    def held_out(self, table: PerceptTable, agent: Agent, o: int, beside: Rows = ()) -> HeldOut:
+    def held_out(self, table: PerceptTable, agent: Agent, o: int, beside: Objects = ()) -> HeldOut:
         """Return what an agent makes of the objects of a table but one, and those beside it."""
         for fit in self._held_out:
             if (fit.object_index, fit.beside) == (o, beside) and fit.agent == agent:

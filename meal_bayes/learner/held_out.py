@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from meal_bayes.agents import Agent, Knowledge, knowledge_without
 from meal_bayes.datasets import PerceptTable
 from meal_bayes.domain import Query
-from meal_bayes.learner.columns import Key, Labels, Rows
+from meal_bayes.learner.columns import Key, Labels, Objects
 from meal_bayes.learner.experience import Experience
 from meal_bayes.learner.fit import problem_of, sampled, solve
 from meal_bayes.learner.settings import LearnerSettings
@@ -33,7 +33,7 @@ class HeldOut:
     settings: LearnerSettings
     table: PerceptTable
     object_index: int  # of the object that is left out
-    beside: Rows = ()  # other objects of a search, of which no label is known either
+    beside: Objects = ()  # other objects of a search, of which no label is known either
     _problems: dict[tuple[object, ...], MOMDP] = field(default_factory=dict)
 
     @cached_property
@@ -48,11 +48,10 @@ class HeldOut:
         With the labels of those beside it, the one object that answers with yes would know least of
         other objects that do, and so expect least of itself.
         """
-        labels = self.labeled.labels.copy()
-        labels[list(self.beside)] = -1
         knowledge = knowledge_without(
-            replace(self.labeled, labels=labels),
+            self.labeled,
             self.object_index,
+            unlabeled=self.beside,
             levels=self.agent.levels,
             object_level=self.agent.object_level,
         )

@@ -272,12 +272,11 @@ class Learner(Finder):
             A trial of other behaviors.
         """
         check_behaviors(self.experience, trial)
-        nothing = np.full(len(self.domain.attributes), -1, np.int8)
         with self._lock:
             self._use()
             self.experience.trial(trial.task.key)
             for step in trial.steps:
-                perceived = None if step.sensed is None else (step.sensed, nothing)
+                perceived = None if step.sensed is None else (step.sensed, self.experience.nothing)
                 record_step(self.experience, trial.task, trial.momdp, step, perceived)
 
     def save(self, path: str | Path, *, overwrite: bool = False) -> None:

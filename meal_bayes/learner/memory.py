@@ -38,10 +38,10 @@ class LabelMemory:
         """Read the labels that hold in the order they were given; what is torn is left out."""
         remembered = list[Remembered]()
         for told in self._told():
+            withdrawn = [name for name, label in told.labels.items() if label < 0]
             for before in remembered:
-                if before.object == told.object_name:
-                    for name in (name for name, label in told.labels.items() if label < 0):
-                        before.labels.pop(name, None)
+                for name in withdrawn if before.object == told.object_name else ():
+                    before.labels.pop(name, None)
             labels = {name: label == 1 for name, label in told.labels.items() if label >= 0}
             remembered.append(Remembered(told.object_name, labels))
         return [entry for entry in remembered if entry.labels]

@@ -221,7 +221,7 @@ class Online:
         What a detector says holds; features of another size than learned from show nothing.
         """
         domain = self.record.domain
-        levels = np.full(len(domain.attributes), -1, np.int8)
+        levels = self.record.nothing
         expected = self.expected_sizes
         fitted = {
             modality: values

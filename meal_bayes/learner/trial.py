@@ -284,7 +284,7 @@ def record_step(
     shows = step.observation is not None or (levels is not None and (levels >= 0).any())
     unknown = levels is None or (levels < 0).all()
     if step.observation is not None and unknown and domain.behaviors[e].modalities:
-        levels = np.full(len(domain.attributes), -1, np.int8)
+        levels = record.nothing
         levels[domain.columns(momdp.query.attributes)] = step.observation
     # When all recordings are used, a loop that succeeds looks as one that fails.
     before = step.belief.percept_counts[0, e].sum() - shows

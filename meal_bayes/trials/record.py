@@ -184,12 +184,10 @@ class TrialRecord(FrozenArrays):
 
     def with_truth(self, truth: NDArray[np.int8]) -> Self:
         """Return the trial as another truth (N,) of its object judges it: 1, 0, -1 not known."""
-        right = self.task.query.report_truth(truth)
         steps = self.steps
         if self.report is not None:
-            reward = float("nan")
-            if (right >= 0).all():
-                reward = self.momdp.reports.reward(self.report, right)
+            right = self.task.query.report_truth(truth)
+            reward = answer_reward(self.momdp, self.report, right)
             steps = (*steps[:-1], replace(steps[-1], reward=reward))
         return replace(self, truth=truth, steps=steps)
 
@@ -197,6 +195,13 @@ class TrialRecord(FrozenArrays):
     def last_belief(self) -> Belief:
         """The belief when the trial ended."""
         return self.steps[-1].belief if self.steps else self.first_belief
+
+
+def answer_reward(momdp: MOMDP, report: NDArray[np.bool_] | None, right: NDArray[np.int8]) -> float:
+    """Return what a report earns: 0 of none, nan where what is right (1, 0, -1) is not known."""
+    if report is None:
+        return 0.0
+    return momdp.reports.reward(report, right) if (right >= 0).all() else float("nan")
 
 
 def truth_of(query: Query, truth: Mapping[str, bool] | ArrayLike | None) -> NDArray[np.int8]:

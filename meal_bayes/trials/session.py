@@ -19,7 +19,7 @@ from meal_bayes.perception import Perceiver
 from meal_bayes.planners import Decision, History, Policy, unvalued
 from meal_bayes.robots.robot import Execution, Outcome, OutcomeChecker
 from meal_bayes.seeds import stream
-from meal_bayes.trials.record import Step, Task, truth_of
+from meal_bayes.trials.record import Step, Task, answer_reward, truth_of
 from meal_bayes.trials.recorder import Recorder
 from meal_bayes.trials.trial import Trial
 
@@ -289,11 +289,9 @@ class Session:
             self._decision = decision
             return
         report = momdp.reported(decision.action)
-        reward = 0.0 if report is None else float("nan")
         # The truth is compared here alone; neither policy nor belief sees it.
         right = self.task.query.report_truth(self._truth)
-        if report is not None and (right >= 0).all():
-            reward = momdp.reports.reward(report, right)
+        reward = answer_reward(momdp, report, right)
         last = self.belief.at(momdp.terminal)
         self._append(Step(self.belief.x, decision, last.x, None, 0.0, reward, last, warning))
 
