@@ -280,3 +280,18 @@ def test_a_torn_file_is_one_line(saved, agent):
     saved.unlink()
     with pytest.raises(DataError, match="No file"):
         Learner.load(saved, agent=agent, logs=None)
+
+
+def test_two_learners_do_not_write_over_each_other(dataset, make, tmp_path):
+    agent = make.agent("look", **make.ours)
+    path = tmp_path / "mind"
+    make.learner(dataset, agent).save(path)
+    first, second = (Learner.load(path, agent=agent, logs=None) for _ in range(2))
+    first.save(path)
+    first.save(path)
+    with pytest.raises(OutputError, match="somebody else has saved there"):
+        second.save(path)
+    with pytest.raises(OutputError, match="somebody else has saved there"):
+        make.learner(dataset, agent).save(path)
+    second.save(path, overwrite=True)
+    assert [file.name for file in tmp_path.iterdir()] == ["mind"]

@@ -1,15 +1,12 @@
 """Sessions: a trial driven from outside, from threads and asyncio, across restarts."""
 
-import contextlib
 import threading
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
-from hypothesis import example, given, settings
-from hypothesis import strategies as st
 
-from meal_bayes.errors import LogError, OutputError, RobotError, SettingsError
+from meal_bayes.errors import LogError, RobotError, SettingsError
 from meal_bayes.learner import Learner, recall
 from meal_bayes.learner.views import attempts
 from meal_bayes.planners import unvalued
@@ -302,17 +299,6 @@ def test_two_sessions_have_no_object_and_no_trial_in_common(dataset, make, tmp_p
     assert len({trial.task.object_name for trial in trials}) == 6
 
 
-def test_a_trial_of_another_learner_keeps_its_own_percepts(dataset, make):
-    first, second = (make.learner(dataset, make.agent("look", **make.ours)) for _ in range(2))
-    mine = first.ask("red", make.arm(red=True, seed=1))
-    second.ask("red", make.arm(red=False, seed=2))
-    second.tell(mine, {"red": True})
-    (row,) = second.experience.shown(mine.task.key)
-    assert second.experience.levels.values[row, 0] == mine.steps[0].observation[0]
-    features = second.experience.features["look", "color"][row]  # not of its own trial
-    np.testing.assert_array_equal(features, mine.steps[0].sensed.features["color"])
-
-
 def test_the_experience_is_rebuilt_from_logs(dataset, make, tmp_path):
     agent = make.agent(*PLAN, **make.ours)
     first, again = make.learner(dataset, agent, logs=tmp_path), make.learner(dataset, agent)
@@ -336,20 +322,6 @@ def test_the_experience_is_rebuilt_from_logs(dataset, make, tmp_path):
     assert recall(again, tmp_path) == []  # once
 
 
-def test_tests_are_no_experience_and_their_labels_are_of_the_object(dataset, make, tmp_path):
-    agent = make.agent("look", **make.ours)
-    first, again = make.learner(dataset, agent, logs=tmp_path), make.learner(dataset, agent)
-    test = first.ask("red", make.arm(), object_name="mug", learn=False)
-    taught = first.ask("red", make.arm(), object_name="mug")
-    assert [trial.task.key for trial in recall(again, tmp_path)] == [taught.task.key]
-    assert len(again.experience.executions) == len(taught.steps) - 1
-    first.tell(test, {"red": True})
-    assert first.experience.told_in(("told", "mug"))[0] == 1
-    assert len(first.experience.executions) == 1
-    first.forget(test)
-    assert first.experience.told_in(("told", "mug"))[0] == -1
-
-
 @pytest.mark.parametrize("state", ["term", "tabel", "", 0])
 def test_a_trial_neither_begins_nor_goes_on_where_no_robot_can_be(learner, make, tmp_path, state):
     with pytest.raises(RobotError, match=r"table, held|did you mean 'table'|expected one of"):
@@ -371,112 +343,3 @@ def test_several_broken_trials_are_listed(learner, tmp_path):
         learner.resume()
     with pytest.raises(LogError, match="no trial"):
         learner.resume(tmp_path / "none")
-
-
-def test_two_learners_do_not_write_over_each_other(dataset, make, tmp_path):
-    agent = make.agent("look", **make.ours)
-    path = tmp_path / "mind"
-    make.learner(dataset, agent).save(path)
-    first, second = (Learner.load(path, agent=agent, logs=None) for _ in range(2))
-    first.save(path)
-    first.save(path)
-    with pytest.raises(OutputError, match="somebody else has saved there"):
-        second.save(path)
-    with pytest.raises(OutputError, match="somebody else has saved there"):
-        make.learner(dataset, agent).save(path)
-    second.save(path, overwrite=True)
-    assert [file.name for file in tmp_path.iterdir()] == ["mind"]
-
-
-def test_what_is_told_stands_in_the_logs(dataset, make, tmp_path):
-    """As told of a trial, of an object, taken back, of a test; and in a log that was named."""
-    learner = make.learner(dataset, make.agent("look", **make.ours), logs=tmp_path / "logs")
-    trials = [
-        learner.ask("red", make.arm(), object_name="mug", learn=learn, log=log)
-        for learn, log in ((True, None), (False, None), (True, tmp_path / "own" / "a.mcap"))
-    ]
-
-    def truths(folder):
-        logged = {
-            trial.task.key: int(trial.truth[0])
-            for group in Logs(tmp_path / folder).groups()
-            for trial in group.trials
-        }
-        return [logged[trial.task.key] for trial in trials if trial.task.key in logged]
-
-    assert truths("logs") == [-1, -1]
-    learner.tell(trials[0], {"red": True, "full": False})
-    assert truths("logs") == [1, -1]
-    learner.tell(trials[1], {"red": False})  # a test's labels are of the object
-    assert truths("logs") == [0, 0]
-    learner.forget("mug")
-    assert truths("logs") == [1, -1]
-    learner.tell(trials[2], {"red": None})
-    assert truths("own") == [-1]
-    learner.tell(trials[2], {"red": True})
-    assert truths("own") == [1]
-    learner.tell(trials[2], {"red": True})  # nothing new
-    assert len(list((tmp_path / "own").rglob("*.feedback.mcap"))) == 1
-    unlogged = make.learner(dataset, make.agent("look", **make.ours))
-    unlogged.tell("mug", {"red": True})
-    assert len(list(tmp_path.rglob("*.feedback.mcap"))) == 4
-
-
-TELLINGS = st.lists(
-    st.tuples(
-        st.sampled_from((0, 1, 2, "mug", "cup 1")),  # a trial, or an object by its name
-        st.dictionaries(st.sampled_from(("red", "full")), st.booleans(), max_size=2),
-    ),
-    max_size=8,
-)
-
-
-@given(tellings=TELLINGS, saved=st.integers(0, 8))
-@example(
-    tellings=[("mug", {"full": True}), (0, {"red": False, "full": False}), ("mug", {"full": True})],
-    saved=2,
-)  # what is told again is the latest again
-@example(tellings=[(0, {"red": True}), (1, {"red": False}), (0, {"full": False})], saved=0)
-@settings(max_examples=max(settings().max_examples // 5, 4))
-def test_no_label_is_lost_with_what_was_not_saved(dataset, make, tmp_path_factory, tellings, saved):
-    """A learner of an earlier moment, and a new one, hold what the one that ended held."""
-    folder = tmp_path_factory.mktemp("logs")
-    agent = make.agent("look", **make.ours)
-    first = make.learner(dataset, agent, logs=folder)
-    trials = [first.ask("red", make.arm(seed=n), object_name="mug") for n in range(3)]
-    for number, (whose, labels) in enumerate(tellings):
-        if number == saved:
-            first.save(folder / "mind")
-        trial = trials[whose] if isinstance(whose, int) else whose
-        if labels:
-            first.tell(trial, labels)
-        else:  # take back what was told
-            with contextlib.suppress(SettingsError):
-                first.forget(trial)
-    heirs = [make.learner(dataset, agent, logs=None)]
-    if (folder / "mind").exists():
-        heirs.append(Learner.load(folder / "mind", agent=agent, logs=None))
-    for heir in heirs:
-        recall(heir, folder)
-        text = repr(heir)
-        recall(heir, folder)  # again changes nothing
-        assert repr(heir) == text
-        for name in ("labels", "known"):
-            expected = getattr(first.experience, name).values
-            np.testing.assert_array_equal(getattr(heir.experience, name).values, expected)
-
-
-def test_labels_are_rebuilt_from_logs(dataset, make, tmp_path):
-    agent = make.agent("look", **make.ours)
-    first, again = make.learner(dataset, agent, logs=tmp_path), make.learner(dataset, agent)
-    trials = [first.ask("red", make.arm(seed=n), object_name="mug") for n in range(3)]
-    first.tell(trials[0], {"red": True, "full": True})
-    first.tell(trials[1], {"red": False})
-    first.forget(trials[1])
-    first.tell("mug", {"full": False})
-    recall(again, tmp_path)
-    for key in (*(trial.task.key for trial in trials), ("told", "mug")):
-        expected = first.experience.told_in(key)
-        np.testing.assert_array_equal(again.experience.told_in(key), expected)
-    rows = first.experience.labels.values
-    np.testing.assert_array_equal(again.experience.labels.values[: len(rows)], rows)
