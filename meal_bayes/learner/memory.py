@@ -6,15 +6,16 @@ in between.
 """
 
 import logging
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
-from meal_bayes.errors import LogError
 from meal_bayes.files import file_name
 from meal_bayes.learner.learner import Learner
-from meal_bayes.trial_log import Feedback, read_feedback
+from meal_bayes.trial_log import Feedback
 from meal_bayes.trial_log.names import feedback_files
+from meal_bayes.trial_log.reader import readable_feedback
 from meal_bayes.trial_log.writer import write_feedback
 
 log = logging.getLogger("meal_bayes.learner")
@@ -37,7 +38,8 @@ class LabelMemory:
     def read(self) -> list[Remembered]:
         """Read the labels that hold in the order they were given; what is torn is left out."""
         remembered = list[Remembered]()
-        for told in self._told():
+        left_out = partial(log.warning, "left out of the memory: %s")
+        for told in readable_feedback(feedback_files(self.folder), left_out):
             withdrawn = [name for name, label in told.labels.items() if label < 0]
             for before in remembered:
                 for name in withdrawn if before.object == told.object_name else ():
@@ -63,14 +65,6 @@ class LabelMemory:
     def _write(self, feedback: Feedback) -> None:
         header = {"config": {"command": "ask --learn"}, "data": self._data}
         write_feedback(self.folder, feedback, header=header)
-
-    def _told(self) -> Iterator[Feedback]:
-        """Yield what was told, in order."""
-        for file in feedback_files(self.folder):
-            try:
-                yield from read_feedback(file)
-            except LogError as fault:
-                log.warning("left out of the memory: %s", fault)
 
 
 def tell_remembered(learner: Learner, entries: list[Remembered]) -> None:

@@ -15,9 +15,9 @@ from mcap.records import DataEnd
 from meal_bayes.errors import LogCorruptError, LogError, LogVersionError, QueryError
 from meal_bayes.trial_log.container import FAULTS, TORN, fault_text, read_records
 from meal_bayes.trial_log.decode import TrialBuilder
-from meal_bayes.trial_log.feedback import Feedback, FeedbackIndex
+from meal_bayes.trial_log.feedback import FeedbackIndex
 from meal_bayes.trial_log.names import feedback_files, holds_feedback, log_files, stem_of
-from meal_bayes.trial_log.reader import Scan, grouped, read_feedback, read_header
+from meal_bayes.trial_log.reader import Scan, grouped, read_header, readable_feedback
 from meal_bayes.trial_log.schema import ACTIVE, FULL, SUFFIX
 from meal_bayes.trials import Trial, TrialOutcomes
 
@@ -133,15 +133,10 @@ class Logs:
     def feedback_in(self, folder: Path) -> FeedbackIndex:
         """Return what people told of the trials of a folder, as far as it can be read."""
         if folder not in self._feedback:
-            entries = list[Feedback]()
             # Trials of a search stand in a folder of their own, beside those of single objects.
             files = [*feedback_files(folder), *feedback_files(folder.parent)]
-            for file in sorted(files, key=lambda file: file.name):  # a name begins with the time
-                try:
-                    entries += read_feedback(file)
-                except LogError as fault:
-                    self.problems.append(str(fault))
-            self._feedback[folder] = FeedbackIndex(entries)
+            files.sort(key=lambda file: file.name)  # a name begins with the time
+            self._feedback[folder] = FeedbackIndex(readable_feedback(files, self.problems.append))
         return self._feedback[folder]
 
     def _distinct(self) -> list[tuple[Path, dict[str, object]]]:

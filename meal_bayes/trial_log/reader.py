@@ -4,7 +4,7 @@ import contextlib
 import itertools
 import os
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
@@ -94,6 +94,17 @@ def read_feedback(path: str | Path) -> list[Feedback]:
         deque(scan.entries(), maxlen=0)
         entries += scan.builder.feedback
     return entries
+
+
+def readable_feedback(
+    files: Iterable[Path], on_fault: Callable[[str], object]
+) -> Iterator[Feedback]:
+    """Yield what people told, in the order of the files; of one that is torn, note the fault."""
+    for file in files:
+        try:
+            yield from read_feedback(file)
+        except LogError as fault:
+            on_fault(str(fault))
 
 
 def grouped(scan: "Scan") -> Iterator[tuple[TrialOutcomes, tuple[Trial, ...]]]:
