@@ -5,6 +5,8 @@ from functools import lru_cache
 
 import numpy as np
 
+Key = tuple[str | int, ...]  # names a trial, and its random streams
+
 
 def stream(root: int, *path: str | int) -> np.random.Generator:
     """Return the generator of a named stream, such as ``stream(7, "robot", "roc36", 12)``.

@@ -22,7 +22,7 @@ from meal_bayes.experiments.units import run_units, timed, warm_up
 from meal_bayes.files import file_name
 from meal_bayes.learner import Learner
 from meal_bayes.perception import TableSource
-from meal_bayes.seeds import stream
+from meal_bayes.seeds import Key, stream
 from meal_bayes.trial_log import TrialWriter, read_outcomes, read_seconds, read_trials
 from meal_bayes.trials import Task, Trial, TrialOutcomes, trials_frame
 
@@ -262,7 +262,7 @@ def offline_tasks(
     tasks = []
     for index, (o, attributes) in enumerate(itertools.islice(judgeable, trials)):
         name = table.objects[o]
-        key: tuple[str | int, ...] = (table.domain.data, index, name, *attributes)
+        key: Key = (table.domain.data, index, name, *attributes)
         tasks.append(Task(f"{index:05d} {name}", Query(attributes), o, name, key))
     if answer == "values":
         return tasks

@@ -15,7 +15,7 @@ from meal_bayes.learner import Learner, implied
 from meal_bayes.perception.perceiver import answer
 from meal_bayes.robots import OutcomeChecker
 from meal_bayes.robots.recorded import Order, RecordedRobot, replayable
-from meal_bayes.seeds import stream
+from meal_bayes.seeds import Key, stream
 from meal_bayes.trials import Task, Trial
 
 ASKED = 10  # attributes of an online run
@@ -208,7 +208,7 @@ class Protocol:
         o, attributes = pair
         data = self.dataset.domain.data
         name = self.dataset.objects[o]
-        key: tuple[str | int, ...] = (data, part, self.repeat, batch, index, name, *attributes)
+        key: Key = (data, part, self.repeat, batch, index, name, *attributes)
         return Task(f"{part} {batch:02d} {index:03d} {name}", Query(attributes), o, name, key)
 
 

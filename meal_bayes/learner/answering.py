@@ -12,7 +12,7 @@ from meal_bayes.datasets import PerceptTable, object_index
 from meal_bayes.domain import Domain, Query, read_question
 from meal_bayes.errors import SettingsError
 from meal_bayes.files import file_name
-from meal_bayes.learner.columns import Key, Objects
+from meal_bayes.learner.columns import Objects
 from meal_bayes.learner.experience import Experience
 from meal_bayes.learner.fit import Fit, problem_of, training_agent
 from meal_bayes.learner.fit_cache import FitCache
@@ -33,6 +33,7 @@ from meal_bayes.processes import Lock
 from meal_bayes.robots import Robot
 from meal_bayes.robots.recorded import RecordedRobot
 from meal_bayes.robots.robot import state_index
+from meal_bayes.seeds import Key
 from meal_bayes.trial_log.live import Interrupted, LiveLog, interrupted
 from meal_bayes.trials import Session, Step, Task, Trial, run_trial
 from meal_bayes.trials.session import MAX_STEPS

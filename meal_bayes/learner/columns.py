@@ -3,7 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
-Key = tuple[str | int, ...]
+from meal_bayes.seeds import Key
+
 Labels = NDArray[np.int8]
 Objects = tuple[int, ...]  # by their rows in a percept table
 Context = tuple[str, str]  # (behavior, modality)

@@ -29,10 +29,10 @@ from meal_bayes.learner.columns import (
     NONE,
     WITHDRAWN,
     Context,
-    Key,
     Labels,
     told,
 )
+from meal_bayes.seeds import Key
 
 
 def features_digest(features: Mapping[str, NDArray[np.float32]] | None) -> int:

@@ -12,14 +12,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from meal_bayes.agents import Agent, Knowledge
 from meal_bayes.domain import Query
-from meal_bayes.learner.columns import Key, Labels
+from meal_bayes.learner.columns import Labels
 from meal_bayes.learner.experience import Experience
 from meal_bayes.learner.settings import LearnerSettings
 from meal_bayes.learner.views import votes
 from meal_bayes.momdp import MOMDP
 from meal_bayes.perception import Perceiver, SampledPercepts
 from meal_bayes.planners import Policy
-from meal_bayes.seeds import stream
+from meal_bayes.seeds import Key, stream
 from meal_bayes.trials import Task
 
 

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from meal_bayes.agents import Agent, Knowledge, knowledge_without
 from meal_bayes.datasets import PerceptTable
 from meal_bayes.domain import Query
-from meal_bayes.learner.columns import Key, Labels, Objects
+from meal_bayes.learner.columns import Labels, Objects
 from meal_bayes.learner.experience import Experience
 from meal_bayes.learner.fit import problem_of, sampled, solve
 from meal_bayes.learner.settings import LearnerSettings
@@ -18,6 +18,7 @@ from meal_bayes.momdp import MOMDP
 from meal_bayes.perception import Perceiver, RecordedPercepts
 from meal_bayes.planners import Policy
 from meal_bayes.robots.recorded import RecordedRobot, replayable
+from meal_bayes.seeds import Key
 from meal_bayes.trials import Task
 
 

@@ -14,7 +14,7 @@ from meal_bayes.errors import QueryError, SettingsError
 from meal_bayes.files import file_name
 from meal_bayes.learner import views
 from meal_bayes.learner.card import learned_html, next_html, table_knowledge
-from meal_bayes.learner.columns import Key, Labels, told
+from meal_bayes.learner.columns import Labels, told
 from meal_bayes.learner.finding import Finder
 from meal_bayes.learner.fit_cache import FitCache
 from meal_bayes.learner.saved import SavedLearner, read_learner, write_learner
@@ -26,6 +26,7 @@ from meal_bayes.learner.settings import (
     own_posterior,
 )
 from meal_bayes.learner.trial import check_behaviors, record_step
+from meal_bayes.seeds import Key
 from meal_bayes.trial_log.feedback import Feedback
 from meal_bayes.trial_log.writer import write_feedback
 from meal_bayes.trials import Trial

@@ -19,7 +19,7 @@ from meal_bayes.datasets.detections import detected_levels
 from meal_bayes.datasets.percepts import BIN_EDGES, levels_of, round_log_odds
 from meal_bayes.domain import Query, learn_success
 from meal_bayes.learner import views
-from meal_bayes.learner.columns import GIVEN, Context, Key, Labels
+from meal_bayes.learner.columns import GIVEN, Context, Labels
 from meal_bayes.learner.experience import Experience
 from meal_bayes.learner.fit import limits_of, problem_of, sampled, solve, votes_of
 from meal_bayes.learner.refit import classify, experienced, fractions, warn_of_odd
@@ -28,6 +28,7 @@ from meal_bayes.momdp import MOMDP
 from meal_bayes.perception import Perceiver, Perception
 from meal_bayes.planners import POMCP, Policy, Remembering
 from meal_bayes.planners.pomcp.policy import POMCPPolicy
+from meal_bayes.seeds import Key
 from meal_bayes.trials import Task
 
 _SAME = 0.05  # success probabilities that differ by less are not planned with anew

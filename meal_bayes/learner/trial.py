@@ -16,7 +16,7 @@ from meal_bayes.datasets.detections import detected_levels
 from meal_bayes.datasets.percepts import BIN_EDGES, levels_of
 from meal_bayes.domain import Domain, Query, read_query
 from meal_bayes.errors import SettingsError
-from meal_bayes.learner.columns import Context, Key
+from meal_bayes.learner.columns import Context
 from meal_bayes.learner.experience import Experience
 from meal_bayes.learner.fit import Fit, problem_of, solve
 from meal_bayes.learner.held_out import HeldOut
@@ -24,6 +24,7 @@ from meal_bayes.learner.online import Online
 from meal_bayes.momdp import MOMDP
 from meal_bayes.planners import Policy
 from meal_bayes.robots import OutcomeChecker
+from meal_bayes.seeds import Key
 from meal_bayes.trials import FaultTolerant, Session, Step, Task, Trial
 from meal_bayes.trials.session import MAX_STEPS
 from meal_bayes.untrusted import name_fault

@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 
 from meal_bayes.datasets import Dataset, PerceptTable, TrainingSet
 from meal_bayes.domain import Query
-from meal_bayes.learner.columns import GIVEN, NONE, WITHDRAWN, Key, Labels, told
+from meal_bayes.learner.columns import GIVEN, NONE, WITHDRAWN, Labels, told
 from meal_bayes.learner.experience import Experience
+from meal_bayes.seeds import Key
 
 Sizes = NDArray[np.int64]  # of each of the domain's contexts; NONE: nothing was sensed
 

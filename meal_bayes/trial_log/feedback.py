@@ -11,12 +11,12 @@ from typing import Any
 import numpy as np
 
 from meal_bayes.errors import LogCorruptError, LogError
+from meal_bayes.seeds import Key
 from meal_bayes.trial_log import schema
 from meal_bayes.trials import Trial, task_key
 from meal_bayes.trials.record import truth_of
 from meal_bayes.untrusted import name_fault, read_json
 
-Key = tuple[str | int, ...]
 _WITHDRAWN = -1
 
 
@@ -31,7 +31,7 @@ class Feedback:
     labels : Mapping[str, int]
         By attribute 1 true, 0 false, or -1 where a label was taken back. What a value of a group
         says of the others is among them.
-    key : tuple[str | int, ...] | None
+    key : Key | None
         Of the trial's task; None where the object was named, so that they are of all its trials.
 
     Raises

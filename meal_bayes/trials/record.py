@@ -17,6 +17,7 @@ from meal_bayes.domain.labels import one_value
 from meal_bayes.errors import DataError, QueryError
 from meal_bayes.momdp import MOMDP, Belief
 from meal_bayes.planners import Decision
+from meal_bayes.seeds import Key
 from meal_bayes.untrusted import name_fault
 
 
@@ -34,8 +35,8 @@ class Task:
         In the data set; -1: an object of which nothing is recorded.
     object_name : str
         The object's name.
-    key : tuple[str | int, ...]
-        Names every random stream of the trial.
+    key : Key
+        Texts and numbers; names every random stream of the trial.
     learn : bool
         Whether it may become experience; else it is a test.
     """
@@ -44,7 +45,7 @@ class Task:
     query: Query
     object_index: int
     object_name: str
-    key: tuple[str | int, ...]
+    key: Key
     learn: bool = field(default=True, repr=False)
 
     def __post_init__(self) -> None:

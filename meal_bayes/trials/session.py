@@ -18,7 +18,7 @@ from meal_bayes.momdp import MOMDP, Belief, Transition, best_answer, initial_bel
 from meal_bayes.perception import Perceiver
 from meal_bayes.planners import Decision, History, Policy, unvalued
 from meal_bayes.robots.robot import Execution, Outcome, OutcomeChecker
-from meal_bayes.seeds import stream
+from meal_bayes.seeds import Key, stream
 from meal_bayes.trials.record import Step, Task, answer_reward, truth_of
 from meal_bayes.trials.recorder import Recorder
 from meal_bayes.trials.trial import Trial
@@ -48,7 +48,7 @@ class Session:
         Name of the agent.
     seed : int
         Names, with a key, the random stream of percepts drawn, and by the agent the policy's.
-    key : tuple[str | int, ...] | None
+    key : Key | None
         The task's by default.
     truth : Mapping[str, bool] | ArrayLike | None
         See `truth_of`; compared with the report only, neither policy nor belief sees it.
@@ -74,7 +74,7 @@ class Session:
         *,
         agent: str = "",
         seed: int = 0,
-        key: tuple[str | int, ...] | None = None,
+        key: Key | None = None,
         truth: Mapping[str, bool] | ArrayLike | None = None,
         counts: NDArray[np.float64] | None = None,
         max_steps: int = MAX_STEPS,
