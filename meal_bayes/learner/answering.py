@@ -49,7 +49,8 @@ class Answerer:
     ) -> None:
         self.domain = domain
         self.settings = settings
-        self.logs = None if logs is None else Path(logs)
+        # Where its trials are logged; None: nowhere.
+        self._folder = None if logs is None else Path(logs) / file_name(domain.name)
         self.experience = Experience(domain)
         self.table: PerceptTable | None = None  # that is replayed
         self._agent = agent
@@ -254,10 +255,10 @@ class Answerer:
             There is no trial that was broken off, or several; it is another learner's, or another
             process drives the robot.
         """
-        place = self.logs if log is None else Path(log)
+        place = self._folder if log is None else Path(log)
         if place is None:
             raise SettingsError("This learner logs nothing; give resume() the trial's log.")
-        broken = interrupted(place / file_name(self.domain.name) if log is None else place)
+        broken = interrupted(place)
         try:
             return self._resumed(broken)
         except BaseException:
@@ -280,18 +281,12 @@ class Answerer:
         """Return what is known for a trial, by who runs it: training may be another agent's."""
         if self.table is not None:
             return self._fits.held_out(self.table, self.agent, task.object_index, beside)
-        return self._fits.of(self._agents[-1] if learn else self.agent)
-
-    @property
-    def _agents(self) -> list[Agent]:
-        """Who decides in tests, and who runs training trials where that is another."""
-        training = training_agent(self.agent)
-        return [self.agent] if training == self.agent else [self.agent, training]
+        return self._fits.of(training_agent(self.agent) if learn else self.agent)
 
     def _use(self) -> None:
         """Let the agents learn from the record before it changes, if they have not."""
         if self.table is None:
-            for agent in self._agents:
+            for agent in (self.agent, training_agent(self.agent)):
                 self._fits.of(agent)
 
     def _task(
@@ -317,9 +312,9 @@ class Answerer:
             if self.table is None and not isinstance(question, Task):
                 self._asked.count(learn=options.learn)
         session = self._session(task, streams, options)
-        if log is None and self.logs is None:
+        place = self._folder if log is None else Path(log)
+        if place is None:
             return session
-        place = Path(self.logs or "") / file_name(self.domain.name) if log is None else Path(log)
         text = question.text if isinstance(question, Query) else str(question)
         config = {"command": "Learner.ask", "question": text, "agent": self.agent.name}
         self._record(session, place, {"config": config, "begun": options.begun(state)})

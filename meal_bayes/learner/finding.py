@@ -237,12 +237,12 @@ class Finder(Answerer):
         self, question: str, names: Sequence[str], log: str | Path | None
     ) -> Callable[[str, Session], None] | None:
         """Return what records an object's trial in the folder of the search; None: nothing does."""
-        if log is None and self.logs is None:
+        if log is not None:
+            folder = Path(log)
+        elif self._folder is not None:
+            folder = self._folder / f"{datetime.now(UTC).strftime('%Y%m%d-%H%M%S-%f')}-find"
+        else:
             return None
-        if log is None:
-            begun = datetime.now(UTC).strftime("%Y%m%d-%H%M%S-%f")
-            log = Path(self.logs or "") / file_name(self.domain.name) / f"{begun}-find"
-        folder = Path(log)
         if folder.suffix == ".mcap":
             raise SettingsError(f"A search has a log an object; give a folder, not {folder}.")
 

@@ -11,7 +11,6 @@ from meal_bayes.agents import as_agent
 from meal_bayes.datasets import Dataset, PerceptTable, object_index
 from meal_bayes.domain import Domain, Query, load_domain
 from meal_bayes.errors import QueryError, SettingsError
-from meal_bayes.files import file_name
 from meal_bayes.learner import views
 from meal_bayes.learner.card import learned_html, next_html, table_knowledge
 from meal_bayes.learner.columns import Labels, told
@@ -243,7 +242,7 @@ class Learner(Finder):
 
     def _log_feedback(self, trial: Trial | str, name: str, key: Key, before: Labels) -> None:
         """Log the labels of a trial, or of an object by its name, that moved any of its object."""
-        folder = None if self.logs is None else self.logs / file_name(self.domain.name)
+        folder = self._folder
         if isinstance(trial, Trial):
             folder = self._folders.get(trial.task.key, folder)
         after = views.labels_touched(self.experience, key, name)
