@@ -5,6 +5,7 @@ from itertools import chain
 from pathlib import Path
 
 from meal_bayes.datasets import PerceptTable, load_percepts
+from meal_bayes.learner import views
 from meal_bayes.learner.columns import told
 from meal_bayes.learner.experience import Experience
 from meal_bayes.learner.learner import Learner
@@ -75,8 +76,9 @@ def recall(learner: Learner, *logs: str | Path) -> list[Trial]:
     """Rebuild the experience of a learner from the logs of its robot's trials.
 
     What was executed, whether it succeeded, what the robot sensed, and the labels that people told
-    of it are in the logs. Trials that the learner has had, tests, and trials with other levels than
-    its agent's are passed over, but for what people have told of them, or taken back, since.
+    of it are in the logs. Trials that the learner has had to their end, tests, and trials with
+    other levels than its agent's are passed over, but for what people have told of them, or taken
+    back, since.
 
     Parameters
     ----------
@@ -104,7 +106,11 @@ def recall(learner: Learner, *logs: str | Path) -> list[Trial]:
         for trial in group.trials:
             task = trial.task
             fits = trial.momdp.levels == learner.agent.levels
-            if task.learn and fits and task.key not in experience.trials:
+            if (
+                task.learn
+                and fits
+                and (task.key not in experience.trials or views.unrecorded(experience, trial))
+            ):
                 recalled.append(trial)
     for trial in recalled:
         learner.record(trial)

@@ -195,8 +195,9 @@ class Learner(Finder):
                 key = trial.task.key
             if self.table is not None:
                 object_index(self.table.objects, name)
-            elif isinstance(trial, Trial) and key not in {told(name), *self.experience.trials}:
-                perceived = any(step.observation is not None for step in trial.steps)
+            elif isinstance(trial, Trial) and key != told(name):
+                new = views.unrecorded(self.experience, trial)
+                perceived = any(step.observation is not None for step in new)
                 if perceived and trial.momdp.levels != self.agent.levels:
                     raise SettingsError("The trial has other levels; give one of this learner's.")
                 self.record(trial)
@@ -259,7 +260,8 @@ class Learner(Finder):
         """Record a trial of another learner's, or of a log, as experience.
 
         What its steps sensed is perceived by this learner's classifiers; of steps that do not say
-        it, percepts are those of the attributes asked. Labels can be told of it.
+        it, percepts are those of the attributes asked. Steps that are recorded already are not
+        recorded again. Labels can be told of it.
 
         Parameters
         ----------
@@ -275,7 +277,7 @@ class Learner(Finder):
         with self._lock:
             self._use()
             self.experience.trial(trial.task.key)
-            for step in trial.steps:
+            for step in views.unrecorded(self.experience, trial):
                 perceived = None if step.sensed is None else (step.sensed, self.experience.nothing)
                 record_step(self.experience, trial.task, trial.momdp, step, perceived)
 

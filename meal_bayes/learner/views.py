@@ -16,6 +16,7 @@ from meal_bayes.domain import Query
 from meal_bayes.learner.columns import GIVEN, NONE, WITHDRAWN, Labels, told
 from meal_bayes.learner.experience import Experience
 from meal_bayes.seeds import Key
+from meal_bayes.trials import Step, Trial
 
 Sizes = NDArray[np.int64]  # of each of the domain's contexts; NONE: nothing was sensed
 
@@ -27,6 +28,13 @@ def attempts(record: Experience) -> NDArray[np.int64]:
     rows = rows[rows["success"] >= 0]
     cells = 2 * rows["behavior"] + rows["success"]
     return np.bincount(cells, minlength=2 * e).reshape(e, 2)
+
+
+def unrecorded(record: Experience, trial: Trial) -> list[Step]:
+    """Return the behaviors of a trial that a record does not hold: it may know how it began."""
+    behaviors = [step for step in trial.steps if step.decision.action < trial.momdp.n_behaviors]
+    executions = record.executions.values["trial"]
+    return behaviors[int((executions == record.trials.get(trial.task.key, NONE)).sum()) :]
 
 
 def trials_before(record: Experience, trial: Key) -> int:

@@ -128,3 +128,23 @@ def test_a_trial_of_another_learner_keeps_its_own_percepts(dataset, make):
     assert second.experience.levels.values[row, 0] == mine.steps[0].observation[0]
     features = second.experience.features["look", "color"][row]  # not of its own trial
     np.testing.assert_array_equal(features, mine.steps[0].sensed.features["color"])
+
+
+def test_a_trial_that_was_known_in_part_is_recorded_to_its_end(dataset, make, tmp_path):
+    """As it was under way, and whole: each step once."""
+    agent = make.agent("look", "look", "lift", **make.ours)
+    driver, other = make.learner(dataset, agent, logs=tmp_path), make.learner(dataset, agent)
+    arm = make.arm()
+    session = driver.begin("red", "mug", state=arm.start())
+    session.observe(arm.execute(session.behavior))
+    other.tell(session.trial, {"red": False})
+    assert len(other.experience.executions) == 1
+    while session.behavior:
+        session.observe(arm.execute(session.behavior))
+    assert [trial.task.key for trial in recall(other, tmp_path)] == [session.task.key]
+    assert recall(other, tmp_path) == []
+    other.record(session.trial)
+    driver.tell(session.trial, {"red": False})
+    for name in ("executions", "labels"):
+        expected = getattr(driver.experience, name).values
+        np.testing.assert_array_equal(getattr(other.experience, name).values, expected)
