@@ -14,7 +14,7 @@ from collections import Counter
 from collections.abc import Iterable, Mapping
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from meal_bayes.arrays import Rows
 from meal_bayes.datasets import Dataset, Instance
@@ -212,13 +212,7 @@ class Experience:
         call = len(self.feedback)
         for p in np.flatnonzero(labels >= 0):
             self.feedback.append((number, call, o, p, labels[p], given))
-        replaced: dict[bytes, Labels] = {}
-        for table, rows in ((self.labels.values, self.shown(trial)), (self.known.values, [o])):
-            for row in rows:
-                before = table[row].tobytes()
-                if before not in replaced:
-                    replaced[before] = self._folded([labels], table[row])
-                table[row] = replaced[before]
+        self._relabel(self.shown(trial), [o])
         return self.gathered(o)
 
     def forget(self, trial: Key, *, recordings: bool = False) -> NDArray[np.intp]:
@@ -244,9 +238,7 @@ class Experience:
         for p in np.flatnonzero(self.told_in(trial) >= 0):
             self.feedback.append((number, len(self.feedback), answers["object"][0], p, -1, 0))
         moved = np.flatnonzero(np.isin(self.instances.values["object"], list(objects)))
-        self._relabel(moved.tolist())
-        for o in objects:
-            self.known.values[o] = self._folded(labels for _, labels in self.calls(o))
+        self._relabel(moved, objects)
         return moved
 
     def told_in(self, trial: Key) -> Labels:
@@ -258,10 +250,11 @@ class Experience:
 
     def trial_rows(self, o: int) -> Labels:
         """Return what each trial says of an object, (trials,P); -1 nothing."""
-        by_trial: dict[int, Labels] = {}
+        by_trial: dict[int, list[Labels]] = {}
         for t, labels in self.calls(o):
-            by_trial[t] = self._folded([labels], by_trial.get(t, self.nothing))
-        return np.array([*by_trial.values()], np.int8).reshape(-1, len(self.domain.attributes))
+            by_trial.setdefault(t, []).append(labels)
+        rows = [self._folded(calls) for calls in by_trial.values()]
+        return np.array(rows, np.int8).reshape(-1, len(self.domain.attributes))
 
     def calls(self, o: int) -> list[tuple[int, Labels]]:
         """Return what was told of an object and holds, in order: (trial, labels (P,)) a call."""
@@ -277,25 +270,27 @@ class Experience:
                 calls.setdefault(call, (t, self.nothing))[1][p] = value
         return list(calls.values())
 
-    def _relabel(self, instances: list[int]) -> None:
-        """Fold all that was told of instances into their labels."""
+    def _relabel(self, instances: ArrayLike, objects: Iterable[int] = ()) -> None:
+        """Fold all that was told of instances (k,), and of objects, into their labels."""
         executions = self.executions.values
-        for i in instances:
-            o = int(self.instances.values["object"][i])
-            name = list(self.objects)[o]
+        names = list(self.objects)
+        rows = np.asarray(instances, np.intp)
+        owners = self.instances.values["object"][rows].tolist()
+        calls = {o: self.calls(o) for o in {*owners, *objects}}
+        for i, o in zip(rows.tolist(), owners, strict=True):
             trials = {*executions["trial"][executions["instance"] == i].tolist()}
-            trials.add(self.trials.get(told(name), NONE))  # told by name, outside of any trial
-            self.labels.values[i] = self._folded(
-                labels for t, labels in self.calls(o) if t in trials
-            )
+            trials.add(self.trials.get(told(names[o]), NONE))  # told by name, outside of any trial
+            self.labels.values[i] = self._folded(labels for t, labels in calls[o] if t in trials)
+        for o in objects:
+            self.known.values[o] = self._folded(labels for _, labels in calls[o])
 
-    def _folded(self, calls: Iterable[Labels], row: Labels | None = None) -> Labels:
+    def _folded(self, calls: Iterable[Labels]) -> Labels:
         """Return labels (P,) after others were told, in order.
 
         Where what a denial referred to was withdrawn, so that none of a group is left, it holds
         alone.
         """
-        row = self.nothing if row is None else row
+        row = self.nothing
         for labels in calls:
             try:
                 row = self.domain.replace(row, labels)
