@@ -261,6 +261,7 @@ def compare(
     """
     from meal_bayes.evaluation.logged import LoggedOutcomes
     from meal_bayes.evaluation.outcome_model import compare_outcomes
+    from meal_bayes.evaluation.statistics import MASS_TEXT
     from meal_bayes.trial_log import Logs
 
     logged = LoggedOutcomes.read(Logs(*logs))
@@ -281,7 +282,7 @@ def compare(
     say(f"{measure} less {rows[0].reference}'s, by the model of all outcomes")
     columns = {
         "agent": "{agent}", "trials": "{trials}", "same tasks": "{plain}",
-        "effect": "{effect:+.3f}", "95 %": "{low:+.3f} to {high:+.3f}", "ahead": "{ahead:.3f}",
+        "effect": "{effect:+.3f}", MASS_TEXT: "{low:+.3f} to {high:+.3f}", "ahead": "{ahead:.3f}",
         "equivalent": "{equivalent:.3f}",
     }  # fmt: skip
     print_table(columns, (asdict(row) | {"plain": signed(row.plain, 3)} for row in rows))

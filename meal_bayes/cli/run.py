@@ -133,6 +133,8 @@ def _print_rates(rates: "dict[str, Any]") -> None:
 
 
 def _print_summary(rows: "list[SummaryRow]", paired: "list[dict[str, object]]") -> None:
+    from meal_bayes.evaluation.statistics import MASS_TEXT
+
     console = terminal.output()
     columns = {
         "agent": "{agent}",
@@ -142,8 +144,8 @@ def _print_summary(rows: "list[SummaryRow]", paired: "list[dict[str, object]]") 
     }  # fmt: skip
     terminal.print_table(columns, map(asdict, rows), narrow=True)
     text = (
-        f"{rows[0].trials} trials an agent; [95 % interval], ± one standard error, objects drawn "
-        "as wholes; NLL and ECE of the final belief"
+        f"{rows[0].trials} trials an agent; [{MASS_TEXT} interval], ± one standard error, objects "
+        "drawn as wholes; NLL and ECE of the final belief"
     )
     console.print(Text(text, "dim"))
     if paired:
@@ -156,7 +158,7 @@ def _print_summary(rows: "list[SummaryRow]", paired: "list[dict[str, object]]") 
             )
             for pair in paired
         )
-        heads = (f"{_MEASURE} against {_AGAINST}", "difference", "95 % interval")
+        heads = (f"{_MEASURE} against {_AGAINST}", "difference", f"{MASS_TEXT} interval")
         terminal.print_table(heads, differences)
 
 
@@ -280,6 +282,8 @@ def _print_differences(summary: "list[LearningSummary]", repeats: int) -> None:
 
     Nothing is said of hours that an agent has not explored.
     """
+    from meal_bayes.evaluation.statistics import MASS_TEXT
+
     first = summary[0]
     others = summary[1:]
     reached = [
@@ -306,7 +310,7 @@ def _print_differences(summary: "list[LearningSummary]", repeats: int) -> None:
     console = terminal.output()
     console.print()
     terminal.print_table(names, rows, narrow=True)
-    text = "±: half of the 95 % interval over splits"
+    text = f"±: half of the {MASS_TEXT} interval over splits"
     if repeats < _FEW:
         text = f"too few splits for an interval; give --repeats {_FEW} or more"
     console.print(Text(text, "dim"))

@@ -11,8 +11,10 @@ from meal_bayes.domain.query import Query
 from meal_bayes.domain.words import fold, unknown
 from meal_bayes.errors import QueryError
 
-_NEGATIONS = {"not", "no", "non", "without", "never", "neither", "nor", "isnt", "doesnt"}  # and n't
+_NOT = {"not", "no", "non", "without", "neither", "nor"}  # of the next attribute, in an event
+_NEGATIONS = {*_NOT, "never", "isnt", "doesnt"}  # and all that end with n't: no values are asked so
 _ALTERNATIVES = {"or", "either", "xor"}
+_UNCLEAR = {"never", "isnt", "doesnt", "xor"}  # in an event: not of one attribute
 _REFERENTS = {"object", "thing", "item", "one"}  # how a sentence names the object asked about
 _FUNCTION_TEXT = (
     "a about an and any are as at be been being both but by can check color colored colour "
@@ -24,7 +26,7 @@ _FUNCTION_TEXT = (
     "would you your also"
 )
 _FUNCTION_WORDS = set(_FUNCTION_TEXT.split())
-_NOT = {"not", "no", "non", "without", "neither", "nor"}
+_EVENT_FUNCTION_WORDS = {*_FUNCTION_WORDS, "either"}  # "either red or blue" is an event
 
 
 def read_query(question: str | Sequence[str], domain: Domain) -> Query:
@@ -111,9 +113,9 @@ def read_event(
             connectives |= {"and"} if word == "nor" else set()
         elif word in ("and", "but", "or"):
             connectives.add("or" if word == "or" else "and")
-        elif word in _ALTERNATIVES - {"either"} | _NEGATIONS or word.endswith("n't"):
+        elif word in _UNCLEAR or word.endswith("n't"):
             raise QueryError(f'The question says {word!r}; use "and", "or" and "not" alone.')
-        elif word not in _FUNCTION_WORDS | {"either"}:
+        elif word not in _EVENT_FUNCTION_WORDS:
             raise QueryError(unknown("attribute", word, (*domain.attributes, *domain.synonyms)))
     if not positive:
         raise QueryError('The question ends with a "not" that is of no attribute.')

@@ -23,7 +23,7 @@ from scipy.special import expit
 
 from meal_bayes.arrays import Floats
 from meal_bayes.errors import SettingsError
-from meal_bayes.evaluation.statistics import MASS, Measures
+from meal_bayes.evaluation.statistics import HIGH_QUANTILE, LOW_QUANTILE, Measures
 from meal_bayes.evaluation.summary import measured, paired_rows
 from meal_bayes.palette import reference_agent
 from meal_bayes.trials import TrialOutcomes, Trials
@@ -196,7 +196,7 @@ def compare_outcomes(
         for name in (name for name in names if name != base):
             number = cells.agents.index(name)
             effect = levels[:, number] - levels[:, reference_index]
-            low, high = np.quantile(effect, [0.5 - MASS / 2, 0.5 + MASS / 2])
+            low, high = np.quantile(effect, [LOW_QUANTILE, HIGH_QUANTILE])
             better = effect < 0 if measure == "cost" else effect > 0
             rows.append(
                 AgentEffect(

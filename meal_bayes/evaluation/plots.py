@@ -8,7 +8,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from meal_bayes.canvas import COLORS, Axes, axes_to_draw, legend, name_axes
 from meal_bayes.evaluation.calibration import BINS, bins_of, checked_cases
-from meal_bayes.evaluation.statistics import Interval, wilson_interval
+from meal_bayes.evaluation.statistics import (
+    HIGH_QUANTILE,
+    LOW_QUANTILE,
+    MASS_TEXT,
+    Interval,
+    wilson_interval,
+)
 from meal_bayes.palette import agent_style
 from meal_bayes.trials.strip import trial_strip
 
@@ -59,7 +65,7 @@ def learning_curve(series: Sequence[Series], *, ax: Axes | None = None) -> Axes:
 def reliability_diagram(
     positive: ArrayLike, truth: ArrayLike, *, small: bool = False, agent: str = "bayes"
 ) -> Axes:
-    """Draw the fraction of true attributes over the belief, with Wilson's 95 % intervals.
+    """Draw the fraction of true attributes over the belief, with Wilson's intervals.
 
     Points on the diagonal are calibrated; gray columns are the fraction of beliefs in each bin. A
     `small` one, of several side by side, has no legend. The color is the agent's.
@@ -178,7 +184,7 @@ def forest(
                 transform=to.get_yaxis_transform(),
             )
         to.set(xlim=(-0.02, 1.02), ylim=(place[-1] + 0.7, place[0] - 1.3))
-        label = 'probability of "yes", with 95 % interval'
+        label = f'probability of "yes", with {MASS_TEXT} interval'
         rest = gap.size - len(pairs)
         if rest:
             label += f"\n(the {len(pairs)} pairs that differ most; {rest} more are not shown)"
@@ -191,7 +197,7 @@ def predictive(observed: ArrayLike, predicted: ArrayLike) -> Axes:
     """Draw how many of an object's percepts say "yes", and what the model predicts of new objects.
 
     Columns are observed fractions, of cases (2,n+1) by truth (false, true) and number of "yes" of
-    n; points the predicted ones, of S replicates (S,2,n+1), with 95 % intervals. Objects that
+    n; points the predicted ones, of S replicates (S,2,n+1), with their intervals. Objects that
     differ gather at both ends, which a model of independent percepts does not predict.
     """
     counts = np.asarray(observed, float)
@@ -210,7 +216,9 @@ def predictive(observed: ArrayLike, predicted: ArrayLike) -> Axes:
                 alpha=0.35,
                 label=f"{name}, observed",
             )
-            low, middle, high = np.quantile(drawn[:, truth] / total, [0.025, 0.5, 0.975], axis=0)
+            low, middle, high = np.quantile(
+                drawn[:, truth] / total, [LOW_QUANTILE, 0.5, HIGH_QUANTILE], axis=0
+            )
             to.errorbar(
                 x + shift,
                 middle,

@@ -7,6 +7,7 @@ import numpy as np
 
 from meal_bayes import canvas
 from meal_bayes.evaluation import calibration, plots
+from meal_bayes.evaluation.statistics import HIGH_QUANTILE, LOW_QUANTILE
 from meal_bayes.files import write_whole
 from meal_bayes.posterior import checks, idata
 from meal_bayes.posterior.draws import rows_of
@@ -60,10 +61,10 @@ def write_posterior(fit: PosteriorFit, folder: Path, settings: dict[str, object]
 
 
 def _forest(fit: PosteriorFit) -> Any:
-    """Draw Pr(yes) of each row, the median and the middle 95 % of the draws."""
+    """Draw Pr(yes) of each row, the median and the middle of the draws (`MASS`)."""
     mean, *_ = rows_of(fit.draws)  # (C*S,P,E,2,K)
     yes = mean[..., mean.shape[-1] // 2 :].sum(axis=-1)
-    low, middle, high = np.quantile(yes, [0.025, 0.5, 0.975], axis=0)
+    low, middle, high = np.quantile(yes, [LOW_QUANTILE, 0.5, HIGH_QUANTILE], axis=0)
     attributes = counted_names(fit.counts, "attribute")
     return plots.forest(middle, low, high, attributes, counted_names(fit.counts, "behavior"))
 

@@ -18,7 +18,7 @@ from meal_bayes.errors import SettingsError
 from meal_bayes.evaluation import plots
 from meal_bayes.evaluation.learning import POOLED
 from meal_bayes.evaluation.logged import LoggedOutcomes
-from meal_bayes.evaluation.statistics import clustered
+from meal_bayes.evaluation.statistics import MASS_TEXT, clustered
 from meal_bayes.evaluation.summary import (
     SummaryRow,
     compare,
@@ -79,7 +79,7 @@ def finding_of(logged: LoggedOutcomes) -> str:
         parts.append(f"ahead of {', '.join(behind)}")
     if near:
         parts.append(f"not told apart from {', '.join(near)}")
-    text = "; ".join(parts) + ". Differences are of the same tasks, with 95 % intervals."
+    text = "; ".join(parts) + f". Differences are of the same tasks, with {MASS_TEXT} intervals."
     return f"{text} {no_better_than_prior(measured)}".rstrip()
 
 
@@ -140,7 +140,7 @@ def _agents(
             if part.judged.any()
         }
         if points:
-            caption = "Accuracy over mean cost with 95 % intervals; objects are clusters."
+            caption = f"Accuracy over mean cost with {MASS_TEXT} intervals; objects are clusters."
             figures.append((plots.accuracy_and_cost(points), caption))
         costs = {name: part.cost[part.ended == ""] for name, part in agents.items()}
         caption = "Fraction of trials that cost at most so many seconds."
@@ -163,7 +163,7 @@ def _differences(
 ) -> Iterator[Section]:
     """Compare every agent with the reference, on the tasks they share."""
     cells = []
-    notes = ["Differences on the same tasks, with 95 % intervals:"]
+    notes = [f"Differences on the same tasks, with {MASS_TEXT} intervals:"]
     for other in (row.agent for row in rows if row.agent != reference):
         texts = [other]
         try:
@@ -210,8 +210,8 @@ def _learning(results: Sequence[BatchOutcomes]) -> Iterator[Section]:
             curves.append(plots.Series(name or "agent", *np.transpose(points)))
     if curves:
         text = (
-            "Accuracy of each batch's tests over the mean hours of exploration before it, 95 % "
-            "band, objects drawn as wholes."
+            "Accuracy of each batch's tests over the mean hours of exploration before it, "
+            f"{MASS_TEXT} band, objects drawn as wholes."
         )
         yield {"title": "Learning", "figures": [(plots.learning_curve(curves), text)]}
 

@@ -13,6 +13,9 @@ from meal_bayes.arrays import Floats
 from meal_bayes.errors import SettingsError
 
 MASS = 0.95  # of intervals, on all pages
+MASS_TEXT = f"{100 * MASS:g} %"
+LOW_QUANTILE = (1 - MASS) / 2
+HIGH_QUANTILE = (1 + MASS) / 2
 
 
 class Interval(NamedTuple):
@@ -229,7 +232,7 @@ def spent(look: int, level: float = 1 - MASS) -> float:
 
 
 def wilson_interval(hits: int, n: int) -> Interval:
-    """Compute Wilson's 95 % interval of a fraction of independent cases."""
+    """Compute Wilson's interval (`MASS`) of a fraction of independent cases."""
     from scipy.stats import binomtest  # noqa: PLC0415  takes a third of a second
 
     low, high = binomtest(hits, n).proportion_ci(MASS, method="wilson")

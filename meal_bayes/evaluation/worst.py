@@ -11,6 +11,7 @@ import numpy as np
 from meal_bayes.display import percent
 from meal_bayes.evaluation import plots
 from meal_bayes.evaluation.logged import place_of
+from meal_bayes.evaluation.statistics import MASS_TEXT
 from meal_bayes.evaluation.summary import mean_effect
 from meal_bayes.files import command_line
 from meal_bayes.trial_log import Group
@@ -144,8 +145,8 @@ def _progress(trials: Sequence[Chosen]) -> Iterator[Section]:
     drawn = plots.lines([series], x_label="trial", y_label="accuracy")
     drawn.set_ylim(-0.02, 1.02)
     text = (
-        f"Accuracy of {blocks} blocks of trials whose truth is known, 95 % band, objects drawn "
-        "as wholes."
+        f"Accuracy of {blocks} blocks of trials whose truth is known, {MASS_TEXT} band, objects "
+        "drawn as wholes."
     )
     yield {"title": "Trial by trial", "figures": [(drawn, text)]}
 

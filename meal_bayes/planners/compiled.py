@@ -119,16 +119,23 @@ def remember(cache: dict[object, V], key: object, make: Callable[[], V]) -> V:
 
 
 def _dynamics(momdp: MOMDP, cost: Floats) -> Dynamics:
+    """Sum out the executions of a behavior that do nothing: it is tried until something happens.
+
+    Of each x and behavior, let i be the probability that x stays and nothing is perceived, and g
+    the discount. Something happens after a geometric number of executions, so that the behavior
+    costs c / (1 - g i), what follows is discounted by g (1 - i) / (1 - g i), and the outcomes are
+    those in which something happened, p / (1 - i).
+    """
     states = np.arange(len(momdp.x_names))
     idle = (momdp.transition * (1 - momdp.observation_probability))[:, states, states].T  # (X,E)
     idle = np.where(momdp.legal, idle, 0.0)
-    moved = momdp.transition.transpose(1, 0, 2).copy()  # (X,E,X)
-    sensed = (momdp.transition * momdp.observation_probability).transpose(1, 0, 2)
-    moved[states, :, states] -= idle
-    silent = np.clip(moved - sensed, 0.0, None)
+    happened = momdp.transition.transpose(1, 0, 2).copy()  # (X,E,X) Pr(next x, not idle)
+    happened[states, :, states] -= idle
+    sensed = (momdp.transition * momdp.observation_probability).transpose(1, 0, 2)  # and a percept
+    silent = np.clip(happened - sensed, 0.0, None)  # and none
     step = np.zeros(idle.shape, STEP)
     step["legal"] = momdp.legal & (idle < 1)  # what never does anything cannot be chosen
-    remaining = np.where(idle < 1, 1 - momdp.discount * idle, 1.0)
+    remaining = np.where(idle < 1, 1 - momdp.discount * idle, 1.0)  # 1 - g i
     step["cost"] = cost / remaining
     step["discount"] = momdp.discount * (1 - idle) / remaining
     step["percepts"] = sensed.sum(axis=2) / remaining

@@ -9,7 +9,7 @@ import rerun as rr
 from numpy.typing import NDArray
 
 from meal_bayes.arrays import Bools, Floats, Ints
-from meal_bayes.evaluation.statistics import clustered, running_means
+from meal_bayes.evaluation.statistics import MASS_TEXT, clustered, running_means
 from meal_bayes.evaluation.summary import mean_effect
 from meal_bayes.trials import TrialOutcomes
 from meal_bayes.trials.text import UNKNOWN, outcome_facts
@@ -49,7 +49,7 @@ class RunView:
         outcomes = TrialOutcomes.join(self._outcomes)
         self._outcomes = [outcomes]
         table = [
-            "|agent|trials|accuracy, 95 %|abstained|cost, s|reward|",
+            f"|agent|trials|accuracy, {MASS_TEXT}|abstained|cost, s|reward|",
             "|---|---|---|---|---|---|",
         ]
         table += [self._add_agent(name, outcomes) for name in outcomes.agents]

@@ -4,7 +4,7 @@ import itertools
 
 import numpy as np
 
-from meal_bayes.arrays import Floats
+from meal_bayes.arrays import Floats, Ints
 from meal_bayes.momdp import MOMDP
 from meal_bayes.momdp.observation import predictive
 from meal_bayes.momdp.reports import Conjunction
@@ -154,9 +154,7 @@ def _grow_percepts(
     cost = np.where(diagram.ways.senses & step["legal"], step["cost"], np.inf).min(axis=0)
     growth = Growth(
         log_affinity=log_affinity,
-        rate=(-log_affinity[..., 1] / cost).max(
-            axis=1
-        ),  # nats a second, by each one's best behavior
+        rate=(-log_affinity[..., 1] / cost).max(axis=1),  # nats a second, of its best behavior
         limit=model.percepts.limit,
         incorrect=model.incorrect,
         reward_range=model.reward_range,
@@ -180,20 +178,25 @@ def _sift(
     """
     value = _estimate_values(model, candidates, probabilities, log_affinity)  # (B,J)
     chosen = np.zeros(value.shape[1], np.bool_)
-    # Of each x and first behavior, those that are worth most at the belief where they are best:
-    # sorted by x, behavior and falling value, a rank is the number within one's x and behavior.
+    # Of each x and first behavior, those that are worth most at the belief where they are best.
     peak = value.max(axis=0)
-    action = candidates.plan["action"]
-    order = np.lexsort((-peak, action, candidates.x))
-    group = candidates.x[order] * model.dynamics.step.shape[1] + action[order]
-    rank = np.arange(len(group)) - np.searchsorted(group, group)
-    chosen[order[rank < _OF_FIRST]] = True
-    # Of each x and belief, those that are worth most.
+    group = candidates.x * model.dynamics.step.shape[1] + candidates.plan["action"]
+    chosen[_rank_within(group, peak) < _OF_FIRST] = True
+    # Of each x and belief, those that are worth most. Candidates are in order of x.
     most = _CANDIDATES * min(len(log_affinity), _MANY)
     for same in np.split(np.arange(len(peak)), np.flatnonzero(np.diff(candidates.x)) + 1):
         best = np.argpartition(-value[:, same], min(most, len(same) - 1), axis=1)[:, :most]
         chosen[same[best]] = True
     return candidates.select(np.flatnonzero(chosen))
+
+
+def _rank_within(group: Ints, value: Floats) -> Ints:
+    """Return the place of each value among those of its group, (J,): 0 is the highest."""
+    order = np.lexsort((-value, group))
+    in_order = group[order]
+    rank = np.empty_like(order)
+    rank[order] = np.arange(len(order)) - np.searchsorted(in_order, in_order)
+    return rank
 
 
 def _estimate_reports(model: Compiled, probabilities: Floats, affinity: Floats) -> Floats:
@@ -308,9 +311,9 @@ def retabulate(plans: Plans, model: Compiled, capacity: int = bayes_error.OUTCOM
     if model.conjunction is not None:
         # Of yes or no, hits and false alarms are needed apart, not their sum, the error. As if all
         # truths were false, an error is to say yes: then tables hold Pr(says yes | class).
-        truth = np.zeros_like(percepts.truth)
-        truth[:, 0] = 1.0
-        percepts = percepts._replace(truth=truth)
+        all_false = np.zeros_like(percepts.truth)
+        all_false[:, 0] = 1.0
+        percepts = percepts._replace(truth=all_false)
     bayes_error.tabulate_errors(
         percepts, np.concatenate(counts), np.array(attribute), scratch, table
     )
