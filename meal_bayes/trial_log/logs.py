@@ -96,8 +96,8 @@ class Logs:
                 first = place
                 place = place + len(outcomes)
                 places = range(first, place)
-                yield self._judged(Group(header, file, places, outcomes, trials))
-            if file.name.endswith(ACTIVE):
+                yield self._judged(Group(header, scan.path, places, outcomes, trials))
+            if scan.path.name.endswith(ACTIVE):
                 why = f" ({scan.problems[0]})" if scan.problems else ""
                 self.problems.append(f"{file} was not finished by its writer{why}")
             else:

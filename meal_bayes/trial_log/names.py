@@ -8,6 +8,7 @@ import contextlib
 import os
 import re
 import secrets
+from collections.abc import Iterable
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -86,7 +87,9 @@ def log_files(path: str | Path) -> list[Path]:
     """Find the logs of a run: the file itself, or all of a folder in order of their names.
 
     Each log is found once: as the whole file; if there is none, as its largest draft; if there is
-    none either, as what was recovered of it. Logs of feedback hold no trials, and are not found.
+    none either, as what was recovered of it. So is a file that is not there: of a draft that was
+    found a moment ago, another process may have ended the trial. Logs of feedback hold no trials,
+    and are not found.
 
     Raises
     ------
@@ -94,22 +97,31 @@ def log_files(path: str | Path) -> list[Path]:
         There is no such file or folder, or it holds no log.
     """
     path = Path(path)
-    if not path.is_dir():
-        for file in (path, *drafts_of(path)):
-            if file.is_file():
-                return [file]
+    if path.is_file():
+        return [path]
+    if path.is_dir():
+        found = _wholest(path.rglob(f"*{SUFFIX}*"))
+        logs = sorted(file for log, file in found.items() if not holds_feedback(log))
+        if not logs:
+            raise LogError(f"{path} holds no log (*{SUFFIX}).")
+        return logs
+    stem = stem_of(path) if path.name.endswith(ACTIVE) else path.stem
+    wholest = _wholest(path.parent.glob(f"*{SUFFIX}*")).get(path.with_name(stem))
+    if wholest is None:
         raise LogError(f"There is no log {path}; expected a {SUFFIX} file, or a folder of them.")
-    best = dict[Path, tuple[int, int, Path]]()  # by log: how whole, bytes, file
-    for file in path.rglob(f"*{SUFFIX}*"):
-        ending = file.name.endswith((SUFFIX, SUFFIX + ACTIVE))
-        if ending and not holds_feedback(file) and file.is_file():
+    return [wholest]
+
+
+def _wholest(files: Iterable[Path]) -> dict[Path, Path]:
+    """Return by log the file that holds most of it."""
+    best = dict[Path, tuple[int, int, Path]]()  # how whole, bytes, file
+    for file in files:
+        if file.name.endswith((SUFFIX, SUFFIX + ACTIVE)) and file.is_file():
             with contextlib.suppress(FileNotFoundError):  # a draft that was renamed meanwhile
                 candidate = (_wholeness(file), file.stat().st_size, file)
                 log = file.with_name(stem_of(file))
                 best[log] = max(best.get(log, candidate), candidate)
-    if not best:
-        raise LogError(f"{path} holds no log (*{SUFFIX}).")
-    return sorted(file for _, _, file in best.values())
+    return {log: file for log, (_, _, file) in best.items()}
 
 
 def _wholeness(file: Path) -> int:

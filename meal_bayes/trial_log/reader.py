@@ -271,7 +271,7 @@ def recover_log(path: str | Path, out: str | Path | None = None) -> Path:
 def opened(path: Path) -> Iterator[BinaryIO]:
     """Open a file; every fault met inside becomes ours, with the file's name."""
     try:
-        with path.open("rb") as file:
+        with _open(path) as file:
             yield file
     except LogVersionError as fault:
         raise LogVersionError(f"{path} was {fault}.") from fault
@@ -281,8 +281,16 @@ def opened(path: Path) -> Iterator[BinaryIO]:
         raise LogError(f"{path} cannot be read: {fault}.") from fault
 
 
+def _open(path: Path) -> BinaryIO:
+    """Open a file; one that another process has renamed since it was found, by its new name."""
+    try:
+        return path.open("rb")
+    except FileNotFoundError:
+        return find_log(path).open("rb")
+
+
 def find_log(path: str | Path) -> Path:
-    """Return the log of a name, or its newest draft where that is all there is."""
+    """Return the log of a name, or what holds most of it where it is not there."""
     if Path(path).is_dir():
         raise LogError(f"{path} is a folder, and no log; name one of its files.")
     return log_files(path)[0]

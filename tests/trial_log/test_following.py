@@ -155,6 +155,29 @@ def test_recovered_and_unfinished_files_do_not_count_twice(killed, make):
         best.unlink()
 
 
+def test_a_draft_that_is_ended_while_a_folder_is_read_is_read_whole(make, tmp_path):
+    """Its name is gone when its turn comes: another process has given it its own."""
+    trials = make.trials(3)
+    first, second, third = (tmp_path / "run" / f"{name}.mcap" for name in "abc")
+    drafts = [torn(path, [trial]) for path, trial in zip((first, second), trials, strict=False)]
+    write_trials(third, trials[2:], header=CONFIG)
+    logs = Logs(tmp_path / "run")
+    drafts[0].unlink()
+    write_trials(first, trials[:1], header=CONFIG)
+    groups = logs.groups()
+    read = [*next(groups).trials]  # the second is ended once reading has begun
+    drafts[1].unlink()
+    write_trials(second, trials[1:2], header=CONFIG)
+    read += [trial for group in groups for trial in group.trials]
+    assert len(read) == 3
+    assert all(map(make.equal, read, trials))
+    assert logs.problems == []
+    for path, draft in zip((first, second), drafts, strict=True):
+        assert log_files(draft) == [path]
+    with pytest.raises(LogError, match="There is no log"):
+        log_files(tmp_path / "run" / "a.recovered.mcap")
+
+
 def test_a_follower_gives_each_trial_once(killed, make):
     folder, draft, saved, trials = killed
     for file in (saved, folder / "unit-0000.mcap"):
