@@ -299,30 +299,42 @@ class Online:
         self, task: Task, streams: Key, *, limit: ArrayLike, explore: bool
     ) -> tuple[MOMDP, Policy]:
         """Build and solve the problem of a task, with a bonus if it explores (Alg. 2, l. 7-10)."""
-        query = task.query
         exploration = self.agent.exploration
-        key = query, limits_of(self, limit).tobytes()
-        recognized = votes_of(self, task) is not None
         shaped = explore
         if not explore and self.settings.shaped_answers:
             shaped = isinstance(exploration, ITRSBonus)
-        unshaped = not shaped or (isinstance(exploration, NoBonus) and not recognized)
-        # An object that is recognized has a prior of its own, so its problem is solved anew.
-        if unshaped and not recognized and key in self.answering:
+        # An object that is recognized has a prior of its own, so its problem is built anew.
+        recognized = votes_of(self, task) is not None
+        if shaped and (recognized or not isinstance(exploration, NoBonus)):
+            return self._plan_shaped(task, streams, limit, explore=explore)
+        if recognized:
+            momdp = problem_of(self, task, limit)
+            return momdp, solve(self, task, streams, momdp)
+        key = task.query, limits_of(self, limit).tobytes()
+        if key in self.answering:
             return self.answering[key]
         momdp = problem_of(self, task, limit)
-        if not unshaped:
-            name = task.object_name if explore else ""
-            momdp = add_bonus(exploration, momdp, self.progress(task, name))
-        if unshaped:
-            policy = solve(self, task, streams, momdp)
-            if not recognized and getattr(policy, "deterministic", False):
-                policy = Remembering(policy)  # until the posterior moves
-                self.answering[key] = momdp, policy
-            return momdp, policy
+        policy = solve(self, task, streams, momdp)
+        if getattr(policy, "deterministic", False):
+            policy = Remembering(policy)  # until the posterior moves
+            self.answering[key] = momdp, policy
+        return momdp, policy
+
+    def _plan_shaped(
+        self, task: Task, streams: Key, limit: ArrayLike, *, explore: bool
+    ) -> tuple[MOMDP, Policy]:
+        """Build and solve the problem with the bonus of what is learned so far.
+
+        Searches of equal questions share a plan library, that of the problem at the refit.
+        """
+        query = task.query
+        exploration = self.agent.exploration
+        name = task.object_name if explore else ""
+        momdp = add_bonus(exploration, problem_of(self, task, limit), self.progress(task, name))
         if not explore or not isinstance(self.agent.solver(self.knowledge.domain, query), POMCP):
             return momdp, solve(self, task, streams, momdp)
-        if key not in self.exploring:  # searches of equal queries share a plan library
+        key = query, limits_of(self, limit).tobytes()
+        if key not in self.exploring:
             refitted = replace(self, knowledge=self.progress(task).knowledge)
             usual = problem_of(refitted, task, limit, recognize=False)
             usual = add_bonus(exploration, usual, self.progress(task))
