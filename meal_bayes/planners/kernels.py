@@ -6,7 +6,8 @@ all fields of all arrays of its named tuples, some 200 words; `called_kernel` on
 to be inlined: there is one copy of it, wherever it is called. These two are not optimized by
 themselves, made machine code, nor kept on disk: LLVM sees all that an entry kernel leads to at
 once, and what it had done before would be done again at every level (a third of the compile time,
-and a tenth for the machine code that nobody would run). A kernel is compiled again in every entry
+and a tenth for the machine code that nobody would run). Nor is an entry kernel optimized before
+what it calls is linked. A kernel is compiled again in every entry
 kernel that leads to it, so these are few. Nothing in a kernel allocates, so no references are
 counted: callers bring scratch buffers.
 
@@ -23,6 +24,7 @@ them, everything is compiled anew.
 """
 
 import contextlib
+import functools
 import hashlib
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -32,7 +34,7 @@ import numpy as np
 from numba import _dynfunc, njit
 from numba.core import event
 from numba.core.codegen import JITCodeLibrary
-from numba.core.compiler import Compiler
+from numba.core.compiler import Compiler, Flags
 
 from meal_bayes.cache import compile_kernel
 
@@ -40,7 +42,35 @@ Index = int | np.int64
 NO_BEHAVIOR: Index = np.int64(-1)  # where a kernel takes or returns a behavior
 
 
-class _LinkedLibrary(JITCodeLibrary):  # type: ignore[misc]  # numba has no types
+class _Flags(Flags):  # type: ignore[misc]  # numba has no types
+    """Flags of the compiler that all kernels share.
+
+    numba looks up what it knows of each call by a copy of the caller's flags; to compare every
+    kernel's own copy with every other's takes a tenth of the compile time.
+    """
+
+    def __init__(self, flags: Flags) -> None:
+        super().__init__(flags)
+        self._hash = hash(flags)
+
+    def __hash__(self) -> int:
+        return self._hash
+
+    def copy(self) -> "_Flags":
+        return self
+
+
+_shared_flags = functools.cache(_Flags)
+
+
+class _EntryLibrary(JITCodeLibrary):  # type: ignore[misc]  # numba has no types
+    """Code whose functions are optimized once, when all that it calls is linked."""
+
+    def _optimize_functions(self, ll_module: Any) -> None:
+        ll_module.data_layout = self._codegen._data_layout
+
+
+class _LinkedLibrary(_EntryLibrary):
     """Code that is linked into entry kernels alone: not optimized, nor made machine code, alone."""
 
     def _optimize_final_module(self) -> None:
@@ -60,15 +90,26 @@ class _CalledLibrary(_LinkedLibrary):
         super().add_ir_module(ir_module)
 
 
-class _LinkedCompiler(Compiler):  # type: ignore[misc]  # numba has no types
-    """Compiles a kernel that Python does not call."""
+class _EntryCompiler(Compiler):  # type: ignore[misc]  # numba has no types
+    """Compiles a kernel that Python calls."""
 
-    library: type[_LinkedLibrary] = _LinkedLibrary
+    library: type[_EntryLibrary] = _EntryLibrary
 
     def compile_extra(self, function: Callable[..., Any]) -> Any:
-        context = self.state.targetctx
-        context.get_executable = _without_machine_code
-        self.state.library = self.library(context.codegen(), function.__qualname__)
+        codegen = self.state.targetctx.codegen()
+        self.state.library = self.library(codegen, function.__qualname__)
+        self.state.library.enable_object_caching()
+        self.state.flags = _shared_flags(self.state.flags)
+        return super().compile_extra(function)
+
+
+class _LinkedCompiler(_EntryCompiler):
+    """Compiles a kernel that Python does not call."""
+
+    library = _LinkedLibrary
+
+    def compile_extra(self, function: Callable[..., Any]) -> Any:
+        self.state.targetctx.get_executable = _without_machine_code
         return super().compile_extra(function)
 
 
@@ -93,7 +134,7 @@ for _path in (*sorted(Path(__file__).parent.rglob("*.py")), _OBSERVATION):
 
 def entry_kernel(function: Callable[..., Any]) -> Callable[..., Any]:
     """Compile a kernel that Python calls, when it is called first; later processes load it."""
-    return _versioned(compile_kernel(function, **_OPTIONS))
+    return _versioned(compile_kernel(function, **_OPTIONS, pipeline_class=_EntryCompiler))
 
 
 def called_kernel(function: Callable[..., Any]) -> Callable[..., Any]:
