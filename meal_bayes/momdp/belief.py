@@ -259,7 +259,7 @@ def best_report(momdp: MOMDP, belief: Belief) -> int:
     reports = momdp.reports
     if reports.event is None:
         return momdp.n_behaviors + momdp.query.index_of(belief.best_report)
-    no, yes = reports.answers(reports.probability(belief.positive)).tolist()
+    no, yes = _yes_or_no_values(momdp, belief).tolist()
     return momdp.n_behaviors + int(yes > no)
 
 
@@ -268,7 +268,13 @@ def report_value(momdp: MOMDP, belief: Belief) -> float:
     reports = momdp.reports
     if reports.event is None:
         return float(reports.of_right(belief.right))
-    return float(reports.answers(reports.probability(belief.positive)).max())
+    return float(_yes_or_no_values(momdp, belief).max())
+
+
+def _yes_or_no_values(momdp: MOMDP, belief: Belief) -> NDArray[np.float64]:
+    """Compute the expected rewards (2,) of no and yes."""
+    reports = momdp.reports
+    return reports.answers(reports.probability(belief.positive), momdp.no_cost[belief.x])
 
 
 def expected_reward(momdp: MOMDP, belief: Belief, report: NDArray[np.bool_]) -> float:
@@ -276,7 +282,7 @@ def expected_reward(momdp: MOMDP, belief: Belief, report: NDArray[np.bool_]) -> 
     reports = momdp.reports
     if reports.event is None:
         return float(reports.of_right(belief.agreement(report)))
-    return float(reports.answers(reports.probability(belief.positive))[int(report[0])])
+    return float(_yes_or_no_values(momdp, belief)[int(report[0])])
 
 
 def report_certainty(momdp: MOMDP, belief: Belief, report: NDArray[np.bool_]) -> float:

@@ -14,7 +14,7 @@ from meal_bayes.momdp.reports import Reports
 ARRAYS = {  # of a MOMDP: N attributes, E behaviors, X states, C latent classes, K levels
     "transition": "exx", "observation_probability": "exx", "legal": "xe", "confusion": "neck",
     "precision": "nec", "prior": "n", "latent_classes": "n2c", "cost": "e", "bonus": "ne2",
-    "bonus_limit": "e", "limit": "e",
+    "bonus_limit": "e", "limit": "e", "no_cost": "x",
 }  # fmt: skip
 
 
@@ -68,6 +68,9 @@ class MOMDP:
         Whether the agent may answer "I do not know".
     payoffs : Payoffs | None
         Of yes and no; r+ and r- by default.
+    no_cost : NDArray[np.float64]
+        (X,) s that the answer "no" costs in x, as where an object is put down before it is left for
+        others; 0 by default. Known to planning alone: a trial that ends with "no" does not pay it.
     x_labels : tuple[str, ...]
         (X-1,) what people read in place of the names of the x, or none; see `state_label`.
     log_truth : NDArray[np.float64]
@@ -94,6 +97,7 @@ class MOMDP:
     discount: float = 0.99
     abstain: bool = False
     payoffs: Payoffs | None = None
+    no_cost: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
     x_labels: tuple[str, ...] = ()
     log_truth: NDArray[np.float64] = field(init=False, repr=False)
 
@@ -101,6 +105,8 @@ class MOMDP:
     _repr_html_ = facts_html
 
     def __post_init__(self) -> None:
+        if not self.no_cost.size:
+            set_frozen(self, no_cost=np.zeros(len(self.x_names)))
         freeze_arrays(self)
         self._check()
         set_frozen(self, log_truth=freeze(self._log_truth()))
@@ -134,6 +140,7 @@ class MOMDP:
             ("limit", 0.0, np.inf, "be 0 or more"),
             ("bonus_limit", 0.0, np.inf, "be 0 or more"),
             ("cost", 0.0, huge, "be finite, and 0 or more"),
+            ("no_cost", 0.0, huge, "be finite, and 0 or more"),
             *((name, -huge, huge, "be finite") for name in ("bonus", "correct", "incorrect")),
             ("discount", tiny, 1.0, "be above 0, and 1 at most"),
         ):
@@ -183,7 +190,7 @@ class MOMDP:
     def reports(self) -> Reports:
         """What the answers are, and earn."""
         symmetric = Payoffs(self.correct, self.incorrect, self.correct, self.incorrect)
-        return Reports(self.query, self.payoffs or symmetric)
+        return Reports(self.query, self.payoffs or symmetric, self.no_cost)
 
     @property
     def levels(self) -> int:

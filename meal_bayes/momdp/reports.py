@@ -5,7 +5,7 @@ report of values is right in all attributes, or wrong. Yes and no are about an e
 conjunction over independent variables or its complement, so that Pr(E) is a product:
 
     yes: wrong_yes + (right_yes - wrong_yes) Pr(E)
-    no:  wrong_no + (right_no - wrong_no) (1 - Pr(E))
+    no:  wrong_no + (right_no - wrong_no) (1 - Pr(E)), less what "no" costs in x
 """
 
 from dataclasses import dataclass
@@ -26,6 +26,8 @@ class Conjunction(NamedTuple):
     assertion_gain: float  # and what a right one adds
     wrong_denial: float
     denial_gain: float
+    assertion_cost: Floats  # (X,) s, in x; one of the two is what "no" costs, the other 0
+    denial_cost: Floats  # (X,)
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,10 +40,13 @@ class Reports:
         What is asked.
     payoffs : Payoffs
         Of yes and no; of values the first two, of a right and of a wrong report.
+    no_cost : NDArray[np.float64]
+        (X,) s that "no" costs in x, when a planner compares it.
     """
 
     query: Query
     payoffs: Payoffs
+    no_cost: Floats
 
     @property
     def event(self) -> Event | None:
@@ -62,8 +67,10 @@ class Reports:
             return None
         asserting = self.payoffs.right_yes, self.payoffs.wrong_yes
         denying = self.payoffs.right_no, self.payoffs.wrong_no
+        costs = np.zeros_like(self.no_cost), self.no_cost.copy()
         if event.complement:  # "no" asserts that the conjunction holds
             asserting, denying = denying, asserting
+            costs = costs[::-1]
         right_assertion, wrong_assertion = asserting
         right_denial, wrong_denial = denying
         return Conjunction(
@@ -72,6 +79,8 @@ class Reports:
             assertion_gain=right_assertion - wrong_assertion,
             wrong_denial=wrong_denial,
             denial_gain=right_denial - wrong_denial,
+            assertion_cost=costs[0],
+            denial_cost=costs[1],
         )
 
     def probability(self, positive: Floats) -> Floats:
@@ -85,12 +94,15 @@ class Reports:
         """Return Pr(yes is right) of a question of yes or no; None of values."""
         return None if self.query.event is None else float(self.probability(positive))
 
-    def answers(self, probability: ArrayLike) -> Floats:
-        """Compute the expected rewards (...,2) of no and yes at Pr(yes is right)."""
+    def answers(self, probability: ArrayLike, no_cost: Floats | float = 0.0) -> Floats:
+        """Compute the expected rewards (...,2) of no and yes at Pr(yes is right).
+
+        Planners compare them where "no" costs so much (s), trials earn them.
+        """
         p, four = np.asarray(probability), self.payoffs
-        no = four.wrong_no + (four.right_no - four.wrong_no) * (1.0 - p)
+        no = four.wrong_no + (four.right_no - four.wrong_no) * (1.0 - p) - no_cost
         yes = four.wrong_yes + (four.right_yes - four.wrong_yes) * p
-        return np.stack([no, yes], axis=-1)
+        return np.stack(np.broadcast_arrays(no, yes), axis=-1)
 
     def of_right(self, right: Floats) -> Floats:
         """Compute r- + (r+ - r-) prod_i right_i of Pr(attribute reported right) (...,N)."""

@@ -91,7 +91,8 @@ _FIELDS = {
     ),
 }
 # By the names of `MOMDP`; the bonus limit is missing in older logs.
-MOMDP_ARRAYS = {name: axes for name, axes in ARRAYS.items() if name != "bonus_limit"}
+_OTHER_ARRAYS = ("bonus_limit", "no_cost")  # older logs lack the one, and no trial has the other
+MOMDP_ARRAYS = {name: axes for name, axes in ARRAYS.items() if name not in _OTHER_ARRAYS}
 TASK_VALUES = ("name", "object_index", "object_name")  # by the names of `Task`
 STEP_VALUES = ("x", "next_x", "cost", "reward", "warning")  # by the names of `Step`
 EDGE_VALUES = ("level", "parent", "action", "visits", "value", "bonus")  # of `TreeEdge`

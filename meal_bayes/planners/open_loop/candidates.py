@@ -82,6 +82,7 @@ def sum_up(diagram: CompiledDiagram, start: Ints, path: Ints, ends: Bools) -> Ca
     x[:, 0] = start
     for t in range(length - 1):
         x[:, t + 1] = diagram.ways.target[x[:, t], path[:, t]]
+    last = diagram.ways.target[x, path]
     step = diagram.dynamics.step[x, path]
     discount = step["discount"].cumprod(axis=1)
     scale = np.hstack([np.ones((len(path), 1)), discount[:, :-1]])
@@ -91,6 +92,7 @@ def sum_up(diagram: CompiledDiagram, start: Ints, path: Ints, ends: Bools) -> Ca
     plan["action"] = path[row, 0]
     plan["cost"] = cost[row, end]
     plan["discount"] = discount[row, end]
+    plan["end"] = last[row, end]
     behavior = np.full((len(row), LENGTH), -1, np.int16)  # copying paths would take half the time
     inside = np.arange(length) <= end[:, None]
     behavior[:, :length] = np.where(inside, path.astype(np.int16)[row], -1)

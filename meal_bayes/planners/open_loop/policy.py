@@ -75,8 +75,10 @@ class OpenLoopPolicy:
         total = belief.percept_counts[0].sum(axis=1)
         most = np.minimum(np.maximum(momdp.limit - total, 0), _PERCEPTS)
         coming = np.minimum(planned, most).astype(int)
-        counts, row = np.unique(coming, axis=0, return_inverse=True)
-        ending = _ending(momdp, belief, counts, rng)[row.ravel()]
+        # What "no" costs where a plan ends: most problems have one such cost, 0.
+        no_cost, costs = np.unique(momdp.no_cost[plan["end"]], return_inverse=True)
+        counts, row = np.unique(np.column_stack([coming, costs]), axis=0, return_inverse=True)
+        ending = _ending(momdp, belief, counts[:, :-1], no_cost[counts[:, -1]], rng)[row.ravel()]
         value = plan["discount"] * ending - plan["cost"]
         pay = np.zeros(len(plan))
         if model.shaped:
@@ -94,20 +96,25 @@ class OpenLoopPolicy:
         return best, of_best
 
 
-def _ending(momdp: MOMDP, belief: Belief, counts: Ints, rng: np.random.Generator) -> Floats:
-    """Estimate the value of the best report after so many percepts of each behavior (J,E)."""
+def _ending(
+    momdp: MOMDP, belief: Belief, counts: Ints, no_cost: Floats, rng: np.random.Generator
+) -> Floats:
+    """Estimate the value of the best report after so many percepts of each behavior (J,E).
+
+    "No" costs `no_cost` (J,), s.
+    """
     reports = momdp.reports
     if reports.event is None:
         right = _right(momdp, belief, counts, rng)
         return np.asarray(momdp.incorrect + (momdp.correct - momdp.incorrect) * right)
-    now = reports.answers(reports.probability(belief.positive))
+    now = reports.answers(reports.probability(belief.positive), no_cost)  # (J,2)
     evidence = _sampled_evidence(momdp, belief, int(counts.max(initial=0)), rng)
-    ending = np.full(len(counts), now.max())
+    ending = now.max(axis=1)
     for j, percepts in enumerate(counts):
         behaviors = np.flatnonzero(percepts)
         after = belief.log_prob + evidence[percepts[behaviors], behaviors].sum(axis=0)  # (S,N,C)
-        answers = reports.answers(reports.probability(expit(log_odds(momdp, after))))
-        ending[j] += (answers.max(axis=1) - answers[:, now.argmax()]).mean()
+        answers = reports.answers(reports.probability(expit(log_odds(momdp, after))), no_cost[j])
+        ending[j] += (answers.max(axis=1) - answers[:, now[j].argmax()]).mean()
     return ending
 
 

@@ -22,6 +22,7 @@ PLAN = np.dtype([
     ("action", np.int64),  # first behavior
     ("cost", np.float64),  # s, discounted
     ("discount", np.float64),  # factor on the report's value
+    ("end", np.int64),  # x in which it ends, along the likeliest outcomes
 ], align=True)  # fmt: skip
 
 
@@ -77,14 +78,14 @@ def true_chance(percepts, prob, i):
 
 
 @kernel
-def stop_value(model, conjunction, prob):
-    """Compute the value of ending now: of the best report or of the exit."""
+def stop_value(model, conjunction, x, prob):
+    """Compute the value of ending now in x: of the best report or of the exit."""
     if conjunction is not None:
         holds = 1.0
         for i in range(prob.shape[0]):
             b = true_chance(model.percepts, prob, i)
             holds *= b if conjunction.literal[i] else 1.0 - b
-        return max(yes_or_no_value(conjunction, holds), model.dynamics.exit_value)
+        return max(yes_or_no_value(conjunction, x, holds), model.dynamics.exit_value)
     right = 1.0
     for i in range(prob.shape[0]):
         b = true_chance(model.percepts, prob, i)

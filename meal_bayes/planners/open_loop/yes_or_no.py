@@ -17,10 +17,11 @@ _ROUNDS = 3  # in which the thresholds are improved
 
 
 @kernel
-def yes_or_no_value(conjunction, holds):
-    """Compute the value of the best of assertion and denial at Pr(all literals hold)."""
+def yes_or_no_value(conjunction, x, holds):
+    """Compute the value of the best of assertion and denial in x at Pr(all literals hold)."""
+    affirm = conjunction.wrong_assertion + conjunction.assertion_gain * holds
     deny = conjunction.wrong_denial + conjunction.denial_gain * (1.0 - holds)
-    return max(conjunction.wrong_assertion + conjunction.assertion_gain * holds, deny)
+    return max(affirm - conjunction.assertion_cost[x], deny - conjunction.denial_cost[x])
 
 
 @kernel
@@ -126,11 +127,12 @@ def planned_yes_or_no(evaluator, j, prob, floor, exact):
         b = evaluator.scratch.chance[i]
         holds *= b if conjunction.literal[i] else 1.0 - b
     # What an assertion adds to a denial where it is right, and takes from it where it is wrong.
-    right_assertion = conjunction.wrong_assertion + conjunction.assertion_gain
-    right_denial = conjunction.wrong_denial + conjunction.denial_gain
-    gain = right_assertion - conjunction.wrong_denial
-    loss = right_denial - conjunction.wrong_assertion
-    deny = conjunction.wrong_denial + conjunction.denial_gain * (1.0 - holds)
+    x = evaluator.plans.plan[j].end
+    wrong_assertion = conjunction.wrong_assertion - conjunction.assertion_cost[x]
+    wrong_denial = conjunction.wrong_denial - conjunction.denial_cost[x]
+    gain = wrong_assertion + conjunction.assertion_gain - wrong_denial
+    loss = wrong_denial + conjunction.denial_gain - wrong_assertion
+    deny = wrong_denial + conjunction.denial_gain * (1.0 - holds)
     if deny + gain * holds <= floor:  # with percepts that tell all
         return deny + gain * holds
     for turn in range(_ROUNDS):
