@@ -80,7 +80,7 @@ def asked(
         cost += trial.cost + held
         x = trial.steps[-1].x  # an object in the hand is put down before the next
         leave = np.isin(trial.momdp.x_names, learner.domain.leave)
-        held = float(ways_back(trial.momdp, leave)[0][x])
+        held = float(ways_back(trial.momdp, leave).cost[x])
         probability = float(trial.probability or 0.0)
         if until_yes and trial.report is not None and trial.report[0]:
             claim = place

@@ -168,6 +168,8 @@ class Finder(Answerer):
                 self._asked.count(learn=learn)
         sessions = dict[str, Session]()
         prospectors = dict[str, Prospector]()
+        diagram = self.domain.diagram
+        leave = np.isin(diagram.states, self.domain.leave or (diagram.start,))
         shared: SharedPlans | None = None
         for name in names:
             labels = (truth or {}).get(name)
@@ -183,15 +185,14 @@ class Finder(Answerer):
                 fit = self._fit(task, learn=False, beside=beside)
             if shared is None:
                 shared = SharedPlans(partial(solve, fit, task, (*names, *task.query.attributes)))
-            prospectors[name] = Prospector(session.momdp, partial(self._planned, shared, task))
-        diagram = self.domain.diagram
-        leave = np.isin(diagram.states, self.domain.leave or (diagram.start,))
+            planned = partial(self._planned, shared, task)
+            prospectors[name] = Prospector(session.momdp, planned, leave)
         text = question if isinstance(question, str) else query.text
         return SearchSession(
             text,
             sessions,
             prospectors,
-            rules=SearchRules(leave, diagram.start, float(turn_cost), max_steps, max_cost),
+            rules=SearchRules(diagram.start, float(turn_cost), max_steps, max_cost),
             rng=stream(self.settings.seed, "search", *names),
             on_turn=self._logger(text, names, log),
         )

@@ -26,6 +26,8 @@ class Conjunction(NamedTuple):
     assertion_gain: float  # and what a right one adds
     wrong_denial: float
     denial_gain: float
+    gain: float  # of an assertion over a denial, where it is right
+    loss: float  # and of a denial over an assertion, where that is wrong
     assertion_cost: Floats  # (X,) s, in x; one of the two is what "no" costs, the other 0
     denial_cost: Floats  # (X,)
 
@@ -73,12 +75,16 @@ class Reports:
             costs = costs[::-1]
         right_assertion, wrong_assertion = asserting
         right_denial, wrong_denial = denying
+        assertion_gain = right_assertion - wrong_assertion
+        denial_gain = right_denial - wrong_denial
         return Conjunction(
             literal=np.array(event.allowed),
             wrong_assertion=wrong_assertion,
-            assertion_gain=right_assertion - wrong_assertion,
+            assertion_gain=assertion_gain,
             wrong_denial=wrong_denial,
-            denial_gain=right_denial - wrong_denial,
+            denial_gain=denial_gain,
+            gain=wrong_assertion + assertion_gain - wrong_denial,
+            loss=wrong_denial + denial_gain - wrong_assertion,
             assertion_cost=costs[0],
             denial_cost=costs[1],
         )

@@ -11,12 +11,13 @@ from meal_bayes.planners.open_loop.policy import OpenLoop, OpenLoopPolicy
 from meal_bayes.planners.pomcp.policy import POMCP
 from meal_bayes.planners.precompile import warm_up
 from meal_bayes.planners.several_objects import (
+    EMPTY,
+    Hand,
     Move,
     Prospect,
     Prospector,
     SharedPlans,
     best_move,
-    values_beside,
     ways_back,
 )
 from meal_bayes.planners.solver import (
@@ -32,8 +33,8 @@ from meal_bayes.planners.solver import (
 )
 
 __all__ = [
-    "POMCP", "RULE", "Decision", "Factored", "GoingOn", "Greedy", "History", "Move", "OpenLoop",
-    "OpenLoopPolicy", "Policy", "Predefined", "Prospect", "Prospector", "Random", "RandomLegal",
-    "Remembering", "SharedPlans", "Solver", "TreeEdge", "Untouched", "batched_value_iteration",
-    "best_move", "unvalued", "values_beside", "warm_up", "watch_compilation", "ways_back",
+    "EMPTY", "POMCP", "RULE", "Decision", "Factored", "GoingOn", "Greedy", "Hand", "History",
+    "Move", "OpenLoop", "OpenLoopPolicy", "Policy", "Predefined", "Prospect", "Prospector",
+    "Random", "RandomLegal", "Remembering", "SharedPlans", "Solver", "TreeEdge", "Untouched",
+    "batched_value_iteration", "best_move", "unvalued", "warm_up", "watch_compilation", "ways_back",
 ]  # fmt: skip

@@ -1,23 +1,22 @@
 """One of several objects: each one's question of yes or no, with an outside value in place of no.
 
 Objects are independent given what was learned, and one is explored at a time. So to an object the
-others are no more than a value L for which it can be left at any time, and its problem is the
-question in which "no" pays L whatever is true. Let V(L) be what that problem is worth. Then
-[Weitzman1979, Whittle1980]
+others are no more than a value L for which it can be left, and its problem is the question in which
+"no" pays L whatever is true, less what it takes to put the object down. Let V(L) be what that
+problem is worth, and Q(L) one of its behaviors. An object's *index* is the largest L at which to
+explore or to claim it is worth more than L [Weitzman1979, Whittle1980].
 
-- an object's *index* is the largest L at which to explore or to claim it is worth more than L. The
-  object of the largest index comes next; where none has an index above what "none of them" earns,
-  that is the answer;
-- V'(L) is the discounted probability that the object is left for L in the end. All are left for L
-  with probability prod_k V_k'(L), so the others are a random outside value, and an action of this
-  object is worth, beside them,
+To explore the objects one after another, each until it is claimed or left for good, is worth
 
-      E Q(L) = Q(r+) - integral over L of prod_{others k} V_k'(L) Q'(L).
+    W = V_1(V_2(... V_n(none))),
 
-  No joint table is needed: work grows with the number of objects, not exponentially.
-
-With one behavior an object this is exact. With several, which one is best may depend on L (a bandit
-superprocess, [Brown2013]); then the integral is an estimate, near the joint optimum in the tests.
+with falling indices: left at any time, for what is left. The search does better, as it chooses
+anew after every step: the behavior of the object that is worth most where the others are worth W
+after it, Q_k(W of all but k). What it chooses is worth W at least, and this only grows from step to
+step (policy improvement [Howard1960]). So a search earns what asking in turn does, or more; and it
+does not go to and fro between objects, as what it costs to take one up and to put it down is part
+of V. To compare indices alone is optimal with one behavior an object and free hands; with several
+the best one depends on L [Brown2013], and with full hands no index is optimal [Asawa1996].
 """
 
 from collections.abc import Callable, Sequence
@@ -68,15 +67,6 @@ class Prospect(FrozenArrays):
         return np.asarray(np.maximum(np.maximum(best, self.claim_value), self.outside))
 
     @property
-    def leaving(self) -> Floats:
-        """Probability (L-1,) that the object is left, between each two outside values.
-
-        Searches err a little: V is convex, with slopes in [0, 1].
-        """
-        slopes = np.diff(self.value) / np.diff(self.outside)
-        return np.maximum.accumulate(slopes.clip(0.0, 1.0))
-
-    @property
     def index(self) -> float:
         """The largest outside value at which the object is worth more; -inf where at none."""
         gain = self.value - self.outside
@@ -90,12 +80,25 @@ class Prospect(FrozenArrays):
         return float(self.outside[last] + fraction * (self.outside[last + 1] - self.outside[last]))
 
 
-def beside(prospect: Prospect, values: Floats, others: Sequence[Prospect]) -> Floats:
-    """Compute what values (L,...) of an object come to beside other objects: E of them over L."""
-    left = np.ones(len(prospect.outside) - 1)
-    for other in others:
-        left = left * other.leaving
-    return np.asarray(values[-1] - np.tensordot(left, np.diff(values, axis=0), axes=1))
+class Hand(NamedTuple):
+    """What it takes to leave the object in front.
+
+    Attributes
+    ----------
+    cost : float
+        Of putting it down, s; inf where there is no way.
+    behavior : int
+        By which that begins; -1 where the hand is empty.
+    discount : float
+        On what follows.
+    """
+
+    cost: float
+    behavior: int
+    discount: float = 1.0
+
+
+EMPTY = Hand(0.0, -1)
 
 
 class Move(NamedTuple):
@@ -116,34 +119,77 @@ class Move(NamedTuple):
     values: Floats
 
 
-def values_beside(prospects: Sequence[Prospect], place: int) -> Floats:
-    """Value the behaviors (E,) of one object beside the others; -inf where not valued."""
-    explored = prospects[place].explored
-    valued = np.isfinite(explored).all(axis=0)
-    others = [prospect for other, prospect in enumerate(prospects) if other != place]
-    values = beside(prospects[place], np.where(valued, explored, 0.0), others)
-    return np.where(valued, values, -np.inf) - prospects[place].turning
+def between(outside: Floats, values: Floats, at: Floats | float) -> Floats:
+    """Bound values (L,...), known at outside values (L,), from below at others, `at`.
+
+    They are convex, with slopes in [0, 1]: beyond two points the line through them lies below. To
+    go up to the chord would promise what no behavior earns, and a search would go round for it.
+    """
+    gap = np.diff(outside).reshape(-1, *(1 for _ in values.shape[1:]))
+    slope = (np.diff(values, axis=0) / gap).clip(0.0, 1.0)
+    slope = np.concatenate([np.zeros_like(slope[:1]), slope, np.ones_like(slope[:1])])
+    low = np.clip(np.searchsorted(outside, at, side="right") - 1, 0, len(outside) - 2)
+    above = at - outside[low]
+    below = outside[low + 1] - at
+    chord = (values[low] * below + values[low + 1] * above) / (above + below)
+    line = np.maximum(values[low] + above * slope[low], values[low + 1] - below * slope[low + 2])
+    return np.asarray(np.minimum(line, chord))
 
 
-def best_move(prospects: Sequence[Prospect], front: int = -1) -> Move:
-    """Choose the object of the largest index, and to explore it, to claim it, or none.
+def worth_of_others(prospects: Sequence[Prospect], none: float) -> Floats:
+    """Compute what all objects but each are worth, (n,): W of them, and `none` without any."""
+    worth = np.full(len(prospects), none)
+    for place in np.argsort([prospect.index for prospect in prospects]):
+        others = np.arange(len(prospects)) != place
+        prospect = prospects[place]
+        worth[others] = between(prospect.outside, prospect.value, worth[others])
+    return worth
+
+
+def values_beside(prospect: Prospect, others: float) -> Floats:
+    """Value the behaviors (E,) of an object beside the others' worth; -inf where not valued."""
+    valued = np.asarray(np.isfinite(prospect.explored).all(axis=0))
+    values = np.full(len(valued), -np.inf)
+    values[valued] = between(prospect.outside, prospect.explored[:, valued], others)
+    return values - prospect.turning
+
+
+def best_move(prospects: Sequence[Prospect], front: int = -1, hand: Hand = EMPTY) -> Move:
+    """Choose to explore an object, to put one down, to claim one, or none.
 
     Parameters
     ----------
     prospects : Sequence[Prospect]
         Of each object.
     front : int
-        The object in front of the robot, which is chosen among equals.
+        The object in front of the robot, which is chosen among equals; -1 where there is none.
+    hand : Hand
+        What it takes to leave that one.
     """
-    indices = [prospect.index for prospect in prospects]
-    place = int(np.argmax(indices))
-    if front >= 0 and indices[front] == indices[place]:
-        place = front
-    values = values_beside(prospects, place)
-    if indices[place] == -np.inf:
-        return Move(-1, -1, values)
-    behavior = int(values.argmax())
-    return Move(place, behavior if values[behavior] > prospects[place].claim_value else -1, values)
+    none = float(prospects[0].outside[0])
+    least = _SETTLED * float(prospects[0].outside[-1] - none)
+    claims = np.array([prospect.claim_value for prospect in prospects])
+    answer = int(claims.argmax()) if claims.max() > none else -1
+    answered = max(none, float(claims.max()))
+    others = worth_of_others(prospects, none)
+    values = {k: values_beside(prospects[k], float(others[k])) for k in range(len(prospects))}
+    held = hand.behavior >= 0 or np.isinf(hand.cost)
+    if held:
+        # Left for the others it may still be claimed; then both begin with one of its behaviors.
+        recalled = max(none, float(claims[front]))
+        leaving = hand.discount * worth_of_others(prospects, recalled)[front] - hand.cost
+        best = int(values[front].argmax())
+        if max(values[front][best], leaving) > answered + least:
+            goes_on = values[front][best] > leaving
+            return Move(front, best if goes_on else hand.behavior, values[front])
+        return Move(answer, -1, values[front])
+    move = Move(answer, -1, values[max(answer, 0)])
+    for k in sorted(values, key=lambda k: k != front):
+        best = int(values[k].argmax())
+        if values[k][best] > max(answered, others[k]) + least:
+            move = Move(k, best, values[k])
+            answered = float(values[k][best])
+    return move
 
 
 class Prospector:
@@ -157,15 +203,24 @@ class Prospector:
         Of yes or no; "no" pays what "none of them" earns.
     solve : Solve
         The planner.
+    leave : NDArray[np.bool_]
+        (X,) whether the object can be left in x.
     """
 
-    def __init__(self, momdp: MOMDP, solve: Solve) -> None:
+    def __init__(self, momdp: MOMDP, solve: Solve, leave: NDArray[np.bool_]) -> None:
         none = momdp.reports.payoffs.right_no
         best = momdp.reports.payoffs.right_yes
         self.momdp = momdp
-        self.outside = np.linspace(none, best, POINTS)
+        # Seconds count most where the others are worth little: V bends where putting down is paid.
+        self.outside = none + (best - none) * np.linspace(0.0, 1.0, POINTS) ** 2
+        self._way = ways_back(momdp, leave, momdp.discount)
         self._solve = solve
         self._policies: list[Policy] = []
+
+    def hand(self, belief: Belief) -> Hand:
+        """Return what it takes to leave the object at a belief."""
+        cost, discount, first = (float(part[belief.x]) for part in self._way)
+        return Hand(cost, int(first), discount)
 
     def prospect(self, history: History, rng: np.random.Generator) -> Prospect:
         """Return what the object is worth after a history; see `Prospect`.
@@ -190,16 +245,23 @@ class Prospector:
         return Prospect(self.outside, explored, claim_value(self.momdp, history.belief))
 
     def _policy(self, outside: float) -> Policy:
-        """Return the policy of the problem in which "no" pays so much."""
+        """Return the policy of the problem in which "no" pays so much, less putting down."""
         payoffs = self.momdp.reports.payoffs._replace(right_no=outside, wrong_no=outside)
+        left = self._way.discount * outside - self._way.cost
         problem = replace(
-            self.momdp, payoffs=payoffs, correct=max(payoffs), incorrect=min(payoffs), abstain=False
+            self.momdp,
+            payoffs=payoffs,
+            correct=max(payoffs),
+            incorrect=min(payoffs),
+            abstain=False,
+            # "None of them" can be answered with a full hand, too.
+            no_cost=outside - np.maximum(left, self.outside[0]),
         )
         return self._solve(problem)
 
 
 class SharedPlans:
-    """Solves problems: equal ones once, and those that differ in payoffs alone by the same plans.
+    """Solves problems: equal ones once, those that differ in what answers earn by the same plans.
 
     Decisions are remembered by belief, so that objects of one problem share them, too.
 
@@ -215,16 +277,16 @@ class SharedPlans:
 
     def __call__(self, momdp: MOMDP) -> Policy:
         """Return the policy of a problem."""
-        arrays = (np.ascontiguousarray(getattr(momdp, name)) for name in ARRAYS)
-        key = tuple(array.tobytes() for array in arrays)
-        policies = self._solved.setdefault(key, {})
-        if momdp.payoffs not in policies:
+        arrays = {name: np.ascontiguousarray(getattr(momdp, name)).tobytes() for name in ARRAYS}
+        answers = momdp.payoffs, arrays.pop("no_cost")
+        policies = self._solved.setdefault(tuple(arrays.values()), {})
+        if answers not in policies:
             planner = self._solve
             if policies:  # plans that are grown for one payoff are as good for the others
                 first = next(iter(policies.values()))
                 planner = getattr(first.policy, "sharing_plans", planner)
-            policies[momdp.payoffs] = Remembering(planner(momdp))
-        return policies[momdp.payoffs]
+            policies[answers] = Remembering(planner(momdp))
+        return policies[answers]
 
 
 def claim_value(momdp: MOMDP, belief: Belief) -> float:
@@ -233,8 +295,16 @@ def claim_value(momdp: MOMDP, belief: Belief) -> float:
     return expected_reward(momdp, belief, yes)
 
 
-def ways_back(momdp: MOMDP, leave: NDArray[np.bool_]) -> tuple[Floats, NDArray[np.int64]]:
-    """Compute the cheapest ways to the states in which an object can be left.
+class WaysBack(NamedTuple):
+    """The cheapest ways to the states in which an object can be left, from each x."""
+
+    cost: Floats  # (X,) s, expected, failures repeated; inf where there is no way
+    discount: Floats  # (X,) on what follows
+    first: NDArray[np.int64]  # (X,) behavior; -1 where the object can be left, or there is no way
+
+
+def ways_back(momdp: MOMDP, leave: NDArray[np.bool_], discount: float = 1.0) -> WaysBack:
+    """Find the cheapest ways back to where an object can be left.
 
     Parameters
     ----------
@@ -242,26 +312,30 @@ def ways_back(momdp: MOMDP, leave: NDArray[np.bool_]) -> tuple[Floats, NDArray[n
         The problem.
     leave : NDArray[np.bool_]
         (X,) whether an object can be left in x.
-
-    Returns
-    -------
-    tuple
-        Expected seconds (X,), failures repeated, and the first behavior of the way (X,); inf and -1
-        where there is none.
+    discount : float
+        Factor a step.
     """
     cost = np.where(leave, 0.0, np.inf)
+    factor = np.ones(len(leave))
     first = np.full(len(leave), -1)
     stays = np.einsum("exx->ex", momdp.transition)  # (E,X)
+    reached = momdp.transition > 0
+
+    def onward(value: Floats) -> Floats:
+        return np.asarray(momdp.transition @ value - stays * value)
+
     for _ in range(len(leave)):
-        # c(x) = min over e of (cost_e + sum over x' != x of Pr(x') c(x')) / (1 - Pr(x))
-        reached = momdp.transition > 0
-        onward = np.where(reached, momdp.transition, 0.0) @ np.where(np.isinf(cost), 0.0, cost)
-        onward -= stays * np.where(np.isinf(cost), 0.0, cost)
-        lost = (reached & np.isinf(cost)).sum(axis=2) - ((stays > 0) & np.isinf(cost))
+        # c(x) = min over e of (cost_e + g sum over x' != x of Pr(x') c(x')) / (1 - g Pr(x))
+        known = np.isfinite(cost)
+        lost = (reached & ~known).sum(axis=2) - ((stays > 0) & ~known)
         moves = momdp.legal.T & (stays < 1.0) & (lost == 0)
-        way = np.full(stays.shape, np.inf)
-        np.divide(momdp.cost[:, None] + onward, 1.0 - stays, out=way, where=moves)
+        remaining = 1.0 - discount * np.where(moves, stays, 0.0)
+        way = momdp.cost[:, None] + discount * onward(np.where(known, cost, 0.0))
+        way = np.where(moves, way / remaining, np.inf)
+        best = way.argmin(axis=0)
         better = way.min(axis=0) < cost
-        first = np.where(better, way.argmin(axis=0), first)
+        after = (discount * onward(factor) / remaining)[best, np.arange(len(leave))]
+        factor = np.where(better, after, factor)
+        first = np.where(better, best, first)
         cost = np.where(better, way.min(axis=0), cost)
-    return cost, first
+    return WaysBack(cost, factor, first)

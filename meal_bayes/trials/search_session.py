@@ -5,18 +5,10 @@ from dataclasses import replace
 from typing import NamedTuple, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from meal_bayes.arrays import Floats
 from meal_bayes.errors import SettingsError
-from meal_bayes.planners import (
-    Decision,
-    Prospect,
-    Prospector,
-    best_move,
-    values_beside,
-    ways_back,
-)
+from meal_bayes.planners import EMPTY, Decision, Prospect, Prospector, best_move
 from meal_bayes.robots.robot import Outcome, state_index
 from meal_bayes.trials.search import Search, SearchingRobot
 from meal_bayes.trials.session import MAX_STEPS, Session
@@ -27,8 +19,6 @@ class SearchRules(NamedTuple):
 
     Attributes
     ----------
-    leave : NDArray[np.bool_]
-        (X,) states in which an object can be left; elsewhere it is put down first.
     start : str
         State of an object that is claimed before the robot turned to it.
     turn_cost : float
@@ -37,7 +27,6 @@ class SearchRules(NamedTuple):
         Behaviors and s, after which the best answer is given.
     """
 
-    leave: NDArray[np.bool_]
     start: str
     turn_cost: float = 0.0
     max_steps: int = MAX_STEPS
@@ -191,36 +180,26 @@ class SearchSession:
     def _prospect(self, name: str) -> Prospect:
         return self._prospectors[name].prospect(self.sessions[name].history, self._rng)
 
-    def _turning(self) -> tuple[float, int]:
-        """Return the seconds of leaving the object in front for another, and how that begins."""
-        if self.object is None:
-            return self._rules.turn_cost, -1
-        session = self.sessions[self.object]
-        back, first = ways_back(session.momdp, self._rules.leave)
-        x = session.belief.x
-        return float(self._rules.turn_cost + back[x]), int(first[x])
-
     def _decide(self) -> None:
         """Carry out what `best_move` chooses: a behavior, another object, or the answer."""
-        # Before another object is explored, the one in front has to be put down.
-        turning, put_down = self._turning()
         names = list(self.sessions)
+        turning = self._rules.turn_cost
         prospects = [
             replace(self._prospects[name], turning=0.0 if name == self.object else turning)
             for name in names
         ]
-        front = -1 if self.object is None else names.index(self.object)
-        move = best_move(prospects, front)
+        front = -1
+        hand = EMPTY
+        if self.object is not None:
+            front = names.index(self.object)
+            hand = self._prospectors[self.object].hand(self.sessions[self.object].belief)
+        move = best_move(prospects, front, hand)
         if move.behavior < 0:
             self._answer(names[move.place] if move.place >= 0 else None)
         elif move.place == front:
             self._execute(move.behavior, move.values, prospects[front].claim_value)
-        elif put_down < 0:  # the hand is empty
-            if self._within_limits(0.0):
-                self.turn = names[move.place]
-        else:
-            values = values_beside(prospects, front)
-            self._execute(put_down, values, prospects[front].claim_value)
+        elif self._within_limits(0.0):
+            self.turn = names[move.place]
 
     def _execute(self, action: int, values: Floats, claim_value: float) -> None:
         """Command a behavior of the object in front, unless a limit is reached."""

@@ -5,12 +5,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from meal_bayes.domain import Payoffs, Query, load_domain
 from meal_bayes.errors import SettingsError
 from meal_bayes.momdp import Transition, build_momdp, initial_belief, update_belief
 from meal_bayes.planners import (
     POMCP,
+    Hand,
     History,
     Prospector,
     Random,
@@ -19,7 +22,7 @@ from meal_bayes.planners import (
     best_move,
     ways_back,
 )
-from meal_bayes.planners.several_objects import Prospect, beside
+from meal_bayes.planners.several_objects import Prospect, values_beside, worth_of_others
 
 LIMIT = 2  # percepts of each behavior
 DOMAIN = load_domain("toy")
@@ -126,35 +129,32 @@ def joint(chains, leave, choose=None):
     return value[(0, *[0 for _ in chains])]
 
 
-def policy(chains, leave):
-    """Return what the index policy does at every joint place, by the object in front."""
-    rng = np.random.default_rng(0)
-    behaviors = chains[0].momdp.n_behaviors
-    prospects = []
-    for chain in chains:
-        prospector = Prospector(chain.momdp, lambda momdp: Remembering(POMCP().solve(momdp, rng)))
-        prospects.append([prospector.prospect(History(belief), rng) for belief in chain.beliefs])
-    back = [ways_back(chain.momdp, leave) for chain in chains]
+def moves(chains, prospects, hands):
+    """Return what `best_move` does at every joint place, by the object in front."""
     sizes = tuple(len(chain.x) for chain in chains)
+    behaviors = chains[0].momdp.n_behaviors
     choose = np.zeros((len(chains), *sizes), int)
     for place in itertools.product(*map(range, sizes)):
-        for front, chain in enumerate(chains):
-            cost, first = (part[chain.x[place[front]]] for part in back[front])
-            here = [
-                replace(prospects[k][s], turning=0.0 if k == front else cost)
-                for k, s in enumerate(place)
-            ]
-            move = best_move(here, front)
-            if move.place < 0:
-                action = 0
-            elif move.behavior < 0:
-                action = 1 + move.place
-            elif move.place != front and first >= 0:
-                action = 1 + len(chains) + front * behaviors + first
-            else:
+        here = [prospects[k][s] for k, s in enumerate(place)]
+        for front in range(len(chains)):
+            move = best_move(here, front, hands[front][place[front]])
+            action = 1 + move.place
+            if move.behavior >= 0:
                 action = 1 + len(chains) + move.place * behaviors + move.behavior
             choose[(front, *place)] = action
     return choose
+
+
+def policy(chains, leave):
+    """Return what a search by `POMCP` does at every joint place, by the object in front."""
+    rng = np.random.default_rng(0)
+    solve = SharedPlans(lambda momdp: POMCP().solve(momdp, rng))
+    prospectors = [Prospector(chain.momdp, solve, leave) for chain in chains]
+    prospects, hands = [], []
+    for prospector, chain in zip(prospectors, chains, strict=True):
+        prospects.append([prospector.prospect(History(belief), rng) for belief in chain.beliefs])
+        hands.append([prospector.hand(belief) for belief in chain.beliefs])
+    return moves(chains, prospects, hands)
 
 
 RATES = {
@@ -183,6 +183,52 @@ def test_two_objects_are_within_one_percent_of_the_joint_optimum(pair, hands):
     assert worth >= 0.99 * best
 
 
+def exact(chain, leave):
+    """Return prospects of all places by value iteration, and what putting down takes there."""
+    momdp = chain.momdp
+    back = ways_back(momdp, leave, momdp.discount)
+    cost, discount, first = (part[chain.x] for part in back)
+    outside = 100.0 * np.linspace(0.0, 1.0, 17) ** 2
+    left = np.maximum(discount * outside[:, None] - cost, NONE)
+    stop = np.maximum(left, chain.claim)  # (L,S)
+    value = stop
+    for _ in range(200):
+        after = np.einsum("est,lt->les", chain.move, value)
+        explored = momdp.discount * after - momdp.cost[:, None]
+        explored = np.where(chain.legal, explored, -np.inf)
+        value = np.maximum(stop, explored.max(axis=1))
+    prospects = [Prospect(outside, explored[:, :, s], claim) for s, claim in enumerate(chain.claim)]
+    return prospects, list(map(Hand, cost.tolist(), first.tolist(), discount.tolist()))
+
+
+CHANCE = st.sampled_from([0.1, 0.3, 0.5, 0.7, 0.9])
+
+
+@given(
+    rates=st.lists(st.tuples(CHANCE, CHANCE, CHANCE, CHANCE), min_size=2, max_size=2),
+    priors=st.lists(st.sampled_from([0.05, 0.1, 0.2, 0.3]), min_size=2, max_size=2),
+    cost=st.tuples(*[st.sampled_from([0.5, 1.0, 2.0, 4.0])] * 3),
+    free=st.booleans(),
+)
+@settings(max_examples=5)
+def test_a_search_earns_what_it_promises_and_does_not_go_to_and_fro(rates, priors, cost, free):
+    """The promise is at least what one after another earns, each beside what the rest is worth."""
+    leave = np.array([True, free, False])
+    chains = [
+        Chain(replace(problem([each[:2], each[2:]], prior, cost), limit=np.ones(3)))
+        for each, prior in zip(rates, priors, strict=True)
+    ]
+    prospects, hands = zip(*(exact(chain, leave) for chain in chains), strict=True)
+    start = [each[0] for each in prospects]
+    others = worth_of_others(start, NONE)
+    promised = max(
+        values_beside(prospect, worth).max() for prospect, worth in zip(start, others, strict=True)
+    )
+    promised = max(promised, NONE, *(prospect.claim_value for prospect in start))
+    earned = joint(chains, leave, moves(chains, prospects, hands))
+    assert promised - 1e-6 <= earned <= joint(chains, leave) + 1e-6
+
+
 def test_one_object_is_the_question_of_yes_or_no():
     momdp = problem(RATES["both tell"])
     chain = Chain(momdp)
@@ -191,7 +237,9 @@ def test_one_object_is_the_question_of_yes_or_no():
     assert joint([chain], everywhere, policy([chain], everywhere)) == pytest.approx(best, rel=0.005)
     rng = np.random.default_rng(0)
     question = Remembering(POMCP(300).solve(momdp, rng))
-    prospector = Prospector(momdp, lambda other: Remembering(POMCP(300).solve(other, rng)))
+    prospector = Prospector(
+        momdp, lambda other: Remembering(POMCP(300).solve(other, rng)), everywhere
+    )
     for belief in chain.beliefs:
         asked = question.decide(History(belief), rng).action
         move = best_move([prospector.prospect(History(belief), rng)], 0)
@@ -212,9 +260,11 @@ def test_values_beside_others_are_those_of_boxes():
     assert best_move([one, two, three]).place == 1
     # by decreasing p: -1 + .5 100 + .5 (-1 + .3 100 + .7 (-1 + .1 100))
     last = -1 + 0.1 * 100
-    exact = -1 + 50 + 0.5 * (-1 + 30 + 0.7 * last)
-    assert beside(two, two.value, [one, three]) == pytest.approx(exact, abs=0.2)
-    assert beside(one, one.value, []) == one.value[0] == 29.0
+    exact_of_others = -1 + 30 + 0.7 * last
+    exact = -1 + 50 + 0.5 * exact_of_others
+    assert worth_of_others([one, two, three], 0.0)[1] == pytest.approx(exact_of_others, abs=1e-9)
+    assert values_beside(two, exact_of_others) == pytest.approx([exact])
+    assert worth_of_others([one], 7.0).tolist() == [7.0]
 
 
 def test_plans_are_shared_by_problems_that_differ_in_payoffs():
@@ -236,7 +286,11 @@ def test_plans_are_shared_by_problems_that_differ_in_payoffs():
 
 def test_an_agent_that_compares_no_values_cannot_find():
     momdp = problem(RATES["both tell"])
-    prospector = Prospector(momdp, lambda other: Random().solve(other, np.random.default_rng(0)))
+    prospector = Prospector(
+        momdp,
+        lambda other: Random().solve(other, np.random.default_rng(0)),
+        np.array([True, False, False]),
+    )
     rng = np.random.default_rng(0)  # with which it explores
     with pytest.raises(SettingsError, match="compares no values"):
         prospector.prospect(History(initial_belief(momdp)), rng)
@@ -247,9 +301,17 @@ def test_the_way_back_counts_failures():
     rows = np.full((1, len(domain.behaviors), 2, 2), 0.5)
     momdp = build_momdp(domain, Query(("heavy",)), rows)
     leave = np.isin(domain.diagram.states, domain.leave)
-    cost, first = ways_back(momdp, leave)
+    cost, _, first = ways_back(momdp, leave)
     assert momdp.behavior_names[first[1]] == "lift"
     p = momdp.transition[momdp.behavior_names.index("lift"), 1, 2]  # else it is lifted again
     assert cost[:4] == pytest.approx([0.0, 1.5 / p + 1.5, 1.5, 0.0])
     assert momdp.behavior_names[first[2]] == "drop"
     assert first[0] == -1
+
+
+def test_the_way_back_is_discounted_by_its_steps():
+    momdp = problem(RATES["both tell"])
+    cost, discount, first = ways_back(momdp, np.array([True, False, False]), 0.9)
+    assert cost.tolist()[:2] == [0.0, 2.0]
+    assert discount.tolist()[:2] == [1.0, 0.9]
+    assert first.tolist()[:2] == [-1, 2]

@@ -221,12 +221,9 @@ def _estimate_yes_or_no(
     right = hit.prod(axis=1)
     wrong = (hit + alarm).prod(axis=1) - right
     holds = q.prod(axis=1)[:, None]
-    right_assertion = conjunction.wrong_assertion + conjunction.assertion_gain
-    right_denial = conjunction.wrong_denial + conjunction.denial_gain
-    gain = right_assertion - conjunction.wrong_denial
-    loss = right_denial - conjunction.wrong_assertion
     deny = conjunction.wrong_denial + conjunction.denial_gain * (1.0 - holds)
-    return np.asarray(deny + np.maximum(gain * right - loss * wrong, 0.0))
+    assertion = conjunction.gain * right - conjunction.loss * wrong
+    return np.asarray(deny + np.maximum(assertion, 0.0))
 
 
 def _estimate_values(

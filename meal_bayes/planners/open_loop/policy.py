@@ -109,7 +109,7 @@ def _ending(
         return np.asarray(momdp.incorrect + (momdp.correct - momdp.incorrect) * right)
     now = reports.answers(reports.probability(belief.positive), no_cost)  # (J,2)
     evidence = _sampled_evidence(momdp, belief, int(counts.max(initial=0)), rng)
-    ending = now.max(axis=1)
+    ending: Floats = now.max(axis=1)
     for j, percepts in enumerate(counts):
         behaviors = np.flatnonzero(percepts)
         after = belief.log_prob + evidence[percepts[behaviors], behaviors].sum(axis=0)  # (S,N,C)

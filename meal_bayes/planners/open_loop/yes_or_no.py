@@ -128,11 +128,11 @@ def planned_yes_or_no(evaluator, j, prob, floor, exact):
         holds *= b if conjunction.literal[i] else 1.0 - b
     # What an assertion adds to a denial where it is right, and takes from it where it is wrong.
     x = evaluator.plans.plan[j].end
-    wrong_assertion = conjunction.wrong_assertion - conjunction.assertion_cost[x]
-    wrong_denial = conjunction.wrong_denial - conjunction.denial_cost[x]
-    gain = wrong_assertion + conjunction.assertion_gain - wrong_denial
-    loss = wrong_denial + conjunction.denial_gain - wrong_assertion
-    deny = wrong_denial + conjunction.denial_gain * (1.0 - holds)
+    saved = conjunction.denial_cost[x] - conjunction.assertion_cost[x]
+    gain = conjunction.gain + saved
+    loss = conjunction.loss - saved
+    deny = conjunction.wrong_denial + conjunction.denial_gain * (1.0 - holds)
+    deny -= conjunction.denial_cost[x]
     if deny + gain * holds <= floor:  # with percepts that tell all
         return deny + gain * holds
     for turn in range(_ROUNDS):
