@@ -2,7 +2,7 @@
 
 import contextlib
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -68,13 +68,24 @@ class Interrupted:
         self._file = draft.open("rb")
         if not hold(self._file):
             self._file.close()
+            # Whoever began it may be dead, and another have resumed it.
             who = re.search(r"\.w(\d+)-", draft.name)
+            by = f" (process {who[1]} began it)" if who else ""
             raise NotBrokenOff(
-                f"{draft} is under way{f' in process {who[1]}' if who else ''}: one process drives "
-                "a robot at a time. Wait for it, or end it, and resume again."
+                f"{draft} is under way in another process{by}: one process drives a robot at a "
+                "time. Wait for it, or end it, and resume again."
             )
-        self.header: dict[str, Any] = read_header(draft)
-        trials = list(salvage(draft))
+        self.path = _log_of(draft)
+        # Only now, as whoever held it until then may have brought it to its end.
+        if self.path != draft and self.path.is_file():
+            self.release()
+            raise NotBrokenOff(f"{self.path} is whole: its trial is over, nothing to resume.")
+        try:
+            self.header: dict[str, Any] = read_header(draft)
+            trials = list(salvage(draft))
+        except LogError:
+            self.release()
+            raise
         last = trials[-1] if trials else None
         begun = isinstance(self.header.get("begun"), dict)
         if not isinstance(last, Trial) or not last.ended or not begun:
@@ -82,18 +93,22 @@ class Interrupted:
             kind = NotBrokenOff if isinstance(last, Trial) and not last.ended else LogError
             raise kind(f"{draft} holds no trial that was broken off; there is nothing to resume.")
         self.trial = last
-        self.path = draft.with_name(stem_of(draft) + SUFFIX)
 
     def release(self) -> None:
         """Let others have the draft."""
         self._file.close()
 
 
-def _furthest(drafts: Sequence[Path]) -> Interrupted:
-    """Return the trial of one log as far as any of its drafts holds it; each resumption has one."""
+def _log_of(file: Path) -> Path:
+    """Return the name that a draft gets when it is whole."""
+    return file.with_name(stem_of(file) + SUFFIX)
+
+
+def _furthest(file: Path) -> Interrupted:
+    """Return the trial of a log as far as any of its drafts holds it; each resumption has one."""
     held = list[Interrupted]()
     faults = list[LogError]()
-    for draft in drafts:
+    for draft in drafts_of(_log_of(file)) or [file]:
         try:
             held.append(Interrupted(draft))
         except LogError as fault:
@@ -108,22 +123,23 @@ def _furthest(drafts: Sequence[Path]) -> Interrupted:
 
 
 def interrupted(place: Path) -> Interrupted:
-    """Return the trial that a killed process left in a log or draft, or alone in a folder.
+    """Return the trial that a killed process left of a log, or alone in a folder.
+
+    Any of its drafts names the log.
 
     Raises
     ------
     LogError
         There is none, or there are several in the folder; another process drives it.
     """
+    if place.is_file() and not place.name.endswith(ACTIVE):
+        return Interrupted(place)
     if not place.is_dir():
-        return _furthest([place] if place.is_file() else drafts_of(place) or [place])
-    of_logs = dict[Path, list[Path]]()
-    for path in sorted(place.rglob(f"*{ACTIVE}")):
-        of_logs.setdefault(path.with_name(stem_of(path)), []).append(path)
+        return _furthest(place)
     drafts = list[Interrupted]()
-    for paths in of_logs.values():
-        with contextlib.suppress(LogError):  # it is under way, or holds no trial
-            drafts.append(_furthest(paths))
+    for log in sorted({_log_of(draft) for draft in place.rglob(f"*{ACTIVE}")}):
+        with contextlib.suppress(LogError):  # it is under way, or over, or holds no trial
+            drafts.append(_furthest(log))
     if len(drafts) == 1:
         return drafts[0]
     for draft in drafts:

@@ -274,3 +274,19 @@ def test_an_outcome_counts_once_where_a_callback_raises(dataset, make):
         with pytest.raises(fault):
             session.observe(Outcome("table", {"color": GOOD}))
     assert len(session.steps) == 1
+
+
+def test_a_trial_that_is_over_is_not_driven_again(dataset, make, tmp_path):
+    """Its process ended between the name of the whole log and the end of the draft before it."""
+    learner = make.learner(dataset, make.agent("look", "look", **make.ours), logs=tmp_path)
+    arm = make.arm()
+    session = learner.begin("red", state=arm.start())
+    session.observe(arm.execute(session.behavior))
+    draft = session._recorder.active_path
+    left = draft.read_bytes()
+    session.observe(arm.execute(session.behavior))
+    assert session.over
+    draft.write_bytes(left)
+    for name in (None, draft):
+        with pytest.raises(LogError, match="nothing to resume"):
+            learner.resume(name)

@@ -159,7 +159,7 @@ def test_a_restart_goes_on_as_if_undisturbed(learner, make, tmp_path, steps):
         return
     (draft,) = (tmp_path / "kitchen").glob("*.active")
     again = loaded()
-    with pytest.raises(LogError, match="is under way in process"):
+    with pytest.raises(LogError, match="is under way in another process"):
         again.resume(draft)
     first._recorder._file.close()  # as the end of its process did
     second = again.resume()
@@ -199,7 +199,7 @@ def test_a_resumption_that_ended_too_is_resumed_from_the_furthest_draft(
     second._recorder._resumed.release()
     assert len(list(tmp_path.rglob("*.active"))) == 2
     last = make.learner(dataset, make.agent(*PLAN, **make.ours), logs=tmp_path)
-    third = last.resume()
+    third = last.resume(first._recorder.active_path)  # any draft names the trial
     assert len(third.steps) == 2 + steps
     drive(third, arm)
     assert len(logs_of(tmp_path)) == 1
