@@ -2,14 +2,15 @@
 
 A program does what one does in a lab: it loads the learner, goes on with trials that were broken
 off, recalls what is only in the logs, and then asks, is told, and saves, over and over; where the
-other program has saved since, it loads that, recalls, and saves again. It dies by a signal after
-so many seconds of its own CPU time, in the middle of whatever it is doing then. Both begin again
-at once, so that both find the same broken-off trials. What robots and people did stands in
-journals beside, written by single system calls.
+other program has saved since, it loads that, recalls, and saves again. It dies by a signal: half of
+the programs while the robot moves, as that takes most of the time in a lab, half after so many
+seconds of their own CPU time, in the middle of whatever they are doing then. Both begin again at
+once, so that both find the same broken-off trials. What robots and people did stands in journals
+beside, written by single system calls.
 
     python benchmarks/kill_learner.py --kills 500
 
-When ten pairs of programs are dead, one goes on undisturbed to where nothing is open. Then:
+When five pairs of programs are dead, one goes on undisturbed to where nothing is open. Then:
 
 - lost: behaviors that no log holds, but for the last before each death, which was under way;
 - doubled: behaviors, percepts or trials that a log or the experience holds more than once;
@@ -40,21 +41,25 @@ from measuring import options_of, show
 from meal_bayes import Learner, Outcome
 from meal_bayes.errors import LogError, OutputError
 from meal_bayes.learner import recall
-from meal_bayes.trial_log import Logs, recover_log
+from meal_bayes.trial_log import Logs, recover_log, salvage
+from meal_bayes.trial_log.live import interrupted
+from meal_bayes.trial_log.names import drafts_of, stem_of
 from meal_bayes.trials import Session, Trial
 
 TOGETHER = 2  # programs at a time
-LIVES = 10  # deaths of all of them, in one folder
+LIVES = 5  # deaths of all of them, in one folder
 SHORTEST = 0.02  # s of CPU until a program dies
-LONGEST = 0.8
+LONGEST = 1.0
+BEHAVIORS = 20  # or at most so many of its robot
 FOUND = ("lost", "doubled", "labels lost", "unequal", "two drivers", "errors")
 
 
 class Journal:
     """What one program's robot and person did: a line an event, on disk when `note` returns."""
 
-    def __init__(self, place: Path, life: int, program: int) -> None:
+    def __init__(self, place: Path, life: int, program: int, last: int = 0) -> None:
         self.name = f"{life}-{program}"
+        self.left = last  # behaviors until the program dies; 0: it does not die of one
         folder = place / "journal"
         folder.mkdir(exist_ok=True)
         self._file = os.open(folder / self.name, os.O_WRONLY | os.O_APPEND | os.O_CREAT)
@@ -77,6 +82,9 @@ class JournaledRobot(DetectingRobot):
         """Draw a percept."""
         outcome = super().execute(behavior)
         self.journal.note("executed", self.object_name)
+        self.journal.left -= 1
+        if self.journal.left == 0:
+            os.kill(os.getpid(), signal.SIGKILL)
         return outcome
 
 
@@ -111,14 +119,16 @@ def main() -> None:
 
 def die(place: Path, life: int, moments: random.Random) -> int:
     """Start programs at once, and wait until they are dead; return how many were killed."""
-    seconds = [moments.uniform(SHORTEST, LONGEST) for _ in range(TOGETHER)]
     children = []
-    for program, left in enumerate(seconds):
+    for program in range(TOGETHER):
+        moving = moments.random() < 0.5
+        last = moments.randint(1, BEHAVIORS) if moving else 0
+        seconds = 0.0 if moving else moments.uniform(SHORTEST, LONGEST)  # 0: without end
         child = os.fork()
         if child == 0:
             signal.signal(signal.SIGPROF, signal.SIG_DFL)  # the system ends it, Python does nothing
-            signal.setitimer(signal.ITIMER_PROF, left)
-            run(place, Journal(place, life, program), trials=sys.maxsize)
+            signal.setitimer(signal.ITIMER_PROF, seconds)
+            run(place, Journal(place, life, program, last), trials=sys.maxsize)
             os._exit(0)
         children.append(child)
     ends = [os.waitpid(child, 0)[1] for child in children]
@@ -153,19 +163,22 @@ def load(place: Path) -> Learner:
 
 def go_on(learner: Learner, place: Path, journal: Journal) -> Learner:
     """Resume what was broken off, recall what is only in the logs, tell what was not told."""
-    for draft in sorted((place / "logs").rglob("*.active")):
+    drafts = {stem_of(draft): draft for draft in sorted((place / "logs").rglob("*.active"))}
+    for name, draft in drafts.items():
         try:
             session = learner.resume(draft)
         except LogError as fault:
             if "learned other things" in str(fault):
-                journal.note("refused", draft.name)
+                journal.note("refused", name)
                 recover(draft)
             continue  # another program drives it, or has ended it; or nothing had begun
-        journal.note("resumed", draft.name)
+        journal.note("resumed", name)
         finish(session, journal)
     remember(learner, place)
-    for trial in trials_in(place):
-        if learner.experience.told_in(trial.task.key).max() < 0:
+    record = learner.experience
+    untold = {key for key in record.trials if record.told_in(key).max() < 0}
+    for trial in trials_in(place) if untold else ():
+        if trial.task.key in untold:
             tell(learner, trial, journal)
     return save(learner, place, journal)
 
@@ -173,10 +186,13 @@ def go_on(learner: Learner, place: Path, journal: Journal) -> Learner:
 def recover(draft: Path) -> None:
     """Keep a trial that cannot go on as far as it went, as `meal-bayes log recover` does."""
     try:
-        recover_log(draft)
-    except LogError:  # the other program has recovered it
+        broken = interrupted(draft)
+    except LogError:  # the other program drives it, or has recovered it
         return
-    draft.unlink(missing_ok=True)
+    recover_log(broken.path)
+    for each in drafts_of(broken.path):
+        each.unlink()
+    broken.release()
 
 
 def finish(session: Session, journal: Journal) -> None:
@@ -238,7 +254,7 @@ def check(place: Path) -> Counter[str]:
     for error in of_kind["error"]:
         print(error["what"], file=sys.stderr)
     found["errors"] = len(of_kind["error"])
-    found["errors"] += any((place / "logs").rglob("*.active"))  # a draft that nobody needs
+    found["errors"] += sum(map(holds_trial, (place / "logs").rglob("*.active")))
     executed = Counter(each["what"] for each in of_kind["executed"])
     lives = {(each["what"], each["life"]) for each in of_kind["executed"]}
     at_once = Counter((name, life.partition("-")[0]) for name, life in lives)
@@ -264,6 +280,14 @@ def check(place: Path) -> Counter[str]:
         told = {each["what"] for each in of_kind["told"]}
         found["labels lost"] += sum(labels_wrong(learner, name) for name in told)
     return found
+
+
+def holds_trial(draft: Path) -> bool:
+    """Return whether a draft that was left holds a trial; a program may die before one begins."""
+    try:
+        return any(True for _ in salvage(draft))
+    except LogError:
+        return False
 
 
 def behaviors_of(trial: Trial) -> list[Any]:
