@@ -108,3 +108,49 @@ def test_a_log_is_told_of_without_any_cache(tmp_path):
     assert done.returncode == 0, done.stderr
     assert "5 trials" in done.stdout
     assert done.stderr.count("\n") <= 1
+
+
+TWO = """
+import sys
+import time
+from pathlib import Path
+from numba.core import event
+from meal_bayes.cache import compile_kernel
+from test_cache_kernel import add_one
+folder = Path(sys.argv[1])
+class Watch(event.Listener):
+    def on_start(self, compiling):
+        with (folder / "compiled").open("a") as file:
+            file.write("once\\n")
+        while len(list(folder.glob("here*"))) < 2:  # until the other is about to compile, too
+            time.sleep(0.01)
+    def on_end(self, compiling):
+        pass
+kernel = compile_kernel(add_one)
+(folder / ("here" + sys.argv[2])).touch()
+with event.install_listener("numba:compile", Watch()):
+    print(kernel(1))
+"""
+
+
+@pytest.mark.long
+def test_of_two_programs_at_once_one_compiles_and_the_other_loads(tmp_path):
+    (tmp_path / "test_cache_kernel.py").write_text("def add_one(x):\n    return x + 1\n")
+    environment = {
+        **os.environ,
+        "NUMBA_CACHE_DIR": str(tmp_path / "cache"),
+        "PYTHONPATH": os.pathsep.join([str(tmp_path), str(ROOT)]),
+    }
+    programs = [
+        subprocess.Popen(
+            [sys.executable, "-c", TWO, str(tmp_path), number],
+            env=environment,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        for number in "12"
+    ]
+    for program in programs:
+        assert program.communicate(timeout=100)[0] == "2\n"
+    assert (tmp_path / "compiled").read_text() == "once\n"
