@@ -1,7 +1,6 @@
 """The terminal: consoles, characters that every terminal can show, progress."""
 
 import contextlib
-import functools
 import json
 import math
 import textwrap
@@ -229,16 +228,28 @@ def resumed(noun: str) -> Iterator[Advance]:
 
 @contextlib.contextmanager
 def showing_compilation() -> Iterator[None]:
-    """Show that kernels are compiled, once after an install."""
-    from meal_bayes.planners import watch_compilation
+    """Show which kernels are compiled, and how many are: moving on a terminal, else a line each.
 
-    text = "compiling the planner, once after an install ..."
+    Nothing is shown where all are loaded, as in most programs.
+    """
+    from meal_bayes.planners import Compiling, watch_compilation
+
+    text = "compiling the planner, once after an install"
     console = output(stderr=True)
-    # Shown only once something is compiled: most programs load what an earlier one compiled.
     status = console.status(text, spinner="line")
-    start = status.start if console.is_terminal else functools.cache(lambda: note(text))
+    announced = set[str]()
+
+    def report(now: Compiling) -> None:
+        if console.is_terminal:
+            counted = f"{now.done} of at most {now.most} kernels"
+            status.update(f"{text}: {now.entry}, {counted} ({now.kernel})")
+            status.start()
+        elif now.entry not in announced:
+            announced.add(now.entry)
+            note(f"{text}: {now.entry}, at most {now.most} kernels")
+
     try:
-        with watch_compilation(start, status.stop):
+        with watch_compilation(report, status.stop):
             yield
     finally:
         status.stop()

@@ -6,7 +6,7 @@ In: a `MOMDP`. Out: `Policy`, `Decision`.
 from meal_bayes.planners.baselines import Greedy, Predefined, Random, RandomLegal, Untouched
 from meal_bayes.planners.factored.batched import batched_value_iteration
 from meal_bayes.planners.factored.policy import Factored
-from meal_bayes.planners.kernels import watch_compilation
+from meal_bayes.planners.kernels import Compiling, watch_compilation
 from meal_bayes.planners.open_loop.policy import OpenLoop, OpenLoopPolicy
 from meal_bayes.planners.pomcp.policy import POMCP
 from meal_bayes.planners.precompile import warm_up
@@ -33,8 +33,9 @@ from meal_bayes.planners.solver import (
 )
 
 __all__ = [
-    "EMPTY", "POMCP", "RULE", "Decision", "Factored", "GoingOn", "Greedy", "Hand", "History",
-    "Move", "OpenLoop", "OpenLoopPolicy", "Policy", "Predefined", "Prospect", "Prospector",
-    "Random", "RandomLegal", "Remembering", "SharedPlans", "Solver", "TreeEdge", "Untouched",
-    "batched_value_iteration", "best_move", "unvalued", "warm_up", "watch_compilation", "ways_back",
+    "EMPTY", "POMCP", "RULE", "Compiling", "Decision", "Factored", "GoingOn", "Greedy", "Hand",
+    "History", "Move", "OpenLoop", "OpenLoopPolicy", "Policy", "Predefined", "Prospect",
+    "Prospector", "Random", "RandomLegal", "Remembering", "SharedPlans", "Solver", "TreeEdge",
+    "Untouched", "batched_value_iteration", "best_move", "unvalued", "warm_up",
+    "watch_compilation", "ways_back",
 ]  # fmt: skip

@@ -28,13 +28,14 @@ import functools
 import hashlib
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 from numba import _dynfunc, njit
 from numba.core import event
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler, Flags
+from numba.core.dispatcher import Dispatcher
 
 from meal_bayes.cache import compile_kernel
 
@@ -163,25 +164,58 @@ def _versioned(compiled: Callable[..., Any]) -> Callable[..., Any]:
     return compiled
 
 
+class Compiling(NamedTuple):
+    """How far the compilation of an entry kernel is."""
+
+    entry: str  # name of the entry kernel
+    kernel: str  # name of the kernel that is being compiled
+    done: int  # kernels that are compiled for it
+    most: int  # kernels that it may lead to, itself included
+
+
+def _reachable(kernel: Any, found: set[Any]) -> set[Any]:
+    """Find the kernels that a kernel may call, and those that they may; itself included."""
+    found.add(kernel)
+    for name in kernel.py_func.__code__.co_names:
+        called = kernel.py_func.__globals__.get(name)
+        if isinstance(called, Dispatcher) and called not in found:
+            _reachable(called, found)
+    return found
+
+
 class _Watch(event.Listener):  # type: ignore[misc]  # numba has no types
-    def __init__(self, begin: Callable[[], None], end: Callable[[], None]) -> None:
-        self._begin = begin
+    def __init__(self, report: Callable[[Compiling], None], end: Callable[[], None]) -> None:
+        self._report = report
         self._end = end
-        self._depth = 0
+        self._stack: list[Any] = []
+        self._done: set[Any] = set()
+        self._reachable: set[Any] = set()
 
-    def on_start(self, event: object) -> None:
-        self._depth += 1
-        if self._depth == 1:
-            self._begin()
+    def on_start(self, started: Any) -> None:
+        kernel = started.data["dispatcher"]
+        if not self._stack:
+            self._done = set()
+            self._reachable = _reachable(kernel, set())
+        self._stack.append(kernel)
+        # What numba compiles of its own on the way counts as part of the kernel that needs it.
+        if kernel in self._reachable:
+            entry = self._stack[0].__name__
+            counts = len(self._done), len(self._reachable)
+            self._report(Compiling(entry, kernel.__name__, *counts))
 
-    def on_end(self, event: object) -> None:
-        self._depth -= 1
-        if self._depth == 0:
+    def on_end(self, ended: Any) -> None:
+        self._done |= self._reachable & {self._stack.pop()}
+        if not self._stack:
             self._end()
 
 
 @contextlib.contextmanager
-def watch_compilation(begin: Callable[[], None], end: Callable[[], None]) -> Iterator[None]:
-    """Call `begin` and `end` around everything that is compiled meanwhile; not around loading."""
-    with event.install_listener("numba:compile", _Watch(begin, end)):
+def watch_compilation(
+    report: Callable[[Compiling], None], end: Callable[[], None]
+) -> Iterator[None]:
+    """Call `report` with every kernel that is compiled meanwhile, and `end` after an entry kernel.
+
+    Nothing is called where kernels are loaded that an earlier program compiled.
+    """
+    with event.install_listener("numba:compile", _Watch(report, end)):
         yield

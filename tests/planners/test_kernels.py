@@ -6,9 +6,12 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numba
 import pytest
 
 import meal_bayes
+from meal_bayes.cli.console import showing_compilation
+from meal_bayes.planners import watch_compilation
 
 
 def run(script, cwd=None, **environment):
@@ -37,6 +40,40 @@ warm_up(OpenLoop())
 assert settings() == before and len(before) > 50
 """
     run(script)
+
+
+@numba.njit
+def add_one(x):
+    return x + 1
+
+
+@numba.njit
+def add_none(x):
+    return x
+
+
+@numba.njit
+def add_two(x, offset):
+    if offset is not None:
+        return add_none(x)
+    return add_one(add_one(x))
+
+
+def test_a_line_tells_which_kernels_are_compiled(capsys):
+    """Whatever a kernel leads to is counted, also what an argument that is None leaves out."""
+    with showing_compilation():
+        assert add_two(0, None) == 2
+        assert add_two(1, None) == 3
+    text = capsys.readouterr().err
+    assert text == "compiling the planner, once after an install: add_two, at most 3 kernels\n"
+
+
+def test_compilation_is_watched_kernel_by_kernel():
+    seen, ended = [], []
+    with watch_compilation(seen.append, lambda: ended.append(len(seen))):
+        assert add_two(0.0, None) == 2.0
+    assert seen == [("add_two", "add_two", 0, 3), ("add_two", "add_one", 0, 3)]
+    assert ended == [2]
 
 
 SIGNATURES = """
