@@ -90,7 +90,7 @@ def print_search(search: "Search", path: Path, *, as_json: bool) -> None:
         return
     rows = []
     for name, trial in search.trials.items():
-        probability = float(trial.momdp.reports.probability(trial.last_belief.positive))
+        probability = float(trial.momdp.reports.probability(trial.last_belief))
         behaviors = [
             trial.momdp.action_name(step.decision.action)
             for step in trial.steps

@@ -16,15 +16,16 @@ from meal_bayes.trials.text import (
     final_facts,
     gap_text,
     outcome_text,
+    together_text,
 )
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    import numpy as np
     from numpy.typing import NDArray
 
     from meal_bayes.domain import Query
+    from meal_bayes.momdp import Belief
     from meal_bayes.trials import Trial
 
 _BAR = 30  # characters
@@ -38,7 +39,9 @@ def print_trial(console: Console, trial: "Trial") -> None:
     spent = 0.0
     headed = ""  # the heads that stand above the values of an earlier step
     console.print(Text("before any behavior", "bold"))
-    _print_belief(console, *_beliefs(trial, trial.first_belief.positive))
+    _print_belief(console, *_beliefs(trial, trial.first_belief))
+    if together := together_text(momdp):
+        print_facts(console, {"together": together})
     for number, step in enumerate(trial.steps, start=1):
         action = step.decision.action
         spent = spent + step.cost
@@ -55,7 +58,7 @@ def print_trial(console: Console, trial: "Trial") -> None:
             pairs = zip(query.questions, percepts, strict=True)
             outcome["percept"] = ", ".join(f"{name}: {word}" for (name, _), word in pairs)
         print_facts(console, outcome | facts, warning="yellow")
-        _print_belief(console, *_beliefs(trial, step.belief.positive))
+        _print_belief(console, *_beliefs(trial, step.belief))
         print_facts(console, {"cost": f"{step.cost:g} s, in all {spent:.1f} s"})
     console.print()
     _print_end(console, trial)
@@ -99,15 +102,14 @@ def _print_values(console: Console, trial: "Trial", number: int, headed: str) ->
     return headed
 
 
-def _beliefs(
-    trial: "Trial", positive: "NDArray[np.float64]"
-) -> "tuple[Sequence[str], Sequence[float]]":
+def _beliefs(trial: "Trial", belief: "Belief") -> "tuple[Sequence[str], Sequence[float]]":
     """Return names and probabilities: of yes, where it is asked, and of the attributes."""
     names = trial.task.query.value_names
-    event = trial.momdp.reports.probability_now(positive)
+    positive = belief.positive.tolist()
+    event = trial.momdp.reports.probability_now(belief)
     if event is None:
-        return names, positive.tolist()
-    return ("yes", *names), [event, *positive.tolist()]
+        return names, positive
+    return ("yes", *names), [event, *positive]
 
 
 def _print_belief(console: Console, names: "Sequence[str]", positive: "Sequence[float]") -> None:
@@ -126,7 +128,7 @@ def print_answer(console: Console, trial: "Trial") -> None:
     """Print what a finished trial did and believed in the end, and its answer."""
     _, facts = trial._facts()
     asked = {"question": trial.task.question, "object": trial.task.object_name}
-    names = ("steps", "belief", "warnings")
+    names = ("together", "steps", "belief", "warnings")
     done = {name: facts[name] for name in names if name in facts}
     print_facts(console, asked | done, warnings="yellow")
     _print_end(console, trial)

@@ -30,6 +30,24 @@ def _sizes(attributes: int, groups: tuple[tuple[int, ...], ...]) -> tuple[int, .
     return tuple(max(2, len(places)) for places in _variables(attributes, groups))
 
 
+def value_table(attributes: int, groups: tuple[tuple[int, ...], ...]) -> NDArray[np.bool_]:
+    """Return all value vectors (Y,N); the first variable is the most significant."""
+    sizes = _sizes(attributes, groups)
+    digits = np.unravel_index(np.arange(math.prod(sizes)), sizes)
+    return freeze(_bits(attributes, groups, digits).T, np.bool_)
+
+
+def _bits(
+    attributes: int, groups: tuple[tuple[int, ...], ...], digits: Sequence[Any]
+) -> NDArray[np.bool_]:
+    """Return the attributes' values (N,...) of a digit (...) for each variable."""
+    bits = np.zeros((attributes, *np.shape(digits[0])), bool)
+    for places, digit in zip(_variables(attributes, groups), digits, strict=True):
+        for number, place in enumerate(places, start=len(places) == 1):
+            bits[place] = digit == number
+    return bits
+
+
 @dataclass(frozen=True, slots=True)
 class Query:
     """The vector **p** of queried attributes, and which of them are the values of one variable.
@@ -186,16 +204,7 @@ class Query:
             raise QueryError(
                 f"2^{len(self)} value vectors do not fit in a table; ask fewer attributes."
             )
-        digits = np.unravel_index(np.arange(self.n_values), self._sizes)
-        return freeze(self._bits(digits).T, np.bool_)
-
-    def _bits(self, digits: Sequence[Any]) -> NDArray[np.bool_]:
-        """Return the attributes' values (N,...) of a digit (...) for each variable."""
-        bits = np.zeros((len(self), *np.shape(digits[0])), bool)
-        for places, digit in zip(self.variables, digits, strict=True):
-            for number, place in enumerate(places, start=len(places) == 1):
-                bits[place] = digit == number
-        return bits
+        return value_table(len(self), self.groups)
 
     @property
     def n_reports(self) -> int:
@@ -240,7 +249,7 @@ class Query:
         for size in reversed(self._sizes):
             index, digit = divmod(index, size)
             digits.append(digit)
-        return freeze(self._bits(digits[::-1]), np.bool_)
+        return freeze(_bits(len(self), self.groups, digits[::-1]), np.bool_)
 
     def report_name(self, values: Sequence[bool] | NDArray[np.bool_] | None) -> str:
         """Format a report: yes or no, or values, of a group the true one; None abstains."""

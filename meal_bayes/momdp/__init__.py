@@ -18,7 +18,13 @@ from meal_bayes.momdp.belief import (
     report_value,
     update_belief,
 )
-from meal_bayes.momdp.build import Objective, add_itrs_bonus, build_momdp, observation_entropy
+from meal_bayes.momdp.build import (
+    Objective,
+    add_itrs_bonus,
+    build_momdp,
+    observation_entropy,
+    with_joint_prior,
+)
 from meal_bayes.momdp.exchange import FlatPOMDP, flatten, percept_probabilities
 from meal_bayes.momdp.model import MOMDP
 from meal_bayes.momdp.observation import predictive
@@ -29,6 +35,6 @@ __all__ = [
     "MOMDP", "Belief", "FlatPOMDP", "Objective", "Reports", "Transition", "add_itrs_bonus",
     "answer_value", "belief_of", "best_answer", "best_report", "build_momdp", "expected_reward",
     "flatten", "initial_belief", "next_percept", "observation_entropy", "percept_probabilities",
-    "predictive", "report_certainty", "report_value", "update_belief", "write_pomdp",
-    "write_pomdpx",
+    "predictive", "report_certainty", "report_value", "update_belief", "with_joint_prior",
+    "write_pomdp", "write_pomdpx",
 ]  # fmt: skip

@@ -1,15 +1,6 @@
-"""The exact belief filter: N times C log-probabilities and percept counts, never 2^N numbers.
+"""The exact belief filter: N times C log-probabilities and percept counts.
 
-Percepts of different attributes are independent given the truth, so the filter runs over each
-attribute alone. Of a group, exactly one attribute is true; its posterior needs nothing else than
-each value's likelihood ratio L_k = Pr(percepts | true) / Pr(percepts | false), from that filter:
-
-    Pr(k | percepts) ~ prior_k L_k^((K - 1) / K)
-
-Without the power this is the prior restricted to the joint values that are allowed. But the K
-percepts come from the same features, each tells its value from the K - 1 others, and they hold the
-evidence of K - 1: the percept of the second of two values is that of the first, and would count
-twice. For weak evidence from equal features the power is exact, for two values always.
+What they say of the truth, of attributes alone, of groups and jointly, is in `truths.py`.
 """
 
 from dataclasses import dataclass, replace
@@ -20,9 +11,11 @@ from numpy.typing import NDArray
 
 from meal_bayes.arrays import FrozenArrays, freeze
 from meal_bayes.display import bar_html, facts_repr, listed, table_html
+from meal_bayes.domain.query import value_table
 from meal_bayes.errors import ImpossibleObservation, SettingsError
 from meal_bayes.momdp.model import MOMDP
 from meal_bayes.momdp.observation import predictive
+from meal_bayes.momdp.truths import by_variable, truths_of
 
 
 class Transition(NamedTuple):
@@ -59,6 +52,8 @@ class Belief(FrozenArrays):
         (N,) of the truth, see `belief_of`.
     groups : tuple[tuple[int, ...], ...]
         Places of attributes of which exactly one is true, as in the query.
+    joint_table : NDArray[np.float64] | None
+        (Y,) Pr(values) where the prior is a joint one; `log_odds` are of its margins.
     """
 
     x: int
@@ -66,6 +61,7 @@ class Belief(FrozenArrays):
     percept_counts: NDArray[np.int64]
     log_odds: NDArray[np.float64]
     groups: tuple[tuple[int, ...], ...] = ()
+    joint_table: NDArray[np.float64] | None = None
 
     __repr__ = facts_repr
 
@@ -92,17 +88,18 @@ class Belief(FrozenArrays):
     @property
     def marginals(self) -> list[NDArray[np.float64]]:
         """Probabilities of each variable's values, in the order of `Query.variables`."""
-        positive = self.positive
-        places = {i: group for group in self.groups for i in group}
-        return [
-            positive[list(places[i])] if i in places else np.array([1.0 - p, p])
-            for i, p in enumerate(positive)
-            if i == min(places.get(i, (i,)))
-        ]
+        return by_variable(self.positive, self.groups)
+
+    @property
+    def factors(self) -> list[NDArray[np.float64]]:
+        """The `marginals`, of which the belief is the product; one of all values where coupled."""
+        return self.marginals if self.joint_table is None else [self.joint_table]
 
     @property
     def joint(self) -> NDArray[np.float64]:
         """Pr(y) of every value vector, (Y,); small N only."""
+        if self.joint_table is not None:
+            return self.joint_table
         joint = np.ones(1)
         for row in self.marginals:
             joint = np.concatenate([joint[:, None] * p for p in row], 1).ravel()
@@ -111,13 +108,20 @@ class Belief(FrozenArrays):
     @property
     def best_report(self) -> NDArray[np.bool_]:
         """The most probable value vector, (N,)."""
+        if self.joint_table is not None:
+            return np.asarray(self._values[self.joint_table.argmax()])
         best = self.log_odds > 0
         for group in map(list, self.groups):
             best[group] = np.arange(len(group)) == self.log_odds[group].argmax()
         return freeze(best, np.bool_)
 
     def agreement(self, report: NDArray[np.bool_]) -> NDArray[np.float64]:
-        """Return factors (N,) of Pr(a report is right); 1 for the values that a group has not."""
+        """Return factors of Pr(a report is right), (N,), 1 for the values that a group has not.
+
+        Where attributes are coupled there is one factor.
+        """
+        if self.joint_table is not None:
+            return np.asarray(self.joint_table[(self._values == report).all(axis=1)])
         grouped = np.isin(np.arange(len(report)), [i for group in self.groups for i in group])
         false = np.where(grouped, 1.0, 1.0 - self.positive)
         return np.asarray(np.where(report, self.positive, false))
@@ -129,7 +133,9 @@ class Belief(FrozenArrays):
 
     @property
     def right(self) -> NDArray[np.float64]:
-        """Pr(variable's most probable value is the true one); (N,) without groups."""
+        """Factors of `certainty`: Pr(variable's most probable value); (N,) without groups."""
+        if self.joint_table is not None:
+            return freeze([self.joint_table.max()])
         if self.groups:
             return freeze([row.max() for row in self.marginals])
         return freeze(1.0 / (1.0 + np.exp(-np.abs(self.log_odds))))
@@ -137,37 +143,20 @@ class Belief(FrozenArrays):
     @property
     def entropy(self) -> float:
         """Entropy of the belief, bits."""
-        rows = (np.clip(row, 1e-300, 1.0) for row in self.marginals)
+        rows = (np.clip(row, 1e-300, 1.0) for row in self.factors)
         return float(-sum((row * np.log2(row)).sum() for row in rows))
+
+    @property
+    def _values(self) -> NDArray[np.bool_]:
+        return value_table(len(self.log_odds), self.groups)
 
 
 def belief_of(
     momdp: MOMDP, x: int, log_prob: NDArray[np.float64], percept_counts: NDArray[np.int64]
 ) -> Belief:
     """Return the belief at x of these log-probabilities (N,C) and percept counts (N,E,K)."""
-    odds = log_odds(momdp, log_prob)
-    return Belief(x, log_prob, percept_counts, odds, momdp.query.groups)
-
-
-def log_odds(momdp: MOMDP, log_prob: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Compute the log-odds of the truth, (...,N), from ln Pr(latent class), (...,N,C).
-
-    Percepts and truth are independent given the class, so Pr(truth | class) is the MOMDP's.
-    """
-    log_joint = log_prob[..., None, :] + momdp.log_truth  # (...,N,2,C)
-    with np.errstate(divide="ignore", invalid="ignore"):  # nan where no value is possible
-        of_truth = np.logaddexp.reduce(log_joint, axis=-1)  # (...,N,2)
-        odds = np.asarray(of_truth[..., 1] - of_truth[..., 0])
-        # Values of a group exclude each other: the odds of each are taken as one of K answers.
-        for group in map(list, momdp.query.groups):
-            prior = momdp.prior[group]
-            log_ratio = odds[..., group] - (np.log(prior) - np.log1p(-prior))
-            weight = np.log(prior) + (1 - 1 / len(group)) * log_ratio
-            weight[..., prior == 0] = -np.inf
-            weight[..., prior == 1] = 0.0
-            others = np.where(np.eye(len(group), dtype=bool), -np.inf, weight[..., None, :])
-            odds[..., group] = weight - np.logaddexp.reduce(others, axis=-1)
-    return odds
+    odds, joint_table = truths_of(momdp, log_prob)
+    return Belief(x, log_prob, percept_counts, odds, momdp.query.groups, joint_table)
 
 
 def initial_belief(momdp: MOMDP) -> Belief:
@@ -248,7 +237,7 @@ def next_percept(momdp: MOMDP, belief: Belief) -> NDArray[np.float64]:
     precision = momdp.precision[..., None]
     rows = predictive(momdp.confusion, precision, counts, total)  # (N,E,C,K)
     prob = np.exp(belief.log_prob[:, None] + momdp.log_truth)  # (N,2,C) Pr(truth, class)
-    if belief.groups:
+    if momdp.coupled:
         truth = np.stack([1.0 - belief.positive, belief.positive], axis=1)
         prob *= (truth / prob.sum(axis=2).clip(1e-300))[..., None]
     return np.asarray(np.einsum("nvc,neck->nevk", prob, rows))
@@ -274,7 +263,7 @@ def report_value(momdp: MOMDP, belief: Belief) -> float:
 def _yes_or_no_values(momdp: MOMDP, belief: Belief) -> NDArray[np.float64]:
     """Compute the expected rewards (2,) of no and yes."""
     reports = momdp.reports
-    return reports.answers(reports.probability(belief.positive), momdp.no_cost[belief.x])
+    return reports.answers(reports.probability(belief), momdp.no_cost[belief.x])
 
 
 def expected_reward(momdp: MOMDP, belief: Belief, report: NDArray[np.bool_]) -> float:
@@ -289,7 +278,7 @@ def report_certainty(momdp: MOMDP, belief: Belief, report: NDArray[np.bool_]) ->
     """Compute Pr(a report is right) at a belief, of (N,) values, or (1,) yes."""
     if momdp.reports.event is None:
         return float(belief.agreement(report).prod())
-    p = float(momdp.reports.probability(belief.positive))
+    p = float(momdp.reports.probability(belief))
     return p if report[0] else 1.0 - p
 
 

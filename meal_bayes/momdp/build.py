@@ -133,6 +133,29 @@ def build_momdp(
     )
 
 
+def with_joint_prior(momdp: MOMDP, joint: ArrayLike) -> MOMDP:
+    """Return the MOMDP with a joint prior, whose margins become `prior`.
+
+    Parameters
+    ----------
+    momdp : MOMDP
+        The problem, of any prior.
+    joint : ArrayLike
+        (Y,) Pr(values) in the order of `Query.values`, where attributes exclude or imply each
+        other.
+
+    Raises
+    ------
+    SettingsError
+        No distribution over the values of the query.
+    """
+    table = np.asarray(joint, dtype=float)
+    n_values = momdp.query.n_values
+    if table.shape != (n_values,):
+        raise SettingsError(f"joint has shape {table.shape}; expected ({n_values},).")
+    return replace(momdp, joint=table, prior=(table @ momdp.query.values).clip(0.0, 1.0))
+
+
 def _with_answers(
     domain: Domain, rows: Floats, spread: Floats, classes: Floats
 ) -> tuple[Floats, Floats, Floats]:

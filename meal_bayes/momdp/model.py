@@ -71,6 +71,9 @@ class MOMDP:
     no_cost : NDArray[np.float64]
         (X,) s that the answer "no" costs in x, as where an object is put down before it is left for
         others; 0 by default. Known to planning alone: a trial that ends with "no" does not pay it.
+    joint : NDArray[np.float64] | None
+        (Y,) Pr(values) before the trial, in the order of `Query.values`, of which `prior` are the
+        margins; None where attributes, or groups, are independent.
     x_labels : tuple[str, ...]
         (X-1,) what people read in place of the names of the x, or none; see `state_label`.
     log_truth : NDArray[np.float64]
@@ -98,6 +101,7 @@ class MOMDP:
     abstain: bool = False
     payoffs: Payoffs | None = None
     no_cost: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
+    joint: NDArray[np.float64] | None = None
     x_labels: tuple[str, ...] = ()
     log_truth: NDArray[np.float64] = field(init=False, repr=False)
 
@@ -131,6 +135,7 @@ class MOMDP:
         for group in self.query.groups:
             if not np.isclose(self.prior[list(group)].sum(), 1.0):
                 raise SettingsError(f"MOMDP.prior of a group must sum to 1, found {self.prior}.")
+        self._check_joint()
         tiny = np.nextafter(0.0, 1.0)
         huge = np.finfo(float).max
         for name, low, high, text in (
@@ -155,6 +160,17 @@ class MOMDP:
                 raise SettingsError("Payoffs are of yes and no, but values are asked.")
             if (max(self.payoffs), min(self.payoffs)) != (self.correct, self.incorrect):
                 raise SettingsError(f"{self.payoffs} need correct and incorrect as their extremes.")
+
+    def _check_joint(self) -> None:
+        if self.joint is None:
+            return
+        if self.joint.shape != (self.query.n_values,):
+            expected = f"({self.query.n_values},)"
+            raise SettingsError(f"MOMDP.joint has shape {self.joint.shape}; expected {expected}.")
+        if not (self.joint >= 0.0).all() or not np.isclose(self.joint.sum(), 1.0):
+            raise SettingsError("MOMDP.joint must be >= 0 and sum to 1.")
+        if not np.allclose(self.joint @ self.query.values, self.prior, atol=1e-6):
+            raise SettingsError("MOMDP.prior must be the margins of MOMDP.joint.")
 
     def _log_truth(self) -> NDArray[np.float64]:
         """Compute ln Pr(truth | class) in logarithms, so that tiny probabilities stay exact."""
@@ -196,6 +212,11 @@ class MOMDP:
     def levels(self) -> int:
         """K, the levels of a percept; the upper half speaks for "true"."""
         return int(self.confusion.shape[-1])
+
+    @property
+    def coupled(self) -> bool:
+        """Whether attributes depend on each other: values of a group, or by the joint prior."""
+        return bool(self.query.groups) or self.joint is not None
 
     @property
     def n_classes(self) -> int:

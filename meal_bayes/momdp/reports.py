@@ -2,20 +2,35 @@
 
 The kind of the question decides this one value; planners, beliefs, trials and files ask it. A
 report of values is right in all attributes, or wrong. Yes and no are about an event E, a
-conjunction over independent variables or its complement, so that Pr(E) is a product:
+conjunction over variables or its complement. Where these are independent Pr(E) is a product, else
+the sum over the values at which E holds:
 
     yes: wrong_yes + (right_yes - wrong_yes) Pr(E)
     no:  wrong_no + (right_no - wrong_no) (1 - Pr(E)), less what "no" costs in x
 """
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from meal_bayes.arrays import Floats
 from meal_bayes.domain import Event, Payoffs, Query
+
+
+class Believed(Protocol):
+    """What is believed of the truth, at one belief or at any number (...)."""
+
+    @property
+    def positive(self) -> Floats:
+        """Pr(attribute is true), (...,N)."""
+        ...
+
+    @property
+    def joint_table(self) -> Floats | None:
+        """Pr(values), (...,Y), where attributes are coupled by the prior."""
+        ...
 
 
 class Conjunction(NamedTuple):
@@ -63,7 +78,7 @@ class Reports:
 
     @property
     def conjunction(self) -> Conjunction | None:
-        """Yes or no for kernels; None where values are reported, or groups are asked."""
+        """Yes or no for kernels; None where values are reported."""
         event = self.event
         if event is None:
             return None
@@ -89,16 +104,22 @@ class Reports:
             denial_cost=costs[1],
         )
 
-    def probability(self, positive: Floats) -> Floats:
-        """Compute Pr(yes is right) at Pr(attribute is true) (...,N)."""
+    def probability(self, belief: Believed) -> Floats:
+        """Compute Pr(yes is right) (...) at one or more beliefs."""
         event = self.event
         if event is None:
             raise ValueError("values have no event")
-        return event.probability(positive, self.query.variables)
+        if belief.joint_table is not None:
+            return np.asarray(belief.joint_table @ self._holds(event))
+        return event.probability(belief.positive, self.query.variables)
 
-    def probability_now(self, positive: Floats) -> float | None:
+    def probability_now(self, belief: Believed) -> float | None:
         """Return Pr(yes is right) of a question of yes or no; None of values."""
-        return None if self.query.event is None else float(self.probability(positive))
+        return None if self.query.event is None else float(self.probability(belief))
+
+    def _holds(self, event: Event) -> Floats:
+        """Return at which values (Y,) the event holds: 1 or 0."""
+        return event.probability(self.query.values.astype(float), self.query.variables)
 
     def answers(self, probability: ArrayLike, no_cost: Floats | float = 0.0) -> Floats:
         """Compute the expected rewards (...,2) of no and yes at Pr(yes is right).
@@ -126,4 +147,4 @@ class Reports:
         values = self.query.values
         if self.event is None:
             return self.of_right((values[:, None] == values).astype(float))
-        return self.answers(self.probability(values.astype(float)))
+        return self.answers(self._holds(self.event))

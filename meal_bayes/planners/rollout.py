@@ -157,6 +157,8 @@ def _object(world: MOMDP, rng: np.random.Generator) -> tuple[NDArray[np.bool_], 
     for group in map(list, world.query.groups):
         # Of a group exactly one value is true.
         true[group] = np.arange(len(group)) == _draw(world.prior[group], rng)
+    if world.joint is not None:
+        true = world.query.values[_draw(world.joint, rng)]
     attributes = np.arange(len(true))
     latent = [_draw(world.latent_classes[i, v], rng) for i, v in enumerate(true.astype(int))]
     mean = world.confusion[attributes, :, latent]

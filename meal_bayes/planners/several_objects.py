@@ -278,6 +278,7 @@ class SharedPlans:
     def __call__(self, momdp: MOMDP) -> Policy:
         """Return the policy of a problem."""
         arrays = {name: np.ascontiguousarray(getattr(momdp, name)).tobytes() for name in ARRAYS}
+        arrays["joint"] = b"" if momdp.joint is None else momdp.joint.tobytes()
         answers = momdp.payoffs, arrays.pop("no_cost")
         policies = self._solved.setdefault(tuple(arrays.values()), {})
         if answers not in policies:

@@ -6,7 +6,7 @@ import numpy as np
 
 from meal_bayes.arrays import Floats
 from meal_bayes.domain import Domain, Query, load_domain
-from meal_bayes.momdp import MOMDP, Objective, build_momdp
+from meal_bayes.momdp import MOMDP, Objective, build_momdp, with_joint_prior
 
 _PERCEPTS = 2  # of a behavior: used up soon
 
@@ -45,6 +45,8 @@ def example_problems(seed: int = 0, *, known_rows: bool = False) -> Iterator[MOM
     classes = rng.dirichlet(np.ones(3), (2, 2))
     shared = rng.dirichlet(np.ones(4), (2, len(toy.behaviors), 3))
     yield build_momdp(toy, _query(toy, 2), shared, 2.0, latent_classes=classes)
+    exclusive = [0.3, 0.4, 0.3, 0.0]
+    yield with_joint_prior(build_momdp(toy, _query(toy, 2), shared[:, :, :2], 2.0), exclusive)
 
 
 def _query(domain: Domain, n: int) -> Query:

@@ -170,7 +170,7 @@ class TrialRecord(FrozenArrays):
     @property
     def probability(self) -> float | None:
         """Pr(yes is right) when the trial ended, of a question of yes or no; None of values."""
-        return self.momdp.reports.probability_now(self.last_belief.positive)
+        return self.momdp.reports.probability_now(self.last_belief)
 
     @property
     def cost(self) -> float:

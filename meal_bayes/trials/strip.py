@@ -17,6 +17,7 @@ from matplotlib.figure import Figure
 from meal_bayes.arrays import Floats
 from meal_bayes.canvas import drawn_in_style
 from meal_bayes.display import percent
+from meal_bayes.momdp import Belief
 from meal_bayes.planners import RULE
 from meal_bayes.trials.percept_text import SILENT, attribute_labels
 from meal_bayes.trials.placing import (
@@ -53,7 +54,7 @@ class _Moment(NamedTuple):
     end: float
     failed: bool
     words: Sequence[str]  # of each attribute's percept; "" of none
-    belief: Floats  # (N,) after it
+    belief: Belief  # after it
 
 
 class _Line(NamedTuple):
@@ -148,7 +149,7 @@ def _moments(trial: TrialRecord) -> Iterator[_Moment]:
             words = ["" if label == SILENT else label for label in labels]
         failed = step.observation is None and (senses or nothing_changed)
         name = momdp.behavior_names[action]
-        yield _Moment(name, begin, seconds, failed, words, step.belief.positive)
+        yield _Moment(name, begin, seconds, failed, words, step.belief)
 
 
 def _draw_title(figure: Figure, trial: TrialRecord, look: Look) -> None:
@@ -226,16 +227,17 @@ def _draw_blocks(ax: Axes, moments: Sequence[_Moment], trial: TrialRecord, look:
     )
 
 
-def _belief_lines(trial: TrialRecord, beliefs: Floats, look: Look) -> list[_Line]:
-    """Return the lines of beliefs (T+1,N): attributes, and Pr(yes) of a question of yes or no."""
+def _belief_lines(trial: TrialRecord, believed: Sequence[Belief], look: Look) -> list[_Line]:
+    """Return the lines of beliefs: attributes, and Pr(yes) of a question of yes or no."""
     query = trial.task.query
+    beliefs = np.array([belief.positive for belief in believed])  # (T+1,N)
     truths = [*trial.truth.tolist(), *[-1] * len(query)]
     lines = [
         _Line(name, beliefs[:, place], truths[place], look.color(place), look.text_color(place))
         for place, name in enumerate(query.value_names[:_ATTRIBUTES])
     ]
     if query.event is not None:
-        values = np.asarray(trial.momdp.reports.probability(beliefs))
+        values = np.array([trial.momdp.reports.probability(belief) for belief in believed])
         truth = int(query.report_truth(trial.truth)[0])
         lines.append(_Line("yes", values, truth, look.ink, look.ink))
     return lines
@@ -247,8 +249,9 @@ def _draw_beliefs(ax: Axes, moments: Sequence[_Moment], trial: TrialRecord, look
     A circle at the right end is the truth.
     """
     times = np.array([0.0, *(moment.end for moment in moments)])
-    beliefs = np.array([trial.first_belief.positive, *(moment.belief for moment in moments)])
-    lines = _belief_lines(trial, beliefs, look)
+    believed = [trial.first_belief, *(moment.belief for moment in moments)]
+    beliefs = np.array([belief.positive for belief in believed])
+    lines = _belief_lines(trial, believed, look)
     ax.set(ylim=(-0.08, 1.12), yticks=[0, 0.5, 1], yticklabels=[])
     ax.grid(axis="y", color=look.soft, alpha=0.25, lw=0.8)
     taken = Words(ax, look.font)

@@ -1,6 +1,7 @@
 """Trials as text: truths, outcomes and verdicts by name; and as a data frame."""
 
 from collections.abc import Iterable, Sequence
+from itertools import combinations
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,6 +17,8 @@ from meal_bayes.trials.record import Step, TrialRecord
 UNKNOWN = "truth unknown"
 _ABSTAINED = "abstained: every answer was too risky"  # of a trial; the answer is `DO_NOT_KNOW`
 _LEAST_ERROR = 0.05  # standard errors below it would print as 0.0
+_UNLIKE = 0.01  # difference of a joint prior from independence that is named,
+_PAIRS = 3  # of so many pairs at most
 
 
 class ComparedAction(NamedTuple):
@@ -77,6 +80,28 @@ def compared_actions(
             )
         )
     return compared
+
+
+def together_text(momdp: MOMDP) -> str:
+    """Return how attributes exclude or imply each other a priori; empty where none do.
+
+    Of the pairs, those are named of which both being true is most unlike independence.
+    """
+    if momdp.joint is None:
+        return ""
+    query = momdp.query
+    apart = [
+        (i, j) for first, second in combinations(query.variables, 2) for i in first for j in second
+    ]
+    both = {pair: float(momdp.joint @ query.values[:, pair].all(axis=1)) for pair in apart}
+    alone = {pair: float(momdp.prior[list(pair)].prod()) for pair in apart}
+    unlike = sorted(apart, key=lambda pair: -abs(both[pair] - alone[pair]))
+    return "; ".join(
+        f"both {query.attributes[i]} and {query.attributes[j]} {percent(both[i, j])}, "
+        f"if independent {percent(alone[i, j])}"
+        for i, j in unlike[:_PAIRS]
+        if abs(both[i, j] - alone[i, j]) >= _UNLIKE
+    )
 
 
 def truth_text(query: Query, truth: Sequence[int] | NDArray[np.int8]) -> str:

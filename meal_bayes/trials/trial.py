@@ -12,6 +12,7 @@ from meal_bayes.momdp import Belief
 from meal_bayes.planners import Decision
 from meal_bayes.trials.percept_text import percept_labels
 from meal_bayes.trials.record import TrialRecord
+from meal_bayes.trials.text import together_text
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -38,6 +39,7 @@ class Trial(TrialRecord):
         return title, {
             "report": report,
             "belief": ", ".join(f"{name} {percent(value)}" for name, value in beliefs),
+            **({"together": together} if (together := together_text(self.momdp)) else {}),
             "steps": listed(actions, 12) or "none",
             "cost": f"{self.cost:.1f} s, reward "
             + ("unknown" if np.isnan(self.reward) else f"{self.reward:.1f}"),
@@ -46,7 +48,7 @@ class Trial(TrialRecord):
 
     def _beliefs(self, belief: Belief) -> list[tuple[str, float]]:
         """Return Pr(yes), where that is asked, and of each attribute Pr(it is true), named."""
-        probability = self.momdp.reports.probability_now(belief.positive)
+        probability = self.momdp.reports.probability_now(belief)
         event = [] if probability is None else [("yes", probability)]
         names = self.task.query.value_names
         return [*event, *zip(names, belief.positive.tolist(), strict=True)]
@@ -104,7 +106,7 @@ class Trial(TrialRecord):
         percepts = [f"percept_{name}" for name in names]
         for number, step in enumerate(self.steps, start=1):
             levels = [None] * len(names) if step.observation is None else step.observation.tolist()
-            answer = self.momdp.reports.probability_now(step.belief.positive)
+            answer = self.momdp.reports.probability_now(step.belief)
             rows.append(
                 {
                     "step": number,

@@ -68,7 +68,7 @@ def narrate(frame: TrialFrame) -> str:
                 percepts[places[0]] = word
     lines += ["", "|attribute|belief|percept|", "|---|---|---|"]
     rows = list(zip(names, frame.belief.positive, percepts, strict=True))
-    probability = momdp.reports.probability_now(frame.belief.positive)
+    probability = momdp.reports.probability_now(frame.belief)
     if probability is not None:
         rows.insert(0, ("yes", np.float64(probability), ""))
     lines += [f"|{name}|{percent(p)}|{word}|" for name, p, word in rows[:_ATTRIBUTES]]

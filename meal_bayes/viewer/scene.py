@@ -98,7 +98,7 @@ class Scene:
         names = frame.trial.task.query.value_names
         for name, p in zip(names, frame.belief.positive.tolist(), strict=True):
             to.add(self._belief(name), rr.Scalars, time, scalars=[p])
-        event = frame.trial.momdp.reports.probability_now(frame.belief.positive)
+        event = frame.trial.momdp.reports.probability_now(frame.belief)
         if event is not None:
             to.add(self._belief(_YES), rr.Scalars, time, scalars=[event])
         if frame.step is not None:

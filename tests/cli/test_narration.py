@@ -14,12 +14,12 @@ from meal_bayes.cli.narration import print_answer, print_trial
 from meal_bayes.domain import Query, load_domain
 from meal_bayes.evaluation.report import write_report
 from meal_bayes.learner.api import ask
-from meal_bayes.momdp import build_momdp, initial_belief
+from meal_bayes.momdp import build_momdp, initial_belief, with_joint_prior
 from meal_bayes.planners import unvalued
 from meal_bayes.trial_log import Logs, write_trials
 from meal_bayes.trials import Step
 from meal_bayes.trials.percept_text import percept_labels
-from meal_bayes.trials.text import outcome_text
+from meal_bayes.trials.text import outcome_text, together_text
 from meal_bayes.viewer.labels import explain_decision, narrate
 from meal_bayes.viewer.recorder import Clock
 
@@ -45,6 +45,14 @@ def step(momdp, action, x, next_x, observation=None, seen=0):
     counts[:, action, 0] = seen
     after = replace(belief, x=next_x, percept_counts=counts)
     return Step(x, unvalued(momdp, action), next_x, observation, 1.0, -1.0, after)
+
+
+def test_a_joint_prior_is_told(momdp):
+    assert together_text(momdp) == ""
+    joint = with_joint_prior(momdp, [0.25, 0.4, 0.35, 0.0])
+    assert together_text(joint) == "both red and heavy 0.0 %, if independent 14.0 %"
+    even = with_joint_prior(momdp, [0.25, 0.25, 0.25, 0.25])
+    assert together_text(even) == ""
 
 
 def test_every_outcome_has_its_words(momdp):

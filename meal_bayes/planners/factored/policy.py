@@ -95,6 +95,12 @@ class Factored:
             Finite precision, several latent classes a truth, a bonus that is paid for so many
             percepts, more attributes than `points` allow, or rewards without a bound.
         """
+        if momdp.joint is not None:
+            raise SettingsError(
+                "Factored value iteration needs attributes that are independent a priori, but the "
+                "training objects couple some of those asked; plan with POMCP or OpenLoop, or give "
+                "the agent co_occurrence=False."
+            )
         exact = np.isinf(momdp.precision).all() and momdp.class_is_truth
         if not exact or momdp.query.groups:
             raise SettingsError(

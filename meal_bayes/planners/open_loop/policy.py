@@ -1,21 +1,20 @@
 """Open-loop feedback control: follow the best plan, look again after every step [Bertsekas2005].
 
-The kernels multiply the errors of attributes, which are independent; values of a group are not. So
-there a plan's gain is averaged over percepts of objects drawn from the belief: a report after the
-plan is right with the largest posterior Pr(y), which every sample has exactly. The gain over
-reporting now is sampled as max_y b'(y) - b'(best report now), whose second part is b(best) on
-average: a plan that changes no report gains nothing, without noise.
+The kernels multiply the errors of attributes, which are independent; values of a group are not, nor
+attributes with a joint prior. So there a plan's gain is averaged over percepts of objects drawn
+from the belief: a report after the plan is right with the largest posterior Pr(y), which every
+sample has exactly. The gain over reporting now is sampled as max_y b'(y) - b'(best report now),
+whose second part is b(best) on average: a plan that changes no report gains nothing, without noise.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import expit
 
 from meal_bayes.arrays import Floats, Ints
 from meal_bayes.momdp import MOMDP, Belief
-from meal_bayes.momdp.belief import log_odds
 from meal_bayes.momdp.observation import predictive, sample_rows
+from meal_bayes.momdp.truths import truths_of
 from meal_bayes.planners.compiled import Compiled, compile_momdp
 from meal_bayes.planners.entry import plan_values
 from meal_bayes.planners.open_loop.library import plan_library
@@ -32,8 +31,8 @@ class OpenLoop:
 
     A percept can only help, and what is left of a plan is a plan of the library: the policy is
     worth at least the best plan, whose value is therefore a lower bound on the optimum. It takes
-    any MOMDP, and microseconds a decision. Where attributes are the values of a group their errors
-    are no product: then plans are valued by sampled percepts, in milliseconds.
+    any MOMDP, and microseconds a decision. Where attributes are coupled, as the values of a group
+    are, their errors are no product: then plans are valued by sampled percepts, in milliseconds.
     """
 
     def solve(self, momdp: MOMDP, rng: np.random.Generator) -> "OpenLoopPolicy":
@@ -57,7 +56,7 @@ class OpenLoopPolicy:
         scratch = plan_values(self.model, self.plans, belief).scratch
         values = scratch.value
         bonus = scratch.bonus
-        if self.momdp.query.groups:
+        if self.momdp.coupled:
             coupled, bonus = self._coupled_values(belief, rng)
             values = np.where(np.isneginf(values), values, coupled)
         return Decision.exact(*choose(self.momdp, belief, values, bonus))
@@ -107,13 +106,13 @@ def _ending(
     if reports.event is None:
         right = _right(momdp, belief, counts, rng)
         return np.asarray(momdp.incorrect + (momdp.correct - momdp.incorrect) * right)
-    now = reports.answers(reports.probability(belief.positive), no_cost)  # (J,2)
+    now = reports.answers(reports.probability(belief), no_cost)  # (J,2)
     evidence = _sampled_evidence(momdp, belief, int(counts.max(initial=0)), rng)
     ending: Floats = now.max(axis=1)
     for j, percepts in enumerate(counts):
         behaviors = np.flatnonzero(percepts)
         after = belief.log_prob + evidence[percepts[behaviors], behaviors].sum(axis=0)  # (S,N,C)
-        answers = reports.answers(reports.probability(expit(log_odds(momdp, after))), no_cost[j])
+        answers = reports.answers(reports.probability(truths_of(momdp, after)), no_cost[j])
         ending[j] += (answers.max(axis=1) - answers[:, now[j].argmax()]).mean()
     return ending
 
@@ -121,21 +120,35 @@ def _ending(
 def _right(momdp: MOMDP, belief: Belief, counts: Ints, rng: np.random.Generator) -> Floats:
     """Estimate Pr(the best report is right) after so many percepts of each behavior (J,E)."""
     evidence = _sampled_evidence(momdp, belief, int(counts.max(initial=0)), rng)
-    best = [row.argmax() for row in belief.marginals]
+    best = [row.argmax() for row in belief.factors]
     right = np.full(len(counts), belief.certainty)
     for j, count in enumerate(counts):
         behavior = np.flatnonzero(count)
         after = belief.log_prob + evidence[count[behavior], behavior].sum(axis=0)  # (S,N,C)
-        positive = expit(log_odds(momdp, after))
         likeliest = np.ones(_SAMPLES)  # Pr(the report that is best after the percepts)
         unchanged = np.ones(_SAMPLES)  # Pr(the report that is best now)
-        for places, value in zip(momdp.query.variables, best, strict=True):
-            row = positive[:, list(places)]
-            row = row if len(places) > 1 else np.hstack([1.0 - row, row])
-            likeliest = likeliest * row.max(axis=1)
-            unchanged = unchanged * row[:, value]
+        factors = truths_of(momdp, after).factors(momdp.query.groups)
+        for probability, value in zip(factors, best, strict=True):
+            likeliest = likeliest * probability.max(axis=1)
+            unchanged = unchanged * probability[:, value]
         right[j] += (likeliest - unchanged).mean()
     return right
+
+
+def _sampled_truths(momdp: MOMDP, belief: Belief, rng: np.random.Generator) -> Ints:
+    """Sample truths (S,N) from the belief."""
+    if belief.joint_table is not None:
+        # Evenly spaced quantiles: each value vector comes as often as expected, to within one.
+        quantiles = (np.arange(_SAMPLES) + rng.random()) / _SAMPLES
+        cumulative = belief.joint_table.cumsum()
+        number = np.searchsorted(cumulative, quantiles * cumulative[-1], side="right")
+        values = momdp.query.values.astype(int)
+        return np.asarray(values[number.clip(max=len(cumulative) - 1)])
+    truth = np.zeros((_SAMPLES, len(momdp.query)), int)
+    for places, prob in zip(momdp.query.variables, belief.marginals, strict=True):
+        value = rng.choice(len(prob), _SAMPLES, p=prob / prob.sum())
+        truth[:, places] = (value[:, None] == np.arange(len(prob)))[:, -len(places) :]
+    return truth
 
 
 def _sampled_evidence(momdp: MOMDP, belief: Belief, most: int, rng: np.random.Generator) -> Floats:
@@ -145,10 +158,7 @@ def _sampled_evidence(momdp: MOMDP, belief: Belief, most: int, rng: np.random.Ge
     """
     n, e, k = belief.percept_counts.shape
     attributes = np.arange(n)
-    truth = np.zeros((_SAMPLES, n), int)
-    for places, prob in zip(momdp.query.variables, belief.marginals, strict=True):
-        value = rng.choice(len(prob), _SAMPLES, p=prob / prob.sum())
-        truth[:, places] = (value[:, None] == np.arange(len(prob)))[:, -len(places) :]
+    truth = _sampled_truths(momdp, belief, rng)
     # The class: Pr(c | truth, percepts) ~ Pr(c | percepts) Pr(truth | c)
     joint = np.exp(belief.log_prob + momdp.log_truth.transpose(1, 0, 2))[truth, attributes]
     below = joint.cumsum(axis=2) < rng.random((_SAMPLES, n, 1)) * joint.sum(axis=2)[..., None]

@@ -4,7 +4,8 @@ Each simulation draws a MOMDP from the posterior and walks the tree in it; its
 rewards are those of the MOMDP it is given, so ITRS-shaped ones where the MOMDP is shaped. What
 departs from textbook POMCP, each because the textbook fails here:
 
-- Queries with groups are left to open-loop plans: a node's beliefs are independent.
+- Queries whose attributes are coupled, by a group or by a joint prior, are left to open-loop plans:
+  a node's beliefs are independent.
 - All 2^N reports are one action whose value is computed, never sampled.
 - Nodes carry the exact factored belief, no particles.
 - New nodes are not valued by random roll-outs but by open-loop plans and tables.
@@ -133,7 +134,7 @@ class POMCPPolicy:
         """Choose the best value, by search where anything is left to decide."""
         momdp = self.momdp
         belief = history.belief
-        if momdp.query.groups:  # nodes of the tree hold attributes that are independent
+        if momdp.coupled:  # nodes of the tree hold attributes that are independent
             return OpenLoopPolicy(momdp, self.model, self.plans).decide(history, rng)
         end = None
         if self.settings.milliseconds is not None:
