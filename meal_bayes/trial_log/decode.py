@@ -209,7 +209,10 @@ def decode_outcomes(data: bytes) -> tuple[int, TrialOutcomes]:
     size = {"n": message.trials, "q": message.queried, "e": len(message.behaviors)}
     if min(message.first, *size.values()) < 0 or max(size["q"], size["e"]) > schema.NAME_LIMIT:
         raise LogCorruptError(f"outcomes {message.first} of sizes {size}")
-    columns = _arrays(message, TEXTS | INTEGERS | REALS, size)
+    shapes = TEXTS | INTEGERS | REALS
+    if not message.certainty:  # older logs have none
+        shapes = {name: shape for name, shape in shapes.items() if name != "certainty"}
+    columns = _arrays(message, shapes, size)
     texts = np.array(message.texts, object)
     for name in TEXTS:
         places = columns[name].astype(int)
@@ -259,6 +262,7 @@ def _momdp(message: Any) -> tuple[MOMDP, NDArray[np.float64] | None]:
         behavior_names=tuple(message.behavior_names),
         **{name: getattr(message, name) for name in schema.MOMDP_NUMBERS},
         **_arrays(message, schema.MOMDP_ARRAYS, size),
+        joint=_array(message.joint, (-1,)) if message.joint else None,
         # Older logs have no limit: their bonus is paid for all percepts.
         bonus_limit=(
             _array(message.bonus_limit, (e,)) if message.bonus_limit else np.full(e, np.inf)

@@ -71,6 +71,7 @@ def _momdp(trial: Trial) -> Any:
         **{name: getattr(momdp, name) for name in schema.MOMDP_NUMBERS},
         **{name: _values(getattr(momdp, name)) for name in schema.MOMDP_ARRAYS},
         bonus_limit=_values(momdp.bonus_limit),
+        joint=() if momdp.joint is None else _values(momdp.joint),
     )
 
 

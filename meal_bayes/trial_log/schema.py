@@ -62,7 +62,7 @@ _FIELDS = {
         "bonus:double* limit:double* discount:double abstain:bool latent_classes:double* "
         "row_counts:double* group:int64* group_name:string* "
         "payoffs:double* own_payoffs:bool literal:bool* complement:bool bonus_limit:double* "
-        "x_labels:string*"
+        "x_labels:string* joint:double*"
     ),
     "meal_bayes.Trial": (
         "trial:int64 momdp:int64 agent:string name:string attributes:string* object_index:int64 "
@@ -83,7 +83,7 @@ _FIELDS = {
         "first:int64 trials:int64 queried:int64 texts:string* behaviors:string* agent:int64* "
         "key:int64* object_index:int64* object_name:int64* attribute:int64* truth:int64* "
         "report:int64* positive:double* cost:double* reward:double* ended:int64* steps:int64* "
-        "executed:int64* failed:int64*"
+        "executed:int64* failed:int64* certainty:double*"
     ),
     "meal_bayes.Feedback": "object_name:string key:string attributes:string* labels:int64*",
     "foxglove.Log": (

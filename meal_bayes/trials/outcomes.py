@@ -9,7 +9,7 @@ from typing import Any, NamedTuple, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes.arrays import Bools, freeze_arrays
+from meal_bayes.arrays import Bools, freeze_arrays, set_frozen
 from meal_bayes.errors import SettingsError
 from meal_bayes.trials.record import TrialRecord
 
@@ -21,7 +21,8 @@ INTEGERS = {
     "object_index": "n", "truth": "nq", "report": "nq", "steps": "n", "executed": "ne",
     "failed": "ne",
 }  # fmt: skip
-REALS = {"positive": "nq", "cost": "n", "reward": "n"}
+REALS = {"positive": "nq", "cost": "n", "reward": "n", "certainty": "n"}
+_ROUNDING = 1e-9  # of a sum of probabilities
 _SHAPES = TEXTS | INTEGERS | REALS
 _PADDING: dict[str, Any] = {  # in the types of the columns
     "attribute": np.array("", object), "truth": np.int8(-1), "report": np.int8(-1),
@@ -66,6 +67,9 @@ class TrialOutcomes:
         (n,) actions, a report included.
     executed, failed : NDArray[np.int64]
         (n,E) executions of each behavior, and of these without a percept.
+    certainty : NDArray[np.float64]
+        (n,) Pr(most probable values) by the agent's final belief; by default, as of logs that do
+        not have it, that of independent attributes.
 
     Raises
     ------
@@ -88,8 +92,12 @@ class TrialOutcomes:
     steps: NDArray[np.int64]
     executed: NDArray[np.int64]
     failed: NDArray[np.int64]
+    certainty: NDArray[np.float64] = None  # type: ignore[assignment]
 
     def __post_init__(self) -> None:
+        if self.certainty is None:
+            likelier = np.maximum(self.positive, 1 - self.positive)  # type: ignore[unreachable]
+            set_frozen(self, certainty=np.nanprod(likelier, axis=1))
         freeze_arrays(self)
         size = {"n": len(self), "e": len(self.behaviors)}
         size["q"] = self.attribute.shape[1] if self.attribute.ndim == 2 else -1
@@ -108,6 +116,7 @@ class TrialOutcomes:
             "positive": np.where(asked, ~((self.positive >= 0) & (self.positive <= 1)),
                                  ~np.isnan(self.positive)),
             "cost": ~np.isfinite(self.cost),
+            "certainty": ~((self.certainty >= 0) & (self.certainty <= 1 + _ROUNDING)),
             "reward": np.isinf(self.reward),
             "steps": self.steps < self.executed.sum(axis=1),
             "executed": self.executed < self.failed,
@@ -189,12 +198,6 @@ class TrialOutcomes:
         right = self.answered & (self.report == self.truth).all(axis=1)
         return np.where(self.judged, right, -1).astype(np.int8)
 
-    @property
-    def certainty(self) -> NDArray[np.float64]:
-        """Pr(most probable values), (n,), by the agent's final belief."""
-        likelier = np.maximum(self.positive, 1 - self.positive)
-        return np.asarray(np.nanprod(likelier, axis=1))
-
     def beliefs(self) -> tuple[NDArray[np.float64], Bools]:
         """Return final beliefs and known truths of the trials that came to their end, (M,) each."""
         rows = (self.truth >= 0) & (self.ended == "")[:, None]
@@ -223,12 +226,14 @@ def _columns(trial: TrialRecord) -> _Part:
     empty = [step.decision.action for step in done if step.observation is None]
     query = task.query
     positive = trial.last_belief.positive
+    certainty = trial.last_belief.certainty
     truth = query.report_truth(trial.truth)
     report = np.full(len(truth), -1) if trial.report is None else trial.report
     asked = query.value_names
     if trial.probability is not None:  # yes or no is a question about one event
         asked = (query.text.removesuffix("?"),)
         positive = np.array([trial.probability])
+        certainty = max(trial.probability, 1.0 - trial.probability)
     return names, {
         "agent": [trial.agent],
         "key": [task_key(task.key)],
@@ -240,6 +245,7 @@ def _columns(trial: TrialRecord) -> _Part:
         "positive": [positive],
         "cost": [trial.cost],
         "reward": [trial.reward],
+        "certainty": [certainty],
         "ended": [trial.ended],
         "steps": [len(trial.steps)],
         "executed": [np.bincount(actions, minlength=len(names))],

@@ -8,7 +8,14 @@ import numpy as np
 import pytest
 
 from meal_bayes.domain import Domain, Query, load_domain
-from meal_bayes.momdp import MOMDP, Transition, build_momdp, initial_belief, update_belief
+from meal_bayes.momdp import (
+    MOMDP,
+    Transition,
+    build_momdp,
+    initial_belief,
+    update_belief,
+    with_joint_prior,
+)
 from meal_bayes.planners import Decision, TreeEdge
 from meal_bayes.trials import Step, Task, Trial
 
@@ -22,9 +29,13 @@ def make_momdp(domain: Domain, n: int, rng: np.random.Generator, levels: int = 4
     precision[rng.random(precision.shape) < 0.3] = np.inf
     latent_classes = None if c == 2 else rng.dirichlet(np.ones(c), (n, 2))
     prior = rng.uniform(0.05, 0.95, n)
-    return build_momdp(
+    momdp = build_momdp(
         domain, query, confusion, precision, prior=prior, latent_classes=latent_classes, limit=5.0
     )
+    # Of one in three problems attributes exclude or imply each other.
+    if n > 3 or rng.random() > 0.3:
+        return momdp
+    return with_joint_prior(momdp, rng.dirichlet(np.ones(query.n_values)))
 
 
 def make_tree(momdp: MOMDP, edges: int, rng: np.random.Generator) -> tuple[TreeEdge, ...]:
