@@ -6,11 +6,12 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from meal_bayes.agents.co_occurrence import joint_prior
 from meal_bayes.agents.exploration import ExplorationBonus, NoBonus
 from meal_bayes.agents.knowledge import Knowledge
 from meal_bayes.domain import Domain, Payoffs, Query
 from meal_bayes.errors import SettingsError
-from meal_bayes.momdp import MOMDP, Objective, build_momdp
+from meal_bayes.momdp import MOMDP, Objective, build_momdp, with_joint_prior
 from meal_bayes.planners import Solver, warm_up
 from meal_bayes.untrusted import name_fault
 
@@ -37,6 +38,9 @@ class Agent:
         Percepts of an object may err together.
     base_rates : bool
         The prior belief comes from the training objects; otherwise it is uniform.
+    co_occurrence : bool
+        So does what attributes exclude or imply each other; otherwise, and without base rates, they
+        are independent before any percept, but for the values of a group.
     levels : int
         K of its percepts.
     abstain : bool
@@ -62,6 +66,7 @@ class Agent:
     object_level: bool = False
     shared_trait: bool = False
     base_rates: bool = False
+    co_occurrence: bool = False
     levels: int = 2
     abstain: bool = False
     discount: float = 0.99
@@ -74,6 +79,11 @@ class Agent:
     def __post_init__(self) -> None:
         if fault := name_fault(self.name):
             raise SettingsError(f"The agent's name {self.name!a:.60} {fault}; rename it.")
+        if self.co_occurrence and not self.base_rates:
+            raise SettingsError(
+                f"The agent {self.name!r} has co_occurrence, which is of the training objects as "
+                "base_rates is; give it both."
+            )
 
     def warm_up(self, domain: Domain, query: Query) -> None:
         """Compile the kernels that the solver of a query needs, before the first decision."""
@@ -112,21 +122,22 @@ class Agent:
         observation = self.observation_model or self._observation
         confusion, precision, latent_classes = observation(knowledge, columns)
         prior = knowledge.base_rates[columns] if self.base_rates else np.full(len(query), 0.5)
-        if votes is not None:
-            weight = np.minimum(np.abs(votes), _MOST_VOTES)
-            right = _TRUST**weight / (_TRUST**weight + (1.0 - _TRUST) ** weight)
-            prior = np.where(votes == 0, prior, np.where(votes > 0, right, 1.0 - right))
+        told = np.full(len(query), np.nan) if votes is None else _told(votes)
+        joint = None
+        if self.co_occurrence:
+            joint = joint_prior(query, prior, knowledge.co_occurrence, columns, told)
         loss = None if reward is None else -reward
-        return build_momdp(
+        momdp = build_momdp(
             domain,
             query,
             confusion,
             precision,
-            prior=prior,
+            prior=np.where(np.isnan(told), prior, told),
             limit=limit,
             latent_classes=latent_classes,
             objective=Objective(reward, loss, self.discount, self.abstain, payoffs),
         )
+        return momdp if joint is None else with_joint_prior(momdp, joint)
 
     def _observation(self, knowledge: Knowledge, columns: Sequence[int]) -> Rows:
         """Return the rows of the confusion posterior, of latent classes where they are shared."""
@@ -136,3 +147,10 @@ class Agent:
         rows, weight = knowledge.trait.select(confusion, precision)
         classes = knowledge.trait.latent_classes
         return rows, weight, np.tile(classes, (len(columns), 1, 1))  # (N,2,M)
+
+
+def _told(votes: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Return Pr(attribute is true) (N,) by trials for it less those against it; NaN at 0."""
+    weight = np.minimum(np.abs(votes), _MOST_VOTES)
+    right = _TRUST**weight / (_TRUST**weight + (1.0 - _TRUST) ** weight)
+    return np.where(votes == 0, np.nan, np.where(votes > 0, right, 1.0 - right))

@@ -1,11 +1,12 @@
 """What a robot knows of an object that it was not trained on."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from meal_bayes.agents.co_occurrence import NOTHING, CoOccurrence, learn_co_occurrence
 from meal_bayes.arrays import FrozenArrays
 from meal_bayes.datasets import PerceptTable
 from meal_bayes.display import best_html, percent, short_repr
@@ -32,12 +33,15 @@ class Knowledge(FrozenArrays):
         (P,) of the training objects, see `base_rates`; over the values of a group they sum to 1.
     trait : SharedTrait | None
         Latent trait that percepts of an object share; None: they share the truth alone.
+    co_occurrence : CoOccurrence
+        Attributes that exclude or imply each other among the training objects.
     """
 
     domain: Domain
     posterior: ConfusionPosterior
     base_rates: NDArray[np.float64]
     trait: SharedTrait | None = None
+    co_occurrence: CoOccurrence = NOTHING
 
     __repr__ = short_repr
 
@@ -47,6 +51,12 @@ class Knowledge(FrozenArrays):
         header = ("attribute", "Pr", *self.domain.behavior_names)
         title = f"{self.domain.name}: TPR - FPR of each behavior that was perceived"
         return best_html(title, header, names, self.posterior.youden)
+
+    def with_labels(self, labels: NDArray[np.int8]) -> "Knowledge":
+        """Return the same knowledge with the priors that labels (O,P) tell: alone, and jointly."""
+        rates = base_rates(self.domain, labels)
+        pairs = learn_co_occurrence(self.domain, labels, rates)
+        return replace(self, base_rates=rates, co_occurrence=pairs)
 
 
 def knowledge_without(
@@ -95,11 +105,14 @@ def knowledge_of(
     as in `knowledge_without`.
     """
     rates = base_rates(domain, labels)
+    pairs = learn_co_occurrence(domain, labels, rates)
     if not object_level:
-        return Knowledge(domain, ConfusionPosterior.from_counts(counts), rates)
+        posterior = ConfusionPosterior.from_counts(counts)
+        return Knowledge(domain, posterior, rates, co_occurrence=pairs)
     posterior = ConfusionPosterior.from_objects(counts)
     percepts = counts.sum(axis=3)  # (O,P,E,K)
-    return Knowledge(domain, posterior, rates, learn_trait(posterior, percepts, labels, rates))
+    trait = learn_trait(posterior, percepts, labels, rates)
+    return Knowledge(domain, posterior, rates, trait, pairs)
 
 
 def base_rates(domain: Domain, labels: NDArray[np.int8]) -> NDArray[np.float64]:

@@ -58,6 +58,7 @@ _BAYES = Agent(
     object_level=True,
     shared_trait=True,
     base_rates=True,
+    co_occurrence=True,
     levels=4,
     abstain=True,
     discount=1.0,

@@ -2,7 +2,7 @@
 
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 _UNSOUND = 1  # exit code of `verify` where a file is missing or changed
 _TOLERANCE = 1e-2  # log-odds by which a table made elsewhere may differ
 _LISTED = 5  # files
+_COUPLED = 6  # pairs of attributes
 
 
 @click.group(cls=Section)
@@ -178,6 +179,7 @@ def percepts(
 
 
 def _print_contents(table: "PerceptTable | Dataset", *, as_json: bool) -> None:
+    from meal_bayes.display import listed
     from meal_bayes.experiments import askable
 
     costs = {behavior.name: behavior.cost for behavior in table.domain.behaviors}
@@ -186,9 +188,10 @@ def _print_contents(table: "PerceptTable | Dataset", *, as_json: bool) -> None:
         attribute: {"true": int((labels == 1).sum()), "false": int((labels == 0).sum())}
         for attribute, labels in zip(table.domain.attributes, table.labels.T, strict=True)
     }
+    together = _coupled(table)
     if as_json:
         names = {"attributes": table.domain.attributes, "objects": table.objects}
-        counts = {"objects_with": objects_with, "asked_by_runs": asked}
+        counts = {"objects_with": objects_with, "asked_by_runs": asked, "together": together}
         terminal.print_json({"name": table.domain.name, **names, **counts, "behaviors": costs})
         return
     counted = [
@@ -204,11 +207,39 @@ def _print_contents(table: "PerceptTable | Dataset", *, as_json: bool) -> None:
             f"{', '.join(asked) or 'none'}: with more than {table.domain.asked_minimum} objects "
             "that have it, and that have it not"
         )
+    if together:
+        pairs = [
+            f"{' and '.join(pair['attributes'])} {pair['both']} "
+            f"({pair['if_independent']:.0f} if independent)"
+            for pair in together
+        ]
+        facts["both true"] = f"{listed(pairs, _COUPLED)} objects; bayes expects that"
     facts |= {
         "behaviors": ", ".join(f"{name} {cost:g} s" for name, cost in costs.items()),
         "objects": ", ".join(table.objects),
     }
     terminal.print_facts(terminal.output(), facts)
+
+
+def _coupled(table: "PerceptTable | Dataset") -> "list[dict[str, Any]]":
+    """Return the pairs that all labels couple, those that they couple most first."""
+    from meal_bayes.agents.co_occurrence import learn_co_occurrence
+    from meal_bayes.agents.knowledge import base_rates
+
+    labels = table.labels
+    known = learn_co_occurrence(table.domain, labels, base_rates(table.domain, labels))
+    together = []
+    for number in (-known.log_bayes_factor).argsort(kind="stable").tolist():
+        pair = known.pairs[number].tolist()
+        labeled = labels[(labels[:, pair] >= 0).all(axis=1)][:, pair]
+        expected = float((labeled == 1).mean(axis=0).prod()) * len(labeled)
+        together.append({
+            "attributes": [table.domain.attributes[place] for place in pair],
+            "both": int(labeled.all(axis=1).sum()),
+            "objects": len(labeled),
+            "if_independent": round(expected, 1),
+        })  # fmt: skip
+    return together
 
 
 def _size(table: "PerceptTable | Dataset") -> str:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from meal_bayes.agents import Agent, Horizon, ITRSBonus, Knowledge, NoBonus, Progress, add_bonus
-from meal_bayes.agents.knowledge import base_rates, knowledge_of
+from meal_bayes.agents.knowledge import knowledge_of
 from meal_bayes.arrays import Rows
 from meal_bayes.datasets import Instance
 from meal_bayes.datasets.detections import detected_levels
@@ -150,10 +150,12 @@ class Online:
             posterior = self.knowledge.posterior.update(after, before)
             self.knowledge = replace(self.knowledge, posterior=posterior)
             moved |= (before != after).any(axis=(1, 2, 3))
-        rates = base_rates(self.record.domain, self.record.known.values)
+        known = self.knowledge
+        self.knowledge = known.with_labels(self.record.known.values)
         if self.agent.base_rates:
-            moved |= rates != self.knowledge.base_rates
-        self.knowledge = replace(self.knowledge, base_rates=rates)
+            moved |= self.knowledge.base_rates != known.base_rates
+        if self.agent.co_occurrence:
+            moved |= self.knowledge.co_occurrence.moved(known.co_occurrence, len(moved))
         # Policies stay where nothing that they were solved with has moved.
         self.answering = {
             (query, limit): answer

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meal_bayes.agents import Knowledge
+from meal_bayes.agents.co_occurrence import CoOccurrence
 from meal_bayes.arrays import Rows
 from meal_bayes.datasets import PerceptTable
 from meal_bayes.domain import Domain, Payoffs
@@ -23,7 +24,7 @@ from meal_bayes.posterior.trait import SharedTrait
 
 _KINDS: tuple[type[Any], ...] = (
     Perception, BehaviorClassifier, KernelFit, FeatureSpace, Whitening, Stacker, Knowledge,
-    ConfusionPosterior, SharedTrait, PerceptTable, Payoffs,
+    CoOccurrence, ConfusionPosterior, SharedTrait, PerceptTable, Payoffs,
 )  # fmt: skip
 _CLASSES = {kind.__name__: kind for kind in _KINDS}
 

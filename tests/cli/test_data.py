@@ -48,6 +48,8 @@ def test_list_tells_what_can_be_asked(run, table):
     assert told["objects"][0] == "red_mug"
     assert told["objects_with"]["red"] == {"true": 4, "false": 4}
     assert told == json.loads(run("data", "list", "--dataset", "kitchen.npz", "--json").stdout)
+    assert told["together"] == []  # eight objects couple nothing
+    assert "both true" not in text
 
 
 def test_list_tells_which_attributes_runs_ask(run):
@@ -56,6 +58,14 @@ def test_list_tells_which_attributes_runs_ask(run):
     told = json.loads(run("data", "list", "ispy32", "--json").stdout)
     assert len(told["asked_by_runs"]) == (rarer > 5).sum()
     assert "more than 5 objects" in run("data", "list", "ispy32").stdout
+
+
+def test_list_tells_which_attributes_exclude_or_imply_each_other(run):
+    told = json.loads(run("data", "list", "cy101", "--json").stdout)["together"]
+    toys = {"attributes": ["container", "toy"], "both": 0, "objects": 100, "if_independent": 8.4}
+    assert toys in told
+    text = " ".join(run("data", "list", "cy101").stdout.split())
+    assert "container and toy 0 (8 if independent)" in text
 
 
 def test_list_of_two_data_sets_is_refused(fails):
