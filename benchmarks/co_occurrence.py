@@ -1,17 +1,15 @@
-"""What a prior over pairs of attributes would bring: co-occurrence in the training objects.
+"""What a joint prior over pairs of attributes says, before and after percepts.
 
 python benchmarks/co_occurrence.py [--dataset NAME ...] [--json]
 
-The prior of a pair is Dirichlet over its four values, around the product of the base rates, with
-the strength of 1, 2, 4, ..., 64 objects that has the largest marginal likelihood; the mean of its
-posterior takes the product's place where that likelihood is 20 times the product's. Everything is
-learned without the object at hand, percepts as in `calibration.py`: one recording of each behavior,
-or none. Attributes of one group are left out: they are one value already.
+Pairs and their prior are those of `agents/co_occurrence.py`. Everything is learned without the
+object at hand, percepts as in `calibration.py`: one recording of each behavior, or none.
 
-Rows are of all pairs of attributes that runs ask, and of those coupled; gains are of the coupled
-prior less the product, means over objects and coupled pairs with standard errors by object:
-log-likelihood (nats) and accuracy of both values. `both` is how often both are said to be true of
-pairs that no training object has both of: by the product, and by the coupled prior.
+Rows are of all pairs of attributes that runs ask, but for values of one group, and of those
+coupled; gains are of the coupled prior less the product, means over objects and coupled pairs with
+standard errors by object: log-likelihood (nats) and accuracy of both values. `both` is how often
+both are said to be true of pairs that no training object has both of: by the product, and by the
+coupled prior. What it earns is measured by `coupled.py`.
 """
 
 import itertools
@@ -22,14 +20,14 @@ import calibration
 import numpy as np
 from measuring import options_of, show
 from numpy.typing import NDArray
-from scipy.special import expit, gammaln
+from scipy.special import expit
 
+from meal_bayes.agents.co_occurrence import learn_co_occurrence
+from meal_bayes.agents.knowledge import base_rates
 from meal_bayes.arrays import Floats
 from meal_bayes.datasets import PerceptTable, load_percepts
 from meal_bayes.experiments import askable
 
-STRENGTHS = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0)  # objects' worth of the product
-CERTAIN = np.log(20.0)  # log Bayes factor from which a pair is coupled
 EVIDENCE = ("none", "all_once")
 
 
@@ -48,29 +46,12 @@ def product(first: float, second: float) -> Floats:
     return np.outer([1 - first, first], [1 - second, second]).ravel()
 
 
-def log_evidence(counts: Floats, weights: Floats) -> float:
-    """Return the log marginal likelihood of labels in an order, under Dirichlet(weights)."""
-    total = gammaln(weights.sum()) - gammaln(weights.sum() + counts.sum())
-    return float(total + (gammaln(weights + counts) - gammaln(weights)).sum())
-
-
-def coupled(counts: Floats, independent: Floats) -> Floats | None:
-    """Return the posterior mean (4,) of a pair; None where the product is good enough."""
-    evidence = [log_evidence(counts, s * independent) for s in STRENGTHS]
-    if max(evidence) - counts @ np.log(independent) <= CERTAIN:
-        return None
-    strength = STRENGTHS[int(np.argmax(evidence))]
-    return np.asarray((counts + strength * independent) / (counts.sum() + strength))
-
-
-def pairs_of(table: PerceptTable, columns: list[int]) -> list[tuple[int, int]]:
-    """Return the pairs of columns' places that are not of one group."""
+def pairs_of(table: PerceptTable, columns: list[int]) -> int:
+    """Return how many pairs of columns are not values of one group."""
     group = {name: g for g, names in table.domain.groups.items() for name in names}
     names = [table.domain.attributes[p] for p in columns]
-    pairs = itertools.combinations(range(len(columns)), 2)
-    return [
-        (i, j) for i, j in pairs if group.get(names[i], names[i]) != group.get(names[j], names[j])
-    ]
+    pairs = itertools.combinations(names, 2)
+    return sum(group.get(first, first) != group.get(second, second) for first, second in pairs)
 
 
 def cases(
@@ -78,28 +59,26 @@ def cases(
 ) -> Iterator[Case]:
     """Yield a case for each coupled pair, object and set of recordings."""
     for held_out, fold in enumerate(known):
-        labels = np.delete(table.labels[:, columns], held_out, axis=0)
-        truth = table.labels[held_out, columns]
+        others = np.delete(table.labels, held_out, axis=0)
+        learned = learn_co_occurrence(table.domain, others, base_rates(table.domain, others))
         beliefs = believed(table, columns, fold, held_out, kind)  # (S,P)
         rates = expit(fold.prior)
-        for i, j in pairs_of(table, columns):
-            both_known = (labels[:, [i, j]] >= 0).all(axis=1)
-            number = 2 * labels[both_known, i].astype(int) + labels[both_known, j]
-            counts = np.bincount(number, minlength=4).astype(float)
-            independent = product(rates[i], rates[j])
-            prior = coupled(counts, independent)
-            if prior is None or truth[i] < 0 or truth[j] < 0:
+        for pair, prior in zip(learned.pairs.tolist(), learned.probability, strict=True):
+            truth = table.labels[held_out, pair]
+            if not {*pair} <= {*columns} or (truth < 0).any():
                 continue
-            right = 2 * int(truth[i]) + int(truth[j])
+            i, j = (columns.index(column) for column in pair)
+            right = 2 * int(truth[0]) + int(truth[1])
+            exclusive = not (others[:, pair] == 1).all(axis=1).any()
             for belief in beliefs:
                 plain = product(belief[i], belief[j])
-                better = plain * prior / independent
+                better = plain * prior / product(rates[i], rates[j])
                 better /= better.sum()
                 yield Case(
                     held_out=held_out,
                     log_likelihood=float(np.log(better[right]) - np.log(plain[right])),
                     accuracy=float(better.argmax() == right) - float(plain.argmax() == right),
-                    exclusive=counts[3] == 0,
+                    exclusive=exclusive,
                     both=(bool(plain.argmax() == 3), bool(better.argmax() == 3)),
                 )
 
@@ -144,7 +123,7 @@ def measure(name: str) -> list[dict[str, Any]]:
         row = {
             "dataset": name,
             "evidence": kind,
-            "pairs": len(pairs_of(table, columns)),
+            "pairs": pairs_of(table, columns),
             "coupled": len(some) / (sets * len(known)),  # of one object, on average
             "log_likelihood": gain,
             "log_likelihood_se": gain_se,

@@ -22,7 +22,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import expit
 
 from meal_bayes.domain.query import value_table
 from meal_bayes.momdp.model import MOMDP
@@ -45,6 +44,8 @@ class Truths(NamedTuple):
     @property
     def positive(self) -> NDArray[np.float64]:
         """Pr(attribute is true), (...,N)."""
+        from scipy.special import expit  # noqa: PLC0415  light names import no SciPy
+
         return np.asarray(expit(self.log_odds))
 
     def factors(self, groups: tuple[tuple[int, ...], ...]) -> list[NDArray[np.float64]]:

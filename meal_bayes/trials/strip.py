@@ -249,9 +249,7 @@ def _draw_beliefs(ax: Axes, moments: Sequence[_Moment], trial: TrialRecord, look
     A circle at the right end is the truth.
     """
     times = np.array([0.0, *(moment.end for moment in moments)])
-    believed = [trial.first_belief, *(moment.belief for moment in moments)]
-    beliefs = np.array([belief.positive for belief in believed])
-    lines = _belief_lines(trial, believed, look)
+    lines = _belief_lines(trial, [trial.first_belief, *(m.belief for m in moments)], look)
     ax.set(ylim=(-0.08, 1.12), yticks=[0, 0.5, 1], yticklabels=[])
     ax.grid(axis="y", color=look.soft, alpha=0.25, lw=0.8)
     taken = Words(ax, look.font)
@@ -287,11 +285,11 @@ def _draw_beliefs(ax: Axes, moments: Sequence[_Moment], trial: TrialRecord, look
             )
     for number, moment in enumerate(moments):
         for place, word in enumerate(moment.words[:_ATTRIBUTES]):
-            change = float(beliefs[number + 1, place] - beliefs[number, place])
-            if word and abs(change) > _BENDS:
-                at = (moment.end, float(beliefs[number + 1, place]))
+            before, after = lines[place].values[number : number + 2].tolist()
+            if word and abs(after - before) > _BENDS:
+                at = (moment.end, after)
                 width = moment.end - moment.begin
-                taken.write(word, at, width, look.text_color(place), up=change > 0)
+                taken.write(word, at, width, look.text_color(place), up=after > before)
 
 
 def _draw_worth(ax: Axes, trial: TrialRecord, look: Look) -> None:
