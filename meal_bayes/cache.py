@@ -13,6 +13,7 @@ import os
 import shutil
 import stat
 import tempfile
+import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -96,20 +97,47 @@ def compile_kernel(function: Callable[..., Any], **options: object) -> Callable[
         kernel: Callable[..., Any] = njit(cache=folder is not None, **options)(function)
     finally:
         config.CACHE_DIR = configured
-    disk = getattr(kernel, "_cache", None)  # numba has no public way to it
-    if disk is not None:
-        load = disk.load_overload
-
-        def load_or_forget(*signature: Any) -> Any:
-            """Load a compiled kernel; forget those of this function where a file is torn."""
-            try:
-                return load(*signature)
-            except Exception as fault:  # whatever unpickling torn bytes may raise
-                log.info("compiled code cannot be read (%s); compiling anew", fault)
-                disk.flush()
-
-        disk.load_overload = load_or_forget
+    if hasattr(getattr(kernel, "_cache", None), "_cache_file"):  # numba has no public way to it
+        _guard(kernel)
     return kernel
+
+
+def _guard(kernel: Any) -> None:
+    """Let one program at a time compile a kernel, which others then load; forget torn files."""
+    disk = kernel._cache
+    load = disk.load_overload
+    compile_signature = kernel.compile
+    file = disk._cache_file._index_path
+    held = threading.local()  # what each thread holds while it compiles
+
+    def load_or_forget(*signature: Any) -> Any:
+        """Load a compiled kernel; forget those of this function where a file is torn."""
+        try:
+            return load(*signature)
+        except Exception as fault:  # whatever unpickling torn bytes may raise
+            log.info("compiled code cannot be read (%s); compiling anew", fault)
+            disk.flush()
+
+    def load_once_compiled(*signature: Any) -> Any:
+        """Load a compiled kernel; where there is none, hold the lock until it is compiled."""
+        loaded = load_or_forget(*signature)
+        if loaded is None:
+            from filelock import FileLock  # noqa: PLC0415  loaded by those who compile
+
+            # Without the lock two programs would compile the same, and numba could take the code
+            # of one signature for that of another that was written at the same time.
+            with contextlib.suppress(OSError, NotImplementedError):  # as on a disk without locks
+                Path(file).parent.mkdir(parents=True, exist_ok=True)
+                held.locks.enter_context(FileLock(f"{file}.lock"))
+                loaded = load_or_forget(*signature)
+        return loaded
+
+    def compile_guarded(signature: Any) -> Any:
+        with contextlib.ExitStack() as held.locks:
+            return compile_signature(signature)
+
+    disk.load_overload = load_once_compiled
+    kernel.compile = compile_guarded
 
 
 def _prepare(folder: Path) -> None:
