@@ -39,8 +39,8 @@ class Agent:
     base_rates : bool
         The prior belief comes from the training objects; otherwise it is uniform.
     co_occurrence : bool
-        So does what attributes exclude or imply each other; otherwise, and without base rates, they
-        are independent before any percept, but for the values of a group.
+        With base rates, the prior also has which attributes exclude or imply each other; otherwise
+        they are independent before any percept, but for the values of a group.
     levels : int
         K of its percepts.
     abstain : bool
@@ -79,11 +79,6 @@ class Agent:
     def __post_init__(self) -> None:
         if fault := name_fault(self.name):
             raise SettingsError(f"The agent's name {self.name!a:.60} {fault}; rename it.")
-        if self.co_occurrence and not self.base_rates:
-            raise SettingsError(
-                f"The agent {self.name!r} has co_occurrence, which is of the training objects as "
-                "base_rates is; give it both."
-            )
 
     def warm_up(self, domain: Domain, query: Query) -> None:
         """Compile the kernels that the solver of a query needs, before the first decision."""
@@ -124,7 +119,7 @@ class Agent:
         prior = knowledge.base_rates[columns] if self.base_rates else np.full(len(query), 0.5)
         told = np.full(len(query), np.nan) if votes is None else _told(votes)
         joint = None
-        if self.co_occurrence:
+        if self.base_rates and self.co_occurrence:
             joint = joint_prior(query, prior, knowledge.co_occurrence, columns, told)
         loss = None if reward is None else -reward
         momdp = build_momdp(

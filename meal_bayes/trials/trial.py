@@ -34,12 +34,13 @@ class Trial(TrialRecord):
             verdict = {True: "right", False: "wrong", None: "truth not known"}[self.success]
             report = f"{query.report_name(self.report)} ({verdict})"
         beliefs = self._beliefs(self.last_belief)
+        together = together_text(self.momdp)
         actions = [self.momdp.action_name(step.decision.action) for step in self.steps]
         title = f"Trial of {self.agent or 'an agent'} with {self.task.object_name}: {query.text}"
         return title, {
             "report": report,
             "belief": ", ".join(f"{name} {percent(value)}" for name, value in beliefs),
-            **({"together": together} if (together := together_text(self.momdp)) else {}),
+            **({"together": together} if together else {}),
             "steps": listed(actions, 12) or "none",
             "cost": f"{self.cost:.1f} s, reward "
             + ("unknown" if np.isnan(self.reward) else f"{self.reward:.1f}"),

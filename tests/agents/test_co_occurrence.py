@@ -12,7 +12,6 @@ from meal_bayes.agents import load_agent
 from meal_bayes.agents.co_occurrence import NOTHING, joint_prior, learn_co_occurrence
 from meal_bayes.agents.knowledge import base_rates, knowledge_of
 from meal_bayes.domain import Query, load_domain
-from meal_bayes.errors import SettingsError
 
 DOMAIN = load_domain("roc36")
 P = len(DOMAIN.attributes)
@@ -171,9 +170,12 @@ class TestAgent:
         assert voted.prior[0] == pytest.approx(0.99)
         assert voted.prior[1] < joint.prior[1]
 
-    def test_it_needs_base_rates(self):
-        with pytest.raises(SettingsError, match="give it both"):
-            dataclasses.replace(load_agent("morc"), co_occurrence=True)
+    def test_without_base_rates_there_is_none(self):
+        knowledge, names = self.knowledge()
+        uniform = dataclasses.replace(load_agent("bayes"), base_rates=False)
+        momdp = uniform.model(Query(names), knowledge)
+        assert momdp.joint is None
+        assert_array_equal(momdp.prior, 0.5)
 
     def test_moved_pairs_are_those_of_changed_labels(self):
         knowledge, names = self.knowledge()

@@ -117,6 +117,25 @@ def test_eq_8_equals_a_fit_from_all_data(dataset, make):
     np.testing.assert_allclose(alpha(learner), expected.concentration, rtol=0, atol=1e-9)
 
 
+def test_labels_that_are_told_couple_attributes(dataset, make, tmp_path):
+    """Of the recorded objects neither attribute tells of the other; of those told both do."""
+    learner = make.learner(dataset, make.agent("look", co_occurrence=True, **make.ours))
+    trials = []
+    for n in range(28):
+        same = n % 2 == 0
+        trials.append(learner.ask("red, full", make.arm(red=same, full=same, seed=n)))
+        learner.tell(trials[-1], {"red": same, "full": same})
+    assert trials[0].momdp.joint is None
+    joint = learner.ask("red, full", make.arm()).momdp.joint
+    assert min(joint[[0, 3]]) > 2 * max(joint[[1, 2]])
+    learner.save(tmp_path / "kitchen.learner")
+    again = type(learner).load(tmp_path / "kitchen.learner", agent=learner.agent)
+    np.testing.assert_array_equal(again.ask("red, full", make.arm()).momdp.joint, joint)
+    for trial in trials[:14]:
+        learner.forget(trial)
+    assert learner.ask("red, full", make.arm()).momdp.joint is None
+
+
 def test_who_recognizes_an_object_believes_its_labels_of_it_only(dataset, make):
     learner = make.learner(dataset, make.agent("look", memory=True, **make.ours))
     trial = learner.ask("red", make.arm(), object_name="mug")
