@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from numbers import Real
 
 import numpy as np
 from numpy.typing import NDArray
@@ -57,19 +58,25 @@ class LearnerSettings:
         check_whole("seed", self.seed)
         if self.percepts not in _PERCEPTS:
             raise SettingsError(unknown("percepts", self.percepts, _PERCEPTS))
-        if not 0 < self.reward <= LARGEST:
+        if not (_is_number(self.reward) and 0 < self.reward <= LARGEST):
             raise SettingsError(
-                f"reward is {self.reward}; give a finite number above 0, at most {LARGEST:g}."
+                f"reward is {self.reward!r:.60}; give a finite number above 0, at most {LARGEST:g}."
             )
-        if self.horizon is not None and not 0 <= self.horizon < np.inf:
+        horizon = self.horizon
+        if horizon is not None and not (_is_number(horizon) and 0 <= horizon < np.inf):
             raise SettingsError(
-                f"horizon is {self.horizon}; give questions to come, 0 or more, or None."
+                f"horizon is {horizon!r:.60}; give questions to come, 0 or more, or None."
             )
-        if self.refit_every is not None and not self.refit_every > 0:
-            raise SettingsError(
-                f"refit_every is {self.refit_every}; give a number above 0, or None."
-            )
+        every = self.refit_every
+        if every is not None and not (_is_number(every) and every > 0):
+            raise SettingsError(f"refit_every is {every!r:.60}; give a number above 0, or None.")
+        if not isinstance(self.learn_success, bool | np.bool_):
+            raise SettingsError(f"learn_success is {self.learn_success!r:.60}; give True or False.")
         object.__setattr__(self, "payoffs", checked_payoffs(self.payoffs))
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, Real) and not isinstance(value, bool)
 
 
 def checked_payoffs(values: Sequence[float] | None) -> Payoffs | None:
