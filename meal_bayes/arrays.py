@@ -5,8 +5,9 @@ Every array field of a public type goes through `freeze` at birth.
 
 import dataclasses
 from functools import cache
+from numbers import Real
 from types import UnionType
-from typing import Any, get_args, get_origin
+from typing import Any, TypeGuard, get_args, get_origin
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -109,6 +110,23 @@ def check_whole(name: str, value: object) -> None:
     """Refuse a setting that is no whole number, 0 or more."""
     if not isinstance(value, int | np.integer) or value < 0:
         raise SettingsError(f"{name} is {value!r:.60}; give a whole number, 0 or more.")
+
+
+def is_number(value: object) -> TypeGuard[float]:
+    """Return whether a setting is one real number; True and False are none."""
+    return isinstance(value, Real) and not isinstance(value, bool)
+
+
+def check_seconds(name: str, value: object, most: float = np.inf) -> None:
+    """Refuse a setting that is no number of seconds, from 0 to the most."""
+    if not (is_number(value) and 0 <= value <= most):
+        raise SettingsError(f"{name} is {value!r:.60}; give seconds, 0 or more.")
+
+
+def check_yes_no(name: str, value: object) -> None:
+    """Refuse a setting that is neither True nor False: "no" would be as good as True."""
+    if not isinstance(value, bool | np.bool_):
+        raise SettingsError(f"{name} is {value!r:.60}; give True or False.")
 
 
 class Rows:

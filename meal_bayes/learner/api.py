@@ -93,7 +93,7 @@ def recall(learner: Learner, *logs: str | Path) -> list[Trial]:
     Raises
     ------
     LogError
-        Logs that cannot be read, or of several data sets.
+        Logs that cannot be read, or of several data sets; none that is named.
     SettingsError
         Trials of another domain.
     """

@@ -8,6 +8,7 @@ from typing import Any, TypedDict, Unpack
 
 import numpy as np
 
+from meal_bayes.arrays import check_seconds
 from meal_bayes.datasets import object_index
 from meal_bayes.domain import Query, read_question
 from meal_bayes.domain.event import Payoffs
@@ -156,9 +157,9 @@ class Finder(Answerer):
         """
         names = _checked_objects(objects)
         query = self._searched(question, payoffs, none)
-        seconds: Any = turn_cost  # users give anything
-        if not (isinstance(seconds, int | float) and 0 <= seconds <= LARGEST):
-            raise SettingsError(f"turn_cost is {turn_cost!r:.60}; give seconds, 0 or more.")
+        check_seconds("turn_cost", turn_cost, LARGEST)
+        if max_cost is not None:
+            check_seconds("max_cost", max_cost)
         for name in truth or ():
             if name not in names:
                 raise SettingsError(f"truth is of {name!r:.60}, which is none of the objects.")

@@ -2,13 +2,12 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from numbers import Real
 
 import numpy as np
 from numpy.typing import NDArray
 
 from meal_bayes.agents import Agent
-from meal_bayes.arrays import check_whole
+from meal_bayes.arrays import check_whole, check_yes_no, is_number
 from meal_bayes.datasets import Dataset, PerceptTable
 from meal_bayes.domain import Domain, Payoffs, unknown
 from meal_bayes.errors import DataError, QueryError, SettingsError
@@ -58,25 +57,20 @@ class LearnerSettings:
         check_whole("seed", self.seed)
         if self.percepts not in _PERCEPTS:
             raise SettingsError(unknown("percepts", self.percepts, _PERCEPTS))
-        if not (_is_number(self.reward) and 0 < self.reward <= LARGEST):
+        if not (is_number(self.reward) and 0 < self.reward <= LARGEST):
             raise SettingsError(
                 f"reward is {self.reward!r:.60}; give a finite number above 0, at most {LARGEST:g}."
             )
         horizon = self.horizon
-        if horizon is not None and not (_is_number(horizon) and 0 <= horizon < np.inf):
+        if horizon is not None and not (is_number(horizon) and 0 <= horizon < np.inf):
             raise SettingsError(
                 f"horizon is {horizon!r:.60}; give questions to come, 0 or more, or None."
             )
         every = self.refit_every
-        if every is not None and not (_is_number(every) and every > 0):
+        if every is not None and not (is_number(every) and every > 0):
             raise SettingsError(f"refit_every is {every!r:.60}; give a number above 0, or None.")
-        if not isinstance(self.learn_success, bool | np.bool_):
-            raise SettingsError(f"learn_success is {self.learn_success!r:.60}; give True or False.")
+        check_yes_no("learn_success", self.learn_success)
         object.__setattr__(self, "payoffs", checked_payoffs(self.payoffs))
-
-
-def _is_number(value: object) -> bool:
-    return isinstance(value, Real) and not isinstance(value, bool)
 
 
 def checked_payoffs(values: Sequence[float] | None) -> Payoffs | None:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from meal_bayes.arrays import Levels
+from meal_bayes.arrays import Levels, check_yes_no
 from meal_bayes.datasets import Instance, PerceptTable, object_index
 from meal_bayes.datasets.detections import detected_levels
 from meal_bayes.datasets.percepts import BIN_EDGES, levels_of
@@ -49,6 +49,10 @@ class TrialOptions:
     commanded: bool = False
     abstain: bool = False  # whether it may, whatever its agent and domain say
     seed: int | None = None  # of what is drawn; the learner's by default
+
+    def __post_init__(self) -> None:
+        check_yes_no("learn", self.learn)
+        check_yes_no("commanded", self.commanded)
 
     def begun(self, state: str | None) -> dict[str, object]:
         """Return what a log says of how a trial was begun, in a state, for who resumes it."""

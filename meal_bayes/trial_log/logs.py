@@ -51,10 +51,12 @@ class Logs:
     Raises
     ------
     LogError
-        A path that is not there, or a folder without logs.
+        A path that is not there, or a folder without logs; no path.
     """
 
     def __init__(self, *paths: str | Path) -> None:
+        if not paths:
+            raise LogError("No log is named; give files, or folders of them.")
         files = {file.resolve(): file for path in paths for file in log_files(path)}
         self.files: Sequence[Path] = list(files.values())
         self.problems: list[str] = []  # grows while trials are read

@@ -6,12 +6,12 @@ loop (`run_trial`), a callback, another thread. Between two steps nothing runs.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from meal_bayes.arrays import check_whole
+from meal_bayes.arrays import check_seconds, check_whole
 from meal_bayes.errors import LogError, SettingsError
 from meal_bayes.files import command_line
 from meal_bayes.momdp import MOMDP, Belief, Transition, best_answer, initial_belief, update_belief
@@ -83,9 +83,8 @@ class Session:
         on_end: Callable[[Trial], None] | None = None,
     ) -> None:
         check_whole("max_steps", max_steps)
-        cost_limit: Any = max_cost  # users give anything
-        if max_cost is not None and not (isinstance(cost_limit, float | int) and cost_limit >= 0):
-            raise SettingsError(f"max_cost is {max_cost!r:.60}; give seconds, 0 or more.")
+        if max_cost is not None:
+            check_seconds("max_cost", max_cost)
         self.task = task
         self.momdp = momdp
         self.agent = agent

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 
 from meal_bayes.agents import knowledge_without
 from meal_bayes.datasets import TrainingSet, load_percepts
-from meal_bayes.errors import QueryError, SettingsError
-from meal_bayes.learner import Learner
+from meal_bayes.errors import LogError, QueryError, SettingsError
+from meal_bayes.learner import Learner, recall
 from meal_bayes.perception import fit_and_validate
 from meal_bayes.posterior import ConfusionPosterior
 from meal_bayes.robots import Outcome
@@ -318,6 +318,14 @@ def test_mistakes_are_told(dataset, make):
         learner.forget(trial)
     with pytest.raises(SettingsError, match="differ from"):
         Learner("roc36").fit(dataset)
-    for wrong in ({"seed": -1}, {"refit_every": 0}, {"agent": 7}):
+    for wrong in (
+        {"seed": -1}, {"refit_every": 0}, {"refit_every": "x"}, {"agent": 7}, {"reward": "6"},
+        {"horizon": "5"}, {"horizon": True}, {"learn_success": "no"},
+    ):  # fmt: skip
         with pytest.raises(SettingsError):
-            Learner(dataset.domain, **wrong)
+            Learner(dataset.domain, logs=None, **wrong)
+    for wrong in ({"learn": "no"}, {"max_cost": "x"}, {"max_cost": True}):
+        with pytest.raises(SettingsError, match="give"):
+            learner.ask("red", make.arm(), **wrong)
+    with pytest.raises(LogError, match="No log is named"):
+        recall(learner)
