@@ -63,9 +63,10 @@ class Interrupted:
     """
 
     def __init__(self, draft: Path) -> None:
-        if not draft.is_file():
-            raise LogError(f"There is no trial {draft} that was broken off.")
-        self._file = draft.open("rb")
+        try:
+            self._file = draft.open("rb")
+        except OSError:  # never there, or ended by another process a moment ago
+            raise LogError(f"There is no trial {draft} that was broken off.") from None
         if not hold(self._file):
             self._file.close()
             # Whoever began it may be dead, and another have resumed it.
