@@ -98,6 +98,66 @@ def test_reading(question, text, attributes):
     assert read_event(query.text, ROC36).report_truth is not None
 
 
+MEANINGS = {
+    "{} and {}": lambda a, b: a and b,
+    "{}, {}?": lambda a, b: a and b,
+    "{} & {}": lambda a, b: a and b,
+    "both {} and {}": lambda a, b: a and b,
+    "{} but not {}": lambda a, b: a and not b,
+    "{} or {}": lambda a, b: a or b,
+    "either {} or {}": lambda a, b: a or b,
+    "not {} or {}": lambda a, b: not a or b,
+    "not {} or not {}": lambda a, b: not a or not b,
+    "neither {} nor {}": lambda a, b: not a and not b,
+    "neither {} or {}": lambda a, b: not a and not b,
+    "not {} nor {}": lambda a, b: not a and not b,
+    "no {} and no {}": lambda a, b: not a and not b,
+    "neither {}, {} nor {}": lambda a, b, c: not a and not b and not c,
+    "neither {} nor {} nor {}": lambda a, b, c: not a and not b and not c,
+    "neither {} nor {}, and {}": lambda a, b, c: not a and not b and c,
+    "{}, {} and without {}": lambda a, b, c: a and b and not c,
+}
+AMBIGUOUS = (
+    "!{}", "~{}", "-{}", "{} | {}", "{} || {}", "{} && !{}", "not ({} and {})", "({} or {})",
+    "not not {}", "not without {}", "neither not {} nor {}", "{} and not and {}", "{} if {}",
+    "not both {} and {}", "not either {} or {}", "neither {} and {}", "{} nor {}",
+    "without {} or {}", "no {}, {}", "{} != {}", "{} xor {}", "{} / {}",
+)  # fmt: skip
+PLAIN = load_domain("cy101")
+NAMES = [name for name in PLAIN.attributes if name.isalpha()]
+
+
+@given(st.sampled_from(sorted(MEANINGS)), st.permutations(NAMES), st.booleans())
+def test_a_question_holds_where_what_it_says_in_words_does(form, names, loud):
+    meaning = MEANINGS[form]
+    count = form.count("{}")
+    question = f"Is it {form.format(*names[:count])}"
+    query = read_event(question.upper() if loud else question, PLAIN)
+    places = [query.attributes.index(name) for name in names[:count]]
+    for values in query.values:
+        said = bool(meaning(*values[places].tolist()))
+        assert query.report_truth(values.astype(np.int8)).tolist() == [said]
+
+
+@given(st.sampled_from(AMBIGUOUS), st.permutations(NAMES))
+def test_what_may_be_meant_in_two_ways_is_refused(form, names):
+    with pytest.raises(QueryError) as fault:
+        read_event(f"Is it {form.format(*names)}?", PLAIN)
+    assert "\n" not in str(fault.value)
+
+
+@pytest.mark.parametrize("question", ["!heavy", "~heavy", "heavy | blue", "-heavy", "heavy = no"])
+def test_signs_of_negation_are_no_values(question):
+    with pytest.raises(QueryError, match="The question says"):
+        read_query(question, ROC36)
+
+
+def test_a_group_may_stand_beside_its_value():
+    assert read_event("Is the color red, and is it heavy?", ROC36).text == "brown and heavy?"
+    assert read_query("light medium heavy", ROC36).group_names == ("weight",)
+    assert read_query("Is it heavy!", ROC36).attributes == ("heavy",)
+
+
 def test_one_attribute_is_the_question_of_its_value():
     assert read_event("Is it heavy?", ROC36) == read_query("Is it heavy?", ROC36)
 
