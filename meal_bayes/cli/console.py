@@ -94,8 +94,17 @@ def print_table(
 
 
 def print_json(facts: Mapping[str, object]) -> None:
-    """Print one JSON object on standard output."""
-    click.echo(json.dumps(facts, allow_nan=False))
+    """Print one JSON object on standard output; null stands for what is not finite."""
+    click.echo(json.dumps(_finite(facts), allow_nan=False))
+
+
+def _finite(value: object) -> object:
+    """Return a value for JSON, with None for each number in it that is not finite."""
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if isinstance(value, Mapping):
+        return {name: _finite(part) for name, part in value.items()}
+    return list(map(_finite, value)) if isinstance(value, list | tuple) else value
 
 
 def print_facts(console: Console, facts: Mapping[str, str], **styles: str) -> None:

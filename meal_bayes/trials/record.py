@@ -134,11 +134,14 @@ class TrialRecord(FrozenArrays):
     def answer(self) -> dict[str, bool | str] | None:
         """The report by what was asked: of a group its value, of others True or False.
 
-        None where the agent abstained, or the trial was broken off: `if trial.answer` would not
-        tell "no" from nothing, as its values do.
+        Of an event, in its words, whether it is yes: ``{"red and not empty": True}``. None where
+        the agent abstained, or the trial was broken off: `if trial.answer` would not tell "no" from
+        nothing, as its values do.
         """
         if self.report is None:
             return None
+        if self.task.query.event is not None:
+            return {self.task.query.text.removesuffix("?"): bool(self.report[0])}
         names = self.task.query.attributes
         values = dict[str, bool | str]()
         for name, places in self.task.query.questions:
@@ -169,7 +172,12 @@ class TrialRecord(FrozenArrays):
 
     @property
     def probability(self) -> float | None:
-        """Pr(yes is right) when the trial ended, of a question of yes or no; None of values."""
+        """Pr(yes is right) when the trial ended, of a question of yes or no; None of values.
+
+        A question of one attribute is one of yes or no, too.
+        """
+        if self.task.query.event is None and self.task.query.yes_or_no:
+            return float(self.last_belief.positive[0])
         return self.momdp.reports.probability_now(self.last_belief)
 
     @property

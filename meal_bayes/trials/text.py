@@ -174,7 +174,7 @@ def final_facts(trial: TrialRecord) -> dict[str, str]:
     facts = {"answer": answer, "truth": truth}
     if trial.report is not None:
         facts["answer"] = query.report_name(trial.report)
-        if trial.probability is not None:
+        if query.event is not None and trial.probability is not None:
             sure = trial.probability if trial.report[0] else 1.0 - trial.probability
             facts["answer"] += f" ({percent(sure)})"
         if trial.success is not None:

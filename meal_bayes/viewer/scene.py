@@ -124,7 +124,7 @@ class Scene:
     def close(self, trial: Trial, time: Time) -> None:
         """End a trial in the free row behind it, where lines break and lanes end."""
         names = trial.task.query.value_names
-        if trial.probability is not None:
+        if trial.task.query.event is not None:
             names = (*names, _YES)
         for entity in (*map(self._belief, names), ENTROPY, COST):
             self._to.add(entity, rr.Scalars, time, scalars=_GAP)
