@@ -129,6 +129,12 @@ def check_yes_no(name: str, value: object) -> None:
         raise SettingsError(f"{name} is {value!r:.60}; give True or False.")
 
 
+def check_amount(name: str, value: object) -> None:
+    """Refuse a setting that is no finite number above 0."""
+    if not (is_number(value) and 0 < value < np.inf):
+        raise SettingsError(f"{name} is {value!r:.60}; give a finite number above 0.")
+
+
 class Rows:
     """An array that grows at its end, at constant cost; `width` is that of its further axes."""
 

@@ -1,5 +1,6 @@
 """An agent: how knowledge becomes a decision problem, and how that is solved."""
 
+import inspect
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
@@ -13,6 +14,7 @@ from meal_bayes.domain import Domain, Payoffs, Query
 from meal_bayes.errors import SettingsError
 from meal_bayes.momdp import MOMDP, Objective, build_momdp, with_joint_prior
 from meal_bayes.planners import Solver, warm_up
+from meal_bayes.planners.boundary import checked_solver
 from meal_bayes.untrusted import name_fault
 
 _TRUST = 0.99  # Pr(a label that a person gave is right)
@@ -82,7 +84,18 @@ class Agent:
 
     def warm_up(self, domain: Domain, query: Query) -> None:
         """Compile the kernels that the solver of a query needs, before the first decision."""
-        warm_up(self.solver(domain, query), yes_or_no=query.event is not None)
+        warm_up(self.planner(domain, query), yes_or_no=query.event is not None)
+
+    def planner(self, domain: Domain, query: Query) -> Solver:
+        """Return what plans for a query; `SettingsError` where `solver` makes nothing that can."""
+        try:
+            inspect.signature(self.solver).bind(domain, query)
+        except (TypeError, ValueError):
+            raise SettingsError(
+                f"What makes the planner of agent {self.name!r} takes domain and query; found "
+                f"{self.solver!r:.60}."
+            ) from None
+        return checked_solver(self.solver(domain, query), self.name)
 
     def model(
         self,

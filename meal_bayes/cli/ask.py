@@ -215,31 +215,33 @@ def _ask_labels(trial: "Trial", labelled: set[str]) -> dict[str, bool]:
 
 def _prompt_value(group: str, members: Sequence[str]) -> dict[str, bool]:
     """Return a person's reply to which value of a group it is, by attribute; {} where unknown."""
-    text = terminal.printable(f"What {group} is it? [{', '.join(members)}; Enter: do not know]")
-    kind = click.Choice(["", *members], case_sensitive=False)
-    try:
-        reply: str = click.prompt(
-            text, type=kind, default="", show_choices=False, show_default=False, err=True
-        )
-    except click.Abort:
-        click.echo(err=True)
-        return {}
+    text = f"What {group} is it? [{', '.join(members)}; Enter: do not know]"
+    reply = _replied(text, ["", *members])
     return {name: name == reply for name in members} if reply else {}
 
 
 def _prompt(text: str) -> bool | None:
     """Return a person's reply to a yes/no question on standard error; None where unknown."""
     replies = {"y": True, "yes": True, "n": False, "no": False, "": None, "skip": None}
-    prompt = f"{terminal.printable(text)} [y/n, Enter: do not know]"
-    kind = click.Choice(list(replies), case_sensitive=False)
+    return replies[_replied(f"{text} [y/n, Enter: do not know]", list(replies))]
+
+
+def _replied(text: str, choices: Sequence[str]) -> str:
+    """Return which of the choices a person types; "" where nobody is there."""
+    kind = click.Choice(choices, case_sensitive=False)
     try:
         reply: str = click.prompt(
-            prompt, type=kind, default="", show_choices=False, show_default=False, err=True
+            terminal.printable(text),
+            type=kind,
+            default="",
+            show_choices=False,
+            show_default=False,
+            err=True,
         )
-    except click.Abort:
+    except (click.Abort, RuntimeError):  # as where standard input is closed
         click.echo(err=True)
-        return None
-    return replies[reply]
+        return ""
+    return reply
 
 
 @click.group(cls=Section)

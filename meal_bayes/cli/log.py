@@ -17,7 +17,7 @@ from meal_bayes.cli.console import (
     say,
     signed,
 )
-from meal_bayes.cli.options import FILE, MOST_TRIALS, option, shared
+from meal_bayes.cli.options import FILE, MOST_TRIALS, FiniteRange, option, shared
 from meal_bayes.cli.program import Section
 from meal_bayes.files import check_output, command_line
 
@@ -240,7 +240,7 @@ def _counted(number: int, noun: str) -> str:
 )
 @option(
     "--margin",
-    click.FloatRange(0, min_open=True),
+    FiniteRange(0, min_open=True),
     None,
     "M",
     "Of practical equivalence; .02 of accuracy, 2 s of cost, 10 of reward by default.",

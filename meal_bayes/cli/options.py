@@ -20,7 +20,20 @@ LARGEST = 1e6
 NAME_LIMIT = 1000
 MOST_TRIALS = 10_000_000
 COUNT = click.IntRange(1, MOST_TRIALS)
-AMOUNT = click.FloatRange(0, LARGEST)
+
+
+class FiniteRange(click.FloatRange):
+    """Numbers of a range; "nan", which no comparison excludes, is none."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Return the number."""
+        number = super().convert(value, param, ctx)
+        if number != number:  # noqa: PLR0124  as NaN alone is
+            self.fail(f"{value!r} is no number.", param, ctx)
+        return number
+
+
+AMOUNT = FiniteRange(0, LARGEST)
 SEED = click.IntRange(0, 2**63 - 1)
 FILE = click.Path(dir_okay=False, path_type=Path)
 FOLDER = click.Path(file_okay=False, path_type=Path)

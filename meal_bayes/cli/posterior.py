@@ -50,7 +50,7 @@ class _Fitting(TypedDict):
 @opt.option("--levels", click.IntRange(2, 8), 2, "K", "Of a percept: 2, 4 or 8.")
 @opt.option(
     "--prior-scale",
-    click.FloatRange(0, 1000, min_open=True),
+    opt.FiniteRange(0, 1000, min_open=True),
     1.0,
     "F",
     "Weight of the prior of the rows, of that which is learned from the data.",

@@ -54,7 +54,7 @@ def run() -> None:
 @opt.shared("perception")
 @opt.option(
     "--reward",
-    click.FloatRange(0, opt.LARGEST, min_open=True),
+    opt.FiniteRange(0, opt.LARGEST, min_open=True),
     None,
     "R",
     "For a right answer, and taken for a wrong one; the data set's by default.",

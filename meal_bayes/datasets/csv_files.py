@@ -28,7 +28,7 @@ from meal_bayes.display import listed
 from meal_bayes.domain import Domain, unknown
 from meal_bayes.errors import DataError, QueryError
 from meal_bayes.files import write_whole
-from meal_bayes.untrusted import read_bytes
+from meal_bayes.untrusted import name_fault, read_bytes
 
 log = logging.getLogger("meal_bayes.datasets")
 
@@ -134,12 +134,21 @@ def _read_labels(path: Path, domain: Domain) -> tuple[tuple[str, ...], NDArray[n
         if count > 1 or (name in domain.attributes and name not in present):
             hint = unknown("column", name, header[1:]).removesuffix(".")
             raise fault(where, f"{count} columns {name!r}", "one", f"add or rename one ({hint})")
+    for name in header[1:]:
+        if name not in names:
+            hint = unknown("attribute", name, (*domain.attributes, *domain.groups)).removesuffix(
+                "."
+            )
+            raise fault(where, f"a column {name!r}", "attributes and groups", f"remove it ({hint})")
     labels: dict[str, NDArray[np.int8]] = {}
     for where, cells in rows:
         if len(cells) != len(header):
             expected = f"{len(header)} as in the header"
             repair = "leave unknown values empty: a,1,,0"
             raise fault(where, f"{len(cells)} columns", expected, repair)
+        if bad := name_fault(cells[0]):
+            name = f"an object's name that {bad}"
+            raise fault(where, name, "a name", "name it, or remove the row")
         row: dict[str, Any] = {}
         for column, cell in enumerate(cells[1:], start=1):
             members = domain.groups.get(header[column], ())

@@ -26,6 +26,12 @@ _CHOICES = {
 ANSWERS = ("values", "yes or no", "balanced")
 
 
+def check_answer(answer: object) -> None:
+    """Refuse a kind of answer that there is not."""
+    if answer not in ANSWERS:
+        raise SettingsError(f"answer is {answer!r:.40}; expected one of {ANSWERS}.")
+
+
 def _as_dict(config: "OfflineConfig | OnlineConfig") -> dict[str, object]:
     """Return plain values, for headers and JSON."""
     values = {field.name: getattr(config, field.name) for field in dataclasses.fields(config)}
@@ -80,8 +86,7 @@ class OfflineConfig:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "agents", _checked(self.agents, self.seed, self.reward))
-        if self.answer not in ANSWERS:
-            raise SettingsError(f"answer is {self.answer!r:.40}; expected one of {ANSWERS}.")
+        check_answer(self.answer)
         if isinstance(self.dataset, Path):
             object.__setattr__(self, "dataset", str(self.dataset))
         if not isinstance(self.dataset, str | Dataset | PerceptTable):

@@ -11,12 +11,13 @@ from typing import Any
 
 import numpy as np
 
+from meal_bayes.arrays import check_whole
 from meal_bayes.datasets import Dataset, PerceptTable
 from meal_bayes.display import short_repr
 from meal_bayes.domain import Event, Query
 from meal_bayes.errors import SettingsError
 from meal_bayes.evaluation import summarize
-from meal_bayes.experiments.config import OfflineConfig
+from meal_bayes.experiments.config import OfflineConfig, check_answer
 from meal_bayes.experiments.store import is_whole, run_folder
 from meal_bayes.experiments.units import run_units, timed, warm_up
 from meal_bayes.files import file_name
@@ -227,6 +228,9 @@ def offline_tasks(
     SettingsError
         More attributes than can be asked or than any object has labels of, no trials.
     """
+    check_answer(answer)
+    check_whole("attributes", n_attributes)
+    check_whole("trials", trials)
     names = askable(table)
     if not 1 <= n_attributes <= len(names):
         raise SettingsError(

@@ -19,6 +19,7 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from meal_bayes.agents import as_agent
+from meal_bayes.arrays import check_amount, check_whole
 from meal_bayes.datasets import PerceptTable, object_index
 from meal_bayes.domain import unknown
 from meal_bayes.errors import SettingsError
@@ -107,6 +108,9 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
     ) -> None:
         if dataset is None:
             raise SettingsError("Give dataset=, a shipped name, or a percept table of your own.")
+        check_whole("seed", seed)
+        check_whole("max_steps", max_steps)
+        check_amount("scale", scale)
         table = TableSource.of(dataset).load()
         chosen = as_agent(agent)
         names = _chosen(table, objects)
@@ -159,7 +163,8 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
         if index is None:
             index = int(self.np_random.integers(len(self.tasks)))
             seed_of_task = int(self.np_random.integers(_SEEDS))
-        if not 0 <= index < len(self.tasks):
+        check_whole("task", index)
+        if index >= len(self.tasks):
             raise SettingsError(f"Task {index}; expected 0 to {len(self.tasks) - 1}.")
         task = self.tasks[index]
         learner = self._learner

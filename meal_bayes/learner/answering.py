@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -24,6 +23,7 @@ from meal_bayes.learner.trial import (
     Asked,
     Question,
     TrialOptions,
+    robot_or_name,
     session_of,
     task_of,
 )
@@ -169,14 +169,7 @@ class Answerer:
         RobotError
             The robot came to a state that it cannot be in.
         """
-        if isinstance(robot, str):
-            object_name = robot
-            robot = None
-        driver: Any = robot  # users give anything
-        if isinstance(driver, type) or not (driver is None or hasattr(driver, "execute")):
-            raise SettingsError(
-                f"A robot is an object with start() and execute(behavior); found {driver!r:.60}."
-            )
+        robot, object_name = robot_or_name(robot, object_name)
         if (robot is None) == (self.table is None):
             raise SettingsError(NO_TABLE if robot is None else NO_CLASSIFIERS)
         limit = robot.limit if isinstance(robot, RecordedRobot) else np.inf
@@ -231,9 +224,13 @@ class Answerer:
 
     def _read(self, question: Question, answer: str, payoffs: Sequence[float] | None) -> Question:
         """Read the question of a person who says how it is answered; others are read later."""
-        plain = answer == "values" and payoffs is None
-        if plain or isinstance(question, Task | Query):
+        if answer == "values" and payoffs is None:
             return question
+        if isinstance(question, Task | Query):
+            raise SettingsError(
+                "A Query says itself how it is answered, and what that earns; give no answer= or "
+                "payoffs= beside it."
+            )
         return read_question(question, self.domain, answer, payoffs)
 
     def resume(self, log: str | Path | None = None) -> Session:

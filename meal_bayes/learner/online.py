@@ -333,7 +333,7 @@ class Online:
         exploration = self.agent.exploration
         name = task.object_name if explore else ""
         momdp = add_bonus(exploration, problem_of(self, task, limit), self.progress(task, name))
-        if not explore or not isinstance(self.agent.solver(self.knowledge.domain, query), POMCP):
+        if not explore or not isinstance(self.agent.planner(self.knowledge.domain, query), POMCP):
             return momdp, solve(self, task, streams, momdp)
         key = query, limits_of(self, limit).tobytes()
         if key not in self.exploring:

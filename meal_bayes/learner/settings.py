@@ -56,7 +56,7 @@ class LearnerSettings:
     def __post_init__(self) -> None:
         check_whole("seed", self.seed)
         if self.percepts not in _PERCEPTS:
-            raise SettingsError(unknown("percepts", self.percepts, _PERCEPTS))
+            raise SettingsError(unknown("percepts", str(self.percepts), _PERCEPTS))
         if not (is_number(self.reward) and 0 < self.reward <= LARGEST):
             raise SettingsError(
                 f"reward is {self.reward!r:.60}; give a finite number above 0, at most {LARGEST:g}."

@@ -23,7 +23,7 @@ from meal_bayes.learner.held_out import HeldOut
 from meal_bayes.learner.online import Online
 from meal_bayes.momdp import MOMDP
 from meal_bayes.planners import Policy
-from meal_bayes.robots import OutcomeChecker
+from meal_bayes.robots import OutcomeChecker, Robot
 from meal_bayes.seeds import Key
 from meal_bayes.trials import FaultTolerant, Session, Step, Task, Trial
 from meal_bayes.trials.session import MAX_STEPS
@@ -85,6 +85,23 @@ class Asked:
             self.tests += 1
 
 
+def robot_or_name(
+    robot: Robot | str | None, object_name: str | None
+) -> tuple[Robot | None, str | None]:
+    """Return a robot, and the object's name, which may stand in the robot's place for a replay."""
+    if isinstance(robot, str):
+        if object_name not in (None, robot):
+            raise SettingsError(f"Objects {robot!r} and {object_name!r} are named; give one.")
+        return None, robot
+    driver: Any = robot  # users give anything
+    acts = hasattr(driver, "start") and hasattr(driver, "execute")
+    if isinstance(driver, type) or not (driver is None or acts):
+        raise SettingsError(
+            f"A robot is an object with start() and execute(behavior); found {driver!r:.60}."
+        )
+    return driver, object_name
+
+
 def task_of(
     domain: Domain,
     table: PerceptTable | None,
@@ -98,6 +115,11 @@ def task_of(
     nor has an object without a name. What is drawn does not depend on it, but on `key`.
     """
     if isinstance(question, Task):
+        if object_name not in (None, question.object_name):
+            raise SettingsError(
+                f"The task is about {question.object_name!r}, not about {object_name!r}; "
+                "leave out the object's name."
+            )
         return question, question.key
     for part, value in (("key", key), ("object_name", object_name)):
         if not isinstance(value, str | int | None if part == "key" else str | None):

@@ -230,7 +230,7 @@ def _columns(trial: TrialRecord) -> _Part:
     truth = query.report_truth(trial.truth)
     report = np.full(len(truth), -1) if trial.report is None else trial.report
     asked = query.value_names
-    if query.event is not None:  # one question, whatever it is of
+    if query.event is not None and trial.probability is not None:  # one question
         asked = (query.text.removesuffix("?"),)
         positive = np.array([trial.probability])
         certainty = max(trial.probability, 1.0 - trial.probability)

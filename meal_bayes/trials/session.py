@@ -17,6 +17,7 @@ from meal_bayes.files import command_line
 from meal_bayes.momdp import MOMDP, Belief, Transition, best_answer, initial_belief, update_belief
 from meal_bayes.perception import Perceiver
 from meal_bayes.planners import Decision, History, Policy, unvalued
+from meal_bayes.planners.boundary import decide
 from meal_bayes.robots.robot import Execution, Outcome, OutcomeChecker
 from meal_bayes.seeds import Key, stream
 from meal_bayes.trials.record import Step, Task, answer_reward, truth_of
@@ -264,7 +265,7 @@ class Session:
             return
         self._at = "planner"
         momdp = self.momdp
-        decision = self._policy.decide(self.history, self.rng)
+        decision = decide(self._policy, self.history, self.rng)
         limit = ""
         warning = ""
         if decision.action < momdp.n_behaviors:

@@ -186,6 +186,8 @@ BROKEN_LABELS = [
     ("object,heavy,red", "thing,heavy,red", "line 1: found the header 'thing'"),
     ("object,heavy,red", "object,heavy,rad", "line 1: found 0 columns 'red'"),
     ("object,heavy,red", "object,red,red", "line 1: found 2 columns 'red'; expected one"),
+    ("object,heavy,red", "object,heavy,red,note", "line 1: found a column 'note'; expected"),
+    ("cup,0,1", ",,", "line 2: found an object's name that is empty"),
 ]
 
 

@@ -198,3 +198,19 @@ def test_what_is_no_whole_number_is_no_action(action):
     env.reset(seed=0)
     with pytest.raises(SettingsError, match="give a whole number of Discrete"):
         env.step(action)
+
+
+@pytest.mark.parametrize(
+    "options",
+    [{"answer": "yes/no"}, {"scale": 0}, {"scale": float("nan")}, {"scale": "x"}, {"max_steps": -1},
+     {"max_steps": 2.5}, {"seed": -1}, {"attributes": 2.0}, {"trials": "x"}],
+)  # fmt: skip
+def test_settings_that_mean_nothing_are_told(options):
+    with pytest.raises(SettingsError, match=next(iter(options))):
+        MealEnv("roc36", agent="greedy", **{"trials": 5} | options)
+
+
+@pytest.mark.parametrize("task", ["x", 2.5, -1])
+def test_a_task_is_a_number(task):
+    with pytest.raises(SettingsError, match="task"):
+        MealEnv("roc36", agent="greedy", trials=5).reset(options={"task": task})

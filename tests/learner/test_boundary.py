@@ -1,0 +1,90 @@
+"""What users give to a learner that cannot be meant: one error of the package, and no trial."""
+
+import pytest
+
+from meal_bayes import Learner, MealBayesError, ask, load_percepts, read_query
+from meal_bayes.domain import read_event
+from meal_bayes.errors import SettingsError
+from meal_bayes.planners import RandomLegal
+
+OBJECTS = ("light_blue_beans", "heavy_blue_beans")
+
+
+@pytest.fixture(scope="module")
+def learner():
+    table = load_percepts("roc36")
+    return Learner(table.domain, agent="greedy", logs=None).fit(table)
+
+
+@pytest.mark.parametrize(
+    "question", ["not heavy", "heavy and blue", "light or heavy", "neither red nor heavy", "heavy"]
+)
+def test_an_answer_is_by_what_was_asked(learner, question):
+    trial = learner.ask(question, OBJECTS[1], answer="yes or no")
+    words = read_event(question, learner.domain).text.removesuffix("?")
+    assert trial.answer == {words: bool(trial.report[0])}
+    assert 0 < trial.probability < 1
+    assert trial.report[0] == (trial.probability > 0.5)
+
+
+@pytest.mark.parametrize("options", [{"answer": "yes or no"}, {"payoffs": (1, -1, 1, -1)}])
+def test_a_query_says_itself_how_it_is_answered(learner, options):
+    query = read_query("heavy, blue", learner.domain)
+    for question in (query, learner.task(query, OBJECTS[0])):
+        with pytest.raises(SettingsError, match="says itself"):
+            learner.ask(question, OBJECTS[0], **options)
+
+
+def test_two_objects_are_not_one(learner):
+    with pytest.raises(SettingsError, match="give one"):
+        learner.ask("heavy", OBJECTS[0], object_name=OBJECTS[1])
+    with pytest.raises(SettingsError, match="not about"):
+        learner.ask(learner.task("heavy", OBJECTS[0]), OBJECTS[1])
+    assert learner.ask("heavy", OBJECTS[0], object_name=OBJECTS[0]).task.object_name == OBJECTS[0]
+
+
+class Silent:
+    """A planner that forgets to return its policy, or whose policy forgets the decision."""
+
+    def __init__(self, policy, decision):
+        self.policy, self.decision = policy, decision
+
+    def solve(self, momdp, rng):
+        return self if self.policy else None
+
+    def decide(self, history, rng):
+        return self.decision
+
+
+@pytest.mark.parametrize(
+    ("agent", "says"),
+    [
+        (Silent(False, None), "expected a policy"),
+        (Silent(True, None), "expected a Decision"),
+        (Silent(True, 0), "expected a Decision"),
+        (Silent(True, "look"), "expected a Decision"),
+        (lambda domain, query: None, "expected an object with a method solve"),
+        (RandomLegal.solve, "takes domain and query"),
+        (dict, "takes domain and query|expected an object with a method solve"),
+    ],
+)
+def test_a_planner_that_plans_nothing_is_told(agent, says):
+    with pytest.raises(SettingsError, match=says):
+        ask("heavy", dataset="roc36", object=OBJECTS[0], agent=agent, logs=None)
+
+
+def test_a_robot_can_start(dataset, make):
+    learner = make.learner(dataset, "greedy")
+    for robot in (type("Arm", (), {"execute": print})(), type("Arm", (), {"start": print})(), 5):
+        with pytest.raises(SettingsError, match=r"start\(\) and execute\(behavior\)"):
+            learner.ask("red", robot)
+
+
+@pytest.mark.parametrize("value", ["3", (1, 2), float("nan"), float("inf"), -1, None, b"1", [2]])
+@pytest.mark.parametrize("name", ["reward", "horizon", "refit_every", "percepts", "seed"])
+def test_settings_of_another_kind_are_told(name, value):
+    never = name == "refit_every" and value == float("inf")
+    if never or (value is None and name in ("reward", "horizon", "refit_every")):
+        return
+    with pytest.raises(MealBayesError, match=name):
+        Learner("toy", logs=None, **{name: value})
