@@ -24,13 +24,38 @@ COLD = {  # with an empty cache of kernels, as after an install
     "demo, nothing compiled": ("-m", "meal_bayes", "demo"),
     "kernels of all solvers": ("-c", KERNELS),
 }
+DEMO = (  # on one core
+    "import os, sys\n"
+    "os.sched_setaffinity(0, sorted(os.sched_getaffinity(0))[:1])\n"
+    "from meal_bayes.cli import main\n"
+    "main(['demo', '--logs', sys.argv[1]])"
+)
+HERE = Path(__file__).resolve().parents[1]
 REPEATS = 3
+
+
+def beside(package: Path) -> list[dict[str, object]]:
+    """Run the demo with nothing compiled of another version, and of this one; Linux only."""
+    rows: list[dict[str, object]] = []
+    for name, folder in (("now", HERE), ("before", package.resolve())):
+        with tempfile.TemporaryDirectory() as cache:
+            spent = cpu_seconds(
+                ("-P", "-c", DEMO, cache), PYTHONPATH=str(folder), NUMBA_CACHE_DIR=cache
+            )
+        rows.append({"demo, nothing compiled": name, "CPU s": spent})
+    return rows
 
 
 def main() -> None:
     """Measure and print rows or JSON."""
-    options = options_of(__doc__).parse_args()
+    parser = options_of(__doc__)
+    parser.add_argument("--before", type=Path, help="folder of another version: the demo alone")
+    options = parser.parse_args()
     os.environ.setdefault("OMP_NUM_THREADS", "1")
+    if options.before is not None:
+        demos = beside(options.before)
+        show(demos, demos if options.json else None)
+        return
     rows = [
         {"part": name, "CPU s": min(cpu_seconds(words) for _ in range(REPEATS)), "bar": bar}
         for name, (bar, words) in PARTS.items()
