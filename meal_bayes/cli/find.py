@@ -8,6 +8,7 @@ import click
 from meal_bayes.cli import console as terminal
 from meal_bayes.cli import options as opt
 from meal_bayes.cli.console import note, output, print_facts, print_json, print_table
+from meal_bayes.files import command_line
 
 if TYPE_CHECKING:
     from meal_bayes.trials import Search
@@ -62,12 +63,13 @@ def find(root: Path | None, logs: Path, as_json: bool, **options: Unpack[_Search
     path = logs / f"find-{opt.digest(config)}.mcap"
     explored = [trial for trial in search.trials.values() if trial.steps]
     header = {"config": config, "seed": options["seed"], "data": table.domain.data}
-    write_trials(path, explored, header=header)
-    print_search(search, path, as_json=as_json)
+    if explored:
+        write_trials(path, explored, header=header)
+    print_search(search, path if explored else None, as_json=as_json)
 
 
-def print_search(search: "Search", path: Path, *, as_json: bool) -> None:
-    """Print what a search did with each object, and its answer."""
+def print_search(search: "Search", path: Path | None, *, as_json: bool) -> None:
+    """Print what a search did with each object, and its answer; it has a log if it explored."""
     from meal_bayes.cli.narration import trial_json
     from meal_bayes.display import percent
 
@@ -84,7 +86,7 @@ def print_search(search: "Search", path: Path, *, as_json: bool) -> None:
                     "ended": search.ended,
                 },
                 "trials": {name: trial_json(trial) for name, trial in search.trials.items()},
-                "log": str(path),
+                "log": None if path is None else str(path),
             }
         )
         return
@@ -105,4 +107,5 @@ def print_search(search: "Search", path: Path, *, as_json: bool) -> None:
     facts |= {"cost": f"{search.cost:.1f} s"}
     colors = {True: "bold green", False: "bold red", None: ""}
     print_facts(output(), facts, answer="bold", verdict=colors[search.success])
-    note(f"every decision and its reasons: meal-bayes log show {path}")
+    if path is not None:
+        note(f"every decision and its reasons: {command_line('meal-bayes log show', path)}")

@@ -8,7 +8,7 @@ from typing import Any, TypedDict, Unpack
 
 import numpy as np
 
-from meal_bayes.arrays import check_seconds
+from meal_bayes.arrays import check_seconds, is_number
 from meal_bayes.datasets import object_index
 from meal_bayes.domain import Query, read_question
 from meal_bayes.domain.event import Payoffs
@@ -34,7 +34,7 @@ from meal_bayes.trials import (
     run_search,
 )
 from meal_bayes.trials.session import MAX_STEPS
-from meal_bayes.untrusted import LARGEST
+from meal_bayes.untrusted import LARGEST, name_fault
 
 _MOST_OBJECTS = 1000
 
@@ -160,6 +160,8 @@ class Finder(Answerer):
         check_seconds("turn_cost", turn_cost, LARGEST)
         if max_cost is not None:
             check_seconds("max_cost", max_cost)
+        if not isinstance(truth, Mapping | None):
+            raise SettingsError(f"truth is {truth!r:.60}; give {{object: {{attribute: True}}}}.")
         for name in truth or ():
             if name not in names:
                 raise SettingsError(f"truth is of {name!r:.60}, which is none of the objects.")
@@ -219,12 +221,19 @@ class Finder(Answerer):
                     f"payoffs are {payoffs!r:.60}; give two numbers: of a right and a wrong claim."
                 )
             right, wrong = payoffs
-        four = Payoffs.of((right, wrong, none, none))
-        if not four.right_no < four.right_yes:
+        numbers = (right, wrong, none)
+        if not all(is_number(value) and abs(value) <= LARGEST for value in numbers) or none < wrong:
+            earned = ", ".join(f"{value!r:.20}" for value in numbers)
+            raise QueryError(
+                f"A right claim, a wrong one and none of them earn {earned}; give numbers up to "
+                f"{LARGEST:g}, of which a wrong claim has the least."
+            )
+        if not none < right:
             raise QueryError(
                 f"None of them earns {none:g}, a right claim {right:g}: nothing would be searched; "
                 "give `none` less."
             )
+        four = Payoffs.of((right, wrong, none, none))
         return Query(query.attributes, query.groups, query.group_names, query.event, four)
 
     def _planned(self, shared: SharedPlans, task: Task, momdp: MOMDP) -> Policy:
@@ -270,6 +279,8 @@ def _checked_objects(objects: Any) -> list[str]:
     if not 1 <= len(objects) <= _MOST_OBJECTS:
         raise SettingsError(f"{len(objects)} objects; give 1 to {_MOST_OBJECTS} of them.")
     for name in objects:
+        if bad := name_fault(name):
+            raise SettingsError(f"The object's name {name!a:.60} {bad}; give another.")
         if list(objects).count(name) > 1:
             raise SettingsError(f"The object {name!r} is named twice; name each object once.")
     return list(objects)

@@ -125,9 +125,9 @@ class SearchSession:
         if name is None:
             raise SettingsError("No turn is under way: execute `behavior`, or the search is over.")
         session = self.sessions[name]
+        x = state_index(session.momdp.x_names, state, f"turn_to({name!r})")
         # An object that was left is found where it stood; what was perceived of it holds.
         if session.begun:
-            x = state_index(session.momdp.x_names, state, f"turn_to({name!r})")
             session.belief = session.belief.at(x)
             session.history = replace(session.history, belief=session.belief)
         else:
@@ -156,9 +156,9 @@ class SearchSession:
 
     def fail(self) -> None:
         """Note that `behavior` failed: the state is as it was, and nothing was perceived."""
-        if self.object is not None:
-            session = self.sessions[self.object]
-            self.observe(Outcome(session.momdp.x_names[session.belief.x]))
+        session = self.sessions.get(self.object or "")
+        state = "" if session is None else session.momdp.x_names[session.belief.x]
+        self.observe(Outcome(state))  # which refuses it while no behavior is under way
 
     def cancel(self, why: str = "cancelled") -> None:
         """End the search without an answer; one that is over stays as it is."""
@@ -198,7 +198,7 @@ class SearchSession:
             self._answer(names[move.place] if move.place >= 0 else None)
         elif move.place == front:
             self._execute(move.behavior, move.values, prospects[front].claim_value)
-        elif self._within_limits(0.0):
+        elif self._within_limits(turning):
             self.turn = names[move.place]
 
     def _execute(self, action: int, values: Floats, claim_value: float) -> None:
@@ -209,7 +209,7 @@ class SearchSession:
             session.command(Decision.exact(action, np.append(compared, claim_value)))
 
     def _within_limits(self, cost: float) -> bool:
-        """Return whether a behavior may still be executed; else give the best answer."""
+        """Return whether so many seconds may still be spent; else give the best answer."""
         search = self.search
         steps = sum(len(trial.steps) for trial in search.trials.values())
         spent = self._rules.max_cost is not None and search.cost + cost > self._rules.max_cost

@@ -30,12 +30,20 @@ def test_it_names_the_object_and_logs_what_it_explored(tmp_path):
     assert "heavy_blue_beans" in page.stdout
 
 
+def test_a_search_that_explores_nothing_has_no_log(tmp_path):
+    options = ("--objects", BOXES, "--agent", "olfc", "--logs", str(tmp_path))
+    shown = run("find", "heavy", *options, "--turn-cost", "1e6")
+    assert "none of them" in shown.stdout
+    assert "log show" not in shown.output
+    assert list(tmp_path.rglob("*.mcap")) == []
+
+
 @pytest.mark.parametrize(
     ("args", "match"),
     [
         (("--objects", "heavy_blue_beans,heavy_blue_beans"), "named twice"),
         (("--objects", "cup"), "cup"),
-        (("--objects", BOXES, "--none", "900"), "must not earn"),
+        (("--objects", BOXES, "--none", "900"), "nothing would be searched"),
         (("--objects", BOXES, "--agent", "random"), "compares no values"),
         ((), "--objects"),
     ],

@@ -106,6 +106,8 @@ def test_limits_are_of_the_whole_search(learner):
     assert not search.ended
     search = learner.find("heavy", BOXES, max_cost=4.0)
     assert search.cost <= 4.0
+    search = learner.find("heavy", BOXES, max_cost=4.0, turn_cost=5.0)
+    assert search.turns == ()
 
 
 def test_the_trials_are_logged_by_object(learner, tmp_path):
@@ -159,6 +161,8 @@ def test_an_object_is_in_no_state_where_no_robot_can_be(learner, state):
     session = learner.begin_find("heavy and blue", BOXES)
     with pytest.raises(RobotError, match="x0"):
         session.turned(state)
+    with pytest.raises(SettingsError, match="No behavior is under way"):
+        session.fail()
     session.turned("x0")
     while session.turn is None:
         with pytest.raises(RobotError, match="x0"):
@@ -205,6 +209,7 @@ def test_failures_leave_the_state_and_the_search_goes_on(learner):
         (0, "expected 1 to"),
         (True, "give names"),
         (None, "give names"),
+        (["", "heavy_blue_beans"], "is empty"),
         (["no_such_object"], "no_such_object"),
         (3, "sensors"),
     ],
@@ -219,14 +224,17 @@ def test_wrong_objects_are_one_line(learner, objects, match):
     ("options", "match"),
     [
         ({"payoffs": (1, 2, 3, 4)}, "two numbers"),
-        ({"payoffs": (-500, 500)}, "must not earn more"),
-        ({"payoffs": ("a", 0)}, "four numbers"),
+        ({"payoffs": (-500, 500)}, "has the least"),
+        ({"payoffs": ("a", 0)}, "give numbers"),
         ({"payoffs": 5}, "two numbers"),
         ({"none": 500.0}, "nothing would be searched"),
-        ({"none": float("nan")}, "four numbers"),
-        ({"none": -900.0}, "must not earn more"),
+        ({"none": float("nan")}, "give numbers"),
+        ({"none": -900.0}, "has the least"),
         ({"turn_cost": -1}, "turn_cost"),
         ({"turn_cost": "far"}, "turn_cost"),
+        ({"max_cost": "30"}, "max_cost"),
+        ({"max_cost": float("nan")}, "max_cost"),
+        ({"truth": 5}, "truth"),
         ({"max_steps": 1.5}, "max_steps"),
         ({"truth": {"nobody": {"heavy": True}}}, "none of the objects"),
     ],
