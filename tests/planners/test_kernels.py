@@ -99,7 +99,8 @@ momdp = replace(momdp, bonus=rng.random(momdp.bonus.shape))
 Factored(500).solve(momdp, rng).decide(History(initial_belief(momdp)), rng)
 for info in pkgutil.walk_packages(planners.__path__, "meal_bayes.planners."):
     for name, value in vars(importlib.import_module(info.name)).items():
-        if len(getattr(value, "signatures", ())) > 1 + (name in LEAVES):
+        signatures = () if isinstance(value, type) else getattr(value, "signatures", ())
+        if len(signatures) > 1 + (name in LEAVES):
             print(value.py_func.__module__, name, *value.signatures)
 from meal_bayes.planners.open_loop.yes_or_no import planned_yes_or_no
 print(*planned_yes_or_no.signatures, end="")  # nobody asked whether all hold
