@@ -12,7 +12,7 @@ from meal_bayes.display import facts_html, facts_repr, listed
 from meal_bayes.domain.diagram import TransitionDiagram
 from meal_bayes.domain.event import Payoffs
 from meal_bayes.domain.labels import label_of, one_value
-from meal_bayes.domain.words import fold, unknown
+from meal_bayes.domain.words import JOINING_WORDS, fold, unknown
 from meal_bayes.errors import DomainError, QueryError
 from meal_bayes.untrusted import LARGEST
 
@@ -162,6 +162,8 @@ class Domain:
         # Questions are read whatever the case, so words must differ in more than that.
         words = [fold(word) for word in (*self.attributes, *self.synonyms)]
         for word in words:
+            if word in JOINING_WORDS:
+                yield f"The word {word!r} joins or denies attributes in a question; rename it."
             if words.count(word) > 1:
                 yield f"The word {word!r} stands for two attributes (case plays no part); keep one."
         for name in self.attributes:

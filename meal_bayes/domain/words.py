@@ -6,7 +6,10 @@ from collections.abc import Iterable
 
 from meal_bayes.display import listed
 
+# Words that join or deny what a question names, and so name nothing themselves.
+JOINING_WORDS = {"and", "but", "or", "nor", "not", "no", "non", "without", "neither", "either"}
 _SHOWN = 24  # names that a message lists at most; of more, the nearest
+_LONGEST = 60  # letters of an unknown name that a message repeats
 
 
 def fold(word: str) -> str:
@@ -17,13 +20,17 @@ def fold(word: str) -> str:
 def unknown(kind: str, name: str, candidates: Iterable[str]) -> str:
     """Build the message that a name is not known, with the known names nearest to it."""
     names = list(candidates)
+    if len(name) > _LONGEST:
+        name = f"{name[:_LONGEST]}..."
     coded = unicodedata.normalize("NFC", name)
     for other in names:
         if other != name and unicodedata.normalize("NFC", other) == coded:
             alike = f"{other!r} differs in how accents are coded alone (NFC or NFD)"
             return f"Unknown {kind} {name!r}: {alike}; write both alike."
     few = len(names) <= _SHOWN
-    near = difflib.get_close_matches(name, names, n=3, cutoff=0.5 if few else 0.0)
+    by_fold = {fold(other): other for other in names}  # case is no difference
+    cutoff = 0.5 if few else 0.0
+    near = [by_fold[word] for word in difflib.get_close_matches(fold(name), by_fold, 3, cutoff)]
     hint = f"did you mean {' or '.join(map(repr, near))}? " if near else ""
     rest = f"expected one of: {listed(names, _SHOWN)}." if few else f"There are {len(names)}."
     return f"Unknown {kind} {name!r}: {hint}{rest}"

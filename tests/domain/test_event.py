@@ -215,3 +215,9 @@ def test_payoffs_of_a_domain_are_kept_in_its_table():
 def test_payoffs_are_of_yes_and_no_alone():
     with pytest.raises(QueryError, match="2 values are asked"):
         Query(("heavy", "blue"), payoffs=Payoffs(1, -1, 1, -1))
+
+
+@pytest.mark.parametrize("word", ["not", "AND", "neither"])
+def test_words_that_join_or_deny_name_no_attribute(word):
+    with pytest.raises(DomainError, match="joins or denies"):
+        load_domain({"extends": "toy", "name": "odd", "synonyms": {word: "heavy"}})
