@@ -32,7 +32,7 @@ _LENT = _Lent()
 _NO_BELIEFS = Beliefs(
     x=0,
     prob=np.empty((0, 0, 0)),
-    useful=False,
+    drop_idle=False,
     best=BestPlans(value=np.empty((0, 0)), plan=np.empty((0, 0), np.int64)),
 )
 _NO_SEARCH = TreeSearch(
@@ -81,14 +81,16 @@ def grow_tree(
     return int(plan(evaluator, _NO_BELIEFS, search, reader, rng))
 
 
-def best_plans(evaluator: Evaluator, x: int, beliefs: Floats, *, useful: bool = False) -> BestPlans:
+def best_plans(
+    evaluator: Evaluator, x: int, beliefs: Floats, *, drop_idle: bool = False
+) -> BestPlans:
     """Value the best plan of each first behavior from x at beliefs (B,N,C).
 
     See `evaluate_plans`; the evaluator holds the values at the last belief.
     """
     shape = len(beliefs), len(evaluator.scratch.value)
     best = BestPlans(value=np.empty(shape), plan=np.empty(shape, np.int64))
-    asked = Beliefs(x, beliefs, useful, best)
+    asked = Beliefs(x, beliefs, drop_idle, best)
     plan(evaluator, asked, _NO_SEARCH, None, _LENT.generator)  # nothing is drawn
     return best
 
@@ -99,5 +101,5 @@ def plan_values(model: Compiled, plans: Plans, belief: Belief) -> Evaluator:
     evidence = evaluator.scratch.evidence
     evidence.counts[:] = belief.percept_counts
     evidence.total[:] = belief.percept_counts[0].sum(axis=1)
-    best_plans(evaluator, belief.x, np.exp(belief.log_prob)[None], useful=True)
+    best_plans(evaluator, belief.x, np.exp(belief.log_prob)[None], drop_idle=True)
     return evaluator

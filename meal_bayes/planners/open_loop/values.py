@@ -58,7 +58,7 @@ class Beliefs(NamedTuple):
 
     x: int
     prob: Floats  # (B,N,C) Pr(latent class)
-    useful: bool  # have behaviors that cannot help the value -inf? see `evaluate_plans`
+    drop_idle: bool  # have behaviors that cannot help the value -inf? see `evaluate_plans`
     best: BestPlans  # results
 
 
@@ -240,31 +240,35 @@ def _most_promising(guess, count):
 
 
 @called_kernel
-def evaluate_plans(evaluator, x, prob, floor, useful):
+def evaluate_plans(evaluator, x, prob, floor, drop_idle):
     """Value the best plan from x by first behavior -> `scratch.value`; return the best value.
 
     `scratch.best` holds the plans, `scratch.bonus` what of their values shaping pays;
-    `scratch.evidence` are the percepts so far. Above a
-    `floor` of -inf only the best of all is sought, and `floor` returned where none exceeds it; then
-    errors computed before are used: an attribute's belief is the same after equal `scratch.column`.
-    Plans that the tables do not hold are computed in the order of their tabulated values,
-    which are nearly always too high, COMPUTED a behavior: to leave some out keeps a lower bound.
+    `scratch.evidence` are the percepts so far. Plans that the tables do not hold are computed in
+    the order of their tabulated values, which are nearly always too high, COMPUTED a behavior: to
+    leave some out keeps a lower bound.
 
-    With `useful`, behaviors that cannot help have the value -inf. Their plans, computed in other
+    A finite `floor`, as a leaf of a tree has it, asks for the best of all plans alone, where it is
+    worth more; the floor is returned where none is. Then plans are cut short at the best so far in
+    place of the best of their first behavior, and errors computed before are used: an attribute's
+    belief is the same after equal `scratch.column`.
+
+    With `drop_idle`, behaviors that cannot help have the value -inf. Their plans, computed in other
     ways than what remains of them, may seem worth more; who followed them would go round for ever.
     """
     plans = evaluator.plans
     scratch = evaluator.scratch
     out = scratch.value
     _locate(evaluator, prob)
-    shared = floor > -np.inf
+    best_only = floor > -np.inf
     best = floor
-    if not shared:
+    if not best_only:
         scratch.error[:] = -1.0
     out[:] = -np.inf
     scratch.computed[:] = 0
     scratch.best[:] = -1
-    # The first round reads the tables, the second computes what they do not hold, best guess first.
+    # The first round reads the tables, the second computes what they do not hold, best guess first;
+    # in one loop, so that the code of a plan's value is compiled once.
     start = plans.first[x]
     count = plans.first[x + 1] - start
     for turn in range(2 * count):
@@ -274,7 +278,7 @@ def evaluate_plans(evaluator, x, prob, floor, useful):
             top = _most_promising(scratch.guess, count)
             guess = scratch.guess[top]
             j = start + top
-            if guess == -np.inf or (shared and guess <= best):
+            if guess == -np.inf or (best_only and guess <= best):
                 break
             scratch.guess[top] = -np.inf
         # A plan whose guess is no better than what its first behavior has got is not computed.
@@ -284,7 +288,7 @@ def evaluate_plans(evaluator, x, prob, floor, useful):
                 continue
             scratch.computed[a] += 1
         # A plan that cannot beat this is cut short.
-        lowest = best if shared else out[a]
+        lowest = best if best_only else out[a]
         value = _plan_value(evaluator, evaluator.model.conjunction, j, prob, lowest, exact)
         waits = not exact and not _is_tabled(evaluator, j)
         if not exact:
@@ -299,7 +303,7 @@ def evaluate_plans(evaluator, x, prob, floor, useful):
         for a in range(out.shape[0]):
             if scratch.best[a] >= 0:
                 scratch.bonus[a] = _bonus(evaluator, scratch.best[a])
-    if useful:
+    if drop_idle:
         for a in range(out.shape[0]):
             if is_idle(evaluator.model, x, a, scratch.evidence.total):
                 out[a] = -np.inf
@@ -312,7 +316,7 @@ def value_plans(evaluator, beliefs):
     scratch = evaluator.scratch
     best = beliefs.best
     for b in range(beliefs.prob.shape[0]):
-        evaluate_plans(evaluator, beliefs.x, beliefs.prob[b], -np.inf, beliefs.useful)
+        evaluate_plans(evaluator, beliefs.x, beliefs.prob[b], -np.inf, beliefs.drop_idle)
         for a in range(best.value.shape[1]):
             best.value[b, a] = scratch.value[a]
             best.plan[b, a] = scratch.best[a]

@@ -56,7 +56,8 @@ def expand(model, scratch, tree, edge, rng):
         if branch.p <= 0.0:
             break
         for outcome in range(int(outcomes) if listed else DRAWN):
-            # Pr(child) = Pr(branch) Pr(percept), or an equal part of the branch if it is drawn.
+            # The next free node becomes the child: p = Pr(branch) Pr(percept), by which `_perceive`
+            # multiplies, or an equal part of the branch if the percept is drawn.
             child = tree.node[tree.size[0]]
             prob = tree.prob[tree.size[0]]
             tree.level[tree.size[0]][:] = -1

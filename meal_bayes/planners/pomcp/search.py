@@ -58,12 +58,14 @@ class Return(NamedTuple):
 
 @entry_kernel
 def plan(evaluator, beliefs, search, reader, rng):
-    """Value plans at beliefs, then grow a tree from its root: no beliefs, no simulations, or both.
+    """Value plans at beliefs, then grow a tree from its root; of either there may be none.
 
     A simulation descends the tree in a MOMDP sampled from the posterior, until ending is best, it
-    has taken an edge that is new, or is `DEPTH` deep, and backs up its return. Leaves are valued by
-    plans, or by a table where `reader` is not None: numba compiles a kernel for each of the two,
-    without the other's code. Returns how many simulations fit the tree's capacity.
+    has taken an edge that is new, or is `DEPTH` deep. Then the edges on its way are backed up: by
+    default by the expectation over their children, and so without the simulation's own return,
+    which counts where `growing.averaged`. Leaves are valued by plans, or by a table where `reader`
+    is not None: numba compiles a kernel for each of the two, without the other's code. Returns how
+    many simulations fit the tree's capacity.
     """
     if reader is None:
         value_plans(evaluator, beliefs)
@@ -79,14 +81,14 @@ def plan(evaluator, beliefs, search, reader, rng):
         draw_root_object(model.percepts, sampled, rng)
         node = np.int64(0)
         depth = 0
-        value = 0.0  # of what follows
+        value = 0.0  # of the last node: what follows of the return
         bonus = 0.0  # the part of it that shaping pays
         is_new = False
         while depth < DEPTH and not is_new:
             # A node's edges begin with what its leaf evaluator says of each behavior.
             x = tree.node[node].x
             if tree.node[node].visits == 0:
-                if reader is None:
+                if reader is None:  # -> `scratch.value`, which `open_node` reads
                     evaluate_plans(evaluator, x, tree.prob[node], -np.inf, np.bool_(True))
                 open_node(model, scratch, tree, reader, node)
             tree.node[node].visits += 1
@@ -102,13 +104,13 @@ def plan(evaluator, beliefs, search, reader, rng):
             if is_new:
                 expand(model, scratch, tree, edge, rng)
                 value_children(evaluator, tree, reader, edge)
-            # Execute in the sampled MOMDP.
+            # Execute in the sampled MOMDP, and note the step's node, action, bonus and reward.
             tree.edge[node, a].visits += 1
             sampled.path[depth, 0] = node
             sampled.path[depth, 1] = a
-            bonus = step_bonus(model, x, a, sampled.truth, scratch.evidence.total)
-            sampled.bonus[depth] = bonus
-            sampled.reward[depth] = bonus - model.dynamics.step[x, a].cost
+            paid = step_bonus(model, x, a, sampled.truth, scratch.evidence.total)
+            sampled.bonus[depth] = paid
+            sampled.reward[depth] = paid - model.dynamics.step[x, a].cost
             node = _execute(model, tree, sampled, edge, rng)
             count_percept(scratch.evidence, tree.level[node], a, 1.0)
             depth += 1
@@ -157,7 +159,7 @@ def _execute(model, tree, sampled, edge, rng):
             break
         u -= p
         k += 1
-    level = tree.level[tree.size[0]]
+    level = tree.level[tree.size[0]]  # of no node yet: it holds the percept for a moment
     draw_percept(percepts, sampled, a, level, rng)
     # The sibling that shows these levels, or one of the branch at random (reservoir sampling).
     first = tree.edge[node, a].first
@@ -169,8 +171,8 @@ def _execute(model, tree, sampled, edge, rng):
         siblings += 1
         same = True
         for i in range(level.shape[0]):
-            apart = percepts.informative[i, a] and tree.level[child, i] >= 0
-            same = same and not (apart and tree.level[child, i] != level[i])
+            compares = percepts.informative[i, a] and tree.level[child, i] >= 0
+            same = same and not (compares and tree.level[child, i] != level[i])
         if same:
             successor = child
             break
