@@ -229,12 +229,12 @@ def offline_tasks(
         More attributes than can be asked or than any object has labels of, no trials.
     """
     check_answer(answer)
-    check_whole("attributes", n_attributes)
     check_whole("trials", trials)
     names = askable(table)
-    if not 1 <= n_attributes <= len(names):
+    whole = isinstance(n_attributes, int | np.integer)
+    if not whole or not 1 <= n_attributes <= len(names):
         raise SettingsError(
-            f"{n_attributes} attributes asked; {table.domain.name} has {len(names)} to ask, "
+            f"{n_attributes!r:.60} attributes asked; {table.domain.name} has {len(names)} to ask, "
             f"give a number from 1 to {len(names)}."
         )
     if trials < 1:
