@@ -45,12 +45,14 @@ class TransitionArrays(NamedTuple):
 
     `transition` (E,X,X) is Pr(x' | x, behavior), illegal rows as `TransitionDiagram.illegal` says;
     `observation_probability` (E,X,X) is Pr(a percept comes | behavior, x, x'), below 1 on the
-    diagonal where a behavior that keeps x may fail; `legal` (X,E), whether it can be executed.
+    diagonal where a behavior that keeps x may fail; `legal` (X,E), whether it can be executed;
+    `cumulative` (E,X,X) is Pr(x' or a state before it), by which an outcome is drawn.
     """
 
     transition: NDArray[np.float64]
     observation_probability: NDArray[np.float64]
     legal: NDArray[np.bool_]
+    cumulative: NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -202,7 +204,11 @@ def _compile(diagram: TransitionDiagram, behaviors: tuple[str, ...]) -> Transiti
     transition[:, :, -1] += np.where(ends, rest, 0.0)
     # Pr(a percept | behavior, x, next x): the arrows that sense, of all that lead there.
     probability = np.divide(sensed, transition, out=np.zeros_like(sensed), where=transition > 0)
-    return TransitionArrays(freeze(transition), freeze(probability), freeze(legal.T, np.bool_))
+    cumulative = transition.cumsum(axis=2)
+    cumulative[cumulative > 1 - 1e-12] = 1.0  # or rounding makes states possible
+    return TransitionArrays(
+        freeze(transition), freeze(probability), freeze(legal.T, np.bool_), freeze(cumulative)
+    )
 
 
 def closure(start: str, follow: Callable[[str], Iterable[str]]) -> set[str]:

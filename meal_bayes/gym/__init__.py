@@ -214,7 +214,8 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
         running, _ = self._running
         if self._policy is None:
             self._policy = self._learner.policy(running.task)
-        return int(self._policy.decide(running.history, running.rng).action)
+        rng = running.streams.of("planner", running.agent)
+        return int(self._policy.decide(running.history, rng).action)
 
     def close(self) -> None:
         """End the episode; one that is not over is logged as far as it went."""

@@ -53,10 +53,7 @@ class RecordedRobot:
         self._person = person
         self._order = order
         self._failures = failures
-        arrays = domain.diagram.compile(domain.behavior_names)
-        self._sensing = arrays.observation_probability
-        self._cumulative = arrays.transition.cumsum(axis=2)  # (E,X,X)
-        self._cumulative[self._cumulative > 1 - 1e-12] = 1.0  # or rounding makes states possible
+        self._arrays = domain.diagram.compile(domain.behavior_names)
 
     @classmethod
     def of(
@@ -117,9 +114,10 @@ class RecordedRobot:
         self._executed[behavior] += 1
         transition_draw, sensing_draw, recording_draw = self._blocks[block][e, row].tolist()
         x = self._x
-        self._x = int(self._cumulative[e, x].searchsorted(transition_draw, side="right"))
+        cumulative = self._arrays.cumulative[e, x]
+        self._x = int(cumulative.searchsorted(transition_draw, side="right"))
         outcome = Outcome(self._domain.diagram.states[self._x])
-        if not spec.senses or sensing_draw >= self._sensing[e, x, self._x]:
+        if not spec.senses or sensing_draw >= self._arrays.observation_probability[e, x, self._x]:
             return outcome
         if not spec.modalities:
             if self._person is not None and spec.answer_accuracy is not None:

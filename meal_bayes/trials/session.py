@@ -19,7 +19,7 @@ from meal_bayes.perception import Perceiver
 from meal_bayes.planners import Decision, History, Policy, unvalued
 from meal_bayes.planners.boundary import decide
 from meal_bayes.robots.robot import Execution, Outcome, OutcomeChecker
-from meal_bayes.seeds import Key, stream
+from meal_bayes.seeds import Key, Streams
 from meal_bayes.trials.record import Step, Task, answer_reward, truth_of
 from meal_bayes.trials.recorder import Recorder
 from meal_bayes.trials.trial import Trial
@@ -100,8 +100,7 @@ class Session:
         self._perceiver = perceiver
         self._counts = counts
         self.key = task.key if key is None else key
-        self.rng = stream(seed, "planner", agent, *self.key)  # of the policy
-        self._luck = stream(seed, "percepts", *self.key)  # drawn from tables, same for every agent
+        self.streams = Streams(seed, self.key)
         self._truth = truth_of(task.query, truth)
         self._first = self.belief
         self._on_step = on_step
@@ -265,7 +264,7 @@ class Session:
             return
         self._at = "planner"
         momdp = self.momdp
-        decision = decide(self._policy, self.history, self.rng)
+        decision = decide(self._policy, self.history, self.streams.of("planner", self.agent))
         limit = ""
         warning = ""
         if decision.action < momdp.n_behaviors:
@@ -325,7 +324,8 @@ class Session:
         query = self.task.query
         answers = execution.answers
         if execution.instance is not None:
-            levels = self._perceiver.observe(execution.instance, query, self._luck)
+            luck = self.streams.of("percepts")  # the same for every agent
+            levels = self._perceiver.observe(execution.instance, query, luck)
             if levels is None and not execution.warning:
                 says = f"no percept of {execution.instance.behavior}: nothing of what was asked"
                 return None, says

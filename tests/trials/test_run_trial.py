@@ -242,7 +242,7 @@ def test_streams_are_named_by_the_task_and_the_planner_s_by_the_agent_too():
 
     def draws(seed, task, agent):
         session = Session(task, momdp_of(), None, None, None, agent=agent, seed=seed)
-        return [session._luck.random(), session.rng.random()]
+        return [session.streams.of(*name).random() for name in (("percepts",), ("planner", agent))]
 
     numbers = draws(1, task, "bayes")
     assert draws(1, task, "bayes") == numbers
