@@ -102,7 +102,8 @@ def _asked(question: str, vocabulary: Mapping[str, str], domain: Domain) -> list
         ):
             raise QueryError(
                 f'The question says {word!r}; ask the plain attributes (with "and" or commas), and '
-                "the report will say which of them hold."
+                "the report will say which of them hold. A question to be answered by yes or no "
+                'may say so (answer="yes or no"; --yes-no).'
             )
     asked = [word for word in words if word in vocabulary or word not in FUNCTION_WORDS]
     if not asked:

@@ -64,7 +64,8 @@ _DIAGRAM_KEYS = {
 _BEHAVIOR_KEYS = {
     "name": _TEXT, "cost": _NUMBER, "modalities": _LIST, "answer_accuracy": _NUMBER,
 }  # fmt: skip
-_FIELDS = {"from": "source", "do": "behavior", "to": "target"}  # of `Effect`; others as their keys
+# Fields of `Effect` by key; others are called as their keys.
+_EFFECT_FIELDS = {"from": "source", "do": "behavior", "to": "target"}
 _EFFECT_KEYS = {
     "from": _TEXT, "do": _TEXT, "to": _TEXT, "probability": _NUMBER, "senses": _FLAG,
 }  # fmt: skip
@@ -132,27 +133,31 @@ def domain_from_table(table: object) -> Domain:
         raise DomainError(f"A domain is a table of keys; found {type(table).__name__}.")
     # Keys and forms first, then sizes: `Domain` checks what the values mean together.
     required = ("name", "attributes", "behaviors", "diagram")
-    fields = _fields("the domain", table, _DOMAIN_KEYS, required)
+    fields = _checked_fields("the domain", table, _DOMAIN_KEYS, required)
     if "payoffs" in table:
         four = dict.fromkeys(Payoffs._fields, _NUMBER)
-        stated = _fields("[payoffs]", table["payoffs"], four, Payoffs._fields)
+        stated = _checked_fields("[payoffs]", table["payoffs"], four, Payoffs._fields)
         try:
             fields["payoffs"] = Payoffs.of([stated[name] for name in Payoffs._fields])
         except QueryError as error:
             raise DomainError(str(error)) from None
-    diagram = _fields("[diagram]", table["diagram"], _DIAGRAM_KEYS, ("states", "start", "effects"))
+    diagram = _checked_fields(
+        "[diagram]", table["diagram"], _DIAGRAM_KEYS, ("states", "start", "effects")
+    )
     _check_sizes(table)
     for part, form in (("groups", _LIST), ("synonyms", _TEXT)):
         entries = table.get(part, {})
-        fields[part] = _fields(f"[{part}]", entries, dict.fromkeys(entries, form), ())
+        fields[part] = _checked_fields(f"[{part}]", entries, dict.fromkeys(entries, form), ())
     behaviors = list[Behavior]()
     effects = list[Effect]()
     for row in table["behaviors"]:
         where = f"behavior {row.get('name', row)!r}"
-        behaviors.append(Behavior(**_fields(where, row, _BEHAVIOR_KEYS, ("name", "cost"))))
+        behaviors.append(Behavior(**_checked_fields(where, row, _BEHAVIOR_KEYS, ("name", "cost"))))
     for row in diagram["effects"]:
-        arrow = _fields(f"effect {row}", row, _EFFECT_KEYS, ("from", "do", "to"))
-        effects.append(Effect(**{_FIELDS.get(key, key): value for key, value in arrow.items()}))
+        arrow = _checked_fields(f"effect {row}", row, _EFFECT_KEYS, ("from", "do", "to"))
+        effects.append(
+            Effect(**{_EFFECT_FIELDS.get(key, key): value for key, value in arrow.items()})
+        )
     fields["behaviors"] = tuple(behaviors)
     diagram["effects"] = tuple(effects)
     diagram["states"] += (TERMINAL,)
@@ -181,7 +186,7 @@ def domain_table(domain: Domain) -> dict[str, Any]:
     if not diagram["labels"]:
         del diagram["labels"]
     diagram["effects"] = [
-        {key: effect[_FIELDS.get(key, key)] for key in _EFFECT_KEYS}
+        {key: effect[_EFFECT_FIELDS.get(key, key)] for key in _EFFECT_KEYS}
         for effect in diagram["effects"]
     ]
     return table
@@ -231,7 +236,7 @@ def _check_sizes(table: dict[str, Any]) -> None:
         raise DomainError(f"{parts} make more than {DIAGRAM_LIMIT:,} entries; use fewer of them.")
 
 
-def _fields(
+def _checked_fields(
     where: str, row: dict[str, Any], forms: dict[str, str], required: tuple[str, ...]
 ) -> dict[str, Any]:
     """Check the keys of a table, and the forms of its values; return them as fields hold them."""

@@ -104,8 +104,7 @@ def _ending(
     """
     reports = momdp.reports
     if reports.event is None:
-        right = _right(momdp, belief, counts, rng)
-        return np.asarray(momdp.incorrect + (momdp.correct - momdp.incorrect) * right)
+        return reports.of_right(_right(momdp, belief, counts, rng)[:, None])
     now = reports.answers(reports.probability(belief), no_cost)  # (J,2)
     evidence = _sampled_evidence(momdp, belief, int(counts.max(initial=0)), rng)
     ending: Floats = now.max(axis=1)
