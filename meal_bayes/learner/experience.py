@@ -175,7 +175,8 @@ class Experience:
         success : int
             1 succeeded, 0 failed, -1 not known.
         instance : Instance, optional
-            What was sensed; of a replayed recording its number tells whether it is new.
+            What was sensed; of a replayed recording its number tells whether it is new (NONE where
+            nobody says which it was: then it is the next of the data set).
         levels, detected : Labels | None
             (P,) its percept levels, of 0 to K - 1, and those that were given as such; -1 unknown.
         """
@@ -189,11 +190,13 @@ class Experience:
             like = (before["object"] == o) & (before["behavior"] == behavior)
             like &= (before["digest"] == digest) & (before["origin"] != WITHDRAWN)
             # The same recording shown again is the instance that is there; a robot's is a new one.
-            recording = NONE
-            if instance is not None and instance.object_index >= 0:  # a replay shows it again
-                recording = instance.recording
-                replay = like & ((before["recording"] == recording) | (before["origin"] == GIVEN))
-                row = int(np.flatnonzero(replay).max(initial=NONE))
+            replayed = instance is not None and instance.object_index >= 0
+            recording = NONE if instance is None or not replayed else instance.recording
+            if replayed and recording == NONE:
+                row = self._given_unshown(o, behavior, number)
+            elif replayed:
+                shown = like & ((before["recording"] == recording) | (before["origin"] == GIVEN))
+                row = int(np.flatnonzero(shown).max(initial=NONE))
             if row == NONE:
                 copy = int(like.sum())
                 fields = (o, behavior, digest, copy, recording, GATHERED, k)
@@ -202,6 +205,15 @@ class Experience:
         self.executions.append((number, behavior, row, success))
         if row != NONE:
             self._relabel([row])
+
+    def _given_unshown(self, o: int, behavior: int, trial: int) -> int:
+        """Return the first given recording that a trial has not shown yet; NONE where none is."""
+        rows = self.instances.values
+        given = (rows["object"] == o) & (rows["behavior"] == behavior) & (rows["origin"] == GIVEN)
+        executions = self.executions.values
+        shown = executions["instance"][executions["trial"] == trial]
+        unshown = np.setdiff1d(np.flatnonzero(given), shown)
+        return int(unshown[0]) if len(unshown) else NONE
 
     def label(
         self, trial: Key, object_name: str, labels: Labels, *, given: bool = False

@@ -16,7 +16,7 @@ from meal_bayes.datasets.detections import detected_levels
 from meal_bayes.datasets.percepts import BIN_EDGES, levels_of
 from meal_bayes.domain import Domain, Query, read_query
 from meal_bayes.errors import SettingsError
-from meal_bayes.learner.columns import Context
+from meal_bayes.learner.columns import NONE, Context
 from meal_bayes.learner.experience import Experience
 from meal_bayes.learner.fit import Fit, problem_of, solve
 from meal_bayes.learner.held_out import HeldOut
@@ -306,6 +306,8 @@ def record_step(
     if e >= momdp.n_behaviors:
         return
     instance, levels = perceived or (None, None)
+    if instance is None and task.object_index >= 0:  # a replay, of which the log has percepts alone
+        instance = Instance(task.object_index, domain.behaviors[e].name, NONE)
     percepts = None if instance is None else instance.percepts
     detected = detected_levels(percepts, domain, momdp.levels)
     shows = step.observation is not None or (levels is not None and (levels >= 0).any())

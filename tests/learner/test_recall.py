@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 
 from meal_bayes.errors import SettingsError
 from meal_bayes.learner import Learner, recall
+from meal_bayes.perception import build_percept_table
 from meal_bayes.trial_log import Logs
 
 
@@ -148,3 +149,22 @@ def test_a_trial_that_was_known_in_part_is_recorded_to_its_end(dataset, make, tm
     for name in ("executions", "labels"):
         expected = getattr(driver.experience, name).values
         np.testing.assert_array_equal(getattr(other.experience, name).values, expected)
+
+
+def test_a_replay_shows_recordings_that_were_given_and_adds_none(dataset, make, tmp_path):
+    """What was told of a replay holds of the recordings of its object, and can be taken back."""
+    table = build_percept_table(dataset)
+    agent = make.agent("look", "lift", "reset", "look", **make.ours)
+    replayer = Learner(dataset.domain, agent=agent, logs=tmp_path).fit(table)
+    trials = [replayer.ask("red", dataset.objects[o]) for o in (0, 0, 3)]
+    given, empty = make.learner(dataset, agent), Learner(dataset.domain, agent=agent, logs=None)
+    count = len(given.experience.instances)
+    replayer.tell(trials[2], {"full": False})
+    for learner in (given, empty):
+        recall(learner, tmp_path)
+        recall(learner, tmp_path)
+    assert len(given.experience.instances) == count
+    executions = given.experience.executions.values
+    assert (executions["instance"] >= 0).sum() == 3 * len({t.task.key for t in trials})
+    assert given.experience.told_in(trials[2].task.key)[1] == 0
+    assert len(empty.experience.instances) == 3 * len({t.task.key for t in trials})
