@@ -78,7 +78,7 @@ def recall(learner: Learner, *logs: str | Path) -> list[Trial]:
     What was executed, whether it succeeded, what the robot sensed, and the labels that people told
     of it are in the logs. Trials that the learner has had to their end, tests, and trials with
     other levels than its agent's are passed over, but for what people have told of them, or taken
-    back, since.
+    back, since. A replay shows recordings of its object that the learner was given, if it was.
 
     Parameters
     ----------
