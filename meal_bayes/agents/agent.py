@@ -82,19 +82,20 @@ class Agent:
         if fault := name_fault(self.name):
             raise SettingsError(f"The agent's name {self.name!a:.60} {fault}; rename it.")
 
+        try:
+            inspect.signature(self.solver).bind("a domain", "a query")
+        except (TypeError, ValueError):
+            raise SettingsError(
+                f"What makes the planner of agent {self.name!r} takes domain and query; found "
+                f"{self.solver!r:.60}."
+            ) from None
+
     def warm_up(self, domain: Domain, query: Query) -> None:
         """Compile the kernels that the solver of a query needs, before the first decision."""
         warm_up(self.planner(domain, query), yes_or_no=query.event is not None)
 
     def planner(self, domain: Domain, query: Query) -> Solver:
         """Return what plans for a query; `SettingsError` where `solver` makes nothing that can."""
-        try:
-            inspect.signature(self.solver).bind(domain, query)
-        except (TypeError, ValueError):
-            raise SettingsError(
-                f"What makes the planner of agent {self.name!r} takes domain and query; found "
-                f"{self.solver!r:.60}."
-            ) from None
         return checked_solver(self.solver(domain, query), self.name)
 
     def model(

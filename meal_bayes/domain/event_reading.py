@@ -14,14 +14,12 @@ from meal_bayes.domain.sentence import (
     vocabulary_of,
     words_of,
 )
-from meal_bayes.domain.words import unknown
+from meal_bayes.domain.words import NOT, UNCLEAR_WORDS, unknown
 from meal_bayes.errors import QueryError
 
-_NOT = {"not", "no", "non", "without"}  # of the next attribute
-_LASTING = _NOT - {"not"}  # "without beans or rice" may mean that both are absent
+_LASTING = NOT - {"not"}  # "without beans or rice" may mean that both are absent
 _AND = {"and", "but", *JOINING_SIGNS}
 _QUANTIFIERS = {"both": "not A or not B", "either": "neither A nor B"}  # what to say after a "not"
-_UNCLEAR = {"never", "isnt", "doesnt", "xor"}
 
 
 @dataclass
@@ -87,7 +85,7 @@ class _Reader:
                 f'"{self.negation} {word}" may be misunderstood; say "{_QUANTIFIERS[word]}".'
             )
         conditional = word == "if" and self.literals
-        if conditional or is_sign(word) or word in _UNCLEAR or word.endswith("n't"):
+        if conditional or is_sign(word) or word in UNCLEAR_WORDS or word.endswith("n't"):
             raise QueryError(f'The question says {word!r}; use "and", "or" and "not" alone.')
         if word not in FUNCTION_WORDS and word != "either":
             names = (*self.domain.attributes, *self.domain.synonyms)
@@ -148,7 +146,7 @@ def read_event(
             if not {domain.words.get(other) for other in words} & {*values}:
                 message = f"{word!r} is one of {', '.join(values)}; a question of yes or no says"
                 raise QueryError(f"{message} which.")
-        elif word in _NOT or word == "neither":
+        elif word in NOT or word == "neither":
             reader.negate(word)
         elif word in _AND or word in ("or", "nor"):
             reader.join(word)

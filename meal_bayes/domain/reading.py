@@ -16,11 +16,11 @@ from meal_bayes.domain.sentence import (
     vocabulary_of,
     words_of,
 )
-from meal_bayes.domain.words import fold, unknown
+from meal_bayes.domain.words import JOINING_WORDS, UNCLEAR_WORDS, fold, unknown
 from meal_bayes.errors import QueryError
 
-_NEGATIONS = {"not", "no", "non", "without", "never", "neither", "nor", "isnt", "doesnt"}  # and n't
 _ALTERNATIVES = {"or", "either", "xor"}
+_NEGATIONS = (JOINING_WORDS | UNCLEAR_WORDS) - _ALTERNATIVES - {"and", "but"}  # and all with n't
 _REFERENTS = {"object", "thing", "item", "one"}  # how a sentence names the object asked about
 
 

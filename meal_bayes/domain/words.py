@@ -6,8 +6,10 @@ from collections.abc import Iterable
 
 from meal_bayes.display import listed
 
+NOT = {"not", "no", "non", "without"}  # deny what is named next
 # Words that join or deny what a question names, and so name nothing themselves.
-JOINING_WORDS = {"and", "but", "or", "nor", "not", "no", "non", "without", "neither", "either"}
+JOINING_WORDS = {*NOT, "neither", "nor", "and", "but", "or", "either"}
+UNCLEAR_WORDS = {"never", "isnt", "doesnt", "xor"}  # so do these, but of what is not clear
 _SHOWN = 24  # names that a message lists at most; of more, the nearest
 _LONGEST = 60  # letters of an unknown name that a message repeats
 

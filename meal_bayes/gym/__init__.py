@@ -27,6 +27,7 @@ from meal_bayes.experiments import offline_tasks
 from meal_bayes.learner import Learner
 from meal_bayes.perception import TableSource
 from meal_bayes.planners import Policy, unvalued
+from meal_bayes.planners.boundary import decide
 from meal_bayes.robots.recorded import RecordedRobot
 from meal_bayes.seeds import stream
 from meal_bayes.trials import Session, Trial
@@ -215,7 +216,7 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
         if self._policy is None:
             self._policy = self._learner.policy(running.task)
         rng = running.streams.of("planner", running.agent)
-        return int(self._policy.decide(running.history, rng).action)
+        return int(decide(self._policy, running.history, rng).action)
 
     def close(self) -> None:
         """End the episode; one that is not over is logged as far as it went."""

@@ -148,17 +148,22 @@ class SearchSession:
         RobotError
             A state that a robot cannot be in.
         """
+        name = self._explored
+        self.sessions[name].observe(outcome)
+        self._prospects[name] = self._prospect(name)
+        self._decide()
+
+    @property
+    def _explored(self) -> str:
+        """The object whose behavior is under way; `SettingsError` where none is."""
         if self.object is None or self.behavior is None:
             raise SettingsError("No behavior is under way: a turn is, or the search is over.")
-        self.sessions[self.object].observe(outcome)
-        self._prospects[self.object] = self._prospect(self.object)
-        self._decide()
+        return self.object
 
     def fail(self) -> None:
         """Note that `behavior` failed: the state is as it was, and nothing was perceived."""
-        session = self.sessions.get(self.object or "")
-        state = "" if session is None else session.momdp.x_names[session.belief.x]
-        self.observe(Outcome(state))  # which refuses it while no behavior is under way
+        session = self.sessions[self._explored]
+        self.observe(Outcome(session.momdp.x_names[session.belief.x]))
 
     def cancel(self, why: str = "cancelled") -> None:
         """End the search without an answer; one that is over stays as it is."""
