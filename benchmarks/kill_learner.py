@@ -45,7 +45,7 @@ from meal_bayes import Learner, Outcome
 from meal_bayes.errors import LogError, OutputError
 from meal_bayes.learner import recall
 from meal_bayes.trial_log import Logs, recover_log, salvage
-from meal_bayes.trial_log.live import interrupted
+from meal_bayes.trial_log.live import Interrupted, interrupted
 from meal_bayes.trial_log.names import drafts_of, stem_of
 from meal_bayes.trials import Session, Trial
 
@@ -190,7 +190,7 @@ def go_on(learner: Learner, place: Path, journal: Journal) -> Learner:
 def recover(draft: Path) -> None:
     """Keep a trial that cannot go on as far as it went, as `meal-bayes log recover` does."""
     try:
-        broken = interrupted(draft)
+        broken = interrupted(draft, Interrupted)
     except LogError:  # the other program drives it, or has recovered it
         return
     recover_log(broken.path)

@@ -42,16 +42,17 @@ def find(root: Path | None, logs: Path, as_json: bool, **options: Unpack[_Search
     """Find the object of which it is true ("Which one is heavy and blue?"), or none.
 
     The robot turns to the most promising object, and leaves it for another as soon as that promises
-    more. The agent has learned from all other objects, of each without that one. Every object that
-    it explored has a trial in the log.
+    more. The agent has learned from all other objects, of each without that one. A folder of its
+    own holds the search, and a log of each object that it explored.
     """
     from meal_bayes.learner import Learner
-    from meal_bayes.trial_log import write_trials
+    from meal_bayes.trial_log.names import free_folder
 
     dataset, table = opt.table_of(options["dataset"], root)
     config = {"command": "find", **options, "dataset": dataset}
     agent = opt.agent_value(options["agent"])
     learner = Learner(table.domain, agent=agent, seed=options["seed"], logs=None).fit(table)
+    folder = free_folder(logs / f"find-{opt.digest(config)}")
     with terminal.showing_compilation():
         search = learner.find(
             options["question"],
@@ -59,19 +60,14 @@ def find(root: Path | None, logs: Path, as_json: bool, **options: Unpack[_Search
             payoffs=options["payoffs"] or None,
             none=options["none"],
             turn_cost=options["turn_cost"],
+            log=folder,
         )
-    path = logs / f"find-{opt.digest(config)}.mcap"
-    explored = [trial for trial in search.trials.values() if trial.steps]
-    header = {"config": config, "seed": options["seed"], "data": table.domain.data}
-    if explored:
-        write_trials(path, explored, header=header)
-    print_search(search, path if explored else None, as_json=as_json)
+    print_answer(search, folder, as_json=as_json)
 
 
-def print_search(search: "Search", path: Path | None, *, as_json: bool) -> None:
-    """Print what a search did with each object, and its answer; it has a log if it explored."""
+def print_answer(search: "Search", folder: Path, *, as_json: bool) -> None:
+    """Print a search that has ended, and where its logs are."""
     from meal_bayes.cli.narration import trial_json
-    from meal_bayes.display import percent
 
     if as_json:
         print_json(
@@ -86,10 +82,23 @@ def print_search(search: "Search", path: Path | None, *, as_json: bool) -> None:
                     "ended": search.ended,
                 },
                 "trials": {name: trial_json(trial) for name, trial in search.trials.items()},
-                "log": None if path is None else str(path),
+                "log": str(folder),
             }
         )
         return
+    print_search(search)
+    shown = command_line("meal-bayes log show", folder)
+    if any(trial.steps for trial in search.trials.values()):
+        note(f"every decision and its reasons, by object: {shown} --trial 0")
+    else:
+        note(f"it stands in {folder}: {shown}")
+
+
+def print_search(search: "Search") -> None:
+    """Print what a search did with each object, and its answer."""
+    from meal_bayes.display import percent
+    from meal_bayes.trials.search import search_facts
+
     rows = []
     for name, trial in search.trials.items():
         probability = float(trial.momdp.reports.probability(trial.last_belief))
@@ -101,11 +110,5 @@ def print_search(search: "Search", path: Path | None, *, as_json: bool) -> None:
         done = ", ".join(behaviors) or "nothing"
         rows.append((name, done, f"{trial.cost:.1f}", percent(probability)))
     print_table(("object", "explored by", "s", "Pr(yes)"), rows, left=("explored by",))
-    verdict = {True: "right", False: "wrong", None: "not known"}[search.success]
-    facts = {"question": search.question, "answer": search.claim or "none of them"}
-    facts |= {"verdict": verdict, "turns": ", ".join(search.turns) or "none"}
-    facts |= {"cost": f"{search.cost:.1f} s"}
     colors = {True: "bold green", False: "bold red", None: ""}
-    print_facts(output(), facts, answer="bold", verdict=colors[search.success])
-    if path is not None:
-        note(f"every decision and its reasons: {command_line('meal-bayes log show', path)}")
+    print_facts(output(), search_facts(search), answer="bold", verdict=colors[search.success])

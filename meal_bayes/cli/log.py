@@ -24,6 +24,7 @@ from meal_bayes.files import check_output, command_line
 if TYPE_CHECKING:
     from meal_bayes.trial_log import LogInfo
     from meal_bayes.trial_log.logs import Group
+    from meal_bayes.trials import Search
 
 _UNREAD = 3  # exit code of `recover` where bytes were passed over
 _UNSOUND = 1  # exit code of `check` for a log with problems
@@ -65,24 +66,36 @@ def info(file: Path, as_json: bool) -> None:
     print_facts(output(), facts | _header_facts(infos[0].header))
 
 
-@log.command(short_help="Show one trial step by step; of a compact log its outcome.")
+@log.command(short_help="Show a search, or one trial step by step; of a compact log its outcome.")
 @_file
-@option("--trial number", click.IntRange(0, MOST_TRIALS), 0, "N", "Which trial, counted from 0.")
+@option(
+    "--trial number",
+    click.IntRange(0, MOST_TRIALS),
+    None,
+    "N",
+    "Which trial, counted from 0; the first by default.",
+)
 @option("--picture", FILE, None, "FILE.svg", "Draw it instead, as SVG, PNG or PDF by the ending.")
 @click.option("--dark", is_flag=True, help="Draw for a dark page.")
 @click.option("--narrow", is_flag=True, help="Draw for a narrow column, as on a phone.")
-def show(file: Path, number: int, picture: Path | None, dark: bool, narrow: bool) -> None:
+def show(file: Path, number: int | None, picture: Path | None, dark: bool, narrow: bool) -> None:
     """Show one trial of a log, or of a run's folder, step by step; of a compact log its outcome.
 
+    Of the folder of a search it shows the search: what it turned to, and claimed; with --trial N
+    the N-th object that it explored.
     The picture says on one axis of seconds what the robot did, what it believed, and why it
     stopped.
     """
+    from meal_bayes.cli.find import print_search
     from meal_bayes.cli.narration import print_trial
     from meal_bayes.trials.text import outcome_facts
 
     if picture is None and (dark or narrow):
         raise click.UsageError("--dark and --narrow are of a picture; give --picture FILE.svg.")
-    group, row = numbered(file, number)
+    if number is None and picture is None and (search := search_at(file)) is not None:
+        print_search(search)
+        return
+    group, row = numbered(file, number or 0)
     if picture is not None:
         _draw(file, group, row, picture, dark=dark, narrow=narrow)
         return
@@ -95,6 +108,18 @@ def show(file: Path, number: int, picture: Path | None, dark: bool, narrow: bool
     print_facts(console, {name: facts[name] for name in ("question", "object", "agent")})
     console.print()
     print_trial(console, group.trials[row])
+
+
+def search_at(place: Path) -> "Search | None":
+    """Return the search whose folder or log this is, with what was told since; None of others."""
+    from meal_bayes.trial_log import read_search
+    from meal_bayes.trial_log.searches import search_of, searches_in
+
+    file = search_of(place)
+    if file is None:
+        return None
+    found = dict(searches_in(file, note))
+    return found[file] if file in found else read_search(file)  # which raises what is wrong
 
 
 def _draw(file: Path, group: "Group", row: int, path: Path, *, dark: bool, narrow: bool) -> None:

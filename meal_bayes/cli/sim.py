@@ -180,15 +180,17 @@ def find(question: str, boxes: int, as_json: bool, **options: Unpack[_Asking]) -
     """Find the box of which it is true ("Which one rattles?"), or none, among boxes of the seed.
 
     The arm explores the most promising box, puts it down and turns to another where that promises
-    more, and claims one, or none. Every box that it explored has a log.
+    more, and claims one, or none. A folder of its own holds the search, and a log of each box that
+    it explored.
     """
-    from meal_bayes.cli.find import print_search
+    from meal_bayes.cli.find import print_answer
     from meal_bayes.simulated_arm import find_new
+    from meal_bayes.trial_log.names import free_folder
 
     learner = _trained(options)
-    log = options["logs"] / _log_name(question, learner, options, boxes=boxes)
+    log = free_folder(options["logs"] / _log_name(question, learner, options, boxes=boxes))
     search = find_new(learner, question, options["seed"], boxes, log=log)
-    print_search(search, log, as_json=as_json)
+    print_answer(search, log, as_json=as_json)
     if search.ended:
         terminal.note(search.ended)
         click.get_current_context().exit(_FAULT)

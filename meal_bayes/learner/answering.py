@@ -255,7 +255,7 @@ class Answerer:
         place = self._folder if log is None else Path(log)
         if place is None:
             raise SettingsError("This learner logs nothing; give resume() the trial's log.")
-        broken = interrupted(place)
+        broken = interrupted(place, Interrupted)
         try:
             return self._resumed(broken)
         except BaseException:

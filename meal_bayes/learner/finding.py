@@ -1,10 +1,10 @@
 """`Learner.find`: claim one of several objects, or none."""
 
 from collections.abc import Callable, Mapping, Sequence
-from datetime import UTC, datetime
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any, TypedDict, Unpack
+from typing import Any, Unpack
 
 import numpy as np
 
@@ -13,15 +13,20 @@ from meal_bayes.datasets import object_index
 from meal_bayes.domain import Query, read_question
 from meal_bayes.domain.event import Payoffs
 from meal_bayes.errors import QueryError, SettingsError
-from meal_bayes.files import file_name
 from meal_bayes.learner.answering import NO_TABLE, Answerer
 from meal_bayes.learner.columns import Objects
 from meal_bayes.learner.fit import solve
+from meal_bayes.learner.search_input import SearchOptions, check_others, checked_objects
 from meal_bayes.learner.trial import NO_CLASSIFIERS, TrialOptions
+from meal_bayes.learner.views import labeled_table
 from meal_bayes.momdp import MOMDP
 from meal_bayes.planners import Policy, Prospector, SharedPlans
 from meal_bayes.robots.several import RobotPerObject
-from meal_bayes.seeds import stream
+from meal_bayes.seeds import Key, stream
+from meal_bayes.trial_log.live import InterruptedSearch, SearchLog, interrupted
+from meal_bayes.trial_log.names import dated_name
+from meal_bayes.trial_log.schema import SUFFIX
+from meal_bayes.trial_log.searches import search_of
 from meal_bayes.trials import (
     FaultTolerant,
     Search,
@@ -34,24 +39,7 @@ from meal_bayes.trials import (
     run_search,
 )
 from meal_bayes.trials.session import MAX_STEPS
-from meal_bayes.untrusted import LARGEST, name_fault
-
-_MOST_OBJECTS = 1000
-
-
-class SearchOptions(TypedDict, total=False):
-    """What `Learner.find` takes besides; `Learner.begin_find` says what each means."""
-
-    truth: Mapping[str, Mapping[str, bool]] | None
-    payoffs: Sequence[float] | None
-    none: float
-    turn_cost: float
-    learn: bool
-    log: str | Path | None
-    key: str | int | None
-    max_steps: int
-    max_cost: float | None
-    on_step: Callable[[Step], None] | None
+from meal_bayes.untrusted import LARGEST
 
 
 class Finder(Answerer):
@@ -155,7 +143,7 @@ class Finder(Answerer):
         log : str or Path, optional
             A folder, for a log of each object; a new one in the folder of logs by default.
         """
-        names = _checked_objects(objects)
+        names = checked_objects(objects)
         query = self._searched(question, payoffs, none)
         check_seconds("turn_cost", turn_cost, LARGEST)
         if max_cost is not None:
@@ -165,39 +153,123 @@ class Finder(Answerer):
         for name in truth or ():
             if name not in names:
                 raise SettingsError(f"truth is of {name!r:.60}, which is none of the objects.")
+        folder = self._search_folder(log)
         with self._lock:
             if self.table is None:
                 key = self._asked.key(learn=learn) if key is None else key
                 self._asked.count(learn=learn)
+        tasks = dict[str, tuple[Task, Key]]()
+        for name in names:
+            object_name = None if isinstance(objects, int) else name
+            tasks[name] = self._task(query, object_name, key if object_name else f"{key}, {name}")
+        if self.table is not None:
+            check_others(labeled_table(self.experience, self.table), names, query)
+        text = question if isinstance(question, str) else query.text
+        options = TrialOptions(learn=learn, max_steps=max_steps, max_cost=max_cost, on_step=on_step)
+        begun = {"turn_cost": float(turn_cost), **options.begun(self.domain.diagram.start)}
+        session = self._search(text, tasks, truth or {}, options, float(turn_cost))
+        if folder is not None:
+            config = {
+                "command": "Learner.find", "question": text, "agent": self.agent.name,
+                "objects": names,
+            }  # fmt: skip
+            self._record_search(session, folder, {"config": config, "begun": begun})
+        return session
+
+    def resume_find(self, log: str | Path | None = None) -> SearchSession:
+        """Go on with a search whose process ended in the middle of it, from its folder.
+
+        The learner is the one that began it, or has been saved before and loaded since; it plans
+        again what it had planned. The robot is where the last step, or the last turn, of the logs
+        led. What it sensed until then is in the logs, and is learned from.
+
+        Parameters
+        ----------
+        log : str or Path, optional
+            The folder of the search, or one of logs where one search was broken off; by default
+            this learner's.
+
+        Raises
+        ------
+        LogError
+            There is no search that was broken off, or several; it is another learner's, or another
+            process drives the robot.
+        """
+        place = self._folder if log is None else Path(log)
+        if place is None:
+            raise SettingsError(
+                "This learner logs nothing; give resume_find() the search's folder."
+            )
+        own = search_of(place)
+        broken = interrupted(place if own is None else own, InterruptedSearch)
+        try:
+            return self._resumed_search(broken)
+        except BaseException:
+            broken.release()
+            raise
+
+    def _resumed_search(self, broken: InterruptedSearch) -> SearchSession:
+        """Return the session of a search that was broken off, where it was."""
+        before = broken.search
+        header = broken.header
+        begun = dict(header["begun"])
+        turn_cost = begun.pop("turn_cost")
+        begun.pop("state")
+        tasks = {
+            name: (trial.task, tuple(header["streams"][name]))
+            for name, trial in before.trials.items()
+        }
+        truth = {name: trial.truth for name, trial in before.trials.items()}
+        options = TrialOptions(**begun)
+        session = self._search(before.question, tasks, truth, options, turn_cost)
+        session.repeat(before)
+        self._record_search(session, broken.path.parent, header, broken)
+        return session
+
+    def _record_search(
+        self, session: SearchSession, folder: Path, header: Mapping[str, Any],
+        resumed: InterruptedSearch | None = None,
+    ) -> None:  # fmt: skip
+        """Log a search from now on, in a folder with the logs of the objects that it explores."""
+
+        def explore(name: str, explored: Session, path: Path) -> None:
+            self._record(explored, path, {"config": {**header["config"], "object": name}})
+
+        streams = {name: list(each.key) for name, each in session.sessions.items()}
+        drawn = {"seed": self.settings.seed, "streams": streams, "data": self.domain.data}
+        session.record(SearchLog(folder, {**drawn, **header}, explore, resumed=resumed))
+
+    def _search(
+        self,
+        question: str,
+        tasks: Mapping[str, tuple[Task, Key]],
+        truth: Mapping[str, Any],
+        options: TrialOptions,
+        turn_cost: float,
+    ) -> SearchSession:
+        """Return the session of a search, by the task of each object and the key of its streams."""
+        names = list(tasks)
         sessions = dict[str, Session]()
         prospectors = dict[str, Prospector]()
         diagram = self.domain.diagram
         leave = np.isin(diagram.states, self.domain.leave or (diagram.start,))
         shared: SharedPlans | None = None
-        for name in names:
-            labels = (truth or {}).get(name)
-            options = TrialOptions(
-                labels, learn, max_steps=max_steps, on_step=on_step, commanded=True, abstain=True
-            )
-            object_name = None if isinstance(objects, int) else name
-            key_of_object = key if object_name else f"{key}, {name}"
-            task, streams = self._task(query, object_name, key_of_object)
+        for name, (task, streams) in tasks.items():
             beside = self._others(names, name)
-            sessions[name] = session = self._session(task, streams, options, beside)
+            known = replace(options, truth=truth.get(name), commanded=True, abstain=True)
+            sessions[name] = session = self._session(task, streams, known, beside)
             with self._lock:
                 fit = self._fit(task, learn=False, beside=beside)
             if shared is None:
                 shared = SharedPlans(partial(solve, fit, task, (*names, *task.query.attributes)))
             planned = partial(self._planned, shared, task)
             prospectors[name] = Prospector(session.momdp, planned, leave)
-        text = question if isinstance(question, str) else query.text
         return SearchSession(
-            text,
+            question,
             sessions,
             prospectors,
-            rules=SearchRules(diagram.start, float(turn_cost), max_steps, max_cost),
+            rules=SearchRules(diagram.start, turn_cost, options.max_steps, options.max_cost),
             rng=stream(self.settings.seed, "search", *names),
-            on_turn=self._logger(text, names, log),
         )
 
     def _others(self, names: Sequence[str], name: str) -> Objects:
@@ -244,43 +316,11 @@ class Finder(Answerer):
         usual = self.domain.diagram.compile(self.domain.behavior_names).transition
         return FaultTolerant(momdp, policy, shared, usual)
 
-    def _logger(
-        self, question: str, names: Sequence[str], log: str | Path | None
-    ) -> Callable[[str, Session], None] | None:
-        """Return what records an object's trial in the folder of the search; None: nothing does."""
-        if log is not None:
-            folder = Path(log)
-        elif self._folder is not None:
-            folder = self._folder / f"{datetime.now(UTC).strftime('%Y%m%d-%H%M%S-%f')}-find"
-        else:
-            return None
-        if folder.suffix == ".mcap":
+    def _search_folder(self, log: str | Path | None) -> Path | None:
+        """Return the folder of a search to come; None: nothing is logged."""
+        if log is None:
+            return None if self._folder is None else self._folder / dated_name("find")
+        folder = Path(log)
+        if folder.suffix == SUFFIX or folder.is_file():
             raise SettingsError(f"A search has a log an object; give a folder, not {folder}.")
-
-        def record(name: str, session: Session) -> None:
-            config = {
-                "command": "Learner.find", "question": question, "agent": self.agent.name,
-                "objects": list(names), "object": name,
-            }  # fmt: skip
-            self._record(session, folder / f"{file_name(name)}.mcap", {"config": config})
-
-        return record
-
-
-def _checked_objects(objects: Any) -> list[str]:
-    """Return the names of objects, or numbers for names."""
-    if isinstance(objects, int) and not isinstance(objects, bool):
-        if not 1 <= objects <= _MOST_OBJECTS:
-            raise SettingsError(f"objects is {objects}; expected 1 to {_MOST_OBJECTS}.")
-        return [str(number) for number in range(1, objects + 1)]
-    sequence = isinstance(objects, Sequence) and not isinstance(objects, str)
-    if not sequence or not all(isinstance(name, str) for name in objects):
-        raise SettingsError(f"objects is {objects!r:.60}; give names, or how many there are.")
-    if not 1 <= len(objects) <= _MOST_OBJECTS:
-        raise SettingsError(f"{len(objects)} objects; give 1 to {_MOST_OBJECTS} of them.")
-    for name in objects:
-        if bad := name_fault(name):
-            raise SettingsError(f"The object's name {name!a:.60} {bad}; give another.")
-        if list(objects).count(name) > 1:
-            raise SettingsError(f"The object {name!r} is named twice; name each object once.")
-    return list(objects)
+        return folder

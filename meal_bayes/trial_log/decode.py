@@ -18,6 +18,7 @@ from meal_bayes.trial_log import schema
 from meal_bayes.trial_log.container import FAULTS, chunk_messages, message_of
 from meal_bayes.trial_log.encode import End, judgment, limit_misfits, start_misfits, step_misfits
 from meal_bayes.trial_log.feedback import Feedback, read_key
+from meal_bayes.trial_log.search_record import SearchRecord
 from meal_bayes.trial_log.sensed import read_sensed
 from meal_bayes.trials import Step, Task, Trial, TrialOutcomes
 from meal_bayes.trials.outcomes import INTEGERS, REALS, TEXTS
@@ -42,6 +43,7 @@ class TrialBuilder:
     read: End = End()  # noqa: RUF009  immutable
     end: End | None = None  # as the writer counted
     feedback: list[Feedback] = field(default_factory=list)  # of a log of that form
+    search: SearchRecord = field(default_factory=SearchRecord)  # the same
     _channels: dict[int, str] = field(default_factory=dict)
     _runs: int = 0  # headers of runs
     _next: int = 0  # number of the next trial
@@ -91,6 +93,10 @@ class TrialBuilder:
         if topic == schema.MOMDPS:
             message = schema.MomdpMessage.FromString(data)
             self._momdps.add(message.id, _momdp(message), len(data))
+        elif topic == schema.TRIAL and self.form == schema.SEARCH_FORM:
+            self.search.start(self._trial([data], schema.OutcomeMessage()))
+        elif topic in (schema.SEARCH, schema.TURN, schema.CLAIM):
+            self.search.add(topic, data)
         elif topic in (schema.TRIAL, schema.STEP):
             if bool(self._open) == (topic == schema.TRIAL):
                 problem = "a trial has no outcome" if self._open else "a step has no trial"
@@ -123,6 +129,8 @@ class TrialBuilder:
             raise LogCorruptError(
                 f"it holds {len(self.feedback)} messages of feedback, expected one"
             )
+        if self.form == schema.SEARCH_FORM and not self.search.answered:
+            raise LogCorruptError("a search has no answer")
         if self.read != self.end:
             raise LogCorruptError(
                 f"the trials are not those that were written ({self.read}, {self.end})"
@@ -130,7 +138,9 @@ class TrialBuilder:
 
     def unfinished(self) -> Trial | None:
         """Return the trial under way as far as it went, with `ended`; None where there is none."""
-        return self._trial(schema.OutcomeMessage(ended=UNFINISHED)) if self._open else None
+        if not self._open:
+            return None
+        return self._trial(self._open, schema.OutcomeMessage(ended=UNFINISHED))
 
     def _finish(self, data: bytes) -> tuple[int, Trial]:
         if not self._open:
@@ -140,7 +150,7 @@ class TrialBuilder:
         steps = len(self._open) - 1
         if (steps, number) != (outcome.steps, outcome.trial):
             raise LogCorruptError(f"trial {number} has {steps} steps, not all of them")
-        trial = self._trial(outcome)
+        trial = self._trial(self._open, outcome)
         self._open = []
         written = (outcome.success, outcome.cost, outcome.reward)
         computed = (judgment(trial), trial.cost, trial.reward)
@@ -148,16 +158,16 @@ class TrialBuilder:
             raise LogCorruptError(f"the outcome of trial {number} is not that of its steps")
         return number, trial
 
-    def _trial(self, outcome: Any) -> Trial:
-        """Read the trial under way."""
-        begin = schema.TrialMessage.FromString(self._open[0])
+    def _trial(self, parts: Sequence[bytes], outcome: Any) -> Trial:
+        """Read a trial: its start, its steps, its outcome."""
+        begin = schema.TrialMessage.FromString(parts[0])
         if begin.momdp not in self._momdps:
             raise LogCorruptError(f"trial {begin.trial} refers to a MOMDP that is not there")
         (momdp, row_counts), _ = self._momdps[begin.momdp]
         counts = np.zeros((len(momdp.query), momdp.n_behaviors, momdp.levels), int)
-        messages = list(map(schema.StepMessage.FromString, self._open[1:]))
+        messages = list(map(schema.StepMessage.FromString, parts[1:]))
         edges = sum(len(message.tree_level) for message in messages)
-        for problem in limit_misfits(counts.size * len(self._open), edges):
+        for problem in limit_misfits(counts.size * len(parts), edges):
             raise LogCorruptError(f"trial {begin.trial}: {problem}")
         first = belief = _belief(begin, counts, momdp)
         steps = list[Step]()

@@ -1,21 +1,54 @@
-"""The log of one trial that is under way, and what a killed process left of it."""
+"""The log of a trial, or of a search, that is under way, and what a killed process left of it."""
 
 import contextlib
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
-from meal_bayes.errors import LogError
-from meal_bayes.files import hold
-from meal_bayes.trial_log.names import dated_name, drafts_of, remove_drafts, stem_of
+from meal_bayes.errors import LogCorruptError, LogError
+from meal_bayes.files import alone_in, hold
+from meal_bayes.trial_log import schema
+from meal_bayes.trial_log.encode import Packed, TrialEncoder
+from meal_bayes.trial_log.names import (
+    TURNS,
+    dated_name,
+    drafts_of,
+    explored_name,
+    named_form,
+    remove_drafts,
+    stem_of,
+)
 from meal_bayes.trial_log.reader import read_header, salvage
 from meal_bayes.trial_log.schema import ACTIVE, SUFFIX
+from meal_bayes.trial_log.search_record import pack_claim, pack_search, pack_turn
+from meal_bayes.trial_log.searches import read_search
 from meal_bayes.trial_log.writer import TrialWriter
-from meal_bayes.trials import Trial
+from meal_bayes.trials import Search, Session, Trial
 
 
-class LiveLog(TrialWriter):
+class _Live(TrialWriter):
+    """A log that is open from when it is made until what it records ends.
+
+    `resumed` is the draft that it goes on from, held until this is whole.
+    """
+
+    def __init__(
+        self, path: Path, header: Mapping[str, object], form: str, resumed: "BrokenOff | None"
+    ) -> None:
+        super().__init__(path, header, form)
+        self._resumed = resumed
+
+    def _close(self) -> None:
+        """Give the whole log its name, and remove drafts of processes that were killed."""
+        self.__exit__(None, None, None)
+        if self._resumed is not None:
+            self._resumed.release()
+        remove_drafts(self.path)
+
+
+class LiveLog(_Live):
     """A log of one trial alone: open when it is made, closed when the trial ends.
 
     In a folder it is called such as logs/kitchen/20260131-142507-381904-blue_cup-a3f9c2.mcap, by
@@ -30,43 +63,116 @@ class LiveLog(TrialWriter):
         *,
         resumed: "Interrupted | None" = None,
     ) -> None:
-        self._resumed = resumed  # the draft that it goes on from, held until this is whole
         if place.suffix != SUFFIX:
             place /= f"{dated_name(name)}{SUFFIX}"
-        super().__init__(place, header)
+        super().__init__(place, header, schema.FULL, resumed)
         self.__enter__()
 
     def end(self, trial: Trial) -> None:
         """Write the outcome, and give the whole log its name."""
         super().end(trial)
-        self.__exit__(None, None, None)
-        if self._resumed is not None:
-            self._resumed.release()
-        remove_drafts(self.path)  # of processes that were killed in this trial
+        self._close()
+
+
+class SearchLog(_Live):
+    """The log of a search, in a folder of its own: each turn as it happens, and the answer.
+
+    Parameters
+    ----------
+    folder : Path
+        Of the search alone, beside its log for those of the objects that it explores.
+    explore : Callable[[str, Session, Path], None]
+        Records the trial of an object from now on, in a log of this name.
+
+    Raises
+    ------
+    LogError
+        The folder holds logs, and the search does not go on from one of them.
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        header: Mapping[str, object],
+        explore: Callable[[str, Session, Path], None],
+        *,
+        resumed: "InterruptedSearch | None" = None,
+    ) -> None:
+        super().__init__(folder / TURNS, header, schema.SEARCH_FORM, resumed)
+        self._explore = explore
+        self._explored = 0
+        with alone_in(folder):  # of two searches that begin in it, one is refused
+            if resumed is None:
+                _check_alone(folder)
+            self.__enter__()
+
+    def begin_search(self, search: Search) -> None:
+        """Write what is searched for, and how each object's trial begins."""
+        self._put([Packed(schema.SEARCH, 0, pack_search(search))])
+        for number, trial in enumerate(search.trials.values()):
+            start = replace(trial, steps=(), report=None, ended="")
+            self._put(TrialEncoder(number, self._momdps).begin(start), sync=True)
+
+    def turn(self, number: int, name: str, state: str) -> None:
+        """Write the next turn to disk."""
+        time = schema.log_time(number, 0)
+        self._put([Packed(schema.TURN, time, pack_turn(number, name, state))], sync=True)
+
+    def explore(self, name: str, session: Session) -> None:
+        """Record an object's trial from now on, in the next log of the folder."""
+        self._explored += 1
+        self._explore(name, session, self.path.with_name(explored_name(self._explored, name)))
+
+    def end_search(self, search: Search) -> None:
+        """Write the answer, and give the whole log its name."""
+        time = schema.log_time(len(search.turns), 0)
+        self._put([Packed(schema.CLAIM, time, pack_claim(search))], sync=True)
+        self._close()
+
+
+def _check_alone(folder: Path) -> None:
+    """Refuse a folder that holds logs, but for a search whose process died before it began."""
+    logs = set(folder.glob(f"*{SUFFIX}*"))
+    for draft in drafts_of(folder / TURNS):
+        try:
+            InterruptedSearch(draft).release()
+        except NotBrokenOff:
+            continue
+        except LogError:
+            if all(map(named_form, logs)):  # nothing was explored
+                logs.remove(draft)
+                draft.unlink(missing_ok=True)
+    if logs:
+        raise LogError(
+            f"{folder} holds logs already, and a search has a folder of its own: name another. A "
+            "search that was broken off goes on by Learner.resume_find(folder)."
+        )
 
 
 class NotBrokenOff(LogError):
-    """A trial that another process drives, or that is over."""
+    """A trial or a search that another process drives, or that is over."""
 
 
-class Interrupted:
-    """A trial that a killed process left in the draft of a log, held by this process alone.
+class BrokenOff:
+    """What a killed process left in the draft of a log, held by this process alone.
 
     Attributes
     ----------
-    trial : Trial
-        As far as it went.
     path : Path
-        The name that its log gets.
+        The name that the log gets.
     header : dict
         Of the log.
     """
+
+    noun = "trial"
+    nouns = "trials"
+    form = ""  # that names of such logs are kept for
 
     def __init__(self, draft: Path) -> None:
         try:
             self._file = draft.open("rb")
         except OSError:  # never there, or ended by another process a moment ago
-            raise LogError(f"There is no trial {draft} that was broken off.") from None
+            raise LogError(f"There is no {self.noun} {draft} that was broken off.") from None
         if not hold(self._file):
             self._file.close()
             # Whoever began it may be dead, and another have resumed it.
@@ -80,24 +186,91 @@ class Interrupted:
         # Only now, as whoever held it until then may have brought it to its end.
         if self.path != draft and self.path.is_file():
             self.release()
-            raise NotBrokenOff(f"{self.path} is whole: its trial is over, nothing to resume.")
+            raise NotBrokenOff(f"{self.path} is whole: its {self.noun} is over, nothing to resume.")
         try:
             self.header: dict[str, Any] = read_header(draft)
-            trials = list(salvage(draft))
-        except LogError:
+            over = self._read(draft)
+        except LogError as fault:
             self.release()
+            if isinstance(fault, LogCorruptError) and self.form:
+                raise LogError(
+                    f"{draft} ends before the search began; begin it anew in this folder."
+                ) from None
             raise
-        last = trials[-1] if trials else None
-        begun = isinstance(self.header.get("begun"), dict)
-        if not isinstance(last, Trial) or not last.ended or not begun:
+        if over:
             self.release()
-            kind = NotBrokenOff if isinstance(last, Trial) and not last.ended else LogError
-            raise kind(f"{draft} holds no trial that was broken off; there is nothing to resume.")
-        self.trial = last
+            raise NotBrokenOff(f"The {self.noun} of {draft} is over; there is nothing to resume.")
+        if over is None or not isinstance(self.header.get("begun"), dict):
+            self.release()
+            raise LogError(
+                f"{draft} holds no {self.noun} that was broken off; there is nothing to resume."
+            )
+
+    def _read(self, draft: Path) -> bool | None:
+        """Read what the draft holds; return whether it is over, None where it holds nothing."""
+        raise NotImplementedError
+
+    @property
+    def length(self) -> int:
+        """How far it went, by which drafts of one log are compared."""
+        raise NotImplementedError
+
+    @property
+    def text(self) -> str:
+        """What it is, in a list of several."""
+        raise NotImplementedError
 
     def release(self) -> None:
         """Let others have the draft."""
         self._file.close()
+
+
+class Interrupted(BrokenOff):
+    """A trial that a killed process left in the draft of a log, `trial`, as far as it went."""
+
+    def _read(self, draft: Path) -> bool | None:
+        trials = list(salvage(draft))
+        last = trials[-1] if trials else None
+        if not isinstance(last, Trial):
+            return None
+        self.trial = last
+        return not last.ended
+
+    @property
+    def length(self) -> int:
+        """Steps."""
+        return len(self.trial.steps)
+
+    @property
+    def text(self) -> str:
+        """The question, the object, and the time."""
+        task = self.trial.task
+        return f"{task.name} of {task.object_name}, begun {stem_of(self.path)[:15]}"
+
+
+class InterruptedSearch(BrokenOff):
+    """A search that a killed process left in the draft of its log, `search`, as far as it went."""
+
+    noun = "search"
+    nouns = "searches"
+    form = schema.SEARCH_FORM
+
+    def _read(self, draft: Path) -> bool | None:
+        self.search = read_search(draft)
+        return not self.search.ended
+
+    @property
+    def length(self) -> int:
+        """Turns."""
+        return len(self.search.turns)
+
+    @property
+    def text(self) -> str:
+        """The question, and the folder."""
+        return f"{self.search.question} in {self.path.parent.name}"
+
+
+Broken = TypeVar("Broken", bound=BrokenOff)
 
 
 def _log_of(file: Path) -> Path:
@@ -105,16 +278,16 @@ def _log_of(file: Path) -> Path:
     return file.with_name(stem_of(file) + SUFFIX)
 
 
-def _furthest(file: Path) -> Interrupted:
-    """Return the trial of a log as far as any of its drafts holds it; each resumption has one."""
-    held = list[Interrupted]()
+def _furthest(file: Path, kind: type[Broken]) -> Broken:
+    """Return what any of a log's drafts holds most of; each resumption has one."""
+    held = list[Broken]()
     faults = list[LogError]()
     for draft in drafts_of(_log_of(file)) or [file]:
         try:
-            held.append(Interrupted(draft))
+            held.append(kind(draft))
         except LogError as fault:
             faults.append(fault)
-    held.sort(key=lambda broken: len(broken.trial.steps))
+    held.sort(key=lambda broken: broken.length)
     elsewhere = [fault for fault in faults if isinstance(fault, NotBrokenOff)]
     for broken in held if elsewhere else held[:-1]:
         broken.release()
@@ -123,8 +296,8 @@ def _furthest(file: Path) -> Interrupted:
     return held[-1]
 
 
-def interrupted(place: Path) -> Interrupted:
-    """Return the trial that a killed process left of a log, or alone in a folder.
+def interrupted(place: Path, kind: type[Broken]) -> Broken:
+    """Return the trial, or the search, that a killed process left of a log, or alone in a folder.
 
     Any of its drafts names the log.
 
@@ -134,22 +307,22 @@ def interrupted(place: Path) -> Interrupted:
         There is none, or there are several in the folder; another process drives it.
     """
     if place.is_file() and not place.name.endswith(ACTIVE):
-        return Interrupted(place)
+        return kind(place)
     if not place.is_dir():
-        return _furthest(place)
-    drafts = list[Interrupted]()
-    for log in sorted({_log_of(draft) for draft in place.rglob(f"*{ACTIVE}")}):
+        return _furthest(place, kind)
+    drafts = list[Broken]()
+    logs = {_log_of(draft) for draft in place.rglob(f"*{ACTIVE}")}
+    for log in sorted(log for log in logs if named_form(log) == kind.form):
         with contextlib.suppress(LogError):  # it is under way, or over, or holds no trial
-            drafts.append(_furthest(log))
+            drafts.append(_furthest(log, kind))
     if len(drafts) == 1:
         return drafts[0]
     for draft in drafts:
         draft.release()
     if not drafts:
-        raise LogError(f"{place} holds no trial that was broken off; there is nothing to resume.")
-    listed = "; ".join(
-        f"{draft.trial.task.name} of {draft.trial.task.object_name}, "
-        f"begun {stem_of(draft.path)[:15]}: resume({str(draft.path)!r})"
-        for draft in drafts
-    )
-    raise LogError(f"{place} holds {len(drafts)} trials that were broken off: {listed}.")
+        raise LogError(
+            f"{place} holds no {kind.noun} that was broken off; there is nothing to resume."
+        )
+    call = "resume_find" if kind.form else "resume"
+    listed = "; ".join(f"{draft.text}: {call}({str(draft.path)!r})" for draft in drafts)
+    raise LogError(f"{place} holds {len(drafts)} {kind.nouns} that were broken off: {listed}.")

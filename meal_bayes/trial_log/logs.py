@@ -16,9 +16,9 @@ from meal_bayes.errors import LogCorruptError, LogError, LogVersionError, QueryE
 from meal_bayes.trial_log.container import FAULTS, TORN, fault_text, read_records
 from meal_bayes.trial_log.decode import TrialBuilder
 from meal_bayes.trial_log.feedback import FeedbackIndex
-from meal_bayes.trial_log.names import feedback_files, holds_feedback, log_files, stem_of
+from meal_bayes.trial_log.names import feedback_of, log_files, named_form, stem_of
 from meal_bayes.trial_log.reader import Scan, grouped, read_header, readable_feedback
-from meal_bayes.trial_log.schema import ACTIVE, FULL, SUFFIX
+from meal_bayes.trial_log.schema import ACTIVE, FEEDBACK_FORM, FULL, SEARCH_FORM, SUFFIX
 from meal_bayes.trials import Trial, TrialOutcomes
 
 # Settings that choose trials of a run, or the form of their log, and change none.
@@ -106,10 +106,9 @@ class Logs:
                 self.problems += [f"{file}: {problem}" for problem in scan.problems]
         if empty and self.problems:
             raise LogCorruptError(f"Not one trial can be read: {self.problems[0]}.")
-        if empty and holds_feedback(self.files[0]):
-            raise LogError(
-                f"{self.files[0]} holds what was told of trials; name one of their logs."
-            )
+        if empty and (form := named_form(self.files[0])):
+            holds = {FEEDBACK_FORM: "what was told of trials", SEARCH_FORM: "the turns of trials"}
+            raise LogError(f"{self.files[0]} holds {holds[form]}; name one of their logs.")
         if empty:
             raise LogError(f"{self.files[0]} holds no trial yet.")
 
@@ -135,9 +134,7 @@ class Logs:
     def feedback_in(self, folder: Path) -> FeedbackIndex:
         """Return what people told of the trials of a folder, as far as it can be read."""
         if folder not in self._feedback:
-            # Trials of a search stand in a folder of their own, beside those of single objects.
-            files = [*feedback_files(folder), *feedback_files(folder.parent)]
-            files.sort(key=lambda file: file.name)  # a name begins with the time
+            files = feedback_of(folder)
             self._feedback[folder] = FeedbackIndex(readable_feedback(files, self.problems.append))
         return self._feedback[folder]
 

@@ -14,10 +14,13 @@ from pathlib import Path
 
 from meal_bayes.errors import LogError
 from meal_bayes.files import file_name, hold
-from meal_bayes.trial_log.schema import ACTIVE, SUFFIX
+from meal_bayes.trial_log.schema import ACTIVE, FEEDBACK_FORM, SEARCH_FORM, SUFFIX
 
 RECOVERED = ".recovered"
-FEEDBACK = ".feedback"  # ends the stem of a log of feedback
+FEEDBACK = ".feedback"  # ends the stem of a log of feedback,
+SEARCH = ".search"  # ... of a log of a search
+FORM_ENDINGS = {FEEDBACK: FEEDBACK_FORM, SEARCH: SEARCH_FORM}
+TURNS = f"turns{SEARCH}{SUFFIX}"  # the log of a search, in a folder with those of its objects
 _FEEDBACK_FOLDER = "feedback"  # beside the logs of trials
 _ENDINGS = re.compile(r"(\.w\d+-[0-9a-f]{6})?(\.recovered)?$")
 
@@ -36,14 +39,52 @@ def dated_name(name: str) -> str:
     return f"{begun}-{file_name(name)}-{secrets.token_hex(3)}"
 
 
-def holds_feedback(path: Path) -> bool:
-    """Return whether a log, or a draft, has the name of a log of feedback."""
-    return stem_of(path).endswith(FEEDBACK)
+def named_form(path: Path) -> str:
+    """Return the form that the name of a log, or of a draft, is kept for; "" where trials are."""
+    return FORM_ENDINGS.get(Path(stem_of(path)).suffix, "")
+
+
+def explored_name(number: int, name: str) -> str:
+    """Return the name of the log of an object that a search turned to as the number-th, from 1.
+
+    Such logs stand in the order of the turns, and their names are kept for nothing else.
+
+    >>> explored_name(1, "mug.search")
+    '0001-mug_search.mcap'
+    """
+    return f"{number:04d}-{file_name(name).replace('.', '_')}{SUFFIX}"
+
+
+def free_folder(folder: Path) -> Path:
+    """Return a folder that is not there yet: this one, or with the next number behind its name."""
+    free = folder
+    number = 1
+    while free.exists():
+        number += 1
+        free = folder.with_name(f"{folder.name}-{number}")
+    return free
+
+
+def search_files(path: Path) -> list[Path]:
+    """Find the logs of searches: the file itself, or those of a folder; perhaps as drafts."""
+    if path.is_file():
+        return [path] if named_form(path) == SEARCH_FORM else []
+    found = _wholest(path.rglob(f"*{SEARCH}*{SUFFIX}*"))
+    return sorted(file for log, file in found.items() if named_form(log) == SEARCH_FORM)
 
 
 def feedback_files(folder: Path) -> list[Path]:
     """Find the whole logs of feedback on a folder's trials, in the order they were written."""
     return sorted((folder / _FEEDBACK_FOLDER).glob(f"*{FEEDBACK}{SUFFIX}"))
+
+
+def feedback_of(folder: Path) -> list[Path]:
+    """Find the whole logs of feedback that may be of a folder's trials, in their order.
+
+    Trials of a search stand in a folder of their own, beside those of single objects.
+    """
+    files = [*feedback_files(folder), *feedback_files(folder.parent)]
+    return sorted(files, key=lambda file: file.name)  # a name begins with the time
 
 
 def feedback_name(folder: Path, name: str) -> Path:
@@ -88,8 +129,8 @@ def log_files(path: str | Path) -> list[Path]:
 
     Each log is found once: as the whole file; if there is none, as its largest draft; if there is
     none either, as what was recovered of it. So is a file that is not there: of a draft that was
-    found a moment ago, another process may have ended the trial. Logs of feedback hold no trials,
-    and are not found.
+    found a moment ago, another process may have ended the trial. Logs of feedback and of searches
+    hold no trials, and are not found.
 
     Raises
     ------
@@ -101,9 +142,12 @@ def log_files(path: str | Path) -> list[Path]:
         return [path]
     if path.is_dir():
         found = _wholest(path.rglob(f"*{SUFFIX}*"))
-        logs = sorted(file for log, file in found.items() if not holds_feedback(log))
+        logs = sorted(file for log, file in found.items() if not named_form(log))
         if not logs:
-            raise LogError(f"{path} holds no log (*{SUFFIX}).")
+            explored = (
+                " of a trial: the search in it explored nothing" if search_files(path) else ""
+            )
+            raise LogError(f"{path} holds no log{explored} (*{SUFFIX}).")
         return logs
     stem = stem_of(path) if path.name.endswith(ACTIVE) else path.stem
     wholest = _wholest(path.parent.glob(f"*{SUFFIX}*")).get(path.with_name(stem))

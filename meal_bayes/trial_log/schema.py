@@ -16,8 +16,10 @@ FORMAT_VERSION = 5
 FULL = "full"  # the form of a log that holds whole trials
 COMPACT = "compact"  # ... that holds their outcomes alone
 FEEDBACK_FORM = "feedback"  # ... that holds what a person told of a trial when that was over
+SEARCH_FORM = "search"  # ... that holds which objects a search turned to, and what it claimed
 PROFILES = {  # in the MCAP header
     FULL: "meal_bayes", COMPACT: "meal_bayes/outcomes", FEEDBACK_FORM: "meal_bayes/feedback",
+    SEARCH_FORM: "meal_bayes/search",
 }  # fmt: skip
 SUFFIX = ".mcap"
 ACTIVE = ".active"  # ends the name of a file that is still being written
@@ -30,6 +32,9 @@ STEP = "/step"
 OUTCOME = "/outcome"
 OUTCOMES = "/outcomes"  # of the compact form: columns of many trials in one message
 FEEDBACK = "/feedback"  # of the form of that name: one message
+SEARCH = "/search"  # of the form of that name: what is searched for, then the start of each trial,
+TURN = "/turn"  # each turn as it happens,
+CLAIM = "/claim"  # and the answer
 LINES = "/log"  # for other tools; reading takes nothing from it
 
 # Both sides keep to these limits, so that a damaged length can never ask for much memory.
@@ -86,6 +91,9 @@ _FIELDS = {
         "executed:int64* failed:int64* certainty:double*"
     ),
     "meal_bayes.Feedback": "object_name:string key:string attributes:string* labels:int64*",
+    "meal_bayes.Search": "question:string objects:string* none:double turn_cost:double",
+    "meal_bayes.Turn": "turn:int64 object_name:string state:string",
+    "meal_bayes.Claim": "object_name:string cost:double ended:string",  # no name: none of them
     "foxglove.Log": (
         "timestamp:time level:level message:string name:string file:string line:fixed32"
     ),
@@ -107,6 +115,10 @@ TOPICS = {
     },
     COMPACT: {RUN: "meal_bayes.Run", OUTCOMES: "meal_bayes.Outcomes"},
     FEEDBACK_FORM: {RUN: "meal_bayes.Run", FEEDBACK: "meal_bayes.Feedback"},
+    SEARCH_FORM: {
+        RUN: "meal_bayes.Run", MOMDPS: "meal_bayes.Momdp", TRIAL: "meal_bayes.Trial",
+        SEARCH: "meal_bayes.Search", TURN: "meal_bayes.Turn", CLAIM: "meal_bayes.Claim",
+    },
 }  # fmt: skip
 
 
@@ -152,6 +164,9 @@ StepMessage = _CLASSES["meal_bayes.Step"]
 OutcomeMessage = _CLASSES["meal_bayes.Outcome"]
 OutcomesMessage = _CLASSES["meal_bayes.Outcomes"]
 FeedbackMessage = _CLASSES["meal_bayes.Feedback"]
+SearchMessage = _CLASSES["meal_bayes.Search"]
+TurnMessage = _CLASSES["meal_bayes.Turn"]
+ClaimMessage = _CLASSES["meal_bayes.Claim"]
 LogMessage = _CLASSES["foxglove.Log"]
 
 

@@ -20,7 +20,7 @@ from meal_bayes.files import hold, replace_whole, write_whole
 from meal_bayes.trial_log import schema
 from meal_bayes.trial_log.encode import End, Packed, TrialEncoder, encode_outcomes
 from meal_bayes.trial_log.feedback import Feedback
-from meal_bayes.trial_log.names import FEEDBACK, feedback_name, holds_feedback, new_draft, timing_of
+from meal_bayes.trial_log.names import FORM_ENDINGS, feedback_name, named_form, new_draft, timing_of
 from meal_bayes.trial_log.schema import FORMAT_VERSION, SUFFIX
 from meal_bayes.trials import Step, Trial, TrialOutcomes
 from meal_bayes.untrusted import read_json
@@ -46,7 +46,7 @@ class TrialWriter:
     header : Mapping[str, object]
         What the run was, in JSON values: config, seed, git. `versions` is filled in.
     form : str
-        "full", "compact" or "feedback".
+        "full", "compact", "feedback" or "search".
     """
 
     def __init__(
@@ -56,9 +56,10 @@ class TrialWriter:
         self._form = form
         if self.path.suffix != SUFFIX:
             raise SettingsError(f"A log's name ends in {SUFFIX}; found {self.path.name!r}.")
-        if holds_feedback(self.path) != (form == schema.FEEDBACK_FORM):
+        if named_form(self.path) != (form if form in FORM_ENDINGS.values() else ""):
+            kept = " and ".join(f"{ending}{SUFFIX}" for ending in FORM_ENDINGS)
             raise SettingsError(
-                f"A name that ends in {FEEDBACK}{SUFFIX} is of feedback alone; found "
+                f"Names that end in {kept} are of feedback and searches alone; found "
                 f"{self.path.name!r}. Choose another."
             )
         self.active_path = new_draft(self.path)  # its name while it is being written

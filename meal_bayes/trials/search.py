@@ -45,6 +45,8 @@ class Search:
         s, of turning to an object.
     ended : str
         Why the search was broken off; empty: it was not.
+    states : tuple[str, ...]
+        In which the robot found the object, of each turn.
     """
 
     question: str
@@ -54,6 +56,7 @@ class Search:
     none: float = 0.0
     turn_cost: float = 0.0
     ended: str = ""
+    states: tuple[str, ...] = ()
 
     __repr__ = facts_repr
     _repr_html_ = facts_html
@@ -96,3 +99,15 @@ class Search:
         if self.claim is not None:
             earned = sum(step.reward for step in self.trials[self.claim].steps[-1:])
         return earned - self.cost
+
+
+def search_facts(search: Search) -> dict[str, str]:
+    """Return the question of a search, its answer, whether that is right, its turns and cost."""
+    verdict = {True: "right", False: "wrong", None: "not known"}[search.success]
+    return {
+        "question": search.question,
+        "answer": f"none; {search.ended}" if search.ended else search.claim or "none of them",
+        "verdict": verdict,
+        "turns": ", ".join(search.turns) or "none",
+        "cost": f"{search.cost:.1f} s",
+    }

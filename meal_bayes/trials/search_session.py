@@ -1,15 +1,17 @@
 """A search under way; what comes next is chosen by all objects (`planners.several_objects`)."""
 
-from collections.abc import Callable, Mapping
+from collections import deque
+from collections.abc import Mapping
 from dataclasses import replace
-from typing import NamedTuple, Self
+from typing import NamedTuple, Protocol, Self
 
 import numpy as np
 
 from meal_bayes.arrays import Floats
-from meal_bayes.errors import SettingsError
+from meal_bayes.errors import LogError, SettingsError
 from meal_bayes.planners import EMPTY, Decision, Prospect, Prospector, best_move
 from meal_bayes.robots.robot import Outcome, state_index
+from meal_bayes.trials.record import Step
 from meal_bayes.trials.search import Search, SearchingRobot
 from meal_bayes.trials.session import MAX_STEPS, Session
 
@@ -33,6 +35,22 @@ class SearchRules(NamedTuple):
     max_cost: float | None = None
 
 
+class SearchRecorder(Protocol):
+    """Writes a search as it happens: each turn before what comes next is named."""
+
+    def begin_search(self, search: Search) -> None:
+        """Record what is searched for, among which objects."""
+
+    def turn(self, number: int, name: str, state: str) -> None:
+        """Record the next turn, to an object in a state."""
+
+    def explore(self, name: str, session: Session) -> None:
+        """Record the trial of an object from now on."""
+
+    def end_search(self, search: Search) -> None:
+        """Record the answer."""
+
+
 class SearchSession:
     """A search under way: it names an object to turn to, or a behavior, and is given the outcome.
 
@@ -51,8 +69,6 @@ class SearchSession:
         Costs and limits.
     rng : np.random.Generator
         Of the planner.
-    on_turn : Callable[[str, Session], None] | None
-        Called before an object's trial begins, as to record it.
     """
 
     def __init__(
@@ -63,7 +79,6 @@ class SearchSession:
         *,
         rules: SearchRules,
         rng: np.random.Generator,
-        on_turn: Callable[[str, Session], None] | None = None,
     ) -> None:
         self.question = question
         self.sessions = dict(sessions)
@@ -72,11 +87,11 @@ class SearchSession:
         self._prospectors = prospectors
         self._rules = rules
         self._rng = rng
-        self._on_turn = on_turn
+        self._recorder: SearchRecorder | None = None
         self._prospects = {name: self._prospect(name) for name in self.sessions}
         momdp = next(iter(self.sessions.values())).momdp
         self._none = momdp.reports.payoffs.right_no
-        self._turns: list[str] = []
+        self._turns: list[tuple[str, str]] = []  # object, and the state that it was found in
         self._claim: str | None = None
         self._ended: str | None = None
         self._decide()
@@ -92,12 +107,58 @@ class SearchSession:
         return Search(
             question=self.question,
             trials=trials,
-            turns=tuple(self._turns),
+            turns=tuple(name for name, _ in self._turns),
             claim=self._claim,
             none=self._none,
             turn_cost=self._rules.turn_cost,
             ended=self._ended or "",
+            states=tuple(state for _, state in self._turns),
         )
+
+    def record(self, recorder: SearchRecorder) -> None:
+        """Record what there is of the search, and all that follows as it happens."""
+        recorder.begin_search(self.search)
+        for number, (name, state) in enumerate(self._turns):
+            recorder.turn(number, name, state)
+        begun = [name for name, session in self.sessions.items() if session.begun]
+        for name in dict.fromkeys((*self.search.turns, *begun)):
+            recorder.explore(name, self.sessions[name])
+        self._recorder = recorder
+        if self.over:
+            recorder.end_search(self.search)
+
+    def repeat(self, before: Search) -> None:
+        """Repeat what was done before a restart; the robot does not move.
+
+        All is decided again, so that the random stream stands where it stood.
+
+        Raises
+        ------
+        LogError
+            It is decided otherwise than it was then.
+        """
+        turns = deque(zip(before.turns, before.states, strict=True))
+        steps = dict[str, deque[Step]]()
+        for name, trial in before.trials.items():
+            behaviors = trial.momdp.n_behaviors
+            steps[name] = deque(step for step in trial.steps if step.decision.action < behaviors)
+        while not self.over:
+            if self.turn is not None:
+                if not turns or turns[0][0] != self.turn:
+                    break
+                self.turned(turns.popleft()[1])
+            else:
+                name = self._explored
+                if not steps[name]:
+                    break
+                self.sessions[name].repeat([steps[name].popleft()])
+                self._go_on(name)
+        left = [*(name for name, _ in turns), *(name for name in steps if steps[name])]
+        if left:
+            raise LogError(
+                f"The search went on with {left[0]}, but the agent now decides for "
+                f"{self.turn or self.behavior or 'the answer'}; it has learned other things since."
+            )
 
     @property
     def over(self) -> bool:
@@ -126,6 +187,8 @@ class SearchSession:
             raise SettingsError("No turn is under way: execute `behavior`, or the search is over.")
         session = self.sessions[name]
         x = state_index(session.momdp.x_names, state, f"turn_to({name!r})")
+        if self._recorder is not None:
+            self._recorder.turn(len(self._turns), name, state)
         # An object that was left is found where it stood; what was perceived of it holds.
         if session.begun:
             session.belief = session.belief.at(x)
@@ -134,9 +197,8 @@ class SearchSession:
             self._begin(name, state)
         self.object = name
         self.turn = None
-        self._turns.append(name)
-        self._prospects[name] = self._prospect(name)
-        self._decide()
+        self._turns.append((name, state))
+        self._go_on(name)
 
     def observe(self, outcome: Outcome) -> None:
         """Perceive the outcome of `behavior`, update the belief of its object, and decide again.
@@ -150,8 +212,7 @@ class SearchSession:
         """
         name = self._explored
         self.sessions[name].observe(outcome)
-        self._prospects[name] = self._prospect(name)
-        self._decide()
+        self._go_on(name)
 
     @property
     def _explored(self) -> str:
@@ -184,6 +245,11 @@ class SearchSession:
 
     def _prospect(self, name: str) -> Prospect:
         return self._prospectors[name].prospect(self.sessions[name].history, self._rng)
+
+    def _go_on(self, name: str) -> None:
+        """Value anew the object of which something is new, and decide."""
+        self._prospects[name] = self._prospect(name)
+        self._decide()
 
     def _decide(self) -> None:
         """Carry out what `best_move` chooses: a behavior, another object, or the answer."""
@@ -242,13 +308,15 @@ class SearchSession:
         self._end("")
 
     def _begin(self, name: str, state: str) -> None:
-        if self._on_turn is not None:
-            self._on_turn(name, self.sessions[name])
+        if self._recorder is not None:
+            self._recorder.explore(name, self.sessions[name])
         self.sessions[name].start(state)
 
     def _end(self, why: str) -> None:
         self._ended = why
         self.turn = None
+        if self._recorder is not None:
+            self._recorder.end_search(self.search)
 
 
 def run_search(session: SearchSession, robot: SearchingRobot) -> Search:

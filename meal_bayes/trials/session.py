@@ -235,12 +235,13 @@ class Session:
         LogError
             The policy decides otherwise than it did then.
         """
-        for number, step in enumerate(steps):
-            decision = step.decision if self._policy is None else self._decision  # or commanded
+        for step in steps:
+            decision = self._decision or (step.decision if self._policy is None else None)
             if decision is None or decision.action != step.decision.action:
+                done = self.momdp.action_name(step.decision.action)
                 raise LogError(
-                    f"Step {number} was {self.momdp.action_name(step.decision.action)}, but the "
-                    f"agent now decides for {self.behavior}; it has learned other things since."
+                    f"Step {len(self.steps)} was {done}, but the agent now decides for "
+                    f"{self.behavior}; it has learned other things since."
                 )
             self._append(step)
             self._decide()

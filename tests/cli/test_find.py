@@ -6,7 +6,9 @@ import pytest
 from click.testing import CliRunner
 
 from meal_bayes.cli import main
-from meal_bayes.trial_log import read_trials
+from meal_bayes.datasets import load_percepts
+from meal_bayes.learner import Learner
+from meal_bayes.trial_log import read_search, read_trials
 
 BOXES = "heavy_blue_beans,light_blue_beans,medium_brown_rice"
 
@@ -26,16 +28,50 @@ def test_it_names_the_object_and_logs_what_it_explored(tmp_path):
     assert told["search"]["success"] is True
     trials = list(read_trials(told["log"]))
     assert [t.task.object_name for t in trials if t.report is not None] == ["heavy_blue_beans"]
+    assert len(list(tmp_path.iterdir())) == 2  # a folder a search
+    assert content(read_search(told["log"])) == told["search"]
     page = run("log", "show", told["log"])
-    assert "heavy_blue_beans" in page.stdout
+    assert page.stdout == shown.stdout  # as it was told when it ended
+    assert run("log", "show", f"{told['log']}/turns.search.mcap").stdout == shown.stdout
+    first = run("log", "show", told["log"], "--trial", "0")
+    assert trials[0].task.object_name in first.stdout
+    assert "before any behavior" in first.stdout
+    assert run("log", "check", told["log"]).exit_code == 0
 
 
-def test_a_search_that_explores_nothing_has_no_log(tmp_path):
+def content(search):
+    """Return a search as `find --json` says it."""
+    return {
+        "question": search.question,
+        "claim": search.claim,
+        "turns": list(search.turns),
+        "success": search.success,
+        "cost_s": search.cost,
+        "reward": search.reward,
+        "ended": search.ended,
+    }
+
+
+def test_a_search_that_explores_nothing_is_logged_too(tmp_path):
     options = ("--objects", BOXES, "--agent", "olfc", "--logs", str(tmp_path))
     shown = run("find", "heavy", *options, "--turn-cost", "1e6")
     assert "none of them" in shown.stdout
-    assert "log show" not in shown.output
-    assert list(tmp_path.rglob("*.mcap")) == []
+    (log,) = tmp_path.rglob("*.mcap")
+    assert log.name == "turns.search.mcap"
+    assert run("log", "show", str(log.parent)).stdout == shown.stdout
+    report = run("report", str(log.parent), "--out", str(tmp_path / "page.html"))
+    assert "explored nothing" in report.stderr
+
+
+def test_a_search_that_ended_in_the_middle_is_shown_as_far_as_it_went(tmp_path):
+    learner = Learner("roc36", agent="greedy", logs=None).fit(load_percepts("roc36"))
+    session = learner.begin_find("heavy and blue", BOXES.split(","), log=tmp_path)
+    session.turned("x0")
+    page = run("log", "show", str(tmp_path)).stdout
+    assert "none; the log ends here" in page
+    assert session.object in page.split("turns")[1]
+    session.cancel("the robot is needed elsewhere")
+    assert "none; the robot is needed elsewhere" in run("log", "show", str(tmp_path)).stdout
 
 
 @pytest.mark.parametrize(

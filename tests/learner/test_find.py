@@ -220,6 +220,18 @@ def test_wrong_objects_are_one_line(learner, objects, match):
     assert "\n" not in str(fault.value)
 
 
+def test_where_nobody_is_left_to_learn_from_it_is_said(learner):
+    table = learner.table
+    heavy = table.labels[:, table.domain.columns(["heavy"])[0]] == 1
+    names = np.array(table.objects)
+    with pytest.warns(UserWarning, match="the table has none that is heavy: how such an object"):
+        learner.begin_find("heavy", names[heavy].tolist())
+    with pytest.warns(UserWarning, match="the table has none that is not heavy"):
+        learner.begin_find("heavy or blue", names[~heavy].tolist())
+    with pytest.raises(SettingsError, match=r"whether it is heavy: nobody is left.*fewer"):
+        learner.find("heavy", names.tolist())
+
+
 @pytest.mark.parametrize(
     ("options", "match"),
     [

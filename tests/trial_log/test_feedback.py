@@ -143,8 +143,11 @@ def test_logs_of_feedback_are_no_trials(answered, tmp_path):
     with pytest.raises(LogError, match="what was told of trials; name one of their logs"):
         list(Logs(told).groups())
     write_archive(tmp_path, tmp_path.parent / "study.zip")
-    for name, form in (("b.feedback.mcap", "full"), ("b.mcap", "feedback")):
-        with pytest.raises(SettingsError, match=r"\.feedback\.mcap is of feedback alone"):
+    for name, form in (
+        ("b.feedback.mcap", "full"), ("b.mcap", "feedback"), ("b.search.mcap", "compact"),
+        ("b.feedback.mcap", "search"),
+    ):  # fmt: skip
+        with pytest.raises(SettingsError, match=r"\.feedback\.mcap and \.search\.mcap are of"):
             TrialWriter(tmp_path / name, {}, form)
 
 

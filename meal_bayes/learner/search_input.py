@@ -1,0 +1,72 @@
+"""What a search is given, checked: its options, its objects, and who is left to learn from."""
+
+import warnings
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, TypedDict
+
+import numpy as np
+
+from meal_bayes.datasets import PerceptTable, object_index
+from meal_bayes.domain import Query
+from meal_bayes.errors import SettingsError
+from meal_bayes.trials import Step
+from meal_bayes.untrusted import name_fault
+
+MOST_OBJECTS = 1000
+
+
+class SearchOptions(TypedDict, total=False):
+    """What `Learner.find` takes besides; `Learner.begin_find` says what each means."""
+
+    truth: Mapping[str, Mapping[str, bool]] | None
+    payoffs: Sequence[float] | None
+    none: float
+    turn_cost: float
+    learn: bool
+    log: str | Path | None
+    key: str | int | None
+    max_steps: int
+    max_cost: float | None
+    on_step: Callable[[Step], None] | None
+
+
+def checked_objects(objects: Any) -> list[str]:
+    """Return the names of objects, or numbers for names."""
+    if isinstance(objects, int) and not isinstance(objects, bool):
+        if not 1 <= objects <= MOST_OBJECTS:
+            raise SettingsError(f"objects is {objects}; expected 1 to {MOST_OBJECTS}.")
+        return [str(number) for number in range(1, objects + 1)]
+    sequence = isinstance(objects, Sequence) and not isinstance(objects, str)
+    if not sequence or not all(isinstance(name, str) for name in objects):
+        raise SettingsError(f"objects is {objects!r:.60}; give names, or how many there are.")
+    if not 1 <= len(objects) <= MOST_OBJECTS:
+        raise SettingsError(f"{len(objects)} objects; give 1 to {MOST_OBJECTS} of them.")
+    for name in objects:
+        if bad := name_fault(name):
+            raise SettingsError(f"The object's name {name!a:.60} {bad}; give another.")
+        if list(objects).count(name) > 1:
+            raise SettingsError(f"The object {name!r} is named twice; name each object once.")
+    return list(objects)
+
+
+def check_others(table: PerceptTable, names: Sequence[str], query: Query) -> None:
+    """Refuse a search that leaves no object of a table to learn an attribute from.
+
+    It is warned of where those that are left are all true, or all false.
+    """
+    rows = [object_index(table.objects, name) for name in names]
+    labels = np.delete(table.labels, rows, axis=0)
+    for name, column in zip(query.attributes, table.domain.columns(query.attributes), strict=True):
+        left = f"Beside these {len(names)} objects the table has none"
+        if not (labels[:, column] >= 0).any():
+            raise SettingsError(
+                f"{left} of which it is known whether it is {name}: nobody is left to learn from. "
+                "Search fewer of its objects."
+            )
+        for value, word in ((1, ""), (0, "not ")):
+            if not (labels[:, column] == value).any():
+                warnings.warn(
+                    f"{left} that is {word}{name}: how such an object is perceived is a guess.",
+                    stacklevel=3,
+                )
