@@ -92,7 +92,8 @@ def show(file: Path, number: int | None, picture: Path | None, dark: bool, narro
 
     if picture is None and (dark or narrow):
         raise click.UsageError("--dark and --narrow are of a picture; give --picture FILE.svg.")
-    if number is None and picture is None and (search := search_at(file)) is not None:
+    search = search_at(file) if number is None and picture is None else None
+    if search is not None:
         print_search(search)
         return
     group, row = numbered(file, number or 0)

@@ -227,9 +227,12 @@ class Finder(Answerer):
         return session
 
     def _record_search(
-        self, session: SearchSession, folder: Path, header: Mapping[str, Any],
+        self,
+        session: SearchSession,
+        folder: Path,
+        header: Mapping[str, Any],
         resumed: InterruptedSearch | None = None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         """Log a search from now on, in a folder with the logs of the objects that it explores."""
 
         def explore(name: str, explored: Session, path: Path) -> None:

@@ -162,8 +162,14 @@ class BrokenOff:
         The name that the log gets.
     header : dict
         Of the log.
+    length : int
+        How far it went, by which drafts of one log are compared: steps, or turns.
+    text : str
+        What it is, in a list of several.
     """
 
+    length: int
+    text: str
     noun = "trial"
     nouns = "trials"
     form = ""  # that names of such logs are kept for
@@ -210,16 +216,6 @@ class BrokenOff:
         """Read what the draft holds; return whether it is over, None where it holds nothing."""
         raise NotImplementedError
 
-    @property
-    def length(self) -> int:
-        """How far it went, by which drafts of one log are compared."""
-        raise NotImplementedError
-
-    @property
-    def text(self) -> str:
-        """What it is, in a list of several."""
-        raise NotImplementedError
-
     def release(self) -> None:
         """Let others have the draft."""
         self._file.close()
@@ -234,18 +230,9 @@ class Interrupted(BrokenOff):
         if not isinstance(last, Trial):
             return None
         self.trial = last
+        self.length = len(last.steps)
+        self.text = f"{last.task.name} of {last.task.object_name}, begun {stem_of(draft)[:15]}"
         return not last.ended
-
-    @property
-    def length(self) -> int:
-        """Steps."""
-        return len(self.trial.steps)
-
-    @property
-    def text(self) -> str:
-        """The question, the object, and the time."""
-        task = self.trial.task
-        return f"{task.name} of {task.object_name}, begun {stem_of(self.path)[:15]}"
 
 
 class InterruptedSearch(BrokenOff):
@@ -257,17 +244,9 @@ class InterruptedSearch(BrokenOff):
 
     def _read(self, draft: Path) -> bool | None:
         self.search = read_search(draft)
+        self.length = len(self.search.turns)
+        self.text = f"{self.search.question} in {draft.parent.name}"
         return not self.search.ended
-
-    @property
-    def length(self) -> int:
-        """Turns."""
-        return len(self.search.turns)
-
-    @property
-    def text(self) -> str:
-        """The question, and the folder."""
-        return f"{self.search.question} in {self.path.parent.name}"
 
 
 Broken = TypeVar("Broken", bound=BrokenOff)

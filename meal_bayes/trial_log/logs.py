@@ -106,7 +106,8 @@ class Logs:
                 self.problems += [f"{file}: {problem}" for problem in scan.problems]
         if empty and self.problems:
             raise LogCorruptError(f"Not one trial can be read: {self.problems[0]}.")
-        if empty and (form := named_form(self.files[0])):
+        form = named_form(self.files[0])
+        if empty and form:
             holds = {FEEDBACK_FORM: "what was told of trials", SEARCH_FORM: "the turns of trials"}
             raise LogError(f"{self.files[0]} holds {holds[form]}; name one of their logs.")
         if empty:
