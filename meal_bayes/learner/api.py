@@ -1,15 +1,15 @@
 """`ask`: one question about one recorded object; `recall`: experience from logs."""
 
+import warnings
 from collections.abc import Callable, Sequence
-from itertools import chain
 from pathlib import Path
 
 from meal_bayes.datasets import PerceptTable, load_percepts
 from meal_bayes.learner import views
-from meal_bayes.learner.columns import told
-from meal_bayes.learner.experience import Experience
 from meal_bayes.learner.learner import Learner
-from meal_bayes.trial_log import Feedback, Logs
+from meal_bayes.learner.telling import tell_again
+from meal_bayes.seeds import Key
+from meal_bayes.trial_log import Logs
 from meal_bayes.trials import Step, Trial
 
 
@@ -78,7 +78,9 @@ def recall(learner: Learner, *logs: str | Path) -> list[Trial]:
     What was executed, whether it succeeded, what the robot sensed, and the labels that people told
     of it are in the logs. Trials that the learner has had to their end, tests, and trials with
     other levels than its agent's are passed over, but for what people have told of them, or taken
-    back, since. A replay shows recordings of its object that the learner was given, if it was.
+    back, since: in the order in which it was told, whatever the order of the folders. What the
+    learner has told or recalled before is not told again. A replay shows recordings of its object
+    that the learner was given, if it was. What is damaged is named in a warning.
 
     Parameters
     ----------
@@ -100,11 +102,11 @@ def recall(learner: Learner, *logs: str | Path) -> list[Trial]:
     files = Logs(*logs)
     experience = learner.experience
     recalled = list[Trial]()
-    told_of = dict[Path, list[Feedback]]()  # trials of a folder
+    places = dict[Key, Path]()
     for group in files.groups():
-        told_of[group.file.parent] = files.feedback_in(group.file.parent).entries
         for trial in group.trials:
             task = trial.task
+            places[task.key] = group.file.parent
             fits = trial.momdp.levels == learner.agent.levels
             if (
                 task.learn
@@ -114,26 +116,15 @@ def recall(learner: Learner, *logs: str | Path) -> list[Trial]:
                 recalled.append(trial)
     for trial in recalled:
         learner.record(trial)
-    for feedback in chain.from_iterable(told_of.values()):
-        _tell_again(experience, feedback)
+    learner.note_folders(places)
+    tell_again(experience, files.told())
     learner.refit()
+    faults = list(dict.fromkeys(files.problems))
+    if faults:
+        more = f"; and {len(faults) - 1} more" if faults[1:] else ""
+        warnings.warn(
+            f"Not all of the logs was recalled: {faults[0]}{more}. A file of labels that is "
+            "damaged may have replaced others; tell them again.",
+            stacklevel=2,
+        )
     return recalled
-
-
-def _tell_again(experience: Experience, feedback: Feedback) -> None:
-    """Let what was told, or taken back, of a trial that is known or of an object hold again.
-
-    In the order of all that was told this ends with the same labels, whatever was known before.
-    """
-    key = feedback.key or told(feedback.object_name)
-    if feedback.key is not None and key not in experience.trials:
-        return
-    labels = experience.nothing
-    for name, label in feedback.labels.items():
-        if name in experience.domain.attributes:
-            labels[experience.domain.columns([name])] = label
-    # What was told before in the same trial is not told again: it may have been replaced since.
-    if (labels >= 0).any():
-        experience.label(key, feedback.object_name, labels)
-    elif (experience.told_in(key) >= 0).any():
-        experience.forget(key)

@@ -81,6 +81,7 @@ class Experience:
         self.features: dict[Context, dict[int, NDArray[np.float32]]] = {
             context: {} for context in domain.contexts
         }
+        self.heard = set[str]()  # names of the logs of what was told
         self.named = set[str]()  # recordings that warnings have named
 
     def __repr__(self) -> str:

@@ -1,11 +1,10 @@
 """The `Learner`: an agent and its experience; asked questions, updated by feedback, and saved."""
 
+import os
 from collections.abc import Mapping, Sequence
 from html import escape
 from pathlib import Path
 from typing import Any, Self
-
-import numpy as np
 
 from meal_bayes.agents import as_agent
 from meal_bayes.datasets import Dataset, PerceptTable, object_index
@@ -24,10 +23,9 @@ from meal_bayes.learner.settings import (
     checked_payoffs,
     own_posterior,
 )
+from meal_bayes.learner.telling import log_told
 from meal_bayes.learner.trial import check_behaviors, record_step
 from meal_bayes.seeds import Key
-from meal_bayes.trial_log.feedback import Feedback
-from meal_bayes.trial_log.writer import write_feedback
 from meal_bayes.trials import Trial
 from meal_bayes.untrusted import name_fault
 
@@ -208,7 +206,7 @@ class Learner(Finder):
             self._use()
             before = views.labels_touched(self.experience, key, name)
             self._fits.update(self.experience.label(key, name, labels), refit=True)
-            self._log_feedback(trial, name, key, before)
+            self._log_told(trial, name, key, before)
 
     def forget(self, trial: Trial | str, *, recordings: bool = False) -> None:
         """Forget the labels of a trial; refit without them if the last refit has used them.
@@ -239,22 +237,21 @@ class Learner(Finder):
             name = trial.task.object_name if isinstance(trial, Trial) else trial
             before = views.labels_touched(self.experience, key, name)
             self._fits.update(self.experience.forget(key, recordings=recordings), refit=True)
-            self._log_feedback(trial, name, key, before)
+            self._log_told(trial, name, key, before)
 
-    def _log_feedback(self, trial: Trial | str, name: str, key: Key, before: Labels) -> None:
-        """Log the labels of a trial, or of an object by its name, that moved any of its object."""
+    def note_folders(self, places: Mapping[Key, Path]) -> None:
+        """Note in which folders the logs of trials lie: beside them labels are logged."""
+        if self._folder is not None:
+            self._folders |= places
+
+    def _log_told(self, trial: Trial | str, name: str, key: Key, before: Labels) -> None:
+        """Log what was told, beside the log of its trial where that can be written."""
         folder = self._folder
-        if isinstance(trial, Trial):
-            folder = self._folders.get(trial.task.key, folder)
-        after = views.labels_touched(self.experience, key, name)
-        said = (before[0] >= 0) | (after[0] >= 0)
-        changed = np.flatnonzero(said & (after != before).any(axis=0))
-        if folder is None or not len(changed):
-            return
-        labels = {self.domain.attributes[p]: int(after[0, p]) for p in changed}
-        feedback = Feedback(name, labels, None if key == told(name) else key)
-        header = {"config": {"command": "Learner.tell"}, "data": self.domain.data}
-        write_feedback(folder, feedback, header=header)
+        beside = self._folders.get(trial.task.key) if isinstance(trial, Trial) else None
+        if beside is not None and os.access(beside, os.W_OK):
+            folder = beside
+        if folder is not None:
+            log_told(self.experience, folder, name, key, before)
 
     def record(self, trial: Trial) -> None:
         """Record a trial of another learner's, or of a log, as experience.

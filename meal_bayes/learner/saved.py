@@ -41,7 +41,7 @@ from meal_bayes.learner.settings import LearnerSettings, check_data, own_posteri
 from meal_bayes.learner.trial import Asked
 from meal_bayes.untrusted import UNREADABLE, read_array, read_member, read_meta, write_array
 
-_FORMAT = 13
+_FORMAT = 14
 _TEXT = "learner.json"
 _ROWS = ("instances", "levels", "detected", "labels", "executions", "feedback", "known")
 _FITTED = tuple(
@@ -115,8 +115,13 @@ def write_learner(learner: SavedLearner, path: Path, *, overwrite: bool) -> str:
         }
         for name in _ROWS:
             write_array(archive, name, getattr(experience, name).values)
-        for name in ("objects", "trials"):
-            archive.writestr(name, "\n".join(map(json.dumps, getattr(experience, name))))
+        lines = {
+            "objects": experience.objects,
+            "trials": experience.trials,
+            "heard": sorted(experience.heard),
+        }
+        for name, values in lines.items():
+            archive.writestr(name, "\n".join(map(json.dumps, values)))
         archive.writestr(_TEXT, json.dumps(meta, allow_nan=False))
     return file
 
@@ -298,7 +303,7 @@ def _read_experience(archive: zipfile.ZipFile, experience: Experience) -> None:
         name: read_array(archive, name, held[name].values.dtype, held[name].values.ndim)
         for name in _ROWS
     }
-    objects, trials = (_read_lines(archive, name) for name in ("objects", "trials"))
+    objects, trials, heard = (_read_lines(archive, name) for name in ("objects", "trials", "heard"))
     trials = [tuple(key) for key in trials]
     n, o, t = len(rows["instances"]), len(objects), len(trials)
     p, e = len(domain.attributes), len(domain.behaviors)
@@ -330,8 +335,9 @@ def _read_experience(archive: zipfile.ZipFile, experience: Experience) -> None:
     if lengths != [n, n, n, o]:
         raise ValueError("percepts or labels do not fit instances and objects")
     unique = len(set(objects)) == o and len(set(trials)) == t
-    if not unique or not all(isinstance(name, str) for name in objects):
+    if not unique or not all(isinstance(name, str) for name in [*objects, *heard]):
         raise ValueError("objects or trials are named twice, or not by text")
+    experience.heard = {*heard}
     experience.objects = {name: number for number, name in enumerate(objects)}
     experience.trials = {key: number for number, key in enumerate(trials)}
     for name, values in rows.items():

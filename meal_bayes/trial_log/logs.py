@@ -15,7 +15,7 @@ from mcap.records import DataEnd
 from meal_bayes.errors import LogCorruptError, LogError, LogVersionError, QueryError
 from meal_bayes.trial_log.container import FAULTS, TORN, fault_text, read_records
 from meal_bayes.trial_log.decode import TrialBuilder
-from meal_bayes.trial_log.feedback import FeedbackIndex
+from meal_bayes.trial_log.feedback import Feedback, FeedbackIndex
 from meal_bayes.trial_log.names import feedback_of, log_files, named_form, stem_of
 from meal_bayes.trial_log.reader import Scan, grouped, read_header, readable_feedback
 from meal_bayes.trial_log.schema import ACTIVE, FEEDBACK_FORM, FULL, SEARCH_FORM, SUFFIX
@@ -138,6 +138,17 @@ class Logs:
             files = feedback_of(folder)
             self._feedback[folder] = FeedbackIndex(readable_feedback(files, self.problems.append))
         return self._feedback[folder]
+
+    def told(self) -> list[tuple[str, Feedback]]:
+        """Return what people told of the trials of all folders, in order, with its logs' names."""
+        folders = {file.parent for file in self.files}
+        found = (file for folder in folders for file in feedback_of(folder))
+        files = {file.resolve(): file for file in found}.values()
+        entries = list[tuple[str, Feedback]]()
+        for file in sorted(files, key=lambda file: file.name):  # which begins with the time
+            said = readable_feedback([file], self.problems.append)
+            entries += [(file.name, feedback) for feedback in said]
+        return entries
 
     def _distinct(self) -> list[tuple[Path, dict[str, object]]]:
         """Return the files but for copies; check that they are of one data set, and of one run."""
