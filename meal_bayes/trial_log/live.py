@@ -70,7 +70,11 @@ class LiveLog(_Live):
 
     def end(self, trial: Trial) -> None:
         """Write the outcome, and give the whole log its name."""
-        super().end(trial)
+        try:
+            super().end(trial)
+        except BaseException as fault:
+            self.__exit__(type(fault), fault, None)  # the draft stays, as far as it was written
+            raise
         self._close()
 
 

@@ -13,15 +13,15 @@ from numpy.typing import ArrayLike, NDArray
 
 from meal_bayes.arrays import check_seconds, check_whole
 from meal_bayes.errors import LogError, SettingsError
-from meal_bayes.files import command_line
 from meal_bayes.momdp import MOMDP, Belief, Transition, best_answer, initial_belief, update_belief
 from meal_bayes.perception import Perceiver
 from meal_bayes.planners import Decision, History, Policy, unvalued
 from meal_bayes.planners.boundary import decide
 from meal_bayes.robots.robot import Execution, Outcome, OutcomeChecker
 from meal_bayes.seeds import Key, Streams
+from meal_bayes.trials.perceiving import answered, silence
 from meal_bayes.trials.record import Step, Task, answer_reward, truth_of
-from meal_bayes.trials.recorder import Recorder
+from meal_bayes.trials.recorder import Recorder, breaking, noted
 from meal_bayes.trials.trial import Trial
 
 MAX_STEPS = 100
@@ -196,7 +196,7 @@ class Session:
         # By the model nothing comes of a failure: a percept of it would have probability 0.
         if execution.next_x == x and not self.momdp.observation_probability[action, x, x]:
             execution = execution.failure()
-        percept, warning = self._perceive(execution)
+        percept, warning = self._perceive(action, execution)
         next_x = execution.next_x
         after = update_belief(self.belief, self.momdp, Transition(action, next_x, percept))
         self._decision = None
@@ -223,6 +223,8 @@ class Session:
         """
         if self.over:
             raise SettingsError("This trial is over; ask again for another.")
+        if not isinstance(decision, Decision):
+            raise SettingsError(f"command() takes a Decision; found {decision!r:.60}.")
         self._follow(decision)
 
     def repeat(self, steps: Sequence[Step]) -> None:
@@ -252,33 +254,41 @@ class Session:
     def __exit__(self, _: object, fault: BaseException | None, __: object) -> None:
         if fault is None:
             self.cancel("left before the answer")
-        elif not self.over:
+        else:
+            self._break(fault)
+
+    def _break(self, fault: BaseException) -> None:
+        """End the trial by an exception."""
+        if self.over:
+            return
+        with noted(fault, self._recorder):
             self._end(f"{self._at} error: {type(fault).__name__}: {fault}".removesuffix(": "))
-            if self._recorder is not None:
-                show = command_line("meal-bayes log show", self._recorder.path)
-                fault.add_note(f"the trial, as far as it went: {show}")
 
     def _decide(self) -> None:
         """Let the policy choose the next behavior, or the report that ends the trial."""
         self._decision = None
         if self._policy is None or self.over:
             return
-        self._at = "planner"
+        with breaking(self._break):
+            self._at = "planner"
+            decision = decide(self._policy, self.history, self.streams.of("planner", self.agent))
+            self._follow(*self._within(decision))
+            self._at = "robot"
+
+    def _within(self, decision: Decision) -> tuple[Decision, str]:
+        """Return a decision, or the best answer where a limit is reached, with a warning."""
         momdp = self.momdp
-        decision = decide(self._policy, self.history, self.streams.of("planner", self.agent))
-        limit = ""
-        warning = ""
-        if decision.action < momdp.n_behaviors:
-            cost = self.history.cost + float(momdp.cost[decision.action])
-            if self.max_cost is not None and cost > self.max_cost:
-                limit = f"max_cost = {self.max_cost:g} s"
-            if len(self.steps) >= self.max_steps:
-                limit = f"max_steps = {self.max_steps}"
-        if limit:
-            decision = unvalued(momdp, best_answer(momdp, self.belief))
-            warning = f"the best answer when {limit} was reached"
-        self._follow(decision, warning)
-        self._at = "robot"
+        if decision.action >= momdp.n_behaviors:
+            return decision, ""
+        cost = self.history.cost + float(momdp.cost[decision.action])
+        if len(self.steps) >= self.max_steps:
+            limit = f"max_steps = {self.max_steps}"
+        elif self.max_cost is not None and cost > self.max_cost:
+            limit = f"max_cost = {self.max_cost:g} s"
+        else:
+            return decision, ""
+        answer = unvalued(momdp, best_answer(momdp, self.belief))
+        return answer, f"the best answer when {limit} was reached"
 
     def _follow(self, decision: Decision, warning: str = "") -> None:
         """Wait for the outcome of a behavior, or end the trial with an answer."""
@@ -304,10 +314,13 @@ class Session:
         if step.decision.action >= self.momdp.n_behaviors:
             self.report = self.momdp.reported(step.decision.action)
         # On the disk before the next behavior is named: a robot may go on after a crash.
-        if self._recorder is not None:
-            self._recorder.step(step)
-        if self._on_step is not None:
-            self._on_step(step)
+        with breaking(self._break):
+            if self._recorder is not None:
+                self._at = "log"
+                self._recorder.step(step)
+            if self._on_step is not None:
+                self._at = "on_step"
+                self._on_step(step)
         if step.next_x == self.momdp.terminal:
             self._end("")
 
@@ -315,35 +328,24 @@ class Session:
         self._ended = why
         self._decision = None
         trial = self.trial
-        if self._recorder is not None:
-            self._recorder.end(trial)
-        if self._on_end is not None:
-            self._on_end(trial)
+        try:
+            if self._recorder is not None:
+                self._recorder.end(trial)
+        finally:  # what was executed is known, logged or not
+            if self._on_end is not None:
+                self._on_end(trial)
 
-    def _perceive(self, execution: Execution) -> tuple[NDArray[np.int8] | None, str]:
+    def _perceive(self, action: int, execution: Execution) -> tuple[NDArray[np.int8] | None, str]:
         """Return percept levels (N,), or None, and a warning."""
-        query = self.task.query
-        answers = execution.answers
+        says = execution.warning
         if execution.instance is not None:
             luck = self.streams.of("percepts")  # the same for every agent
-            levels = self._perceiver.observe(execution.instance, query, luck)
-            if levels is None and not execution.warning:
+            levels = self._perceiver.observe(execution.instance, self.task.query, luck)
+            if levels is None and not says:
                 says = f"no percept of {execution.instance.behavior}: nothing of what was asked"
-                return None, says
-            return levels, execution.warning
-        if answers is None:
-            return None, execution.warning or self._silence(execution)
-        missing = [name for name in query.attributes if name not in answers]
-        if missing:
-            return None, f"no percept: the person did not answer about {missing}"
-        sure = (0, self.momdp.levels - 1)  # the two extreme levels
-        return np.array([sure[bool(answers[name])] for name in query.attributes], np.int8), ""
-
-    def _silence(self, execution: Execution) -> str:
-        """Return a warning where a robot's behavior that may have succeeded showed nothing."""
-        momdp = self.momdp
-        x, e = self.belief.x, self._decision.action if self._decision is not None else 0
-        shows = momdp.observation_probability[e, x, execution.next_x] > 0
-        if self.task.object_index >= 0 or not shows:
-            return ""
-        return f"nothing perceived by {momdp.behavior_names[e]}: it sensed nothing, or it failed"
+            return levels, says
+        if execution.answers is not None:
+            return answered(execution.answers, self.task.query.attributes, self.momdp.levels)
+        if self.task.object_index < 0 and not says:  # recordings of a replay may be used up
+            says = silence(self.momdp, self.belief.x, action, execution.next_x)
+        return None, says
