@@ -1,6 +1,5 @@
 """Data sets: recorded features of each object, and labels of its attributes; the paper's D."""
 
-from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -13,6 +12,7 @@ from meal_bayes.datasets.features import checked_features
 from meal_bayes.datasets.frames import dataset_parts
 from meal_bayes.display import facts_html, facts_repr, listed, short_repr
 from meal_bayes.domain import Domain, unknown
+from meal_bayes.domain.words import doubled
 from meal_bayes.errors import DataError, QueryError, SettingsError
 from meal_bayes.untrusted import name_fault
 
@@ -259,12 +259,12 @@ def complete_labels(
 
 
 def check_objects(objects: tuple[str, ...]) -> None:
-    """Refuse names of objects that files or logs cannot hold, or that two objects have."""
-    for name, count in Counter(objects).items():
+    """Refuse names of objects that files or logs cannot hold, or of which two look the same."""
+    for name in objects:
         if fault := name_fault(name):
             raise DataError(f"The object's name {name!a:.60} {fault}; rename it.")
-        if count > 1:
-            raise DataError(f"Object {name!r} is listed twice; names must be unique.")
+    if fault := doubled("object", objects):
+        raise DataError(fault)
 
 
 def object_index(objects: tuple[str, ...], name: str) -> int:

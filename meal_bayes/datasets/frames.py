@@ -4,6 +4,7 @@ What `Dataset.from_frames` takes becomes rows here; those of files come from `cs
 """
 
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from itertools import product
 from typing import Any, NamedTuple
 
@@ -18,6 +19,7 @@ Context = tuple[str, str]  # behavior, modality
 _KEYS = ["object", "recording"]
 _OBJECT = "an object", "its name", "name it"  # what a cell is, as `_text_at` says it
 _RECORDING = "a recording", "its number", "number it"
+_EXACT = 2**53  # floats below it are whole numbers exactly
 _Parts = tuple[tuple[str, ...], dict[Context, NDArray[np.float32]], NDArray[np.int8]]
 
 
@@ -193,7 +195,8 @@ def join_features(
 ) -> dict[Context, NDArray[np.float32]]:
     """Sort rows by their keys (object, recording) into (O,R,D), NaN where an object has fewer.
 
-    A number of a recording is whole, 0 or more (a name in its place is read as it is).
+    A number of a recording is whole, 0 or more, and the same however it is written: 1, 01, 1.0 (a
+    name in its place is read as it is).
     Rows of one behavior must be of the same recordings. Every object must have so many
     `recordings`, named from 1; by default what the first context of a behavior has, 2 before 10. An
     unknown object or recording, one that comes twice or is missing is a `DataError`.
@@ -237,27 +240,43 @@ def join_features(
 def _row_of(rows: FeatureRows, objects: Mapping[str, int]) -> dict[Context, int]:
     """Return the row of each (object, recording)."""
     row_of: dict[tuple[str, str], int] = {}
-    for row, (name, recording) in enumerate(rows.keys):
+    for row, (name, text) in enumerate(rows.keys):
         if name not in objects:
             hint = unknown("object", name, objects).removesuffix(".")
             expected = "an object of the list"
             raise fault(rows.places[row], f"object {name!r}", expected, f"correct it ({hint})")
-        if not _numbers_a_recording(recording):
-            content = f"{recording!r:.60} as {_RECORDING[0]}"
+        recording = _recording_of(text)
+        if not recording:
+            content = f"{text!r:.60} as {_RECORDING[0]}"
             expected = f"{_RECORDING[1]}, 0 or more and whole"
             raise fault(rows.places[row], content, expected, f"{_RECORDING[2]} or remove the row")
         if (name, recording) in row_of:
-            before = rows.places[row_of[name, recording]].removeprefix(f"{rows.source}, ")
-            content = f"recording {recording} of {name} again, after {before}"
+            first = row_of[name, recording]
+            before = rows.places[first].removeprefix(f"{rows.source}, ")
+            other = rows.keys[first][1]
+            alike = "" if other == text else f" (there as {other!r:.60}, here as {text!r:.60})"
+            content = f"recording {recording} of {name} again, after {before}{alike}"
             raise fault(rows.places[row], content, "each recording once", "remove one of the rows")
         row_of[name, recording] = row
     return row_of
 
 
-def _numbers_a_recording(text: str) -> bool:
-    """Return whether a text can be a recording's: a whole number from 0 on, or a name."""
+def _recording_of(text: str) -> str:
+    """Return what names a recording: a name, or the digits of a whole number; "" of no other.
+
+    Programs write a number in several ways, and not all files of a behavior by one program.
+
+    >>> [_recording_of(text) for text in ("7", "007", "7.0", "cup_7", "-7", "7.5")]
+    ['7', '7', '7', 'cup_7', '', '']
+    """
+    name = text.strip()
+    if "_" in name:  # which Python would pass over
+        return name
+    with suppress(ValueError):
+        return "" if name.startswith("-") else str(int(name))
     try:
-        number = float(text)
+        number = float(name)
     except ValueError:
-        return text.strip() != ""
-    return number >= 0 and number.is_integer() and not text.strip().startswith("-")
+        return name
+    exact = 0 <= number < _EXACT and number.is_integer() and not name.startswith("-")
+    return str(int(number)) if exact else ""

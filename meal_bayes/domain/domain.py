@@ -12,7 +12,7 @@ from meal_bayes.display import facts_html, facts_repr, listed
 from meal_bayes.domain.diagram import TransitionDiagram
 from meal_bayes.domain.event import Payoffs
 from meal_bayes.domain.labels import label_of, one_value
-from meal_bayes.domain.words import JOINING_WORDS, fold, unknown
+from meal_bayes.domain.words import JOINING_WORDS, doubled, fold, unknown
 from meal_bayes.errors import DomainError, QueryError
 from meal_bayes.untrusted import LARGEST
 
@@ -128,10 +128,10 @@ class Domain:
         for kind, names in (("attribute", self.attributes), ("behavior", self.behavior_names)):
             if not names:
                 yield f"A domain needs at least one {kind}."
-            for name in names:
-                if names.count(name) > 1:
-                    yield f"The {kind} {name!r} is listed twice; names must be unique."
+            yield from filter(None, [doubled(kind, names)])
+        yield from filter(None, [doubled("state", self.diagram.states)])
         for behavior in self.behaviors:
+            yield from filter(None, [doubled("modality", behavior.modalities)])
             name = behavior.name
             cost = behavior.cost
             accuracy = behavior.answer_accuracy

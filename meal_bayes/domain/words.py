@@ -10,6 +10,8 @@ NOT = {"not", "no", "non", "without"}  # deny what is named next
 # Words that join or deny what a question names, and so name nothing themselves.
 JOINING_WORDS = {*NOT, "neither", "nor", "and", "but", "or", "either"}
 UNCLEAR_WORDS = {"never", "isnt", "doesnt", "xor"}  # so do these, but of what is not clear
+# Signs without width, but for those that join letters of some scripts.
+_UNSEEN = str.maketrans("", "", "\u00ad\u200b\u2060\ufeff")
 _SHOWN = 24  # names that a message lists at most; of more, the nearest
 _LONGEST = 60  # letters of an unknown name that a message repeats
 
@@ -19,16 +21,47 @@ def fold(word: str) -> str:
     return unicodedata.normalize("NFC", unicodedata.normalize("NFC", word).casefold()).strip()
 
 
+def look(name: str) -> str:
+    r"""Write a name so that what a person cannot see plays no part.
+
+    That is how accents are coded, which blanks there are and how many, and signs without width.
+
+    >>> look("a\u00a0 b\u200b")
+    'a b'
+    """
+    return " ".join(unicodedata.normalize("NFC", name).translate(_UNSEEN).split())
+
+
+def twin(name: str, names: Iterable[str]) -> str:
+    """Return another of some names that looks the same as one; "" where there is none."""
+    seen = look(name)
+    return next((other for other in names if other != name and look(other) == seen), "")
+
+
+def doubled(kind: str, names: Iterable[str]) -> str:
+    """Return what is wrong with names of which two are, or look, the same; "" where none are."""
+    seen = dict[str, str]()
+    for name in names:
+        other = seen.get(look(name))
+        if other == name:
+            return f"The {kind} {name!r} is listed twice; names must be unique."
+        if other is not None:
+            return (
+                f"The {kind} names {other!a:.60} and {name!a:.60} look the same (accents, blanks, "
+                "or signs without width); rename one."
+            )
+        seen[look(name)] = name
+    return ""
+
+
 def unknown(kind: str, name: str, candidates: Iterable[str]) -> str:
     """Build the message that a name is not known, with the known names nearest to it."""
     names = list(candidates)
     if len(name) > _LONGEST:
         name = f"{name[:_LONGEST]}..."
-    coded = unicodedata.normalize("NFC", name)
-    for other in names:
-        if other != name and unicodedata.normalize("NFC", other) == coded:
-            alike = f"{other!r} differs in how accents are coded alone (NFC or NFD)"
-            return f"Unknown {kind} {name!r}: {alike}; write both alike."
+    if other := twin(name, names):
+        alike = f"{other!a} differs in what cannot be seen alone (accents, blanks, signs)"
+        return f"Unknown {kind} {name!a}: {alike}; write both alike."
     few = len(names) <= _SHOWN
     by_fold = {fold(other): other for other in names}  # case is no difference
     cutoff = 0.5 if few else 0.0

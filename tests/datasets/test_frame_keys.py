@@ -115,3 +115,39 @@ def test_two_columns_of_one_name_are_refused():
     frame = pd.concat([frame, frame[["r"]]], axis=1)
     with pytest.raises(DataError, match="two columns 'r'"):
         data_of(frame, {"a": {"red": True}, "b": {"red": False}})
+
+
+WRITINGS = [str, "{:02d}".format, "{:03d}".format, "{}.0".format, "+{}".format, "{}e0".format]
+
+
+@given(
+    st.lists(st.integers(0, 120), min_size=2, max_size=5, unique=True),
+    st.lists(st.sampled_from(range(len(WRITINGS))), min_size=10, max_size=10),
+)
+def test_a_recording_has_one_number_however_it_is_written(numbers, writings):
+    """Two modalities agree; what one file holds twice is told."""
+    writes = [WRITINGS[number] for number in writings]
+    two = [write(number) for write, number in zip(writes, numbers, strict=False)]
+    names = ["a"] * len(numbers)
+    labels = {"a": {"red": True}}
+    plain = data_of(frame_of(names, numbers), labels)
+    written = data_of(frame_of(names, two), labels)
+    assert np.array_equal(plain.features["look", "c"], written.features["look", "c"])
+    again = frame_of([*names, "a"], [*two, writes[-1](numbers[0])])
+    with pytest.raises(DataError, match=f"found recording {numbers[0]} of a again, after row 1"):
+        data_of(again, labels)
+
+
+@pytest.mark.parametrize("names", [("1_0", "10"), ("a1", "a01"), ("x", "1")])
+def test_names_of_recordings_are_as_they_are(names):
+    data = data_of(frame_of(["a", "a"], names), {"a": {"red": True}})
+    assert data.recording_counts.tolist() == [[2]]
+
+
+@pytest.mark.parametrize(
+    "names",
+    [("caf\u00e9", "cafe\u0301"), ("a b", "a  b"), ("a b", "a\u00a0b"), ("ab", "a\u200bb")],
+)
+def test_two_objects_do_not_look_the_same(names):
+    with pytest.raises(DataError, match="look the same"):
+        data_of(frame_of(names, [1, 1]), {name: {"red": True} for name in names})
