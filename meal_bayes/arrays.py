@@ -108,8 +108,13 @@ def label_values(values: Any) -> NDArray[np.int8]:
 
 def check_whole(name: str, value: object) -> None:
     """Refuse a setting that is no whole number, 0 or more."""
-    if not isinstance(value, int | np.integer) or value < 0:
+    if not is_whole(value) or value < 0:
         raise SettingsError(f"{name} is {value!r:.60}; give a whole number, 0 or more.")
+
+
+def is_whole(value: object) -> TypeGuard[int]:
+    """Return whether a setting is one whole number; True and False are none."""
+    return isinstance(value, int | np.integer) and not isinstance(value, bool)
 
 
 def is_number(value: object) -> TypeGuard[float]:

@@ -14,7 +14,7 @@ from matplotlib import axes
 from matplotlib.figure import Figure
 
 from meal_bayes.errors import SettingsError
-from meal_bayes.files import write_whole
+from meal_bayes.files import checked_path, write_whole
 
 Axes = axes.Axes
 COLORS = (
@@ -68,7 +68,7 @@ def legend(ax: Axes, count: int, *, above: bool = False) -> None:
 
 def save(ax: Axes, path: str | Path) -> Path:
     """Write the figure of an Axes as PNG, PDF or SVG, as the name ends; equal ones equally."""
-    path = Path(path)
+    path = checked_path("The figure", path)
     check_figure_name(path)
     write_whole(path, render(ax, path.suffix[1:]))
     return path

@@ -19,7 +19,7 @@ from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import BinaryIO
 
-from meal_bayes.errors import OutputError
+from meal_bayes.errors import OutputError, SettingsError
 
 if sys.platform != "win32":
     import fcntl
@@ -46,6 +46,19 @@ def _shell_word(word: str | Path) -> str:
     return "$'" + "".join(f"\\x{byte:02x}" for byte in os.fsencode(text)) + "'"
 
 
+def checked_path(what: str, value: object) -> Path:
+    """Return a path that a user gives; a `SettingsError` where it is none, such as 3 or "".
+
+    >>> checked_path("log", 3)
+    Traceback (most recent call last):
+    meal_bayes.errors.SettingsError: log is 3; give a path, as a text or a Path.
+    """
+    text = os.fspath(value) if isinstance(value, str | os.PathLike) else None
+    if not isinstance(text, str) or not text or "\0" in text:
+        raise SettingsError(f"{what} is {value!r:.60}; give a path, as a text or a Path.")
+    return Path(text)
+
+
 def file_name(text: str, longest: int = 60) -> str:
     """Return any text as a name of a file, in no other folder; other texts have other names.
 
@@ -67,7 +80,7 @@ def check_output(path: str | Path, *, inputs: Iterable[str | Path] = ()) -> Path
     Returns the path with links followed; an `OutputError` where it is one of the inputs (files, or
     folders of files, that the same command reads), a trial log, or no regular file.
     """
-    named = Path(path)
+    named = checked_path("The output", path)
     target = Path(os.path.realpath(named))
     # Links are followed: an output may be a link to what is read.
     with _with_path(named):
@@ -88,7 +101,7 @@ def check_output(path: str | Path, *, inputs: Iterable[str | Path] = ()) -> Path
 
 def check_folder(folder: str | Path) -> Path:
     """Create a folder, and check that files can be written in it; else an `OutputError`."""
-    folder = Path(folder)
+    folder = checked_path("The folder", folder)
     with _with_path(folder):
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):
@@ -102,7 +115,7 @@ def draft_of(path: str | Path, *, inputs: Iterable[str | Path] = ()) -> Iterator
 
     Parameters and errors are those of `check_output`; a full disk is an `OutputError` too.
     """
-    named = Path(path)
+    named = checked_path("The output", path)
     target = check_output(named, inputs=inputs)
     # Of a long name a part: file systems allow 255 bytes, of up to four a character.
     draft = target.parent / f".{target.name[:50]}.{os.getpid()}-{secrets.token_hex(4)}.part"

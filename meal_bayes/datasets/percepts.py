@@ -25,7 +25,7 @@ from meal_bayes.domain import (
     unknown,
 )
 from meal_bayes.errors import DataError, DomainError, SettingsError
-from meal_bayes.files import draft_of
+from meal_bayes.files import checked_path, draft_of
 from meal_bayes.untrusted import UNREADABLE, read_array, read_meta, write_array
 
 THRESHOLD = float(np.log(0.501 / 0.499))  # yes/no at .501: .5 +- 1e-16 would leak by rounding
@@ -243,7 +243,7 @@ def load_percepts(name: str | Path, *, domain: Domain | None = None) -> PerceptT
     DataError
         A file that is not a percept table, or not one of this domain.
     """
-    if str(name).endswith(".npz"):
+    if str(checked_path("The percept table", name)).endswith(".npz"):
         if not Path(name).is_file():
             raise SettingsError(f"No file {name}; give the path of a percept table (.npz).")
         return _read(Path(name), str(name), domain)

@@ -30,6 +30,7 @@ from meal_bayes.datasets.percepts import load_percepts
 from meal_bayes.digests import checksum_of
 from meal_bayes.domain import Domain, load_domain, unknown
 from meal_bayes.errors import DataError, DownloadError, SettingsError
+from meal_bayes.files import checked_path
 
 log = logging.getLogger("meal_bayes.datasets")
 
@@ -253,10 +254,10 @@ def load_dataset(name: str | Path, *, root: str | Path | None = None) -> Dataset
                 f"Domain {domain.name!r} has no public recordings (those are {list(SOURCES)}); "
                 "give root=<folder of your CSV files>, or make data with make_synthetic."
             )
-        return load_csv_folder(domain, Path(root))
+        return load_csv_folder(domain, checked_path("root", root))
     if root is None:
         root = fetch(domain.data)
-    return SOURCES[domain.data].load(domain, find_folder(domain.data, Path(root)))
+    return SOURCES[domain.data].load(domain, find_folder(domain.data, checked_path("root", root)))
 
 
 def cache_folder() -> Path:

@@ -31,6 +31,7 @@ from meal_bayes.domain.domain import Behavior, Domain
 from meal_bayes.domain.event import Payoffs
 from meal_bayes.domain.words import unknown
 from meal_bayes.errors import DomainError, QueryError, SettingsError
+from meal_bayes.files import checked_path
 from meal_bayes.untrusted import (
     DIAGRAM_LIMIT,
     LINE_LIMIT,
@@ -193,7 +194,7 @@ def domain_table(domain: Domain) -> dict[str, Any]:
 
 
 def _read(name: str | Path) -> dict[str, Any]:
-    path = Path(name)
+    path = checked_path("The domain", name)
     if not str(name).endswith(".toml"):
         if name not in domain_names():
             message = unknown("domain", str(name), domain_names())

@@ -31,7 +31,7 @@ from meal_bayes.evaluation.worst import (
     worst_of,
     worst_section,
 )
-from meal_bayes.files import check_output, write_whole
+from meal_bayes.files import check_output, checked_path, write_whole
 from meal_bayes.palette import reference_agent
 from meal_bayes.trial_log import Group, Logs
 from meal_bayes.trials import TrialOutcomes
@@ -72,7 +72,7 @@ def write_report(
     SettingsError
         A reference that has no trial.
     """
-    path = Path(path)
+    path = checked_path("The report", path)
     check_output(path, inputs=logs.files)
     trials = _Shown()
     files = set[Path]()

@@ -10,14 +10,14 @@ from meal_bayes.agents import Agent, Knowledge, as_agent
 from meal_bayes.datasets import PerceptTable, object_index
 from meal_bayes.domain import Domain, Query, read_question
 from meal_bayes.errors import SettingsError
-from meal_bayes.files import file_name
+from meal_bayes.files import checked_path, file_name
 from meal_bayes.learner.columns import Objects
 from meal_bayes.learner.experience import Experience
 from meal_bayes.learner.fit import Fit, problem_of, training_agent
 from meal_bayes.learner.fit_cache import FitCache
 from meal_bayes.learner.held_out import replay
 from meal_bayes.learner.online import Online
-from meal_bayes.learner.settings import LearnerSettings, own_posterior
+from meal_bayes.learner.settings import LearnerSettings, check_object_name, own_posterior
 from meal_bayes.learner.trial import (
     NO_CLASSIFIERS,
     Asked,
@@ -50,7 +50,7 @@ class Answerer:
         self.domain = domain
         self.settings = settings
         # Where its trials are logged; None: nowhere.
-        self._folder = None if logs is None else Path(logs) / file_name(domain.name)
+        self._folder = None if logs is None else checked_path("logs", logs) / file_name(domain.name)
         self.experience = Experience(domain)
         self.table: PerceptTable | None = None  # that is replayed
         self._agent = agent
@@ -295,6 +295,9 @@ class Answerer:
         learn: bool = False,
     ) -> tuple[Task, Key]:
         """Return the task of a question, and the key of its random streams, by `key`."""
+        name = question.object_name if isinstance(question, Task) else object_name
+        if name is not None:
+            check_object_name(name, self.experience.objects)
         if key is None and self.table is None:
             key = self._asked.key(learn=learn)
         return task_of(self.domain, self.table, question, object_name, key)
@@ -304,12 +307,12 @@ class Answerer:
         log: str | Path | None, options: TrialOptions, state: str | None,
     ) -> Session:  # fmt: skip
         """Return the session of a question, logged if there is a place, but not started yet."""
+        place = self._folder if log is None else checked_path("log", log)
         with self._lock:
             task, streams = self._task(question, object_name, key, learn=options.learn)
             if self.table is None and not isinstance(question, Task):
                 self._asked.count(learn=options.learn)
         session = self._session(task, streams, options)
-        place = self._folder if log is None else Path(log)
         if place is None:
             return session
         text = question.text if isinstance(question, Query) else str(question)

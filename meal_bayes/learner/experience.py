@@ -81,7 +81,7 @@ class Experience:
         self.features: dict[Context, dict[int, NDArray[np.float32]]] = {
             context: {} for context in domain.contexts
         }
-        self.heard = set[str]()  # names of the logs of what was told
+        self.heard: dict[str, None] = {}  # names of the logs of what was told, in order
         self.named = set[str]()  # recordings that warnings have named
 
     def __repr__(self) -> str:

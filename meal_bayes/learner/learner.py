@@ -7,9 +7,11 @@ from pathlib import Path
 from typing import Any, Self
 
 from meal_bayes.agents import as_agent
+from meal_bayes.arrays import check_yes_no
 from meal_bayes.datasets import Dataset, PerceptTable, object_index
 from meal_bayes.domain import Domain, Query, load_domain
 from meal_bayes.errors import QueryError, SettingsError
+from meal_bayes.files import checked_path
 from meal_bayes.learner import views
 from meal_bayes.learner.card import learned_html, next_html, table_knowledge
 from meal_bayes.learner.columns import Labels, told
@@ -19,15 +21,16 @@ from meal_bayes.learner.saved import SavedLearner, read_learner, write_learner
 from meal_bayes.learner.settings import (
     LearnerSettings,
     check_data,
+    check_object_name,
     checked_labels,
     checked_payoffs,
+    checked_trial,
     own_posterior,
 )
 from meal_bayes.learner.telling import log_told
 from meal_bayes.learner.trial import check_behaviors, record_step
 from meal_bayes.seeds import Key
 from meal_bayes.trials import Trial
-from meal_bayes.untrusted import name_fault
 
 
 class Learner(Finder):
@@ -183,10 +186,7 @@ class Learner(Finder):
         if not (labels >= 0).any():
             return
         name = trial.task.object_name if isinstance(trial, Trial) else trial
-        if not isinstance(name, str):
-            raise SettingsError(f"Labels are of a trial or an object's name; found {name!r:.60}.")
-        if fault := name_fault(name):
-            raise QueryError(f"The object's name {name!a:.60} {fault}; rename it.")
+        check_object_name(name, self.experience.objects)
         with self._lock:
             key = told(name)  # as of a test, which is no experience
             if isinstance(trial, Trial) and trial.task.learn:
@@ -223,18 +223,17 @@ class Learner(Finder):
         SettingsError
             There is nothing to forget.
         """
-        key = told(trial) if isinstance(trial, str) else trial.task.key
-        if isinstance(trial, Trial) and not trial.task.learn:
-            key = told(trial.task.object_name)
+        check_yes_no("recordings", recordings)
+        name = trial if isinstance(trial, str) else checked_trial(trial).task.object_name
+        key = told(name) if isinstance(trial, str) or not trial.task.learn else trial.task.key
         with self._lock:
-            recorded = recordings and isinstance(trial, Trial) and len(self.experience.shown(key))
+            recordings = recordings and isinstance(trial, Trial)
+            recorded = recordings and len(self.experience.shown(key))
             if not recorded and not (self.experience.told_in(key) >= 0).any():
                 what = "labels or recordings" if recordings else "labels"
-                name = trial.task.name if isinstance(trial, Trial) else trial
-                raise SettingsError(f"The trial {name!r} has no {what}.")
+                whose = f"object {name!r}" if key == told(name) else f"trial of {name!r}"
+                raise SettingsError(f"The {whose} has no {what}.")
             self._use()
-            recordings = recordings and isinstance(trial, Trial)
-            name = trial.task.object_name if isinstance(trial, Trial) else trial
             before = views.labels_touched(self.experience, key, name)
             self._fits.update(self.experience.forget(key, recordings=recordings), refit=True)
             self._log_told(trial, name, key, before)
@@ -270,6 +269,7 @@ class Learner(Finder):
         SettingsError
             A trial of other behaviors.
         """
+        checked_trial(trial)
         check_behaviors(self.experience, trial)
         with self._lock:
             self._use()
@@ -293,8 +293,10 @@ class Learner(Finder):
         OutputError
             A file that somebody else wrote; a place where nothing can be written.
         """
+        target = checked_path("The file", path)
+        check_yes_no("overwrite", overwrite)
         with self._lock:
-            self._file = write_learner(self._saved(), Path(path), overwrite=overwrite)
+            self._file = write_learner(self._saved(), target, overwrite=overwrite)
 
     @classmethod
     def load(
@@ -323,7 +325,7 @@ class Learner(Finder):
         SettingsError
             An agent or a classifier of one's own is not given again.
         """
-        saved = read_learner(Path(path), agent=agent, classifier=classifier)
+        saved = read_learner(checked_path("The file", path), agent=agent, classifier=classifier)
         domain = saved.experience.domain
         learner = cls(domain, agent=saved.agent, settings=saved.settings, logs=logs)
         learner.experience = saved.experience

@@ -115,13 +115,8 @@ def write_learner(learner: SavedLearner, path: Path, *, overwrite: bool) -> str:
         }
         for name in _ROWS:
             write_array(archive, name, getattr(experience, name).values)
-        lines = {
-            "objects": experience.objects,
-            "trials": experience.trials,
-            "heard": sorted(experience.heard),
-        }
-        for name, values in lines.items():
-            archive.writestr(name, "\n".join(map(json.dumps, values)))
+        for name in ("objects", "trials", "heard"):
+            archive.writestr(name, "\n".join(map(json.dumps, getattr(experience, name))))
         archive.writestr(_TEXT, json.dumps(meta, allow_nan=False))
     return file
 
@@ -337,7 +332,7 @@ def _read_experience(archive: zipfile.ZipFile, experience: Experience) -> None:
     unique = len(set(objects)) == o and len(set(trials)) == t
     if not unique or not all(isinstance(name, str) for name in [*objects, *heard]):
         raise ValueError("objects or trials are named twice, or not by text")
-    experience.heard = {*heard}
+    experience.heard = dict.fromkeys(heard)
     experience.objects = {name: number for number, name in enumerate(objects)}
     experience.trials = {key: number for number, key in enumerate(trials)}
     for name, values in rows.items():

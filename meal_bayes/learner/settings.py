@@ -1,6 +1,6 @@
 """How a learner learns, and checks of what it is given."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,9 +10,11 @@ from meal_bayes.agents import Agent
 from meal_bayes.arrays import check_whole, check_yes_no, is_number
 from meal_bayes.datasets import Dataset, PerceptTable
 from meal_bayes.domain import Domain, Payoffs, unknown
+from meal_bayes.domain.words import twin
 from meal_bayes.errors import DataError, QueryError, SettingsError
 from meal_bayes.posterior import ConfusionPosterior
-from meal_bayes.untrusted import LARGEST
+from meal_bayes.trials import Trial
+from meal_bayes.untrusted import LARGEST, name_fault
 
 _PERCEPTS = ("recorded", "model")
 
@@ -97,6 +99,32 @@ def own_posterior(posterior: object, domain: Domain, agent: Agent) -> ConfusionP
             f"the domain, truths, and the {agent.levels} levels of the agent {agent.name!r}."
         )
     return posterior
+
+
+def check_object_name(name: object, objects: Iterable[str]) -> None:
+    """Check what names an object, beside those that are known.
+
+    Raises
+    ------
+    SettingsError
+        What is no text.
+    QueryError
+        No name, or one that looks the same as another: what is told of one would not be of both.
+    """
+    if not isinstance(name, str):
+        raise SettingsError(f"An object's name is a text; found {name!r:.60}.")
+    if fault := name_fault(name):
+        raise QueryError(f"The object's name {name!a:.60} {fault}; rename it.")
+    known = [*objects]
+    if name not in known and twin(name, known):
+        raise QueryError(unknown("object", name, known))
+
+
+def checked_trial(trial: object) -> Trial:
+    """Return a trial; a `SettingsError` where something else was given."""
+    if not isinstance(trial, Trial):
+        raise SettingsError(f"Expected a trial, as `ask` returns it; found {trial!r:.60}.")
+    return trial
 
 
 def check_data(data: object, domain: Domain) -> None:

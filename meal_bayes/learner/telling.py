@@ -30,7 +30,7 @@ def log_told(experience: Experience, folder: Path, name: str, key: Key, before: 
     labels = {domain.attributes[p]: int(after[0, p]) for p in changed}
     feedback = Feedback(name, labels, None if key == told(name) else key)
     header = {"config": {"command": "Learner.tell"}, "data": domain.data}
-    experience.heard.add(write_feedback(folder, feedback, header=header).name)
+    experience.heard[write_feedback(folder, feedback, header=header).name] = None
 
 
 def tell_again(experience: Experience, entries: Iterable[tuple[str, Feedback]]) -> None:
@@ -48,7 +48,7 @@ def tell_again(experience: Experience, entries: Iterable[tuple[str, Feedback]]) 
         unknown = feedback.key is not None and key not in experience.trials
         if unknown or file in experience.heard:
             continue
-        experience.heard.add(file)
+        experience.heard[file] = None
         labels = experience.nothing
         for name, label in feedback.labels.items():
             if name in domain.attributes:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from meal_bayes.arrays import Levels, check_yes_no
+from meal_bayes.arrays import Levels, check_whole, check_yes_no
 from meal_bayes.datasets import Instance, PerceptTable, object_index
 from meal_bayes.datasets.detections import detected_levels
 from meal_bayes.datasets.percepts import BIN_EDGES, levels_of
@@ -53,6 +53,10 @@ class TrialOptions:
     def __post_init__(self) -> None:
         check_yes_no("learn", self.learn)
         check_yes_no("commanded", self.commanded)
+        if self.seed is not None:
+            check_whole("seed", self.seed)
+        if not (self.on_step is None or callable(self.on_step)):
+            raise SettingsError(f"on_step is {self.on_step!r:.60}; give a function of a step.")
 
     def begun(self, state: str | None) -> dict[str, object]:
         """Return what a log says of how a trial was begun, in a state, for who resumes it."""
@@ -121,11 +125,10 @@ def task_of(
                 "leave out the object's name."
             )
         return question, question.key
-    for part, value in (("key", key), ("object_name", object_name)):
-        if not isinstance(value, str | int | None if part == "key" else str | None):
-            raise SettingsError(f"{part} is {value!r:.60}; give a text.")
-        if part == "key" and isinstance(value, str) and (fault := name_fault(value)):
-            raise SettingsError(f"The key {value!a:.60} {fault}; give another.")
+    if not isinstance(key, str | int | None):
+        raise SettingsError(f"key is {key!r:.60}; give a text.")
+    if isinstance(key, str) and (fault := name_fault(key)):
+        raise SettingsError(f"The key {key!a:.60} {fault}; give another.")
     query = question if isinstance(question, Query) else read_query(question, domain)
     text = question if isinstance(question, str) else query.text
     if table is not None:

@@ -16,7 +16,7 @@ import xarray as xr
 
 from meal_bayes.cache import writable_caches
 from meal_bayes.errors import DataError
-from meal_bayes.files import draft_of
+from meal_bayes.files import checked_path, draft_of
 from meal_bayes.version import package_version
 
 with writable_caches(), warnings.catch_warnings():  # ArviZ 0.x announces 1.0 on import
@@ -72,7 +72,7 @@ def unreliable(idata: Any) -> dict[str, float]:
 
 def save_netcdf(idata: Any, path: str | Path) -> Path:
     """Write netCDF; the file is there when it is whole, or an `OutputError` says why not."""
-    target = Path(path)
+    target = checked_path("The posterior", path)
     with draft_of(target) as draft:
         idata.to_netcdf(str(draft), engine="h5netcdf")
     return target

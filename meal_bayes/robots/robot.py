@@ -12,6 +12,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from meal_bayes.arrays import is_whole
 from meal_bayes.datasets import Instance, checked_features
 from meal_bayes.datasets.detections import checked_percepts
 from meal_bayes.domain import TERMINAL, Behavior, Domain, unknown
@@ -20,6 +21,7 @@ from meal_bayes.errors import DataError, QueryError, RobotError
 Features = dict[str, NDArray[np.float32]]
 Sizes = Mapping[tuple[str, str], int]  # (behavior, modality) -> D
 SOLID, SHELL, BALL = range(3)
+_RECORDINGS = 2**31  # that a data set may have
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,7 +130,7 @@ class OutcomeChecker:
 
     def _perceived(self, spec: Behavior, outcome: Outcome, next_x: int) -> Execution:
         accuracy = spec.answer_accuracy
-        recording = outcome.recording
+        recording = _recording(outcome.recording)
         features = None
         warning = ""
         if accuracy is None and outcome.answers is not None:
@@ -225,6 +227,15 @@ def state_index(states: Sequence[str], state: object, where: str) -> int:
         )
     message = unknown("state", str(state), possible)
     raise RobotError(f"{where} of the robot came to a state that is not known. {message}")
+
+
+def _recording(number: object) -> int | None:
+    """Return which recording is replayed; -1 is of what a person answers, None of a real robot."""
+    if number is None:
+        return None
+    if not is_whole(number) or not -1 <= number < _RECORDINGS:
+        raise _NoPercept(f"its recording is {number!r:.60}, not a number of one; leave it out")
+    return int(number)
 
 
 def _checked(modality: str, sensed: Mapping[str, ArrayLike]) -> NDArray[np.float32]:

@@ -14,7 +14,7 @@ from typing import Any
 
 from meal_bayes.digests import checksum_of
 from meal_bayes.errors import LogCorruptError, LogError
-from meal_bayes.files import command_line, draft_of
+from meal_bayes.files import checked_path, command_line, draft_of
 from meal_bayes.trial_log.names import log_files
 from meal_bayes.trial_log.reader import check_log
 from meal_bayes.trial_log.schema import ACTIVE, SUFFIX
@@ -51,7 +51,7 @@ def write_archive(folder: str | Path, out: str | Path, others: Sequence[str | Pa
         A folder without logs, a log that is damaged, what does not exist, or two files that would
         have one name.
     """
-    folder = Path(folder)
+    folder = checked_path("The folder", folder)
     if not folder.is_dir():
         raise LogError(f"{folder} is no folder; give that of a run, with its logs.")
     log_files(folder)  # raises where there is none

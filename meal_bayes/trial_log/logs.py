@@ -13,6 +13,7 @@ from typing import NamedTuple
 from mcap.records import DataEnd
 
 from meal_bayes.errors import LogCorruptError, LogError, LogVersionError, QueryError
+from meal_bayes.files import checked_path
 from meal_bayes.trial_log.container import FAULTS, TORN, fault_text, read_records
 from meal_bayes.trial_log.decode import TrialBuilder
 from meal_bayes.trial_log.feedback import Feedback, FeedbackIndex
@@ -191,7 +192,7 @@ class Follower:
     """
 
     def __init__(self, path: str | Path) -> None:
-        self.path = Path(path)
+        self.path = checked_path("The log", path)
         self.problems: list[str] = []
         self._tails: dict[tuple[int, int], _Tail] = {}  # by device and inode, whatever its name
         self._yielded = Counter[Path]()  # trials of each log

@@ -13,7 +13,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from meal_bayes.errors import LogError
-from meal_bayes.files import file_name, hold
+from meal_bayes.files import checked_path, file_name, hold
 from meal_bayes.trial_log.schema import ACTIVE, FEEDBACK_FORM, SEARCH_FORM, SUFFIX
 
 RECOVERED = ".recovered"
@@ -137,7 +137,7 @@ def log_files(path: str | Path) -> list[Path]:
     LogError
         There is no such file or folder, or it holds no log.
     """
-    path = Path(path)
+    path = checked_path("The log", path)
     if path.is_file():
         return [path]
     if path.is_dir():

@@ -13,7 +13,7 @@ from mcap.records import Chunk, Footer
 from mcap.writer import MCAP0_MAGIC
 
 from meal_bayes.errors import LogCorruptError, LogError, LogVersionError
-from meal_bayes.files import command_line
+from meal_bayes.files import checked_path, command_line
 from meal_bayes.trial_log import schema
 from meal_bayes.trial_log.container import FAULTS, fault_text, next_log, read_records
 from meal_bayes.trial_log.decode import NO_END, NO_HEADER, TrialBuilder
@@ -63,7 +63,8 @@ def read_trials(path: str | Path) -> Iterator[Trial]:
     LogVersionError
         The file has another format version.
     """
-    files = log_files(path) if Path(path).is_dir() else [path]
+    place = checked_path("The log", path)
+    files = log_files(place) if place.is_dir() else [place]
     return itertools.chain.from_iterable([_trials(Scan(file)) for file in files])
 
 
@@ -87,7 +88,8 @@ def read_feedback(path: str | Path) -> list[Feedback]:
 
     Errors are those of `read_trials`; a folder may hold none.
     """
-    files = feedback_files(Path(path)) if Path(path).is_dir() else [Path(path)]
+    place = checked_path("The log", path)
+    files = feedback_files(place) if place.is_dir() else [place]
     entries = list[Feedback]()
     for file in files:
         scan = Scan(file)
@@ -291,7 +293,7 @@ def _open(path: Path) -> BinaryIO:
 
 def find_log(path: str | Path) -> Path:
     """Return the log of a name, or what holds most of it where it is not there."""
-    if Path(path).is_dir():
+    if checked_path("The log", path).is_dir():
         raise LogError(f"{path} is a folder, and no log; name one of its files.")
     return log_files(path)[0]
 

@@ -16,7 +16,7 @@ import numpy as np
 from mcap.writer import Writer
 
 from meal_bayes.errors import LogError, SettingsError
-from meal_bayes.files import hold, replace_whole, write_whole
+from meal_bayes.files import checked_path, hold, replace_whole, write_whole
 from meal_bayes.trial_log import schema
 from meal_bayes.trial_log.encode import End, Packed, TrialEncoder, encode_outcomes
 from meal_bayes.trial_log.feedback import Feedback
@@ -52,7 +52,7 @@ class TrialWriter:
     def __init__(
         self, path: str | Path, header: Mapping[str, object], form: str = schema.FULL
     ) -> None:
-        self.path = Path(path)
+        self.path = checked_path("The log", path)
         self._form = form
         if self.path.suffix != SUFFIX:
             raise SettingsError(f"A log's name ends in {SUFFIX}; found {self.path.name!r}.")

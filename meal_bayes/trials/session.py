@@ -240,9 +240,9 @@ class Session:
         for step in steps:
             decision = self._decision or (step.decision if self._policy is None else None)
             if decision is None or decision.action != step.decision.action:
-                done = self.momdp.action_name(step.decision.action)
+                then = self.momdp.action_name(step.decision.action)
                 raise LogError(
-                    f"Step {len(self.steps)} was {done}, but the agent now decides for "
+                    f"Step {len(self.steps)} was {then}, but the agent now decides for "
                     f"{self.behavior}; it has learned other things since."
                 )
             self._append(step)
@@ -258,11 +258,10 @@ class Session:
             self._break(fault)
 
     def _break(self, fault: BaseException) -> None:
-        """End the trial by an exception."""
-        if self.over:
-            return
-        with noted(fault, self._recorder):
-            self._end(f"{self._at} error: {type(fault).__name__}: {fault}".removesuffix(": "))
+        """End the trial by an exception, unless it is over."""
+        if not self.over:
+            with noted(fault, self._recorder):
+                self._end(f"{self._at} error: {type(fault).__name__}: {fault}".removesuffix(": "))
 
     def _decide(self) -> None:
         """Let the policy choose the next behavior, or the report that ends the trial."""
