@@ -8,8 +8,8 @@ from meal_bayes.datasets import Dataset, TrainingSet
 from meal_bayes.datasets.percepts import BIN_EDGES, levels_of, round_log_odds
 from meal_bayes.perception import DEFAULT, PerceptionSettings
 from meal_bayes.perception.confusion import by_truth
+from meal_bayes.perception.feature_spaces import gather, groups_of, number_in_object
 from meal_bayes.perception.fitting import learned_widths, method_of
-from meal_bayes.perception.recordings import gather, groups_of, number_in_object
 
 
 def held_out_log_odds(dataset: Dataset, *, settings: PerceptionSettings = DEFAULT) -> Floats:

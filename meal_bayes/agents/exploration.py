@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from scipy.special import digamma, entr
 
 from meal_bayes.agents.knowledge import Knowledge
-from meal_bayes.agents.prices import AHEAD, explained, prices, rates_ahead
+from meal_bayes.agents.label_prices import AHEAD, explained, prices, rates_ahead
 from meal_bayes.arrays import Bools, Floats
 from meal_bayes.domain import Domain, Query
 from meal_bayes.momdp import MOMDP, Objective, add_itrs_bonus, build_momdp

@@ -9,12 +9,18 @@ from pathlib import Path
 from meal_bayes.datasets import Dataset, load_dataset, load_percepts
 from meal_bayes.datasets.sources import SOURCES
 from meal_bayes.experiments.config import OnlineConfig
-from meal_bayes.experiments.protocol import ASKED, Environment, Protocol, learnable, restricted
+from meal_bayes.experiments.online_protocol import (
+    ASKED,
+    Environment,
+    Protocol,
+    learnable,
+    restricted,
+)
 from meal_bayes.experiments.store import is_whole, run_folder
 from meal_bayes.experiments.units import run_units, timed, warm_up
 from meal_bayes.files import file_name
 from meal_bayes.learner import Learner, LearnerSettings
-from meal_bayes.perception.source import fingerprint
+from meal_bayes.perception.table_source import fingerprint
 from meal_bayes.trial_log import TrialWriter, log_info, read_outcomes, read_trials, write_trials
 from meal_bayes.trials import BatchOutcomes, Task, TrialOutcomes
 

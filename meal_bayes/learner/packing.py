@@ -16,9 +16,9 @@ from meal_bayes.arrays import Rows
 from meal_bayes.datasets import PerceptTable
 from meal_bayes.domain import Domain, Payoffs
 from meal_bayes.perception import Perception
+from meal_bayes.perception.feature_spaces import FeatureSpace, Whitening
+from meal_bayes.perception.kernel_ridge import KernelFit, Stacker
 from meal_bayes.perception.perceiver import BehaviorClassifier
-from meal_bayes.perception.recordings import FeatureSpace, Whitening
-from meal_bayes.perception.stacked import KernelFit, Stacker
 from meal_bayes.posterior import ConfusionPosterior
 from meal_bayes.posterior.trait import SharedTrait
 

@@ -25,7 +25,7 @@ from meal_bayes.momdp.build import (
     observation_entropy,
     with_joint_prior,
 )
-from meal_bayes.momdp.exchange import FlatPOMDP, flatten, percept_probabilities
+from meal_bayes.momdp.flat_pomdp import FlatPOMDP, flatten, percept_probabilities
 from meal_bayes.momdp.model import MOMDP
 from meal_bayes.momdp.observation import predictive
 from meal_bayes.momdp.reports import Reports

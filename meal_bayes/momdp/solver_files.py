@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from meal_bayes.errors import SettingsError
 from meal_bayes.files import draft_of
-from meal_bayes.momdp.exchange import FileTables, file_tables, percept_probabilities
+from meal_bayes.momdp.flat_pomdp import FileTables, file_tables, percept_probabilities
 from meal_bayes.momdp.model import MOMDP
 
 

@@ -5,11 +5,11 @@ says of the queried attributes) and confusion counts (what such percepts were wo
 """
 
 from meal_bayes.perception.confusion import table_counts
+from meal_bayes.perception.feature_spaces import fit_spaces
 from meal_bayes.perception.fitting import build_percept_table, fit_and_validate
 from meal_bayes.perception.perceiver import Perceiver, Perception, RecordedPercepts, SampledPercepts
-from meal_bayes.perception.recordings import fit_spaces
 from meal_bayes.perception.settings import DEFAULT, PAPER, PerceptionSettings, with_classifier
-from meal_bayes.perception.source import TableSource
+from meal_bayes.perception.table_source import TableSource
 
 __all__ = [
     "DEFAULT", "PAPER", "Perceiver", "Perception", "PerceptionSettings", "RecordedPercepts",

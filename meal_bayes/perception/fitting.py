@@ -32,18 +32,18 @@ from meal_bayes.datasets.sources import SOURCES
 from meal_bayes.domain import unknown
 from meal_bayes.errors import SettingsError
 from meal_bayes.files import command_line
-from meal_bayes.perception import stacked
+from meal_bayes.perception import kernel_ridge
 from meal_bayes.perception.confusion import by_truth, youden
-from meal_bayes.perception.perceiver import BehaviorClassifier, Perception
-from meal_bayes.perception.recordings import (
+from meal_bayes.perception.feature_spaces import (
     BehaviorRecordings,
     Spaces,
     gather,
     groups_of,
     number_in_object,
 )
+from meal_bayes.perception.kernel_ridge import NOBODY, Problem, leave_out, parts
+from meal_bayes.perception.perceiver import BehaviorClassifier, Perception
 from meal_bayes.perception.settings import DEFAULT, NAMED, PerceptionSettings, with_classifier
-from meal_bayes.perception.stacked import NOBODY, Problem, leave_out, parts
 from meal_bayes.version import package_version
 
 Half = np.float16
@@ -57,10 +57,10 @@ _MOST = 255  # recordings of an object and behavior that a bin can count
 def method_of(settings: PerceptionSettings) -> ModuleType:
     """Return the module of the method that the settings name, with `fit` and `outputs`."""
     if settings.method == "stacked":
-        return stacked
-    from meal_bayes.perception import classifier  # noqa: PLC0415  scikit-learn takes a second
+        return kernel_ridge
+    from meal_bayes.perception import fold_classifiers  # noqa: PLC0415  scikit-learn takes a second
 
-    return classifier
+    return fold_classifiers
 
 
 def fit_and_validate(

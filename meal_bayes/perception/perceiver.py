@@ -16,7 +16,7 @@ from meal_bayes.datasets.percepts import BIN_EDGES, PerceptTable, levels_of, rou
 from meal_bayes.display import short_repr
 from meal_bayes.domain import Domain, Query
 from meal_bayes.errors import DataError, SettingsError
-from meal_bayes.perception.recordings import FeatureSpace
+from meal_bayes.perception.feature_spaces import FeatureSpace
 
 
 class Perceiver(Protocol):

@@ -73,7 +73,7 @@ class PerceptionSettings:
         if (self.method == "classifier") != (self.classifier is not None):
             raise SettingsError("A classifier and the method 'classifier' go together; give both.")
         if self.classifier is not None:
-            from meal_bayes.perception.estimators import check_classifier  # noqa: PLC0415
+            from meal_bayes.perception.own_classifier import check_classifier  # noqa: PLC0415
 
             check_classifier(self.classifier)  # scikit-learn takes a second
         if self.width is not None and not (self.width > 0 and self.method == "stacked"):

@@ -6,7 +6,7 @@ In: a `MOMDP`. Out: `Policy`, `Decision`.
 from meal_bayes.planners.baselines import Greedy, Predefined, Random, RandomLegal, Untouched
 from meal_bayes.planners.factored.batched import batched_value_iteration
 from meal_bayes.planners.factored.policy import Factored
-from meal_bayes.planners.kernels import Compiling, watch_compilation
+from meal_bayes.planners.jit import Compiling, watch_compilation
 from meal_bayes.planners.open_loop.policy import OpenLoop, OpenLoopPolicy
 from meal_bayes.planners.pomcp.policy import POMCP
 from meal_bayes.planners.precompile import warm_up

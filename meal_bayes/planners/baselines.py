@@ -14,7 +14,7 @@ from meal_bayes.arrays import Floats
 from meal_bayes.errors import SettingsError
 from meal_bayes.momdp import MOMDP, Belief, answer_value, best_answer, best_report
 from meal_bayes.momdp.belief import next_percept
-from meal_bayes.planners.compiled import dynamics_of
+from meal_bayes.planners.momdp_arrays import dynamics_of
 from meal_bayes.planners.open_loop.candidates import diagram_of
 from meal_bayes.planners.open_loop.growth import Ways
 from meal_bayes.planners.solver import Decision, History, unvalued

@@ -7,8 +7,8 @@ from sklearn.base import clone
 
 from meal_bayes.arrays import Floats, Ints
 from meal_bayes.errors import ConformanceError, MealBayesError
-from meal_bayes.perception.estimators import blamed, decisions_of, repeatable
-from meal_bayes.perception.estimators import check_classifier as check_interface
+from meal_bayes.perception.own_classifier import blamed, decisions_of, repeatable
+from meal_bayes.perception.own_classifier import check_classifier as check_interface
 
 _RECORDINGS = 60
 _FEATURES = (1, 4, 40)  # modalities have one number or many

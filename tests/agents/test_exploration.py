@@ -15,7 +15,7 @@ from meal_bayes.agents.exploration import (
     learning_prices,
 )
 from meal_bayes.agents.knowledge import Knowledge
-from meal_bayes.agents.prices import AHEAD, explained, prices, rates_ahead
+from meal_bayes.agents.label_prices import AHEAD, explained, prices, rates_ahead
 from meal_bayes.domain import Query, load_domain
 from meal_bayes.momdp import build_momdp
 from meal_bayes.posterior import ConfusionPosterior

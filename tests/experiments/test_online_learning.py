@@ -18,7 +18,7 @@ from meal_bayes.domain import (
 )
 from meal_bayes.experiments import OnlineConfig
 from meal_bayes.experiments.online import _learner
-from meal_bayes.experiments.protocol import Environment, Protocol
+from meal_bayes.experiments.online_protocol import Environment, Protocol
 from meal_bayes.learner.views import labelled
 from meal_bayes.momdp import observation_entropy
 from meal_bayes.perception import fit_and_validate

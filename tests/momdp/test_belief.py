@@ -18,7 +18,7 @@ from meal_bayes.momdp import (
     update_belief,
 )
 from meal_bayes.momdp.observation import predictive, sample_rows
-from meal_bayes.planners.kernels import entry_kernel
+from meal_bayes.planners.jit import entry_kernel
 from meal_bayes.planners.open_loop.bayes_error import predictive as compiled
 
 

@@ -29,7 +29,7 @@ from meal_bayes.perception import (
     build_percept_table,
     with_classifier,
 )
-from meal_bayes.perception.estimators import checked_probabilities
+from meal_bayes.perception.own_classifier import checked_probabilities
 
 BY_HEART = KNeighborsClassifier(1)
 

@@ -10,14 +10,14 @@ from meal_bayes.datasets import TrainingSet, load_dataset
 from meal_bayes.domain import Query
 from meal_bayes.perception import DEFAULT, PAPER, fit_and_validate, fit_spaces
 from meal_bayes.perception.confusion import youden
-from meal_bayes.perception.fitting import WIDTHS, _losses_of_widths, learned_widths
-from meal_bayes.perception.recordings import (
+from meal_bayes.perception.feature_spaces import (
     BehaviorRecordings,
     FeatureSpace,
     fit_space,
     gather,
     joint_kernel,
 )
+from meal_bayes.perception.fitting import WIDTHS, _losses_of_widths, learned_widths
 
 
 def gram(space):

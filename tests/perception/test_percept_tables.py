@@ -23,9 +23,9 @@ from meal_bayes.perception import (
     table_counts,
     with_classifier,
 )
+from meal_bayes.perception.feature_spaces import dealt, gather
 from meal_bayes.perception.fitting import learned_widths
-from meal_bayes.perception.recordings import dealt, gather
-from meal_bayes.perception.stacked import NOISE, each_group, kernel_problem
+from meal_bayes.perception.kernel_ridge import NOISE, each_group, kernel_problem
 
 ALL = replace(DEFAULT, positive_youden_only=False)
 FEW = [DEFAULT, replace(PAPER, folds=4), with_classifier(GaussianNB(), folds=4)]

@@ -12,7 +12,7 @@ from meal_bayes.momdp import MOMDP, Objective, initial_belief
 from meal_bayes.planners import History
 from meal_bayes.planners.factored.grid import informative_pairs, make_reader, value_after
 from meal_bayes.planners.factored.policy import Factored
-from meal_bayes.planners.kernels import NO_BEHAVIOR
+from meal_bayes.planners.jit import NO_BEHAVIOR
 
 RNG = np.random.default_rng(0)  # nothing in the solver is random
 

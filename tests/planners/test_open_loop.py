@@ -9,8 +9,8 @@ import pytest
 from meal_bayes.domain import load_domain
 from meal_bayes.momdp import Objective, Transition, initial_belief, update_belief
 from meal_bayes.planners import POMCP, History, OpenLoop
-from meal_bayes.planners.compiled import compile_momdp
-from meal_bayes.planners.entry import best_plans
+from meal_bayes.planners.kernel_calls import best_plans
+from meal_bayes.planners.momdp_arrays import arrays_of
 from meal_bayes.planners.open_loop.library import plan_library
 from meal_bayes.planners.open_loop.values import make_evaluator
 
@@ -46,7 +46,7 @@ def values_of(model, plans, belief):
 
 def bonuses_of(momdp, pay, bonus_limit, belief=None):
     """What a bonus adds to the value of every plan from the start, and the plans' uses (J,E)."""
-    shaped, plain = compile_momdp(with_bonus(momdp, pay, bonus_limit)), compile_momdp(momdp)
+    shaped, plain = arrays_of(with_bonus(momdp, pay, bonus_limit)), arrays_of(momdp)
     plans = plan_library(momdp, shaped)
     belief = initial_belief(momdp) if belief is None else belief
     counts = plans.observation_counts[plans.first[belief.x] : plans.first[belief.x + 1]]
@@ -76,7 +76,7 @@ def test_other_rewards_are_planned_for_with_the_same_plans(small, prior):
     again, belief = first.sharing_plans(now), initial_belief(now)
     for observation in ([1, 1], [0, 1], [0, 0]):
         decision = again.decide(History(belief), np.random.default_rng(0))
-        values = values_of(compile_momdp(now), first.plans, belief)
+        values = values_of(arrays_of(now), first.plans, belief)
         action = first.plans.plan["action"][: len(values)]
         expected = [values[action == a].max(initial=-np.inf) for a in (0, 1)]
         np.testing.assert_allclose((decision.values + decision.bonus)[:2], expected)
@@ -100,7 +100,7 @@ def test_one_plan_fetches_every_bonus(small):
     )
     senses = np.array([bool(behavior.modalities) for behavior in domain.behaviors])
     rich = with_bonus(momdp, 200.0 * senses, bonus_limit=1)
-    model = compile_momdp(rich)
+    model = arrays_of(rich)
     added = values_of(model, plan_library(rich, model), initial_belief(rich))
     assert added.max() > 200.0 * senses.sum() - 150.0  # a tour's cost, s
 
@@ -126,8 +126,8 @@ DOMAINS = ["toy", "roc36", "roc36_published", "ispy32", "cy101"]
 
 
 def made(momdp):
-    """Compiled MOMDP and its plans."""
-    problem = compile_momdp(momdp)
+    """MOMDPArrays MOMDP and its plans."""
+    problem = arrays_of(momdp)
     return problem, plan_library(momdp, problem)
 
 

@@ -13,8 +13,8 @@ from meal_bayes.errors import SettingsError
 from meal_bayes.momdp import Objective, Transition, build_momdp, initial_belief, update_belief
 from meal_bayes.momdp.observation import predictive
 from meal_bayes.planners import POMCP, Decision, History, Remembering
-from meal_bayes.planners.compiled import compile_momdp
-from meal_bayes.planners.kernels import entry_kernel
+from meal_bayes.planners.jit import entry_kernel
+from meal_bayes.planners.momdp_arrays import arrays_of
 from meal_bayes.planners.pomcp.tree import KEPT, draw_percept, draw_root_object, make_sampled
 
 
@@ -146,11 +146,11 @@ def test_decisions_are_equal_whatever_trial_comes_first(toy, beliefs):
 
 
 def test_dynamics_are_compiled_once_for_momdps_that_share_them(small):
-    first = compile_momdp(small.momdp("roc36", {"heavy": {"lift_slow": (0.9, 0.1)}}))
-    second = compile_momdp(small.momdp("roc36", {"blue": {}, "beans": {}}, 7.0))
+    first = arrays_of(small.momdp("roc36", {"heavy": {"lift_slow": (0.9, 0.1)}}))
+    second = arrays_of(small.momdp("roc36", {"blue": {}, "beans": {}}, 7.0))
     assert first.dynamics is second.dynamics
     for options in ({"objective": Objective(discount=0.9)}, {"objective": Objective(abstain=True)}):
-        unlike = compile_momdp(small.momdp("roc36", {"heavy": {}}, **options))
+        unlike = arrays_of(small.momdp("roc36", {"heavy": {}}, **options))
         assert unlike.dynamics is not first.dynamics
 
 
@@ -163,7 +163,7 @@ def test_information_on_the_latent_class_is_planned_with():
     latent_classes = [[[0.5, 0.5, 0.0, 0.0], [0.0, 0.0, 0.5, 0.5]]]
     momdp = build_momdp(load_domain("toy"), Query(("red",)), rows, latent_classes=latent_classes)
     assert np.ptp(momdp.rows[0, :2], axis=1).max() == pytest.approx(0.0)
-    informative = compile_momdp(momdp).percepts.informative
+    informative = arrays_of(momdp).percepts.informative
     np.testing.assert_array_equal(informative, [[True, True, False]])
 
 
@@ -205,9 +205,9 @@ def test_sampled_momdps_show_what_the_predictive_says(small, precision, options,
     for e, levels in ((0, [1, 0]), (1, [1, 1])):
         belief = update_belief(belief, momdp, Transition(e, 0, np.array(levels)))
     counts = belief.percept_counts.astype(float)
-    sampled = make_sampled(compile_momdp(momdp).percepts, np.exp(belief.log_prob), counts)
+    sampled = make_sampled(arrays_of(momdp).percepts, np.exp(belief.log_prob), counts)
     shown = np.zeros((DRAWS, 3, 2), np.int64)
-    draw_percepts(compile_momdp(momdp).percepts, sampled, np.array(behaviors), rng, shown)
+    draw_percepts(arrays_of(momdp).percepts, sampled, np.array(behaviors), rng, shown)
     cells = np.ravel_multi_index(tuple(shown.transpose(1, 2, 0).reshape(6, -1)), (2,) * 6)
     first, second = sequence_probabilities(momdp, belief, behaviors)
     joint = np.einsum("abc,def->adbecf", first.reshape(2, 2, 2), second.reshape(2, 2, 2)).ravel()

@@ -12,8 +12,8 @@ import numpy as np
 
 from meal_bayes.arrays import Bools, Floats, Ints
 from meal_bayes.momdp import MOMDP
-from meal_bayes.planners.compiled import dynamics_of
-from meal_bayes.planners.kernels import entry_kernel, kernel
+from meal_bayes.planners.jit import entry_kernel, kernel
+from meal_bayes.planners.momdp_arrays import dynamics_of
 
 _LARGEST = 7.0
 _POINTS = 57  # log-odds from -7 to 7

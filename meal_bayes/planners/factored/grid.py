@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from meal_bayes.arrays import Floats, Ints
 from meal_bayes.momdp import MOMDP
-from meal_bayes.planners.kernels import NO_BEHAVIOR, entry_kernel, kernel
+from meal_bayes.planners.jit import NO_BEHAVIOR, entry_kernel, kernel
 
 _EQUAL = 1e-12  # rows of truths that differ by less, which is rounding, are equal
 _WIDEST = 10.0  # log-odds that an axis reaches from the prior, at most; certainty follows

@@ -40,11 +40,11 @@ from numpy.typing import NDArray
 from meal_bayes.arrays import Floats
 from meal_bayes.errors import SettingsError
 from meal_bayes.momdp import MOMDP, answer_value, initial_belief
-from meal_bayes.planners.compiled import Compiled, compile_momdp
 from meal_bayes.planners.factored import grid
 from meal_bayes.planners.factored.grid import Reader, Table
 from meal_bayes.planners.factored.sweep import Edges, Ending, make_backups, percepts_on, sweep
-from meal_bayes.planners.kernels import NO_BEHAVIOR
+from meal_bayes.planners.jit import NO_BEHAVIOR
+from meal_bayes.planners.momdp_arrays import MOMDPArrays, arrays_of
 from meal_bayes.planners.open_loop.policy import OpenLoop
 from meal_bayes.planners.solver import Decision, History, choose
 
@@ -116,10 +116,10 @@ class Factored:
         momdp = replace(momdp, bonus=np.where((momdp.limit <= 0)[:, None], 0.0, momdp.bonus))
         tolerance = self.tolerance * max(momdp.correct - momdp.incorrect, 1e-9)
         # The bound is of the MOMDP as it is; the estimate prices free behaviors, which could go on.
-        free = _ValueIteration(momdp, compile_momdp(momdp, price=0.0), tolerance)
+        free = _ValueIteration(momdp, arrays_of(momdp, price=0.0), tolerance)
         many = free.edges.moves.any(axis=1).sum() == _MANY
         bound = free.bounds((_FINER if many else 1) * self.points)
-        priced = _ValueIteration(momdp, compile_momdp(momdp), tolerance)
+        priced = _ValueIteration(momdp, arrays_of(momdp), tolerance)
         estimate = priced.estimate(bound, _FINER * self.points)
         # Rounded up, in float32, a table stays an upper bound.
         tables = (
@@ -134,7 +134,7 @@ class FactoredPolicy:
     """Policy of `Factored`: tables of upper bounds, and of estimates next to the optimum."""
 
     momdp: MOMDP
-    model: Compiled
+    model: MOMDPArrays
     moves: NDArray[np.bool_]  # (N,E) do percepts move the belief?
     bound: Table
     estimate: Table
@@ -148,7 +148,7 @@ class FactoredPolicy:
         """
         momdp = self.momdp
         ending = answer_value(momdp, initial_belief(momdp))
-        free = replace(self, model=compile_momdp(momdp, price=0.0))
+        free = replace(self, model=arrays_of(momdp, price=0.0))
         ahead = float(free._values_ahead(self.bound, momdp.start, momdp.prior).max())
         prior = np.array(momdp.prior)
         value = float(grid.value_after(self._reader(self.bound), momdp.start, NO_BEHAVIOR, prior))
@@ -202,7 +202,7 @@ class _ValueIteration:
     An axis is fine enough when halving its steps lowers the bound by no more than `tolerance` (s).
     """
 
-    def __init__(self, momdp: MOMDP, model: Compiled, tolerance: float) -> None:
+    def __init__(self, momdp: MOMDP, model: MOMDPArrays, tolerance: float) -> None:
         self.momdp = momdp
         self.model = model
         self.tolerance = tolerance

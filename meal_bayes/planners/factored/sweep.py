@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from meal_bayes.arrays import Floats, Ints
 from meal_bayes.momdp import MOMDP, Reports
-from meal_bayes.planners.compiled import Compiled
 from meal_bayes.planners.factored.grid import Table, between, informative_pairs
-from meal_bayes.planners.kernels import entry_kernel, kernel
+from meal_bayes.planners.jit import entry_kernel, kernel
+from meal_bayes.planners.momdp_arrays import MOMDPArrays
 
 _BLOCK = 32  # rows that fit the cache together
 _LOOPED = 0.2  # of what a visit to an x has changed: what its loops may still change
@@ -33,7 +33,7 @@ class Edges(NamedTuple):
     moves: NDArray[np.bool_]  # (N,E) do percepts move the belief?
 
     @classmethod
-    def of(cls, momdp: MOMDP, model: Compiled) -> "Edges":
+    def of(cls, momdp: MOMDP, model: MOMDPArrays) -> "Edges":
         """List the legal pairs of a problem."""
         dynamics = model.dynamics
         x, e = np.nonzero(dynamics.step["legal"][: momdp.terminal])

@@ -10,8 +10,8 @@ import numpy as np
 
 from meal_bayes.arrays import Floats, Ints
 from meal_bayes.momdp.observation import predictive as observation_predictive
-from meal_bayes.planners.compiled import Percepts
-from meal_bayes.planners.kernels import entry_kernel, kernel
+from meal_bayes.planners.jit import entry_kernel, kernel
+from meal_bayes.planners.momdp_arrays import Percepts
 
 OUTCOMES = 1024  # joint outcomes of a plan that are held for one attribute: of tables that last
 FEW_OUTCOMES = 256  # and of everything that is computed often

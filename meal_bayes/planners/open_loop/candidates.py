@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meal_bayes.arrays import Bools, Floats, Ints
-from meal_bayes.planners.compiled import Compiled, Dynamics, remember
+from meal_bayes.planners.momdp_arrays import Dynamics, MOMDPArrays, remember
 from meal_bayes.planners.open_loop.growth import Ways, find_ways
 from meal_bayes.planners.open_loop.values import PLAN
 
@@ -34,7 +34,7 @@ class Candidates(NamedTuple):
 
 
 @dataclass(frozen=True)
-class CompiledDiagram:
+class DiagramWays:
     """What plans need of a diagram; made once for all MOMDPs that share it."""
 
     dynamics: Dynamics
@@ -61,17 +61,17 @@ class CompiledDiagram:
 
 _Number = TypeVar("_Number", np.int64, np.float64)
 
-_diagrams: dict[object, CompiledDiagram] = {}  # by the identity of dynamics that they hold
+_diagrams: dict[object, DiagramWays] = {}  # by the identity of dynamics that they hold
 
 
-def diagram_of(dynamics: Dynamics) -> CompiledDiagram:
+def diagram_of(dynamics: Dynamics) -> DiagramWays:
     """Find the ways of a diagram, once."""
     return remember(
-        _diagrams, id(dynamics.step), lambda: CompiledDiagram(dynamics, find_ways(dynamics))
+        _diagrams, id(dynamics.step), lambda: DiagramWays(dynamics, find_ways(dynamics))
     )
 
 
-def sum_up(diagram: CompiledDiagram, start: Ints, path: Ints, ends: Bools) -> Candidates:
+def sum_up(diagram: DiagramWays, start: Ints, path: Ints, ends: Bools) -> Candidates:
     """Sum up the beginnings of paths (R,L) from start (R,) that stop behind the steps `ends`.
 
     cost = sum_k (prod_{j<k} g_j) c_k, discount = prod_k g_k
@@ -115,7 +115,7 @@ def _by_behavior(amount: NDArray[_Number], path: Ints, n_behaviors: int) -> NDAr
 
 
 def sum_up_walks(
-    diagram: CompiledDiagram, walks: Iterable[Walk], *, beginnings: bool = False
+    diagram: DiagramWays, walks: Iterable[Walk], *, beginnings: bool = False
 ) -> Candidates:
     """Sum up walks of any length, or all their beginnings."""
     start, paths = zip(*walks, strict=True)
@@ -142,7 +142,7 @@ def distinct(rows: Ints) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     return np.unique(keys, return_index=True, return_inverse=True)[1:]
 
 
-def tours(model: Compiled, ways: Ways) -> Iterator[Walk]:
+def tours(model: MOMDPArrays, ways: Ways) -> Iterator[Walk]:
     """Build tours: after every first behavior, to the best-paid first percept while it pays."""
     pay = np.where(model.bonus_limit > 0, model.bonus.mean(axis=2).sum(axis=0), 0.0)
     for x, first in np.argwhere(ways.hop >= 0).tolist():

@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meal_bayes.arrays import Floats, Ints
-from meal_bayes.planners.compiled import Dynamics
-from meal_bayes.planners.kernels import NO_BEHAVIOR, Index, entry_kernel, kernel
+from meal_bayes.planners.jit import NO_BEHAVIOR, Index, entry_kernel, kernel
+from meal_bayes.planners.momdp_arrays import Dynamics
 
 CELLS = 8  # of the seconds that may follow, when a bound looks ahead
 

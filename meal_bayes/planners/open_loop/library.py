@@ -8,13 +8,13 @@ from meal_bayes.arrays import Floats, Ints
 from meal_bayes.momdp import MOMDP
 from meal_bayes.momdp.observation import predictive
 from meal_bayes.momdp.reports import Conjunction
-from meal_bayes.planners.compiled import Compiled
-from meal_bayes.planners.entry import best_plans
+from meal_bayes.planners.kernel_calls import best_plans
+from meal_bayes.planners.momdp_arrays import MOMDPArrays
 from meal_bayes.planners.open_loop import bayes_error
 from meal_bayes.planners.open_loop.candidates import (
     LENGTH,
     Candidates,
-    CompiledDiagram,
+    DiagramWays,
     cheapest,
     diagram_of,
     distinct,
@@ -36,7 +36,7 @@ _OF_FIRST = 2  # further candidates of each first behavior
 _COUNTED = 8  # numbers of percepts of one behavior, 0 to 7, whose affinities are computed
 
 
-def plan_library(momdp: MOMDP, model: Compiled) -> Plans:
+def plan_library(momdp: MOMDP, model: MOMDPArrays) -> Plans:
     """Build the plan library of a MOMDP.
 
     1. *Grow.* For the first few of a spread of beliefs, plans are grown from every x to every first
@@ -61,7 +61,7 @@ def plan_library(momdp: MOMDP, model: Compiled) -> Plans:
     return _complete(model, diagram, winners)
 
 
-def _no_plans(momdp: MOMDP, model: Compiled) -> Plans:
+def _no_plans(momdp: MOMDP, model: MOMDPArrays) -> Plans:
     """Return the library of a MOMDP in which nothing can be done."""
     n_states, n_behaviors = model.dynamics.step.shape
     return Plans(
@@ -74,7 +74,7 @@ def _no_plans(momdp: MOMDP, model: Compiled) -> Plans:
     )
 
 
-def _spread_beliefs(momdp: MOMDP, model: Compiled) -> Floats:
+def _spread_beliefs(momdp: MOMDP, model: MOMDPArrays) -> Floats:
     """Draw beliefs (B,N,C) around the prior, of which the first is the prior itself."""
     n = len(momdp.query)
     rng = np.random.Generator(np.random.PCG64(n))
@@ -82,7 +82,7 @@ def _spread_beliefs(momdp: MOMDP, model: Compiled) -> Floats:
     return _move_prior(momdp, model, np.concatenate([np.zeros((1, n)), spread]))
 
 
-def _move_prior(momdp: MOMDP, model: Compiled, spread: Floats) -> Floats:
+def _move_prior(momdp: MOMDP, model: MOMDPArrays, spread: Floats) -> Floats:
     """Move the prior's log-odds by a spread (B,N) -> Pr(latent class) (B,N,C), as percepts would.
 
     Evidence of s nats weighs the classes by exp(s Pr(true | class)). Where the class is the truth,
@@ -110,7 +110,7 @@ def _move_prior(momdp: MOMDP, model: Compiled, spread: Floats) -> Floats:
 
 
 def _grow(
-    model: Compiled, diagram: CompiledDiagram, probabilities: Floats, log_affinity: Floats
+    model: MOMDPArrays, diagram: DiagramWays, probabilities: Floats, log_affinity: Floats
 ) -> Candidates:
     """Return plans grown at beliefs (B,N), simple ones, and tours where exploring is paid."""
     parts = [_grow_percepts(model, diagram, probabilities, log_affinity), diagram.simple]
@@ -119,7 +119,7 @@ def _grow(
     return cheapest(Candidates(*map(np.concatenate, zip(*parts, strict=True))))
 
 
-def _log_affinities(model: Compiled) -> Floats:
+def _log_affinities(model: MOMDPArrays) -> Floats:
     """Compute the log of the Bhattacharyya coefficient of k percepts, (N,E,U) for k < U.
 
     It is sum_j sqrt(Pr(j of k say yes | true) Pr(j of k say yes | false)): 1 where percepts tell
@@ -144,7 +144,7 @@ def _log_affinities(model: Compiled) -> Floats:
 
 
 def _grow_percepts(
-    model: Compiled, diagram: CompiledDiagram, probabilities: Floats, log_affinity: Floats
+    model: MOMDPArrays, diagram: DiagramWays, probabilities: Floats, log_affinity: Floats
 ) -> Candidates:
     """Grow plans at beliefs (B,N) from every x to every first percept; with their beginnings."""
     step = diagram.dynamics.step
@@ -168,7 +168,7 @@ def _grow_percepts(
 
 
 def _sift(
-    model: Compiled, candidates: Candidates, probabilities: Floats, log_affinity: Floats
+    model: MOMDPArrays, candidates: Candidates, probabilities: Floats, log_affinity: Floats
 ) -> Candidates:
     """Select candidates by an estimate of their values at beliefs (B,N).
 
@@ -199,7 +199,7 @@ def _rank_within(group: Ints, value: Floats) -> Ints:
     return rank
 
 
-def _estimate_reports(model: Compiled, probabilities: Floats, affinity: Floats) -> Floats:
+def _estimate_reports(model: MOMDPArrays, probabilities: Floats, affinity: Floats) -> Floats:
     """Estimate rewards (B,J) of reporting values, with every attribute's error at its bound."""
     right = np.ones((len(probabilities), affinity.shape[1]))
     unsure = np.sqrt(probabilities * (1.0 - probabilities))
@@ -227,7 +227,7 @@ def _estimate_yes_or_no(
 
 
 def _estimate_values(
-    model: Compiled, candidates: Candidates, probabilities: Floats, log_affinity: Floats
+    model: MOMDPArrays, candidates: Candidates, probabilities: Floats, log_affinity: Floats
 ) -> Floats:
     """Estimate the values (B,J) of candidates by bounds of their errors; see `_sift`."""
     within = np.minimum(model.percepts.limit, _COUNTED - 1).astype(np.int64)
@@ -246,7 +246,7 @@ def _estimate_values(
     return np.asarray(value)
 
 
-def _compete(model: Compiled, candidates: Candidates, beliefs: Floats) -> Candidates:
+def _compete(model: MOMDPArrays, candidates: Candidates, beliefs: Floats) -> Candidates:
     """Value candidates at beliefs (B,N,C); of every x, return those that win.
 
     These are the _WINNERS plans that are the best of all at most beliefs, and for each first
@@ -270,13 +270,13 @@ def _compete(model: Compiled, candidates: Candidates, beliefs: Floats) -> Candid
     return candidates.select(np.flatnonzero(winner))
 
 
-def _complete(model: Compiled, diagram: CompiledDiagram, winners: Candidates) -> Plans:
+def _complete(model: MOMDPArrays, diagram: DiagramWays, winners: Candidates) -> Plans:
     """Add what remains of the winners after each of their steps; tabulate all their errors."""
     plans = cheapest(sum_up_walks(diagram, remainders(winners, diagram.ways)))
     return _tabulated(model, plans, bayes_error.OUTCOMES)
 
 
-def _tabulated(model: Compiled, candidates: Candidates, capacity: int) -> Plans:
+def _tabulated(model: MOMDPArrays, candidates: Candidates, capacity: int) -> Plans:
     """Make plans of candidates, which are in order of x, with their errors."""
     states = np.arange(model.dynamics.step.shape[0] + 1)
     plans = Plans(
@@ -290,7 +290,7 @@ def _tabulated(model: Compiled, candidates: Candidates, capacity: int) -> Plans:
     return retabulate(plans, model, capacity)
 
 
-def retabulate(plans: Plans, model: Compiled, capacity: int = bayes_error.OUTCOMES) -> Plans:
+def retabulate(plans: Plans, model: MOMDPArrays, capacity: int = bayes_error.OUTCOMES) -> Plans:
     """Tabulate the errors of plans in a MOMDP; equal percepts of an attribute share a row."""
     percepts = model.percepts
     rows, counts = [], []

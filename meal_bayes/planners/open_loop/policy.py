@@ -15,8 +15,8 @@ from meal_bayes.arrays import Floats, Ints
 from meal_bayes.momdp import MOMDP, Belief
 from meal_bayes.momdp.observation import predictive, sample_rows
 from meal_bayes.momdp.truths import truths_of
-from meal_bayes.planners.compiled import Compiled, compile_momdp
-from meal_bayes.planners.entry import plan_values
+from meal_bayes.planners.kernel_calls import plan_values
+from meal_bayes.planners.momdp_arrays import MOMDPArrays, arrays_of
 from meal_bayes.planners.open_loop.library import plan_library
 from meal_bayes.planners.open_loop.values import Plans
 from meal_bayes.planners.solver import Decision, History, choose
@@ -37,7 +37,7 @@ class OpenLoop:
 
     def solve(self, momdp: MOMDP, rng: np.random.Generator) -> "OpenLoopPolicy":
         """Build the plan library; nothing in it is random."""
-        model = compile_momdp(momdp)
+        model = arrays_of(momdp)
         return OpenLoopPolicy(momdp, model, plan_library(momdp, model))
 
 
@@ -46,7 +46,7 @@ class OpenLoopPolicy:
     """Policy of `OpenLoop`."""
 
     momdp: MOMDP
-    model: Compiled
+    model: MOMDPArrays
     plans: Plans
     deterministic: bool = True
 

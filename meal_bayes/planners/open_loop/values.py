@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meal_bayes.arrays import Floats, Ints
-from meal_bayes.planners.compiled import Compiled
-from meal_bayes.planners.kernels import called_kernel, kernel
+from meal_bayes.planners.jit import called_kernel, kernel
+from meal_bayes.planners.momdp_arrays import MOMDPArrays
 from meal_bayes.planners.open_loop.bayes_error import SPAN, Scratch, make_scratch, plan_error
 from meal_bayes.planners.open_loop.yes_or_no import planned_yes_or_no, yes_or_no_value
 
@@ -41,7 +41,7 @@ class Plans(NamedTuple):
 class Evaluator(NamedTuple):
     """All that valuing plans reads and writes."""
 
-    model: Compiled
+    model: MOMDPArrays
     plans: Plans
     scratch: Scratch
 
@@ -62,7 +62,7 @@ class Beliefs(NamedTuple):
     best: BestPlans  # results
 
 
-def make_evaluator(model: Compiled, plans: Plans) -> Evaluator:
+def make_evaluator(model: MOMDPArrays, plans: Plans) -> Evaluator:
     """Create the buffers for valuing plans; no percepts so far."""
     most = int(np.diff(plans.first).max())
     return Evaluator(model, plans, make_scratch(model.percepts, most, len(plans.table)))

@@ -10,7 +10,7 @@ time.
 
 import numpy as np
 
-from meal_bayes.planners.kernels import kernel
+from meal_bayes.planners.jit import kernel
 from meal_bayes.planners.open_loop.bayes_error import SPAN, plan_rates
 
 _ROUNDS = 3  # in which the thresholds are improved

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from meal_bayes.planners.factored.grid import value_after
-from meal_bayes.planners.kernels import NO_BEHAVIOR, Index, kernel
+from meal_bayes.planners.jit import NO_BEHAVIOR, Index, kernel
 from meal_bayes.planners.open_loop.values import (
     evaluate_plans,
     is_idle,

@@ -25,9 +25,9 @@ from meal_bayes.arrays import Floats
 from meal_bayes.errors import SettingsError
 from meal_bayes.momdp import MOMDP, Belief, answer_value
 from meal_bayes.momdp.belief import next_percept
-from meal_bayes.planners.compiled import Compiled, compile_momdp, dynamics_of
-from meal_bayes.planners.entry import grow_tree, lent_generator, plan_values
 from meal_bayes.planners.factored.policy import Factored, FactoredPolicy
+from meal_bayes.planners.kernel_calls import grow_tree, lent_generator, plan_values
+from meal_bayes.planners.momdp_arrays import MOMDPArrays, arrays_of, dynamics_of
 from meal_bayes.planners.open_loop.candidates import diagram_of
 from meal_bayes.planners.open_loop.library import plan_library, retabulate
 from meal_bayes.planners.open_loop.policy import OpenLoopPolicy
@@ -106,9 +106,9 @@ class POMCPPolicy:
         return policy
 
     @cached_property
-    def model(self) -> Compiled:
+    def model(self) -> MOMDPArrays:
         """The compiled MOMDP."""
-        return compile_momdp(self.momdp)
+        return arrays_of(self.momdp)
 
     @cached_property
     def plans(self) -> Plans:

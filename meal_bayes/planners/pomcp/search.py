@@ -4,15 +4,15 @@ The tree and the sampled MOMDPs are in `tree.py`, new edges in `expansion.py`. L
 one of two evaluators: open-loop plans give a lower bound for any MOMDP; where the marginals are the
 state (Eq. 8) and few enough, a table of factored value iteration estimates the optimum.
 
-`plan` is one kernel for two jobs, values of plans and the search, so that the plans' code is
-compiled once. Python calls it by the functions of `planners.entry`.
+`value_and_search` is one kernel for two jobs, so that the code that values plans is compiled once.
+Python calls it by the functions of `planners.kernel_calls`.
 """
 
 from typing import NamedTuple
 
 import numpy as np
 
-from meal_bayes.planners.kernels import entry_kernel, kernel
+from meal_bayes.planners.jit import entry_kernel, kernel
 from meal_bayes.planners.open_loop.values import evaluate_plans, value_plans
 from meal_bayes.planners.pomcp.expansion import (
     ENUMERATE,
@@ -57,7 +57,7 @@ class Return(NamedTuple):
 
 
 @entry_kernel
-def plan(evaluator, beliefs, search, reader, rng):
+def value_and_search(evaluator, beliefs, search, reader, rng):
     """Value plans at beliefs, then grow a tree from its root; of either there may be none.
 
     A simulation descends the tree in a MOMDP sampled from the posterior, until ending is best, it

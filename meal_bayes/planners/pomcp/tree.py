@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from meal_bayes.arrays import Floats, Ints
 from meal_bayes.momdp import MOMDP, Belief, answer_value
-from meal_bayes.planners.compiled import Percepts
-from meal_bayes.planners.kernels import Index, kernel
+from meal_bayes.planners.jit import Index, kernel
+from meal_bayes.planners.momdp_arrays import Percepts
 from meal_bayes.planners.open_loop.bayes_error import predictive
 from meal_bayes.planners.solver import TreeEdge
 

@@ -10,8 +10,8 @@ from meal_bayes.digests import digest_of
 from meal_bayes.domain import load_domain
 from meal_bayes.errors import SettingsError
 from meal_bayes.experiments import OfflineConfig, run_offline
-from meal_bayes.perception import TableSource, source
-from meal_bayes.perception.source import fingerprint
+from meal_bayes.perception import TableSource, table_source
+from meal_bayes.perception.table_source import fingerprint
 
 OWN = 'extends = "{parent}"\nname = "own"\ndata = "roc36"\n'
 
@@ -72,8 +72,8 @@ def computed(tmp_path, monkeypatch):
         return replace(load_percepts("roc36"), provenance={"made": str(len(calls))})
 
     monkeypatch.setenv("MEAL_BAYES_DATA_DIR", str(tmp_path / "cache"))
-    monkeypatch.setattr(source, "load_dataset", lambda data, root: f"recordings of {data}")
-    monkeypatch.setattr(source, "build_percept_table", build)
+    monkeypatch.setattr(table_source, "load_dataset", lambda data, root: f"recordings of {data}")
+    monkeypatch.setattr(table_source, "build_percept_table", build)
     return calls
 
 
@@ -109,9 +109,9 @@ def test_a_variant_shares_the_table_and_keeps_its_costs(computed):
 @pytest.mark.long
 def test_other_code_or_another_version_computes_its_own(computed, monkeypatch):
     TableSource.of("roc36", "paper").load()
-    monkeypatch.setattr(source, "digest_of", lambda *_: "other")
+    monkeypatch.setattr(table_source, "digest_of", lambda *_: "other")
     TableSource.of("roc36", "paper").load()
-    monkeypatch.setattr(source, "package_version", lambda: "9.0")
+    monkeypatch.setattr(table_source, "package_version", lambda: "9.0")
     TableSource.of("roc36", "paper").load()
     assert len(computed) == 3
 

@@ -12,9 +12,10 @@ from scipy.optimize import minimize
 from meal_bayes.datasets import TrainingSet
 from meal_bayes.datasets.percepts import BIN_EDGES, THRESHOLD, levels_of, round_log_odds
 from meal_bayes.perception import DEFAULT, build_percept_table, fit_and_validate, table_counts
+from meal_bayes.perception.compiled_stacking import fit_stacker
 from meal_bayes.perception.confusion import youden
-from meal_bayes.perception.recordings import dealt
-from meal_bayes.perception.stacked import (
+from meal_bayes.perception.feature_spaces import dealt
+from meal_bayes.perception.kernel_ridge import (
     NOBODY,
     RIDGE,
     each_group,
@@ -22,7 +23,6 @@ from meal_bayes.perception.stacked import (
     landmark_problem,
     leave_out,
 )
-from meal_bayes.perception.stacking_kernels import fit_stacker
 
 NOISE = 0.2
 

@@ -1,4 +1,4 @@
-"""The doors to the kernel of open-loop plans and of the tree search (`pomcp.search.plan`)."""
+"""Python's calls of the kernel that values open-loop plans and searches trees."""
 
 import contextlib
 import threading
@@ -8,8 +8,8 @@ import numpy as np
 
 from meal_bayes.arrays import Floats
 from meal_bayes.momdp import Belief
-from meal_bayes.planners.compiled import Compiled
 from meal_bayes.planners.factored.grid import Reader
+from meal_bayes.planners.momdp_arrays import MOMDPArrays
 from meal_bayes.planners.open_loop.values import (
     Beliefs,
     BestPlans,
@@ -17,7 +17,7 @@ from meal_bayes.planners.open_loop.values import (
     Plans,
     make_evaluator,
 )
-from meal_bayes.planners.pomcp.search import Growing, TreeSearch, plan
+from meal_bayes.planners.pomcp.search import Growing, TreeSearch, value_and_search
 from meal_bayes.planners.pomcp.tree import EDGE, NODE, Sampled, Tree
 
 
@@ -78,7 +78,7 @@ def grow_tree(
 
     Returns how many simulations fit the tree's capacity.
     """
-    return int(plan(evaluator, _NO_BELIEFS, search, reader, rng))
+    return int(value_and_search(evaluator, _NO_BELIEFS, search, reader, rng))
 
 
 def best_plans(
@@ -91,11 +91,11 @@ def best_plans(
     shape = len(beliefs), len(evaluator.scratch.value)
     best = BestPlans(value=np.empty(shape), plan=np.empty(shape, np.int64))
     asked = Beliefs(x, beliefs, drop_idle, best)
-    plan(evaluator, asked, _NO_SEARCH, None, _LENT.generator)  # nothing is drawn
+    value_and_search(evaluator, asked, _NO_SEARCH, None, _LENT.generator)  # nothing is drawn
     return best
 
 
-def plan_values(model: Compiled, plans: Plans, belief: Belief) -> Evaluator:
+def plan_values(model: MOMDPArrays, plans: Plans, belief: Belief) -> Evaluator:
     """Value the best plan of each first behavior -> `scratch.value` (E,) of the evaluator."""
     evaluator = make_evaluator(model, plans)
     evidence = evaluator.scratch.evidence

@@ -21,7 +21,8 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve, solve_triangular
 
 from meal_bayes.arrays import Bools, Floats, Ints
-from meal_bayes.perception.recordings import (
+from meal_bayes.perception.compiled_stacking import fit_stackers, score_without
+from meal_bayes.perception.feature_spaces import (
     BehaviorRecordings,
     FeatureSpace,
     Rows,
@@ -29,7 +30,6 @@ from meal_bayes.perception.recordings import (
     joint_kernel,
 )
 from meal_bayes.perception.settings import PerceptionSettings
-from meal_bayes.perception.stacking_kernels import fit_stackers, score_without
 
 NOISE = 0.15  # lambda of C = K + lambda I
 RIDGE = 0.5  # on the stackers' slopes

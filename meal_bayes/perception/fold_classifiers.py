@@ -32,11 +32,11 @@ from sklearn.svm import SVC
 
 from meal_bayes.arrays import Bools, Floats, Ints
 from meal_bayes.datasets.percepts import THRESHOLD
-from meal_bayes.perception.estimators import blamed, decisions_of, repeatable
-from meal_bayes.perception.recordings import BehaviorRecordings, FeatureSpace, Rows, dealt
+from meal_bayes.perception.compiled_stacking import fit_stacker, fit_stackers
+from meal_bayes.perception.feature_spaces import BehaviorRecordings, FeatureSpace, Rows, dealt
+from meal_bayes.perception.kernel_ridge import RIDGE, Stacker
+from meal_bayes.perception.own_classifier import blamed, decisions_of, repeatable
 from meal_bayes.perception.settings import PerceptionSettings
-from meal_bayes.perception.stacked import RIDGE, Stacker
-from meal_bayes.perception.stacking_kernels import fit_stacker, fit_stackers
 
 Decisions = Mapping[frozenset[int], Floats]  # folds left out -> (n,M,P) of their rows
 

@@ -79,7 +79,8 @@ def test_compilation_is_watched_kernel_by_kernel():
 SIGNATURES = """
 import importlib, pkgutil
 from dataclasses import replace
-LEAVES = "plan", "value_children", "open_node"  # for leaves of plans, and for those of tables
+# Compiled for leaves of plans, and for those of tables.
+LEAVES = "value_and_search", "value_children", "open_node"
 from meal_bayes import planners
 from meal_bayes.planners import POMCP, Factored, OpenLoop, warm_up
 for solver in (Factored(500), OpenLoop(), POMCP(5)):
@@ -127,11 +128,11 @@ TABLE = """
 import numpy as np
 from meal_bayes.domain import Query, load_domain
 from meal_bayes.momdp import build_momdp
-from meal_bayes.planners.compiled import compile_momdp
+from meal_bayes.planners.momdp_arrays import arrays_of
 from meal_bayes.planners.open_loop.bayes_error import make_scratch, tabulate_errors
 rows = np.tile([[0.9, 0.1], [0.2, 0.8]], (1, 3, 1, 1))
 momdp = build_momdp(load_domain("toy"), Query(("red",)), rows)
-percepts = compile_momdp(momdp).percepts
+percepts = arrays_of(momdp).percepts
 table = np.empty((1, 65, 2))
 scratch = make_scratch(percepts, 0, 0)
 tabulate_errors(percepts, np.array([[1, 0, 0]]), np.zeros(1, int), scratch, table)

@@ -59,7 +59,7 @@ class Percepts(NamedTuple):
     class_is_truth: bool  # are the classes the two truths (Eq. 8)?
 
 
-class Compiled(NamedTuple):
+class MOMDPArrays(NamedTuple):
     """All that the kernels read of a MOMDP."""
 
     dynamics: Dynamics
@@ -72,12 +72,12 @@ class Compiled(NamedTuple):
     conjunction: Conjunction | None  # what yes and no earn, where they are asked for
 
 
-_known: dict[object, Dynamics] = {}  # at most _DIAGRAMS of them: the MOMDPs of a run share one
+_cache: dict[object, Dynamics] = {}  # at most _DIAGRAMS of them: the MOMDPs of a run share one
 
 
-def compile_momdp(momdp: MOMDP, price: float = _PRICE) -> Compiled:
+def arrays_of(momdp: MOMDP, price: float = _PRICE) -> MOMDPArrays:
     """Compile a MOMDP for the kernels; behaviors cost at least `price` of r+ - r-."""
-    return Compiled(
+    return MOMDPArrays(
         dynamics=dynamics_of(momdp, price),
         percepts=Percepts(
             rows=momdp.confusion.copy(),
@@ -106,7 +106,7 @@ def dynamics_of(momdp: MOMDP, price: float = _PRICE) -> Dynamics:
     cost = np.maximum(momdp.cost, price * (momdp.correct - momdp.incorrect))
     arrays = momdp.transition, momdp.observation_probability, momdp.legal, cost
     key = (*(array.tobytes() for array in arrays), momdp.discount, momdp.abstain)
-    return remember(_known, key, lambda: _dynamics(momdp, cost))
+    return remember(_cache, key, lambda: _dynamics(momdp, cost))
 
 
 def remember(cache: dict[object, V], key: object, make: Callable[[], V]) -> V:
