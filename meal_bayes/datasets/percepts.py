@@ -57,12 +57,17 @@ def level_edges(edges: NDArray[np.float64], levels: int) -> NDArray[np.float64]:
 
 
 def levels_of(log_odds: ArrayLike, edges: NDArray[np.float64], levels: int) -> NDArray[np.int8]:
-    """Return the percept levels 0 .. K-1 of log-odds of any shape.
+    """Return the percept levels 0 .. K-1 of log-odds of any shape."""
+    return np.searchsorted(level_edges(edges, levels), log_odds).astype(np.int8)
 
-    >>> levels_of([-5.0, -1.0, 0.0, 1.0, 5.0], BIN_EDGES, 4).tolist()
+
+def classifier_levels(log_odds: ArrayLike, levels: int) -> NDArray[np.int8]:
+    """Return the percept levels 0 .. K-1 of what a classifier says, live as in a table.
+
+    >>> classifier_levels([-5.0, -1.0, 0.0, 1.0, 5.0], 4).tolist()
     [0, 1, 1, 2, 3]
     """
-    return np.searchsorted(level_edges(edges, levels), log_odds).astype(np.int8)
+    return levels_of(round_log_odds(log_odds), BIN_EDGES, levels)
 
 
 def round_log_odds(log_odds: ArrayLike) -> NDArray[np.float16]:

@@ -16,13 +16,21 @@ from meal_bayes.agents.knowledge import knowledge_of
 from meal_bayes.arrays import Rows
 from meal_bayes.datasets import Instance
 from meal_bayes.datasets.detections import detected_levels
-from meal_bayes.datasets.percepts import BIN_EDGES, levels_of, round_log_odds
+from meal_bayes.datasets.percepts import classifier_levels
 from meal_bayes.domain import Query, learn_success
 from meal_bayes.learner import views
-from meal_bayes.learner.columns import GIVEN, Context, Labels
+from meal_bayes.learner.columns import Context, Labels
 from meal_bayes.learner.experience import Experience
 from meal_bayes.learner.fit import limits_of, problem_of, sampled, solve, votes_of
-from meal_bayes.learner.refit import classify, experienced, fractions, warn_of_odd
+from meal_bayes.learner.refit import (
+    classify,
+    count_detections,
+    experienced,
+    fractions,
+    labels_used,
+    pairs_seen,
+    warn_of_odd,
+)
 from meal_bayes.learner.settings import LearnerSettings
 from meal_bayes.momdp import MOMDP
 from meal_bayes.perception import Perceiver, Perception
@@ -70,33 +78,18 @@ class Online:
         detections = views.percepts_given(record, agent.levels)
         data, rows, perception, counts = classify(record, agent, settings, labels, sizes)
         counted, unit = experienced(record, agent, settings)
-        # What a detector gave counts as it is, beside what classifiers of other objects said.
-        place = {name: number for number, name in enumerate(data.objects)}
-        position = np.array([place[name] for name in record.objects], np.intp)
-        instances = record.instances.values
-        i, p = np.nonzero((detections >= 0) & (labels >= 0))
-        cells = (position[instances["object"][i]], p, instances["behavior"][i])
-        np.add.at(counts, (*cells, labels[i, p], detections[i, p]), 1)
+        count_detections(record, counts, data.objects, labels, detections)
         percepts = fractions(record, perception, counts).sum(axis=0)
-        known_labels = data.labels
+        object_labels = data.labels
         if not data.objects:  # nothing is known: one object of which nothing is
             counts = np.zeros((1, *counts.shape[1:]), np.int64)
-            known_labels = np.full(counts.shape[:2], -1, np.int8)
+            object_labels = np.full(counts.shape[:2], -1, np.int8)
         knowledge = knowledge_of(
-            record.domain, counts, known_labels, object_level=agent.object_level
+            record.domain, counts, object_labels, object_level=agent.object_level
         )
-        # A label enters once: here, or later by `update`. `used` holds those that entered here.
-        classified = np.full_like(labels, -1)
-        classified[rows] = np.where(detections[rows] >= 0, -1, labels[rows])
-        used = np.where(detections >= 0, labels, classified)
-        if settings.posterior is not None:
-            # A posterior of one's own holds what was given; what the robot gathered is counted.
+        if settings.posterior is not None:  # one's own, in place of what these counts say
             knowledge = replace(knowledge, posterior=settings.posterior)
-            used[instances["origin"] != GIVEN] = -1
-            classified = np.where((instances["origin"] == GIVEN)[:, None], 0, -1)
-        o, q = len(record.objects), len(record.domain.attributes)
-        seen = np.zeros((o, len(record.domain.behaviors), q), np.bool_)
-        np.logical_or.at(seen, (instances["object"], instances["behavior"]), classified >= 0)
+        n_attributes = len(record.domain.attributes)
         fit = cls(
             record,
             agent,
@@ -105,8 +98,8 @@ class Online:
             knowledge=knowledge,
             refitted=knowledge,
             sizes=sizes,
-            used=used.astype(np.int8),
-            seen=seen,
+            used=labels_used(record, settings, labels, detections, rows),
+            seen=pairs_seen(record, settings, labels, detections, rows),
             experienced=counted,
             unit=unit,
             trials=views.trials_before(record, ()),
@@ -114,10 +107,10 @@ class Online:
             percepts=percepts,
             percepts_at_refit=percepts,
             labeled=int((labels >= 0).sum()),
-            levels=Rows(np.int8, q),
-            counted=Rows(np.int8, q),
+            levels=Rows(np.int8, n_attributes),
+            counted=Rows(np.int8, n_attributes),
         )
-        fit.update(np.arange(len(instances)))
+        fit.update(np.arange(len(labels)))
         return fit
 
     @property
@@ -150,12 +143,12 @@ class Online:
             posterior = self.knowledge.posterior.update(after, before)
             self.knowledge = replace(self.knowledge, posterior=posterior)
             moved |= (before != after).any(axis=(1, 2, 3))
-        known = self.knowledge
-        self.knowledge = known.with_labels(self.record.known.values)
+        earlier = self.knowledge
+        self.knowledge = earlier.with_labels(self.record.known.values)
         if self.agent.base_rates:
-            moved |= self.knowledge.base_rates != known.base_rates
+            moved |= self.knowledge.base_rates != earlier.base_rates
         if self.agent.co_occurrence:
-            moved |= self.knowledge.co_occurrence.moved(known.co_occurrence, len(moved))
+            moved |= self.knowledge.co_occurrence.moved(earlier.co_occurrence, len(moved))
         # Policies stay where nothing that they were solved with has moved.
         self.answering = {
             (query, limit): answer
@@ -193,7 +186,7 @@ class Online:
                     for modality in classifier.spaces
                 }
                 log_odds = classifier.log_odds(features)
-            percepts = levels_of(round_log_odds(log_odds), BIN_EDGES, self.agent.levels)
+            percepts = classifier_levels(log_odds, self.agent.levels)
             levels[rows] = np.where(detections[rows] >= 0, detections[rows], percepts)
         self.levels.extend(levels[first:])
         self.counted.extend(np.full_like(levels[first:], -1))
@@ -234,7 +227,7 @@ class Online:
         if fitted:
             of_all = Query(domain.attributes)
             log_odds = self.perception.log_odds(replace(instance, features=fitted), of_all)
-            levels = levels_of(log_odds, BIN_EDGES, self.agent.levels)
+            levels = classifier_levels(log_odds, self.agent.levels)
         detected = detected_levels(instance.percepts, domain, self.agent.levels)
         return np.where(detected >= 0, detected, levels).astype(np.int8)
 

@@ -1,6 +1,7 @@
 """What a refit takes from the record: classifiers and their counts, and what was experienced."""
 
 import warnings
+from collections.abc import Sequence
 from dataclasses import astuple
 
 import numpy as np
@@ -57,6 +58,66 @@ def classify(
         spaces = fit_spaces(data, _some(gathered, first | others))
     perception, counts = fit_and_validate(data, training, settings=perceives, spaces=spaces)
     return data, rows, perception, counts
+
+
+def count_detections(
+    record: Experience,
+    counts: NDArray[np.int64],
+    objects: Sequence[str],
+    labels: Labels,
+    detections: Labels,
+) -> None:
+    """Add what a detector said of instances with labels (n,P) to counts (O,P,E,2,K) of objects.
+
+    It counts as it is, beside what classifiers of other objects said.
+    """
+    place = {name: number for number, name in enumerate(objects)}
+    position = np.array([place[name] for name in record.objects], np.intp)
+    instances = record.instances.values
+    i, p = np.nonzero((detections >= 0) & (labels >= 0))
+    cells = (position[instances["object"][i]], p, instances["behavior"][i])
+    np.add.at(counts, (*cells, labels[i, p], detections[i, p]), 1)
+
+
+def labels_used(
+    record: Experience,
+    settings: LearnerSettings,
+    labels: Labels,
+    detections: Labels,
+    rows: NDArray[np.intp],
+) -> Labels:
+    """Return the labels (n,P) of instances that enter the posterior by a refit; -1 none.
+
+    They are those of D (rows (k,)), and of what a detector said. A label enters once: the others
+    enter later, by `Online.update`. A posterior of one's own holds what was given alone.
+    """
+    used = np.where(detections >= 0, labels, -1)
+    used[rows] = labels[rows]
+    if settings.posterior is not None:
+        used[record.instances.values["origin"] != GIVEN] = -1
+    return used.astype(np.int8)
+
+
+def pairs_seen(
+    record: Experience,
+    settings: LearnerSettings,
+    labels: Labels,
+    detections: Labels,
+    rows: NDArray[np.intp],
+) -> NDArray[np.bool_]:
+    """Return of which objects, behaviors and attributes (O,E,P) classifiers have seen a label.
+
+    What they say of these is no evidence. A posterior of one's own may come from all that was
+    given, and so counts as if they had seen that.
+    """
+    instances = record.instances.values
+    taught = np.zeros(labels.shape, np.bool_)
+    taught[rows] = (detections[rows] < 0) & (labels[rows] >= 0)
+    if settings.posterior is not None:
+        taught[:] = (instances["origin"] == GIVEN)[:, None]
+    seen = np.zeros((len(record.objects), len(record.domain.behaviors), labels.shape[1]), np.bool_)
+    np.logical_or.at(seen, (instances["object"], instances["behavior"]), taught)
+    return seen
 
 
 def experienced(

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from meal_bayes.arrays import Levels, check_whole, check_yes_no
 from meal_bayes.datasets import Instance, PerceptTable, object_index
 from meal_bayes.datasets.detections import detected_levels
-from meal_bayes.datasets.percepts import BIN_EDGES, levels_of
+from meal_bayes.datasets.percepts import classifier_levels
 from meal_bayes.domain import Domain, Query, read_query
 from meal_bayes.errors import SettingsError
 from meal_bayes.learner.columns import NONE, Context
@@ -255,7 +255,7 @@ class RecordingPerceiver:
         counts = fit.knowledge.posterior.counts[missing, domain.behavior_index(spec.name)]
         if counts.any():
             return None
-        even = levels_of(np.zeros(1), BIN_EDGES, fit.agent.levels)[0]
+        even = classifier_levels(np.zeros(1), fit.agent.levels)[0]
         return np.asarray(np.where(levels < 0, even, levels)[columns], np.int8)
 
     def record(self, step: Step) -> None:

@@ -27,7 +27,7 @@ from threadpoolctl import threadpool_limits
 
 from meal_bayes.arrays import Floats, Ints
 from meal_bayes.datasets import Dataset, PerceptTable, TrainingSet
-from meal_bayes.datasets.percepts import BIN_EDGES, levels_of, round_log_odds
+from meal_bayes.datasets.percepts import BIN_EDGES, classifier_levels, round_log_odds
 from meal_bayes.datasets.sources import SOURCES
 from meal_bayes.domain import unknown
 from meal_bayes.errors import SettingsError
@@ -117,7 +117,7 @@ def fit_and_validate(
 
 def _count(recordings: BehaviorRecordings, nested: Floats, levels: int, n_objects: int) -> Ints:
     """Count the levels of nested outputs (n,P) by object and truth, (O,P,2,K)."""
-    level_of = levels_of(round_log_odds(nested), BIN_EDGES, levels)
+    level_of = classifier_levels(nested, levels)
     counts = np.zeros((n_objects, nested.shape[1], 2, levels), np.int64)
     row, attribute = np.nonzero(recordings.labels >= 0)
     truth = recordings.labels[row, attribute]
@@ -271,23 +271,24 @@ def _score_behavior(
     index, recordings = piece
     n, n_attributes = recordings.labels.shape
     held_outputs = np.full((n, n_attributes), np.nan, Half)
-    bin_counts = np.zeros((len(names), len(groups), n_attributes, len(BIN_EDGES) + 1), np.uint8)
+    n_bins = len(BIN_EDGES) + 1
+    bin_counts = np.zeros((len(names), len(groups), n_attributes, n_bins), np.uint8)
     objects, starts = np.unique(recordings.objects, return_index=True)
     with threadpool_limits(1):  # sums of many threads differ in their last bit from those of one
         for width in np.unique(widths):
-            chosen = np.flatnonzero(widths == width)
-            rows = np.isin(groups[recordings.objects], names[chosen])
+            left_out = np.flatnonzero(widths == width)
+            rows = np.isin(groups[recordings.objects], names[left_out])
             for attributes, part in recordings.widened(width).parts():
-                log_odds, training = method_of(settings).outputs(part, names[chosen], settings)
+                log_odds, training = method_of(settings).outputs(part, names[left_out], settings)
                 # On its own group's recordings a training-side output means nothing.
-                training[names[chosen][:, None] == groups[recordings.objects]] = np.nan
+                training[names[left_out][:, None] == groups[recordings.objects]] = np.nan
                 held_outputs[np.ix_(rows, attributes)] = round_log_odds(log_odds)[rows]
-                bins = np.searchsorted(BIN_EDGES, round_log_odds(training))  # (h,n,a)
+                bins = classifier_levels(training, n_bins)  # (h,n,a)
                 bins[np.isnan(training)] = -1
                 # Rows are sorted by object, so each object's recordings sum by `reduceat`.
-                for level in range(len(BIN_EDGES) + 1):
+                for level in range(n_bins):
                     counts = np.add.reduceat(bins == level, starts, axis=1, dtype=np.uint8)
-                    bin_counts[..., level][np.ix_(chosen, objects, attributes)] = counts
+                    bin_counts[..., level][np.ix_(left_out, objects, attributes)] = counts
     return index, held_outputs, bin_counts
 
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from meal_bayes.arrays import Bools, Floats, FrozenArrays, Levels
 from meal_bayes.datasets import Instance
-from meal_bayes.datasets.percepts import BIN_EDGES, PerceptTable, levels_of, round_log_odds
+from meal_bayes.datasets.percepts import PerceptTable, classifier_levels, round_log_odds
 from meal_bayes.display import short_repr
 from meal_bayes.domain import Domain, Query
 from meal_bayes.errors import DataError, SettingsError
@@ -216,4 +216,4 @@ class Perception(FrozenArrays):
         said = person_says(self.domain, self.labels, instance, query, levels=self.levels, rng=rng)
         if said is not None:
             return said
-        return levels_of(self.log_odds(instance, query), BIN_EDGES, self.levels)
+        return classifier_levels(self.log_odds(instance, query), self.levels)
