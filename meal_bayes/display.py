@@ -1,6 +1,7 @@
 """Short texts and small HTML tables of our objects, for a terminal and for a notebook."""
 
 import dataclasses
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from html import escape
 from typing import Any
@@ -103,6 +104,19 @@ def best_html(
         cells[row.argmax()] = f"<b>{cells[row.argmax()]}</b>"
         rows.append((*map(escape, labels), *cells))
     return table_html(title, header, rows)
+
+
+def json_value(value: Any) -> Any:
+    """Return a value for JSON, with None for each number in it that is NaN or infinite.
+
+    >>> json_value({"reward": float("nan"), "trials": (3, 4.5)})
+    {'reward': None, 'trials': [3, 4.5]}
+    """
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if isinstance(value, Mapping):
+        return {name: json_value(part) for name, part in value.items()}
+    return list(map(json_value, value)) if isinstance(value, list | tuple) else value
 
 
 def percent(probability: float) -> str:

@@ -95,16 +95,9 @@ def print_table(
 
 def print_json(facts: Mapping[str, object]) -> None:
     """Print one JSON object on standard output; null stands for what is not finite."""
-    click.echo(json.dumps(_finite(facts), allow_nan=False))
+    from meal_bayes.display import json_value
 
-
-def _finite(value: object) -> object:
-    """Return a value for JSON, with None for each number in it that is not finite."""
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    if isinstance(value, Mapping):
-        return {name: _finite(part) for name, part in value.items()}
-    return list(map(_finite, value)) if isinstance(value, list | tuple) else value
+    click.echo(json.dumps(json_value(facts), allow_nan=False))
 
 
 def print_facts(console: Console, facts: Mapping[str, str], **styles: str) -> None:

@@ -80,7 +80,6 @@ def offline(root: Path | None, agents: tuple[str, ...], as_json: bool, **setting
     """
     from meal_bayes import experiments
     from meal_bayes.evaluation import answer_rates, summarize
-    from meal_bayes.evaluation.statistics import plain
     from meal_bayes.evaluation.summary import no_better_than_prior
 
     how = {name: settings.pop(name) for name in _HOW}
@@ -96,9 +95,13 @@ def offline(root: Path | None, agents: tuple[str, ...], as_json: bool, **setting
         finished = experiments.run_offline(config, **how)
     rows = summarize(finished)
     agents = rows.outcomes.agents
-    paired = [
-        {"agent": name, "against": _AGAINST, "measure": _MEASURE}
-        | plain(rows.compare(name, _AGAINST, measure=_MEASURE)._asdict())
+    paired: list[dict[str, object]] = [
+        {
+            "agent": name,
+            "against": _AGAINST,
+            "measure": _MEASURE,
+            **rows.compare(name, _AGAINST, measure=_MEASURE)._asdict(),
+        }
         for name in agents
         if _AGAINST in agents and name != _AGAINST
     ]

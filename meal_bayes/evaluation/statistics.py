@@ -2,7 +2,7 @@
 
 import dataclasses
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 from scipy.special import stdtrit
 
 from meal_bayes.arrays import Floats
+from meal_bayes.display import json_value
 from meal_bayes.errors import SettingsError
 
 MASS = 0.95  # of intervals, on all pages
@@ -31,18 +32,6 @@ class Interval(NamedTuple):
         return Interval(-self.estimate, self.se, -self.high, -self.low)
 
 
-def plain(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Convert named values for JSON: None for what is NaN or infinite."""
-    facts = dict[str, Any]()
-    for name, value in values.items():
-        if isinstance(value, Mapping):
-            facts[name] = plain(value)
-        else:
-            unknown = isinstance(value, float) and not math.isfinite(value)
-            facts[name] = None if unknown else value
-    return facts
-
-
 class Measures:
     """Base of rows of measures, which are dataclasses."""
 
@@ -50,7 +39,8 @@ class Measures:
 
     def as_dict(self) -> dict[str, Any]:
         """Return the measures by name, for JSON: None for NaN."""
-        return plain(dataclasses.asdict(self))  # type: ignore[call-overload]
+        facts: dict[str, Any] = json_value(dataclasses.asdict(self))  # type: ignore[call-overload]
+        return facts
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
