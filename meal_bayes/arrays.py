@@ -19,6 +19,8 @@ Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 Levels = NDArray[np.int8]  # of percepts, 0 to K-1
 
+_FINITE = float(np.finfo(float).max)  # the largest finite number
+
 
 def freeze(values: ArrayLike, dtype: Any = np.float64) -> NDArray[Any]:
     """Copy into a contiguous array that cannot be written to; one that is frozen is not copied.
@@ -134,10 +136,14 @@ def check_yes_no(name: str, value: object) -> None:
         raise SettingsError(f"{name} is {value!r:.60}; give True or False.")
 
 
-def check_amount(name: str, value: object) -> None:
-    """Refuse a setting that is no finite number above 0."""
-    if not (is_number(value) and 0 < value < np.inf):
-        raise SettingsError(f"{name} is {value!r:.60}; give a finite number above 0.")
+def check_amount(name: str, value: object, most: float = _FINITE, *, or_none: bool = False) -> None:
+    """Refuse a setting that is no number above 0, up to the most: finite, where that is."""
+    if (or_none and value is None) or (is_number(value) and 0 < value <= most):
+        return
+    expected = "a number above 0" if np.isinf(most) else "a finite number above 0"
+    expected += f", at most {most:g}" if most < _FINITE else ""
+    expected += ", or None" if or_none else ""
+    raise SettingsError(f"{name} is {value!r:.60}; give {expected}.")
 
 
 class Rows:

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meal_bayes.agents import Agent
-from meal_bayes.arrays import check_whole, check_yes_no, is_number
+from meal_bayes.arrays import check_amount, check_whole, check_yes_no, is_number
 from meal_bayes.datasets import Dataset, PerceptTable
 from meal_bayes.domain import Domain, Payoffs, unknown
 from meal_bayes.domain.words import twin
@@ -59,18 +59,13 @@ class LearnerSettings:
         check_whole("seed", self.seed)
         if self.percepts not in _PERCEPTS:
             raise SettingsError(unknown("percepts", str(self.percepts), _PERCEPTS))
-        if not (is_number(self.reward) and 0 < self.reward <= LARGEST):
-            raise SettingsError(
-                f"reward is {self.reward!r:.60}; give a finite number above 0, at most {LARGEST:g}."
-            )
+        check_amount("reward", self.reward, LARGEST)
         horizon = self.horizon
         if horizon is not None and not (is_number(horizon) and 0 <= horizon < np.inf):
             raise SettingsError(
                 f"horizon is {horizon!r:.60}; give questions to come, 0 or more, or None."
             )
-        every = self.refit_every
-        if every is not None and not (is_number(every) and every > 0):
-            raise SettingsError(f"refit_every is {every!r:.60}; give a number above 0, or None.")
+        check_amount("refit_every", self.refit_every, np.inf, or_none=True)
         check_yes_no("learn_success", self.learn_success)
         object.__setattr__(self, "payoffs", checked_payoffs(self.payoffs))
 
