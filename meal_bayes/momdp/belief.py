@@ -284,10 +284,10 @@ def report_certainty(momdp: MOMDP, belief: Belief, report: NDArray[np.bool_]) ->
 
 def best_answer(momdp: MOMDP, belief: Belief) -> int:
     """Return the action that ends the trial best: a report, or abstaining where that is better."""
-    abstains = momdp.abstain and report_value(momdp, belief) < 0
+    abstains = report_value(momdp, belief) < momdp.exit_value
     return momdp.abstention if abstains else best_report(momdp, belief)
 
 
 def answer_value(momdp: MOMDP, belief: Belief) -> float:
-    """Compute the expected reward of the best answer; abstaining is worth 0."""
-    return max(report_value(momdp, belief), 0.0 if momdp.abstain else -np.inf)
+    """Compute the expected reward of the best answer, of which abstaining may be one."""
+    return max(report_value(momdp, belief), momdp.exit_value)

@@ -12,6 +12,7 @@ from meal_bayes.arrays import FrozenArrays
 from meal_bayes.errors import SettingsError
 from meal_bayes.momdp.belief import initial_belief
 from meal_bayes.momdp.model import MOMDP
+from meal_bayes.momdp.reports import ABSTAINED
 
 _LARGEST = 1_000_000  # numbers in a file; as .pomdp some 60 MB, more than solvers get through
 _DENSE = 20_000_000  # entries of O in dense arrays, 160 MB
@@ -57,8 +58,9 @@ def _rewards(momdp: MOMDP) -> NDArray[np.float64]:
     # Formats know no legality: what is not legal ends the trial at a price below every report.
     comes = (momdp.transition * momdp.observation_probability).sum(axis=2).T  # (X,E)
     gained = np.where(momdp.legal[:-1, None], comes[:-1, None] * bonus, momdp.incorrect - 1.0)
-    reward[:-1, :, : momdp.n_behaviors] = gained - momdp.cost
+    reward[:-1, :, : momdp.n_behaviors] = gained - momdp.expected_cost()[:-1, None]
     reward[:-1, :, momdp.n_behaviors : momdp.abstention] = momdp.reports.rewards()
+    reward[:-1, :, momdp.abstention :] = ABSTAINED  # nothing where the agent may not
     return reward
 
 

@@ -9,7 +9,7 @@ from meal_bayes.arrays import freeze, freeze_arrays, set_frozen
 from meal_bayes.display import facts_html, facts_repr, listed
 from meal_bayes.domain import Payoffs, Query
 from meal_bayes.errors import SettingsError
-from meal_bayes.momdp.reports import Reports
+from meal_bayes.momdp.reports import ABSTAINED, Reports
 
 ARRAYS = {  # of a MOMDP: N attributes, E behaviors, X states, C latent classes, K levels
     "transition": "exx", "observation_probability": "exx", "legal": "xe", "confusion": "neck",
@@ -263,6 +263,31 @@ class MOMDP:
     def abstention(self) -> int:
         """Index of the answer "I do not know", after behaviors and reports."""
         return self.n_behaviors + self.query.n_reports
+
+    @property
+    def idle(self) -> NDArray[np.float64]:
+        """Pr(nothing happens | x, behavior), (X,E): x stays, and no percept comes."""
+        states = np.arange(len(self.x_names))
+        silent = (self.transition * (1 - self.observation_probability))[:, states, states].T
+        return np.where(self.legal, silent, 0.0)
+
+    def charged(self, behavior: int, *, idle: bool) -> float:
+        """Return what an execution costs, s; what fails, so that nothing happens, costs as much."""
+        return float(self._outcome_costs()[int(idle)][behavior])
+
+    def expected_cost(self) -> NDArray[np.float64]:
+        """Return what an execution costs before its outcome is known, (X,E), s."""
+        cost, idle_cost = self._outcome_costs()
+        return np.asarray(cost + self.idle * (idle_cost - cost))
+
+    def _outcome_costs(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return costs (E,) of executions by which something happens, and nothing."""
+        return self.cost, self.cost
+
+    @property
+    def exit_value(self) -> float:
+        """What "I do not know" earns; -inf where the agent may not say it."""
+        return ABSTAINED if self.abstain else -np.inf
 
     def reported(self, action: int) -> NDArray[np.bool_] | None:
         """Return what an answer reports, values (N,) or yes (1,); None where it abstains."""

@@ -10,13 +10,29 @@ the sum over the values at which E holds:
 """
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from meal_bayes.arrays import Floats
+from meal_bayes.arrays import Floats, freeze
 from meal_bayes.domain import Event, Payoffs, Query
+
+
+def mean_reward(wrong: Any, gain: Any, right: Any) -> Any:
+    """Return r- + (r+ - r-) Pr(right), what a report of values is expected to earn.
+
+    The one definition of this, for arrays and, compiled, for the planning kernels. Whose report
+    comes later discounts both numbers before, and takes its costs from the first.
+
+    >>> mean_reward(-500.0, 1000.0, 0.9)
+    400.0
+    """
+    return wrong + gain * right
+
+
+ABSTAINED = 0.0  # reward of "I do not know"
 
 
 class Believed(Protocol):
@@ -82,14 +98,13 @@ class Reports:
         event = self.event
         if event is None:
             return None
-        asserting = self.payoffs.right_yes, self.payoffs.wrong_yes
-        denying = self.payoffs.right_no, self.payoffs.wrong_no
-        costs = np.zeros_like(self.no_cost), self.no_cost.copy()
+        right_assertion, wrong_assertion, right_denial, wrong_denial = self.payoffs
+        assertion_cost = np.zeros_like(self.no_cost)
+        denial_cost = self.no_cost.copy()
         if event.complement:  # "no" asserts that the conjunction holds
-            asserting, denying = denying, asserting
-            costs = costs[::-1]
-        right_assertion, wrong_assertion = asserting
-        right_denial, wrong_denial = denying
+            right_denial, wrong_denial, right_assertion, wrong_assertion = self.payoffs
+            assertion_cost = self.no_cost.copy()
+            denial_cost = np.zeros_like(self.no_cost)
         assertion_gain = right_assertion - wrong_assertion
         denial_gain = right_denial - wrong_denial
         return Conjunction(
@@ -100,8 +115,8 @@ class Reports:
             denial_gain=denial_gain,
             gain=wrong_assertion + assertion_gain - wrong_denial,
             loss=wrong_denial + denial_gain - wrong_assertion,
-            assertion_cost=costs[0],
-            denial_cost=costs[1],
+            assertion_cost=assertion_cost,
+            denial_cost=denial_cost,
         )
 
     def probability(self, belief: Believed) -> Floats:
@@ -110,31 +125,28 @@ class Reports:
         if event is None:
             raise ValueError("values have no event")
         if belief.joint_table is not None:
-            return np.asarray(belief.joint_table @ self._holds(event))
+            return np.asarray(belief.joint_table @ _truth_table(self.query, event))
         return event.probability(belief.positive, self.query.variables)
 
     def probability_now(self, belief: Believed) -> float | None:
         """Return Pr(yes is right) of a question of yes or no; None of values."""
         return None if self.query.event is None else float(self.probability(belief))
 
-    def _holds(self, event: Event) -> Floats:
-        """Return at which values (Y,) the event holds: 1 or 0."""
-        return event.probability(self.query.values.astype(float), self.query.variables)
-
     def answers(self, probability: ArrayLike, no_cost: Floats | float = 0.0) -> Floats:
         """Compute the expected rewards (...,2) of no and yes at Pr(yes is right).
 
         Planners compare them where "no" costs so much (s), trials earn them.
         """
-        p, four = np.asarray(probability), self.payoffs
-        no = four.wrong_no + (four.right_no - four.wrong_no) * (1.0 - p) - no_cost
-        yes = four.wrong_yes + (four.right_yes - four.wrong_yes) * p
+        p = np.asarray(probability)
+        right_yes, wrong_yes, right_no, wrong_no = self.payoffs
+        no = mean_reward(wrong_no, right_no - wrong_no, 1.0 - p) - no_cost
+        yes = mean_reward(wrong_yes, right_yes - wrong_yes, p)
         return np.stack(np.broadcast_arrays(no, yes), axis=-1)
 
     def of_right(self, right: Floats) -> Floats:
-        """Compute r- + (r+ - r-) prod_i right_i of Pr(attribute reported right) (...,N)."""
+        """Compute the reward of Pr(attribute reported right) (...,N): all have to be."""
         reward_range = self.payoffs.right_yes - self.payoffs.wrong_yes
-        return np.asarray(self.payoffs.wrong_yes + reward_range * right.prod(axis=-1))
+        return np.asarray(mean_reward(self.payoffs.wrong_yes, reward_range, right.prod(axis=-1)))
 
     def reward(self, report: NDArray[np.bool_], right: NDArray[Any]) -> float:
         """Return the reward of a report where the right one is known."""
@@ -147,4 +159,10 @@ class Reports:
         values = self.query.values
         if self.event is None:
             return self.of_right((values[:, None] == values).astype(float))
-        return self.answers(self._holds(self.event))
+        return self.answers(_truth_table(self.query, self.event))
+
+
+@lru_cache(maxsize=8)  # of a trial's beliefs all ask the same one
+def _truth_table(query: Query, event: Event) -> Floats:
+    """Return at which values (Y,) of a query an event holds: 1 or 0."""
+    return freeze(event.probability(query.values.astype(float), query.variables))

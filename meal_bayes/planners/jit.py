@@ -127,9 +127,10 @@ def _without_machine_code(library: Any, function: Any, environment: Any) -> Any:
 
 
 _OPTIONS = {"nogil": True, "error_model": "numpy", "_nrt": False, "no_cfunc_wrapper": True}
-_OBSERVATION = Path(__file__).parents[1] / "momdp" / "observation.py"
+_MOMDP = Path(__file__).parents[1] / "momdp"
+_SHARED = _MOMDP / "observation.py", _MOMDP / "reports.py"  # functions of theirs are compiled
 _DIGEST = hashlib.blake2b(digest_size=8)
-for _path in (*sorted(Path(__file__).parent.rglob("*.py")), _OBSERVATION):
+for _path in (*sorted(Path(__file__).parent.rglob("*.py")), *_SHARED):
     _DIGEST.update(_path.read_bytes())
 
 
@@ -173,14 +174,14 @@ class Compiling(NamedTuple):
     most: int  # kernels that it may lead to, itself included
 
 
-def _reachable(kernel: Any, found: set[Any]) -> set[Any]:
+def _reachable(kernel: Any, reachable: set[Any]) -> set[Any]:
     """Find the kernels that a kernel may call, and those that they may; itself included."""
-    found.add(kernel)
+    reachable.add(kernel)
     for name in kernel.py_func.__code__.co_names:
         called = kernel.py_func.__globals__.get(name)
-        if isinstance(called, Dispatcher) and called not in found:
-            _reachable(called, found)
-    return found
+        if isinstance(called, Dispatcher) and called not in reachable:
+            _reachable(called, reachable)
+    return reachable
 
 
 class _Watch(event.Listener):  # type: ignore[misc]  # numba has no types

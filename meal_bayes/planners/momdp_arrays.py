@@ -55,7 +55,7 @@ class Percepts(NamedTuple):
     truth: Floats  # (N,2,C) Pr(truth | latent class) under the prior
     informative: NDArray[np.bool_]  # (N,E) does a percept carry information on the latent class?
     limit: Floats  # (E,) percepts that a trial can have
-    known: NDArray[np.bool_]  # (E,) are all rows of a behavior known exactly?
+    rows_known: NDArray[np.bool_]  # (E,) are all rows of a behavior known exactly?
     class_is_truth: bool  # are the classes the two truths (Eq. 8)?
 
 
@@ -86,7 +86,7 @@ def arrays_of(momdp: MOMDP, price: float = _PRICE) -> MOMDPArrays:
             truth=np.exp(momdp.log_truth),
             informative=_information(momdp) > _INFORMATIVE,
             limit=momdp.limit.copy(),
-            known=np.asarray(np.isinf(momdp.precision).all(axis=(0, 2))),
+            rows_known=np.asarray(np.isinf(momdp.precision).all(axis=(0, 2))),
             class_is_truth=momdp.class_is_truth,
         ),
         bonus=momdp.bonus.copy(),
@@ -103,7 +103,7 @@ def dynamics_of(momdp: MOMDP, price: float = _PRICE) -> Dynamics:
 
     Behaviors cost at least `price` of r+ - r-: undiscounted, free ones could go on for ever.
     """
-    cost = np.maximum(momdp.cost, price * (momdp.correct - momdp.incorrect))
+    cost = np.maximum(momdp.expected_cost(), price * (momdp.correct - momdp.incorrect))
     arrays = momdp.transition, momdp.observation_probability, momdp.legal, cost
     key = (*(array.tobytes() for array in arrays), momdp.discount, momdp.abstain)
     return remember(_cache, key, lambda: _dynamics(momdp, cost))
@@ -121,14 +121,13 @@ def remember(cache: dict[object, V], key: object, make: Callable[[], V]) -> V:
 def _dynamics(momdp: MOMDP, cost: Floats) -> Dynamics:
     """Sum out the executions of a behavior that do nothing: it is tried until something happens.
 
-    Of each x and behavior, let i be the probability that x stays and nothing is perceived, and g
-    the discount. Something happens after a geometric number of executions, so that the behavior
-    costs c / (1 - g i), what follows is discounted by g (1 - i) / (1 - g i), and the outcomes are
-    those in which something happened, p / (1 - i).
+    Of each x and behavior, let i be the probability that x stays and nothing is perceived, c the
+    expected cost (X,E) of an execution, and g the discount. Something happens after a geometric
+    number of executions, so that the behavior costs c / (1 - g i), what follows is discounted by
+    g (1 - i) / (1 - g i), and the outcomes are those in which something happened, p / (1 - i).
     """
     states = np.arange(len(momdp.x_names))
-    idle = (momdp.transition * (1 - momdp.observation_probability))[:, states, states].T  # (X,E)
-    idle = np.where(momdp.legal, idle, 0.0)
+    idle = momdp.idle  # (X,E)
     happened = momdp.transition.transpose(1, 0, 2).copy()  # (X,E,X) Pr(next x, not idle)
     happened[states, :, states] -= idle
     sensed = (momdp.transition * momdp.observation_probability).transpose(1, 0, 2)  # and a percept
@@ -149,7 +148,7 @@ def _dynamics(momdp: MOMDP, cost: Floats) -> Dynamics:
     branch["x"][at] = k // 2
     branch["senses"][at] = k % 2 == 0
     step["moves"] = ((branch["p"] > 0) & (branch["x"] != states[:, None, None])).any(axis=2)
-    return Dynamics(step, branch, 0.0 if momdp.abstain else -np.inf)
+    return Dynamics(step, branch, momdp.exit_value)
 
 
 def _information(momdp: MOMDP) -> Floats:

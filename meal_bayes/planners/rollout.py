@@ -20,6 +20,8 @@ from meal_bayes.momdp import (
     update_belief,
 )
 from meal_bayes.momdp.observation import sample_rows
+from meal_bayes.momdp.reports import ABSTAINED
+from meal_bayes.planners.boundary import decide
 from meal_bayes.planners.solver import History, Policy
 
 
@@ -117,7 +119,7 @@ def _episode(world: MOMDP, policy: Policy, rng: np.random.Generator, max_steps: 
         action = best_answer(world, belief)
         if step < max_steps:
             before = time.process_time()
-            decision = policy.decide(history, policy_rng)
+            decision = decide(policy, history, policy_rng)
             cpu_s += time.process_time() - before
             action = decision.action
             simulations += decision.simulations
@@ -126,7 +128,7 @@ def _episode(world: MOMDP, policy: Policy, rng: np.random.Generator, max_steps: 
             break
         world.check_action(belief.x, action)
         x, percept = _execute(world, belief, action, rows, world_rng)
-        cost = float(world.cost[action])
+        cost = world.charged(action, idle=x == belief.x and percept is None)
         value -= scale * cost
         scale *= world.discount
         after = update_belief(belief, world, Transition(action, x, percept))
@@ -138,6 +140,8 @@ def _episode(world: MOMDP, policy: Policy, rng: np.random.Generator, max_steps: 
         # E[R | percepts] in place of R (Rao-Blackwell): the same mean, less variance.
         value += scale * expected_reward(world, history.belief, report)
         certainty = report_certainty(world, history.belief, report)
+    elif action == world.abstention:
+        value += scale * ABSTAINED
     right = world.query.report_truth(true.astype(np.int8))
     return _Episode(
         value=value,

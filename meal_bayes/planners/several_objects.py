@@ -30,6 +30,7 @@ from meal_bayes.arrays import Floats, FrozenArrays
 from meal_bayes.errors import SettingsError
 from meal_bayes.momdp import MOMDP, Belief, expected_reward
 from meal_bayes.momdp.model import ARRAYS
+from meal_bayes.planners.boundary import decide
 from meal_bayes.planners.solver import History, Policy, Remembering
 
 POINTS = 17  # outside values, from what "none" earns to r+
@@ -234,7 +235,7 @@ class Prospector:
             self._policies = [self._policy(float(value)) for value in self.outside]
         explored = np.full((POINTS, self.momdp.n_behaviors), -np.inf)
         for row, policy in zip(explored, self._policies, strict=True):
-            decision = policy.decide(history, rng)
+            decision = decide(policy, history, rng)
             values = decision.values[:-1]
             if decision.action < len(values) and np.isnan(values[decision.action]):
                 raise SettingsError(
@@ -331,7 +332,7 @@ def ways_back(momdp: MOMDP, leave: NDArray[np.bool_], discount: float = 1.0) -> 
         lost = (reached & ~known).sum(axis=2) - ((stays > 0) & ~known)
         moves = momdp.legal.T & (stays < 1.0) & (lost == 0)
         remaining = 1.0 - discount * np.where(moves, stays, 0.0)
-        way = momdp.cost[:, None] + discount * onward(np.where(known, cost, 0.0))
+        way = momdp.expected_cost().T + discount * onward(np.where(known, cost, 0.0))
         way = np.where(moves, way / remaining, np.inf)
         best = way.argmin(axis=0)
         better = way.min(axis=0) < cost

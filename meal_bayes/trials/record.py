@@ -16,6 +16,7 @@ from meal_bayes.domain import Query
 from meal_bayes.domain.labels import one_value
 from meal_bayes.errors import DataError, QueryError
 from meal_bayes.momdp import MOMDP, Belief
+from meal_bayes.momdp.reports import ABSTAINED
 from meal_bayes.planners import Decision
 from meal_bayes.seeds import Key
 from meal_bayes.untrusted import name_fault
@@ -207,9 +208,9 @@ class TrialRecord(FrozenArrays):
 
 
 def answer_reward(momdp: MOMDP, report: NDArray[np.bool_] | None, right: NDArray[np.int8]) -> float:
-    """Return what a report earns: 0 of none, nan where what is right (1, 0, -1) is not known."""
+    """Return what a report, or none, earns; nan where what is right (1, 0, -1) is not known."""
     if report is None:
-        return 0.0
+        return ABSTAINED
     return momdp.reports.reward(report, right) if (right >= 0).all() else float("nan")
 
 

@@ -275,7 +275,7 @@ class SearchSession:
     def _execute(self, action: int, values: Floats, claim_value: float) -> None:
         """Command a behavior of the object in front, unless a limit is reached."""
         session = self.sessions[self.object or ""]
-        if self._within_limits(float(session.momdp.cost[action])):
+        if self._within_limits(session.momdp.charged(action, idle=False)):
             compared = np.where(np.isinf(values), np.nan, values)
             session.command(Decision.exact(action, np.append(compared, claim_value)))
 

@@ -192,12 +192,12 @@ class Session:
         execution = self._checker.execute(action, outcome)
         self._at = "perceiver"
         x = self.belief.x
-        cost = float(self.momdp.cost[action])
         # By the model nothing comes of a failure: a percept of it would have probability 0.
         if execution.next_x == x and not self.momdp.observation_probability[action, x, x]:
             execution = execution.failure()
         percept, warning = self._perceive(action, execution)
         next_x = execution.next_x
+        cost = self.momdp.charged(action, idle=next_x == x and percept is None)
         after = update_belief(self.belief, self.momdp, Transition(action, next_x, percept))
         self._decision = None
         instance = execution.instance if self.task.object_index < 0 else None  # not in a data set
@@ -279,7 +279,7 @@ class Session:
         momdp = self.momdp
         if decision.action >= momdp.n_behaviors:
             return decision, ""
-        cost = self.history.cost + float(momdp.cost[decision.action])
+        cost = self.history.cost + momdp.charged(decision.action, idle=False)
         if len(self.steps) >= self.max_steps:
             limit = f"max_steps = {self.max_steps}"
         elif self.max_cost is not None and cost > self.max_cost:

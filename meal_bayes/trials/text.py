@@ -74,7 +74,7 @@ def compared_actions(
                 bonus=None if bonus is None else float(bonus[option]),
                 error=f"±{error:.1f}" if error >= _LEAST_ERROR else "",
                 visits=int(decision.visits[option]) if searched else None,
-                cost=0.0 if is_answer else float(momdp.cost[option]),
+                cost=0.0 if is_answer else momdp.charged(option, idle=False),
                 chosen=option == chosen,
                 is_answer=is_answer,
             )

@@ -1,12 +1,16 @@
 """Simulated episodes estimate the exact value of a policy, of whatever class objects are."""
 
+from dataclasses import replace
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from meal_bayes.domain import Behavior, Domain, Effect, TransitionDiagram
 from meal_bayes.errors import SettingsError
-from meal_bayes.momdp import Objective, best_report
-from meal_bayes.planners import Decision
+from meal_bayes.momdp import MOMDP, Objective, best_report
+from meal_bayes.planners import Decision, unvalued
+from meal_bayes.planners.momdp_arrays import dynamics_of
 from meal_bayes.planners.rollout import simulate
 
 EPISODES = 500
@@ -115,6 +119,36 @@ def test_branches_and_silence(small):
     assert near(dropped, np.sqrt(0.24 / EPISODES), 0.4)
     exact = -2 + 0.99 * (0.6 * (-100 + 200 * 0.85))  # a coin is worth 0
     assert near(rollout.value, rollout.value_se, exact)
+
+
+def test_what_a_failure_costs_is_planned_as_it_is_charged(small, monkeypatch):
+    """One place says it: halve it there, and plans and trials agree."""
+    monkeypatch.setattr(MOMDP, "_outcome_costs", lambda momdp: (momdp.cost, momdp.cost / 2))
+    effects = (Effect("x0", "look", "x0", 0.4), Effect("x0", "lift", "x0"))
+    diagram = TransitionDiagram(("x0", "term"), "x0", effects)
+    acts = (Behavior("look", 6.0, ("color",)), Behavior("lift", 2.0, ("haptics",)))
+    domain = Domain("failing", ("red",), acts, diagram, report_reward=100.0)
+    momdp = small.momdp(domain, {"red": {"look": (0.8, 0.3), "lift": (0.9, 0.2)}})
+    momdp = replace(momdp, discount=1.0)
+
+    class LookOnce:
+        def decide(self, history, rng):
+            looked = any(history.perceived)
+            return unvalued(momdp, best_report(momdp, history.belief) if looked else 0)
+
+    planned = float(dynamics_of(momdp).step["cost"][0, 0])
+    assert planned == pytest.approx(6.0 + 1.5 * 3.0)  # .6 / .4 failures for one that succeeds
+    charged = run(momdp, LookOnce()).cost
+    assert set(charged) <= {6.0 + 3.0 * failures for failures in range(100)}
+    assert near(charged.mean(), charged.std() / np.sqrt(EPISODES), planned)
+
+
+@pytest.mark.parametrize("decision", [None, 0, "look"])
+def test_a_policy_that_decides_nothing_is_told(toy, decision):
+    """As in a trial, by the same boundary."""
+    policy = SimpleNamespace(decide=lambda history, rng: decision)
+    with pytest.raises(SettingsError, match="expected a Decision"):
+        run(toy, policy, 2)
 
 
 def test_the_environment_does_not_know_the_policys_draws(toy):

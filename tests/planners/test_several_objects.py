@@ -2,6 +2,7 @@
 
 import itertools
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -315,3 +316,13 @@ def test_the_way_back_is_discounted_by_its_steps():
     assert cost.tolist()[:2] == [0.0, 2.0]
     assert discount.tolist()[:2] == [1.0, 0.9]
     assert first.tolist()[:2] == [-1, 2]
+
+
+@pytest.mark.parametrize("decision", [None, 0, "look"])
+def test_a_policy_that_decides_nothing_is_told(decision):
+    """As in a trial, by the same boundary."""
+    momdp = problem([(0.2, 0.8)] * 3)
+    policy = SimpleNamespace(decide=lambda history, rng: decision)
+    prospector = Prospector(momdp, lambda _: policy, np.ones(len(momdp.x_names), bool))
+    with pytest.raises(SettingsError, match="expected a Decision"):
+        prospector.prospect(History(initial_belief(momdp)), np.random.default_rng(0))

@@ -10,6 +10,7 @@ import numpy as np
 
 from meal_bayes.arrays import Floats, Ints
 from meal_bayes.momdp.observation import predictive as observation_predictive
+from meal_bayes.momdp.reports import mean_reward as reward_formula
 from meal_bayes.planners.jit import entry_kernel, kernel
 from meal_bayes.planners.momdp_arrays import Percepts
 
@@ -20,7 +21,9 @@ _WIDEST = 12.0  # log likelihood ratios beyond are merged: e^-12 of r+ - r- is n
 SPAN = 16.0  # log-odds covered by the error tables
 THRESHOLDS = 65  # thresholds of a table, even in log-odds
 
+# Of the problem itself: the model of percepts, and what a report earns.
 predictive = kernel(observation_predictive)
+mean_reward = kernel(reward_formula)
 
 
 class Evidence(NamedTuple):
@@ -177,7 +180,7 @@ def _enumerate(percepts, weights, counts, i, scratch):
         remaining = min(float(counts[e]), percepts.limit[e] - scratch.evidence.total[e])
         while remaining > 0.0:
             k = int(min(remaining, _MERGED - 1.0))
-            remaining = remaining - k if percepts.known[e] else 0.0
+            remaining = remaining - k if percepts.rows_known[e] else 0.0
             if m * (k + 1) > capacity:
                 m = _merge(weights, i, m, scratch)
             # Pr(outcome, j of k | class) = Pr(outcome | class) Pr(j of k | class), in place, from

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from meal_bayes.arrays import Floats, Ints
 from meal_bayes.planners.jit import NO_BEHAVIOR, Index, entry_kernel, kernel
 from meal_bayes.planners.momdp_arrays import Dynamics
+from meal_bayes.planners.open_loop.bayes_error import mean_reward
 
 CELLS = 8  # of the seconds that may follow, when a bound looks ahead
 
@@ -191,7 +192,7 @@ def _best_ahead(growth, chance, base, reward, spare):
     for cell in range(CELLS):
         seconds = spare * (cell + 1) / CELLS
         right = _right(growth.log_r[0], growth.rate, seconds, chance)
-        best = max(best, base + reward * right - spare * cell / CELLS)
+        best = max(best, mean_reward(base, reward, right) - spare * cell / CELLS)
     return best
 
 
@@ -238,17 +239,19 @@ def _grow_plan(ways, growth, chance, path, origin):
     cost = 0.0
     scale = 1.0
     # What to report at once is worth, before anything is perceived.
-    best = growth.incorrect + growth.reward_range * _right(log_r, growth.rate, 0.0, chance)
+    right = _right(log_r, growth.rate, 0.0, chance)
+    best = mean_reward(growth.incorrect, growth.reward_range, right)
     while goal >= 0 and place.length < path.behavior.shape[0]:
         # Go for the percepts chosen last: cost += scale c, scale *= g.
         for _ in range(repeats):
             cost += scale * ways.cost[place.x, goal]
             scale *= ways.discount[place.x, goal]
             place = _follow_way(ways, growth, path, place, goal)
-        # V = g r- - c + g (r+ - r-) Pr(right), and stop where nothing that follows can pay.
+        # V = g `mean_reward` - c, and stop where nothing that follows can pay.
         base = scale * growth.incorrect - cost
         reward = scale * growth.reward_range
-        best = max(best, base + reward * _right(log_r, growth.rate, 0.0, chance))
+        right = _right(log_r, growth.rate, 0.0, chance)
+        best = max(best, mean_reward(base, reward, right))
         spare = base + reward - best
         if spare <= 0.0 or _best_ahead(growth, chance, base, reward, spare) <= best:
             break

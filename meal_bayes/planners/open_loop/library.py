@@ -1,4 +1,17 @@
-"""The library of open-loop plans of a MOMDP, in four steps: grow, sift, compete, complete."""
+"""The library of open-loop plans of a MOMDP, in four steps: grow, sift, compete, complete.
+
+What a plan is worth hangs on its *errors*: how often each attribute is reported wrongly after its
+percepts. Each step computes them as precisely as it must, from the cheapest to the finest:
+
+- *grow* takes the least that an error can be, from the Bhattacharyya coefficient of the percepts
+  (an optimistic bound), so that no plan ends before what could still pay;
+- *sift* takes the most that it can be, by the same coefficient (a pessimistic bound): a plan that
+  is promising by it keeps its promise;
+- *compete* enumerates the percepts, cut to yes or no, and merges outcomes that say nearly the same
+  where they are more than 256: a bound from above again, and a close one;
+- *complete* does so once more for the winners alone, up to 1,024 outcomes. These tables are what
+  planners read.
+"""
 
 import itertools
 
@@ -7,7 +20,7 @@ import numpy as np
 from meal_bayes.arrays import Floats, Ints
 from meal_bayes.momdp import MOMDP
 from meal_bayes.momdp.observation import predictive
-from meal_bayes.momdp.reports import Conjunction
+from meal_bayes.momdp.reports import Conjunction, mean_reward
 from meal_bayes.planners.kernel_calls import best_plans
 from meal_bayes.planners.momdp_arrays import MOMDPArrays
 from meal_bayes.planners.open_loop import bayes_error
@@ -31,7 +44,7 @@ _MANY = 5  # attributes: with more, no more beliefs and candidates are taken
 _BELIEFS = 16  # beliefs for each attribute, up to _MANY of them, at which plans compete
 _ROUNDS = 6  # of correcting a belief that latent classes hold together
 _WINNERS = 14  # plans an x, besides one for every first behavior and what remains of them
-_CANDIDATES = 10  # candidates for each attribute, an x and a belief, that are valued exactly
+_CANDIDATES = 10  # candidates for each attribute, an x and a belief, that compete
 _OF_FIRST = 2  # further candidates of each first behavior
 _COUNTED = 8  # numbers of percepts of one behavior, 0 to 7, whose affinities are computed
 
@@ -43,9 +56,9 @@ def plan_library(momdp: MOMDP, model: MOMDPArrays) -> Plans:
        percept, and percept by percept from there. They, their beginnings, and simple plans are the
        candidates.
     2. *Sift.* By a cheap estimate of their value the most promising go on, at every belief.
-    3. *Compete.* At all beliefs of the spread, and from every x, candidates are valued exactly;
-       winners are kept. Every legal behavior keeps its best plan, so that none is without a lower
-       bound.
+    3. *Compete.* At all beliefs of the spread, and from every x, candidates are valued as planners
+       value them, by coarser tables; winners are kept. Every legal behavior keeps its best plan,
+       so that none is without a lower bound.
     4. *Complete.* What remains of a winner after each of its steps joins the library: who follows a
        plan and plans anew after a step can only gain, and never puts off its end.
     """
@@ -177,17 +190,17 @@ def _sift(
     behavior.
     """
     value = _estimate_values(model, candidates, probabilities, log_affinity)  # (B,J)
-    chosen = np.zeros(value.shape[1], np.bool_)
+    is_promising = np.zeros(value.shape[1], np.bool_)
     # Of each x and first behavior, those that are worth most at the belief where they are best.
     peak = value.max(axis=0)
     group = candidates.x * model.dynamics.step.shape[1] + candidates.plan["action"]
-    chosen[_rank_within(group, peak) < _OF_FIRST] = True
+    is_promising[_rank_within(group, peak) < _OF_FIRST] = True
     # Of each x and belief, those that are worth most. Candidates are in order of x.
-    most = _CANDIDATES * min(len(log_affinity), _MANY)
-    for same in np.split(np.arange(len(peak)), np.flatnonzero(np.diff(candidates.x)) + 1):
-        best = np.argpartition(-value[:, same], min(most, len(same) - 1), axis=1)[:, :most]
-        chosen[same[best]] = True
-    return candidates.select(np.flatnonzero(chosen))
+    number = _CANDIDATES * min(len(log_affinity), _MANY)
+    for from_x in np.split(np.arange(len(peak)), np.flatnonzero(np.diff(candidates.x)) + 1):
+        best = np.argpartition(-value[:, from_x], min(number, len(from_x) - 1), axis=1)[:, :number]
+        is_promising[from_x[best]] = True
+    return candidates.select(np.flatnonzero(is_promising))
 
 
 def _rank_within(group: Ints, value: Floats) -> Ints:
@@ -205,7 +218,7 @@ def _estimate_reports(model: MOMDPArrays, probabilities: Floats, affinity: Float
     unsure = np.sqrt(probabilities * (1.0 - probabilities))
     for of_attribute, of_plans in zip(unsure.T, affinity, strict=True):
         right *= 1.0 - of_attribute[:, None] * of_plans
-    return np.asarray(model.incorrect + model.reward_range * right)
+    return np.asarray(mean_reward(model.incorrect, model.reward_range, right))
 
 
 def _estimate_yes_or_no(
@@ -221,7 +234,7 @@ def _estimate_yes_or_no(
     right = hit.prod(axis=1)
     wrong = (hit + alarm).prod(axis=1) - right
     holds = q.prod(axis=1)[:, None]
-    deny = conjunction.wrong_denial + conjunction.denial_gain * (1.0 - holds)
+    deny = mean_reward(conjunction.wrong_denial, conjunction.denial_gain, 1.0 - holds)
     assertion = conjunction.gain * right - conjunction.loss * wrong
     return np.asarray(deny + np.maximum(assertion, 0.0))
 
@@ -253,7 +266,7 @@ def _compete(model: MOMDPArrays, candidates: Candidates, beliefs: Floats) -> Can
     behavior the plan that is best at the belief where going for it is worth most.
     """
     # Coarse tables are enough to rank some hundred candidates; winners are tabulated again, finely.
-    plans = _tabulated(model, candidates, bayes_error.FEW_OUTCOMES)
+    plans = _as_plans(model, candidates, bayes_error.FEW_OUTCOMES)
     evaluator = make_evaluator(model, plans)
     behaviors = np.arange(model.dynamics.step.shape[1])
     winner = np.zeros(len(plans.plan), np.bool_)
@@ -273,37 +286,45 @@ def _compete(model: MOMDPArrays, candidates: Candidates, beliefs: Floats) -> Can
 def _complete(model: MOMDPArrays, diagram: DiagramWays, winners: Candidates) -> Plans:
     """Add what remains of the winners after each of their steps; tabulate all their errors."""
     plans = cheapest(sum_up_walks(diagram, remainders(winners, diagram.ways)))
-    return _tabulated(model, plans, bayes_error.OUTCOMES)
+    return _as_plans(model, plans, bayes_error.OUTCOMES)
 
 
-def _tabulated(model: MOMDPArrays, candidates: Candidates, capacity: int) -> Plans:
+def _as_plans(model: MOMDPArrays, candidates: Candidates, capacity: int) -> Plans:
     """Make plans of candidates, which are in order of x, with their errors."""
     states = np.arange(model.dynamics.step.shape[0] + 1)
-    plans = Plans(
+    row, table = _tabulate(model, candidates.observation_counts, capacity)
+    return Plans(
         first=np.searchsorted(candidates.x, states),
         plan=candidates.plan,
         observation_counts=candidates.observation_counts,
         expected_percepts=candidates.expected_percepts,
-        row=np.empty((0, 0), np.int64),
-        table=np.empty((0, 0, 0)),
+        row=row,
+        table=table,
     )
-    return retabulate(plans, model, capacity)
 
 
-def retabulate(plans: Plans, model: MOMDPArrays, capacity: int = bayes_error.OUTCOMES) -> Plans:
-    """Tabulate the errors of plans in a MOMDP; equal percepts of an attribute share a row."""
+def retabulate(plans: Plans, model: MOMDPArrays) -> Plans:
+    """Return the plans with their errors in another MOMDP of the diagram."""
+    row, table = _tabulate(model, plans.observation_counts, bayes_error.OUTCOMES)
+    return plans._replace(row=row, table=table)
+
+
+def _tabulate(model: MOMDPArrays, observation_counts: Ints, capacity: int) -> tuple[Ints, Floats]:
+    """Tabulate the errors of plans by their percepts (J,E); equal ones of an attribute share a row.
+
+    Returns the rows (J,N) of the plans in the table, and the table (T,G,C); see `Plans`.
+    """
     percepts = model.percepts
-    rows, counts = [], []
+    row = []
+    counts = []
     attribute: list[int] = []
-    n_rows = 0
     for i, informative in enumerate(percepts.informative):
-        informing = plans.observation_counts * informative
-        first, place = distinct(informing)
-        rows.append(place + n_rows)
-        counts.append(informing[first])
-        attribute.extend(itertools.repeat(i, len(first)))
-        n_rows += len(first)
-    table = np.empty((n_rows, bayes_error.THRESHOLDS, percepts.rows.shape[2]))
+        informing = observation_counts * informative
+        representative, number = distinct(informing)
+        row.append(len(attribute) + number)
+        counts.append(informing[representative])
+        attribute.extend(itertools.repeat(i, len(representative)))
+    table = np.empty((len(attribute), bayes_error.THRESHOLDS, percepts.rows.shape[2]))
     scratch = bayes_error.make_scratch(percepts, plans=0, rows=0, capacity=capacity)
     if model.conjunction is not None:
         # Of yes or no, hits and false alarms are needed apart, not their sum, the error. As if all
@@ -314,4 +335,4 @@ def retabulate(plans: Plans, model: MOMDPArrays, capacity: int = bayes_error.OUT
     bayes_error.tabulate_errors(
         percepts, np.concatenate(counts), np.array(attribute), scratch, table
     )
-    return plans._replace(row=np.column_stack(rows), table=table)
+    return np.column_stack(row), table

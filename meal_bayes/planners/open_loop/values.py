@@ -13,7 +13,13 @@ from numpy.typing import NDArray
 from meal_bayes.arrays import Floats, Ints
 from meal_bayes.planners.jit import called_kernel, kernel
 from meal_bayes.planners.momdp_arrays import MOMDPArrays
-from meal_bayes.planners.open_loop.bayes_error import SPAN, Scratch, make_scratch, plan_error
+from meal_bayes.planners.open_loop.bayes_error import (
+    SPAN,
+    Scratch,
+    make_scratch,
+    mean_reward,
+    plan_error,
+)
 from meal_bayes.planners.open_loop.yes_or_no import planned_yes_or_no, yes_or_no_value
 
 COMPUTED = 6  # plans of a first behavior that are computed at one belief, at most
@@ -91,7 +97,8 @@ def stop_value(model, conjunction, x, prob):
         b = true_chance(model.percepts, prob, i)
         # Eq. 5 asks for all attributes: Pr(right) is the product of the likelier values'.
         right *= max(b, 1.0 - b)
-    return max(model.incorrect + model.reward_range * right, model.dynamics.exit_value)
+    report = mean_reward(model.incorrect, model.reward_range, right)
+    return max(report, model.dynamics.exit_value)
 
 
 @kernel
@@ -158,7 +165,8 @@ def _plan_value(evaluator, conjunction, j, prob, floor, exact):
     model = evaluator.model
     plans = evaluator.plans
     scratch = evaluator.scratch
-    # V = g r- - c + bonus + g (r+ - r-) prod_i (1 - err_i), which falls with every attribute.
+    # V = bonus - c + g `mean_reward` = base + reward, which falls with every attribute:
+    # base = bonus - c + g r-, and reward = g (r+ - r-) prod_i (1 - err_i) so far.
     plan = plans.plan[j]
     if conjunction is not None:
         pay = -plan.cost
@@ -195,7 +203,7 @@ def _is_tabled(evaluator, j):
     for e in range(total.shape[0]):
         counts = evaluator.plans.observation_counts[j, e]
         # Percepts of a row that is not known are exchangeable, not independent: earlier ones count.
-        if counts > 0 and not percepts.known[e] and total[e] > 0.0:
+        if counts > 0 and not percepts.rows_known[e] and total[e] > 0.0:
             return False
         if counts > percepts.limit[e] - total[e]:
             return False

@@ -11,7 +11,7 @@ time.
 import numpy as np
 
 from meal_bayes.planners.jit import kernel
-from meal_bayes.planners.open_loop.bayes_error import SPAN, plan_rates
+from meal_bayes.planners.open_loop.bayes_error import SPAN, mean_reward, plan_rates
 
 _ROUNDS = 3  # in which the thresholds are improved
 
@@ -19,8 +19,8 @@ _ROUNDS = 3  # in which the thresholds are improved
 @kernel
 def yes_or_no_value(conjunction, x, holds):
     """Compute the value of the best of assertion and denial in x at Pr(all literals hold)."""
-    affirm = conjunction.wrong_assertion + conjunction.assertion_gain * holds
-    deny = conjunction.wrong_denial + conjunction.denial_gain * (1.0 - holds)
+    affirm = mean_reward(conjunction.wrong_assertion, conjunction.assertion_gain, holds)
+    deny = mean_reward(conjunction.wrong_denial, conjunction.denial_gain, 1.0 - holds)
     return max(affirm - conjunction.assertion_cost[x], deny - conjunction.denial_cost[x])
 
 
@@ -131,7 +131,7 @@ def planned_yes_or_no(evaluator, j, prob, floor, exact):
     saved = conjunction.denial_cost[x] - conjunction.assertion_cost[x]
     gain = conjunction.gain + saved
     loss = conjunction.loss - saved
-    deny = conjunction.wrong_denial + conjunction.denial_gain * (1.0 - holds)
+    deny = mean_reward(conjunction.wrong_denial, conjunction.denial_gain, 1.0 - holds)
     deny -= conjunction.denial_cost[x]
     if deny + gain * holds <= floor:  # with percepts that tell all
         return deny + gain * holds
