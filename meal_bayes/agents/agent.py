@@ -79,9 +79,9 @@ class Agent:
     trained_by: "Agent | None" = None
 
     def __post_init__(self) -> None:
-        if fault := name_fault(self.name):
+        fault = name_fault(self.name)
+        if fault:
             raise SettingsError(f"The agent's name {self.name!a:.60} {fault}; rename it.")
-
         try:
             inspect.signature(self.solver).bind("a domain", "a query")
         except (TypeError, ValueError):

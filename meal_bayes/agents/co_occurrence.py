@@ -55,14 +55,14 @@ class CoOccurrence(FrozenArrays):
 
     def moved(self, before: "CoOccurrence", attributes: int) -> NDArray[np.bool_]:
         """Return of which attributes (P,) a pair is not what it was."""
-        now, then = (
-            {(*pair, *probability) for pair, probability in zip(pairs, probabilities, strict=True)}
-            for pairs, probabilities in (
-                (known.pairs.tolist(), known.probability.tolist()) for known in (self, before)
-            )
-        )
-        changed = [int(place) for row in now ^ then for place in row[:2]]
-        return np.isin(np.arange(attributes), changed)
+        changed = self._rows() ^ before._rows()
+        places = [int(place) for row in changed for place in row[:2]]
+        return np.isin(np.arange(attributes), places)
+
+    def _rows(self) -> set[tuple[float, ...]]:
+        """Return each pair's places and probabilities."""
+        rows = zip(self.pairs.tolist(), self.probability.tolist(), strict=True)
+        return {(*pair, *probability) for pair, probability in rows}
 
 
 NOTHING = CoOccurrence(np.empty((0, 2), np.int64), np.empty((0, 4)), np.empty(0))
@@ -106,7 +106,7 @@ def learn_co_occurrence(domain: Domain, labels: NDArray[np.int8], rates: Floats)
 def joint_prior(
     query: Query,
     rates: Floats,
-    known: CoOccurrence,
+    co_occurrence: CoOccurrence,
     columns: Sequence[int],
     told: NDArray[np.float64] | None = None,
 ) -> Floats | None:
@@ -118,7 +118,7 @@ def joint_prior(
         The N attributes asked.
     rates : NDArray[np.float64]
         (N,) their base rates.
-    known : CoOccurrence
+    co_occurrence : CoOccurrence
         Pairs that are coupled.
     columns : Sequence[int]
         (N,) places of the attributes in the domain.
@@ -126,16 +126,16 @@ def joint_prior(
         (N,) Pr(attribute is true) of those that a person told of this object, NaN of the others,
         which then follow from them.
     """
-    chosen = known.among(columns)
-    if not len(chosen) or query.n_values > MOST_VALUES:
+    coupled = co_occurrence.among(columns)
+    if not len(coupled) or query.n_values > MOST_VALUES:
         return None
     values = query.values
     place = {column: number for number, column in enumerate(columns)}
     pairs = []
-    for number in chosen.tolist():
-        first, second = (place[column] for column in known.pairs[number].tolist())
+    for number in coupled.tolist():
+        first, second = (place[column] for column in co_occurrence.pairs[number].tolist())
         cell = 2 * values[:, first].astype(np.int64) + values[:, second]
-        pairs.append(_Margin(cell, known.probability[number]))
+        pairs.append(_Margin(cell, co_occurrence.probability[number]))
     singles = [_single(values, i, float(rate)) for i, rate in enumerate(rates)]
     grouped = np.isin(np.arange(len(query)), [i for group in query.groups for i in group])
     joint = np.where(values, rates, np.where(grouped, 1.0, 1.0 - rates)).prod(axis=1)
@@ -174,12 +174,12 @@ def _with_margins(weights: Floats, p: Floats, q: Floats) -> Floats:
     root = np.sqrt(linear**2 - 4.0 * ratio * (ratio - 1.0) * p * q)
     # Two forms of one root; each is free of cancellation where it is taken.
     low = linear < 0.0  # only with a ratio below 1
-    both = np.where(
+    p_both = np.where(
         low,
         (linear - root) / np.where(low, 2.0 * (ratio - 1.0), 1.0),
         2.0 * ratio * p * q / np.where(low, 1.0, linear + root),
     )
-    return np.stack([1.0 - p - q + both, q - both, p - both, both], axis=1)
+    return np.stack([1.0 - p - q + p_both, q - p_both, p - p_both, p_both], axis=1)
 
 
 def _single(values: NDArray[np.bool_], i: int, rate: float) -> _Margin:
@@ -190,9 +190,9 @@ def _fitted(joint: Floats, margins: Iterable[_Margin]) -> Floats:
     """Fit a joint distribution (Y,) to margins, one after the other until nothing changes."""
     margins = list(margins)
     for _ in range(_SWEEPS):
-        before = joint
+        last_joint = joint
         for cell, sums in margins:
             joint = joint * (sums / np.bincount(cell, joint, len(sums)))[cell]
-        if np.abs(joint - before).max() < _FITTED:
+        if np.abs(joint - last_joint).max() < _FITTED:
             break
     return joint

@@ -141,8 +141,8 @@ def _value_rates(labels: NDArray[np.int8]) -> NDArray[np.float64]:
     for _ in range(_ROUNDS):
         shared = possible * rates
         counts = (shared / shared.sum(axis=1, keepdims=True)).sum(axis=0)
-        new = (counts + 1.0) / (len(possible) + n_values)
-        if np.allclose(new, rates, rtol=0.0, atol=_SAME):
-            return np.asarray(new)
-        rates = new
+        updated = (counts + 1.0) / (len(possible) + n_values)
+        if np.allclose(updated, rates, rtol=0.0, atol=_SAME):
+            return np.asarray(updated)
+        rates = updated
     return rates

@@ -70,19 +70,20 @@ def prices(gain: Floats, variance_explained: Floats, questions: Floats, costs: F
     """
     r, e, z = gain.shape
     moves = _transitions(variance_explained.reshape(r * e, -1))
-    left = np.repeat(np.broadcast_to(questions, (r, len(AHEAD))), e, axis=0)
-    alone = _index(gain.reshape(r * e, z), moves, left).reshape(r, e)
+    to_come = np.repeat(np.broadcast_to(questions, (r, len(AHEAD))), e, axis=0)
+    alone = _index(gain.reshape(r * e, z), moves, to_come).reshape(r, e)
     if e == 1:
         return alone
     lead = (alone - costs).argmax(axis=1)[:, None]
     leads = np.take_along_axis(alone - costs, lead, axis=1) > 0
     # What the leader's gain will be, once it is learned as far as questions allow.
-    last = np.sqrt(variance_explained[..., -1])[..., None]
-    ahead = np.take_along_axis(_at(gain, last * _Z), lead[..., None], axis=1)[:, 0]  # (R,Z)
-    least = np.maximum(ahead, 0.0)
-    both = np.maximum(gain[..., None], ahead[:, None, None]) @ _NORMAL  # (R,E,Z)
-    added = both - (least @ _NORMAL)[:, None, None]
-    beside = _index(added.reshape(r * e, z), moves, left).reshape(r, e)
+    explained_in_the_end = np.sqrt(variance_explained[..., -1])[..., None]
+    lead_gain = _at(gain, explained_in_the_end * _Z)
+    lead_gain = np.take_along_axis(lead_gain, lead[..., None], axis=1)[:, 0]  # (R,Z)
+    # E max(gain, the leader's) less E of the leader's: what is added to it.
+    best_gain = np.maximum(gain[..., None], lead_gain[:, None, None]) @ _NORMAL  # (R,E,Z)
+    added = best_gain - (np.maximum(lead_gain, 0.0) @ _NORMAL)[:, None, None]
+    beside = _index(added.reshape(r * e, z), moves, to_come).reshape(r, e)
     return np.where(leads & (np.arange(e) != lead), beside, alone)
 
 
@@ -128,8 +129,11 @@ def _index(gain: Floats, moves: Floats, questions: Floats) -> Floats:
             pay = np.einsum("nzj,nj->nz", moves[:, stage], pay)
             taken = np.einsum("nzj,nj->nz", moves[:, stage], taken)
             if stage:
-                now, so_far = questions[:, stage - 1, None] * gain, AHEAD[stage - 1]
-                goes_on = pay - price[:, None] * taken > now - price[:, None] * so_far
-                pay, taken = np.where(goes_on, pay, now), np.where(goes_on, taken, so_far)
+                # Going on is worth what it pays less the price of the objects that it takes.
+                pay_now = questions[:, stage - 1, None] * gain
+                taken_now = AHEAD[stage - 1]
+                goes_on = pay - price[:, None] * taken > pay_now - price[:, None] * taken_now
+                pay = np.where(goes_on, pay, pay_now)
+                taken = np.where(goes_on, taken, taken_now)
         price = np.maximum(price, pay[:, _MIDDLE] / taken[:, _MIDDLE])
     return price

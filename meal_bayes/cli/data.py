@@ -233,12 +233,14 @@ def _coupled(table: "PerceptTable | Dataset") -> "list[dict[str, Any]]":
         pair = known.pairs[number].tolist()
         labeled = labels[(labels[:, pair] >= 0).all(axis=1)][:, pair]
         expected = float((labeled == 1).mean(axis=0).prod()) * len(labeled)
-        together.append({
-            "attributes": [table.domain.attributes[place] for place in pair],
-            "both": int(labeled.all(axis=1).sum()),
-            "objects": len(labeled),
-            "if_independent": round(expected, 1),
-        })  # fmt: skip
+        together.append(
+            {
+                "attributes": [table.domain.attributes[place] for place in pair],
+                "both": int(labeled.all(axis=1).sum()),
+                "objects": len(labeled),
+                "if_independent": round(expected, 1),
+            }
+        )
     return together
 
 

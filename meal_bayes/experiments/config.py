@@ -200,14 +200,14 @@ def _checked(agents: Iterable[Any], seed: int, reward: float | None) -> tuple[Ag
     check_whole("seed", seed)
     if reward is not None:
         LearnerSettings(reward=reward)
-    chosen = tuple(as_agent(value) for value in agents)
-    names = [agent.name for agent in chosen]
+    named = tuple(as_agent(value) for value in agents)
+    names = [agent.name for agent in named]
     for name in names:
         if names.count(name) > 1:
             raise SettingsError(
                 f"Agent {name!r} is named twice; name each once. Two planners of one class are "
                 "told apart by an attribute `name`."
             )
-    if not chosen:
+    if not named:
         raise SettingsError("No agent named; name at least one.")
-    return chosen
+    return named

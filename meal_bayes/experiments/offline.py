@@ -303,8 +303,8 @@ def _draws(
     """Draw pairs one by one, none twice before all have come."""
     drawn: set[_Pair] = set()
     while True:
-        chosen = sorted(rng.choice(len(names), size=n, replace=False))
-        pair = int(rng.integers(n_objects)), tuple(names[i] for i in chosen)
+        columns = sorted(rng.choice(len(names), size=n, replace=False))
+        pair = int(rng.integers(n_objects)), tuple(names[i] for i in columns)
         if pair in drawn:
             continue
         drawn.add(pair)
@@ -321,8 +321,8 @@ def _grouped(
     false = list[_Pair]()
     labels = dict(zip(table.domain.attributes, table.labels.T, strict=True))
     for o in range(len(table.objects)):
-        for chosen in itertools.combinations(groups, n):
-            for attributes in itertools.product(*chosen):
+        for of_query in itertools.combinations(groups, n):
+            for attributes in itertools.product(*of_query):
                 values = [int(labels[name][o]) for name in attributes]
                 if min(values) >= 0:
                     (true if all(values) else false).append((o, attributes))
@@ -332,8 +332,8 @@ def _grouped(
         )
     if not true or not false:
         return _rounds(true + false, rng)
-    both = zip(_rounds(true, rng), _rounds(false, rng), strict=True)
-    return itertools.chain.from_iterable(both)
+    in_turn = zip(_rounds(true, rng), _rounds(false, rng), strict=True)
+    return itertools.chain.from_iterable(in_turn)
 
 
 def _rounds(pairs: list[_Pair], rng: np.random.Generator) -> Iterator[_Pair]:

@@ -40,8 +40,8 @@ def learnable(table: PerceptTable) -> tuple[str, ...]:
     for p in np.flatnonzero(enough):
         false, true = (yes[truth[:, p] == value, :, p].mean(axis=0) for value in (0, 1))
         best[p] = (true - false).max()
-    chosen = np.sort(np.argsort(-best, kind="stable")[:ASKED])
-    return tuple(table.domain.attributes[p] for p in chosen)
+    columns = np.sort(np.argsort(-best, kind="stable")[:ASKED])
+    return tuple(table.domain.attributes[p] for p in columns)
 
 
 def restricted(dataset: Dataset, attributes: tuple[str, ...]) -> Dataset:
@@ -180,8 +180,8 @@ class Protocol:
         """Test tasks, the same after every batch: each (object, query) once, 340 at most."""
         pairs = self._pairs(self.split.test)
         rng = stream(self.seed, "tests", self.dataset.domain.data, self.attributes, self.repeat)
-        chosen = rng.permutation(len(pairs))[:_TESTS]
-        tasks = (self._task("test", 0, i, pairs[j]) for i, j in enumerate(chosen.tolist()))
+        order = rng.permutation(len(pairs))[:_TESTS].tolist()
+        tasks = (self._task("test", 0, i, pairs[j]) for i, j in enumerate(order))
         return [replace(task, learn=False) for task in tasks]
 
     def training(self, batch: int, trials: int) -> list[Task]:

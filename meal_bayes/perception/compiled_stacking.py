@@ -156,11 +156,11 @@ def fit_stacker(
                 trial[j] = theta[j] + length * step[j]
                 if nonnegative and j > 0 and trial[j] < 0.0:
                     trial[j] = 0.0
-            new = _objective(trial, features, target, weight, ridge, rate=rate)
-            if new <= value + 1e-13 * abs(value):
+            trial_value = _objective(trial, features, target, weight, ridge, rate=rate)
+            if trial_value <= value + 1e-13 * abs(value):
                 break
             length *= 0.5
-        value = new
+        value = trial_value
         for j in range(size):
             theta[j] = trial[j]
     return float(value)

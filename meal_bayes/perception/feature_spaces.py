@@ -242,8 +242,8 @@ def groups_of(
 ) -> Ints:
     """Return what each object (O,) is left out with: itself, or a fold where there are many."""
     names = np.arange(objects)
-    many = any(recordings.large for recordings in behaviors)
-    return dealt(names, settings.folds) if many else names
+    large = any(recordings.large for recordings in behaviors)
+    return dealt(names, settings.folds) if large else names
 
 
 def _coarse(features: Floats) -> bool:
@@ -282,8 +282,8 @@ def fit_spaces(
                 "say is lost. Take their offset away before they are given.",
                 stacklevel=2,
             )
-        every = space.standardize(values.reshape(-1, values.shape[2]))
-        spaces[context] = replace(space, rows=every)
+        standardized = space.standardize(values.reshape(-1, values.shape[2]))
+        spaces[context] = replace(space, rows=standardized)
     return spaces
 
 

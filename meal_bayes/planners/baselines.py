@@ -117,12 +117,12 @@ class Predefined:
 
     def _next(self, momdp: MOMDP, history: History, rng: np.random.Generator) -> Decision:
         position = 0
-        before = momdp.start
-        for perceived, after in zip(history.perceived, history.moved, strict=True):
+        x = momdp.start
+        for perceived, next_x in zip(history.perceived, history.moved, strict=True):
             # A failure leaves no trace: no percept, and the state as it was.
-            failed = not perceived and after == before
+            failed = not perceived and next_x == x
             position += not (failed and self.persistent)
-            before = after
+            x = next_x
         if position < len(self.sequence):
             behavior = momdp.behavior_names.index(self.sequence[position])
             if momdp.legal[history.belief.x, behavior]:

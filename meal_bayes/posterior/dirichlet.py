@@ -111,8 +111,8 @@ class ConfusionPosterior:
         s = self.dispersion
         a = self.concentration.sum(axis=-1)
         with np.errstate(invalid="ignore"):
-            both = s * a / (s + a + 1)
-        return freeze(np.where(np.isnan(both), np.minimum(s, a), both))
+            combined = s * a / (s + a + 1)
+        return freeze(np.where(np.isnan(combined), np.minimum(s, a), combined))
 
     @property
     def youden(self) -> NDArray[np.float64]:
@@ -144,10 +144,10 @@ class ConfusionPosterior:
         before : ArrayLike, optional
             (P,E,2,K) those of them that have been counted; none of a new object.
         """
-        new = np.asarray(counts, dtype=float)
-        old = np.zeros(self.counts.shape) if before is None else np.asarray(before, dtype=float)
-        concentration = self.concentration + (self._effective(new) - self._effective(old))
-        return type(self)(self.counts + (new - old), concentration, self.dispersion)
+        final = np.asarray(counts, dtype=float)
+        counted = np.zeros(self.counts.shape) if before is None else np.asarray(before, dtype=float)
+        concentration = self.concentration + (self._effective(final) - self._effective(counted))
+        return type(self)(self.counts + (final - counted), concentration, self.dispersion)
 
     def _effective(self, counts: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the independent percepts that those of one object are worth."""

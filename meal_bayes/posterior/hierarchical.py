@@ -224,11 +224,11 @@ def _score(patterns: Ints, mean: Any, s: Any) -> Any:
     k = patterns[:, 2:]
     n = k.sum(axis=-1)
     log_rising = _rising(s[..., None] * mean, int(k.max()))  # (P,E,2,K,I+1)
-    every = _rising(s, int(n.max()))  # (P,E,2,J+1)
+    log_total = _rising(s, int(n.max()))  # (P,E,2,J+1)
     level = np.arange(k.shape[-1])
     seen = log_rising[p[:, None], e[:, None], :, level, k].sum(axis=1)  # (U,2)
     ways = gammaln(n + 1) - gammaln(k + 1).sum(axis=-1)  # in which the same counts come about
-    return ways[:, None] + seen - every[p, e, :, n]
+    return ways[:, None] + seen - log_total[p, e, :, n]
 
 
 def _rising(x: Any, most: int) -> Any:

@@ -30,8 +30,8 @@ _CLASSIC = az.__version__.startswith("0.")
 
 def to_idata(posterior: xr.Dataset, **groups: xr.Dataset) -> Any:
     """Build an InferenceData (0.x) or DataTree (1.x) of draws, and of groups by their names."""
-    every = {"posterior": posterior, **groups}
-    return az.InferenceData(**every) if _CLASSIC else xr.DataTree.from_dict(every)
+    of_group = {"posterior": posterior, **groups}
+    return az.InferenceData(**of_group) if _CLASSIC else xr.DataTree.from_dict(of_group)
 
 
 def summary_of(idata: Any) -> Any:

@@ -200,9 +200,9 @@ class _Evidence:
         repeated = table.reshape(*rows.shape[:2], -1) @ self.one_hot_counts  # (V,M,O)
         single = np.log(rows).astype(np.float32) @ self.single_recordings  # (V,M,D x O)
         # Behaviors are independent given the trait: the pairs of an attribute add up.
-        both = np.concatenate([repeated, single], axis=2)
-        summed = self.pairs_of_attribute @ both.reshape(len(rows), -1)
-        joint = summed.reshape(-1, *both.shape[1:])  # (A,M,(1+D) x O)
+        log_percepts = np.concatenate([repeated, single], axis=2)
+        summed = self.pairs_of_attribute @ log_percepts.reshape(len(rows), -1)
+        joint = summed.reshape(-1, *log_percepts.shape[1:])  # (A,M,(1+D) x O)
         loss = _loss(repeated, log_classes, *self.by_behavior)
         loss += _loss(joint, log_classes, *self.joint)
         return loss + 0.5 * trait.sd**2 / self.n_perceived

@@ -113,8 +113,9 @@ class TrialOutcomes:
             "truth": ~np.isin(self.truth, (-1, 0, 1)) | ((self.truth >= 0) & ~asked),
             "report": ~np.isin(self.report, (-1, 0, 1))
             | (answered != (asked & answered.any(axis=1, keepdims=True))),
-            "positive": np.where(asked, ~((self.positive >= 0) & (self.positive <= 1)),
-                                 ~np.isnan(self.positive)),
+            "positive": np.where(
+                asked, ~((self.positive >= 0) & (self.positive <= 1)), ~np.isnan(self.positive)
+            ),
             "cost": ~np.isfinite(self.cost),
             "certainty": ~((self.certainty >= 0) & (self.certainty <= 1 + _ROUNDING)),
             "reward": np.isinf(self.reward),
@@ -122,7 +123,7 @@ class TrialOutcomes:
             "executed": self.executed < self.failed,
             "failed": self.failed < 0,
             "object_index": self.object_index < -1,
-        }  # fmt: skip
+        }
         for name, places in wrong.items():
             for row in np.argwhere(places)[:1, 0]:
                 raise SettingsError(f"{name} of row {row} is {getattr(self, name)[row]}.")

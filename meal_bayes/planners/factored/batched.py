@@ -39,7 +39,7 @@ class Buffers(NamedTuple):
     """What the kernel writes: G beliefs, E behaviors, X states without the terminal one."""
 
     value: Floats  # (X,G)
-    kept: Floats  # (X,G) of the last problem that others start from
+    earlier_value: Floats  # (X,G) of the last problem that others start from
     best: Floats  # (G,)
     raised: Floats  # (G,)
     prob: Floats  # (E,2,G) Pr(no), Pr(yes)
@@ -70,10 +70,12 @@ def batched_value_iteration(
     belief = 1 / (1 + np.exp(-grid))
     report = momdp.reports.of_right(np.maximum(belief, 1 - belief)[:, None])
     floor = np.maximum(report, dynamics.exit_value)  # (G,)
-    states, e, points = momdp.terminal, momdp.n_behaviors, len(grid)
+    states = momdp.terminal
+    e = momdp.n_behaviors
+    points = len(grid)
     scratch = Buffers(
         value=np.zeros((states, points)),
-        kept=np.zeros((states, points)),
+        earlier_value=np.zeros((states, points)),
         best=np.zeros(points),
         raised=np.zeros(points),
         prob=np.zeros((e, 2, points)),
@@ -100,12 +102,14 @@ def batched_value_iteration(
 @entry_kernel
 def _solve_each(step, branch, problems, scratch, values):
     """Solve problem after problem, and write each one's value at its prior."""
-    value, floor, start = scratch.value, problems.floor, problems.start
+    value = scratch.value
+    floor = problems.floor
+    start = problems.start
     points = len(floor)
     for b in range(len(values)):
         for x in range(len(value)):
             for g in range(points):
-                value[x, g] = floor[g] if problems.worse[b] else scratch.kept[x, g]
+                value[x, g] = floor[g] if problems.worse[b] else scratch.earlier_value[x, g]
         _lay_out_percepts(problems.rates[b], problems.belief, problems.width, scratch)
         # Value iteration on the grid: each sweep is a Bellman backup of all x, until nothing moves.
         for _ in range(_SWEEPS):
@@ -114,7 +118,7 @@ def _solve_each(step, branch, problems, scratch, values):
         for x in range(len(value)):
             for g in range(points):
                 if problems.worse[b]:
-                    scratch.kept[x, g] = value[x, g]
+                    scratch.earlier_value[x, g] = value[x, g]
         # V at the prior, linear between the two points beside its log-odds.
         low = min(int(problems.at[b]), points - 2)
         fraction = problems.at[b] - low
@@ -139,7 +143,10 @@ def _lay_out_percepts(rates, belief, width, scratch):
 @kernel
 def _sweep(step, branch, floor, scratch):
     """Back up the values of every x once, latest first; return the largest change."""
-    value, best, raised, points = scratch.value, scratch.best, scratch.raised, len(floor)
+    value = scratch.value
+    best = scratch.best
+    raised = scratch.raised
+    points = len(floor)
     largest = 0.0
     for x in range(len(value) - 1, -1, -1):
         for g in range(points):
@@ -150,7 +157,8 @@ def _sweep(step, branch, floor, scratch):
             for g in range(points):
                 raised[g] = 0.0
             for k in range(branch.shape[2]):
-                p, to = branch[x, e, k].p, branch[x, e, k].x
+                p = branch[x, e, k].p
+                to = branch[x, e, k].x
                 if p > 0 and branch[x, e, k].senses:
                     _add_expected(p, value[to], e, scratch)
                 elif p > 0:
@@ -170,13 +178,20 @@ def _add_expected(p, value, e, scratch):
     """Add p E V(x', b') to each belief's value, by linear interpolation between its neighbors."""
     points = len(value)
     for z in range(2):
-        low, fraction = scratch.low[e, z], scratch.fraction[e, z]
+        low = scratch.low[e, z]
+        fraction = scratch.fraction[e, z]
         for g in range(points):
-            below, above = g + low, g + low + 1
+            below = g + low
+            above = below + 1
             part = fraction
+            # Beyond the grid values are those of its ends.
             if below < 0:
-                below, above, part = 0, 0, 0.0
+                below = 0
+                above = 0
+                part = 0.0
             elif above > points - 1:
-                below, above, part = points - 1, points - 1, 0.0
+                below = points - 1
+                above = points - 1
+                part = 0.0
             expected = value[below] + part * (value[above] - value[below])
             scratch.raised[g] += p * scratch.prob[e, z, g] * expected

@@ -13,7 +13,8 @@ from meal_bayes.planners.jit import NO_BEHAVIOR, entry_kernel, kernel
 
 _EQUAL = 1e-12  # rows of truths that differ by less, which is rounding, are equal
 _WIDEST = 10.0  # log-odds that an axis reaches from the prior, at most; certainty follows
-_NEAREST, _STEP = 1.3, 0.15  # reach of an even axis of m points: 1.3 + 0.15 m, at least
+_NEAREST = 1.3  # reach of an even axis of m points: 1.3 + 0.15 m, at least
+_STEP = 0.15
 _PERCEPTS = 1.5  # of the sharpest behavior that it reaches, at least; clean5 then earns 441.6 +- .5
 
 
@@ -59,8 +60,8 @@ def refine(table: Table, attribute: int, axis: Floats) -> Table:
     axes = table.axes
     low, fraction = between(axes[attribute], axis)
     high = np.minimum(low + 1, len(axes[attribute]) - 1)
-    left = len(table.value) * int(table.size[:attribute].prod())
-    old = table.value.reshape(left, len(axes[attribute]), -1)
+    leading = len(table.value) * int(table.size[:attribute].prod())
+    old = table.value.reshape(leading, len(axes[attribute]), -1)
     below = old[:, low]
     above = old[:, high]
     # U(new point) = (1 - w) U(below) + w U(above), in place: tables fill the memory.
@@ -100,8 +101,8 @@ def make_axis(momdp: MOMDP, attribute: int, level: int) -> Floats:
     ratio = (momdp.correct - momdp.incorrect) / max(float(momdp.cost.min()), 1e-9)
     reach = float(np.clip(np.log(max(ratio, 1.0)), _WIDEST / 2, _WIDEST))
     even = np.linspace(0.0, reach / 2, 2**level + 1)
-    rest = np.linspace(reach / 2, reach, max(2**level // 2, 1) + 1)
-    half = np.concatenate([even, rest[1:]])
+    sparse = np.linspace(reach / 2, reach, max(2**level // 2, 1) + 1)
+    half = np.concatenate([even, sparse[1:]])
     # A percept adds ln Pr(z | true) / Pr(z | false) to the log-odds: even steps fit all of them.
     odds = momdp.prior[attribute] / (1 - momdp.prior[attribute])
     log_odds = np.log(odds) + np.concatenate([-half[:0:-1], half])

@@ -242,10 +242,10 @@ class _ValueIteration:
             if len(tried) > 1:
                 tried = {i: self._swept(candidate, sweeps=1) for i, candidate in tried.items()}
                 best = max(tried, key=lambda i: merit(tried[i]))
-            chosen = self._swept(tried[best])
-            fall = self._at_start(table) - self._at_start(chosen)
+            refined = self._swept(tried[best])
+            fall = self._at_start(table) - self._at_start(refined)
             fine = fine | {best} if fall <= self.tolerance else set()
-            table = chosen
+            table = refined
             finer[best] += 1
 
     def estimate(self, bounds: Table, points: int) -> Table:
@@ -277,7 +277,8 @@ class _ValueIteration:
 
     def _coarsest(self, points: int) -> Table:
         """Build the coarsest grid, of a constant that no value exceeds."""
-        momdp, moves = self.momdp, np.asarray(self.edges.moves.any(axis=1))
+        momdp = self.momdp
+        moves = np.asarray(self.edges.moves.any(axis=1))
         axes = [
             grid.make_axis(momdp, i, 0) if moved else momdp.prior[i : i + 1]
             for i, moved in enumerate(moves.tolist())

@@ -217,9 +217,9 @@ def _update(backups, value, x, scratch, ending):
         # min(U, T U): what is an upper bound stays one, and only falls.
         change = 0.0
         for b in range(points):
-            new = scratch[1, b] if ending.smooth else min(scratch[1, b], value[x, b])
-            change = max(change, abs(value[x, b] - new))
-            value[x, b] = new
+            backed_up = scratch[1, b] if ending.smooth else min(scratch[1, b], value[x, b])
+            change = max(change, abs(value[x, b] - backed_up))
+            value[x, b] = backed_up
             scratch[1, b] = scratch[0, b]
         changed = max(changed, change)
         if ending.smooth or not loops or change <= max(ending.settled, _LOOPED * changed):
