@@ -277,9 +277,9 @@ def values_ahead(
     rates[np.arange(len(pair)), behavior] = problems[pair, behavior, node]
     everything = np.concatenate([rates, now])
     prior = np.concatenate([knowledge.base_rates[pair], knowledge.base_rates])
-    first = np.concatenate([node == 0, np.ones(p, np.bool_)])
+    uninformed = np.concatenate([node == 0, np.ones(p, np.bool_)])
     momdp = _one_question(knowledge.domain, progress)
-    values = batched_value_iteration(momdp, everything, prior, first)
+    values = batched_value_iteration(momdp, everything, prior, uninformed)
     value = np.empty((p, e, 1 + z))
     value[:] = np.where(informs, 0.0, np.nan)
     value[pair, behavior, node] = values[: len(pair)]

@@ -101,9 +101,9 @@ def _coupled_truths(
     log_likelihood = np.where(np.isneginf(alone), 0.0, of_truth - alone)
     for group in map(list, momdp.query.groups):
         log_likelihood[..., group, :] *= 1 - 1 / len(group)
-    chosen = values.astype(np.intp)
+    truth = values.astype(np.intp)  # of each attribute, by values
     attributes = np.arange(len(momdp.query))
-    log_joint = np.log(joint) + log_likelihood[..., attributes, chosen].sum(axis=-1)  # (...,Y)
+    log_joint = np.log(joint) + log_likelihood[..., attributes, truth].sum(axis=-1)  # (...,Y)
     log_joint -= np.logaddexp.reduce(log_joint, axis=-1, keepdims=True)
     true, false = (
         np.logaddexp.reduce(np.where(holds, log_joint[..., None], -np.inf), axis=-2)

@@ -248,7 +248,7 @@ class Prospector:
     def _policy(self, outside: float) -> Policy:
         """Return the policy of the problem in which "no" pays so much, less putting down."""
         payoffs = self.momdp.reports.payoffs._replace(right_no=outside, wrong_no=outside)
-        left = self._way.discount * outside - self._way.cost
+        worth_leaving = self._way.discount * outside - self._way.cost
         problem = replace(
             self.momdp,
             payoffs=payoffs,
@@ -256,7 +256,7 @@ class Prospector:
             incorrect=min(payoffs),
             abstain=False,
             # "None of them" can be answered with a full hand, too.
-            no_cost=outside - np.maximum(left, self.outside[0]),
+            no_cost=outside - np.maximum(worth_leaving, self.outside[0]),
         )
         return self._solve(problem)
 
@@ -328,11 +328,11 @@ def ways_back(momdp: MOMDP, leave: NDArray[np.bool_], discount: float = 1.0) -> 
 
     for _ in range(len(leave)):
         # c(x) = min over e of (cost_e + g sum over x' != x of Pr(x') c(x')) / (1 - g Pr(x))
-        known = np.isfinite(cost)
-        lost = (reached & ~known).sum(axis=2) - ((stays > 0) & ~known)
+        leads_back = np.isfinite(cost)
+        lost = (reached & ~leads_back).sum(axis=2) - ((stays > 0) & ~leads_back)
         moves = momdp.legal.T & (stays < 1.0) & (lost == 0)
         remaining = 1.0 - discount * np.where(moves, stays, 0.0)
-        way = momdp.expected_cost().T + discount * onward(np.where(known, cost, 0.0))
+        way = momdp.expected_cost().T + discount * onward(np.where(leads_back, cost, 0.0))
         way = np.where(moves, way / remaining, np.inf)
         best = way.argmin(axis=0)
         better = way.min(axis=0) < cost

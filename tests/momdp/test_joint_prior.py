@@ -173,3 +173,14 @@ def test_what_is_no_distribution_over_the_values_is_refused(joint):
     momdp = build_momdp(domain, Query(("a", "b")), np.full((2, len(domain.behaviors), 2, 2), 0.5))
     with pytest.raises(SettingsError, match="joint"):
         with_joint_prior(momdp, joint)
+
+
+def test_where_an_event_holds_is_computed_once_for_all_beliefs(monkeypatch):
+    """A trial asks it of every belief that a planner compares, and Y doubles with an attribute."""
+    momdp = problem(np.random.default_rng(0), grouped=False, yes_or_no=True, zeros=False)
+    asked = []
+    probability = Event.probability
+    monkeypatch.setattr(Event, "probability", lambda *args: asked.append(1) or probability(*args))
+    values = {report_value(momdp, initial_belief(momdp)) for _ in range(5)}
+    assert len(values) == 1
+    assert len(asked) <= 1

@@ -5,8 +5,8 @@ percepts. Each step computes them as precisely as it must, from the cheapest to 
 
 - *grow* takes the least that an error can be, from the Bhattacharyya coefficient of the percepts
   (an optimistic bound), so that no plan ends before what could still pay;
-- *sift* takes the most that it can be, by the same coefficient (a pessimistic bound): a plan that
-  is promising by it keeps its promise;
+- *sift* takes the most that it can be, by the same coefficient (a pessimistic bound; of yes or no
+  half of it for misses, half for false alarms): a plan that is promising by it keeps its promise;
 - *compete* enumerates the percepts, cut to yes or no, and merges outcomes that say nearly the same
   where they are more than 256: a bound from above again, and a close one;
 - *complete* does so once more for the winners alone, up to 1,024 outcomes. These tables are what
