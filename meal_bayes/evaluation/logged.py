@@ -19,6 +19,8 @@ from meal_bayes.trials import BatchOutcomes, TrialOutcomes
 
 TRAINING = "train"
 TEST = "test"
+SEARCHED = "searched"  # an object that a search turned to, and may have left for another
+_FIND = "Learner.find"  # command of the logs of a search's trials
 _HOUR = 3600.0  # s
 _NONE = -1  # repeat or batch of a trial whose log names none
 
@@ -35,7 +37,7 @@ class LoggedOutcomes:
     repeat, batch : NDArray[np.int64]
         (n,) -1 where the header names none.
     part : NDArray[np.object_]
-        (n,) "train", "test", or "" of a run without training.
+        (n,) "train", "test", "searched", or "" of a run without training.
     """
 
     outcomes: TrialOutcomes
@@ -94,13 +96,19 @@ class LoggedOutcomes:
     def measured(self, batches: int = 1) -> "LoggedOutcomes":
         """Return the trials that measure the agents.
 
-        Of an online run those are the tests after the last so many batches, else all trials.
+        Of an online run those are the tests after the last so many batches, else all trials but
+        those of searches, which mean nothing apart; these only where there are no others.
         """
         if self.last_batch is None:
-            return self
+            return self if self.searched else self.rows(self.part != SEARCHED)
         # Later tests of some agents only would compare what has learned differently long.
         recent = (self.batch > self.last_batch - batches) & (self.batch <= self.last_batch)
         return self.rows((self.part == "") | ((self.part == TEST) & recent))
+
+    @property
+    def searched(self) -> bool:
+        """Whether all trials are those of searches."""
+        return bool((self.part == SEARCHED).all())
 
     @property
     def heading(self) -> str:
@@ -140,6 +148,9 @@ def place_of(header: Mapping[str, Any]) -> tuple[int, int, str]:
     repeat = header.get("repeat")
     batch = header.get("batch")
     part = header.get("part")
+    config = header.get("config")
+    if isinstance(config, dict) and config.get("command") == _FIND:
+        return _NONE, _NONE, SEARCHED
     in_batch = part in (TRAINING, TEST) and isinstance(batch, int)
     return (
         repeat if isinstance(repeat, int) else _NONE,

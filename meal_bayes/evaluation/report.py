@@ -26,6 +26,8 @@ from meal_bayes.evaluation.worst import (
     chosen_rows,
     lab_sections,
     live_trials,
+    search_finding,
+    searches_section,
     trial_content,
     verdict_of,
     worst_of,
@@ -39,6 +41,7 @@ from meal_bayes.trials.text import outcome_facts
 
 _HOUR = 3600.0  # s
 _SHORT = 0.1  # h, below which a time is shown in s
+_APART = ("Agents", "Attributes", "The worst trials")  # say nothing of a search's trials
 
 Section = dict[str, Any]
 
@@ -113,6 +116,7 @@ class _Shown:
 def _page(logged: LoggedOutcomes, trials: _Shown, logs: Logs, reference: str) -> str:
     """Return the page as HTML."""
     sections = list[Section]()
+    searches = list(logs.searches())
     if logs.problems:
         sections.append({"title": "Warning", "problems": logs.problems, "kind": "warning"})
     if len(logged.outcomes) == 1 and trials.first is not None:
@@ -125,6 +129,12 @@ def _page(logged: LoggedOutcomes, trials: _Shown, logs: Logs, reference: str) ->
         sections += lab_sections(trials.live) if trials.live else []
         sections += sections_of(logged, reference)
         sections.append(_worst(logged, trials))
+    if logged.searched:
+        sections = [section for section in sections if section["title"] not in _APART]
+    if searches:
+        sections.insert(bool(logs.problems), searches_section(searches))
+        finding = "" if logged.searched else head.get("finding", "")
+        head["finding"] = f"{search_finding(searches)} {finding}".strip()
     # A title above nothing would read as a finding.
     sections = [section for section in sections if _says_something(section)]
     sections.append({"title": "The run", "parts": _run(logs)})

@@ -1,4 +1,4 @@
-"""Single trials as sections of a page: the worst of each agent, and those of a robot's lab."""
+"""Trials as sections of a page: the worst of each agent, a robot's lab, searches."""
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
@@ -15,8 +15,9 @@ from meal_bayes.evaluation.statistics import MASS_TEXT
 from meal_bayes.evaluation.summary import mean_effect
 from meal_bayes.files import command_line
 from meal_bayes.trial_log import Group
-from meal_bayes.trials import Trial, TrialOutcomes
+from meal_bayes.trials import Search, Trial, TrialOutcomes
 from meal_bayes.trials.percept_text import attribute_labels
+from meal_bayes.trials.search import search_facts
 from meal_bayes.trials.text import outcome_facts
 
 WORST = 3  # trials of each agent that are kept whole
@@ -127,6 +128,45 @@ def lab_sections(trials: Sequence[Chosen]) -> Iterator[Section]:
     ]
     yield {"title": "The trials", "tables": [table], "parts": parts}
     yield from _progress(newest[::-1])
+
+
+def searches_section(searches: Sequence[tuple[Path, Search]]) -> Section:
+    """Return the searches of a page, by folder: what each turned to, and claimed."""
+    rows = []
+    parts = []
+    for file, search in searches[-_LISTED:]:
+        facts = search_facts(search)
+        turned = facts["turns"]
+        left = [name for name in search.trials if name not in search.turns]
+        if left:
+            turned += f"; not to {', '.join(left)}"
+        words = [facts[name] for name in ("question", "answer", "verdict")]
+        rows.append([file.parent.name, *words, turned, f"{search.cost:.1f}"])
+        explored = []
+        for number, name in enumerate(dict.fromkeys(search.turns)):
+            trial = search.trials[name]
+            chosen = Chosen(file.parent, number, TrialOutcomes.of([trial]), trial)
+            verdict = verdict_of(chosen) if trial.report is not None else ""
+            explored.append(trial_section(chosen) | {"verdict": verdict})
+        parts.append({"title": f"{file.parent.name}: {search.question}", "parts": explored})
+    table = {
+        "head": ["folder", "question", "answer", "verdict", "turned to", "cost, s"],
+        "rows": rows,
+        "texts": (1, 2, 3, 4),
+        "note": "A search turns from one object to another, and claims one, or none. Each that it "
+        "explored has a trial; those that it left end without a report.",
+    }
+    command = command_line("meal-bayes log show", searches[-1][0].parent)
+    shown = parts[-_OPENED:]
+    return {"title": "Searches", "tables": [table], "command": command, "parts": shown}
+
+
+def search_finding(searches: Sequence[tuple[Path, Search]]) -> str:
+    """Say how many searches were right, of those of which that is known, and what one cost."""
+    verdicts = [search.success for _, search in searches if search.success is not None]
+    cost = sum(search.cost for _, search in searches) / len(searches)
+    known = f"{sum(verdicts)} of {len(verdicts)} searches whose truth is known were right"
+    return f"{known}, at {cost:.1f} s a search."
 
 
 def _progress(trials: Sequence[Chosen]) -> Iterator[Section]:

@@ -20,7 +20,8 @@ from meal_bayes.trial_log.feedback import Feedback, FeedbackIndex
 from meal_bayes.trial_log.names import feedback_of, log_files, named_form, stem_of
 from meal_bayes.trial_log.reader import Scan, grouped, read_header, readable_feedback
 from meal_bayes.trial_log.schema import ACTIVE, FEEDBACK_FORM, FULL, SEARCH_FORM, SUFFIX
-from meal_bayes.trials import Trial, TrialOutcomes
+from meal_bayes.trial_log.searches import searches_in
+from meal_bayes.trials import Search, Trial, TrialOutcomes
 
 # Settings that choose trials of a run, or the form of their log, and change none.
 _APART = ("agents", "repeats", "first", "log")
@@ -58,6 +59,7 @@ class Logs:
     def __init__(self, *paths: str | Path) -> None:
         if not paths:
             raise LogError("No log is named; give files, or folders of them.")
+        self._paths = list(map(Path, paths))
         files = {file.resolve(): file for path in paths for file in log_files(path)}
         self.files: Sequence[Path] = list(files.values())
         self.problems: list[str] = []  # grows while trials are read
@@ -113,6 +115,11 @@ class Logs:
             raise LogError(f"{self.files[0]} holds {holds[form]}; name one of their logs.")
         if empty:
             raise LogError(f"{self.files[0]} holds no trial yet.")
+
+    def searches(self) -> Iterator[tuple[Path, Search]]:
+        """Yield the searches of all folders, and the log of each, as far as they can be read."""
+        for path in self._paths:
+            yield from searches_in(path, self.problems.append)
 
     def trials(self) -> Iterator[Trial]:
         """Yield the trials of all files, none of a compact log; errors are those of `groups`."""

@@ -1,9 +1,12 @@
 """`meal-bayes find`: what it prints, logs and refuses."""
 
+import html
 import json
+import re
 
 import pytest
 from click.testing import CliRunner
+from rerun.chunk import RrdReader
 
 from meal_bayes.cli import main
 from meal_bayes.datasets import load_percepts
@@ -72,6 +75,57 @@ def test_a_search_that_ended_in_the_middle_is_shown_as_far_as_it_went(tmp_path):
     assert session.object in page.split("turns")[1]
     session.cancel("the robot is needed elsewhere")
     assert "none; the robot is needed elsewhere" in run("log", "show", str(tmp_path)).stdout
+
+
+@pytest.fixture(scope="module")
+def logs(tmp_path_factory):
+    """The logs of two searches."""
+    folder = tmp_path_factory.mktemp("logs")
+    for question in ("Which one is heavy and blue?", "green"):
+        run("find", question, "--objects", BOXES, "--agent", "greedy", "--logs", str(folder))
+    return folder
+
+
+def test_a_report_tells_searches_and_measures_no_agent_by_objects_that_were_left(logs, tmp_path):
+    found = [read_search(folder) for folder in sorted(logs.iterdir())]
+    page = tmp_path / "page.html"
+    assert run("report", str(logs), "--out", str(page)).exit_code == 0
+    text = re.sub(r"\s+", " ", html.unescape(re.sub("<[^>]*>", " ", page.read_text())))
+    assert "2 of 2 searches whose truth is known were right" in text
+    assert "earns" not in text.partition(" Searches ")[0]
+    for search in found:
+        row = [search.question, search.claim or "none of them", "right", ", ".join(search.turns)]
+        assert " ".join([*row, f"{search.cost:.1f}"]) in re.sub(
+            "; not to [^.]* (?=[0-9])", " ", text
+        )
+    assert not re.search(r" (Agents|Attributes|The worst trials) ", text)
+    # Beside the trials of a lab, these alone measure the agent.
+    lab = Learner("roc36", agent="greedy", logs=None).fit(load_percepts("roc36"))
+    trial = lab.ask("heavy", "heavy_blue_beans", log=logs / "lab" / "a.mcap")
+    assert run("report", str(logs), "--out", str(page)).exit_code == 0
+    text = html.unescape(re.sub("<[^>]*>", " ", page.read_text()))
+    assert f"greedy earns {trial.reward:.1f} a trial, and is right in 100.0% of 1 trials" in text
+
+
+def test_the_viewer_shows_a_search_in_the_order_of_its_turns(logs, tmp_path):
+    folder = min(folder for folder in logs.iterdir() if "find" in folder.name)
+    search = read_search(folder)
+    for options, shown in (((), set(search.turns)), (("--trial", "1"), {search.turns[1]})):
+        to = tmp_path / "it.rrd"
+        assert run("view", str(folder), *options, "--save", str(to)).exit_code == 0
+        texts = dict[str, list[str]]()
+        for chunk in RrdReader(str(to)).stream():
+            rows = chunk.to_record_batch().to_pydict().get("TextDocument:text", ())
+            texts.setdefault(chunk.entity_path, []).extend(row[0] for row in rows)
+        (facts,) = texts["/run/facts"]
+        assert f"|search.turns|{', '.join(search.turns)}|" in facts
+        assert f"|search.answer|{search.claim or 'none of them'}|" in facts
+        told = " ".join(text for entity in texts if "run" not in entity for text in texts[entity])
+        named = re.findall("|".join(search.trials), told)
+        assert set(named) == shown
+        assert [name for name in dict.fromkeys(search.turns) if name in shown] == list(
+            dict.fromkeys(named)
+        )
 
 
 @pytest.mark.parametrize(
