@@ -155,8 +155,10 @@ def numbered(file: Path, number: int) -> "tuple[Group, int]":
 def check(file: Path, as_json: bool) -> None:
     """Read a log, or all of a folder, to the end and list problems; with any, exit with 1."""
     from meal_bayes.trial_log import check_log, log_files
+    from meal_bayes.trial_log.names import search_files
 
-    reports = list(map(check_log, log_files(file)))
+    searches = search_files(file) if file.is_dir() else []
+    reports = list(map(check_log, [*log_files(file), *searches]))
     if as_json:
         _print_json(reports, file)
     else:

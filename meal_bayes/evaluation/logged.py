@@ -100,7 +100,8 @@ class LoggedOutcomes:
         those of searches, which mean nothing apart; these only where there are no others.
         """
         if self.last_batch is None:
-            return self if self.searched else self.rows(self.part != SEARCHED)
+            alone = self.part != SEARCHED
+            return self.rows(alone) if alone.any() and not alone.all() else self
         # Later tests of some agents only would compare what has learned differently long.
         recent = (self.batch > self.last_batch - batches) & (self.batch <= self.last_batch)
         return self.rows((self.part == "") | ((self.part == TEST) & recent))

@@ -23,7 +23,7 @@ from meal_bayes.momdp import MOMDP
 from meal_bayes.planners import Policy, Prospector, SharedPlans
 from meal_bayes.robots.several import RobotPerObject
 from meal_bayes.seeds import Key, stream
-from meal_bayes.trial_log.live import InterruptedSearch, SearchLog, interrupted
+from meal_bayes.trial_log.live import InterruptedSearch, SearchLog, check_alone, interrupted
 from meal_bayes.trial_log.names import dated_name
 from meal_bayes.trial_log.schema import SUFFIX
 from meal_bayes.trial_log.searches import search_of
@@ -166,9 +166,9 @@ class Finder(Answerer):
             check_others(labeled_table(self.experience, self.table), names, query)
         text = question if isinstance(question, str) else query.text
         options = TrialOptions(learn=learn, max_steps=max_steps, max_cost=max_cost, on_step=on_step)
-        begun = {"turn_cost": float(turn_cost), **options.begun(self.domain.diagram.start)}
         session = self._search(text, tasks, truth or {}, options, float(turn_cost))
         if folder is not None:
+            begun = {"turn_cost": float(turn_cost), **options.begun(self.domain.diagram.start)}
             config = {
                 "command": "Learner.find", "question": text, "agent": self.agent.name,
                 "objects": names,
@@ -326,4 +326,5 @@ class Finder(Answerer):
         folder = Path(log)
         if folder.suffix == SUFFIX or folder.is_file():
             raise SettingsError(f"A search has a log an object; give a folder, not {folder}.")
+        check_alone(folder)  # before it is planned for a minute
         return folder

@@ -107,7 +107,7 @@ class SearchLog(_Live):
         self._explored = 0
         with alone_in(folder):  # of two searches that begin in it, one is refused
             if resumed is None:
-                _check_alone(folder)
+                check_alone(folder)
             self.__enter__()
 
     def begin_search(self, search: Search) -> None:
@@ -134,8 +134,14 @@ class SearchLog(_Live):
         self._close()
 
 
-def _check_alone(folder: Path) -> None:
-    """Refuse a folder that holds logs, but for a search whose process died before it began."""
+def check_alone(folder: Path) -> None:
+    """Refuse a folder that holds logs, but for a search whose process died before it began.
+
+    Raises
+    ------
+    LogError
+        It holds others.
+    """
     logs = set(folder.glob(f"*{SUFFIX}*"))
     for draft in drafts_of(folder / TURNS):
         try:
@@ -303,8 +309,10 @@ def interrupted(place: Path, kind: type[Broken]) -> Broken:
     for draft in drafts:
         draft.release()
     if not drafts:
+        search = not kind.form and any(map(named_form, logs))
         raise LogError(
             f"{place} holds no {kind.noun} that was broken off; there is nothing to resume."
+            + (" A search goes on by Learner.resume_find()." if search else "")
         )
     call = "resume_find" if kind.form else "resume"
     listed = "; ".join(f"{draft.text}: {call}({str(draft.path)!r})" for draft in drafts)

@@ -65,11 +65,11 @@ def free_folder(folder: Path) -> Path:
     return free
 
 
-def search_files(path: Path) -> list[Path]:
-    """Find the logs of searches: the file itself, or those of a folder; perhaps as drafts."""
+def search_files(path: Path, *, below: bool = True) -> list[Path]:
+    """Find the logs of searches: the file itself, or those of a folder, and below it, or drafts."""
     if path.is_file():
         return [path] if named_form(path) == SEARCH_FORM else []
-    found = _wholest(path.rglob(f"*{SEARCH}*{SUFFIX}*"))
+    found = _wholest((path.rglob if below else path.glob)(f"*{SEARCH}*{SUFFIX}*"))
     return sorted(file for log, file in found.items() if named_form(log) == SEARCH_FORM)
 
 

@@ -17,10 +17,7 @@ from meal_bayes.trials import Search, Trial
 
 def search_of(place: str | Path) -> Path | None:
     """Return the log of a search, by its name or as the one of its folder; None of what is none."""
-    path = Path(place)
-    found = search_files(path)
-    if path.is_dir():
-        found = [file for file in found if file.parent == path]
+    found = search_files(Path(place), below=False)
     return found[0] if found else None
 
 

@@ -3,6 +3,7 @@
 import html
 import json
 import re
+from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
@@ -40,6 +41,9 @@ def test_it_names_the_object_and_logs_what_it_explored(tmp_path):
     assert trials[0].task.object_name in first.stdout
     assert "before any behavior" in first.stdout
     assert run("log", "check", told["log"]).exit_code == 0
+    log = Path(told["log"], "turns.search.mcap")
+    log.write_bytes(log.read_bytes()[:-100])
+    assert run("log", "check", told["log"]).exit_code == 1
 
 
 def content(search):

@@ -248,6 +248,7 @@ def test_where_nobody_is_left_to_learn_from_it_is_said(learner):
         ({"max_cost": float("nan")}, "max_cost"),
         ({"truth": 5}, "truth"),
         ({"max_steps": 1.5}, "max_steps"),
+        ({"max_steps": "a", "log": "never made"}, "max_steps"),
         ({"truth": {"nobody": {"heavy": True}}}, "none of the objects"),
     ],
 )
