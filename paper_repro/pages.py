@@ -18,7 +18,8 @@ _CLAIMS = """Each claim is answered in one of two columns: *theirs*, the paper's
 they were published, percepts drawn; *recorded*, the paper's agents on recordings of objects that
 none has seen. Numbers are estimates with their intervals, at the level that the claim's family
 leaves them. A claim of more than three statements shows its smallest and its largest estimate, and
-the narrowest and the widest half interval. The statements behind each claim are on the item's page.
+the narrowest and the widest half interval; one of printed numbers, those that fall. The statements
+behind each claim are on the item's page.
 """
 _OLDER = """† Run by an earlier version: the agents' code or the percept tables have changed since.
 Where a sentence is worded anew, its statement is missing in this table; the page of an older run
@@ -44,9 +45,12 @@ _RULES = """## Run it
   ISPY32, `risk`, and Fig. 9 by SARSOP, percepts are drawn from tables that our classifiers
   learned, so that there it is the paper's method under its settings, not its data. Offline, the
   paper's objects are the whole population: each trial draws object, question and percepts, so that
-  trials are independent, and as many were run as a half width planned before asks for (the items'
-  code has the plan, Table 3's page shows it beside what was reached), but in `eq7` (400) and
-  `pomdpsol` (20).
+  trials are independent. Of what is judged as many were run as a planned half width asks for (the
+  items' code has the plan, Table 3's page shows it beside what was reached; in Figs 8 and 9
+  deviations are those of a first run, whose trials are among them). Not planned are `eq7` and
+  `errata` (400), `pomdpsol` (its page says how many), points of Fig. 9 between its ends (60) and
+  MORC that must answer there (300). Online, its objects are a sample in this column too, and
+  intervals are of other objects.
 - **recorded**: the paper's agents on outputs of our classifiers (`fig4`: of the paper's) on real
   recordings of an object that none has seen, no recording used twice in a trial. Objects are
   independent units, and intervals hold for these objects and what was learned from them: trials of
@@ -64,11 +68,13 @@ Printed numbers are judged in the first column alone, ideas in the second where 
 ## The rules
 
 - *stands*: the whole interval is on the side that the statement says, or within the margin that
-  `paper_values.toml` gave before the run. *falls*: on the other side, or outside. *undecided*: it
-  reaches both. Values that are all equal show no spread, and decide nothing; but where every trial
-  is given up, the share that is given up bounds the mean reward (`fig9`). `needed` are the splits
-  that would decide an online statement at 80 % power if mean and spread stayed as they are; on
-  recordings only more objects would decide the rest, and nobody can draw them.
+  `paper_values.toml` gives (when it was written, and what was known then, stands below). *falls*:
+  on the other side, or outside. *undecided*: it reaches both. Values that are all equal show no
+  spread, and decide nothing; but where every trial is given up, the share that is given up bounds
+  the mean reward (`fig9`). `needed` are the splits that would decide an online statement at 80 %
+  power if mean and spread stayed as they are. Offline on recordings more trials narrow an interval
+  until what objects differ by is left of it, and nobody can draw more objects; how many trials an
+  agent has was not planned there (400, in Fig. 9 60).
 - *by construction*: what was fitted to the paper's numbers, is read back from settings, or is
   chance. It is no evidence. Where a printed belief follows, or does not, from others that are
   printed, or a figure from the published code, the paper is checked against itself: the item is
@@ -80,14 +86,14 @@ Printed numbers are judged in the first column alone, ideas in the second where 
   variance is the corrected one of Nadeau and Bengio (2003), (1/J + test objects / others) s². This
   interval is too wide where luck is new in each repeat (one of 95 % covers 98 to 100 %), and too
   narrow where all of the spread comes from the objects taught (94 % for accuracies, 84 % for costs;
-  the how-to has the simulation): its target is agents taught by these objects. 20
+  the how-to has the simulation): its target is other objects, and other splits of them. 20
   repeats in place of 10 would narrow intervals by 11 %; Fig. 12 has 5 at each of its 25 pairs of
   weights, whose intervals are 32 % wider than 10 would give. These numbers were settled before the
   run.
 - Intervals of proportions are Wilson's, also where all or none of the trials succeed; those of
   paired differences of proportions join Wilson's of gains and Wilson's of losses (Zou and Donner
-  2008). Tables show proportions with their 95 % intervals, other means ± one standard error. No run
-  was made longer until it decided; what was planned anew with outcomes known stands below.
+  2008). Tables show proportions with their 95 % intervals, other means ± one standard error. Runs
+  were made longer once, to numbers that were planned then and with outcomes known (below).
 - All statements of an item in one column are a family, judged at 95 % by Holm's levels; the
   interval that is shown is that of its level.
 - The verdict of an item is that of its central statements, on recordings where they are judged
@@ -122,6 +128,11 @@ known:
 - 2026-11-23, `table3`, `pomdpsol`: the simulator's diagram, its `ask` and its rewards are what its
   code has; what was run as such was not (before: MORC's cost with two attributes and both its
   numbers with three fell).
+- 2026-11-26, with all results known: `table3` asks the simulator's questions, and a person's whole
+  answer is right with its .85, in place of each attribute's; Random's cost is by construction, and
+  whether MORC is more accurate than Predefined Plus is no more asked on recordings, where both are
+  right nearly always (before, in the first column: 10 stand, 4 fall; on recordings 4 stand, 4
+  undecided). Fig. 12's two sentences are two claims (before: one, in part).
 - 2026-11-25, with results of 20 to 400 trials known: where percepts are drawn, trials are the units
   and their number is planned; before, 47 statements of the first column were undecided, many for
   want of trials. `table3`: the headline is judged in the first column and central there, no more on

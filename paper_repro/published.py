@@ -19,11 +19,14 @@ from paper_repro.frame import HERE, Setting, paper_values
 EVERY_ACTION = str(HERE / "domains" / "roc36_every_action.toml")  # x decides nothing
 SIMULATOR = str(HERE / "domains" / "roc36_code.toml")
 SIMULATOR_REWARD = 100.0  # of a right report, and lost by a wrong one
+QUESTIONS = ("weight", "color", "content")  # groups of ROC36; the first N are asked
+ANSWER_RIGHT = 0.85  # Pr(a person's whole answer is right), ROC36
 
 
 def table_path(
     setting: Setting, dataset: str, *, name: str = "", domain: str = "", matrices: str = "",
-    costs: dict[str, float] | None = None, answer: float | None = None, **changes: Any,
+    costs: dict[str, float] | None = None, answer: float | None = None,
+    asked: tuple[str, ...] = (), **changes: Any,
 ) -> str:  # fmt: skip
     """Write a percept table under another domain, or with published matrices; return its path.
 
@@ -36,21 +39,23 @@ def table_path(
     matrices : "train5" or "train12", ROC36's published confusion counts; learned ones by default.
     costs : s, of behaviors that cost something else.
     answer : Pr(a person is right), of each attribute.
+    asked : groups of attributes that questions are of; all by default.
     changes : other fields of the domain.
     """
     return _written(
         setting.logs / "tables" / f"{name}.npz", dataset, domain or dataset, matrices,
-        tuple((costs or {}).items()), answer, (("name", name), *changes.items()),
+        tuple((costs or {}).items()), answer, asked, (("name", name), *changes.items()),
     )  # fmt: skip
 
 
 @lru_cache(maxsize=32)
 def _written(
     path: Path, dataset: str, domain: str, matrices: str, costs: tuple[tuple[str, float], ...],
-    answer: float | None, changes: tuple[tuple[str, Any], ...],
+    answer: float | None, asked: tuple[str, ...], changes: tuple[tuple[str, Any], ...],
 ) -> str:  # fmt: skip
     """Write a table once for a program, as items share it and compressing it takes a second."""
-    base, priced = load_domain(domain), dict(costs)
+    base = of_groups(load_domain(domain), asked) if asked else load_domain(domain)
+    priced = dict(costs)
     behaviors = [
         replace(
             behavior,
@@ -70,18 +75,34 @@ def _written(
     return str(path)
 
 
-def published_roc36(setting: Setting, matrices: str, domain: str = SIMULATOR) -> str:
-    """Return ROC36 by published counts and a domain's diagram, reinit for 0 s as in Table 3."""
+def of_groups(domain: Domain, names: tuple[str, ...]) -> Domain:
+    """Return a domain with the attributes of some of its groups alone."""
+    groups = {name: values for name, values in domain.groups.items() if name in names}
+    kept = set().union(*groups.values())
+    attributes = tuple(name for name in domain.attributes if name in kept)
+    synonyms = {word: name for word, name in domain.synonyms.items() if name in kept}
+    return replace(domain, attributes=attributes, groups=groups, synonyms=synonyms)
+
+
+def published_roc36(setting: Setting, matrices: str, n: int, domain: str = SIMULATOR) -> str:
+    """Return ROC36 by published counts and a domain's diagram, reinit for 0 s as in Table 3.
+
+    The published simulator asks for weight, weight and color, or all three (`QUESTIONS`). A
+    person's whole answer is right with .85 there: here each of N attributes is with .85^(1/N).
+    """
     return table_path(
-        setting, "roc36", name=f"roc36_table3_{matrices}_{Path(domain).stem}", domain=domain,
-        matrices=matrices, costs={"reinit": 0.0},
+        setting, "roc36", name=f"roc36_table3_{matrices}_{Path(domain).stem}_n{n}", domain=domain,
+        matrices=matrices, costs={"reinit": 0.0}, answer=ANSWER_RIGHT ** (1 / n),
+        asked=QUESTIONS[:n],
     )  # fmt: skip
 
 
-def every_action_roc36(setting: Setting, matrices: str) -> str:
+def every_action_roc36(setting: Setting, matrices: str, n: int) -> str:
     """Return it with every action legal everywhere, for the published Random, Predefined Plus."""
-    name = f"roc36_every_{matrices}"
-    return table_path(setting, "roc36", name=name, domain=EVERY_ACTION, matrices=matrices)
+    return table_path(
+        setting, "roc36", name=f"roc36_every_{matrices}_n{n}", domain=EVERY_ACTION,
+        matrices=matrices, asked=QUESTIONS[:n],
+    )  # fmt: skip
 
 
 def plotted_ispy32(setting: Setting) -> str:
@@ -103,6 +124,8 @@ def published_counts(name: str, domain: Domain) -> NDArray[np.int64]:
     path = fetch("roc36") / source("roc36").path / f"confusion_matrices_{name}.csv"
     with path.open(encoding="ascii") as file:
         for attribute, behavior, *row in list(csv.reader(file))[1:]:
+            if attribute not in domain.attributes:
+                continue
             hit, false_alarm, miss, rejection = map(int, row)
             matrix = counts[domain.attributes.index(attribute), domain.behavior_index(behavior)]
             matrix[:] = [[rejection, false_alarm], [miss, hit]]

@@ -49,8 +49,8 @@ def run(setting: Setting) -> Result:
             if protocol == THEIRS and dataset == "ispy32":
                 tables = dict.fromkeys(AGENTS, plotted_ispy32(setting))
             elif protocol == THEIRS:
-                tables = dict.fromkeys(AGENTS, published_roc36(setting, "train5"))
-                tables |= dict.fromkeys(ALL_ACTIONS, every_action_roc36(setting, "train5"))
+                tables = dict.fromkeys(AGENTS, published_roc36(setting, "train5", n))
+                tables |= dict.fromkeys(ALL_ACTIONS, every_action_roc36(setting, "train5", n))
                 reward = SIMULATOR_REWARD
             runs = {
                 agent: run_agent(setting, protocol, table, n, agent, trials, reward=reward)

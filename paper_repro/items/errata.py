@@ -64,6 +64,6 @@ def problems(setting: Setting) -> dict[str, tuple[str, str]]:
         "ispy32, drawn": (THEIRS, ISPY32),
         **{name: (RECORDED, table) for name, table in asking.items()},
         "ispy32_published": (RECORDED, "ispy32_published"),
-        ROC36: (THEIRS, published_roc36(setting, "train5", "roc36")),
-        CODE: (THEIRS, published_roc36(setting, "train5")),
+        ROC36: (THEIRS, published_roc36(setting, "train5", 2, "roc36")),
+        CODE: (THEIRS, published_roc36(setting, "train5", 2)),
     }

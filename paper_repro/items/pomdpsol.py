@@ -41,7 +41,7 @@ def run(setting: Setting) -> Result:
     for matrices, n in product(("train5", "train12"), (2, 3)):
         judged = matrices == "train5"
         run = run_agent(
-            setting, THEIRS, published_roc36(setting, matrices), n, AGENT,
+            setting, THEIRS, published_roc36(setting, matrices, n), n, AGENT,
             setting.trials_of(TRIALS if judged else SHOWN, 2), reward=SIMULATOR_REWARD,
         )  # fmt: skip
         rows.append((f"Table 3, {matrices}", n, len(run), *_measured(run)))

@@ -26,8 +26,8 @@ def run(setting: Setting) -> Result:
     return Result(
         title="What the published `ask` is worth beside irrelevant attributes, exactly",
         sentence=f"By the published code's `ask` the best reward with {IRRELEVANT[0]} to "
-        f"{IRRELEVANT[-1]} irrelevant attributes is at least {first:.0f} to {last:.0f}, whoever "
-        f"plans; the paper draws less than {printed:g} at the end.",
+        f"{IRRELEVANT[-1]} irrelevant attributes is at least {first:.0f} to {last:.0f}; "
+        f"the paper draws less than {printed:g} at the end.",
         tables=(Table("asking until two answers agree", ("irrelevant", "asks", "accuracy, all",
                                                          "reward"),
                       tuple((k, *each, reward_of(each)) for k, each in asked.items())),),
@@ -43,7 +43,7 @@ def judge(asked: Mapping[int, Asked]) -> dict[str, Evidence | None]:
     low, (k, last) = paper_values("fig9")["last_reward_below"], list(asked.items())[-1]
     bound = reward_of(last)
     rule = f"asking until two answers agree earns {bound:.1f} with {k} irrelevant attributes"
-    text = f"by the published code's `ask` the best reward ends below {low:g}"
+    text = f"by the published code's `ask` a planner that has converged ends below {low:g}"
     return {text: fact(False, rule) if bound >= low else Evidence(rule=rule)}
 
 
