@@ -132,7 +132,7 @@ known:
   answer is right with its .85, in place of each attribute's; Random's cost is by construction, and
   whether MORC is more accurate than Predefined Plus is no more asked on recordings, where both are
   right nearly always (before, in the first column: 10 stand, 4 fall; on recordings 4 stand, 4
-  undecided). Fig. 12's two sentences are two claims (before: one, in part).
+  undecided).
 - 2026-11-25, with results of 20 to 400 trials known: where percepts are drawn, trials are the units
   and their number is planned; before, 47 statements of the first column were undecided, many for
   want of trials. `table3`: the headline is judged in the first column and central there, no more on

@@ -25,11 +25,11 @@ MEAL_BAYES_POMDPSOL; without it these results stay as they are. Here: {version}.
 are those of the published simulator, whose matrices are the same whatever object is left out, so
 that one policy a query serves all objects; its printed numbers are judged under train5, which the
 simulator loads. On Fig. 9's problems each attribute of an answer is right with .65 (what the
-published code's `ask` is worth needs no solver: [fig9](fig9.md)); their percepts are drawn from
-tables of our classifiers, as the matrices that ISPY32's simulator loads were not published. Trials
-are the units, as percepts are drawn. Where every trial is given up all rewards are 0: that the
-reward ends below 25 is then judged by the fraction that is given up, as no trial earns more than
-500."""
+published code's `ask` is worth needs no solver: [published_ask](published_ask.md)); their percepts
+are drawn from tables of our classifiers, as the matrices that ISPY32's simulator loads were not
+published. Trials are the units, as percepts are drawn. Where every trial is given up all rewards
+are 0: that the reward ends below 25 is then judged by the fraction that is given up, as no trial
+earns more than 500."""
 
 
 def run(setting: Setting) -> Result:
