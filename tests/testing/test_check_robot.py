@@ -109,7 +109,7 @@ FAULTS = {
     "has a modality of its own": r"returned features of \['lidar'\]",
     "writes over what it returned": "have changed since. Return a copy",
     "answers unasked": "does not ask, but came with answers",
-    "names its recording": "returned the recording 'first'",
+    "names its recording": "its recording is 'first', not a number",
 }
 
 
