@@ -2,11 +2,16 @@
 
 import copy
 import itertools
+import os
 import re
+import signal
+import subprocess
+import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from meal_bayes.datasets import Dataset
@@ -31,12 +36,14 @@ class Table:
 
     def __init__(self, seed):
         self.seed = seed
+        self.executed = 0
 
     def turn_to(self, session):
         explored = session.sessions[session.turn]
         return explored.momdp.x_names[explored.belief.x]
 
     def execute(self, session):
+        self.executed += 1
         place = list(session.sessions).index(session.object)
         explored = session.sessions[session.object]
         rng = np.random.default_rng([self.seed, place, len(explored.steps)])
@@ -152,6 +159,7 @@ def begun_or_resumed(learner, folder):
 def lived(mind, kills, folder, seed, deaths):
     """Search with so many writes before each death of a process, then to the end."""
     table = Table(seed)
+    lost = 0
     for death in (*deaths, -1):
         learner = copy.deepcopy(mind)  # as loaded from its file
         kills.left = death
@@ -159,9 +167,14 @@ def lived(mind, kills, folder, seed, deaths):
             session = begun_or_resumed(learner, folder)
             if session is None:
                 return read_search(folder), None
-            return drive(session, table), learner
+            search = drive(session, table)
         except Killed:
-            pass
+            lost += 1
+        else:
+            steps = sum(step.cost > 0 for trial in search.trials.values() for step in trial.steps)
+            assert steps <= table.executed <= steps + lost  # one that a process died in
+            assert_read_back(folder, search)
+            return search, learner
         finally:
             kills.bury()
     raise AssertionError
@@ -192,13 +205,14 @@ def test_a_search_killed_at_any_write_goes_on_as_if_undisturbed(mind, undisturbe
         if learner is None:  # it died with the answer written
             assert content(read_search(folder)) == content(expected)
             break
-        assert_read_back(folder, search)
         resumed += 1
     assert resumed > 2 * sum(len(trial.steps) for trial in expected.trials.values())
 
 
 @settings(max_examples=max(settings().max_examples // 10, 3), deadline=None)
 @given(seed=st.integers(0, 5), deaths=st.lists(st.integers(0, 40), min_size=1, max_size=3))
+@example(seed=0, deaths=[25, 12])  # in the middle of writing it again
+@example(seed=0, deaths=[25, 9, 14])
 def test_processes_that_die_one_after_another_lose_nothing(
     mind, undisturbed, tmp_path_factory, seed, deaths
 ):
@@ -303,3 +317,34 @@ def test_by_default_every_search_has_a_new_folder(dataset, make, tmp_path):
         learner.resume()
     drive(learner.resume_find(folders[0]), Table(0))
     drive(learner.resume_find(), Table(0))
+
+
+KILLED = """
+import os, signal, sys
+sys.path.insert(0, {here!r})
+import conftest as make
+import test_find_resumed as searching
+class Table(searching.Table):
+    def execute(self, session):
+        if self.executed == int(sys.argv[1]):
+            os.kill(os.getpid(), signal.SIGKILL)
+        return super().execute(session)
+learner = make.make_learner(make.make_dataset(), "greedy")
+options = dict(searching.OPTIONS, log=sys.argv[2])
+searching.drive(learner.begin_find("red and not full", searching.CUPS, **options), Table(0))
+"""
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("steps", [0, 3])
+def test_another_process_goes_on_where_one_was_killed(mind, undisturbed, tmp_path, steps):
+    here = Path(__file__).parent
+    environment = {**os.environ, "PYTHONPATH": str(here.parents[1])}
+    code = KILLED.format(here=str(here))
+    command = [sys.executable, "-c", code, str(steps), str(tmp_path / "it")]
+    done = subprocess.run(command, env=environment, check=False)
+    assert done.returncode == -signal.SIGKILL
+    session = copy.deepcopy(mind).resume_find(tmp_path / "it")
+    assert sum(len(each.steps) for each in session.sessions.values()) == steps
+    assert content(drive(session, Table(0))) == content(undisturbed(0))
+    assert_read_back(tmp_path / "it", session.search)
