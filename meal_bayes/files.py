@@ -164,9 +164,13 @@ def alone_in(folder: str | Path) -> Iterator[None]:
 def write_whole(
     path: str | Path, content: bytes | str, *, inputs: Iterable[str | Path] = ()
 ) -> None:
-    """Write a file whole or not at all; text as UTF-8. Parameters and errors as of `draft_of`."""
+    r"""Write a file whole or not at all; text as UTF-8. Parameters and errors as of `draft_of`.
+
+    Names of files need not be UTF-8: their other bytes stand in a text as \udcff.
+    """
+    data = content.encode(errors="backslashreplace") if isinstance(content, str) else content
     with draft_of(path, inputs=inputs) as draft:
-        draft.write_bytes(content.encode() if isinstance(content, str) else content)
+        draft.write_bytes(data)
 
 
 def keep_folder(folder: Path, write: Callable[[Path], object]) -> None:

@@ -11,6 +11,7 @@ from typing import Any, NoReturn
 import click
 import rich.progress
 from rich.console import Console, ConsoleOptions, JustifyMethod, RenderableType
+from rich.measure import Measurement
 from rich.segment import Segment
 from rich.table import Table
 from rich.text import Text
@@ -19,6 +20,7 @@ _CONTROLS = 0x20  # control characters are those below it
 _PICTURES = 0x2400  # from here on Unicode has pictures of them
 _NARROWEST = 20  # columns; what says to have fewer is of unknown width
 _USUAL = 80  # columns of such a terminal
+_WIDEST = 10_000  # columns that no table needs
 _LABEL = 10  # characters of a label, at least
 _NARROW = 20  # characters of the text beside it, at least
 _EVERY = 15.0  # s between lines of progress without a terminal
@@ -90,7 +92,12 @@ def print_table(
     for row in rows:
         formats = columns.values() if isinstance(columns, Mapping) else None
         table.add_row(*(row if formats is None else (text.format_map(row) for text in formats)))
-    output().print(table)
+    console = output()
+    # In a window that is too narrow lines wrap at its edge; cut, they would say other numbers.
+    options = console.options.update(width=_WIDEST)
+    least, whole = Measurement.get(console, options, table)
+    console.width = max(console.width, whole if narrow else least)
+    console.print(table)
 
 
 def print_json(facts: Mapping[str, object]) -> None:

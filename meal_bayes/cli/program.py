@@ -3,6 +3,7 @@
 import ast
 import contextlib
 import inspect
+import itertools
 import logging
 import os
 import sys
@@ -20,6 +21,7 @@ FAILED = 2  # exit code of errors that the user can fix: a value, a file of wron
 SYSTEM = 1  # of errors of the system: a full disk, missing rights, a closed stream
 INTERRUPTED = 130  # by Ctrl-C, or by a closed pipe
 _LONGEST = 2000  # characters of an error
+_AROUND = 30  # characters shown around one that no text can hold
 _NO_DOCSTRINGS = 2  # level of optimization (`python -OO`) that takes docstrings away
 
 
@@ -45,6 +47,7 @@ class Program(Section):
         if sys.flags.optimize >= _NO_DOCSTRINGS:
             _restore_help(self)
         try:
+            _check_words(sys.argv[1:] if args is None else args)
             code = super().main(args, *rest, **{**extra, "standalone_mode": False})
             sys.stdout.flush()
         except (KeyboardInterrupt, click.Abort, BrokenPipeError):
@@ -65,7 +68,8 @@ class Program(Section):
             _fail(text, SYSTEM)
         # Logs and pages are UTF-8; a file's name need not be.
         except UnicodeEncodeError as fault:
-            readable = os.fsencode(fault.object).decode("utf-8", "backslashreplace")
+            part = fault.object[max(fault.start - _AROUND, 0) : fault.end + _AROUND]
+            readable = part.encode("utf-8", "backslashreplace").decode()
             _fail(f"{readable!r} is not UTF-8 text; rename the file, or set a UTF-8 locale.")
         except MemoryError:
             _fail("There is not enough memory; ask for less at a time, or close others.", SYSTEM)
@@ -77,6 +81,15 @@ class Program(Section):
             return super().invoke(ctx)
         except (BrokenPipeError, KeyboardInterrupt):
             raise click.Abort from None
+
+
+def _check_words(words: Sequence[str]) -> None:
+    """Refuse an empty word, such as a shell makes of a variable that is not set."""
+    for before, word in itertools.pairwise(["", *words]):
+        option = word.removesuffix("=") if word.startswith("--") and word.endswith("=") else ""
+        if not word.strip() or option:
+            place = option or (f"what follows {before}" if before else "the first word")
+            raise click.UsageError(f"On the command line {place} is empty; give it a value.")
 
 
 def _hold_streams() -> None:

@@ -61,15 +61,12 @@ def run() -> None:
 )
 @click.option(
     "--yes-no",
-    "answer",
-    flag_value="yes or no",
-    default="values",
+    is_flag=True,
     help="Ask whether all of the attributes hold, in place of their values.",
 )
 @click.option(
     "--yes-no-balanced",
-    "answer",
-    flag_value="balanced",
+    is_flag=True,
     help='The same with literals ("red and not empty") such that half of the answers are yes.',
 )
 @opt.shared("logs", "fresh", "json")
@@ -83,6 +80,7 @@ def offline(root: Path | None, agents: tuple[str, ...], as_json: bool, **setting
     from meal_bayes.evaluation.summary import no_better_than_prior
 
     how = {name: settings.pop(name) for name in _HOW}
+    settings["answer"] = _answer(settings.pop("yes_no"), settings.pop("yes_no_balanced"))
     perception = settings["perception"]
     settings["dataset"], table = opt.table_of(settings["dataset"], root, perception)
     chosen = tuple(map(opt.agent_value, opt.comma_list(*agents))) or experiments.DEFAULT_AGENTS
@@ -120,6 +118,13 @@ def offline(root: Path | None, agents: tuple[str, ...], as_json: bool, **setting
     if no_better:
         terminal.say(no_better)
     terminal.note(f"trials in {finished.folder}")
+
+
+def _answer(yes_no: bool, balanced: bool) -> str:
+    """Return how questions are answered, by the two options."""
+    if yes_no and balanced:
+        raise click.UsageError("--yes-no and --yes-no-balanced are two forms; give one.")
+    return "balanced" if balanced else "yes or no" if yes_no else "values"
 
 
 def _print_rates(rates: "dict[str, Any]") -> None:

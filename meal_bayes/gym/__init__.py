@@ -9,7 +9,7 @@ extra ``gym``.
 """
 
 import operator
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,11 +19,12 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from meal_bayes.agents import as_agent
-from meal_bayes.arrays import check_amount, check_whole
+from meal_bayes.arrays import check_amount, check_whole, check_yes_no
 from meal_bayes.datasets import PerceptTable, object_index
 from meal_bayes.domain import unknown
 from meal_bayes.errors import SettingsError
 from meal_bayes.experiments import offline_tasks
+from meal_bayes.files import checked_path
 from meal_bayes.learner import Learner
 from meal_bayes.perception import TableSource
 from meal_bayes.planners import Policy, unvalued
@@ -110,8 +111,10 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
         if dataset is None:
             raise SettingsError("Give dataset=, a shipped name, or a percept table of your own.")
         check_whole("seed", seed)
+        check_whole("attributes", attributes)
         check_whole("max_steps", max_steps)
         check_amount("scale", scale)
+        check_yes_no("log_training", log_training)
         table = TableSource.of(dataset).load()
         chosen = as_agent(agent)
         names = _chosen(table, objects)
@@ -122,7 +125,8 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
             raise SettingsError(f"None of the {trials} tasks is about {sorted(names)}; give more.")
         self._max_steps = max_steps
         self._scale = scale
-        folder = logs if log_training or objects == "test" else None
+        place = None if logs is None else checked_path("logs", logs)
+        folder = place if log_training or objects == "test" else None
         self._learner = Learner(table.domain, agent=chosen, seed=seed, logs=folder).fit(table)
         self._begun: tuple[Session, RecordedRobot] | None = None
         self._policy: Policy | None = None
@@ -274,6 +278,9 @@ def _chosen(table: PerceptTable, objects: str | Sequence[str]) -> set[str]:
         if objects not in sets:
             raise SettingsError(unknown("set of objects", objects, sets))
         return sets[objects]
+    given: Any = objects  # users give anything
+    if not isinstance(given, Iterable) or not all(isinstance(name, str) for name in given):
+        raise SettingsError(f"objects are {objects!r:.60}; give names, or all, train or test.")
     for name in objects:
         object_index(table.objects, name)  # raises where it is unknown
     return set(objects)

@@ -3,7 +3,11 @@
 import itertools
 import json
 
+import click
 import pytest
+
+from meal_bayes.cli import main
+from meal_bayes.cli.console import print_table
 
 OFFLINE, ONLINE = ("run", "offline"), ("run", "online")
 ASK = ("ask", "heavy", "--object", "heavy_blue_beans")
@@ -95,3 +99,44 @@ def test_a_table_serves_as_its_recordings_do(run, kitchen):
 )
 def test_what_does_not_go_together_is_told(fails, table, command, options, message):
     assert message in fails(*command, *options)
+
+
+def value_options(command, words=()):
+    """Yield each option that takes a value, behind the words of its command."""
+    for name, inner in getattr(command, "commands", {}).items():
+        yield from value_options(inner, (*words, name))
+    for parameter in command.params:
+        if isinstance(parameter, click.Option) and not (parameter.is_flag or parameter.count):
+            yield (*words, max(parameter.opts, key=len))
+
+
+@pytest.mark.parametrize("words", list(value_options(main)), ids=" ".join)
+def test_an_empty_word_is_no_value(fails, words, tmp_path):
+    *command, option = words
+    for given in ([option, ""], [option, "  "], [f"{option}="]):
+        assert f"{option} is empty" in fails(*command, *given)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("command", [["ask"], ["sim", "ask"], ["report"], ["log", "show"]])
+def test_an_empty_word_is_no_question_and_no_file(fails, command):
+    assert f"what follows {command[-1]} is empty" in fails(*command, "")
+
+
+def test_two_forms_of_yes_or_no_are_not_one(fails):
+    for options in itertools.permutations(("--yes-no", "--yes-no-balanced")):
+        assert "give one" in fails(*OFFLINE, *options)
+
+
+@pytest.mark.parametrize("columns", [1, 20, 21, 33, 40, 79])
+@pytest.mark.parametrize("narrow", [False, True])
+def test_a_narrow_window_hides_no_number(monkeypatch, capsys, columns, narrow):
+    monkeypatch.setenv("COLUMNS", str(columns))
+    heads = ("agent", "accuracy", "reward a trial", "cost")
+    rows = [
+        ("predefined_plus", f"{n}.{n}{n}{n} [0.{n}93, 1.000]", f"{n}65.4", "22.6") for n in "123"
+    ]
+    print_table(heads, rows, narrow=narrow)
+    shown = capsys.readouterr().out
+    for cell in itertools.chain.from_iterable(rows):
+        assert all(word in shown for word in cell.split())
