@@ -7,6 +7,7 @@ from pathlib import Path
 from meal_bayes.datasets import PerceptTable, load_percepts
 from meal_bayes.learner import views
 from meal_bayes.learner.learner import Learner
+from meal_bayes.learner.recording import check_domain
 from meal_bayes.learner.telling import tell_again
 from meal_bayes.seeds import Key
 from meal_bayes.trial_log import Logs
@@ -114,6 +115,8 @@ def recall(learner: Learner, *logs: str | Path) -> list[Trial]:
                 and (task.key not in experience.trials or views.unrecorded(experience, trial))
             ):
                 recalled.append(trial)
+    for trial in recalled:  # all of them, before one is experience
+        check_domain(experience, trial)
     for trial in recalled:
         learner.record(trial)
     learner.note_folders(places)

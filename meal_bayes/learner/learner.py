@@ -17,6 +17,7 @@ from meal_bayes.learner.card import learned_html, next_html, table_knowledge
 from meal_bayes.learner.columns import Labels, told
 from meal_bayes.learner.finding import Finder
 from meal_bayes.learner.fit_cache import FitCache
+from meal_bayes.learner.recording import check_domain, record_steps
 from meal_bayes.learner.saved import SavedLearner, read_learner, write_learner
 from meal_bayes.learner.settings import (
     LearnerSettings,
@@ -28,7 +29,6 @@ from meal_bayes.learner.settings import (
     own_posterior,
 )
 from meal_bayes.learner.telling import log_told
-from meal_bayes.learner.trial import check_behaviors, record_step
 from meal_bayes.seeds import Key
 from meal_bayes.trials import Trial
 
@@ -270,13 +270,11 @@ class Learner(Finder):
             A trial of other behaviors.
         """
         checked_trial(trial)
-        check_behaviors(self.experience, trial)
+        check_domain(self.experience, trial)
         with self._lock:
             self._use()
             self.experience.trial(trial.task.key)
-            for step in views.unrecorded(self.experience, trial):
-                perceived = None if step.sensed is None else (step.sensed, self.experience.nothing)
-                record_step(self.experience, trial.task, trial.momdp, step, perceived)
+            record_steps(self.experience, trial, views.unrecorded(self.experience, trial))
 
     def save(self, path: str | Path, *, overwrite: bool = False) -> None:
         """Write everything into one file, for `load`; the file is there whole or not at all.

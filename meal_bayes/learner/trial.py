@@ -1,4 +1,4 @@
-"""What a learner needs of a trial: its options, its task, its session, and a record of it."""
+"""What a learner needs of a trial: its options, its task, and its session."""
 
 import secrets
 from collections.abc import Callable, Mapping, Sequence
@@ -10,17 +10,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from meal_bayes.arrays import Levels, check_whole, check_yes_no
-from meal_bayes.datasets import Instance, PerceptTable, object_index
-from meal_bayes.datasets.detections import detected_levels
-from meal_bayes.datasets.percepts import classifier_levels
+from meal_bayes.arrays import check_whole, check_yes_no
+from meal_bayes.datasets import PerceptTable, object_index
 from meal_bayes.domain import Domain, Query, read_query
 from meal_bayes.errors import SettingsError
-from meal_bayes.learner.columns import NONE, Context
-from meal_bayes.learner.experience import Experience
+from meal_bayes.learner.columns import Context
 from meal_bayes.learner.fit import Fit, problem_of, solve
 from meal_bayes.learner.held_out import HeldOut
 from meal_bayes.learner.online import Online
+from meal_bayes.learner.recording import RecordingPerceiver
 from meal_bayes.momdp import MOMDP
 from meal_bayes.planners import Policy
 from meal_bayes.robots import OutcomeChecker, Robot
@@ -211,67 +209,6 @@ def plan_of(
     return momdp, policy
 
 
-class RecordingPerceiver:
-    """A perceiver that records the executions of a trial, with all that was perceived."""
-
-    def __init__(
-        self,
-        fit: Online,
-        task: Task,
-        momdp: MOMDP,
-        lock: AbstractContextManager[Any],
-        on_step: Callable[[Step], None] | None,
-    ) -> None:
-        self._fit = fit
-        self._task = task
-        self._momdp = momdp
-        self._lock = lock
-        self._on_step = on_step
-        self._last: tuple[Instance, NDArray[np.int8]] | None = None
-        number = fit.record.trials.get(task.key, -1)
-        recorded = fit.record.executions.values["trial"] == number
-        self._known = int(recorded.sum())  # before a restart
-
-    def observe(self, instance: Instance, query: Query, rng: np.random.Generator) -> Levels | None:
-        """Return percept levels of the queried attributes, (N,); None where there are none.
-
-        An attribute of which a behavior has never shown anything is shown at even odds; that
-        tells nothing, and is not counted.
-        """
-        fit = self._fit
-        domain = fit.record.domain
-        spec = domain.behaviors[domain.behavior_index(instance.behavior)]
-        if spec.answer_accuracy is None:
-            levels = fit.perceive(instance)
-        else:
-            levels = fit.perception.observe(instance, Query(domain.attributes), rng)
-        self._last = instance, levels
-        if fit.settings.drawn is not None:  # of the learned tables, not those that came
-            return fit.perceiver.observe(instance, query, rng)
-        if (levels < 0).all():
-            return None
-        columns = np.array(domain.columns(query.attributes))
-        missing = columns[levels[columns] < 0]
-        counts = fit.knowledge.posterior.counts[missing, domain.behavior_index(spec.name)]
-        if counts.any():
-            return None
-        even = classifier_levels(np.zeros(1), fit.agent.levels)[0]
-        return np.asarray(np.where(levels < 0, even, levels)[columns], np.int8)
-
-    def record(self, step: Step) -> None:
-        """Record an executed step; what was recorded before a restart is not recorded again."""
-        last, self._last = self._last, None
-        if last is None and step.sensed is not None:  # before a restart, by the same classifiers
-            last = step.sensed, self._fit.perceive(step.sensed)
-        if self._known:
-            self._known -= 1
-        else:
-            with self._lock:
-                record_step(self._fit.record, self._task, self._momdp, step, last)
-        if self._on_step is not None:
-            self._on_step(step)
-
-
 def implied(report: NDArray[np.bool_], *, right: bool) -> NDArray[np.int8]:
     """Return the labels (N,) that a verdict on a report (N,) implies; -1 unknown.
 
@@ -280,58 +217,3 @@ def implied(report: NDArray[np.bool_], *, right: bool) -> NDArray[np.int8]:
     if right:
         return report.astype(np.int8)
     return (~report).astype(np.int8) if len(report) == 1 else np.full(len(report), -1, np.int8)
-
-
-def check_behaviors(record: Experience, trial: Trial) -> None:
-    """Refuse a trial of other behaviors than a record's."""
-    theirs = trial.momdp.behavior_names
-    ours = record.domain.behavior_names
-    if theirs != ours:
-        raise SettingsError(
-            f"The trial {trial.task.name!r} has the behaviors {', '.join(theirs)}; this learner's "
-            f"domain has {', '.join(ours)}. Load the domain of that trial."
-        )
-
-
-def record_step(
-    record: Experience,
-    task: Task,
-    momdp: MOMDP,
-    step: Step,
-    perceived: tuple[Instance, NDArray[np.int8]] | None = None,
-) -> None:
-    """Record a step, with what was sensed and the levels (P,) where these are known; no report.
-
-    A step that only shows the queried attributes' percepts is recorded with these.
-    """
-    domain = record.domain
-    e = step.decision.action
-    if e >= momdp.n_behaviors:
-        return
-    instance, levels = perceived or (None, None)
-    if instance is None and task.object_index >= 0:  # a replay, of which the log has percepts alone
-        instance = Instance(task.object_index, domain.behaviors[e].name, NONE)
-    percepts = None if instance is None else instance.percepts
-    detected = detected_levels(percepts, domain, momdp.levels)
-    shows = step.observation is not None or (levels is not None and (levels >= 0).any())
-    unknown = levels is None or (levels < 0).all()
-    if step.observation is not None and unknown and domain.behaviors[e].modalities:
-        levels = record.nothing
-        levels[domain.columns(momdp.query.attributes)] = step.observation
-    # When all recordings are used, a loop that succeeds looks as one that fails.
-    before = step.belief.percept_counts[0, e].sum() - shows
-    success = -1
-    if momdp.legal[step.x, e] and before < momdp.limit[e]:
-        # Where the diagram does not lead, it was not meant to go.
-        meant = momdp.transition[e, step.x, step.next_x] > 0
-        success = int(shows or (step.next_x != step.x and meant))
-    record.execute(
-        task.key,
-        task.object_name,
-        e,
-        success=success,
-        instance=instance,
-        levels=levels,
-        detected=detected,
-        k=momdp.levels,
-    )

@@ -1,7 +1,6 @@
 """What a command writes, reports and problems: never over what it reads, tried before the work."""
 
 import os
-import sys
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -158,7 +157,6 @@ def test_the_time_left_is_that_of_the_run_under_way(monkeypatch, capsys):
     assert capsys.readouterr().err == "item: 60 of 110 trials, 920 s, 20 s left\n"
 
 
-@pytest.mark.skipif(sys.platform != "linux", reason="names of files are text elsewhere")
 def test_a_folder_whose_name_is_no_text_has_a_report(run, tmp_path):
     folder = os.fsdecode(b"n\xff\xfe")
     asked = ("ask", "heavy", "--object", "heavy_blue_beans", "--agent", "greedy", "--json")

@@ -1,12 +1,14 @@
 """What people told, in several folders: it holds in the order in which it was told."""
 
+import copy
 import itertools
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from meal_bayes import Learner
+from meal_bayes import Learner, load_domain
+from meal_bayes.errors import SettingsError
 from meal_bayes.learner import recall
 from meal_bayes.trial_log import Logs
 from meal_bayes.trial_log.names import feedback_files
@@ -86,3 +88,36 @@ def test_a_label_that_cannot_be_read_is_named(dataset, make, tmp_path):
     with pytest.warns(UserWarning, match=file.name):
         recall(heir, tmp_path)
     assert red(heir) == {}
+
+
+def renamed(make, **changes):
+    """Return the kitchen after somebody edited its file."""
+    table = copy.deepcopy(make.kitchen)
+    for name, value in changes.items():
+        if name == "modalities":
+            table["behaviors"][0]["modalities"] = value
+        else:
+            table[name] = value
+    return load_domain(table)
+
+
+@pytest.mark.parametrize("attributes", [["full"], ["crimson", "full"], ["Red"]])
+def test_trials_about_what_a_domain_lacks_are_refused_as_a_whole(
+    dataset, make, tmp_path, attributes
+):
+    learner = begun(dataset, make, tmp_path)
+    learner.ask("full", make.arm(), object_name="cup")
+    for files in ([tmp_path], sorted(tmp_path.rglob("*.mcap"), reverse=True)):
+        heir = Learner(renamed(make, attributes=attributes), agent="greedy", logs=None)
+        with pytest.raises(SettingsError, match="Load the domain of that trial"):
+            recall(heir, *files)
+        assert len(heir.experience.trials) == len(heir.experience.executions) == 0
+
+
+@pytest.mark.parametrize("modalities", [[], ["depth"], ["color", "depth"]])
+def test_features_of_other_modalities_are_named(dataset, make, tmp_path, modalities):
+    begun(dataset, make, tmp_path)
+    heir = Learner(renamed(make, modalities=modalities), agent=make.agent("look"), logs=None)
+    with pytest.warns(UserWarning, match="Features of look are of color; .*left aside"):
+        recall(heir, tmp_path)
+    assert not any(heir.experience.features.values())
