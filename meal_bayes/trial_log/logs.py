@@ -59,7 +59,7 @@ class Logs:
     def __init__(self, *paths: str | Path) -> None:
         if not paths:
             raise LogError("No log is named; give files, or folders of them.")
-        self._paths = list(map(Path, paths))
+        self._paths = [checked_path("The log", path) for path in paths]
         files = {file.resolve(): file for path in paths for file in log_files(path)}
         self.files: Sequence[Path] = list(files.values())
         self.problems: list[str] = []  # grows while trials are read

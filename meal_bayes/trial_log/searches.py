@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from meal_bayes.errors import LogCorruptError, LogError, QueryError
+from meal_bayes.files import checked_path
 from meal_bayes.trial_log.decode import UNFINISHED
 from meal_bayes.trial_log.feedback import FeedbackIndex
 from meal_bayes.trial_log.names import TURNS, drafts_of, explored_name, feedback_of, search_files
@@ -17,7 +18,7 @@ from meal_bayes.trials import Search, Trial
 
 def search_of(place: str | Path) -> Path | None:
     """Return the log of a search, by its name or as the one of its folder; None of what is none."""
-    found = search_files(Path(place), below=False)
+    found = search_files(checked_path("The log", place), below=False)
     return found[0] if found else None
 
 
