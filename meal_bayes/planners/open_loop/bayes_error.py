@@ -1,7 +1,8 @@
-"""Kernels of the exact Bayes error of an attribute after an open-loop plan: E min(b, 1 - b).
+"""Kernels of the Bayes error of an attribute after an open-loop plan: E min(b, 1 - b).
 
-Percepts are cut to yes/no, and outcomes of like likelihood ratio merged at the
-capacity; both can only raise the error, so the value of a plan stays a lower bound.
+It is exact where percepts are yes or no, and few. Graded ones are cut to yes/no, and outcomes of
+like likelihood ratio merged at the capacity; both can only raise the error, so the value of a plan
+stays a lower bound.
 """
 
 from typing import NamedTuple

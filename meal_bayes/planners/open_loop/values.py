@@ -157,10 +157,11 @@ def _table_error(evaluator, t, prob, i):
 
 
 @kernel
-def _plan_value(evaluator, conjunction, j, prob, floor, exact):
-    """Compute a plan's value by the tables, or exactly; at most `floor` if it cannot beat that.
+def _plan_value(evaluator, conjunction, j, prob, floor, enumerated):
+    """Compute a plan's value by tables, or by its percepts; at most `floor` if it cannot beat that.
 
-    `conjunction` is the model's. Where it is None, kernels of yes or no are not compiled.
+    Where `enumerated`, the outcomes of its percepts are, after those of the trial so far.
+    `conjunction` is the model's; where it is None, kernels of yes or no are not compiled.
     """
     model = evaluator.model
     plans = evaluator.plans
@@ -174,7 +175,7 @@ def _plan_value(evaluator, conjunction, j, prob, floor, exact):
             pay += _bonus(evaluator, j)
         # V = pay + g V_end <= floor, solved for V_end: below it thresholds need not be improved.
         least = (floor - pay) / plan.discount if floor > -np.inf else -np.inf
-        return pay + plan.discount * planned_yes_or_no(evaluator, j, prob, least, exact)
+        return pay + plan.discount * planned_yes_or_no(evaluator, j, prob, least, enumerated)
     base = plan.discount * model.incorrect - plan.cost
     reward = plan.discount * model.reward_range
     if model.shaped:
@@ -184,7 +185,7 @@ def _plan_value(evaluator, conjunction, j, prob, floor, exact):
             break
         t = plans.row[j, i]
         z = scratch.column[i]
-        if not exact:
+        if not enumerated:
             error = _table_error(evaluator, t, prob, i)
         else:  # once for all plans and beliefs that share the row
             if scratch.error[t, z] < 0.0:
@@ -281,8 +282,8 @@ def evaluate_plans(evaluator, x, prob, floor, drop_idle):
     count = plans.first[x + 1] - start
     for turn in range(2 * count):
         j = start + turn
-        exact = turn >= count
-        if exact:
+        enumerated = turn >= count
+        if enumerated:
             top = _most_promising(scratch.guess, count)
             guess = scratch.guess[top]
             j = start + top
@@ -291,15 +292,15 @@ def evaluate_plans(evaluator, x, prob, floor, drop_idle):
             scratch.guess[top] = -np.inf
         # A plan whose guess is no better than what its first behavior has got is not computed.
         a = plans.plan[j].action
-        if exact:
+        if enumerated:
             if guess <= out[a] or scratch.computed[a] >= COMPUTED:
                 continue
             scratch.computed[a] += 1
         # A plan that cannot beat this is cut short.
         lowest = best if best_only else out[a]
-        value = _plan_value(evaluator, evaluator.model.conjunction, j, prob, lowest, exact)
-        waits = not exact and not _is_tabled(evaluator, j)
-        if not exact:
+        value = _plan_value(evaluator, evaluator.model.conjunction, j, prob, lowest, enumerated)
+        waits = not enumerated and not _is_tabled(evaluator, j)
+        if not enumerated:
             scratch.guess[turn] = value if waits else -np.inf
         if not waits and value > out[a]:
             out[a] = value

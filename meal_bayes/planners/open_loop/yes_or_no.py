@@ -117,8 +117,11 @@ def _compute_literal(evaluator, j, prob, i, weights, first):
 
 
 @kernel
-def planned_yes_or_no(evaluator, j, prob, floor, exact):
-    """Compute the reward expected at the end of a plan; at most `floor` if it cannot beat that."""
+def planned_yes_or_no(evaluator, j, prob, floor, enumerated):
+    """Compute the reward expected at the end of a plan; at most `floor` if it cannot beat that.
+
+    By tables, or `enumerated`; see `values`.
+    """
     conjunction = evaluator.model.conjunction
     accepted = evaluator.scratch.accepted
     n = prob.shape[0]
@@ -146,7 +149,7 @@ def planned_yes_or_no(evaluator, j, prob, floor, exact):
                     asserts *= accepted[0, k] + accepted[1, k]
             # gain hits h - loss (asserts (h + f) - hits h): gained with h, and lost with f.
             weights = (loss * asserts, (gain + loss) * hits - loss * asserts)
-            if exact:
+            if enumerated:
                 _compute_literal(evaluator, j, prob, i, weights, turn == 0)
             else:
                 _decide_literal(evaluator, evaluator.plans.row[j, i], prob, i, weights)
