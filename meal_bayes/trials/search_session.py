@@ -12,6 +12,7 @@ from meal_bayes.errors import LogError, SettingsError
 from meal_bayes.planners import EMPTY, Decision, Prospect, Prospector, best_move
 from meal_bayes.robots.robot import Outcome, state_index
 from meal_bayes.trials.record import Step
+from meal_bayes.trials.recorder import breaking, noted
 from meal_bayes.trials.search import Search, SearchingRobot
 from meal_bayes.trials.session import MAX_STEPS, Session
 
@@ -211,7 +212,8 @@ class SearchSession:
             A state that a robot cannot be in.
         """
         name = self._explored
-        self.sessions[name].observe(outcome)
+        with breaking(self._break):
+            self.sessions[name].observe(outcome)
         self._go_on(name)
 
     @property
@@ -229,27 +231,39 @@ class SearchSession:
     def cancel(self, why: str = "cancelled") -> None:
         """End the search without an answer; one that is over stays as it is."""
         if not self.over:
-            for session in self.sessions.values():
-                if session.begun:
-                    session.cancel(why)
-            self._end(why)
+            try:
+                for session in self.sessions.values():
+                    if session.begun:
+                        session.cancel(why)
+            finally:  # also where their ends cannot be logged
+                self._end(why)
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, _: object, fault: BaseException | None, __: object) -> None:
-        why = "left before the answer"
-        if fault is not None:
-            why = f"error: {type(fault).__name__}: {fault}".removesuffix(": ")
-        self.cancel(why)
+        if fault is None:
+            self.cancel("left before the answer")
+        else:
+            self._end_by(fault)
 
     def _prospect(self, name: str) -> Prospect:
         return self._prospectors[name].prospect(self.sessions[name].history, self._rng)
 
     def _go_on(self, name: str) -> None:
         """Value anew the object of which something is new, and decide."""
-        self._prospects[name] = self._prospect(name)
-        self._decide()
+        with breaking(self._break):
+            self._prospects[name] = self._prospect(name)
+            self._decide()
+
+    def _break(self, fault: BaseException) -> None:
+        """End the search by an exception, unless a turn or a behavior is waited for still."""
+        if self.turn is None and self.behavior is None:
+            self._end_by(fault)
+
+    def _end_by(self, fault: BaseException) -> None:
+        with noted(fault, None):
+            self.cancel(f"error: {type(fault).__name__}: {fault}".removesuffix(": "))
 
     def _decide(self) -> None:
         """Carry out what `best_move` chooses: a behavior, another object, or the answer."""

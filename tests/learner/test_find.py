@@ -1,15 +1,17 @@
 """`Learner.find`: replays, a robot of one's own, by hand; logs, limits, faults, wrong input."""
 
+import os
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from meal_bayes.datasets import load_percepts
-from meal_bayes.errors import QueryError, RobotError, SettingsError
+from meal_bayes.errors import LogError, QueryError, RobotError, SettingsError
 from meal_bayes.learner import Learner
+from meal_bayes.planners import Prospector
 from meal_bayes.robots import Outcome, RobotPerObject
-from meal_bayes.trial_log import read_trials
+from meal_bayes.trial_log import read_search, read_trials
 from meal_bayes.trials import run_search
 
 BOXES = ("light_blue_beans", "medium_brown_rice", "heavy_green_glass", "heavy_blue_beans")
@@ -186,6 +188,47 @@ def test_a_robot_that_breaks_ends_all_trials_and_the_search(learner, tmp_path):
     assert len(trial.steps) == 2
 
 
+@pytest.mark.parametrize("part", ["on_step", "planner", "log"])
+def test_what_breaks_between_two_behaviors_ends_the_search(learner, monkeypatch, tmp_path, part):
+    """Nobody waits for a robot that waits for it; what it did is in the logs."""
+    steps = []
+
+    def broken(*args, **options):
+        if len(steps) == 2:
+            raise OSError("no more")
+        return prospect(*args) if args[1:] else None
+
+    prospect = Prospector.prospect
+    session = learner.begin_find(
+        "heavy and blue", BOXES, log=tmp_path / "it",
+        on_step=lambda step: (steps.append(step), part == "on_step" and broken(step)),
+    )  # fmt: skip
+    if part == "planner":
+        monkeypatch.setattr(Prospector, "prospect", broken)
+    if part == "log":
+        monkeypatch.setattr(os, "fsync", broken)
+    with pytest.raises((OSError, LogError), match="no more"):
+        run_by_hand(session, Table(session, learner))
+    assert session.over
+    assert "no more" in session.search.ended
+    assert len(steps) == 2
+    if part == "log":
+        for one in (session, *session.sessions.values()):
+            if one._recorder is not None:
+                one._recorder._file.close()
+    else:
+        assert read_search(tmp_path / "it").ended == session.search.ended
+        assert sum(len(trial.steps) for trial in read_trials(tmp_path / "it")) == 2
+
+
+def run_by_hand(session, table):
+    while not session.over:
+        if session.turn is not None:
+            session.turned(table.turn_to(session.turn))
+        else:
+            session.observe(table.execute(session.behavior))
+
+
 def test_failures_leave_the_state_and_the_search_goes_on(learner):
     session = learner.begin_find("heavy", BOXES[2:])
     with session:
@@ -249,6 +292,7 @@ def test_where_nobody_is_left_to_learn_from_it_is_said(learner):
         ({"truth": 5}, "truth"),
         ({"max_steps": 1.5}, "max_steps"),
         ({"max_steps": "a", "log": "never made"}, "max_steps"),
+        ({"log": 5}, "log is 5; give a path"),
         ({"truth": {"nobody": {"heavy": True}}}, "none of the objects"),
     ],
 )
