@@ -47,9 +47,9 @@ _RULES = """## Run it
   paper's objects are the whole population: each trial draws object, question and percepts, so that
   trials are independent. Of what is judged as many were run as a planned half width asks for (the
   items' code has the plan, Table 3's page shows it beside what was reached; in Figs 8 and 9
-  deviations are those of a first run, whose trials are among them). Not planned are `eq7` and
-  `errata` (400), `pomdpsol` (its page says how many), points of Fig. 9 between its ends (60) and
-  MORC that must answer there (300). Online, its objects are a sample in this column too, and
+  deviations are those of a first run, whose trials are among them). Not planned are
+  `pomdpsol` (its page says how many), points of Fig. 9 between its ends (60) and MORC that must
+  answer there (300). Online, its objects are a sample in this column too, and
   intervals are of other objects.
 - **recorded**: the paper's agents on outputs of our classifiers (`fig4`: of the paper's) on real
   recordings of an object that none has seen, no recording used twice in a trial. Objects are
@@ -132,7 +132,7 @@ known:
   answer is right with its .85, in place of each attribute's; Random's cost is by construction, and
   whether MORC is more accurate than Predefined Plus is no more asked on recordings, where both are
   right nearly always (before, in the first column: 10 stand, 4 fall; on recordings 4 stand, 4
-  undecided).
+  undecided). `eq7` judges nothing, as nobody is said to win (before: 2 stand, 2 undecided).
 - 2026-11-25, with results of 20 to 400 trials known: where percepts are drawn, trials are the units
   and their number is planned; before, 47 statements of the first column were undecided, many for
   want of trials. `table3`: the headline is judged in the first column and central there, no more on

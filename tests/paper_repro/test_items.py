@@ -114,13 +114,6 @@ def test_fig_8_judges_costs(outcomes, kind, rise, drawn):
         assert outcome(evidence[text]) == CONSTRUCTED
 
 
-@pytest.mark.parametrize(("kind", "lead"), kinds(0.3, -0.3, 0.0))
-def test_eq_7_judges_successes_within_a_budget(outcomes, kind, lead):
-    runs = {name: outcomes(60, right=0.5, seed=n) for n, name in enumerate(eq7.BASELINES)}
-    runs["morc"] = outcomes(60, right=0.5 + lead, seed=9)
-    assert {outcome(claim) for claim in eq7.judge(runs, "ROC36", drawn=False).values()} == {kind}
-
-
 def test_successes_are_counted_while_the_budget_lasts():
     success, cost = np.array([1, 0, 1, 1]), np.array([10.0, 10.0, 10.0, 10.0])
     counts = [eq7.repeated_successes(success, cost, budget) for budget in (5, 15, 35, 40, 75)]
