@@ -122,11 +122,11 @@ def recall(learner: Learner, *logs: str | Path) -> list[Trial]:
     learner.note_folders(places)
     tell_again(experience, files.told())
     learner.refit()
-    faults = list(dict.fromkeys(files.problems))
+    faults = [fault for fault in dict.fromkeys(files.problems) if fault not in files.unfinished]
     if faults:
         more = f"; and {len(faults) - 1} more" if faults[1:] else ""
         warnings.warn(
-            f"Not all of the logs was recalled: {faults[0]}{more}. A file of labels that is "
+            f"Not all of the logs was recalled: {faults[0]}{more}. Labels in a file that is "
             "damaged may have replaced others; tell them again.",
             stacklevel=2,
         )

@@ -63,6 +63,7 @@ class Logs:
         files = {file.resolve(): file for path in paths for file in log_files(path)}
         self.files: Sequence[Path] = list(files.values())
         self.problems: list[str] = []  # grows while trials are read
+        self.unfinished: list[str] = []  # those of drafts, which another process may be writing
         self._feedback: dict[Path, FeedbackIndex] = {}  # by folder
 
     @property
@@ -104,7 +105,8 @@ class Logs:
                 yield self._judged(Group(header, scan.path, places, outcomes, trials))
             if scan.path.name.endswith(ACTIVE):
                 why = f" ({scan.problems[0]})" if scan.problems else ""
-                self.problems.append(f"{file} was not finished by its writer{why}")
+                self.unfinished.append(f"{file} was not finished by its writer{why}")
+                self.problems.append(self.unfinished[-1])
             else:
                 self.problems += [f"{file}: {problem}" for problem in scan.problems]
         if empty and self.problems:

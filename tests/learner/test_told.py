@@ -90,6 +90,14 @@ def test_a_label_that_cannot_be_read_is_named(dataset, make, tmp_path):
     assert red(heir) == {}
 
 
+def test_a_trial_that_is_under_way_elsewhere_is_no_damage(dataset, make, tmp_path):
+    """Warnings are errors here."""
+    session = begun(dataset, make, tmp_path).begin("red", object_name="cup")
+    heir = Learner(dataset.domain, agent=make.agent("look"), logs=None)
+    assert len(recall(heir, tmp_path)) == 2
+    session.cancel()
+
+
 def renamed(make, **changes):
     """Return the kitchen after somebody edited its file."""
     table = copy.deepcopy(make.kitchen)
