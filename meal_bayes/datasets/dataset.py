@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes.arrays import freeze, label_values, set_frozen
+from meal_bayes.arrays import freeze, is_whole, label_values, set_frozen
 from meal_bayes.datasets.features import checked_features
 from meal_bayes.datasets.frames import dataset_parts
 from meal_bayes.display import facts_html, facts_repr, listed, short_repr
@@ -224,18 +224,26 @@ class Dataset:
         DataError
             The object has no such recording.
         """
+        _check_positions([object_index], len(self.objects), "objects")
         index = self.domain.behavior_index(behavior)
         count = self.recording_counts[object_index, index]
-        if not 0 <= recording < count:
+        if not is_whole(recording) or not 0 <= recording < count:
             raise DataError(
-                f"{self.objects[object_index]!r} has no recording {recording} of {behavior!r}; "
-                f"it has {count}, counted from 0."
+                f"{self.objects[object_index]!r} has no recording {recording!r:.60} of "
+                f"{behavior!r}; it has {count}, counted from 0."
             )
         features = {
             modality: self.features[behavior, modality][object_index, recording]
             for modality in self.domain.behaviors[index].modalities
         }
         return Instance(object_index, behavior, recording, features)
+
+
+def _check_positions(positions: Iterable[object], count: int, what: str) -> None:
+    """Refuse what is no place in a list: a negative one would silently count from its end."""
+    for place in positions:
+        if not is_whole(place) or not 0 <= place < count:
+            raise DataError(f"Found {place!r:.60}; expected a place among {count} {what}, from 0.")
 
 
 def complete_labels(
@@ -310,6 +318,8 @@ class TrainingSet:
                 "a row for each instance."
             )
         unique, rows = np.unique(keys, axis=0, return_index=True)
+        if (unique < 0).any():
+            raise DataError("Objects, behaviors and recordings are places, counted from 0.")
         if len(unique) < len(keys):
             raise DataError("A recording has two rows of labels; give each one.")
         for name, column in zip(("object", "behavior", "recording"), unique.T, strict=True):
@@ -319,7 +329,9 @@ class TrainingSet:
     @classmethod
     def everything(cls, dataset: Dataset, objects: Iterable[int] | None = None) -> "TrainingSet":
         """Return all recordings of some objects (of all by default), with all known labels."""
-        chosen = range(len(dataset.objects)) if objects is None else sorted(set(objects))
+        chosen = range(len(dataset.objects)) if objects is None else [*objects]
+        _check_positions(chosen, len(dataset.objects), "objects")
+        chosen = sorted({*chosen})
         sensing = dataset.domain.recorded
         axes = np.meshgrid(list(chosen), sensing, np.arange(dataset.recordings), indexing="ij")
         keys = np.stack(axes).reshape(3, -1).astype(np.int32)

@@ -13,7 +13,7 @@ from meal_bayes.domain.diagram import TransitionDiagram
 from meal_bayes.domain.event import Payoffs
 from meal_bayes.domain.labels import label_of, one_value
 from meal_bayes.domain.words import JOINING_WORDS, doubled, fold, unknown
-from meal_bayes.errors import DomainError, QueryError
+from meal_bayes.errors import DataError, DomainError, QueryError
 from meal_bayes.untrusted import LARGEST
 
 _PRIOR = 2.0  # executions at the domain's own probability, where success is learned
@@ -202,6 +202,8 @@ class Domain:
         >>> load_domain("roc36").labels({"weight": "heavy", "blue": True})[:6]
         array([0, 0, 1, 0, 0, 1], dtype=int8)
         """
+        if not isinstance(values, Mapping):
+            raise DataError(f"Labels are {values!r:.60}; give {{attribute: True, False or None}}.")
         # A value names an attribute, alone or as one of its group's.
         labels = np.full(len(self.attributes), -1, np.int8)
         for name, value in values.items():

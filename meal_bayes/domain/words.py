@@ -54,9 +54,10 @@ def doubled(kind: str, names: Iterable[str]) -> str:
     return ""
 
 
-def unknown(kind: str, name: str, candidates: Iterable[str]) -> str:
+def unknown(kind: str, name: object, candidates: Iterable[str]) -> str:
     """Build the message that a name is not known, with the known names nearest to it."""
     names = list(candidates)
+    name = name if isinstance(name, str) else repr(name)
     if len(name) > _LONGEST:
         name = f"{name[:_LONGEST]}..."
     if other := twin(name, names):

@@ -138,8 +138,6 @@ def check_data(data: object, domain: Domain) -> None:
 
 def checked_labels(values: Mapping[str, bool | None], domain: Domain) -> NDArray[np.int8]:
     """Return labels by attribute as an array (P,); -1 where there is none."""
-    if not isinstance(values, Mapping):
-        raise SettingsError(f"Labels are {values!r}; give {{attribute: True, False or None}}.")
     try:
         return domain.labels(values)
     except DataError as fault:

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from meal_bayes.datasets import Dataset, TrainingSet, make_synthetic, object_index
 from meal_bayes.domain import load_domain
-from meal_bayes.errors import DataError, SettingsError
+from meal_bayes.errors import DataError, MealBayesError, SettingsError
 
 LOOK = ("look", "color")
 FEATURES = {LOOK: np.arange(12.0).reshape(2, 3, 2), ("lift", "haptics"): np.zeros((2, 3, 1))}
@@ -176,3 +176,33 @@ def test_settings_out_of_range(name, value):
     options = {"objects": 3, "recordings": 1, "rng": np.random.default_rng(0), name: value}
     with pytest.raises(SettingsError, match=name):
         make_synthetic(load_domain("toy"), **options)
+
+
+@pytest.mark.parametrize("place", [-1, -2, 99, 2**40, 1.0, True, None, "cup 1", (0,), [0.0]])
+def test_a_place_is_one_of_the_list(dataset, place):
+    """A negative one would count from the end, in silence."""
+    behavior = dataset.domain.behavior_names[0]
+    for call in (
+        lambda: dataset.instance(place, behavior, 0),
+        lambda: dataset.instance(0, behavior, place),
+        lambda: TrainingSet.everything(dataset, [0, place]),
+    ):
+        with pytest.raises(DataError, match="from 0"):
+            call()
+    if isinstance(place, int) and place < 0:
+        with pytest.raises(DataError, match="from 0"):
+            TrainingSet([place], [0], [0], np.zeros((1, 2), np.int8))
+
+
+@pytest.mark.parametrize("name", [5, None, 1.5, b"x", (1,), ["x"]])
+def test_what_is_no_name_is_unknown(dataset, name):
+    domain = dataset.domain
+    for call in (
+        lambda: domain.behavior_index(name),
+        lambda: domain.columns([name]),
+        lambda: domain.labels(name),
+        lambda: domain.labels({repr(name): True}),
+        lambda: object_index(dataset.objects, name),
+    ):
+        with pytest.raises(MealBayesError, match=r"Unknown|Labels are"):
+            call()
