@@ -44,7 +44,7 @@ class Search:
     turn_cost : float
         s, of turning to an object.
     ended : str
-        Why the search was broken off; empty: it was not.
+        Why the search was broken off, or that it is under way; empty: it gave its answer.
     states : tuple[str, ...]
         In which the robot found the object, of each turn.
     """
@@ -64,12 +64,16 @@ class Search:
     def _facts(self) -> tuple[str, dict[str, str]]:
         verdict = {True: " (right)", False: " (wrong)", None: ""}[self.success]
         return f"Search for {self.question}", {
-            "answer": (self.claim or "none of them") + verdict,
+            "answer": self.answer + verdict,
             "objects": listed(list(self.trials)),
             "turns": listed(list(self.turns)) or "none",
             "cost": f"{self.cost:.1f} s in {sum(len(t.steps) for t in self.trials.values())} steps",
-            **({"ended": self.ended} if self.ended else {}),
         }
+
+    @property
+    def answer(self) -> str:
+        """The object that is claimed, "none of them", or why there is no answer."""
+        return f"none; {self.ended}" if self.ended else self.claim or "none of them"
 
     @property
     def cost(self) -> float:
@@ -106,7 +110,7 @@ def search_facts(search: Search) -> dict[str, str]:
     verdict = {True: "right", False: "wrong", None: "not known"}[search.success]
     return {
         "question": search.question,
-        "answer": f"none; {search.ended}" if search.ended else search.claim or "none of them",
+        "answer": search.answer,
         "verdict": verdict,
         "turns": ", ".join(search.turns) or "none",
         "cost": f"{search.cost:.1f} s",

@@ -112,7 +112,7 @@ class SearchSession:
             claim=self._claim,
             none=self._none,
             turn_cost=self._rules.turn_cost,
-            ended=self._ended or "",
+            ended="under way" if self._ended is None else self._ended,
             states=tuple(state for _, state in self._turns),
         )
 

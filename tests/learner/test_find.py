@@ -145,6 +145,8 @@ def test_a_search_is_driven_by_hand(learner):
     session = learner.begin_find("heavy and blue", BOXES)
     table = Table(session, learner)
     while not session.over:
+        assert "none; under way" in repr(session)
+        assert session.search.success is None
         if session.turn is not None:
             assert session.behavior is None
             with pytest.raises(SettingsError, match="No behavior is under way"):
