@@ -252,7 +252,7 @@ class Answerer:
             There is no trial that was broken off, or several; it is another learner's, or another
             process drives the robot.
         """
-        place = self._folder if log is None else Path(log)
+        place = self._folder if log is None else checked_path("log", log)
         if place is None:
             raise SettingsError("This learner logs nothing; give resume() the trial's log.")
         broken = interrupted(place, Interrupted)

@@ -44,6 +44,7 @@ def test_what_is_no_path_is_told_to_a_learner(learner, make, value):
             lambda: Learner(learner.domain, logs=value),
             lambda: learner.ask("red", arm, log=value),
             lambda: learner.begin("red", log=value),
+            lambda: learner.resume(value),
         ]
     for call in calls:
         with pytest.raises(SettingsError, match="give a path"):
