@@ -266,6 +266,7 @@ class Session:
     def _decide(self) -> None:
         """Let the policy choose the next behavior, or the report that ends the trial."""
         self._decision = None
+        self._at = "robot"
         if self._policy is None or self.over:
             return
         with breaking(self._break):
@@ -276,17 +277,16 @@ class Session:
 
     def _within(self, decision: Decision) -> tuple[Decision, str]:
         """Return a decision, or the best answer where a limit is reached, with a warning."""
-        momdp = self.momdp
-        if decision.action >= momdp.n_behaviors:
+        if decision.action >= self.momdp.n_behaviors:
             return decision, ""
-        cost = self.history.cost + momdp.charged(decision.action, idle=False)
+        cost = self.history.cost + self.momdp.charged(decision.action, idle=False)
         if len(self.steps) >= self.max_steps:
             limit = f"max_steps = {self.max_steps}"
         elif self.max_cost is not None and cost > self.max_cost:
             limit = f"max_cost = {self.max_cost:g} s"
         else:
             return decision, ""
-        answer = unvalued(momdp, best_answer(momdp, self.belief))
+        answer = unvalued(self.momdp, best_answer(self.momdp, self.belief))
         return answer, f"the best answer when {limit} was reached"
 
     def _follow(self, decision: Decision, warning: str = "") -> None:

@@ -7,7 +7,7 @@ import pytest
 from meal_bayes import Outcome
 from meal_bayes.agents import Agent
 from meal_bayes.errors import LogError, SettingsError
-from meal_bayes.planners import Predefined
+from meal_bayes.planners import Predefined, unvalued
 from meal_bayes.trial_log import ACTIVE, Logs, TrialWriter
 
 
@@ -124,3 +124,19 @@ def test_a_command_is_a_decision(dataset, make, decision):
         session.command(decision)
     assert not session.over
     assert dataclasses.is_dataclass(session.trial)
+
+
+@pytest.mark.parametrize("on_step", [None, lambda step: None], ids=["silent", "watched"])
+def test_whoever_drives_is_not_taken_for_a_callback(dataset, make, tmp_path, on_step):
+    learner = make.learner(dataset, make.agent("look"), logs=tmp_path)
+    session = learner.begin("red", commanded=True, on_step=on_step)
+
+    def drive():
+        with session:
+            session.command(unvalued(session.momdp, 0))
+            session.observe(seen())
+            raise Broken("hot")
+
+    with pytest.raises(Broken):
+        drive()
+    assert session.trial.ended == "robot error: Broken: hot"
