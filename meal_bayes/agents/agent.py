@@ -56,7 +56,8 @@ class Agent:
     exploration : ExplorationBonus
         Bonus of training trials online.
     memory : bool
-        It recognizes objects.
+        It recognizes objects, and knows what was told of them in earlier trials. What it perceived
+        of them then enters confusion matrices, as all percepts do, and no belief about the object.
     whiten : bool
         It learns from repeats which differences of features do not depend on the object.
     trained_by : Agent | None

@@ -45,8 +45,8 @@ def _predefined(domain: Domain, query: Query, persistent: bool = False) -> Solve
 
 
 _LEGAL = Agent("random_legal", _random_legal)
+_SEARCH = _Always(POMCP())  # one planner of the paper's agents and of ours
 # The paper's: percepts independent given the truth (Eq. 8), uniform prior.
-_SEARCH = _Always(POMCP())
 _MORC = Agent("morc", _SEARCH, abstain=True)
 _ITERATIVE = replace(_MORC, name="iterative_morc")
 _ITRS = replace(_MORC, name="morc_itrs", exploration=ITRSBonus())

@@ -193,6 +193,7 @@ def _labels(domain: Domain, words: Mapping[str, Collection[str]], name: str) -> 
     return np.array([[a in true for a in domain.attributes] for true in words.values()], np.int8)
 
 
+# Repository and commit, as they stand in each path of SHA256SUMS too.
 _POMDP = ("shiqizhang6/perception_pomdp", "4ab4abf1a47ce184f0327d3c143533d482c2604c")
 _LEARNING = ("keke-220/Predicate_Learning", "62b9e1efa8b4cf990a68c3526a9ae872d8a6b1ad")
 SOURCES = {

@@ -18,7 +18,7 @@ from meal_bayes.domain.words import NOT, UNCLEAR_WORDS, unknown
 from meal_bayes.errors import QueryError
 
 _LASTING = NOT - {"not"}  # "without beans or rice" may mean that both are absent
-_AND = {"and", "but", *JOINING_SIGNS}
+_CONNECTIVES = {"or": "or", **dict.fromkeys(("and", "but", *JOINING_SIGNS), "and")}
 _QUANTIFIERS = {"both": "not A or not B", "either": "neither A nor B"}  # what to say after a "not"
 
 
@@ -75,7 +75,7 @@ class _Reader:
             self.negation = word
         else:
             self.neither = False
-            self.joined = "or" if word == "or" else "and"
+            self.joined = _CONNECTIVES[word]
             self.connectives.add(self.joined)
 
     def other(self, word: str) -> None:
@@ -148,7 +148,7 @@ def read_event(
                 raise QueryError(f"{message} which.")
         elif word in NOT or word == "neither":
             reader.negate(word)
-        elif word in _AND or word in ("or", "nor"):
+        elif word in _CONNECTIVES or word == "nor":
             reader.join(word)
         else:
             reader.other(word)

@@ -125,11 +125,12 @@ def _agents(
     ]
     # Neither cost nor ECE has a best: both are low where an agent does nothing.
     best = {
-        2: best_of([round(row.accuracy, 3) for row in rows]),
-        4: best_of([round(row.reward, 1) for row in rows]),
-        5: best_of([-round(row.nll, 3) for row in rows]),
+        "accuracy": best_of([round(row.accuracy, 3) for row in rows]),
+        "reward": best_of([round(row.reward, 1) for row in rows]),
+        "NLL": best_of([-round(row.nll, 3) for row in rows]),
     }
-    for column, places in best.items():
+    for measure, places in best.items():
+        column = head.index(measure)
         for place in places:
             cells[place][column] = {"text": cells[place][column], "best": True}
     figures = []

@@ -51,8 +51,8 @@ class Percepts(NamedTuple):
 
     rows: Floats  # (N,E,C,K) mean Pr(level | latent class)
     precision: Floats  # (N,E,C) Dirichlet precision of a row
-    classes: Floats  # (N,2,C) Pr(latent class | truth)
-    truth: Floats  # (N,2,C) Pr(truth | latent class) under the prior
+    class_of_truth: Floats  # (N,2,C) Pr(latent class | truth)
+    truth_of_class: Floats  # (N,2,C) Pr(truth | latent class) under the prior
     informative: NDArray[np.bool_]  # (N,E) does a percept carry information on the latent class?
     limit: Floats  # (E,) percepts that a trial can have
     rows_known: NDArray[np.bool_]  # (E,) are all rows of a behavior known exactly?
@@ -82,8 +82,8 @@ def arrays_of(momdp: MOMDP, price: float = _PRICE) -> MOMDPArrays:
         percepts=Percepts(
             rows=momdp.confusion.copy(),
             precision=momdp.precision.copy(),
-            classes=momdp.latent_classes.copy(),
-            truth=np.exp(momdp.log_truth),
+            class_of_truth=momdp.latent_classes.copy(),
+            truth_of_class=np.exp(momdp.log_truth),
             informative=_information(momdp) > _INFORMATIVE,
             limit=momdp.limit.copy(),
             rows_known=np.asarray(np.isinf(momdp.precision).all(axis=(0, 2))),

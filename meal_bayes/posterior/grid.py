@@ -38,9 +38,10 @@ TAUS = np.array([0.25, 0.5, 1.0, 2.0])  # of ln s over attributes, half-normal(1
 _CENTER = 1.5  # log-odds about which the points of m spread out
 _BLOCK = 4_000_000  # grid points scored at a time, 32 MB
 _TINY = np.float32(1e-30)
-PRIOR_WEIGHT = 2.0  # of a row before any percept: 1 a cell for yes/no
+PRIOR_WEIGHT = 2.0  # of a row of two levels before any percept: 1 a cell
 _BINARY = 2  # levels: yes and no
-_GRADED = 32.0  # weight of the prior of m where percepts are graded
+_GRADED = 32.0  # the same of a row of more levels, as `bayes` has
+_FLAT = 1.0  # weight of a flat row beside the counts, where that of more levels is learned
 _WEIGHTS = np.geomspace(0.125, 64.0, 19)  # of the prior of m; ln w ~ Normal(ln 2, 1) a priori
 
 
@@ -278,7 +279,7 @@ def _graded_prior(effective: Floats, votes: Bools) -> Floats:
     """
     levels = effective.shape[-1]
     n = effective.sum(axis=-1, keepdims=True)
-    rows = (1 / levels + effective) / (1 + n)
+    rows = (_FLAT / levels + effective) / (_FLAT + n)
     vote = n.min(axis=-2, keepdims=True) * votes[..., None, None]
     pooled = (rows * vote).sum(axis=(-4, -3), keepdims=True) + 1 / levels  # (...,1,1,2,K)
     log_ratio = np.log(pooled[..., 1:, :]) - np.log(pooled[..., :1, :])

@@ -77,7 +77,7 @@ class Search:
 
     @property
     def cost(self) -> float:
-        """Seconds of all behaviors, and of turning."""
+        """Seconds of all behaviors, and of turning, which `SearchSession` plans with."""
         behaviors = sum(trial.cost for trial in self.trials.values())
         return behaviors + self.turn_cost * len(self.turns)
 

@@ -206,9 +206,9 @@ def plan_error(percepts, counts, i, prob, scratch):
     """Compute attribute i's Bayes error after a plan's percepts (E,), from a belief (N,C)."""
     for c in range(prob.shape[1]):
         scratch.outcomes[c, 0] = prob[i, c]
-    m = _enumerate(percepts, percepts.truth, counts, i, scratch)
+    m = _enumerate(percepts, percepts.truth_of_class, counts, i, scratch)
     # err_i = sum over outcomes of min(Pr(outcome, false), Pr(outcome, true))
-    _sum_classes(percepts.truth, i, m, scratch)
+    _sum_classes(percepts.truth_of_class, i, m, scratch)
     error = 0.0
     for a in range(m):
         error += min(scratch.truths[0, a], scratch.truths[1, a])
@@ -223,8 +223,8 @@ def plan_rates(percepts, counts, i, prob, weight, scratch):
     """
     for c in range(prob.shape[1]):
         scratch.outcomes[c, 0] = prob[i, c]
-    m = _enumerate(percepts, percepts.truth, counts, i, scratch)
-    _sum_classes(percepts.truth, i, m, scratch)
+    m = _enumerate(percepts, percepts.truth_of_class, counts, i, scratch)
+    _sum_classes(percepts.truth_of_class, i, m, scratch)
     scratch.accepted[0, i] = 0.0
     scratch.accepted[1, i] = 0.0
     for a in range(m):
@@ -249,8 +249,8 @@ def tabulate_errors(percepts, counts, attribute, scratch, table):
     for t in range(table.shape[0]):
         i = attribute[t]
         scratch.outcomes[:, 0] = 1.0
-        m = _enumerate(percepts, percepts.classes, counts[t], i, scratch)
-        _sum_classes(percepts.classes, i, m, scratch)
+        m = _enumerate(percepts, percepts.class_of_truth, counts[t], i, scratch)
+        _sum_classes(percepts.class_of_truth, i, m, scratch)
         # From threshold g on an outcome speaks for yes.
         bins[:, : thresholds + 1] = 0.0
         for a in range(m):
@@ -264,7 +264,7 @@ def tabulate_errors(percepts, counts, attribute, scratch, table):
             no = 0.0
             for g in range(thresholds):
                 yes += bins[c, g]
-                table[t, g, c] = percepts.truth[i, 0, c] * yes
+                table[t, g, c] = percepts.truth_of_class[i, 0, c] * yes
             for g in range(thresholds - 1, -1, -1):
                 no += bins[c, g + 1]
-                table[t, g, c] += percepts.truth[i, 1, c] * no
+                table[t, g, c] += percepts.truth_of_class[i, 1, c] * no

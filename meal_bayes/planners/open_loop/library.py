@@ -5,8 +5,9 @@ percepts. Each step computes them as precisely as it must, from the cheapest to 
 
 - *grow* takes the least that an error can be, from the Bhattacharyya coefficient of the percepts
   (an optimistic bound), so that no plan ends before what could still pay;
-- *sift* takes the most that it can be, by the same coefficient (a pessimistic bound; of yes or no
-  half of it for misses, half for false alarms): a plan that is promising by it keeps its promise;
+- *sift* takes the most that it can be, by the same coefficient (a pessimistic bound where percepts
+  are independent given the truth, with shared latent classes an estimate; of yes or no half of it
+  is taken for misses, half for false alarms);
 - *compete* enumerates the percepts, cut to yes or no, and merges outcomes that say nearly the same
   where they are more than 256: a bound from above again, and a close one;
 - *complete* does so once more for the winners alone, up to 1,024 outcomes. These tables are what
@@ -45,7 +46,7 @@ _BELIEFS = 16  # beliefs for each attribute, up to _MANY of them, at which plans
 _ROUNDS = 6  # of correcting a belief that latent classes hold together
 _WINNERS = 14  # plans an x, besides one for every first behavior and what remains of them
 _CANDIDATES = 10  # candidates for each attribute, an x and a belief, that compete
-_OF_FIRST = 2  # further candidates of each first behavior
+_OF_FIRST = 2  # candidates of each x and first behavior, if not among these
 _COUNTED = 8  # numbers of percepts of one behavior, 0 to 7, whose affinities are computed
 
 
@@ -66,7 +67,7 @@ def plan_library(momdp: MOMDP, model: MOMDPArrays) -> Plans:
         return _no_plans(momdp, model)
     diagram = diagram_of(model.dynamics)
     beliefs = _spread_beliefs(momdp, model)
-    probabilities = (beliefs * model.percepts.truth[:, 1]).sum(axis=2)  # (B,N) of true
+    probabilities = (beliefs * model.percepts.truth_of_class[:, 1]).sum(axis=2)  # (B,N) of true
     log_affinity = _log_affinities(model)
     grown = _grow(model, diagram, probabilities[:_GROWTH_BELIEFS], log_affinity)
     candidates = _sift(model, grown, probabilities, log_affinity)
@@ -103,7 +104,7 @@ def _move_prior(momdp: MOMDP, model: MOMDPArrays, spread: Floats) -> Floats:
     round adds what is still missing. Where both truths share a class, no weights may reach the odds
     that are wanted; then the last round stops short of them.
     """
-    false, true = model.percepts.truth.transpose(1, 0, 2)  # (N,C)
+    false, true = model.percepts.truth_of_class.transpose(1, 0, 2)  # (N,C)
 
     def log_odds(beliefs: Floats) -> Floats:
         yes = (beliefs * true).sum(axis=-1).clip(1e-300)
@@ -150,7 +151,7 @@ def _log_affinities(model: MOMDPArrays) -> Floats:
         more = counts[..., :-1] * predictive(yes, s, j, k)[..., :-1]
         counts[..., :-1] -= more
         counts[..., 1:] += more
-        by_truth = percepts.classes[:, None] @ counts  # (N,E,2,U)
+        by_truth = percepts.class_of_truth[:, None] @ counts  # (N,E,2,U)
         affinity = np.sqrt(by_truth[:, :, 0] * by_truth[:, :, 1])[..., : k + 2].sum(axis=-1)
         log_affinity[..., k + 1] = np.log(affinity + 1e-300)
     return np.where(percepts.informative[..., None], log_affinity, 0.0)
@@ -171,6 +172,7 @@ def _grow_percepts(
         limit=model.percepts.limit,
         incorrect=model.incorrect,
         reward_range=model.reward_range,
+        # Written by the kernel as it goes.
         counts=np.zeros(n_behaviors, np.int64),
         log_r=np.zeros((2, len(log_affinity))),
     )
@@ -186,8 +188,9 @@ def _sift(
     """Select candidates by an estimate of their values at beliefs (B,N).
 
     An error is at most sqrt(b (1 - b)) times the Bhattacharyya coefficient of the percepts
-    [Kailath1967]. The best few from each x at each belief stay, and _OF_FIRST of each first
-    behavior.
+    [Kailath1967], which is the product of the behaviors' where their percepts are independent given
+    the truth; with shared latent classes that is no bound, and only chooses who competes. The best
+    few from each x at each belief stay, and _OF_FIRST of each first behavior.
     """
     value = _estimate_values(model, candidates, probabilities, log_affinity)  # (B,J)
     is_promising = np.zeros(value.shape[1], np.bool_)
@@ -195,7 +198,7 @@ def _sift(
     peak = value.max(axis=0)
     group = candidates.x * model.dynamics.step.shape[1] + candidates.plan["action"]
     is_promising[_rank_within(group, peak) < _OF_FIRST] = True
-    # Of each x and belief, those that are worth most. Candidates are in order of x.
+    # Of each x and belief, those that are worth most. Candidates come by x (see `cheapest`).
     number = _CANDIDATES * min(len(log_affinity), _MANY)
     for from_x in np.split(np.arange(len(peak)), np.flatnonzero(np.diff(candidates.x)) + 1):
         best = np.argpartition(-value[:, from_x], min(number, len(from_x) - 1), axis=1)[:, :number]
@@ -213,7 +216,7 @@ def _rank_within(group: Ints, value: Floats) -> Ints:
 
 
 def _estimate_reports(model: MOMDPArrays, probabilities: Floats, affinity: Floats) -> Floats:
-    """Estimate rewards (B,J) of reporting values, with every attribute's error at its bound."""
+    """Estimate rewards (B,J) of reporting values, with every attribute's error as in `_sift`."""
     right = np.ones((len(probabilities), affinity.shape[1]))
     unsure = np.sqrt(probabilities * (1.0 - probabilities))
     for of_attribute, of_plans in zip(unsure.T, affinity, strict=True):
@@ -242,7 +245,7 @@ def _estimate_yes_or_no(
 def _estimate_values(
     model: MOMDPArrays, candidates: Candidates, probabilities: Floats, log_affinity: Floats
 ) -> Floats:
-    """Estimate the values (B,J) of candidates by bounds of their errors; see `_sift`."""
+    """Estimate the values (B,J) of candidates; see `_sift`."""
     within = np.minimum(model.percepts.limit, _COUNTED - 1).astype(np.int64)
     counts = np.minimum(candidates.observation_counts, within)
     affinity = np.exp(log_affinity[:, np.arange(counts.shape[1]), counts].sum(axis=2))  # (N,J)
@@ -329,9 +332,9 @@ def _tabulate(model: MOMDPArrays, observation_counts: Ints, capacity: int) -> tu
     if model.conjunction is not None:
         # Of yes or no, hits and false alarms are needed apart, not their sum, the error. As if all
         # truths were false, an error is to say yes: then tables hold Pr(says yes | class).
-        all_false = np.zeros_like(percepts.truth)
+        all_false = np.zeros_like(percepts.truth_of_class)
         all_false[:, 0] = 1.0
-        percepts = percepts._replace(truth=all_false)
+        percepts = percepts._replace(truth_of_class=all_false)
     bayes_error.tabulate_errors(
         percepts, np.concatenate(counts), np.array(attribute), scratch, table
     )

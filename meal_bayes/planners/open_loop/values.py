@@ -79,7 +79,7 @@ def true_chance(percepts, prob, i):
     """Compute Pr(attribute i is true) from Pr(latent class) (N,C)."""
     total = 0.0
     for c in range(prob.shape[1]):
-        total += prob[i, c] * percepts.truth[i, 1, c]
+        total += prob[i, c] * percepts.truth_of_class[i, 1, c]
     return total
 
 

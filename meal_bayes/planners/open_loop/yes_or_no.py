@@ -42,7 +42,7 @@ def _score(evaluator, t, g, prob, i, weights):
     Pr(taken to hold, literal's truth) is put into column i of `accepted`.
     """
     table = evaluator.plans.table
-    truth = evaluator.model.percepts.truth
+    truth = evaluator.model.percepts.truth_of_class
     accepted = evaluator.scratch.accepted
     accepted[0, i] = 0.0
     accepted[1, i] = 0.0

@@ -177,7 +177,7 @@ def draw_root_object(percepts, sampled, rng):
             c += 1
         sampled.latent[i] = c
         # The truth given the class, which says all that percepts say of it.
-        sampled.truth[i] = 1.0 if rng.random() < percepts.truth[i, 1, c] else 0.0
+        sampled.truth[i] = 1.0 if rng.random() < percepts.truth_of_class[i, 1, c] else 0.0
 
 
 @kernel
