@@ -9,6 +9,7 @@ import numpy as np
 
 from meal_bayes.datasets import PerceptTable, object_index
 from meal_bayes.domain import Query
+from meal_bayes.domain.words import doubled
 from meal_bayes.errors import SettingsError
 from meal_bayes.trials import Step
 from meal_bayes.untrusted import name_fault
@@ -45,8 +46,8 @@ def checked_objects(objects: Any) -> list[str]:
     for name in objects:
         if bad := name_fault(name):
             raise SettingsError(f"The object's name {name!a:.60} {bad}; give another.")
-        if list(objects).count(name) > 1:
-            raise SettingsError(f"The object {name!r} is named twice; name each object once.")
+    if fault := doubled("object", objects):
+        raise SettingsError(fault)
     return list(objects)
 
 

@@ -135,7 +135,7 @@ def test_the_viewer_shows_a_search_in_the_order_of_its_turns(logs, tmp_path):
 @pytest.mark.parametrize(
     ("args", "match"),
     [
-        (("--objects", "heavy_blue_beans,heavy_blue_beans"), "named twice"),
+        (("--objects", "heavy_blue_beans,heavy_blue_beans"), "listed twice"),
         (("--objects", "cup"), "cup"),
         (("--objects", BOXES, "--none", "900"), "nothing would be searched"),
         (("--objects", BOXES, "--agent", "random"), "compares no values"),
