@@ -34,7 +34,7 @@ from meal_bayes.robots import Robot
 from meal_bayes.robots.recorded import RecordedRobot
 from meal_bayes.robots.robot import state_index
 from meal_bayes.seeds import Key
-from meal_bayes.trial_log.live import Interrupted, LiveLog, interrupted
+from meal_bayes.trial_log.live import Interrupted, LiveLog, resuming
 from meal_bayes.trials import Session, Step, Task, Trial, run_trial
 from meal_bayes.trials.session import MAX_STEPS
 
@@ -255,12 +255,8 @@ class Answerer:
         place = self._folder if log is None else checked_path("log", log)
         if place is None:
             raise SettingsError("This learner logs nothing; give resume() the trial's log.")
-        broken = interrupted(place, Interrupted)
-        try:
+        with resuming(place, Interrupted) as broken:
             return self._resumed(broken)
-        except BaseException:
-            broken.release()
-            raise
 
     def _resumed(self, broken: Interrupted) -> Session:
         """Return the session of a trial that was broken off, where it was."""

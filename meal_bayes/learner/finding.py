@@ -24,7 +24,7 @@ from meal_bayes.momdp import MOMDP
 from meal_bayes.planners import Policy, Prospector, SharedPlans
 from meal_bayes.robots.several import RobotPerObject
 from meal_bayes.seeds import Key, stream
-from meal_bayes.trial_log.live import InterruptedSearch, SearchLog, check_alone, interrupted
+from meal_bayes.trial_log.live import InterruptedSearch, SearchLog, check_alone, resuming
 from meal_bayes.trial_log.names import dated_name
 from meal_bayes.trial_log.schema import SUFFIX
 from meal_bayes.trial_log.searches import search_of
@@ -202,12 +202,8 @@ class Finder(Answerer):
                 "This learner logs nothing; give resume_find() the search's folder."
             )
         own = search_of(place)
-        broken = interrupted(place if own is None else own, InterruptedSearch)
-        try:
+        with resuming(place if own is None else own, InterruptedSearch) as broken:
             return self._resumed_search(broken)
-        except BaseException:
-            broken.release()
-            raise
 
     def _resumed_search(self, broken: InterruptedSearch) -> SearchSession:
         """Return the session of a search that was broken off, where it was."""

@@ -2,7 +2,8 @@
 
 import contextlib
 import re
-from collections.abc import Callable, Mapping
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeVar
@@ -163,7 +164,7 @@ class NotBrokenOff(LogError):
     """A trial or a search that another process drives, or that is over."""
 
 
-class BrokenOff:
+class BrokenOff(ABC):
     """What a killed process left in the draft of a log, held by this process alone.
 
     Attributes
@@ -222,9 +223,9 @@ class BrokenOff:
                 f"{draft} holds no {self.noun} that was broken off; there is nothing to resume."
             )
 
+    @abstractmethod
     def _read(self, draft: Path) -> bool | None:
         """Read what the draft holds; return whether it is over, None where it holds nothing."""
-        raise NotImplementedError
 
     def release(self) -> None:
         """Let others have the draft."""
@@ -283,6 +284,17 @@ def _furthest(file: Path, kind: type[Broken]) -> Broken:
     if elsewhere or not held:
         raise (elsewhere or faults)[0]
     return held[-1]
+
+
+@contextlib.contextmanager
+def resuming(place: Path, kind: type[Broken]) -> Iterator[Broken]:
+    """Hold what `interrupted` returns, and let others have it where resuming fails."""
+    broken = interrupted(place, kind)
+    try:
+        yield broken
+    except BaseException:
+        broken.release()
+        raise
 
 
 def interrupted(place: Path, kind: type[Broken]) -> Broken:
