@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from meal_bayes.datasets import PerceptTable, load_percepts, save_percepts
 from meal_bayes.datasets.sources import fetch, source
 from meal_bayes.domain import Domain, load_domain
+from meal_bayes.experiments.online_protocol import restricted_domain
 from paper_repro.agents import ASK
 from paper_repro.frame import HERE, Setting, paper_values
 
@@ -77,11 +78,8 @@ def _written(
 
 def of_groups(domain: Domain, names: tuple[str, ...]) -> Domain:
     """Return a domain with the attributes of some of its groups alone."""
-    groups = {name: values for name, values in domain.groups.items() if name in names}
-    kept = set().union(*groups.values())
-    attributes = tuple(name for name in domain.attributes if name in kept)
-    synonyms = {word: name for word, name in domain.synonyms.items() if name in kept}
-    return replace(domain, attributes=attributes, groups=groups, synonyms=synonyms)
+    values = set().union(*(domain.groups[name] for name in names))
+    return restricted_domain(domain, tuple(name for name in domain.attributes if name in values))
 
 
 def published_roc36(setting: Setting, matrices: str, n: int, domain: str = SIMULATOR) -> str:

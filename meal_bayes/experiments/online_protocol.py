@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meal_bayes.datasets import Dataset, PerceptTable, object_index
-from meal_bayes.domain import Query
+from meal_bayes.domain import Domain, Query
 from meal_bayes.errors import SettingsError
 from meal_bayes.experiments.config import OnlineConfig
 from meal_bayes.learner import Learner, implied
@@ -47,10 +47,15 @@ def learnable(table: PerceptTable) -> tuple[str, ...]:
 def restricted(dataset: Dataset, attributes: tuple[str, ...]) -> Dataset:
     """Keep some of the attributes."""
     columns = dataset.domain.columns(attributes)
-    groups = {k: v for k, v in dataset.domain.groups.items() if set(v) <= set(attributes)}
-    synonyms = {a: b for a, b in dataset.domain.synonyms.items() if b in attributes}
-    domain = replace(dataset.domain, attributes=attributes, groups=groups, synonyms=synonyms)
+    domain = restricted_domain(dataset.domain, attributes)
     return Dataset(domain, dataset.objects, dataset.features, dataset.labels[:, columns])
+
+
+def restricted_domain(domain: Domain, attributes: tuple[str, ...]) -> Domain:
+    """Keep some of the attributes, and groups and synonyms of these alone."""
+    groups = {k: v for k, v in domain.groups.items() if set(v) <= set(attributes)}
+    synonyms = {a: b for a, b in domain.synonyms.items() if b in attributes}
+    return replace(domain, attributes=attributes, groups=groups, synonyms=synonyms)
 
 
 class Recordings:
