@@ -96,19 +96,9 @@ def print_answer(search: "Search", folder: Path, *, as_json: bool) -> None:
 
 def print_search(search: "Search") -> None:
     """Print what a search did with each object, and its answer."""
-    from meal_bayes.display import percent
-    from meal_bayes.trials.search import search_facts
+    from meal_bayes.trials.search import explored_rows, search_facts
 
-    rows = []
-    for name, trial in search.trials.items():
-        probability = float(trial.momdp.reports.probability(trial.last_belief))
-        behaviors = [
-            trial.momdp.action_name(step.decision.action)
-            for step in trial.steps
-            if step.decision.action < trial.momdp.n_behaviors
-        ]
-        done = ", ".join(behaviors) or "nothing"
-        rows.append((name, done, f"{trial.cost:.1f}", percent(probability)))
-    print_table(("object", "explored by", "s", "Pr(yes)"), rows, left=("explored by",))
+    heads = "object", "explored by", "s", "Pr(yes)"
+    print_table(heads, explored_rows(search), left=("explored by",))
     colors = {True: "bold green", False: "bold red", None: ""}
     print_facts(output(), search_facts(search), answer="bold", verdict=colors[search.success])

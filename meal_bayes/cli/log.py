@@ -88,6 +88,7 @@ def show(file: Path, number: int | None, picture: Path | None, dark: bool, narro
     """
     from meal_bayes.cli.find import print_search
     from meal_bayes.cli.narration import print_trial
+    from meal_bayes.trial_log.searches import unfinished_text
     from meal_bayes.trials.text import outcome_facts
 
     if picture is None and (dark or narrow):
@@ -95,6 +96,8 @@ def show(file: Path, number: int | None, picture: Path | None, dark: bool, narro
     search = search_at(file) if number is None and picture is None else None
     if search is not None:
         print_search(search)
+        if not search.answered:
+            note(unfinished_text(file if file.is_dir() else file.parent))
         return
     group, row = numbered(file, number or 0)
     if picture is not None:
@@ -142,7 +145,7 @@ def numbered(file: Path, number: int) -> "tuple[Group, int]":
     from meal_bayes.trial_log import Logs
 
     before = 0
-    for group in Logs(file).groups():
+    for group in Logs(file).shown():
         if number < before + len(group.outcomes):
             return group, number - before
         before += len(group.outcomes)
@@ -154,11 +157,10 @@ def numbered(file: Path, number: int) -> "tuple[Group, int]":
 @shared("json")
 def check(file: Path, as_json: bool) -> None:
     """Read a log, or all of a folder, to the end and list problems; with any, exit with 1."""
-    from meal_bayes.trial_log import check_log, log_files
-    from meal_bayes.trial_log.names import search_files
+    from meal_bayes.trial_log import check_log
+    from meal_bayes.trial_log.names import all_logs
 
-    searches = search_files(file) if file.is_dir() else []
-    reports = list(map(check_log, [*log_files(file), *searches]))
+    reports = list(map(check_log, all_logs(file)))
     if as_json:
         _print_json(reports, file)
     else:
@@ -246,7 +248,7 @@ def report(logs: tuple[Path, ...], out: Path, reference: str | None) -> None:
     with progress("reading", "files") as advance:
         outcomes = write_report(files, out, reference=reference, on_progress=advance)
     for problem in files.problems:
-        note(f"warning: {problem}; the report counts the whole trials")
+        note(f"warning: {problem}; the report counts what can be read")
     trials = len(outcomes)
     agents = len(outcomes.agents)
     counted = f"{_counted(trials, 'trial')} of {_counted(agents, 'agent')}"

@@ -15,6 +15,8 @@ from meal_bayes.trials.text import (
     compared_actions,
     final_facts,
     gap_text,
+    last_label,
+    leaving_text,
     outcome_text,
     together_text,
 )
@@ -46,7 +48,7 @@ def print_trial(console: Console, trial: "Trial") -> None:
         action = step.decision.action
         spent = spent + step.cost
         console.print()
-        console.print(Text(f"{number}  {momdp.action_label(action)}", "bold"))
+        console.print(Text(f"{number}  {last_label(trial, action)}", "bold"))
         headed = _print_values(console, trial, number, headed)
         facts = {"warning": step.warning} if step.warning else {}
         if action >= momdp.n_behaviors:
@@ -70,6 +72,9 @@ def _print_values(console: Console, trial: "Trial", number: int, headed: str) ->
     Heads of columns stand where they first appear; returned are those that stand by now.
     """
     momdp = trial.momdp
+    if why := leaving_text(trial, number):
+        print_facts(console, {"why": why})
+        return headed
     step = trial.steps[number - 1]
     decision = step.decision
     possible = momdp.legal[step.x].nonzero()[0]

@@ -123,22 +123,23 @@ def warn_of_size(logs: "Logs") -> None:
 
 def _record(log: Path, logs: "Logs", to: "Target", number: int | None) -> int:
     """Send the recording, print what could not be read, and return how many trials were sent."""
-    from meal_bayes.trials.search import search_facts
+    from meal_bayes.trials.search import explored_rows, search_facts
     from meal_bayes.viewer import send_recording
 
     def entries() -> "Iterator[Trial | TrialOutcomes]":
-        for group in logs.groups():
+        for group in logs.shown():
             advance(logs.files.index(group.file), len(logs.files))
             yield from group.trials or [group.outcomes]  # which a compact log consists of
 
     header = logs.header
     search = search_at(log)
     if search is not None:
-        header = {"search": search_facts(search), **header}
+        believed = {name: sure for name, _, _, sure in explored_rows(search)}
+        header = {"search": {**search_facts(search), "believed": believed}, **header}
     with progress("reading", "files") as advance:
         trials = send_recording(entries(), to, header, name=log.resolve().name, only=number)
     for problem in logs.problems:
-        note(f"warning: {problem}; {trials} whole trials are shown")
+        note(f"warning: {problem}; {trials} trials are shown")
     return trials
 
 

@@ -15,12 +15,12 @@ from numpy.typing import NDArray
 from meal_bayes.arrays import Bools, Ints
 from meal_bayes.evaluation.learning import POOLED
 from meal_bayes.trial_log import Group, Logs
+from meal_bayes.trial_log.logs import of_search
 from meal_bayes.trials import BatchOutcomes, TrialOutcomes
 
 TRAINING = "train"
 TEST = "test"
 SEARCHED = "searched"  # an object that a search turned to, and may have left for another
-_FIND = "Learner.find"  # command of the logs of a search's trials
 _HOUR = 3600.0  # s
 _NONE = -1  # repeat or batch of a trial whose log names none
 
@@ -57,7 +57,7 @@ class LoggedOutcomes:
             Not one trial can be read, or the logs are of several data sets.
         """
         columns = list[tuple[TrialOutcomes, Ints, Ints, NDArray[np.object_]]]()
-        for group in logs.groups():
+        for group in logs.shown():
             if on_group is not None:
                 on_group(group)
             repeat, batch, part = place_of(group.header)
@@ -149,8 +149,7 @@ def place_of(header: Mapping[str, Any]) -> tuple[int, int, str]:
     repeat = header.get("repeat")
     batch = header.get("batch")
     part = header.get("part")
-    config = header.get("config")
-    if isinstance(config, dict) and config.get("command") == _FIND:
+    if of_search(header):
         return _NONE, _NONE, SEARCHED
     in_batch = part in (TRAINING, TEST) and isinstance(batch, int)
     return (

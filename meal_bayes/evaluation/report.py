@@ -119,7 +119,7 @@ def _page(logged: LoggedOutcomes, trials: _Shown, logs: Logs, reference: str) ->
     searches = list(logs.searches())
     if logs.problems:
         sections.append({"title": "Warning", "problems": logs.problems, "kind": "warning"})
-    if len(logged.outcomes) == 1 and trials.first is not None:
+    if len(logged.outcomes) == 1 and trials.first is not None and not logged.searched:
         head = _single(trials.first)
         if trials.first.trial is not None:
             content = trial_content(trials.first, trials.first.trial)

@@ -143,9 +143,11 @@ def _agents(
         if points:
             caption = f"Accuracy over mean cost with {MASS_TEXT} intervals; objects are clusters."
             figures.append((plots.accuracy_and_cost(points), caption))
-        costs = {name: part.cost[part.ended == ""] for name, part in agents.items()}
-        caption = "Fraction of trials that cost at most so many seconds."
-        figures.append((plots.cost_distribution(costs), caption))
+        whole = {name: part.cost[part.ended == ""] for name, part in agents.items()}
+        costs = {name: of_agent for name, of_agent in whole.items() if len(of_agent)}
+        if costs:
+            caption = "Fraction of trials that cost at most so many seconds."
+            figures.append((plots.cost_distribution(costs), caption))
     return {
         "title": "Agents",
         "tables": [{"head": head, "rows": cells}, *_differences(rows, outcomes, reference)],

@@ -15,10 +15,11 @@ from meal_bayes.evaluation.statistics import MASS_TEXT
 from meal_bayes.evaluation.summary import mean_effect
 from meal_bayes.files import command_line
 from meal_bayes.trial_log import Group
+from meal_bayes.trial_log.searches import unfinished_text
 from meal_bayes.trials import Search, Trial, TrialOutcomes
 from meal_bayes.trials.percept_text import attribute_labels
-from meal_bayes.trials.search import search_facts
-from meal_bayes.trials.text import outcome_facts
+from meal_bayes.trials.search import as_left, explored_rows, search_facts
+from meal_bayes.trials.text import last_label, outcome_facts
 
 WORST = 3  # trials of each agent that are kept whole
 LIVE = "Learner.ask"  # command of the logs of a robot's lab
@@ -135,20 +136,28 @@ def searches_section(searches: Sequence[tuple[Path, Search]]) -> Section:
     rows = []
     parts = []
     for file, search in searches[-_LISTED:]:
+        folder = file.parent
         facts = search_facts(search)
         turned = facts["turns"]
         left = [name for name in search.trials if name not in search.turns]
         if left:
             turned += f"; not to {', '.join(left)}"
         words = [facts[name] for name in ("question", "answer", "verdict")]
-        rows.append([file.parent.name, *words, turned, f"{search.cost:.1f}"])
+        rows.append([folder.name, *words, turned, f"{search.cost:.1f}"])
         explored = []
         for number, name in enumerate(dict.fromkeys(search.turns)):
-            trial = search.trials[name]
-            chosen = Chosen(file.parent, number, TrialOutcomes.of([trial]), trial)
+            trial = as_left(search.trials[name])
+            chosen = Chosen(folder, number, TrialOutcomes.of([trial]), trial)
             verdict = verdict_of(chosen) if trial.report is not None else ""
             explored.append(trial_section(chosen) | {"verdict": verdict})
-        parts.append({"title": f"{file.parent.name}: {search.question}", "parts": explored})
+        objects = {
+            "head": ["object", "explored by", "s", "Pr(yes)"],
+            "rows": list(map(list, explored_rows(search))),
+            "texts": (1,),
+            "note": "" if search.answered else f"{unfinished_text(folder)}.",
+        }
+        part = {"title": f"{folder.name}: {search.question}", "parts": explored}
+        parts.append({**part, "tables": [objects]})
     table = {
         "head": ["folder", "question", "answer", "verdict", "turned to", "cost, s"],
         "rows": rows,
@@ -166,7 +175,11 @@ def search_finding(searches: Sequence[tuple[Path, Search]]) -> str:
     verdicts = [search.success for _, search in searches if search.success is not None]
     cost = sum(search.cost for _, search in searches) / len(searches)
     known = f"{sum(verdicts)} of {len(verdicts)} searches whose truth is known were right"
-    return f"{known}, at {cost:.1f} s a search."
+    broken = sum(bool(search.ended) for _, search in searches)
+    if not verdicts:
+        known = "Of no search that gave an answer is the truth known"
+    off = f"; {broken} without an answer" if broken else ""
+    return f"{known}, at {cost:.1f} s a search{off}."
 
 
 def _progress(trials: Sequence[Chosen]) -> Iterator[Section]:
@@ -261,7 +274,7 @@ def _steps(trial: Trial, *, gaps: bool) -> Iterator[list[str]]:
         words = [""] * len(beliefs)
         if step.observation is not None:
             words = attribute_labels(momdp, action, step.observation)
-        label = momdp.action_label(action)
+        label = last_label(trial, action)
         if step.warning:
             label += f" ({step.warning})"
         cells = [f"{word}, {p}" if word else p for word, p in zip(words, beliefs, strict=True)]

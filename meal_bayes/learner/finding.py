@@ -26,7 +26,7 @@ from meal_bayes.robots.several import RobotPerObject
 from meal_bayes.seeds import Key, stream
 from meal_bayes.trial_log.live import InterruptedSearch, SearchLog, check_alone, resuming
 from meal_bayes.trial_log.names import dated_name
-from meal_bayes.trial_log.schema import SUFFIX
+from meal_bayes.trial_log.schema import FIND, SUFFIX
 from meal_bayes.trial_log.searches import search_of
 from meal_bayes.trials import (
     FaultTolerant,
@@ -171,7 +171,7 @@ class Finder(Answerer):
         if folder is not None:
             begun = {"turn_cost": float(turn_cost), **options.begun(self.domain.diagram.start)}
             config = {
-                "command": "Learner.find", "question": text, "agent": self.agent.name,
+                "command": FIND, "question": text, "agent": self.agent.name,
                 "objects": names,
             }  # fmt: skip
             self._record_search(session, folder, {"config": config, "begun": begun})

@@ -15,7 +15,7 @@ from typing import Any
 from meal_bayes.digests import checksum_of
 from meal_bayes.errors import LogCorruptError, LogError
 from meal_bayes.files import checked_path, command_line, draft_of
-from meal_bayes.trial_log.names import log_files
+from meal_bayes.trial_log.names import all_logs
 from meal_bayes.trial_log.reader import check_log
 from meal_bayes.trial_log.schema import ACTIVE, SUFFIX
 from meal_bayes.version import package_version
@@ -54,7 +54,7 @@ def write_archive(folder: str | Path, out: str | Path, others: Sequence[str | Pa
     folder = checked_path("The folder", folder)
     if not folder.is_dir():
         raise LogError(f"{folder} is no folder; give that of a run, with its logs.")
-    log_files(folder)  # raises where there is none
+    all_logs(folder)  # raises where there is none
     files = dict[str, Path]()
     for place in (folder, *map(Path, others)):
         for name, path in _files_of(place):

@@ -22,6 +22,7 @@ from meal_bayes.trial_log.search_record import SearchRecord
 from meal_bayes.trial_log.sensed import read_sensed
 from meal_bayes.trials import Step, Task, Trial, TrialOutcomes
 from meal_bayes.trials.outcomes import INTEGERS, REALS, TEXTS
+from meal_bayes.trials.text import UNFINISHED
 from meal_bayes.untrusted import read_json
 
 NO_HEADER = "the header of the run is missing"
@@ -30,7 +31,6 @@ MERGED = (
     "the messages of two logs are mixed by time, as `mcap merge` does; read the logs that were "
     "merged (`cat` leaves each whole, and `meal-bayes log recover` reads all of them)"
 )
-UNFINISHED = "the log ends here"  # why a trial without an outcome was broken off
 
 
 @dataclass

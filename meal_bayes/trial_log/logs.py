@@ -5,7 +5,7 @@ import filecmp
 import json
 import os
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
 from typing import NamedTuple
@@ -18,10 +18,11 @@ from meal_bayes.trial_log.container import FAULTS, TORN, fault_text, read_record
 from meal_bayes.trial_log.decode import TrialBuilder
 from meal_bayes.trial_log.feedback import Feedback, FeedbackIndex
 from meal_bayes.trial_log.names import feedback_of, log_files, named_form, stem_of
-from meal_bayes.trial_log.reader import Scan, grouped, read_header, readable_feedback
-from meal_bayes.trial_log.schema import ACTIVE, FEEDBACK_FORM, FULL, SEARCH_FORM, SUFFIX
-from meal_bayes.trial_log.searches import searches_in
+from meal_bayes.trial_log.reader import Scan, grouped, read_header, readable_feedback, salvage
+from meal_bayes.trial_log.schema import ACTIVE, FEEDBACK_FORM, FIND, FULL, SEARCH_FORM, SUFFIX
+from meal_bayes.trial_log.searches import searches_in, unfinished_text
 from meal_bayes.trials import Search, Trial, TrialOutcomes
+from meal_bayes.trials.search import as_left
 
 # Settings that choose trials of a run, or the form of their log, and change none.
 _APART = ("agents", "repeats", "first", "log")
@@ -36,6 +37,12 @@ class Group(NamedTuple):
     places: Sequence[int]  # of each trial in the file
     outcomes: TrialOutcomes
     trials: tuple[Trial, ...]  # none of a compact log
+
+
+def of_search(header: Mapping[str, object]) -> bool:
+    """Return whether a log holds the trial of an object that a search explored."""
+    config = header.get("config")
+    return isinstance(config, dict) and config.get("command") == FIND
 
 
 class Logs:
@@ -93,6 +100,20 @@ class Logs:
         LogVersionError
             A file of another format version.
         """
+        return self._groups(explored=False)
+
+    def shown(self) -> Iterator[Group]:
+        """Yield the groups as people are shown them; errors are those of `groups`.
+
+        What a search has explored without its answer is shown as far as it went, and of an object
+        that a search left the trial says so.
+        """
+        for group in self._groups(explored=True):
+            left = of_search(group.header)
+            yield group._replace(trials=tuple(map(as_left, group.trials))) if left else group
+
+    def _groups(self, *, explored: bool) -> Iterator[Group]:
+        """Yield the trials in groups; with those without an outcome that searches explored."""
         empty = True
         for file, header in self._distinct():
             scan = Scan(file, tolerant=True)
@@ -103,10 +124,16 @@ class Logs:
                 place = place + len(outcomes)
                 places = range(first, place)
                 yield self._judged(Group(header, scan.path, places, outcomes, trials))
-            if scan.path.name.endswith(ACTIVE):
+            if scan.path.name.endswith(ACTIVE) and of_search(header):
+                for trial in salvage(scan.path) if explored and not place else ():
+                    if isinstance(trial, Trial):
+                        empty = False
+                        outcomes = TrialOutcomes.of([trial])
+                        yield self._judged(Group(header, scan.path, [0], outcomes, (trial,)))
+                self._note_unfinished(unfinished_text(scan.path.parent))
+            elif scan.path.name.endswith(ACTIVE):
                 why = f" ({scan.problems[0]})" if scan.problems else ""
-                self.unfinished.append(f"{file} was not finished by its writer{why}")
-                self.problems.append(self.unfinished[-1])
+                self._note_unfinished(f"{file} was not finished by its writer{why}")
             else:
                 self.problems += [f"{file}: {problem}" for problem in scan.problems]
         if empty and self.problems:
@@ -127,6 +154,12 @@ class Logs:
         """Yield the trials of all files, none of a compact log; errors are those of `groups`."""
         for group in self.groups():
             yield from group.trials
+
+    def _note_unfinished(self, problem: str) -> None:
+        """Note what another process may be writing, once."""
+        if problem not in self.unfinished:
+            self.unfinished.append(problem)
+            self.problems.append(problem)
 
     def _judged(self, group: Group) -> Group:
         """Return a group with the truth that was told of its trials when they were over."""

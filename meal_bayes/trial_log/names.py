@@ -13,7 +13,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from meal_bayes.errors import LogError
-from meal_bayes.files import checked_path, file_name, hold
+from meal_bayes.files import checked_path, command_line, file_name, hold
 from meal_bayes.trial_log.schema import ACTIVE, FEEDBACK_FORM, SEARCH_FORM, SUFFIX
 
 RECOVERED = ".recovered"
@@ -144,16 +144,30 @@ def log_files(path: str | Path) -> list[Path]:
         found = _wholest(path.rglob(f"*{SUFFIX}*"))
         logs = sorted(file for log, file in found.items() if not named_form(log))
         if not logs:
-            explored = (
-                " of a trial: the search in it explored nothing" if search_files(path) else ""
-            )
-            raise LogError(f"{path} holds no log{explored} (*{SUFFIX}).")
+            if searches := search_files(path):
+                shown = command_line("meal-bayes log show", searches[0].parent)
+                raise LogError(
+                    f"{path} holds no log of a trial: the search in it explored nothing; what it "
+                    f"holds is shown by: {shown}"
+                )
+            raise LogError(f"{path} holds no log (*{SUFFIX}).")
         return logs
     stem = stem_of(path) if path.name.endswith(ACTIVE) else path.stem
     wholest = _wholest(path.parent.glob(f"*{SUFFIX}*")).get(path.with_name(stem))
     if wholest is None:
         raise LogError(f"There is no log {path}; expected a {SUFFIX} file, or a folder of them.")
     return [wholest]
+
+
+def all_logs(path: Path) -> list[Path]:
+    """Find the logs of trials, and those of searches; errors are those of `log_files`."""
+    searches = search_files(path) if path.is_dir() else []
+    try:
+        return [*log_files(path), *searches]
+    except LogError:  # of a folder whose search explored nothing
+        if not searches:
+            raise
+        return searches
 
 
 def _wholest(files: Iterable[Path]) -> dict[Path, Path]:

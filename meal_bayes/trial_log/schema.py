@@ -32,6 +32,7 @@ STEP = "/step"
 OUTCOME = "/outcome"
 OUTCOMES = "/outcomes"  # of the compact form: columns of many trials in one message
 FEEDBACK = "/feedback"  # of the form of that name: one message
+FIND = "Learner.find"  # command of the logs of objects that a search explored
 SEARCH = "/search"  # of the form of that name: what is searched for, then the start of each trial,
 TURN = "/turn"  # each turn as it happens,
 CLAIM = "/claim"  # and the answer

@@ -8,12 +8,12 @@ from pathlib import Path
 
 from meal_bayes.errors import LogCorruptError, LogError, QueryError
 from meal_bayes.files import checked_path
-from meal_bayes.trial_log.decode import UNFINISHED
 from meal_bayes.trial_log.feedback import FeedbackIndex
 from meal_bayes.trial_log.names import TURNS, drafts_of, explored_name, feedback_of, search_files
 from meal_bayes.trial_log.reader import Scan, read_trials, readable_feedback, salvage
 from meal_bayes.trial_log.schema import ACTIVE
 from meal_bayes.trials import Search, Trial
+from meal_bayes.trials.text import UNFINISHED
 
 
 def search_of(place: str | Path) -> Path | None:
@@ -59,6 +59,14 @@ def read_search(path: str | Path) -> Search:
         return record.search(trials, UNFINISHED)
     except LogCorruptError as fault:
         raise LogCorruptError(f"{file}: {fault}.") from None
+
+
+def unfinished_text(folder: Path) -> str:
+    """Say of a search without its answer how it goes on."""
+    return (
+        f"{folder}: the search is not over; where its process died, "
+        f"Learner.resume_find({str(folder)!r}) goes on with it"
+    )
 
 
 def _furthest(log: Path) -> Iterator[Trial]:

@@ -4,11 +4,12 @@ Each object's steps are a trial of their own, so that all that shows trials show
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
-from meal_bayes.display import facts_html, facts_repr, listed
+from meal_bayes.display import facts_html, facts_repr, listed, percent
 from meal_bayes.robots import Outcome
+from meal_bayes.trials.text import LEFT, UNFINISHED
 from meal_bayes.trials.trial import Trial
 
 
@@ -71,6 +72,11 @@ class Search:
         }
 
     @property
+    def answered(self) -> bool:
+        """Whether its log has an answer, or why there is none; else it may go on."""
+        return self.ended != UNFINISHED
+
+    @property
     def answer(self) -> str:
         """The object that is claimed, "none of them", or why there is no answer."""
         return f"none; {self.ended}" if self.ended else self.claim or "none of them"
@@ -115,3 +121,28 @@ def search_facts(search: Search) -> dict[str, str]:
         "turns": ", ".join(search.turns) or "none",
         "cost": f"{search.cost:.1f} s",
     }
+
+
+def as_left(trial: Trial) -> Trial:
+    """Return an explored object's trial as people are shown it.
+
+    One that ended without a report was left by the search; its agent did not abstain from anything.
+    """
+    if trial.report is not None or trial.ended or not trial.steps:
+        return trial
+    return replace(trial, ended=LEFT)
+
+
+def explored_rows(search: Search) -> list[tuple[str, str, str, str]]:
+    """Return of each object of a search its name, what was done with it, the seconds, Pr(yes)."""
+    rows = []
+    for name, trial in search.trials.items():
+        probability = float(trial.momdp.reports.probability(trial.last_belief))
+        behaviors = [
+            trial.momdp.action_name(step.decision.action)
+            for step in trial.steps
+            if step.decision.action < trial.momdp.n_behaviors
+        ]
+        done = ", ".join(behaviors) or "nothing"
+        rows.append((name, done, f"{trial.cost:.1f}", percent(probability)))
+    return rows

@@ -33,7 +33,7 @@ from meal_bayes.trials.placing import (
     top_of,
 )
 from meal_bayes.trials.record import TrialRecord
-from meal_bayes.trials.text import verdict_text
+from meal_bayes.trials.text import end_word, verdict_text
 
 _ATTRIBUTES = 6  # that are drawn
 _DPI = 100
@@ -212,9 +212,8 @@ def _draw_blocks(ax: Axes, moments: Sequence[_Moment], trial: TrialRecord, look:
                 bbox=ground if moment.failed else None,
             )
     end = moments[-1].end if moments else 0.0
-    words = "answers" if trial.report is not None else "abstains"
     ax.annotate(
-        words if not trial.ended else "broken\noff",
+        end_word(trial),
         (end, 0.5),
         (6, 0),
         color=look.ink,

@@ -16,6 +16,8 @@ from meal_bayes.trials.record import Step, TrialRecord
 
 UNKNOWN = "truth unknown"
 _ABSTAINED = "abstained: every answer was too risky"  # of a trial; the answer is `DO_NOT_KNOW`
+UNFINISHED = "the log ends here"  # why a trial, or a search, without an outcome was broken off
+LEFT = "the search left it"  # why the trial of an object that is not claimed ended
 _LEAST_ERROR = 0.05  # standard errors below it would print as 0.0
 _UNLIKE = 0.01  # difference of a joint prior from independence that is named,
 _PAIRS = 3  # of so many pairs at most
@@ -161,6 +163,28 @@ def verdict_text(trial: TrialRecord) -> str:
     return f"{trial.task.query.report_name(trial.report)} ({verdict})"
 
 
+def end_word(trial: TrialRecord) -> str:
+    """Return how a trial ends: it answers, abstains, is left by a search, or broken off."""
+    if trial.ended:
+        return "left" if trial.ended == LEFT else "broken\noff"
+    return "answers" if trial.report is not None else "abstains"
+
+
+def leaving_text(trial: TrialRecord, number: int) -> str:
+    """Return what a step, counted from 1, left, where a search turned away for good; else ""."""
+    decision = trial.steps[number - 1].decision
+    if trial.ended != LEFT or decision.action < trial.momdp.n_behaviors:
+        return ""
+    worth = f"{decision.values[-1]:.1f}"
+    return f"another answer of the search is better; claiming this is worth {worth}"
+
+
+def last_label(trial: TrialRecord, action: int) -> str:
+    """Return the name of a behavior, or of what ended the trial: "answer", "abstain", "leave"."""
+    leaves = trial.ended == LEFT and action >= trial.momdp.n_behaviors
+    return "leave" if leaves else trial.momdp.action_label(action)
+
+
 def final_facts(trial: TrialRecord) -> dict[str, str]:
     """Return the answer of a trial, its truth, the verdict where there is one, and the cost."""
     query = trial.task.query
@@ -187,11 +211,12 @@ def outcome_facts(outcomes: TrialOutcomes, row: int) -> dict[str, str]:
     query = Query.named([name for name in outcomes.attribute[row] if name])
     report = outcomes.report[row][: len(query)]
     truth = outcomes.truth[row][: len(query)]
+    unanswered = "none" if outcomes.ended[row] else "abstained"
     return {
         "question": query.text,
         "object": outcomes.object_name[row],
         "agent": outcomes.agent[row],
-        "answer": truth_text(query, report) if report[0] >= 0 else "abstained",
+        "answer": truth_text(query, report) if report[0] >= 0 else unanswered,
         "truth": truth_text(query, truth),
         "cost": cost_text(float(outcomes.cost[row]), float(outcomes.reward[row])),
     }

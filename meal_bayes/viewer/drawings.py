@@ -14,6 +14,7 @@ from scipy.sparse.csgraph import shortest_path
 from meal_bayes.display import best_options, level_names, percent
 from meal_bayes.momdp import MOMDP
 from meal_bayes.trials import percept_labels
+from meal_bayes.trials.text import end_word
 from meal_bayes.viewer.labels import action_label, option_label, plain_text
 from meal_bayes.viewer.palette import DIM, GRAY, GREEN, ORANGE, SKY, TEXT, WHITE, Color
 from meal_bayes.viewer.recorder import TrialFrame
@@ -36,6 +37,7 @@ _MIDDLE = 0.2  # where in a row its label is put: labels hang below their point
 _BRIGHTEST = 0.6  # of the color scale: white numbers must be legible, in a light theme too
 _BACK = (128, 128, 128, 60)  # behind a bar
 _SD_FULL = 0.5  # the sd that has the brightest color; no row's can be larger
+_ENDS = {"answers": "answered", "abstains": "abstained", "left": "left"}
 
 
 class Label(NamedTuple):
@@ -106,7 +108,7 @@ class Diagram:
             colors[f"{step.x}-{momdp.transition[action, step.x].argmax()}"] = GREEN
         nodes = [node._replace(color=colors.get(node.name, node.color)) for node in self._nodes]
         if frame.belief.x == momdp.terminal:
-            end += ": abstained" if frame.trial.report is None else ": answered"
+            end += f": {_ENDS[end_word(frame.trial)]}"
         nodes[-1] = nodes[-1]._replace(label=end)  # the last state, in the last column
         return Graph(nodes, self._edges)
 

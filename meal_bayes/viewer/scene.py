@@ -10,6 +10,7 @@ import rerun as rr
 
 from meal_bayes.robots.robot import BALL, SHELL, SOLID, Frame
 from meal_bayes.trials import Trial, percept_labels
+from meal_bayes.trials.text import last_label
 from meal_bayes.viewer.drawings import (
     Diagram,
     Graph,
@@ -20,7 +21,7 @@ from meal_bayes.viewer.drawings import (
     search_tree,
     with_samples,
 )
-from meal_bayes.viewer.labels import action_label, explain_decision, narrate, plain_text
+from meal_bayes.viewer.labels import explain_decision, narrate, plain_text
 from meal_bayes.viewer.palette import (
     DIM,
     GRAY,
@@ -185,7 +186,8 @@ class Scene:
             return
         action = step.decision.action
         percept = step.observation
-        self._lane("action", time, action_label(momdp, action), (GRAY, DIM)[frame.number % 2])
+        label = plain_text(last_label(trial, action))
+        self._lane("action", time, label, (GRAY, DIM)[frame.number % 2])
         names = [] if percept is None else percept_labels(momdp, action, percept)
         for i, lane in enumerate(self._percept_lanes(trial)):
             if percept is None:

@@ -1,5 +1,6 @@
 """`meal-bayes find`: what it prints, logs and refuses."""
 
+import contextlib
 import html
 import json
 import re
@@ -11,8 +12,12 @@ from rerun.chunk import RrdReader
 
 from meal_bayes.cli import main
 from meal_bayes.datasets import load_percepts
+from meal_bayes.errors import LogCorruptError
 from meal_bayes.learner import Learner
-from meal_bayes.trial_log import read_search, read_trials
+from meal_bayes.robots.several import RobotPerObject
+from meal_bayes.trial_log import Logs, read_search, read_trials
+from meal_bayes.trials.search import explored_rows
+from meal_bayes.viewer.labels import plain_text
 
 BOXES = "heavy_blue_beans,light_blue_beans,medium_brown_rice"
 
@@ -81,6 +86,107 @@ def test_a_search_that_ended_in_the_middle_is_shown_as_far_as_it_went(tmp_path):
     assert "none; the robot is needed elsewhere" in run("log", "show", str(tmp_path)).stdout
 
 
+def words_of(page):
+    """Return what a report says, without its style."""
+    body = page.read_text().partition("<body")[2]
+    return re.sub(r"\s+", " ", html.unescape(re.sub("<[^>]*>", " ", body)))
+
+
+@contextlib.contextmanager
+def searching(folder):
+    """Begin a search that waits for its first turn, and is shown before it ends."""
+    learner = Learner("roc36", agent="greedy", logs=None).fit(load_percepts("roc36"))
+    session = learner.begin_find("heavy and green", BOXES.split(","), log=folder)
+    robots = {name: learner.replay(each.task) for name, each in session.sessions.items()}
+    with session:
+        yield session, RobotPerObject(robots)
+
+
+def shown_texts(recording):
+    """Return the texts of a recording, by entity."""
+    texts = dict[str, list[str]]()
+    for chunk in RrdReader(str(recording)).stream():
+        rows = chunk.to_record_batch().to_pydict().get("TextDocument:text", ())
+        texts.setdefault(chunk.entity_path, []).extend(row[0] for row in rows)
+    return texts
+
+
+@pytest.mark.parametrize("behaviors", [0, 1, 2])
+def test_report_and_view_tell_how_far_a_search_went_that_was_killed(tmp_path, behaviors):
+    folder = tmp_path / "search"
+    with searching(folder) as (session, robot):
+        session.turned(robot.turn_to(session.turn))
+        for _ in range(behaviors):
+            if session.turn is not None:
+                session.turned(robot.turn_to(session.turn))
+            session.observe(robot.execute(session.behavior))
+        check_shown(session.search, folder, tmp_path)
+
+
+def check_shown(search, folder, tmp_path):
+    """Check what report, view and log tell of a search whose process died, and how it goes on."""
+    rows = [" ".join(map(str, row)) for row in explored_rows(search)]
+    goes_on = f"Learner.resume_find('{folder}')"
+    page = tmp_path / "page.html"
+    told = run("report", str(folder), "--out", str(page))
+    assert told.exit_code == 0
+    assert goes_on in told.stderr
+    words = words_of(page)
+    assert "Of no search that gave an answer is the truth known" in words
+    for text in (*rows, goes_on, "none; the log ends here"):
+        assert text in words
+    to = tmp_path / "it.rrd"
+    assert run("view", str(folder), "--save", str(to)).exit_code == 0
+    texts = shown_texts(to)
+    (facts,) = texts["/run/facts"]
+    for name, _, _, sure in explored_rows(search):
+        assert f"|search.believed.{name}|{plain_text(sure)}|" in facts
+    assert set(re.findall(BOXES.replace(",", "|"), " ".join(texts["/narration"]))) == set(
+        search.turns
+    )
+    shown = run("log", "show", str(folder))
+    assert goes_on in shown.stderr
+    assert run("log", "show", str(folder), "--trial", "0").exit_code == 0
+    assert run("compare", str(folder)).exit_code != 0  # nothing is measured by it
+
+
+def test_a_search_that_was_killed_at_once_can_be_checked_and_says_where_it_is_shown(tmp_path):
+    with searching(tmp_path):
+        for command in (("report",), ("view", "--trial", "0")):
+            assert f"meal-bayes log show {tmp_path}" in run(*command, str(tmp_path)).stderr
+        assert "turns.search" in run("log", "check", str(tmp_path)).stdout
+
+
+def test_what_is_recalled_of_a_search_is_what_it_brought_to_its_end(tmp_path):
+    with searching(tmp_path) as (session, _):
+        session.turned("x0")
+        with pytest.raises(LogCorruptError):
+            list(Logs(tmp_path).groups())
+        shown = [trial.ended for group in Logs(tmp_path).shown() for trial in group.trials]
+        assert shown == ["the log ends here"]
+
+
+def test_an_object_that_a_search_left_is_shown_as_left(logs, tmp_path):
+    folder = min(folder for folder in logs.iterdir() if "find" in folder.name)
+    search = read_search(folder)
+    left = [name for name in dict.fromkeys(search.turns) if name != search.claim]
+    assert left
+    number = list(dict.fromkeys(search.turns)).index(left[0])
+    shown = run("log", "show", str(folder), "--trial", str(number)).stdout
+    to = tmp_path / "it.rrd"
+    run("view", str(folder), "--save", str(to))
+    page = tmp_path / "page.html"
+    run("report", str(folder), "--out", str(page))
+    texts = shown_texts(to)
+    told = " ".join(text for name, rows in texts.items() if "run" not in name for text in rows)
+    for text in (shown, told, words_of(page)):
+        assert "abstain" not in text
+        assert "leave" in text
+    for text in (shown, told):
+        assert "the search left it" in text
+        assert re.search(r"claiming\s+this\s+is\s+worth", text)
+
+
 @pytest.fixture(scope="module")
 def logs(tmp_path_factory):
     """The logs of two searches."""
@@ -117,10 +223,7 @@ def test_the_viewer_shows_a_search_in_the_order_of_its_turns(logs, tmp_path):
     for options, shown in (((), set(search.turns)), (("--trial", "1"), {search.turns[1]})):
         to = tmp_path / "it.rrd"
         assert run("view", str(folder), *options, "--save", str(to)).exit_code == 0
-        texts = dict[str, list[str]]()
-        for chunk in RrdReader(str(to)).stream():
-            rows = chunk.to_record_batch().to_pydict().get("TextDocument:text", ())
-            texts.setdefault(chunk.entity_path, []).extend(row[0] for row in rows)
+        texts = shown_texts(to)
         (facts,) = texts["/run/facts"]
         assert f"|search.turns|{', '.join(search.turns)}|" in facts
         assert f"|search.answer|{search.claim or 'none of them'}|" in facts
