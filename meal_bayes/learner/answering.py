@@ -267,8 +267,14 @@ class Answerer:
         session = self._session(before.task, tuple(broken.header["streams"]), options)
         session.start(before.momdp.x_names[before.steps[0].x] if before.steps else start)
         session.repeat(before.steps)
+        self.note_asked(session.key)
         self._record(session, broken.path, broken.header, broken)
         return session
+
+    def note_asked(self, streams: Key) -> None:
+        """Count a question of before a restart, whose streams a log names, if it was not yet."""
+        with self._lock:
+            self._asked.resumed(streams)
 
     def _fit(self, task: Task, *, learn: bool, beside: Objects = ()) -> Fit:
         """Return what is known for a trial, by who runs it: training may be another agent's."""

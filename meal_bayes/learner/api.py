@@ -104,7 +104,11 @@ def recall(learner: Learner, *logs: str | Path) -> list[Trial]:
     experience = learner.experience
     recalled = list[Trial]()
     places = dict[Key, Path]()
+    asked = list[Key]()
     for group in files.groups():
+        streams = group.header.get("streams")
+        if isinstance(streams, list) and len(streams) > 2:
+            asked.append(tuple(streams))
         for trial in group.trials:
             task = trial.task
             places[task.key] = group.file.parent
@@ -120,6 +124,8 @@ def recall(learner: Learner, *logs: str | Path) -> list[Trial]:
     for trial in recalled:
         learner.record(trial)
     learner.note_folders(places)
+    for streams in asked:
+        learner.note_asked(streams)
     tell_again(experience, files.told())
     learner.refit()
     faults = [fault for fault in dict.fromkeys(files.problems) if fault not in files.unfinished]

@@ -1,5 +1,6 @@
 """What a learner needs of a trial: its options, its task, and its session."""
 
+import re
 import secrets
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
@@ -32,6 +33,9 @@ NO_CLASSIFIERS = (
     "A percept table holds no classifiers for a robot's sensors; fit recordings (load_dataset), or "
     "name an object of the table."
 )
+LIVE = "live"  # in the keys of trials with a robot
+# A key by `Asked.key`; of an object of a search that has no name, that follows.
+_COUNTED = re.compile(r"(?P<test>test )?(?P<number>[0-9]{1,18})(, .*)?$", re.DOTALL)
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,6 +90,14 @@ class Asked:
         else:
             self.tests += 1
 
+    def resumed(self, streams: Key) -> None:
+        """Count a question that was asked before a restart, so that none repeats its streams."""
+        found = _COUNTED.match(str(streams[2])) if streams[1:2] == (LIVE,) else None
+        if found is not None and found["test"]:
+            self.tests = max(self.tests, int(found["number"]) + 1)
+        elif found is not None:
+            self.lessons = max(self.lessons, int(found["number"]) + 1)
+
 
 def robot_or_name(
     robot: Robot | str | None, object_name: str | None
@@ -139,8 +151,8 @@ def task_of(
     identity = secrets.token_hex(8)
     name = f"object {identity}" if object_name is None else object_name
     drawn = f"object {key}" if object_name is None else object_name
-    task = Task(text, query, -1, name, (domain.data, "live", identity, *query.attributes))
-    return task, (domain.data, "live", 0 if key is None else key, drawn, *query.attributes)
+    task = Task(text, query, -1, name, (domain.data, LIVE, identity, *query.attributes))
+    return task, (domain.data, LIVE, 0 if key is None else key, drawn, *query.attributes)
 
 
 def session_of(

@@ -1,0 +1,101 @@
+"""Keys of random streams: after a restart no question repeats those of another."""
+
+import copy
+
+import pytest
+
+from meal_bayes import Learner, Outcome
+from meal_bayes.learner import recall
+from meal_bayes.learner.trial import Asked
+
+
+def seen():
+    return Outcome("table", {"color": [9.0, 9.0, 9.0]})
+
+
+def killed(session):
+    """Let go of what the process of a session, or of a search, held when it died."""
+    for each in (session, *getattr(session, "sessions", {}).values()):
+        if each._recorder is not None:
+            each._recorder._file.close()
+
+
+def begin(learner, how):
+    """Begin a trial of a kind."""
+    if how == "find":
+        session = learner.begin_find("red", 2)
+        session.turned("table")
+        return session
+    return learner.begin("red", learn=how == "lesson")
+
+
+def streams_of(session):
+    """Return what names the random streams of a session, or of all of a search."""
+    sessions = getattr(session, "sessions", {"": session})
+    return {each.key for each in sessions.values()}
+
+
+def resume(learner, how):
+    return learner.resume_find() if how == "find" else learner.resume()
+
+
+@pytest.mark.parametrize("between", [0, 2])
+@pytest.mark.parametrize("how", ["lesson", "test", "find"])
+def test_a_question_after_a_resumed_one_repeats_no_stream(dataset, make, tmp_path, how, between):
+    first = make.learner(dataset, "greedy", logs=tmp_path / "logs")
+    first.save(tmp_path / "it.mind")
+    for _ in range(between):  # which the file does not know
+        begin(first, how).cancel()
+    session = begin(first, how)
+    began = streams_of(session)
+    killed(session)
+    again = Learner.load(tmp_path / "it.mind", logs=tmp_path / "logs")
+    resumed = resume(again, how)
+    assert streams_of(resumed) == began
+    later = begin(again, how)
+    assert not streams_of(later) & began
+    undisturbed = begin(first, how)
+    assert streams_of(later) == streams_of(undisturbed)  # as if its process had not died
+    for each in (resumed, later, undisturbed):
+        each.cancel()
+
+
+def test_resuming_in_the_learner_that_began_it_counts_once(dataset, make, tmp_path):
+    learner = make.learner(dataset, make.agent("look", "look"), logs=tmp_path)
+    session = learner.begin("red")
+    killed(session)
+    before = copy.copy(learner._asked)
+    learner.resume().cancel()
+    assert learner._asked == before
+
+
+def test_a_learner_that_recalls_its_logs_repeats_none_of_their_streams(dataset, make, tmp_path):
+    first = make.learner(dataset, make.agent("look", "look"), logs=tmp_path)
+    asked = set()
+    for learn in (True, True, False):
+        session = first.begin("red", learn=learn)
+        asked |= streams_of(session)
+        while session.behavior is not None:
+            session.observe(seen())
+    again = make.learner(dataset, make.agent("look", "look"), logs=None)
+    recall(again, tmp_path)
+    for learn in (True, False):
+        assert not streams_of(again.begin("red", learn=learn)) & asked
+
+
+@pytest.mark.parametrize(
+    ("streams", "lessons", "tests"),
+    [
+        (("d", "live", 4, "cup", "red"), 5, 0),
+        (("d", "live", "test 4", "cup", "red"), 0, 5),
+        (("d", "live", "4, 1", "object 4, 1", "red"), 5, 0),
+        (("d", "live", "test 4, a, b", "object test 4, a, b", "red"), 0, 5),
+        (("d", "live", "mine 4", "cup", "red"), 0, 0),
+        (("d", "ask", "4", "red"), 0, 0),
+        ((), 0, 0),
+    ],
+)
+def test_only_keys_that_were_counted_count(streams, lessons, tests):
+    asked = Asked()
+    asked.resumed(streams)
+    assert (asked.lessons, asked.tests) == (lessons, tests)
