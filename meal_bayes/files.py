@@ -56,6 +56,14 @@ def checked_path(what: str, value: object) -> Path:
     text = os.fspath(value) if isinstance(value, str | os.PathLike) else None
     if not isinstance(text, str) or not text or "\0" in text:
         raise SettingsError(f"{what} is {value!r:.60}; give a path, as a text or a Path.")
+    try:
+        Path(text).stat()
+    except (FileNotFoundError, NotADirectoryError):  # to come, or said by whoever reads it
+        pass
+    except OSError as fault:  # a name that is too long, links in a loop, a folder that is closed
+        raise SettingsError(f"{what} {text!r:.300}: {fault.strerror}; give another path.") from None
+    except UnicodeEncodeError:  # half a character
+        raise SettingsError(f"{what} {text!a:.300} is no name of a file; give another.") from None
     return Path(text)
 
 
@@ -95,18 +103,40 @@ def check_output(path: str | Path, *, inputs: Iterable[str | Path] = ()) -> Path
                     raise OutputError(f"{named} is a trial log, which stays; give another name.")
         elif target.exists():
             raise OutputError(f"{named} is a device or a pipe; give the name of a regular file.")
+        _check_way(named.parent)  # before links are followed
         check_folder(target.parent)
     return target
 
 
 def check_folder(folder: str | Path) -> Path:
     """Create a folder, and check that files can be written in it; else an `OutputError`."""
-    folder = checked_path("The folder", folder)
-    with _with_path(folder):
-        folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=folder):
-            pass
+    folder = make_folder(checked_path("The folder", folder))
+    with _with_path(folder), tempfile.TemporaryFile(dir=folder):
+        pass
     return folder
+
+
+def make_folder(folder: Path) -> Path:
+    """Create a folder, where neither a file nor a link to nothing stands; else an `OutputError`."""
+    with _with_path(folder):
+        _check_way(folder)
+        folder.mkdir(parents=True, exist_ok=True)
+    return folder
+
+
+def _check_way(folder: Path) -> None:
+    """Refuse a folder where a file, or a link to what is not there, stands in its place or way."""
+    for place in (folder, *folder.parents):
+        if place.is_dir():
+            return
+        if place.exists():
+            raise OutputError(f"{folder} cannot be written: {place} is a file; give another place.")
+        if place.is_symlink():
+            target = place.readlink()
+            raise OutputError(
+                f"{folder} cannot be written: {place} is a link to {target}, which is not there; "
+                "create that folder, or give another place."
+            )
 
 
 @contextlib.contextmanager

@@ -1,6 +1,7 @@
 """Outputs: whole or not at all, never over an input; what others wrote is read within limits."""
 
 import contextlib
+import errno
 import os
 import resource
 import stat
@@ -14,7 +15,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from meal_bayes.cli.console import printable
-from meal_bayes.errors import OutputError
+from meal_bayes.datasets import load_dataset
+from meal_bayes.errors import MealBayesError, OutputError
 from meal_bayes.files import (
     check_folder,
     check_output,
@@ -22,6 +24,16 @@ from meal_bayes.files import (
     draft_of,
     file_name,
     write_whole,
+)
+from meal_bayes.learner import Learner
+from meal_bayes.trial_log import (
+    Logs,
+    TrialWriter,
+    check_log,
+    log_info,
+    read_search,
+    read_trials,
+    recover_log,
 )
 from meal_bayes.untrusted import DEPTH_LIMIT, JSON_LIMIT, read_bytes, read_json
 
@@ -138,6 +150,71 @@ def test_a_place_is_tried_and_left_as_it_was(tmp_path):
     for call in (check_output, check_folder):
         with pytest.raises(OutputError, match=r"cannot be written: .*; give another place"):
             call(tmp_path / "file" / "below")
+
+
+@pytest.mark.parametrize("below", ["", "below", "below/it"])
+@pytest.mark.parametrize("kind", ["a file", "a link to nowhere, which is not there"])
+def test_what_stands_in_a_folder_s_way_is_named(tmp_path, kind, below):
+    place = tmp_path / "logs"
+    if kind == "a file":
+        place.touch()
+    else:
+        place.symlink_to("nowhere")
+    doors = [
+        lambda: check_folder(place / below),
+        lambda: check_output(place / below / "a.html"),
+        lambda: write_whole(place / below / "a.html", "text"),
+        lambda: TrialWriter(place / below / "a.mcap", {}).__enter__(),
+    ]
+    for door in doors:
+        with pytest.raises(MealBayesError, match=r"cannot be written: .*another place") as caught:
+            door()
+        assert f"{place} is {kind}" in str(caught.value)
+        assert "File exists" not in str(caught.value)
+    assert len(list(tmp_path.iterdir())) == 1
+
+
+DOORS = {
+    "log": lambda path: Learner("roc36", logs=path),
+    "save": lambda path: Learner("roc36", logs=None).save(path),
+    "load": Learner.load,
+    "resume": lambda path: Learner("roc36", logs=None).resume(path),
+    "resume_find": lambda path: Learner("roc36", logs=None).resume_find(path),
+    "posterior": lambda path: Learner("roc36", logs=None, posterior=path),
+    "root": lambda path: load_dataset("roc36", root=path),
+    "Logs": Logs,
+    "read_trials": lambda path: list(read_trials(path)),
+    "read_search": read_search,
+    "check_log": check_log,
+    "log_info": log_info,
+    "recover_log": recover_log,
+    "check_output": check_output,
+    "check_folder": check_folder,
+}
+
+
+@pytest.mark.parametrize("door", DOORS)
+@pytest.mark.parametrize("kind", ["long", "loop", "closed", "half a character"])
+def test_paths_that_the_system_refuses_are_our_errors(tmp_path, monkeypatch, door, kind):
+    path = tmp_path / "it"
+    if kind == "long":
+        path = tmp_path / ("n" * 300)
+    elif kind == "half a character":
+        path = f"{tmp_path}/\ud800"
+    elif kind == "loop":
+        path.symlink_to(tmp_path / "other")
+        (tmp_path / "other").symlink_to(path)
+    else:  # root reads what is closed to others
+
+        def closed(asked, **options):
+            if asked == path:
+                raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(path))
+            return looked(asked, **options)
+
+        looked = Path.stat
+        monkeypatch.setattr(Path, "stat", closed)
+    with pytest.raises(MealBayesError, match=r"another"):
+        DOORS[door](path)
 
 
 def test_long_names_have_drafts(tmp_path):

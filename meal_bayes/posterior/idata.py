@@ -81,6 +81,6 @@ def save_netcdf(idata: Any, path: str | Path) -> Path:
 def load_netcdf(path: str | Path) -> Any:
     """Read what `save_netcdf` wrote; a `DataError` where there is none."""
     try:
-        return az.from_netcdf(str(path))
+        return az.from_netcdf(str(checked_path("The posterior", path)))
     except (OSError, ValueError) as fault:
         raise DataError(f"{path} is no posterior in netCDF: {fault}.") from None

@@ -15,8 +15,8 @@ from typing import Any, BinaryIO, Self
 import numpy as np
 from mcap.writer import Writer
 
-from meal_bayes.errors import LogError, SettingsError
-from meal_bayes.files import checked_path, hold, replace_whole, write_whole
+from meal_bayes.errors import LogError, OutputError, SettingsError
+from meal_bayes.files import checked_path, hold, make_folder, replace_whole, write_whole
 from meal_bayes.trial_log import schema
 from meal_bayes.trial_log.encode import End, Packed, TrialEncoder, encode_outcomes
 from meal_bayes.trial_log.feedback import Feedback
@@ -81,7 +81,7 @@ class TrialWriter:
 
     def __enter__(self) -> Self:
         with self._faults_named():
-            self.path.parent.mkdir(parents=True, exist_ok=True)
+            make_folder(self.path.parent)
             if self.path.exists() and not self.path.is_file():
                 raise OSError(f"{self.path} is no file")
             self._file: BinaryIO = self.active_path.open("xb")
@@ -153,6 +153,8 @@ class TrialWriter:
             draft = f" ({trials} trials are kept in {self.active_path})" if trials else ""
             why = fault.strerror or fault
             raise LogError(f"{self.path} cannot be written: {why}{draft}.") from fault
+        except OutputError as fault:  # of the folder
+            raise LogError(str(fault)) from fault
         except (SettingsError, TypeError, ValueError, OverflowError) as fault:
             # the next one, which no message can hold
             raise LogError(f"Trial {trials} cannot be logged: {fault}.") from fault
