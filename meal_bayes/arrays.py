@@ -108,6 +108,26 @@ def label_values(values: Any) -> NDArray[np.int8]:
     return labels
 
 
+def check_kind(name: str, value: object, kind: type[Any]) -> None:
+    """Refuse an argument that is not of a class, which users of other packages may give.
+
+    >>> check_kind("domain", 5, dict)
+    Traceback (most recent call last):
+    meal_bayes.errors.SettingsError: domain is 5; give a value of class dict.
+    """
+    if not isinstance(value, kind):
+        raise SettingsError(f"{name} is {value!r:.60}; give a value of class {kind.__name__}.")
+
+
+def real_array(name: str, values: object) -> NDArray[np.float64]:
+    """Return numbers as an array; refuse what is none, or is of lists of unequal lengths."""
+    given: Any = values
+    try:
+        return np.array(given, dtype=float)
+    except (TypeError, ValueError):
+        raise SettingsError(f"{name} is {given!r:.60}; give an array of numbers.") from None
+
+
 def check_whole(name: str, value: object) -> None:
     """Refuse a setting that is no whole number, 0 or more."""
     if not is_whole(value) or value < 0:

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from meal_bayes.arrays import freeze, freeze_arrays, label_values, set_frozen
+from meal_bayes.arrays import check_kind, freeze, freeze_arrays, label_values, set_frozen
 from meal_bayes.datasets.dataset import check_objects, complete_labels
 from meal_bayes.display import facts_html, facts_repr, listed
 from meal_bayes.domain import (
@@ -200,6 +200,7 @@ def save_percepts(table: PerceptTable, path: str | Path) -> None:
     OutputError
         The file cannot be written; one that was there stays.
     """
+    check_kind("table", table, PerceptTable)
     sensing = table.domain.recorded
     meta = {
         "format": _FORMAT,

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from meal_bayes.arrays import check_whole
+from meal_bayes.arrays import check_kind, check_whole
 from meal_bayes.datasets import Dataset, PerceptTable
 from meal_bayes.display import short_repr
 from meal_bayes.domain import Event, Query
@@ -158,6 +158,7 @@ def run_offline(
     OutputError, LogError
         Logs that cannot be written.
     """
+    check_kind("config", config, OfflineConfig)
     source = TableSource.of(config.dataset, config.perception)
     table = _loaded(source)
     config = dataclasses.replace(config, dataset=source.name)  # by which other processes find it

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from functools import lru_cache, partial
 from pathlib import Path
 
+from meal_bayes.arrays import check_kind
 from meal_bayes.datasets import Dataset, load_dataset, load_percepts
 from meal_bayes.datasets.sources import SOURCES
 from meal_bayes.experiments.config import OnlineConfig
@@ -170,6 +171,7 @@ def run_online(
         Called with (batches done, batches in all) after every trial, from processes once a second;
         from a cluster after a repeat of an agent.
     """
+    check_kind("config", config, OnlineConfig)
     domain = _protocol(config, 0).dataset.domain  # raises here, not in a process, what is wrong
     if config.reward is None:
         reward = _REWARD if domain.data in SOURCES else domain.report_reward

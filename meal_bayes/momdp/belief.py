@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes.arrays import FrozenArrays, freeze
+from meal_bayes.arrays import FrozenArrays, check_kind, freeze
 from meal_bayes.display import bar_html, facts_repr, listed, table_html
 from meal_bayes.domain.query import value_table
 from meal_bayes.errors import ImpossibleObservation, SettingsError
@@ -161,6 +161,7 @@ def belief_of(
 
 def initial_belief(momdp: MOMDP) -> Belief:
     """Return the belief at the start of a trial: x0, the prior, no percepts."""
+    check_kind("momdp", momdp, MOMDP)
     chance = np.stack([1.0 - momdp.prior, momdp.prior], axis=1)  # (N,2)
     with np.errstate(divide="ignore"):
         log_prob = np.log((chance[:, :, None] * momdp.latent_classes).sum(axis=1))
@@ -190,6 +191,9 @@ def update_belief(belief: Belief, momdp: MOMDP, transition: Transition) -> Belie
     SettingsError
         An action, x or levels that the MOMDP does not have.
     """
+    check_kind("belief", belief, Belief)
+    check_kind("momdp", momdp, MOMDP)
+    check_kind("transition", transition, Transition)
     e, next_x, percept = transition
     n = len(momdp.query)
     levels = np.zeros(n, int) if percept is None else np.asarray(percept)

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from meal_bayes.arrays import Floats, freeze
+from meal_bayes.arrays import Floats, check_kind, freeze, real_array
 from meal_bayes.domain import Domain, Payoffs, Query
 from meal_bayes.errors import SettingsError
 from meal_bayes.momdp.model import MOMDP
@@ -83,14 +83,15 @@ def build_momdp(
     SettingsError
         Arrays of other shapes, or values that a MOMDP cannot have.
     """
+    _check_asked(domain, query)
     n = len(query)
     e = len(domain.behaviors)
     answers = [behavior.answer_accuracy is not None for behavior in domain.behaviors]
     identity = np.tile(np.eye(2), (n, 1, 1))
-    classes = identity if latent_classes is None else np.asarray(latent_classes, dtype=float)
+    classes = identity if latent_classes is None else real_array("latent_classes", latent_classes)
     if classes.ndim != 3 or classes.shape[:2] != (n, 2):
         raise SettingsError(f"latent_classes has shape {classes.shape}; expected ({n},2,C).")
-    rows = np.array(confusion, dtype=float)
+    rows = real_array("confusion", confusion)
     c = classes.shape[-1]
     if rows.ndim != 4 or rows.shape[:3] != (n, e, c):
         expected = f"({n} queried, {e} behaviors, {c} latent classes, levels)"
@@ -131,6 +132,12 @@ def build_momdp(
         discount=goal.discount,
         abstain=goal.abstain and domain.diagram.abstain,
     )
+
+
+def _check_asked(domain: object, query: object) -> None:
+    """Refuse what is no domain, and what is no query of one."""
+    check_kind("domain", domain, Domain)
+    check_kind("query", query, Query)
 
 
 def with_joint_prior(momdp: MOMDP, joint: ArrayLike) -> MOMDP:

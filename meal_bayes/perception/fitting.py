@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from meal_bayes.arrays import Floats, Ints
+from meal_bayes.arrays import Floats, Ints, check_kind
 from meal_bayes.datasets import Dataset, PerceptTable, TrainingSet
 from meal_bayes.datasets.percepts import BIN_EDGES, classifier_levels, round_log_odds
 from meal_bayes.datasets.sources import SOURCES
@@ -213,6 +213,7 @@ def build_percept_table(
     each : Map
         Calls a function on every behavior, perhaps at once; results may come in any order.
     """
+    check_kind("dataset", dataset, Dataset)
     if classifier is not None:
         if perception != "default":
             raise SettingsError("Give perception or a classifier, not both (see with_classifier).")

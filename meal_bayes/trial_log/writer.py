@@ -226,6 +226,8 @@ def write_trials(
     trials : Iterable[Trial | TrialOutcomes]
         Whole ones make a full log, outcomes a compact one: columns, 250 trials in a message.
     """
+    if not isinstance(trials, Iterable):
+        raise SettingsError(f"trials is {trials!r:.60}; give trials, or the outcomes of some.")
     entries = iter(trials)
     times = iter(seconds)
     first = next(entries, None)

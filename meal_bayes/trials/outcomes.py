@@ -9,7 +9,7 @@ from typing import Any, NamedTuple, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes.arrays import Bools, freeze_arrays, set_frozen
+from meal_bayes.arrays import Bools, check_kind, freeze_arrays, set_frozen
 from meal_bayes.errors import SettingsError
 from meal_bayes.trials.record import TrialRecord
 
@@ -138,7 +138,10 @@ class TrialOutcomes:
             return trials
         if isinstance(trials, Run):
             return trials.outcomes()
-        return cls._stack([_columns(trial) for trial in trials])
+        given: Any = trials  # users give anything
+        if not isinstance(given, Iterable):
+            raise SettingsError(f"trials is {given!r:.60}; give trials, or the outcomes of some.")
+        return cls._stack([_columns(trial) for trial in given])
 
     @classmethod
     def join(cls, parts: Sequence["TrialOutcomes"]) -> "TrialOutcomes":
@@ -220,6 +223,7 @@ class BatchOutcomes(NamedTuple):
 
 def _columns(trial: TrialRecord) -> _Part:
     """Return the behaviors and the columns of one trial."""
+    check_kind("trial", trial, TrialRecord)
     task = trial.task
     names = trial.momdp.behavior_names
     done = [step for step in trial.steps if step.decision.action < len(names)]

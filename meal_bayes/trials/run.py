@@ -1,5 +1,7 @@
 """A trial from its first behavior to its answer, by a robot that can wait."""
 
+from meal_bayes.arrays import check_kind
+from meal_bayes.errors import SettingsError
 from meal_bayes.robots import Robot
 from meal_bayes.trials.session import Session
 from meal_bayes.trials.trial import Trial
@@ -13,6 +15,9 @@ def run_trial(session: Session, robot: Robot) -> Trial:
     An exception of robot, perceiver or policy, an interruption too, ends the trial: the recorder
     gets the trial so far, with `ended`, and the exception is raised again.
     """
+    check_kind("session", session, Session)
+    if not hasattr(robot, "execute"):
+        raise SettingsError(f"robot is {robot!r:.60}; give one that has execute(behavior).")
     with session:
         if not session.begun:
             session.start(robot.start())

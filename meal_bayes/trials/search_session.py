@@ -7,7 +7,7 @@ from typing import NamedTuple, Protocol, Self
 
 import numpy as np
 
-from meal_bayes.arrays import Floats
+from meal_bayes.arrays import Floats, check_kind
 from meal_bayes.errors import LogError, SettingsError
 from meal_bayes.planners import EMPTY, Decision, Prospect, Prospector, best_move
 from meal_bayes.robots.robot import Outcome, state_index
@@ -338,6 +338,7 @@ def run_search(session: SearchSession, robot: SearchingRobot) -> Search:
 
     An exception of robot or perceiver ends the search and its trials, and is raised again.
     """
+    check_kind("session", session, SearchSession)
     with session:
         while not session.over:
             if session.turn is not None:

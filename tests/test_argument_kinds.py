@@ -1,0 +1,62 @@
+"""Functions of the top level refuse arguments of another kind by the package's own errors."""
+
+import inspect
+import math
+
+import numpy as np
+import pytest
+
+import meal_bayes as mb
+from meal_bayes.errors import MealBayesError
+from meal_bayes.experiments import run_online
+
+VALUES = {
+    "5": 5, "None": None, "x": "x", "[]": [], "nan": math.nan, "array": np.zeros((2, 3)),
+    "object": object(), "[5]": [5], "dict": {},
+}  # fmt: skip
+NO_TRIALS = ("[]", "dict")  # of which there is a summary, too
+
+
+def required(function):
+    """Return the names of the arguments that have to be given, by position or by name."""
+    parameters = inspect.signature(function).parameters.values()
+    given = [p for p in parameters if p.default is p.empty]
+    by_place = [p.name for p in given if p.kind is p.POSITIONAL_OR_KEYWORD]
+    return by_place, [p.name for p in given if p.kind is p.KEYWORD_ONLY]
+
+
+def done(result):
+    """Bring what a function began to its end."""
+    if inspect.isgenerator(result):
+        list(result)
+
+
+FUNCTIONS = [
+    name
+    for name in sorted(mb.__all__)
+    if inspect.isfunction(getattr(mb, name)) and required(getattr(mb, name))[0]
+]
+
+
+@pytest.mark.parametrize("value", VALUES)
+@pytest.mark.parametrize("name", FUNCTIONS)
+def test_arguments_of_another_kind_are_the_package_s_own_errors(name, value, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    if name == "summarize" and value in NO_TRIALS:
+        return
+    function = getattr(mb, name)
+    by_place, by_name = required(function)
+    given = VALUES[value]
+    with pytest.raises(MealBayesError) as caught:
+        done(function(*[given] * len(by_place), **dict.fromkeys(by_name, given)))
+    assert len(str(caught.value)) > 20
+
+
+@pytest.mark.parametrize("value", VALUES)
+def test_an_online_run_is_asked_for_by_its_settings(value):
+    with pytest.raises(MealBayesError, match="give a value of class OnlineConfig"):
+        run_online(VALUES[value])
+
+
+def test_there_are_functions_to_look_at():
+    assert {"build_momdp", "run_trial", "summarize", "update_belief"} <= set(FUNCTIONS)
