@@ -1,13 +1,14 @@
 """What a run is: its settings, checked."""
 
 import dataclasses
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from meal_bayes.agents import Agent, ITRSBonus, as_agent
-from meal_bayes.arrays import check_whole
+from meal_bayes.arrays import check_whole, is_whole
 from meal_bayes.datasets import Dataset, PerceptTable
 from meal_bayes.display import short, short_repr
 from meal_bayes.domain import unknown
@@ -23,6 +24,9 @@ _CHOICES = {
 }  # fmt: skip
 
 
+MOST_TRIALS = 1_000_000  # of all agents of a run; more are several runs
+_SECONDS = 0.01  # of computing, about, of a trial of the quicker agents
+_BYTES = 5_000  # about, of a trial's whole log
 ANSWERS = ("values", "yes or no", "balanced")
 
 
@@ -87,6 +91,7 @@ class OfflineConfig:
     def __post_init__(self) -> None:
         object.__setattr__(self, "agents", _checked(self.agents, self.seed, self.reward))
         check_answer(self.answer)
+        _check_size(self, ("trials",), ("attributes",))
         if isinstance(self.dataset, Path):
             object.__setattr__(self, "dataset", str(self.dataset))
         if not isinstance(self.dataset, str | Dataset | PerceptTable):
@@ -176,9 +181,7 @@ class OnlineConfig:
             else:
                 agents.append(agent)
         object.__setattr__(self, "agents", tuple(agents))
-        for name in ("attributes", "batches", "trials", "repeats", "horizon"):
-            if getattr(self, name) < 1:
-                raise SettingsError(f"{name} is {getattr(self, name)}; give at least 1.")
+        _check_size(self, ("repeats", "batches", "trials"), ("attributes", "horizon"))
         sizes = [part if isinstance(part, int) else len(part) for part in self.split]
         if len(sizes) != 3 or min(sizes) < 1:
             raise SettingsError(f"split is {self.split}; give three shares, such as 33/33/34.")
@@ -193,6 +196,25 @@ class OnlineConfig:
             if name not in settings:
                 raise SettingsError(unknown("setting of learners", name, settings))
         LearnerSettings(percepts=self.percepts)
+
+
+def _check_size(config: Any, factors: tuple[str, ...], others: tuple[str, ...]) -> None:
+    """Refuse counts that are none, and a run that no machine would bring to its end."""
+    for name in (*factors, *others):
+        count = getattr(config, name)
+        if not is_whole(count) or not 1 <= count <= MOST_TRIALS:
+            raise SettingsError(
+                f"{name} is {count!r:.60}; give a whole number from 1 to {MOST_TRIALS:,}."
+            )
+    trials = len(config.agents) * math.prod(int(getattr(config, name)) for name in factors)
+    if trials > MOST_TRIALS:
+        days = trials * _SECONDS / 86_400
+        terms = " x ".join(f"{getattr(config, name):,} {name}" for name in factors)
+        raise SettingsError(
+            f"{len(config.agents)} agents x {terms} are {trials:,} trials: at {_SECONDS:g} s and "
+            f"{_BYTES:,} bytes a trial {days:,.0f} days of a core and {trials * _BYTES / 1e9:,.0f} "
+            f"GB of logs. Give {MOST_TRIALS:,} trials in all at most, or several runs by seeds."
+        )
 
 
 def _checked(agents: Iterable[Any], seed: int, reward: float | None) -> tuple[Agent, ...]:
