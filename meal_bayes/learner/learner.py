@@ -314,7 +314,9 @@ class Learner(Finder):
         agent, classifier : object, optional
             One's own are given again; shipped agents are found by name.
         logs : str or Path, optional
-            Folder of the logs to come.
+            Folder of the logs to come, and of those where `resume` looks. The file does not keep
+            it, as it may be loaded on another machine; labels of a trial of before are logged
+            beside its log once `recall(learner, folder)` has seen that.
 
         Raises
         ------

@@ -325,6 +325,8 @@ def interrupted(place: Path, kind: type[Broken]) -> Broken:
         raise LogError(
             f"{place} holds no {kind.noun} that was broken off; there is nothing to resume."
             + (" A search goes on by Learner.resume_find()." if search else "")
+            + " A learner's file does not keep where its logs are: name their folder if it is "
+            "another."
         )
     call = "resume_find" if kind.form else "resume"
     listed = "; ".join(f"{draft.text}: {call}({str(draft.path)!r})" for draft in drafts)

@@ -5,8 +5,10 @@ import copy
 import pytest
 
 from meal_bayes import Learner, Outcome
+from meal_bayes.errors import LogError
 from meal_bayes.learner import recall
 from meal_bayes.learner.trial import Asked
+from meal_bayes.trial_log import Logs
 
 
 def seen():
@@ -58,6 +60,33 @@ def test_a_question_after_a_resumed_one_repeats_no_stream(dataset, make, tmp_pat
     assert streams_of(later) == streams_of(undisturbed)  # as if its process had not died
     for each in (resumed, later, undisturbed):
         each.cancel()
+
+
+@pytest.mark.parametrize("call", ["resume", "resume_find"])
+def test_a_learner_that_was_loaded_elsewhere_is_told_where_to_look(dataset, make, tmp_path, call):
+    first = make.learner(dataset, "greedy", logs=tmp_path / "here")
+    first.save(tmp_path / "it.mind")
+    session = begin(first, "lesson" if call == "resume" else "find")
+    killed(session)
+    again = Learner.load(tmp_path / "it.mind", logs=tmp_path / "there")
+    (tmp_path / "there" / first.domain.name).mkdir(parents=True)
+    with pytest.raises(LogError, match=r"does not keep where its logs are: name their folder"):
+        getattr(again, call)()
+    getattr(again, call)(tmp_path / "here").cancel()
+
+
+def test_labels_are_logged_beside_a_trial_that_was_recalled(dataset, make, tmp_path):
+    first = make.learner(dataset, make.agent("look", "look"), logs=tmp_path / "here")
+    session = first.begin("red", "mug")
+    while session.behavior is not None:
+        session.observe(seen())
+    first.save(tmp_path / "it.mind")
+    agent = make.agent("look", "look")
+    again = Learner.load(tmp_path / "it.mind", agent=agent, logs=tmp_path / "there")
+    recall(again, tmp_path / "here")
+    again.tell(session.trial, {"red": True})
+    assert not (tmp_path / "there").exists()
+    assert [trial.truth.tolist() for trial in Logs(tmp_path / "here").trials()] == [[1]]
 
 
 def test_resuming_in_the_learner_that_began_it_counts_once(dataset, make, tmp_path):
