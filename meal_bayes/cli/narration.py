@@ -72,7 +72,8 @@ def _print_values(console: Console, trial: "Trial", number: int, headed: str) ->
     Heads of columns stand where they first appear; returned are those that stand by now.
     """
     momdp = trial.momdp
-    if why := leaving_text(trial, number):
+    why = leaving_text(trial, number)
+    if why:
         print_facts(console, {"why": why})
         return headed
     step = trial.steps[number - 1]

@@ -144,7 +144,8 @@ def log_files(path: str | Path) -> list[Path]:
         found = _wholest(path.rglob(f"*{SUFFIX}*"))
         logs = sorted(file for log, file in found.items() if not named_form(log))
         if not logs:
-            if searches := search_files(path):
+            searches = search_files(path)
+            if searches:
                 shown = command_line("meal-bayes log show", searches[0].parent)
                 raise LogError(
                     f"{path} holds no log of a trial: the search in it explored nothing; what it "

@@ -92,7 +92,8 @@ def explain_decision(frame: TrialFrame) -> str:
     momdp = frame.trial.momdp
     if step is None:
         return "*Nothing is decided yet.*"
-    if why := leaving_text(frame.trial, frame.number):
+    why = leaving_text(frame.trial, frame.number)
+    if why:
         return f"*{why}*"
     decision = step.decision
     compared = compared_actions(momdp, decision, belief_before(frame.trial, frame.number), _OPTIONS)
