@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import meal_bayes as mb
+from meal_bayes.datasets import make_synthetic, save_csv_folder
 from meal_bayes.errors import MealBayesError
 from meal_bayes.experiments import run_online
 
@@ -56,6 +57,16 @@ def test_arguments_of_another_kind_are_the_package_s_own_errors(name, value, tmp
 def test_an_online_run_is_asked_for_by_its_settings(value):
     with pytest.raises(MealBayesError, match="give a value of class OnlineConfig"):
         run_online(VALUES[value])
+
+
+@pytest.mark.parametrize("value", VALUES)
+def test_a_folder_of_recordings_is_written_of_a_data_set_by_any_path(value, tmp_path):
+    rng = np.random.default_rng(0)
+    data = make_synthetic(mb.load_domain("roc36"), objects=8, recordings=2, rng=rng)
+    with pytest.raises(MealBayesError):
+        save_csv_folder(VALUES[value], tmp_path)
+    save_csv_folder(data, str(tmp_path / "it"))
+    assert (tmp_path / "it" / "labels.csv").is_file()
 
 
 def test_there_are_functions_to_look_at():
