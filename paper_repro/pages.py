@@ -8,7 +8,7 @@ from meal_bayes.files import write_whole
 from paper_repro import claims, frame
 
 _DASH = "\N{EN DASH}"  # nothing measured, or nothing printed
-_ACCURACIES = 2.0  # numbers below are shown with three decimals, others with one
+_ACCURACIES = 2.0  # effects below are shown with three decimals, others with one
 _HEAD = """# Does the paper hold? Its tables and figures, run again
 
 Zhang, Amiri, Sinapov, Thomason, Stone, Zhang: Multimodal embodied attribute learning by robots for

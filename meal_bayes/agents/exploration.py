@@ -174,7 +174,7 @@ class LearningBonus:
         """Return the MOMDP with a bonus on the first percept of each behavior."""
         columns = progress.knowledge.domain.columns(momdp.query.attributes)
         bonus = np.zeros((len(columns), momdp.n_behaviors, 2))
-        bonus[0] = first_percept_value(progress, columns)[:, None]
+        bonus[0] = first_percept_value(progress, columns)[:, None]  # rows are summed
         return replace(momdp, bonus=bonus)
 
 
@@ -232,7 +232,7 @@ def as_equation_11(progress: Progress, asked: int = 1) -> Equation11:
 def learning_prices(progress: Progress, asked: int) -> Floats:
     """Compute the price of one labeled object, (P,E), s, where so many attributes are asked.
 
-    It is what `prices.prices` says, of rates that are learned from percepts of the pair alone.
+    It is what `label_prices.prices` says, of rates learned from percepts of the pair alone.
     """
     knowledge = progress.knowledge
     p = len(progress.labeled)

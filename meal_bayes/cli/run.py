@@ -21,7 +21,6 @@ if TYPE_CHECKING:
 _AGAINST = "morc"  # the paper's agent, which the others are compared with
 _MEASURE = "reward"
 _HOW = ("logs", "jobs", "cluster", "fresh")  # options that are no settings of a run
-_STEP = 10  # repeats after which a run that goes on until it is decided looks for the first time
 _FEW = 5  # splits, below which an interval over them says nothing
 _MOST = 40  # repeats of a run that goes on until it is decided
 
@@ -40,7 +39,7 @@ def run() -> None:
     None,
     None,
     "NAME",
-    f"{opt.AGENTS}; or {opt.OWN}; may be repeated, or a comma list. All of them by default.",
+    f"{opt.AGENTS}; or {opt.OWN}; may be repeated, or a comma list. All but olfc by default.",
     multiple=True,
 )
 @opt.shared("seed", "jobs", "cluster")
@@ -227,7 +226,12 @@ def online(
     interrupted continues when the same command is given again.
     """
     from meal_bayes.domain import load_domain
-    from meal_bayes.evaluation.learning import decided, learning_rows, summarize_learning
+    from meal_bayes.evaluation.learning import (
+        FIRST_LOOK,
+        decided,
+        learning_rows,
+        summarize_learning,
+    )
     from meal_bayes.experiments import OnlineConfig, run_online, warm_up
 
     # Options of how to run are no settings of what is run: they do not name the folder.
@@ -241,7 +245,7 @@ def online(
         warm_up(config, load_domain(config.dataset))
     with terminal.resumed("batches") as advance:
         how |= {"on_progress": advance, "on_note": terminal.note}
-        repeats = min(_STEP, config.repeats) if until_decided else config.repeats
+        repeats = min(FIRST_LOOK, config.repeats) if until_decided else config.repeats
         # Repeats double until the intervals decide; those that are there are not run again.
         while True:
             finished = run_online(replace(config, repeats=repeats), **how)

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from meal_bayes.arrays import check_kind
 from meal_bayes.datasets.dataset import Dataset
 from meal_bayes.datasets.frames import (
+    KEYS,
     Context,
     FeatureRows,
     add_once,
@@ -33,7 +34,6 @@ from meal_bayes.untrusted import name_fault, read_bytes
 
 log = logging.getLogger("meal_bayes.datasets")
 
-_KEYS = ("object", "recording")
 _LINE_END = re.compile(r"\r\n|\r|\n")
 _SEPARATORS = {";": "semicolons", "\t": "tabs", "|": "bars"}  # of other programs
 _VALUES = {"1": 1, "0": 0, "": -1}
@@ -56,7 +56,7 @@ def load_csv_folder(domain: Domain, folder: Path) -> Dataset:
     files = _files(domain, folder)
     _check_names(domain, folder, [path.name for path in files.values()])
     objects, labels = _read_labels(folder / "labels.csv", domain)
-    contexts = ((c, read_features(path, _KEYS, header=True)) for c, path in files.items())
+    contexts = ((c, read_features(path, KEYS, header=True)) for c, path in files.items())
     dataset = Dataset(domain, objects, join_features(objects, contexts), labels)
     log.info(
         "%s: read %d objects, up to %d recordings each", folder, len(objects), dataset.recordings
@@ -81,7 +81,7 @@ def save_csv_folder(dataset: Dataset, folder: str | Path) -> None:
         # Recordings that an object has; rows of NaN behind them are not written.
         o, r = np.nonzero(np.arange(values.shape[1]) < counts[:, None])
         names = [f"f{i}" for i in range(values.shape[2])]
-        index = pd.MultiIndex.from_arrays([objects[o], r + 1], names=_KEYS)
+        index = pd.MultiIndex.from_arrays([objects[o], r + 1], names=KEYS)
         frame = pd.DataFrame(values[o, r], index, names)
         text = frame.to_csv(float_format="%.9g", lineterminator="\n")
         write_whole(path, text)

@@ -16,7 +16,7 @@ from meal_bayes.domain import Domain, unknown
 from meal_bayes.errors import DataError, QueryError
 
 Context = tuple[str, str]  # behavior, modality
-_KEYS = ["object", "recording"]
+KEYS = ("object", "recording")  # that name a row of features
 _OBJECT = "an object", "its name", "name it"  # what a cell is, as `_text_at` says it
 _RECORDING = "a recording", "its number", "number it"
 _EXACT = 2**53  # floats below it are whole numbers exactly
@@ -74,7 +74,7 @@ def _rows(values: Any, objects: Sequence[str], context: Context) -> FeatureRows:
                 places, frame["object"], frame["recording"], strict=True
             )
         ]
-        return FeatureRows(source, places, keys, _numbers(frame.drop(columns=_KEYS), source))
+        return FeatureRows(source, places, keys, _numbers(frame.drop(columns=list(KEYS)), source))
     if not isinstance(values, Mapping):
         if len(values) != len(objects):
             raise DataError(
@@ -108,7 +108,7 @@ def _with_keys(values: Any, source: str) -> Any:
     doubled = values.columns[values.columns.duplicated()]
     if len(doubled):
         raise DataError(f"{source}: found two columns {doubled[0]!r}; rename one.")
-    in_index = [key for key in _KEYS if key in values.index.names and key not in values.columns]
+    in_index = [key for key in KEYS if key in values.index.names and key not in values.columns]
     frame = values.reset_index(level=in_index) if in_index else values
     if "object" not in frame.columns:
         raise DataError(f"{source}: found a frame without a column 'object'; add one.")

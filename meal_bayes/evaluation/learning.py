@@ -23,7 +23,7 @@ Curves = Mapping[int, Floats]  # hours and mean test rewards (2,B) by repeat
 
 BUDGETS = (0.5, 1.0, 2.0, 4.0)  # h of exploration
 RATIO = 0.5  # test objects over training objects: the paper's thirds
-_FIRST = 10  # repeats after which a run that goes on looks for the first time
+FIRST_LOOK = 10  # repeats after which a run that goes on until it is decided looks first
 POOLED = 3  # last batches, whose tests' beliefs give one ECE
 
 
@@ -141,7 +141,7 @@ def decided(results: Sequence[BatchOutcomes]) -> bool:
     Looks after 10, 20, 40, ... repeats pay for each other (see `spent`).
     """
     repeats = len({result.repeat for result in results})
-    look = 1 + max(0, math.floor(math.log2(max(repeats, 1) / _FIRST)))
+    look = 1 + max(0, math.floor(math.log2(max(repeats, 1) / FIRST_LOOK)))
     rows = summarize_learning(results, mass=1 - spent(look))[1:]
     return all(row.area_low > 0 or row.area_high < 0 for row in rows)
 

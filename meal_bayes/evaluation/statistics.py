@@ -49,6 +49,7 @@ class Effect:
 
     Attributes
     ----------
+    estimate : float
     se : float
         Standard error of the estimate; NaN where the data do not determine it.
     clusters : int
@@ -61,6 +62,10 @@ class Effect:
     sides : tuple[Effect, Effect] | None
         Of a difference of fractions: gains and losses, whose intervals its own joins [Zou2008], so
         that it has a width where nobody gains or loses.
+    cluster : str
+        What a cluster is, in the plural: objects, splits or trials.
+    method : str
+        How the interval is made, in words.
     """
 
     estimate: float

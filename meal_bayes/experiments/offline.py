@@ -219,10 +219,11 @@ def offline_tasks(
     """Draw the tasks of an offline run.
 
     Objects are uniform; attributes are distinct and uniform among the askable ones. Where the
-    domain has groups (ROC36), a query takes one attribute of each of N groups, and in half of the
-    trials the values named are the object's own. Each (object, attribute set) comes once, in
-    seeded order, before any comes twice. The answer is one of `OfflineConfig`; what it is changes
-    neither objects, attributes nor random streams.
+    domain has N groups or more (ROC36), a query takes one attribute of each of N groups, and in
+    half of the trials the values named are the object's own. Pairs of object and attribute set come
+    in seeded order, none twice before all have come; with groups, of the pairs that the object is,
+    and of those that it is not, each by itself. The answer is one of `OfflineConfig`; what it is
+    changes neither objects, attributes nor random streams.
 
     Raises
     ------

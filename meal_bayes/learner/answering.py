@@ -198,8 +198,8 @@ class Answerer:
     ) -> Session:
         """Begin a trial that somebody else drives; see `Session` for what to do with it.
 
-        Whoever drives executes `behavior`, and gives its `Outcome` to `observe`, until there is no
-        behavior; then `report` is the answer.
+        Whoever drives executes `behavior`, and gives its `Outcome` to `observe`, until the
+        trial is `over`; then `report` is the answer.
 
         Parameters
         ----------

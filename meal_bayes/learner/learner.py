@@ -69,7 +69,8 @@ class Learner(Finder):
     logs : str or path, optional
         Folder of the logs of trials with a robot; None logs nothing.
     settings : LearnerSettings, optional
-        All of these but agent and logs, and rarer ones, in one value; then by no name.
+        All of these but agent and logs, and rarer ones, in one value; then those that are given by
+        name are not read.
 
     Examples
     --------

@@ -264,13 +264,13 @@ def score_without(
     """Decide by classifiers that never saw S: on S itself, and on each other object k.
 
     S are the objects `left_out` (s,), of `rows` (q,). `inverses` (M,n,n) and `duals` (M,P,n) are
-    C^-1 and C^-1 y of each modality, C = gram + noise; `targets` (P,n) are +-1; each object's rows
+    C^-1 and C^-1 y of each kernel, C = gram + noise; `targets` (P,n) are +-1; each object's rows
     begin at `starts` (O+1,). With `nested` the others are scored without S as well, not only
     without themselves. Returns decisions on the rows of S, (M,P,q), and on the others', (M,P,n),
     which are 0 on S.
     """
-    n_modalities, n_targets, n = duals.shape
-    held = np.empty((n_modalities, n_targets, len(rows)))
+    n_kernels, n_targets, n = duals.shape
+    held = np.empty((n_kernels, n_targets, len(rows)))
     decisions = np.empty(duals.shape)
     out = np.zeros(len(starts) - 1, np.int64)
     for k in left_out:
@@ -278,7 +278,7 @@ def score_without(
     across = np.empty((len(rows), n))
     known = np.empty((n_targets, len(rows)))
     shared = len(rows) if nested else 0
-    for m in range(n_modalities):
+    for m in range(n_kernels):
         _leave_set(inverses[m], duals[m], targets, rows, held=held[m], across=across, known=known)
         _score_others(
             inverses[m],

@@ -97,7 +97,7 @@ class Problem:
 
 
 def kernel_problem(grams: Floats, truth: Bools, groups: Ints, noise: float) -> Problem:
-    """Invert C of each modality: grams (M,n,n), truth (n,P), groups (n,) rising."""
+    """Invert C of each kernel: grams (M,n,n), truth (n,P), groups (n,) rising."""
     names, starts, sizes = np.unique(groups, return_index=True, return_counts=True)
     starts = np.append(starts, len(groups))
     targets = np.ascontiguousarray(np.where(truth, 1.0, -1.0).T)
@@ -132,13 +132,13 @@ def landmark_problem(
     starts = np.append(starts, len(folds))
     _, object_of, sizes = np.unique(objects, return_inverse=True, return_counts=True)
     targets = np.ascontiguousarray(np.where(truth, 1.0, -1.0).T)
-    n_modalities, _, m = kernels.shape
+    n_kernels, _, m = kernels.shape
     k = len(names)
     features = np.empty(kernels.shape)
-    grams = np.zeros((n_modalities, 1 + k, m, m))  # of all features + noise, and of each fold
-    products = np.zeros((n_modalities, 1 + k, m, len(targets)))  # with the targets, the same
-    duals = np.empty((n_modalities, len(targets), m))
-    for i in range(n_modalities):
+    grams = np.zeros((n_kernels, 1 + k, m, m))  # of all features + noise, and of each fold
+    products = np.zeros((n_kernels, 1 + k, m, len(targets)))  # with the targets, the same
+    duals = np.empty((n_kernels, len(targets), m))
+    for i in range(n_kernels):
         # phi(x) = L^-1 k(x) of every recording, and its normal equations, fold by fold.
         factor = np.linalg.cholesky(landmarks[i] + _JITTER * np.trace(landmarks[i]) * np.eye(m))
         features[i] = solve_triangular(factor, kernels[i].T, lower=True, check_finite=False).T
@@ -152,7 +152,7 @@ def landmark_problem(
         duals[i] = solve_triangular(factor.T, ridge_weights, check_finite=False).T
 
     def score(left_out: Ints, rows: Ints, nested: bool) -> tuple[Floats, Floats]:
-        decisions = np.zeros((n_modalities, *targets.shape))
+        decisions = np.zeros((n_kernels, *targets.shape))
         for fold in np.setdiff1d(np.arange(k), left_out):
             others = slice(starts[fold], starts[fold + 1])
             out = np.append(left_out if nested else [], fold).astype(np.int64)
@@ -167,7 +167,7 @@ def landmark_problem(
 
 
 def _ridge_weights(grams: Floats, products: Floats, left_out: Ints) -> Floats:
-    """Solve the normal equations of each modality without some folds, (M,m,P)."""
+    """Solve the normal equations of each kernel without some folds, (M,m,P)."""
     weights = np.empty((len(grams), *products.shape[2:]))
     for i, (gram, product) in enumerate(zip(grams, products, strict=True)):
         matrix = gram[0].copy()
@@ -198,8 +198,8 @@ def leave_out(
 
     `warm` (P,1+M) is where the search starts; the optimum is unique.
     """
-    n_modalities, n_targets, _ = problem.duals.shape
-    weights = np.zeros((len(sets), n_targets, 1 + n_modalities))
+    n_kernels, n_targets, _ = problem.duals.shape
+    weights = np.zeros((len(sets), n_targets, 1 + n_kernels))
     losses = np.zeros((len(sets), n_targets))
     log_odds = []
     for index, left_out in enumerate(np.asarray(sets, dtype=np.int64)):

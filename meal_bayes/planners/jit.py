@@ -1,4 +1,4 @@
-"""How planning kernels are compiled and cached: the one place of this package that imports numba.
+"""How planning kernels are compiled and cached: the one place of `planners` that imports numba.
 
 `entry_kernel` makes a kernel that Python calls; `kernel` one that only kernels call, without the
 wrappers that Python would need (a seventh of the compile time), and inlined, as a call would pass

@@ -30,7 +30,7 @@ class TreeEdge(NamedTuple):
     parent : int
         Position of the parent edge in the list, -1 for the root.
     action : int
-        Behavior index, E for the best answer.
+        Behavior index.
     observation : tuple[int, ...]
         Percept levels on the way to the parent's node, () for none.
     visits : int
@@ -76,7 +76,8 @@ class Decision(FrozenArrays):
     Attributes
     ----------
     action : int
-        Below E a behavior; E + y the report of value vector y of Y; E + Y abstains.
+        Below E a behavior; E + y the report of answer y of Y (value vectors, or yes and no); E + Y
+        abstains.
     values : NDArray[np.float64]
         (E+1,) what this trial is expected to bring, at most r+, by behavior, then of the best
         answer; nan = not valued.

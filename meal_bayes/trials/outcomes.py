@@ -66,7 +66,8 @@ class TrialOutcomes:
     steps : NDArray[np.int64]
         (n,) actions, a report included.
     executed, failed : NDArray[np.int64]
-        (n,E) executions of each behavior, and of these without a percept.
+        (n,E) executions of each behavior, and of these without a percept (all, where it never
+        senses).
     certainty : NDArray[np.float64]
         (n,) Pr(most probable values) by the agent's final belief; by default, as of logs that do
         not have it, that of independent attributes.

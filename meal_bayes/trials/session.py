@@ -126,7 +126,7 @@ class Session:
 
     @property
     def behavior(self) -> str | None:
-        """Name of the behavior to execute next; None once the trial is over."""
+        """Name of the behavior to execute next; None where nothing is waited for."""
         if self._decision is None:
             return None
         return self.momdp.behavior_names[self._decision.action]

@@ -131,7 +131,7 @@ def outcome_text(momdp: MOMDP, step: Step) -> str:
     if step.observation is not None:
         return f"succeeded, {path}"
     if step.warning:
-        return f"{path}; the features are no percept"
+        return f"{path}; no percept"
     if momdp.observation_probability[action].max() <= 0:
         return f"succeeded, {path}; it shows nothing" if x != next_x else f"failed, {path}"
     if step.belief.percept_counts[0, action].sum() >= momdp.limit[action]:

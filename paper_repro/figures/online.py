@@ -16,7 +16,8 @@ _BASE, _BEST = "iterative_morc", "morc_itrs"
 _DRAWN = ("iterative_random_legal", _BEST, "bayes", "bayes_memory")
 _BUDGETS = (0.5, 1, 2, 4)  # hours at which the tables compare
 _AREA = "reward over H h, less its"
-_MODEL, _DESIGN = "accuracy less the paper's agent's", "by the model"
+_DESIGN = "accuracy less the paper's agent's"
+_MODEL = "by the model"
 _SIDES = (0.16, -0.16)  # of the model's dot, and of the design's below it
 
 
@@ -143,8 +144,8 @@ def hierarchical(record: Record) -> dict[str, Axes]:
 def _effects(record: Record, name: str, rows: Sequence[Row], reference: str) -> Axes:
     margin = MARGINS["success"]
     place = np.arange(len(rows))[::-1]
-    model = [Interval(row[_DESIGN], np.nan, row["low"], row["high"]) for row in rows]
-    plain = [interval_of(row[_MODEL]) for row in rows]
+    model = [Interval(row[_MODEL], np.nan, row["low"], row["high"]) for row in rows]
+    plain = [interval_of(row[_DESIGN]) for row in rows]
     with axes_to_draw(None, width=6.4, height=1.4 + 0.24 * len(rows)) as ax:
         ax.axvspan(-margin, margin, color="#E9E9E9", lw=0)
         ax.axvline(0, color="#7A7A7A", lw=1)

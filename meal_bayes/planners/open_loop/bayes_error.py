@@ -56,9 +56,11 @@ class Scratch(NamedTuple):
     value: Floats  # (E,) value of the best plan, by first behavior; -inf where there is none
     bonus: Floats  # (E,) of it, what shaping pays on the way
     best: Ints  # (E,) the best plan, by first behavior
-    error: Floats  # (T,K+1) Bayes errors after a row's percepts, by `column`; -1 = not computed.
-    # Of yes or no it holds hits: Pr(literal is taken to hold, and it does),
-    alarm: Floats  # (T,K+1) and this false alarms: Pr(literal is taken to hold, and it does not)
+    # (T,K+1) Bayes errors after a row's percepts, by `column`; -1 = not computed. Of yes or no
+    # hits: Pr(literal is taken to hold, and it does).
+    error: Floats
+    # (T,K+1) of yes or no false alarms: Pr(literal is taken to hold, and it does not).
+    alarm: Floats
     accepted: Floats  # (2,N) false alarm and hit of each attribute, of one plan
     column: Ints  # (N,) of `error`: the last percept's level plus 1; 0 where none was
 

@@ -4,14 +4,15 @@ What a plan is worth hangs on its *errors*: how often each attribute is reported
 percepts. Each step computes them as precisely as it must, from the cheapest to the finest:
 
 - *grow* takes the least that an error can be, from the Bhattacharyya coefficient of the percepts
-  (an optimistic bound), so that no plan ends before what could still pay;
+  (an optimistic bound of percepts of two levels that are independent given the truth, else an
+  estimate), so that no plan ends before what could still pay;
 - *sift* takes the most that it can be, by the same coefficient (a pessimistic bound where percepts
   are independent given the truth, with shared latent classes an estimate; of yes or no half of it
   is taken for misses, half for false alarms);
 - *compete* enumerates the percepts, cut to yes or no, and merges outcomes that say nearly the same
   where they are more than 256: a bound from above again, and a close one;
-- *complete* does so once more for the winners alone, up to 1,024 outcomes. These tables are what
-  planners read.
+- *complete* does so once more for the winners, and for what remains of them after a percept, up to
+  1,024 outcomes. These tables are what planners read.
 """
 
 import itertools
@@ -47,7 +48,8 @@ _ROUNDS = 6  # of correcting a belief that latent classes hold together
 _WINNERS = 14  # plans an x, besides one for every first behavior and what remains of them
 _CANDIDATES = 10  # candidates for each attribute, an x and a belief, that compete
 _OF_FIRST = 2  # candidates of each x and first behavior, if not among these
-_COUNTED = 8  # numbers of percepts of one behavior, 0 to 7, whose affinities are computed
+_COUNTED = 8  # numbers of percepts of one behavior, 0 to 7, whose affinities are computed; of more,
+# growth extrapolates and sifting takes those of 7
 
 
 def plan_library(momdp: MOMDP, model: MOMDPArrays) -> Plans:
@@ -265,7 +267,7 @@ def _estimate_values(
 def _compete(model: MOMDPArrays, candidates: Candidates, beliefs: Floats) -> Candidates:
     """Value candidates at beliefs (B,N,C); of every x, return those that win.
 
-    These are the _WINNERS plans that are the best of all at most beliefs, and for each first
+    These are the _WINNERS plans that are best at the largest numbers of beliefs, and for each first
     behavior the plan that is best at the belief where going for it is worth most.
     """
     # Coarse tables are enough to rank some hundred candidates; winners are tabulated again, finely.

@@ -27,7 +27,7 @@ _PERCEPTS = 6  # of one behavior that a plan looks ahead to
 
 @dataclass(frozen=True, slots=True)
 class OpenLoop:
-    """Values every plan of a library as if no percept could change it, exactly.
+    """Values every plan of a library as if no percept could change it.
 
     A percept can only help, and what is left of a plan is a plan of the library: the policy is
     worth at least the best plan, whose value is therefore a lower bound on the optimum. It takes

@@ -138,22 +138,22 @@ def _table_error(evaluator, t, prob, i):
     # Where the class is the truth, the Bayes rule is one of the thresholds next to the log-odds.
     g = scratch.threshold[i]
     risk = _threshold_error(table, t, g, prob, i)
-    above = _threshold_error(table, t, g + 1, prob, i)
+    beside = _threshold_error(table, t, g + 1, prob, i)
     # Elsewhere it lies anywhere, but near to that of the last plan: go down the slope from there.
     if not evaluator.model.percepts.class_is_truth:
-        step = 1 if above < risk else -1
-        if above < risk:
-            risk = above
+        step = 1 if beside < risk else -1
+        if beside < risk:
+            risk = beside
             g += 1
         while 0 <= g + step < thresholds:
-            above = _threshold_error(table, t, g + step, prob, i)
-            if above >= risk:
+            beside = _threshold_error(table, t, g + step, prob, i)
+            if beside >= risk:
                 break
-            risk = above
+            risk = beside
             g += step
         scratch.threshold[i] = min(g, thresholds - 2)
-        above = risk
-    return min(risk, above, scratch.chance[i], 1.0 - scratch.chance[i])
+        beside = risk
+    return min(risk, beside, scratch.chance[i], 1.0 - scratch.chance[i])
 
 
 @kernel

@@ -73,17 +73,17 @@ def _decide_literal(evaluator, t, prob, i, weights):
         g = int((min(max(odds, -SPAN), SPAN) + SPAN) * ((thresholds - 1) / (2.0 * SPAN)))
         g = min(max(g, 0), thresholds - 2)
         best = _score(evaluator, t, g, prob, i, weights)
-        above = _score(evaluator, t, g + 1, prob, i, weights)
-        step = 1 if above > best else -1
-        if above > best:
-            best = above
+        beside = _score(evaluator, t, g + 1, prob, i, weights)
+        step = 1 if beside > best else -1
+        if beside > best:
+            best = beside
             g += 1
         # Where classes are shared the best threshold may lie further off.
         while not exact_rule and 0 <= g + step < thresholds:
-            above = _score(evaluator, t, g + step, prob, i, weights)
-            if above <= best:
+            beside = _score(evaluator, t, g + step, prob, i, weights)
+            if beside <= best:
                 break
-            best = above
+            best = beside
             g += step
         _score(evaluator, t, g, prob, i, weights)
     if always >= max(best, 0.0):
