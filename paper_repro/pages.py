@@ -49,8 +49,9 @@ _RULES = """## Run it
   items' code has the plan, Table 3's page shows it beside what was reached; in Figs 8 and 9
   deviations are those of a first run, whose trials are among them). Not planned are
   `pomdpsol` (its page says how many), points of Fig. 9 between its ends (60) and MORC that must
-  answer there (300). Online, its objects are a sample in this column too, and
-  intervals are of other objects.
+  answer there (300). Online, too, these
+  objects are the whole population: every repeat draws a split of them, so that repeats are the
+  units, by Student's t.
 - **recorded**: the paper's agents on outputs of our classifiers (`fig4`: of the paper's) on real
   recordings of an object that none has seen, no recording used twice in a trial. Objects are
   independent units, and intervals hold for these objects and what was learned from them: trials of
@@ -82,11 +83,12 @@ Printed numbers are judged in the first column alone, ideas in the second where 
 - What the paper shows of one split *falls* where the 95 % prediction interval of one more of ours
   leaves it out; otherwise it stays *undecided*, as one split proves nothing. Single trials are
   placed among ours in a table, and not judged.
-- Online, every repeat splits the same objects anew, so that repeats are not independent: their
+- Online, on recordings, intervals are of other objects, and every repeat splits the same few anew,
+  so that repeats are not independent: their
   variance is the corrected one of Nadeau and Bengio (2003), (1/J + test objects / others) s². This
   interval is too wide where luck is new in each repeat (one of 95 % covers 98 to 100 %), and too
   narrow where all of the spread comes from the objects taught (94 % for accuracies, 84 % for costs;
-  the how-to has the simulation): its target is other objects, and other splits of them. 20
+  the how-to has the simulation). 20
   repeats in place of 10 would narrow intervals by 11 %; Fig. 12 has 5 at each of its 25 pairs of
   weights, whose intervals are 32 % wider than 10 would give. These numbers were settled before the
   run.
@@ -124,7 +126,7 @@ known:
   (before: 3 stand, 1 falls, 2 undecided; 1 stands, 2 undecided).
 - 2026-11-23, `fig4`: *theirs* are the published counts, *recorded* the paper's classifiers (before:
   undecided), which alone are central (before: 3 stand, one idea counted thrice). `table4`,
-  `fig10`: one trial or split can fall, not stand; none of these is central.
+  `fig10`, `fig11`: one trial or split can fall, not stand; but for Fig. 11's none is central.
 - 2026-11-23, `table3`, `pomdpsol`: the simulator's diagram, its `ask` and its rewards are what its
   code has; what was run as such was not (before: MORC's cost with two attributes and both its
   numbers with three fell).
@@ -133,6 +135,13 @@ known:
   whether MORC is more accurate than Predefined Plus is no more asked on recordings, where both are
   right nearly always (before, in the first column: 10 stand, 4 fall; on recordings 4 stand, 4
   undecided). `eq7` judges nothing, as nobody is said to win (before: 2 stand, 2 undecided).
+- 2026-11-26, with results of earlier versions known: online, by the paper's own settings, repeats
+  are independent, as its objects are the whole population there (before, as on recordings: CY101's
+  were undecided but for Random Legal's), and of one attribute there are 20. `fig10`: accuracy after
+  the last batch and hours explored are two statements (before, of both at once, undecided six
+  times), and that MORC-ITRS is on top at each of up to eight budgets, against either other, is no
+  more asked, as ten splits cannot show it (before: undecided). `fig11`: the paper's one split is
+  placed among ours (before: undecided, as Pr(best on 7) > .5).
 - 2026-11-25, with results of 20 to 400 trials known: where percepts are drawn, trials are the units
   and their number is planned; before, 47 statements of the first column were undecided, many for
   want of trials. `table3`: the headline is judged in the first column and central there, no more on

@@ -12,17 +12,18 @@ from paper_repro.online import (
     BASE,
     BEST,
     LEGAL,
-    OURS,
+    OUR_AGENT,
     PAPERS,
     REPEATS,
+    SPLITS,
     Curves,
     at_hours,
     mean_of,
     paired,
     run_curves,
 )
-from paper_repro.statements import OURS as OUR_COLUMN
 from paper_repro.statements import (
+    OURS,
     THEIRS,
     Evidence,
     above,
@@ -34,29 +35,27 @@ from paper_repro.statements import (
 
 COLUMNS = ("agent", "repeats", "explored, h", "accuracy", "reward", "accuracy at 0 h, less its",
            "accuracy over H h, less its", "reward over H h, less its")  # fmt: skip
-BONUSES = ("bayes_itrs", "bayes_no_bonus")  # our agent by another bonus; `bayes` values information
 PANELS = tuple((dataset, n) for dataset in ("cy101", "roc36", "ispy32") for n in (1, 2))
 NOTE = """Curves are compared with Iterative MORC's ("its") by the paired difference of their means
 over the first H hours of exploration (the area between the curves), and at fixed budgets. H is
 where the other agent's curve ends: Iterative MORC's, Random Legal's, or MORC-ITRS' for our agent.
 On recordings Iterative MORC and MORC-ITRS have one planner and are tested without a bonus, so that
-at 0 h, after the same pretraining, they are one agent; what they explored tells them apart.
-Intervals allow for repeats that split the same objects. The published code has CY101 alone, so that
-`theirs` has its two panels, and with one attribute the split of the published code, of which the
-paper's curve is the one run: percepts are drawn from the learned tables, which are cross-validated
-over samples, two attributes share a label, objects are split 15, 40 and 45, with two attributes 30,
-35 and 35, and tests are shaped (errata, 10): MORC-ITRS is tested with its bonus, so that its lead
-at 0 h is no effect of learning. It is what the paper says of the starting points (that they differ,
-at a bigger cost and a higher accuracy), and is judged there. What else the code does (ERRATA.md) is
-not in it: agents learn after each trial here, as Alg. 2 has it (l. 3-24), after each batch there,
-as Sect. 7.3 has it. In the tables of one attribute our agent stands with other bonuses too, Eq.
-11's (`bayes_itrs`) and none, and with a memory of the objects that it has met (`bayes_memory`)."""
+at 0 h, after the same pretraining, they are one agent; what they explored tells them apart. On
+recordings intervals are of other objects, of which repeats split the same few. Under `theirs` these
+objects are the whole population, and repeats, each of a split of its own, are independent. The
+published code has CY101 alone, so that `theirs` has its two panels, and with one attribute the
+split of the published code, of which the paper's curve is the one run: percepts are drawn from the
+learned tables, which are cross-validated over samples, two attributes share a label, objects are
+split 15, 40 and 45, with two attributes 30, 35 and 35, and tests are shaped (errata, 10): MORC-ITRS
+is tested with its bonus, so that its lead at 0 h is no effect of learning. It is what the paper
+says of the starting points (that they differ, at a bigger cost and a higher accuracy), and is
+judged there. What else the code does (ERRATA.md) is not in it: agents learn after each trial here,
+as Alg. 2 has it (l. 3-24), after each batch there, as Sect. 7.3 has it."""
 SHOWS = """The paper draws accuracy over accumulated hours of exploration, six panels: CY101, ROC36
 and ISPY32 with one and two attributes, Iterative Random Legal, Iterative MORC and MORC-ITRS, the
 last on top along the whole curve. The panels below are of rewards less Iterative MORC's, repeat by
 repeat, at the hours of the tables, as curves of the same splits move together."""
 
-SPLITS = 20  # random ones, among which that of the published code has its place
 PLACE = "CY101, 1 attribute: the lead on the published code's one split is that of any split"
 
 Panel = Mapping[str, Curves]
@@ -67,7 +66,6 @@ def run(setting: Setting) -> Result:
     evidence: dict[str, dict[str, Evidence | None]] = {name: {} for name in setting.protocols}
     tables, at_0 = [], list[str]()
     told, leads = list[str](), list[float]()
-    repeats = setting.repeats_of(REPEATS)
     for dataset, n in setting.choose(PANELS, PANELS[2:3]):
         title = f"{dataset.upper()}, {asked(n)}"
         for protocol in setting.protocols[:2]:
@@ -77,18 +75,17 @@ def run(setting: Setting) -> Result:
             if setting.only not in title:
                 evidence[protocol] |= dict.fromkeys(texts(title))
                 continue
-            # With two attributes, whose runs are long, our agent has its own bonus alone.
-            ours = () if theirs else (*OURS, *BONUSES) if n == 1 else OURS[:1]
+            repeats = setting.repeats_of(SPLITS if theirs and n == 1 else REPEATS)
             panel = {
                 agent: run_curves(setting, dataset, n, agent, repeats, protocol)
-                for agent in (*PAPERS, *ours)
+                for agent in (PAPERS if theirs else (*PAPERS, OUR_AGENT))
             }
             evidence[protocol] |= judge(panel, title, one_agent=not theirs)
             ratio = panel[BEST].ratio
             if not theirs:
-                lead = paired(*area(panel[OURS[0]], panel[BEST], "reward"), ratio)
+                lead = paired(*area(panel[OUR_AGENT], panel[BEST], "reward"), ratio)
                 text = f"our agent earns more reward than MORC-ITRS over the hours: {title}"
-                evidence[OUR_COLUMN][text] = above(lead, 0, of="reward less its")
+                evidence[OURS][text] = above(lead, 0, of="reward less its")
             tables.append(compared(panel, f"{title}, {protocol}"))
             lead = paired(*area(panel[BEST], panel[BASE], "accuracy"), ratio)
             if theirs:
@@ -99,7 +96,7 @@ def run(setting: Setting) -> Result:
             else:
                 leads.append(lead.estimate)
             if theirs and n == 1:
-                published, others = published_split_leads(setting)
+                published, others = published_split_leads(setting, panel)
                 evidence[protocol][PLACE] = placed(others, published, of="lead over Iterative MORC")
                 told.append(f"{published:+.3f} on the split of the published code, more than on "
                             f"{(others < published).sum()} of {len(others)} others")  # fmt: skip
@@ -112,7 +109,8 @@ def run(setting: Setting) -> Result:
         f"{'; '.join(told)}." if told else "The learning curves are not run here.",
         tables=tuple(tables),
         evidence=evidence,
-        size=f"{repeats} repeats.",
+        size=f"{setting.repeats_of(REPEATS)} repeats, of *theirs* with one attribute "
+        f"{setting.repeats_of(SPLITS)}.",
         notes=(NOTE,),
         shows=SHOWS if tables else "",
         effects={"10": "MORC-ITRS's accuracy less Iterative MORC's before both explore, when it "
@@ -125,19 +123,19 @@ def at_start(first: Curves, second: Curves) -> Effect:
     return paired(first.accuracy[:, 0], second.accuracy[:, 0], second.ratio)
 
 
-def published_split_leads(setting: Setting) -> tuple[float, np.ndarray]:
-    """Return MORC-ITRS's lead on the one split of the published code, and on `SPLITS` others."""
+def published_split_leads(setting: Setting, panel: Panel) -> tuple[float, np.ndarray]:
+    """Return MORC-ITRS's lead on the one split of the published code, and on those of a panel."""
     paper = paper_values("fig10")
     parts = tuple(paper["pretraining"]), tuple(paper["training"])
     tests = tuple(o for o in load_dataset("cy101").objects if o not in {*parts[0], *parts[1]})
-    leads = []
-    for repeats, split in ((1, (*parts, tests)), (setting.repeats_of(SPLITS), None)):
-        best, base = (
-            run_curves(setting, "cy101", 1, name, repeats, THEIRS, split) for name in (BEST, BASE)
-        )
-        left, right = area(best, base, "accuracy")
-        leads.append(left - right)
-    return float(leads[0][0]), leads[1]
+    one = {
+        name: run_curves(setting, "cy101", 1, name, 1, THEIRS, (*parts, tests))
+        for name in (BEST, BASE)
+    }
+    published, others = (
+        np.subtract(*area(curves[BEST], curves[BASE], "accuracy")) for curves in (one, panel)
+    )
+    return float(published[0]), others
 
 
 def texts(title: str) -> tuple[str, ...]:
@@ -145,10 +143,10 @@ def texts(title: str) -> tuple[str, ...]:
     return (
         f"{title}: MORC-ITRS above Iterative MORC in accuracy over the first H hours",
         f"{title}: MORC-ITRS above Iterative Random Legal in accuracy over the first H hours",
-        f"{title}: MORC-ITRS on top along the whole curve (accuracy at every budget)",
         f"{title}: MORC-ITRS starts more accurate than both, before training",
         f"{title}: MORC-ITRS starts at a higher cost than Iterative MORC, before training",
-        f"{title}: MORC-ITRS more accurate than Iterative MORC at the end without extra cost",
+        f"{title}: MORC-ITRS is more accurate than Iterative MORC after the last batch",
+        f"{title}: MORC-ITRS has explored for less time than Iterative MORC by then",
     )
 
 
@@ -160,18 +158,11 @@ def judge(panel: Panel, title: str, *, one_agent: bool) -> dict[str, Evidence | 
     one_agent : Iterative MORC and MORC-ITRS are one before training, tested without a bonus.
     """
     best, base, legal = (panel[name] for name in (BEST, BASE, LEGAL))
-    ratio, others = best.ratio, {BASE: base, LEGAL: legal}
-    ends = min(float(curves.hours[:, -1].min()) for curves in (best, base, legal))
-    budgets = [hours for hours in paper_values("budgets_h") if hours <= ends] or [ends]
-    leads, starts = [], []
-    for name, other in others.items():
-        for h in budgets:
-            left, right = (at_hours(curves.hours, curves.accuracy, h) for curves in (best, other))
-            leads.append(
-                above(paired(left, right, ratio), 0, of=f"accuracy at {h:g} h less {name}'s")
-            )
-        start = at_start(best, other)
-        starts.append(above(start, 0, of=f"accuracy before training less {name}'s"))
+    ratio = best.ratio
+    starts = [
+        above(at_start(best, other), 0, of=f"accuracy before training less {name}'s")
+        for name, other in ((BASE, base), (LEGAL, legal))
+    ]
     dearer = paired(best.cost[:, 0], base.cost[:, 0], ratio)
     same = constructed("with one planner, and tests without a bonus, they are one agent there")
     final = paired(best.accuracy[:, -1], base.accuracy[:, -1], ratio)
@@ -179,10 +170,10 @@ def judge(panel: Panel, title: str, *, one_agent: bool) -> dict[str, Evidence | 
     outcomes = (
         above(paired(*area(best, base, "accuracy"), ratio), 0, of="accuracy less its"),
         above(paired(*area(best, legal, "accuracy"), ratio), 0, of="accuracy less its"),
-        every(leads),
         same if one_agent else every(starts),
         same if one_agent else above(dearer, 0, of="cost of a test before training less its, s"),
-        every([above(final, 0, of="accuracy less its"), below(spent, 0, of="hours less its")]),
+        above(final, 0, of="accuracy less its"),
+        below(spent, 0, of="hours less its"),
     )
     return dict(zip(texts(title), outcomes, strict=True))
 

@@ -13,7 +13,7 @@ from paper_repro.items.fig8 import BASELINES
 from paper_repro.items.fig8 import TRIALS as OFFLINE_TRIALS
 from paper_repro.items.fig10 import PANELS
 from paper_repro.offline import AGAINST, OWN, run_agent
-from paper_repro.online import BASE, BEST, OURS, PAPERS, REPEATS, run_curves
+from paper_repro.online import BASE, BEST, OUR_AGENT, PAPERS, REPEATS, run_curves
 from paper_repro.statements import RECORDED
 
 DRAWS = 300  # in each of two chains
@@ -60,7 +60,7 @@ def run(setting: Setting) -> Result:
         if setting.only not in title:
             continue
         panel, ratio = {}, 0.0
-        for agent in (*PAPERS, OURS[0]):
+        for agent in (*PAPERS, OUR_AGENT):
             curves = run_curves(setting, dataset, n, agent, repeats)
             last = [np.searchsorted(explored, hours, side="right") - 1 for explored in curves.hours]
             panel[agent] = [tests[b] for tests, b in zip(curves.tests, last, strict=True)]

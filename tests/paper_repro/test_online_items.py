@@ -1,9 +1,11 @@
 """Statements on online runs are made to stand, to fall and to stay undecided."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from meal_bayes.evaluation import Effect
 from meal_bayes.evaluation.outcome_model import AgentEffect
@@ -41,7 +43,7 @@ def curves(accuracy, *, hours=4.0, first=0.5, seed=0):
 
 
 @pytest.mark.parametrize(("kind", "lead"), kinds(0.1, -0.1, 0.0))
-def test_fig_10_judges_areas_and_budgets(kind, lead):
+def test_fig_10_judges_areas_ends_and_starts(kind, lead):
     panel = {"morc_itrs": curves(0.8 + lead, seed=1, hours=4.0 - lead),
              "iterative_morc": curves(0.8, seed=2),
              "iterative_random_legal": curves(0.8, seed=3)}  # fmt: skip
@@ -101,7 +103,10 @@ def test_fig_11_judges_attributes(kind, lead):
         {"iterative_random_legal": legal, "iterative_morc": base, "morc_itrs": itrs}, 0.5
     )
     outcomes = [outcome(claim) for claim in evidence.values()]
-    assert outcomes[0] == (kind if kind == STANDS else FALLS)  # of three equals one seldom has 7
+    ahead = fig11.wins({"iterative_random_legal": legal, "iterative_morc": base, "morc_itrs": itrs})
+    spread = ahead.std(ddof=1) * math.sqrt(1 + 1 / REPEATS)
+    reach = stats.t.ppf(0.975, REPEATS - 1) * spread
+    assert outcomes[0] == (FALLS if abs(7 - ahead.mean()) > reach else UNDECIDED)
     assert outcomes[1:4] == [kind] * 3
     if kind != FALLS:
         assert outcomes[4:] == [kind] * 4
@@ -156,3 +161,14 @@ def test_the_model_s_probability_is_withheld_where_the_design_disagrees():
     assert agree(effect, Effect(0.1, 0.01, 9))
     assert not agree(effect, Effect(0.1, 0.1, 9))  # holds 0
     assert agree(replace(effect, low=-0.1), Effect(0.1, 0.1, 9))
+
+
+def test_repeats_are_units_where_the_objects_are_the_whole_population():
+    values = np.array([0.1, 0.3, 0.2, 0.6])
+    alone = online.paired(values, np.zeros(4), 0.0)
+    assert alone.method == "Student's t over splits"
+    low, high = stats.t.interval(0.95, 3, values.mean(), stats.sem(values))
+    assert alone.interval()[2:] == pytest.approx((low, high))
+    shared = online.paired(values, np.zeros(4), 0.5)
+    assert shared.se == pytest.approx(values.std(ddof=1) * math.sqrt(1 / 4 + 0.5))
+    assert shared.method == "corrected resampled t"
