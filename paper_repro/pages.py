@@ -59,7 +59,7 @@ _RULES = """## Run it
   classifiers are weak, a 95 % interval covers 87 to 95 % (`python benchmarks/shared_training.py`).
   Where these agents depart from the paper
   (tree search in place of SARSOP, ...) stands in [departures](../docs/paper/departures.md).
-- **ours**: our agent on the same tasks as the second column. In Figs 8 to 10 and `losses`, where
+- **ours**: our agent on the same tasks as the second column. In Figs 8 and 9 and `losses`, where
   two or more attributes of ISPY32 or CY101 are asked, it was run before it had a joint prior of
   attributes that exclude or imply each other.
 

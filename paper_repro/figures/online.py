@@ -13,7 +13,7 @@ from paper_repro.figures.read import Record, Row, apart, interval_of, joined, ro
 from paper_repro.figures.shapes import dots, headline, heat_map, panels, shared_legend
 
 _BASE, _BEST = "iterative_morc", "morc_itrs"
-_DRAWN = ("iterative_random_legal", _BEST, "bayes", "bayes_memory")
+_DRAWN = ("iterative_random_legal", _BEST, "bayes")
 _BUDGETS = (0.5, 1, 2, 4)  # hours at which the tables compare
 _AREA = "reward over H h, less its"
 _DESIGN = "accuracy less the paper's agent's"

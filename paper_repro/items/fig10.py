@@ -109,7 +109,7 @@ def run(setting: Setting) -> Result:
         f"{'; '.join(told)}." if told else "The learning curves are not run here.",
         tables=tuple(tables),
         evidence=evidence,
-        size=f"{setting.repeats_of(REPEATS)} repeats, of *theirs* with one attribute "
+        size=f"{setting.repeats_of(REPEATS)} repeats; theirs, one attribute: "
         f"{setting.repeats_of(SPLITS)}.",
         notes=(NOTE,),
         shows=SHOWS if tables else "",
