@@ -185,7 +185,7 @@ def readme(items: Iterable[str]) -> str:
     lines = [_HEAD, f"**{claims.sentence(rows)}**", "", _CLAIMS]
     header = ["the paper claims", "where", "outcome", "effect", "column, and why", "item"]
     lines += [_row(header), _row(["---"] * len(header)), *map(_claim, rows), ""]
-    lines += [*([_OLDER] if any(row.older for row in rows) else []), _RULES]
+    lines += [*([_OLDER] if any(map(frame.older_columns, frame.items())) else []), _RULES]
     path = frame.RESULTS / "timing.json"
     timing = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
     lines += [_row(["item", "verdict", "in one sentence", "minutes"]), _row(["---"] * 4)]
