@@ -220,8 +220,8 @@ class Finder(Answerer):
         options = TrialOptions(**begun)
         session = self._search(before.question, tasks, truth, options, turn_cost)
         session.repeat(before)
-        for each in session.sessions.values():
-            self.note_asked(each.key)
+        for trial_session in session.sessions.values():
+            self.note_asked(trial_session.key)
         self._record_search(session, broken.path.parent, header, broken)
         return session
 
