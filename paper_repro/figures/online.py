@@ -52,7 +52,7 @@ def fig10(record: Record) -> dict[str, Axes]:
         shared_legend(axes[: len(tables)])
         headline(axes[0], f"Reward less Iterative MORC's, number of panels: {finding}",
                  f"{record['size']} Bands: 95 % intervals over splits of the same objects "
-                 "(Student's t, corrected). Lines end where either agent has explored no longer."
+                 "(Student's t). Lines end where either agent has explored no longer."
                  )  # fmt: skip
         figures[f"_{protocol}"] = axes[0]
     return figures
