@@ -213,7 +213,7 @@ def _draw_blocks(ax: Axes, moments: Sequence[_Moment], trial: TrialRecord, look:
             )
     end = moments[-1].end if moments else 0.0
     ax.annotate(
-        end_word(trial),
+        end_word(trial).replace(" ", "\n"),
         (end, 0.5),
         (6, 0),
         color=look.ink,

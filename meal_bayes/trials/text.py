@@ -166,7 +166,7 @@ def verdict_text(trial: TrialRecord) -> str:
 def end_word(trial: TrialRecord) -> str:
     """Return how a trial ends: it answers, abstains, is left by a search, or broken off."""
     if trial.ended:
-        return "left" if trial.ended == LEFT else "broken\noff"
+        return "left" if trial.ended == LEFT else "broken off"
     return "answers" if trial.report is not None else "abstains"
 
 

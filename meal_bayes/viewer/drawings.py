@@ -37,7 +37,7 @@ _MIDDLE = 0.2  # where in a row its label is put: labels hang below their point
 _BRIGHTEST = 0.6  # of the color scale: white numbers must be legible, in a light theme too
 _BACK = (128, 128, 128, 60)  # behind a bar
 _SD_FULL = 0.5  # the sd that has the brightest color; no row's can be larger
-_ENDS = {"answers": "answered", "abstains": "abstained", "left": "left"}
+_ENDED = {"answers": "answered", "abstains": "abstained"}  # what a trial that is over did
 
 
 class Label(NamedTuple):
@@ -108,7 +108,8 @@ class Diagram:
             colors[f"{step.x}-{momdp.transition[action, step.x].argmax()}"] = GREEN
         nodes = [node._replace(color=colors.get(node.name, node.color)) for node in self._nodes]
         if frame.belief.x == momdp.terminal:
-            end += f": {_ENDS[end_word(frame.trial)]}"
+            word = end_word(frame.trial)
+            end += f": {_ENDED.get(word, word)}"
         nodes[-1] = nodes[-1]._replace(label=end)  # the last state, in the last column
         return Graph(nodes, self._edges)
 

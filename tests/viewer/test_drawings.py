@@ -1,6 +1,7 @@
 """Diagrams and trees as the viewer draws them: all that there is, and no two boxes overlap."""
 
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ import pytest
 from meal_bayes.domain import Query, load_domain
 from meal_bayes.momdp import build_momdp
 from meal_bayes.planners import Decision, TreeEdge
+from meal_bayes.trials.text import LEFT
 from meal_bayes.viewer.drawings import Diagram, box_size, search_tree
 from meal_bayes.viewer.palette import GREEN, ORANGE
 from meal_bayes.viewer.recorder import Clock
@@ -53,6 +55,19 @@ def test_the_diagram_shows_where_the_robot_is_and_what_it_did(trials):
         if behavior and trial.momdp.legal[frame.step.x, frame.step.decision.action]:
             (label,) = done
             assert trial.momdp.behavior_names[frame.step.decision.action] in label
+
+
+@pytest.mark.parametrize("answers", [True, False])
+@pytest.mark.parametrize(
+    ("ended", "word"),
+    [("", None), (LEFT, "left"), ("on_step error: ValueError", "broken off")],  # at its last step
+)
+def test_the_diagram_says_how_a_trial_ended(trials, ended, word, answers):
+    trial = replace(trials[0], ended=ended, report=trials[0].report if answers else None)
+    *_, last = Clock().frames(0, trial)
+    assert last.belief.x == trial.momdp.terminal
+    label = Diagram(trial.momdp).at(last).nodes[-1].label
+    assert label.endswith(f": {word or ('answered' if answers else 'abstained')}")
 
 
 def decided(trial, values, tree):
