@@ -121,11 +121,11 @@ def check_kind(name: str, value: object, kind: type[Any]) -> None:
 
 def real_array(name: str, values: object) -> NDArray[np.float64]:
     """Return numbers as an array; refuse what is none, or is of lists of unequal lengths."""
-    given: Any = values
+    numbers: Any = values
     try:
-        return np.array(given, dtype=float)
+        return np.array(numbers, dtype=float)
     except (TypeError, ValueError):
-        raise SettingsError(f"{name} is {given!r:.60}; give an array of numbers.") from None
+        raise SettingsError(f"{name} is {numbers!r:.60}; give an array of numbers.") from None
 
 
 def check_whole(name: str, value: object) -> None:

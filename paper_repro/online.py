@@ -63,6 +63,11 @@ class Curves:
         return len(self.hours)
 
 
+def repeats_of(setting: Setting, protocol: str, n: int) -> int:
+    """Return how many repeats an agent runs of Figs 10 and 11, where `n` attributes are asked."""
+    return setting.repeats_of(SPLITS if protocol == THEIRS and n == 1 else REPEATS)
+
+
 def run_curves(
     setting: Setting,
     dataset: str,

@@ -96,9 +96,8 @@ def print_answer(search: "Search", folder: Path, *, as_json: bool) -> None:
 
 def print_search(search: "Search") -> None:
     """Print what a search did with each object, and its answer."""
-    from meal_bayes.trials.search import explored_rows, search_facts
+    from meal_bayes.trials.search import EXPLORED, explored_rows, search_facts
 
-    heads = "object", "explored by", "s", "Pr(yes)"
-    print_table(heads, explored_rows(search), left=("explored by",))
+    print_table(EXPLORED, explored_rows(search), left=EXPLORED[1:2])
     colors = {True: "bold green", False: "bold red", None: ""}
     print_facts(output(), search_facts(search), answer="bold", verdict=colors[search.success])

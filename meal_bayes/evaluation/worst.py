@@ -18,7 +18,7 @@ from meal_bayes.trial_log import Group
 from meal_bayes.trial_log.searches import unfinished_text
 from meal_bayes.trials import Search, Trial, TrialOutcomes
 from meal_bayes.trials.percept_text import attribute_labels
-from meal_bayes.trials.search import as_left, explored_rows, search_facts
+from meal_bayes.trials.search import EXPLORED, as_left, explored_rows, search_facts
 from meal_bayes.trials.text import last_label, outcome_facts
 
 WORST = 3  # trials of each agent that are kept whole
@@ -151,7 +151,7 @@ def searches_section(searches: Sequence[tuple[Path, Search]]) -> Section:
             verdict = verdict_of(chosen) if trial.report is not None else ""
             explored.append(trial_section(chosen) | {"verdict": verdict})
         objects = {
-            "head": ["object", "explored by", "s", "Pr(yes)"],
+            "head": list(EXPLORED),
             "rows": list(map(list, explored_rows(search))),
             "texts": (1,),
             "note": "" if search.answered else f"{unfinished_text(folder)}.",

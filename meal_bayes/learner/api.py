@@ -107,7 +107,7 @@ def recall(learner: Learner, *logs: str | Path) -> list[Trial]:
     asked = list[Key]()
     for group in files.groups():
         streams = group.header.get("streams")
-        if isinstance(streams, list) and len(streams) > 2:
+        if isinstance(streams, list):
             asked.append(tuple(streams))
         for trial in group.trials:
             task = trial.task

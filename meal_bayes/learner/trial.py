@@ -33,7 +33,7 @@ NO_CLASSIFIERS = (
     "A percept table holds no classifiers for a robot's sensors; fit recordings (load_dataset), or "
     "name an object of the table."
 )
-LIVE = "live"  # in the keys of trials with a robot
+_LIVE = "live"  # in the keys of trials with a robot
 # A key by `Asked.key`; of an object of a search that has no name, that follows.
 _COUNTED = re.compile(r"(?P<test>test )?(?P<number>[0-9]{1,18})(, .*)?$", re.DOTALL)
 
@@ -92,11 +92,15 @@ class Asked:
 
     def resumed(self, streams: Key) -> None:
         """Count a question that was asked before a restart, so that none repeats its streams."""
-        found = _COUNTED.match(str(streams[2])) if streams[1:2] == (LIVE,) else None
-        if found is not None and found["test"]:
-            self.tests = max(self.tests, int(found["number"]) + 1)
-        elif found is not None:
-            self.lessons = max(self.lessons, int(found["number"]) + 1)
+        with_robot = len(streams) > 2 and streams[1] == _LIVE
+        counted = _COUNTED.match(str(streams[2])) if with_robot else None
+        if counted is None:
+            return
+        questions = int(counted["number"]) + 1
+        if counted["test"]:
+            self.tests = max(self.tests, questions)
+        else:
+            self.lessons = max(self.lessons, questions)
 
 
 def robot_or_name(
@@ -151,8 +155,8 @@ def task_of(
     identity = secrets.token_hex(8)
     name = f"object {identity}" if object_name is None else object_name
     drawn = f"object {key}" if object_name is None else object_name
-    task = Task(text, query, -1, name, (domain.data, LIVE, identity, *query.attributes))
-    return task, (domain.data, LIVE, 0 if key is None else key, drawn, *query.attributes)
+    task = Task(text, query, -1, name, (domain.data, _LIVE, identity, *query.attributes))
+    return task, (domain.data, _LIVE, 0 if key is None else key, drawn, *query.attributes)
 
 
 def session_of(

@@ -109,8 +109,10 @@ class Logs:
         that a search left the trial says so.
         """
         for group in self._groups(explored=True):
-            left = of_search(group.header)
-            yield group._replace(trials=tuple(map(as_left, group.trials))) if left else group
+            if of_search(group.header):
+                yield group._replace(trials=tuple(map(as_left, group.trials)))
+            else:
+                yield group
 
     def _groups(self, *, explored: bool) -> Iterator[Group]:
         """Yield the trials in groups; with those without an outcome that searches explored."""
@@ -124,14 +126,15 @@ class Logs:
                 place = place + len(outcomes)
                 places = range(first, place)
                 yield self._judged(Group(header, scan.path, places, outcomes, trials))
-            if scan.path.name.endswith(ACTIVE) and of_search(header):
+            active = scan.path.name.endswith(ACTIVE)
+            if active and of_search(header):
                 for trial in salvage(scan.path) if explored and not place else ():
                     if isinstance(trial, Trial):
                         empty = False
                         outcomes = TrialOutcomes.of([trial])
                         yield self._judged(Group(header, scan.path, [0], outcomes, (trial,)))
                 self._note_unfinished(unfinished_text(scan.path.parent))
-            elif scan.path.name.endswith(ACTIVE):
+            elif active:
                 why = f" ({scan.problems[0]})" if scan.problems else ""
                 self._note_unfinished(f"{file} was not finished by its writer{why}")
             else:

@@ -23,6 +23,7 @@ from meal_bayes.trial_log.feedback import Feedback
 from meal_bayes.trial_log.names import FORM_ENDINGS, feedback_name, named_form, new_draft, timing_of
 from meal_bayes.trial_log.schema import FORMAT_VERSION, SUFFIX
 from meal_bayes.trials import Step, Trial, TrialOutcomes
+from meal_bayes.trials.outcomes import check_trials
 from meal_bayes.untrusted import read_json
 from meal_bayes.version import package_version
 
@@ -226,8 +227,7 @@ def write_trials(
     trials : Iterable[Trial | TrialOutcomes]
         Whole ones make a full log, outcomes a compact one: columns, 250 trials in a message.
     """
-    if not isinstance(trials, Iterable):
-        raise SettingsError(f"trials is {trials!r:.60}; give trials, or the outcomes of some.")
+    check_trials(trials)
     entries = iter(trials)
     times = iter(seconds)
     first = next(entries, None)

@@ -139,10 +139,8 @@ class TrialOutcomes:
             return trials
         if isinstance(trials, Run):
             return trials.outcomes()
-        given: Any = trials  # users give anything
-        if not isinstance(given, Iterable):
-            raise SettingsError(f"trials is {given!r:.60}; give trials, or the outcomes of some.")
-        return cls._stack([_columns(trial) for trial in given])
+        check_trials(trials)
+        return cls._stack([_columns(trial) for trial in trials])
 
     @classmethod
     def join(cls, parts: Sequence["TrialOutcomes"]) -> "TrialOutcomes":
@@ -220,6 +218,12 @@ class BatchOutcomes(NamedTuple):
     batch: int
     hours: float
     outcomes: TrialOutcomes
+
+
+def check_trials(trials: object) -> None:
+    """Refuse what cannot be gone through, one trial after the other."""
+    if not isinstance(trials, Iterable):
+        raise SettingsError(f"trials is {trials!r:.60}; give trials, or the outcomes of some.")
 
 
 def _columns(trial: TrialRecord) -> _Part:

@@ -133,6 +133,9 @@ def as_left(trial: Trial) -> Trial:
     return replace(trial, ended=LEFT)
 
 
+EXPLORED = ("object", "explored by", "s", "Pr(yes)")  # heads of `explored_rows`
+
+
 def explored_rows(search: Search) -> list[tuple[str, str, str, str]]:
     """Return of each object of a search its name, what was done with it, the seconds, Pr(yes)."""
     rows = []

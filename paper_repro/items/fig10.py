@@ -20,6 +20,7 @@ from paper_repro.online import (
     at_hours,
     mean_of,
     paired,
+    repeats_of,
     run_curves,
 )
 from paper_repro.statements import (
@@ -75,7 +76,7 @@ def run(setting: Setting) -> Result:
             if setting.only not in title:
                 evidence[protocol] |= dict.fromkeys(texts(title))
                 continue
-            repeats = setting.repeats_of(SPLITS if theirs and n == 1 else REPEATS)
+            repeats = repeats_of(setting, protocol, n)
             panel = {
                 agent: run_curves(setting, dataset, n, agent, repeats, protocol)
                 for agent in (PAPERS if theirs else (*PAPERS, OUR_AGENT))

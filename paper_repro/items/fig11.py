@@ -12,13 +12,12 @@ from paper_repro.online import (
     BEST,
     LEGAL,
     PAPERS,
-    REPEATS,
-    SPLITS,
     Curves,
     mean_of,
+    repeats_of,
     run_curves,
 )
-from paper_repro.statements import THEIRS, Evidence, above, below, every, placed
+from paper_repro.statements import Evidence, above, below, every, placed
 
 NAMES = ATTRIBUTES["cy101"]
 NOTE = """Read off the curves of Fig. 10 by linear interpolation; an agent that explores for less
@@ -42,7 +41,7 @@ def run(setting: Setting) -> Result:
     rows: list[tuple[Cell, ...]] = []
     told = []
     for protocol in setting.protocols[:2]:
-        repeats = setting.repeats_of(SPLITS if protocol == THEIRS else REPEATS)
+        repeats = repeats_of(setting, protocol, 1)
         size.append(f"{repeats} repeats ({protocol})")
         curves = {
             agent: run_curves(setting, "cy101", 1, agent, repeats, protocol) for agent in PAPERS
