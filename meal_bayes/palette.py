@@ -13,6 +13,7 @@ BLUE, SKY = "#0072B2", "#56B4E9"
 VERMILION, ORANGE = "#D55E00", "#E69F00"
 GREEN, PINK = "#009E73", "#CC79A7"
 GRAY, INK = "#999999", "#444444"
+LINE_GRAY = "#7A7A7A"  # of axes through zero and of intervals beside those that are judged
 VIOLET, BLACK = "#8866CC", "#000000"
 ATTRIBUTES = (BLUE, VERMILION, GREEN, PINK, ORANGE, SKY, VIOLET, "#B7A500")
 LEVELS = ("#5E3C99", "#B2ABD2", "#FDB863", "#E66101")  # from the surest "no" to the surest "yes"

@@ -100,16 +100,16 @@ def read_json(text: str | bytes) -> object:
     return value
 
 
-def check_depth(value: object, left: int = DEPTH_LIMIT) -> None:
+def check_depth(value: object, depth: int = DEPTH_LIMIT) -> None:
     """Raise a `RecursionError` where lists and tables are inside each other more than so often.
 
     Parsers raise it too, but at a depth that any library may change (`sys.setrecursionlimit`).
     """
     if isinstance(value, dict | list):
-        if left == 0:
+        if depth == 0:
             raise RecursionError
         for entry in value.values() if isinstance(value, dict) else value:
-            check_depth(entry, left - 1)
+            check_depth(entry, depth - 1)
 
 
 def write_array(archive: zipfile.ZipFile, name: str, values: NDArray[Any]) -> None:

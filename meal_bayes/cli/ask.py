@@ -265,7 +265,7 @@ def show(dataset: str, root: Path | None, logs: Path, as_json: bool) -> None:
         note(f"no labels yet; ask with --learn: {command}")
         return
     cells = ((entry.object, _text(entry.labels)) for entry in remembered)
-    terminal.print_table(("object", "is"), cells, left=("is",))
+    terminal.print_table(("object", "is"), cells, left_aligned=("is",))
 
 
 @memory.command()

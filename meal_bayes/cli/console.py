@@ -75,10 +75,10 @@ def print_table(
     columns: Mapping[str, str] | Sequence[str],
     rows: Iterable[Any],
     *,
-    left: Collection[str] = (),
+    left_aligned: Collection[str] = (),
     narrow: bool = False,
 ) -> None:
-    """Print a table of results, right-justified but for the first column and `left`.
+    """Print a table of results, right-justified but for the first column and those `left_aligned`.
 
     Rows hold the texts of columns, or are mappings, which each column's template formats. The first
     column holds names, which stay whole. In a `narrow` table columns stand close and all lines stay
@@ -87,7 +87,7 @@ def print_table(
     # No lines: columns are told apart by space, and a copied table pastes as text.
     table = Table(box=None, padding=(0, 1 if narrow else 2, 0, 0), header_style="bold")
     for number, name in enumerate(columns):
-        justify: JustifyMethod = "left" if number == 0 or name in left else "right"
+        justify: JustifyMethod = "left" if number == 0 or name in left_aligned else "right"
         table.add_column(name, justify=justify, no_wrap=narrow or number == 0, overflow="fold")
     for row in rows:
         formats = columns.values() if isinstance(columns, Mapping) else None

@@ -165,7 +165,7 @@ def percepts(
             perception=perception,
             classifier=estimator,
             progress=advance,
-            each=partial(in_parallel, jobs=jobs, cluster=cluster),
+            map_behaviors=partial(in_parallel, jobs=jobs, cluster=cluster),
         )
     if classifier is None and not shipped:  # what `ask` and runs would compute once more
         source = TableSource.of(dataset, perception, root=root)
@@ -227,10 +227,10 @@ def _coupled(table: "PerceptTable | Dataset") -> "list[dict[str, Any]]":
     from meal_bayes.agents.knowledge import base_rates
 
     labels = table.labels
-    known = learn_co_occurrence(table.domain, labels, base_rates(table.domain, labels))
+    coupling = learn_co_occurrence(table.domain, labels, base_rates(table.domain, labels))
     together = []
-    for number in (-known.log_bayes_factor).argsort(kind="stable").tolist():
-        pair = known.pairs[number].tolist()
+    for number in (-coupling.log_bayes_factor).argsort(kind="stable").tolist():
+        pair = coupling.pairs[number].tolist()
         labeled = labels[(labels[:, pair] >= 0).all(axis=1)][:, pair]
         expected = float((labeled == 1).mean(axis=0).prod()) * len(labeled)
         together.append(

@@ -122,8 +122,8 @@ def search_at(place: Path) -> "Search | None":
     file = search_of(place)
     if file is None:
         return None
-    found = dict(searches_in(file, note))
-    return found[file] if file in found else read_search(file)  # which raises what is wrong
+    told_of = dict(searches_in(file, note))
+    return told_of[file] if file in told_of else read_search(file)  # which raises what is wrong
 
 
 def _draw(file: Path, group: "Group", row: int, path: Path, *, dark: bool, narrow: bool) -> None:

@@ -21,8 +21,8 @@ if TYPE_CHECKING:
 _AGAINST = "morc"  # the paper's agent, which the others are compared with
 _MEASURE = "reward"
 _HOW = ("logs", "jobs", "cluster", "fresh")  # options that are no settings of a run
-_FEW = 5  # splits, below which an interval over them says nothing
-_MOST = 40  # repeats of a run that goes on until it is decided
+_LEAST_SPLITS = 5  # splits, below which an interval over them says nothing
+_MOST_REPEATS = 40  # repeats of a run that goes on until it is decided
 
 
 @click.group(cls=Section)
@@ -189,7 +189,7 @@ def _print_summary(rows: "list[SummaryRow]", paired: "list[dict[str, object]]") 
     "--until-decided",
     is_flag=True,
     help="Run 10, 20, 40, ... repeats until every agent's interval excludes 0, at most "
-    f"--repeats, {_MOST} by default.",
+    f"--repeats, {_MOST_REPEATS} by default.",
 )
 @opt.option(
     "--split",
@@ -237,7 +237,7 @@ def online(
     # Options of how to run are no settings of what is run: they do not name the folder.
     how = {name: settings.pop(name) for name in _HOW}
     settings["root"] = None if root is None else str(root)
-    settings["repeats"] = settings["repeats"] or (_MOST if until_decided else 1)
+    settings["repeats"] = settings["repeats"] or (_MOST_REPEATS if until_decided else 1)
     if agents:
         settings["agents"] = tuple(map(opt.agent_value, opt.comma_list(*agents)))
     config = OnlineConfig(**settings)
@@ -306,7 +306,7 @@ def _print_differences(summary: "list[LearningSummary]", repeats: int) -> None:
     rows = []
     for row in others:
         area = row.area_reward_difference
-        few = repeats < _FEW or math.isnan(row.area_high)
+        few = repeats < _LEAST_SPLITS or math.isnan(row.area_high)
         half = "" if few else f" ±{row.area_high - area:.1f}"
         at = (terminal.signed(row.reward_difference_at[hours]) for hours in reached)
         rows.append(
@@ -323,6 +323,6 @@ def _print_differences(summary: "list[LearningSummary]", repeats: int) -> None:
     console.print()
     terminal.print_table(names, rows, narrow=True)
     text = f"±: half of the {MASS_TEXT} interval over splits"
-    if repeats < _FEW:
-        text = f"too few splits for an interval; give --repeats {_FEW} or more"
+    if repeats < _LEAST_SPLITS:
+        text = f"too few splits for an interval; give --repeats {_LEAST_SPLITS} or more"
     console.print(Text(text, "dim"))

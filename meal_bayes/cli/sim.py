@@ -232,7 +232,7 @@ def live(trials: int, agent: str, seed: int, logs: Path, as_json: bool) -> None:
         return
     names = "trials", "agent", "accuracy", "s a trial", "robot errors"
     points = (_point(done, start) for start in range(0, len(done), _BLOCK))
-    terminal.print_table(names, points, left=("agent",))
+    terminal.print_table(names, points, left_aligned=("agent",))
     terminal.note(f"every trial: {command_line('meal-bayes log show', folder)}")
 
 

@@ -15,7 +15,7 @@ from meal_bayes.evaluation.statistics import (
     Interval,
     wilson_interval,
 )
-from meal_bayes.palette import agent_style
+from meal_bayes.palette import LINE_GRAY, agent_style
 from meal_bayes.trials.strip import trial_strip
 
 __all__ = [
@@ -23,9 +23,8 @@ __all__ = [
     "predictive", "reach", "reliability_diagram", "trial_strip",
 ]  # fmt: skip
 
-_GRAY = "#7A7A7A"
 _MANY = 25  # points on a line, beyond which they get no markers
-_FEW = 3  # lines that leave room for a legend between them
+_LINES_BESIDE_LEGEND = 3  # lines that leave room for a legend between them
 _TRUTHS = (("false", "s"), ("true", "o"))  # and their markers
 _ROW = 0.19  # inches of a row of a forest, of which 40 fit a page
 _WIDE = 4.0  # costs with a larger ratio of the largest to the median are drawn on a log scale
@@ -51,7 +50,7 @@ def lines(series: Sequence[Series], *, x_label: str, y_label: str, ax: Axes | No
             if low is not None and high is not None:
                 to.fill_between(x, low, high, color=color, alpha=0.18, lw=0)
         name_axes(to, x_label, y_label)
-        legend(to, len(series), above=len(series) > _FEW)
+        legend(to, len(series), above=len(series) > _LINES_BESIDE_LEGEND)
         return to
 
 
@@ -79,7 +78,7 @@ def reliability_diagram(
     with axes_to_draw(None, width=width, height=height) as to:
         edges = np.arange(BINS) / BINS
         to.bar(edges, n / len(b), 1 / BINS, align="edge", color="#E3E3E3", label="beliefs")
-        to.plot([0, 1], [0, 1], color=_GRAY, lw=1, ls="--", label="calibrated")
+        to.plot([0, 1], [0, 1], color=LINE_GRAY, lw=1, ls="--", label="calibrated")
         intervals = [wilson_interval(int(hits[i]), int(n[i])) for i in filled]
         mean = np.array([b[index == i].mean() for i in filled])
         to.errorbar(

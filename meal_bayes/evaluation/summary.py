@@ -233,12 +233,12 @@ def paired_rows(first: TrialOutcomes, second: TrialOutcomes) -> tuple[Ints, Ints
     SettingsError
         Tasks that do not pair; see `difference`.
     """
-    left = _row_of_task(first)
-    right = _row_of_task(second)
+    row_of_first = _row_of_task(first)
+    row_of_second = _row_of_task(second)
     # In the order of keys, sums of (first - second) and of (second - first) differ in sign alone.
-    shared = sorted(left.keys() & right.keys())
-    rows = np.array([left[key] for key in shared], int)
-    others = np.array([right[key] for key in shared], int)
+    shared = sorted(row_of_first.keys() & row_of_second.keys())
+    rows = np.array([row_of_first[key] for key in shared], int)
+    others = np.array([row_of_second[key] for key in shared], int)
     for key, row, other in zip(shared, rows.tolist(), others.tolist(), strict=True):
         tasks = [
             (part.object_name[n], *filter(None, part.attribute[n]))

@@ -139,9 +139,9 @@ def searches_section(searches: Sequence[tuple[Path, Search]]) -> Section:
         folder = file.parent
         facts = search_facts(search)
         turned = facts["turns"]
-        left = [name for name in search.trials if name not in search.turns]
-        if left:
-            turned += f"; not to {', '.join(left)}"
+        unexplored = [name for name in search.trials if name not in search.turns]
+        if unexplored:
+            turned += f"; not to {', '.join(unexplored)}"
         words = [facts[name] for name in ("question", "answer", "verdict")]
         rows.append([folder.name, *words, turned, f"{search.cost:.1f}"])
         explored = []
@@ -174,12 +174,12 @@ def search_finding(searches: Sequence[tuple[Path, Search]]) -> str:
     """Say how many searches were right, of those of which that is known, and what one cost."""
     verdicts = [search.success for _, search in searches if search.success is not None]
     cost = sum(search.cost for _, search in searches) / len(searches)
-    known = f"{sum(verdicts)} of {len(verdicts)} searches whose truth is known were right"
+    text = f"{sum(verdicts)} of {len(verdicts)} searches whose truth is known were right"
     broken = sum(bool(search.ended) for _, search in searches)
     if not verdicts:
-        known = "Of no search that gave an answer is the truth known"
+        text = "Of no search that gave an answer is the truth known"
     off = f"; {broken} without an answer" if broken else ""
-    return f"{known}, at {cost:.1f} s a search{off}."
+    return f"{text}, at {cost:.1f} s a search{off}."
 
 
 def _progress(trials: Sequence[Chosen]) -> Iterator[Section]:

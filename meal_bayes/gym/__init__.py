@@ -278,8 +278,8 @@ def _chosen(table: PerceptTable, objects: str | Sequence[str]) -> set[str]:
         if objects not in sets:
             raise SettingsError(unknown("set of objects", objects, sets))
         return sets[objects]
-    given: Any = objects  # users give anything
-    if not isinstance(given, Iterable) or not all(isinstance(name, str) for name in given):
+    names: Any = objects  # users give anything
+    if not isinstance(names, Iterable) or not all(isinstance(name, str) for name in names):
         raise SettingsError(f"objects are {objects!r:.60}; give names, or all, train or test.")
     for name in objects:
         object_index(table.objects, name)  # raises where it is unknown

@@ -20,10 +20,10 @@ def agent_digest(agent: Agent) -> str:
     return hashlib.sha256("\0".join(_parts(agent, _DEEPEST)).encode()).hexdigest()[:16]
 
 
-def _parts(value: Any, left: int) -> Iterator[str]:
+def _parts(value: Any, depth: int) -> Iterator[str]:
     """Yield texts that name a value, whatever process it is in."""
     kind = f"{type(value).__module__}.{type(value).__qualname__}"
-    if left == 0:
+    if depth == 0:
         return
     if value is None or isinstance(value, str | bytes | bool | int | float | complex):
         yield repr(value)
@@ -32,25 +32,25 @@ def _parts(value: Any, left: int) -> Iterator[str]:
     elif isinstance(value, tuple | list):
         yield f"{kind}{len(value)}"
         for entry in value:
-            yield from _parts(entry, left - 1)
+            yield from _parts(entry, depth - 1)
     elif isinstance(value, dict | set | frozenset):
         entries = value.items() if isinstance(value, dict) else value
         yield kind
-        yield from sorted("\0".join(_parts(entry, left - 1)) for entry in entries)
+        yield from sorted("\0".join(_parts(entry, depth - 1)) for entry in entries)
     elif dataclasses.is_dataclass(value) and not isinstance(value, type):
         yield kind
         for field in dataclasses.fields(value):
             yield field.name
-            yield from _parts(getattr(value, field.name), left - 1)
+            yield from _parts(getattr(value, field.name), depth - 1)
     elif isinstance(value, functools.partial):
-        yield from _parts((value.func, value.args, value.keywords), left - 1)
+        yield from _parts((value.func, value.args, value.keywords), depth - 1)
     elif inspect.ismethod(value):
-        yield from _parts((value.__func__, value.__self__), left - 1)
+        yield from _parts((value.__func__, value.__self__), depth - 1)
     elif inspect.isfunction(value):
         cells = tuple(cell.cell_contents for cell in value.__closure__ or ())
         yield f"{value.__module__}.{value.__qualname__}"
         yield from _code(value.__code__)
-        yield from _parts((value.__defaults__, value.__kwdefaults__, cells), left - 1)
+        yield from _parts((value.__defaults__, value.__kwdefaults__, cells), depth - 1)
     elif isinstance(value, type):
         yield f"{value.__module__}.{value.__qualname__}"
     else:  # of any other object, what its constructor is given and keeps under that name
@@ -58,7 +58,7 @@ def _parts(value: Any, left: int) -> Iterator[str]:
         for name in sorted(inspect.signature(type(value)).parameters):
             if hasattr(value, name):
                 yield name
-                yield from _parts(getattr(value, name), left - 1)
+                yield from _parts(getattr(value, name), depth - 1)
 
 
 def _code(code: CodeType) -> Iterator[str]:

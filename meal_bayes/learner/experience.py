@@ -210,10 +210,12 @@ class Experience:
     def _given_unshown(self, o: int, behavior: int, trial: int) -> int:
         """Return the first given recording that a trial has not shown yet; NONE where none is."""
         rows = self.instances.values
-        given = (rows["object"] == o) & (rows["behavior"] == behavior) & (rows["origin"] == GIVEN)
+        matching = (
+            (rows["object"] == o) & (rows["behavior"] == behavior) & (rows["origin"] == GIVEN)
+        )
         executions = self.executions.values
         shown = executions["instance"][executions["trial"] == trial]
-        unshown = np.setdiff1d(np.flatnonzero(given), shown)
+        unshown = np.setdiff1d(np.flatnonzero(matching), shown)
         return int(unshown[0]) if len(unshown) else NONE
 
     def label(

@@ -105,7 +105,10 @@ class Finder(Answerer):
             raise SettingsError(NO_TABLE if robot is None else NO_CLASSIFIERS)
         session = self.begin_find(question, objects, **options)
         if robot is None:
-            replays = {name: self.replay(each.task) for name, each in session.sessions.items()}
+            replays = {
+                name: self.replay(trial_session.task)
+                for name, trial_session in session.sessions.items()
+            }
             robot = RobotPerObject(replays)
         return run_search(session, robot)
 
@@ -201,8 +204,8 @@ class Finder(Answerer):
             raise SettingsError(
                 "This learner logs nothing; give resume_find() the search's folder."
             )
-        own = search_of(place)
-        with resuming(place if own is None else own, InterruptedSearch) as broken:
+        log_file = search_of(place)
+        with resuming(place if log_file is None else log_file, InterruptedSearch) as broken:
             return self._resumed_search(broken)
 
     def _resumed_search(self, broken: InterruptedSearch) -> SearchSession:
@@ -237,7 +240,9 @@ class Finder(Answerer):
         def explore(name: str, explored: Session, path: Path) -> None:
             self._record(explored, path, {"config": {**header["config"], "object": name}})
 
-        streams = {name: list(each.key) for name, each in session.sessions.items()}
+        streams = {
+            name: list(trial_session.key) for name, trial_session in session.sessions.items()
+        }
         drawn = {"seed": self.settings.seed, "streams": streams, "data": self.domain.data}
         session.record(SearchLog(folder, {**drawn, **header}, explore, resumed=resumed))
 
@@ -258,8 +263,8 @@ class Finder(Answerer):
         shared: SharedPlans | None = None
         for name, (task, streams) in tasks.items():
             beside = self._others(names, name)
-            known = replace(options, truth=truth.get(name), commanded=True, abstain=True)
-            sessions[name] = session = self._session(task, streams, known, beside)
+            settled = replace(options, truth=truth.get(name), commanded=True, abstain=True)
+            sessions[name] = session = self._session(task, streams, settled, beside)
             with self._lock:
                 fit = self._fit(task, learn=False, beside=beside)
             if shared is None:

@@ -24,9 +24,8 @@ from meal_bayes.learner.settings import (
     check_data,
     check_object_name,
     checked_labels,
-    checked_payoffs,
     checked_trial,
-    own_posterior,
+    settings_of,
 )
 from meal_bayes.learner.telling import log_told
 from meal_bayes.seeds import Key
@@ -69,8 +68,8 @@ class Learner(Finder):
     logs : str or path, optional
         Folder of the logs of trials with a robot; None logs nothing.
     settings : LearnerSettings, optional
-        All of these but agent and logs, and rarer ones, in one value; then those that are given by
-        name are not read.
+        All of these but agent and logs, and rarer ones, in one value; then none of them is given
+        by name.
 
     Examples
     --------
@@ -100,18 +99,18 @@ class Learner(Finder):
     ) -> None:
         domain = domain if isinstance(domain, Domain) else load_domain(domain)
         chosen = as_agent(agent)
-        if settings is None:
-            settings = LearnerSettings(
-                seed=seed,
-                horizon=horizon,
-                refit_every=refit_every,
-                learn_success=learn_success,
-                reward=domain.report_reward if reward is None else reward,
-                percepts=percepts,
-                classifier=classifier,
-                payoffs=checked_payoffs(payoffs),
-                posterior=own_posterior(posterior, domain, chosen),
-            )
+        by_name = {
+            "seed": seed,
+            "horizon": horizon,
+            "refit_every": refit_every,
+            "learn_success": learn_success,
+            "reward": reward,
+            "percepts": percepts,
+            "classifier": classifier,
+            "payoffs": payoffs,
+            "posterior": posterior,
+        }
+        settings = settings_of(settings, by_name, domain, chosen)
         super().__init__(domain, chosen, settings, logs)
         self._joined = (0, 0)  # recordings that joined with the last data set, and it had
         self._file = ""  # id of the file that was read or written last

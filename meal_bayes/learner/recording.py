@@ -113,13 +113,13 @@ def record_steps(record: Experience, trial: Trial, steps: Sequence[Step]) -> Non
 def _name_left_aside(record: Experience, sensed: Instance) -> None:
     """Warn once of features whose behavior has other modalities in this domain."""
     spec = record.domain.behaviors[record.domain.behavior_index(sensed.behavior)]
-    found = ", ".join(sorted(sensed.features or ()))
-    case = f"{spec.name} {found}"
-    if not found or {*(sensed.features or ())} == {*spec.modalities} or case in record.named:
+    modalities = ", ".join(sorted(sensed.features or ()))
+    case = f"{spec.name} {modalities}"
+    if not modalities or {*(sensed.features or ())} == {*spec.modalities} or case in record.named:
         return
     record.named.add(case)
     warnings.warn(
-        f"Features of {spec.name} are of {found}; the domain {record.domain.name!r} has "
+        f"Features of {spec.name} are of {modalities}; the domain {record.domain.name!r} has "
         f"{', '.join(spec.modalities) or 'none'}: they are left aside, percepts are those of the "
         "log. Load the domain of that log to learn from them.",
         stacklevel=4,

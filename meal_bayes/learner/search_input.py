@@ -59,15 +59,15 @@ def check_others(table: PerceptTable, names: Sequence[str], query: Query) -> Non
     rows = [object_index(table.objects, name) for name in names]
     labels = np.delete(table.labels, rows, axis=0)
     for name, column in zip(query.attributes, table.domain.columns(query.attributes), strict=True):
-        left = f"Beside these {len(names)} objects the table has none"
+        lacking = f"Beside these {len(names)} objects the table has none"
         if not (labels[:, column] >= 0).any():
             raise SettingsError(
-                f"{left} of which it is known whether it is {name}: nobody is left to learn from. "
-                "Search fewer of its objects."
+                f"{lacking} of which it is known whether it is {name}: nobody is left to "
+                "learn from. Search fewer of its objects."
             )
         for value, word in ((1, ""), (0, "not ")):
             if not (labels[:, column] == value).any():
                 warnings.warn(
-                    f"{left} that is {word}{name}: how such an object is perceived is a guess.",
+                    f"{lacking} that is {word}{name}: how such an object is perceived is a guess.",
                     stacklevel=3,
                 )

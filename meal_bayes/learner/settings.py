@@ -1,13 +1,14 @@
 """How a learner learns, and checks of what it is given."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from meal_bayes.agents import Agent
-from meal_bayes.arrays import check_amount, check_whole, check_yes_no, is_number
+from meal_bayes.arrays import check_amount, check_kind, check_whole, check_yes_no, is_number
 from meal_bayes.datasets import Dataset, PerceptTable
 from meal_bayes.domain import Domain, Payoffs, unknown
 from meal_bayes.domain.words import twin
@@ -78,6 +79,36 @@ def checked_payoffs(values: Sequence[float] | None) -> Payoffs | None:
         raise SettingsError(str(fault)) from None
 
 
+def settings_of(
+    settings: LearnerSettings | None, by_name: Mapping[str, Any], domain: Domain, agent: Agent
+) -> LearnerSettings:
+    """Return how a learner learns: as one value says, or as settings by name do; not as both.
+
+    Raises
+    ------
+    SettingsError
+        There are both, or the value is of another kind.
+    """
+    if settings is None:
+        reward = domain.report_reward if by_name["reward"] is None else by_name["reward"]
+        settings = LearnerSettings(**{**by_name, "reward": reward})
+    else:
+        check_kind("settings", settings, LearnerSettings)
+        defaults = {field.name: field.default for field in fields(LearnerSettings)}
+        defaults["reward"] = None  # by name: the domain's
+        changed = [name for name, value in by_name.items() if not _same(value, defaults[name])]
+        if changed:
+            raise SettingsError(
+                f"Learner() has settings, and {' and '.join(changed)} by name; give all in one "
+                f"value: dataclasses.replace(settings, {changed[0]}=...)."
+            )
+    return replace(settings, posterior=own_posterior(settings.posterior, domain, agent))
+
+
+def _same(value: object, default: object) -> bool:
+    return value is default or (default is not None and value == default)
+
+
 def own_posterior(posterior: object, domain: Domain, agent: Agent) -> ConfusionPosterior | None:
     """Return a posterior of one's own, laid out for a domain; None where none is given."""
     if posterior is None:
@@ -110,9 +141,9 @@ def check_object_name(name: object, objects: Iterable[str]) -> None:
         raise SettingsError(f"An object's name is a text; found {name!r:.60}.")
     if fault := name_fault(name):
         raise QueryError(f"The object's name {name!a:.60} {fault}; rename it.")
-    known = [*objects]
-    if name not in known and twin(name, known):
-        raise QueryError(unknown("object", name, known))
+    names = [*objects]
+    if name not in names and twin(name, names):
+        raise QueryError(unknown("object", name, names))
 
 
 def checked_trial(trial: object) -> Trial:

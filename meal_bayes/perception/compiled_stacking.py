@@ -182,11 +182,12 @@ def _weigh(target, base, balanced, weight):
 
 
 @partial(_kernel, fastmath=True)
-def _leave_set(inverse, dual, target, rows, held, across, known):
+def _leave_set(inverse, dual, target, rows, held, across, whitened):
     """Score the rows of S by classifiers without S, and prepare the rest.
 
     Leaving G out, the decision on G is y_G - inv(C^-1[G,G]) (C^-1 y)_G. Writes `held` (P,q), and
-    with L L' = C^-1[S,S] also `across` (q,n) = L^-1 C^-1[S,:] and `known` (P,q) = L^-1 (C^-1 y)_S.
+    with L L' = C^-1[S,S] also `across` (q,n) = L^-1 C^-1[S,:] and `whitened` (P,q) =
+    L^-1 (C^-1 y)_S.
     """
     q, n = across.shape
     factor = np.empty((q, q))
@@ -203,20 +204,21 @@ def _leave_set(inverse, dual, target, rows, held, across, known):
                 across[i, c] -= factor[i, j] * across[j, c]
         for c in range(n):
             across[i, c] /= factor[i, i]
-    # known = L^-1 (C^-1 y)_S; then the decision y_S - C^-1[S,S]^-1 (C^-1 y)_S by back substitution.
+    # whitened = L^-1 (C^-1 y)_S; then the decision y_S - C^-1[S,S]^-1 (C^-1 y)_S by back
+    # substitution.
     for p in range(len(dual)):
         for i in range(q):
-            known[p, i] = dual[p, rows[i]]
-        _solve_lower(factor, known[p])
+            whitened[p, i] = dual[p, rows[i]]
+        _solve_lower(factor, whitened[p])
         for i in range(q):
-            held[p, i] = known[p, i]
+            held[p, i] = whitened[p, i]
         _solve_upper(factor, held[p])
         for i in range(q):
             held[p, i] = target[p, rows[i]] - held[p, i]
 
 
 @partial(_kernel, fastmath=True)
-def _score_others(inverse, dual, target, starts, out, across, known, decisions):
+def _score_others(inverse, dual, target, starts, out, across, whitened, decisions):
     """Score every other object k without S and k, `decisions` (P,n); 0 on S itself.
 
     The formula of `_leave_set` for G = S + {k}, solved for k's part by a Schur complement, as S is
@@ -229,7 +231,7 @@ def _score_others(inverse, dual, target, starts, out, across, known, decisions):
             decisions[p, c] = dual[p, c]
         for i in range(q):
             for c in range(dual.shape[1]):
-                decisions[p, c] -= known[p, i] * across[i, c]
+                decisions[p, c] -= whitened[p, i] * across[i, c]
     for k in range(len(out)):  # its matrix: C^-1[k,k] - C^-1[k,S] C^-1[S,S]^-1 C^-1[S,k]
         begin = starts[k]
         size = starts[k + 1] - starts[k]
@@ -276,10 +278,12 @@ def score_without(
     for k in left_out:
         out[k] = 1
     across = np.empty((len(rows), n))
-    known = np.empty((n_targets, len(rows)))
+    whitened = np.empty((n_targets, len(rows)))
     shared = len(rows) if nested else 0
     for m in range(n_kernels):
-        _leave_set(inverses[m], duals[m], targets, rows, held=held[m], across=across, known=known)
+        _leave_set(
+            inverses[m], duals[m], targets, rows, held=held[m], across=across, whitened=whitened
+        )
         _score_others(
             inverses[m],
             duals[m],
@@ -287,7 +291,7 @@ def score_without(
             starts,
             out,
             across=across[:shared],
-            known=known,
+            whitened=whitened,
             decisions=decisions[m],
         )
     return held, decisions

@@ -51,7 +51,7 @@ Halves = NDArray[Half]
 Map = Callable[[Callable[[Any], Any], Iterable[Any]], Iterable[Any]]  # as `map`, in any order
 
 WIDTHS = (1.0, 1.5, 2.0)  # in median distances
-_MOST = 255  # recordings of an object and behavior that a bin can count
+_MOST_RECORDINGS = 255  # recordings of an object and behavior that a bin can count
 
 
 def method_of(settings: PerceptionSettings) -> ModuleType:
@@ -130,13 +130,13 @@ def learned_widths(
     behaviors: Iterable[BehaviorRecordings],
     settings: PerceptionSettings,
     held: Iterable[int] = (),
-    each: Map = map,
+    map_behaviors: Map = map,
 ) -> tuple[float, Floats]:
     """Learn the factor of the kernels' widths, by all labels, and without each held object's, (H,).
 
     Where the settings fix a width it is the factor; it is 1 of other methods than "stacked".
-    Held are objects, or folds of them where there are many. `each` calls a function on every
-    behavior, perhaps at once; results may come in any order.
+    Held are objects, or folds of them where there are many. `map_behaviors` calls a function
+    on every behavior, perhaps at once; results may come in any order.
     """
     groups = np.fromiter(held, np.int64)
     # Only the stackers' losses tell widths apart; of other methods the width is the median's.
@@ -144,7 +144,9 @@ def learned_widths(
     if fixed is not None:
         return fixed, np.full(len(groups), fixed)
     pieces = list(enumerate(behaviors))
-    by_behavior = dict(each(partial(_losses_of_widths, held=groups, settings=settings), pieces))
+    by_behavior = dict(
+        map_behaviors(partial(_losses_of_widths, held=groups, settings=settings), pieces)
+    )
     losses = np.zeros((len(WIDTHS), 1 + len(groups)))
     for index, _ in pieces:  # in their order, so that the sum is the same to the last bit
         losses += by_behavior[index]
@@ -196,7 +198,7 @@ def build_percept_table(
     perception: str | PerceptionSettings = "default",
     classifier: Any = None,
     progress: Callable[[int, int], None] | None = None,
-    each: Map = map,
+    map_behaviors: Map = map,
 ) -> PerceptTable:
     """Compute the percept table of a data set.
 
@@ -210,7 +212,7 @@ def build_percept_table(
         Any scikit-learn classifier, in place of a method; see `with_classifier`.
     progress : Callable[[int, int], None] | None
         Called with (behaviors done, behaviors in all).
-    each : Map
+    map_behaviors : Map
         Calls a function on every behavior, perhaps at once; results may come in any order.
     """
     check_kind("dataset", dataset, Dataset)
@@ -221,14 +223,16 @@ def build_percept_table(
     if isinstance(perception, str) and perception not in NAMED:
         raise SettingsError(unknown("perception", perception, NAMED))
     settings = NAMED[perception] if isinstance(perception, str) else perception
-    if dataset.recordings > _MOST:
-        raise SettingsError(f"{dataset.recordings} recordings of an object; give {_MOST} at most.")
+    if dataset.recordings > _MOST_RECORDINGS:
+        raise SettingsError(
+            f"{dataset.recordings} recordings of an object; give {_MOST_RECORDINGS} at most."
+        )
     domain = dataset.domain
     n_objects = len(dataset.objects)
     gathered = gather(dataset, TrainingSet.everything(dataset), settings, pairs=True)
     groups = groups_of(gathered.values(), n_objects, settings)
     names = np.unique(groups)
-    _, widths = learned_widths(gathered.values(), settings, names, each)
+    _, widths = learned_widths(gathered.values(), settings, names, map_behaviors)
     n_behaviors = len(domain.behaviors)
     n_attributes = len(domain.attributes)
     n_bins = len(BIN_EDGES) + 1
@@ -236,7 +240,7 @@ def build_percept_table(
     log_odds = np.full((n_objects, dataset.recordings, n_behaviors, n_attributes), np.nan, Half)
     bins = np.zeros((n_groups, n_objects, n_attributes, n_behaviors, n_bins), np.uint8)
     score = partial(_score_behavior, names=names, widths=widths, groups=groups, settings=settings)
-    for done, (e, outputs, counts) in enumerate(each(score, gathered.items())):
+    for done, (e, outputs, counts) in enumerate(map_behaviors(score, gathered.items())):
         objects = gathered[e].objects
         log_odds[objects, number_in_object(objects), e] = outputs
         bins[names, :, :, e] = counts

@@ -50,10 +50,10 @@ pt: Any = pytensor.tensor  # not typed
 
 ACCEPT = 0.9  # target acceptance: smaller steps than usual, as no draw may diverge
 _LOG_S = np.log(DISPERSIONS)
-_STEP = float(_LOG_S[1] - _LOG_S[0])
+_LOG_S_STEP = float(_LOG_S[1] - _LOG_S[0])
 # A point of the grid stands for a cell around it.
-_LOW = float(_LOG_S[0]) - _STEP / 2
-_HIGH = float(_LOG_S[-1]) + _STEP / 2
+_LOW = float(_LOG_S[0]) - _LOG_S_STEP / 2
+_HIGH = float(_LOG_S[-1]) + _LOG_S_STEP / 2
 _ROOT_2 = np.sqrt(2.0)
 _ROOT_2_PI = np.sqrt(2.0 * np.pi)
 _LEAN = 0.7  # prior log-odds by which true objects lean to the last level, false ones to the first

@@ -73,8 +73,8 @@ class _Check:
         self.returned: list[tuple[str, NDArray[Any], NDArray[Any]]] = []  # and a copy of then
         self.detected: list[tuple[str, Any, dict[Any, Any]]] = []  # the same of percepts
 
-    def fail(self, found: str, mend: str) -> ConformanceError:
-        return ConformanceError(f"{self.name}: {found} {mend}")
+    def fail(self, fault: str, mend: str) -> ConformanceError:
+        return ConformanceError(f"{self.name}: {fault} {mend}")
 
     def trial(self, steps: int, rng: np.random.Generator) -> None:
         """Start, and execute the legal behaviors, the least executed ones first."""

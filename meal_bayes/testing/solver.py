@@ -78,8 +78,8 @@ class _Check:
         self.momdp = momdp
         self.where = where
 
-    def fail(self, found: str, mend: str) -> ConformanceError:
-        return ConformanceError(f"{self.where}: {found} {mend}")
+    def fail(self, fault: str, mend: str) -> ConformanceError:
+        return ConformanceError(f"{self.where}: {fault} {mend}")
 
     def play(self, other: MOMDP, seed: int, steps: int) -> None:
         """Follow the policy where it goes; where it would answer, take any legal behavior."""
@@ -160,11 +160,11 @@ class _Check:
         return result
 
     @contextmanager
-    def unchanged(self, value: object, found: str, mend: str) -> Iterator[None]:
+    def unchanged(self, value: object, fault: str, mend: str) -> Iterator[None]:
         before = copy.deepcopy(value)
         yield
         if not _equal(before, value):
-            raise self.fail(found, mend)
+            raise self.fail(fault, mend)
 
     def check(self, decision: Decision, history: History) -> None:
         """Check a decision: legal, or an answer; and values where they belong."""

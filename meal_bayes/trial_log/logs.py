@@ -188,8 +188,8 @@ class Logs:
     def told(self) -> list[tuple[str, Feedback]]:
         """Return what people told of the trials of all folders, in order, with its logs' names."""
         folders = {file.parent for file in self.files}
-        found = (file for folder in folders for file in feedback_of(folder))
-        files = {file.resolve(): file for file in found}.values()
+        feedback_logs = (file for folder in folders for file in feedback_of(folder))
+        files = {file.resolve(): file for file in feedback_logs}.values()
         entries = list[tuple[str, Feedback]]()
         for file in sorted(files, key=lambda file: file.name):  # which begins with the time
             said = readable_feedback([file], self.problems.append)

@@ -69,8 +69,8 @@ def search_files(path: Path, *, below: bool = True) -> list[Path]:
     """Find the logs of searches: the file itself, or those of a folder, and below it, or drafts."""
     if path.is_file():
         return [path] if named_form(path) == SEARCH_FORM else []
-    found = _wholest((path.rglob if below else path.glob)(f"*{SEARCH}*{SUFFIX}*"))
-    return sorted(file for log, file in found.items() if named_form(log) == SEARCH_FORM)
+    file_of_log = _wholest((path.rglob if below else path.glob)(f"*{SEARCH}*{SUFFIX}*"))
+    return sorted(file for log, file in file_of_log.items() if named_form(log) == SEARCH_FORM)
 
 
 def feedback_files(folder: Path) -> list[Path]:
@@ -141,8 +141,8 @@ def log_files(path: str | Path) -> list[Path]:
     if path.is_file():
         return [path]
     if path.is_dir():
-        found = _wholest(path.rglob(f"*{SUFFIX}*"))
-        logs = sorted(file for log, file in found.items() if not named_form(log))
+        file_of_log = _wholest(path.rglob(f"*{SUFFIX}*"))
+        logs = sorted(file for log, file in file_of_log.items() if not named_form(log))
         if not logs:
             searches = search_files(path)
             if searches:

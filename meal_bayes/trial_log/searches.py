@@ -18,8 +18,8 @@ from meal_bayes.trials.text import UNFINISHED
 
 def search_of(place: str | Path) -> Path | None:
     """Return the log of a search, by its name or as the one of its folder; None of what is none."""
-    found = search_files(checked_path("The log", place), below=False)
-    return found[0] if found else None
+    files = search_files(checked_path("The log", place), below=False)
+    return files[0] if files else None
 
 
 def read_search(path: str | Path) -> Search:
@@ -52,9 +52,9 @@ def read_search(path: str | Path) -> Search:
     trials = dict[str, Trial]()
     for number, name in enumerate(record.explored, start=1):
         log = file.with_name(explored_name(number, name))
-        found = list(_furthest(log)) if drafts else list(read_trials(log))
-        if found:
-            trials[name] = max(found, key=lambda trial: len(trial.steps))
+        versions = list(_furthest(log)) if drafts else list(read_trials(log))
+        if versions:
+            trials[name] = max(versions, key=lambda trial: len(trial.steps))
     try:
         return record.search(trials, UNFINISHED)
     except LogCorruptError as fault:

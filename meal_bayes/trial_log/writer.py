@@ -58,9 +58,9 @@ class TrialWriter:
         if self.path.suffix != SUFFIX:
             raise SettingsError(f"A log's name ends in {SUFFIX}; found {self.path.name!r}.")
         if named_form(self.path) != (form if form in FORM_ENDINGS.values() else ""):
-            kept = " and ".join(f"{ending}{SUFFIX}" for ending in FORM_ENDINGS)
+            reserved = " and ".join(f"{ending}{SUFFIX}" for ending in FORM_ENDINGS)
             raise SettingsError(
-                f"Names that end in {kept} are of feedback and searches alone; found "
+                f"Names that end in {reserved} are of feedback and searches alone; found "
                 f"{self.path.name!r}. Choose another."
             )
         self.active_path = new_draft(self.path)  # its name while it is being written

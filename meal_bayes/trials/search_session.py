@@ -154,10 +154,10 @@ class SearchSession:
                     break
                 self.sessions[name].repeat([steps[name].popleft()])
                 self._go_on(name)
-        left = [*(name for name, _ in turns), *(name for name in steps if steps[name])]
-        if left:
+        unmatched = [*(name for name, _ in turns), *(name for name in steps if steps[name])]
+        if unmatched:
             raise LogError(
-                f"The search went on with {left[0]}, but the agent now decides for "
+                f"The search went on with {unmatched[0]}, but the agent now decides for "
                 f"{self.turn or self.behavior or 'the answer'}; it has learned other things since."
             )
 

@@ -9,13 +9,13 @@ from numpy.typing import NDArray
 
 from meal_bayes.display import best_options, percent
 from meal_bayes.domain import Query
+from meal_bayes.domain.query import DO_NOT_KNOW
 from meal_bayes.momdp import MOMDP, Belief, best_answer
 from meal_bayes.planners import Decision
 from meal_bayes.trials.outcomes import TrialOutcomes
 from meal_bayes.trials.record import Step, TrialRecord
 
 UNKNOWN = "truth unknown"
-_ABSTAINED = "abstained: every answer was too risky"  # of a trial; the answer is `DO_NOT_KNOW`
 UNFINISHED = "the log ends here"  # why a trial, or a search, without an outcome was broken off
 LEFT = "the search left it"  # why the trial of an object that is not claimed ended
 _LEAST_ERROR = 0.05  # standard errors below it would print as 0.0
@@ -158,7 +158,7 @@ def verdict_text(trial: TrialRecord) -> str:
     if trial.ended:
         return f"no answer: {trial.ended}"
     if trial.report is None:
-        return _ABSTAINED
+        return DO_NOT_KNOW
     verdict = {True: "right", False: "wrong", None: UNKNOWN}[trial.success]
     return f"{trial.task.query.report_name(trial.report)} ({verdict})"
 
@@ -188,7 +188,7 @@ def last_label(trial: TrialRecord, action: int) -> str:
 def final_facts(trial: TrialRecord) -> dict[str, str]:
     """Return the answer of a trial, its truth, the verdict where there is one, and the cost."""
     query = trial.task.query
-    answer = _ABSTAINED
+    answer = DO_NOT_KNOW
     if trial.ended:
         answer = f"none; {trial.ended}"
     truth = truth_text(query, trial.truth)
@@ -211,7 +211,7 @@ def outcome_facts(outcomes: TrialOutcomes, row: int) -> dict[str, str]:
     query = Query.named([name for name in outcomes.attribute[row] if name])
     report = outcomes.report[row][: len(query)]
     truth = outcomes.truth[row][: len(query)]
-    unanswered = "none" if outcomes.ended[row] else "abstained"
+    unanswered = "none" if outcomes.ended[row] else DO_NOT_KNOW
     return {
         "question": query.text,
         "object": outcomes.object_name[row],

@@ -15,7 +15,7 @@ from meal_bayes.domain import TransitionDiagram
 from meal_bayes.domain.diagram import ANY_STATE
 from meal_bayes.evaluation.plots import reach
 from meal_bayes.evaluation.statistics import Interval
-from meal_bayes.palette import agent_style
+from meal_bayes.palette import LINE_GRAY, agent_style
 
 _LETTERS = 64  # that fit side by side below an axis
 _TITLE_LETTERS, _CAPTION_LETTERS = 12.0, 16.5  # an inch of a line
@@ -114,7 +114,7 @@ def dots(
         to.set_xticks(place, names, **turned if sum(map(len, names)) > _LETTERS else {})
         to.set_xlim(-0.5, len(names) - 0.5)
         name_axes(to, "", y_label, grid="y")
-        to.axhline(0, color="#7A7A7A", lw=0.8)
+        to.axhline(0, color=LINE_GRAY, lw=0.8)
         if fraction:
             to.set_ylim(0, 1.04)
         legend(to, len(groups), above=True)
@@ -186,7 +186,7 @@ def transition_diagram(diagram: TransitionDiagram, *, ax: Axes | None = None) ->
         arrows[source, source if target == ANY_STATE else target].append(effect.behavior + chance)
     with axes_to_draw(ax, width=7.2, height=3.4) as to:
         for name, (x, y) in place.items():
-            color = "#000000" if name == diagram.start else "#7A7A7A"
+            color = "#000000" if name == diagram.start else LINE_GRAY
             to.plot(x, y, "o", ms=24, mfc="white", mec=color, mew=1.6, zorder=3)
             to.text(x, y, name, ha="center", va="center", zorder=4)
         for (source, target), names in arrows.items():
@@ -234,7 +234,7 @@ def _arrow(ax: Axes, start: tuple[float, float], end: tuple[float, float], name:
     bend = -0.35 if back else 0.0
     ax.annotate(
         "", end, start,
-        arrowprops={"arrowstyle": "-|>", "color": "#7A7A7A", "shrinkA": 13, "shrinkB": 13,
+        arrowprops={"arrowstyle": "-|>", "color": LINE_GRAY, "shrinkA": 13, "shrinkB": 13,
                     "connectionstyle": f"arc3,rad={bend}"},
     )  # fmt: skip
     length = float(np.hypot(to_x - x, to_y - y))

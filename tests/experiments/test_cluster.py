@@ -122,7 +122,7 @@ def test_a_percept_table_is_the_same_by_one_process_by_two_and_by_a_cluster(clus
         settings = replace(DEFAULT, exact_objects=exact)
         for jobs, there in ((1, None), (2, None), (1, address)):
             each = partial(in_parallel, jobs=jobs, cluster=there)
-            table = build_percept_table(dataset, perception=settings, each=each)
+            table = build_percept_table(dataset, perception=settings, map_behaviors=each)
             save_percepts(table, tmp_path / "table.npz")
             written.append((tmp_path / "table.npz").read_bytes())
     assert len(set(written[:3])) == len(set(written[3:])) == 1

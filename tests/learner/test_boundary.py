@@ -1,10 +1,13 @@
 """What users give to a learner that cannot be meant: one error of the package, and no trial."""
 
+import inspect
+
 import pytest
 
 from meal_bayes import Learner, MealBayesError, ask, load_percepts, read_query
 from meal_bayes.domain import read_event
 from meal_bayes.errors import SettingsError
+from meal_bayes.learner.settings import LearnerSettings
 from meal_bayes.planners import RandomLegal
 
 OBJECTS = ("light_blue_beans", "heavy_blue_beans")
@@ -33,6 +36,42 @@ def test_a_query_says_itself_how_it_is_answered(learner, options):
     for question in (query, learner.task(query, OBJECTS[0])):
         with pytest.raises(SettingsError, match="says itself"):
             learner.ask(question, OBJECTS[0], **options)
+
+
+BY_NAME = {
+    "seed": 3,
+    "horizon": 7.0,
+    "refit_every": None,
+    "learn_success": False,
+    "reward": 100.0,
+    "percepts": "model",
+    "classifier": "any",
+    "payoffs": (1, -1, 1, -1),
+    "posterior": "any.nc",
+}
+
+
+@pytest.mark.parametrize("name", BY_NAME)
+def test_settings_are_one_value_or_by_name(learner, name):
+    """One of two ways would be ignored, and a seed is not seen to be."""
+    with pytest.raises(SettingsError, match=f"{name} by name"):
+        Learner("roc36", logs=None, settings=LearnerSettings(), **{name: BY_NAME[name]})
+
+
+def test_all_settings_by_name_are_known():
+    options = inspect.signature(Learner).parameters
+    assert {*BY_NAME} == {*options} - {"domain", "agent", "logs", "settings"}
+
+
+def test_settings_may_be_repeated_by_name_as_they_are_by_default():
+    settings = LearnerSettings(seed=4)
+    assert Learner("roc36", logs=None, settings=settings, refit_every=0.2).settings == settings
+
+
+@pytest.mark.parametrize("settings", [{"seed": 3}, 5, "fast", LearnerSettings])
+def test_settings_of_another_kind_are_refused(settings):
+    with pytest.raises(SettingsError, match="LearnerSettings"):
+        Learner("roc36", logs=None, settings=settings)
 
 
 def test_two_objects_are_not_one(learner):

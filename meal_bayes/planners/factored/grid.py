@@ -14,7 +14,7 @@ from meal_bayes.planners.jit import NO_BEHAVIOR, entry_kernel, kernel
 _EQUAL = 1e-12  # rows of truths that differ by less, which is rounding, are equal
 _WIDEST = 10.0  # log-odds that an axis reaches from the prior, at most; certainty follows
 _NEAREST = 1.3  # reach of an even axis of m points: 1.3 + 0.15 m, at least
-_STEP = 0.15
+_INNER_STEP = 0.15
 _PERCEPTS = 1.5  # of the sharpest behavior that it reaches, at least; clean5 then earns 441.6 +- .5
 
 
@@ -120,7 +120,7 @@ def even_axis(momdp: MOMDP, attribute: int, inner: int) -> Floats:
     # E |ln Pr(z | true) / Pr(z | false)| at even odds: how far a percept moves the log-odds.
     shift = (0.5 * (false + true) * np.abs(np.log(true / false))).sum(axis=1)  # (E,)
     shift = np.where(informative_pairs(momdp)[attribute], shift, 0.0)
-    reach = float(np.clip(_PERCEPTS * shift.max(), _NEAREST + _STEP * inner, _WIDEST))
+    reach = float(np.clip(_PERCEPTS * shift.max(), _NEAREST + _INNER_STEP * inner, _WIDEST))
     odds = momdp.prior[attribute] / (1 - momdp.prior[attribute])
     log_odds = np.log(odds) + np.linspace(-reach, reach, inner)
     return np.concatenate([[0.0], 1 / (1 + np.exp(-log_odds)), [1.0]])

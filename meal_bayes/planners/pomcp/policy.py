@@ -190,7 +190,7 @@ class POMCPPolicy:
         visits = root["visits"]
         rows = None
         if action < len(visits):
-            rows = sampled.kept[action, : min(KEPT, visits[action])]
+            rows = sampled.recent[action, : min(KEPT, visits[action])]
         return Decision(
             action=action,
             values=values,

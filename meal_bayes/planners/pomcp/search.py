@@ -237,4 +237,4 @@ def _keep_rows(tree, sampled):
     last = (tree.edge[0, a].visits - 1) % KEPT
     for i in range(sampled.latent.shape[0]):
         for z in range(sampled.rows.shape[2]):
-            sampled.kept[a, last, i, z] = sampled.rows[a, i, z]
+            sampled.recent[a, last, i, z] = sampled.rows[a, i, z]

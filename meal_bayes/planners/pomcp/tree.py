@@ -138,7 +138,7 @@ class Sampled(NamedTuple):
     truth: Floats  # (N,) the object's attributes, 0 or 1
     drawn: NDArray[np.bool_]  # (E,) are the rows of a behavior drawn yet?
     rows: Floats  # (E,N,K) Pr(level)
-    kept: Floats  # (E,KEPT,N,K) rows of the last simulations that began with a behavior
+    recent: Floats  # (E,KEPT,N,K) rows of the last simulations that began with a behavior
     path: Ints  # (DEPTH,2) nodes and behaviors of the simulation
     reward: Floats  # (DEPTH,) rewards of its steps
     bonus: Floats  # (DEPTH,) of them, what shaping pays
@@ -154,7 +154,7 @@ def make_sampled(percepts: Percepts, prob: Floats, counts: Floats) -> Sampled:
         truth=np.zeros(n),
         drawn=np.zeros(e, np.bool_),
         rows=np.zeros((e, n, k)),
-        kept=np.zeros((e, KEPT, n, k)),
+        recent=np.zeros((e, KEPT, n, k)),
         path=np.zeros((DEPTH, 2), np.int64),
         reward=np.zeros(DEPTH),
         bonus=np.zeros(DEPTH),
