@@ -1,8 +1,10 @@
-"""A trial from its first behavior to its answer, by a robot that can wait."""
+"""A trial, or a search, from its beginning to its answer, by a robot that can wait."""
 
 from meal_bayes.arrays import check_kind
 from meal_bayes.errors import SettingsError
 from meal_bayes.robots import Robot
+from meal_bayes.trials.search import Search, SearchingRobot
+from meal_bayes.trials.search_session import SearchSession
 from meal_bayes.trials.session import Session
 from meal_bayes.trials.trial import Trial
 
@@ -24,3 +26,18 @@ def run_trial(session: Session, robot: Robot) -> Trial:
         while (behavior := session.behavior) is not None:
             session.observe(robot.execute(behavior))
     return session.trial
+
+
+def run_search(session: SearchSession, robot: SearchingRobot) -> Search:
+    """Run a search to its end: turn, and execute what the session names, until it answers.
+
+    An exception of robot or perceiver ends the search and its trials, and is raised again.
+    """
+    check_kind("session", session, SearchSession)
+    with session:
+        while not session.over:
+            if session.turn is not None:
+                session.turned(robot.turn_to(session.turn))
+            elif session.behavior is not None:
+                session.observe(robot.execute(session.behavior))
+    return session.search

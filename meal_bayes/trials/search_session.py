@@ -3,17 +3,18 @@
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import NamedTuple, Protocol, Self
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from meal_bayes.arrays import Floats, check_kind
+from meal_bayes.arrays import Floats
 from meal_bayes.errors import LogError, SettingsError
 from meal_bayes.planners import EMPTY, Decision, Prospect, Prospector, best_move
 from meal_bayes.robots.robot import Outcome, state_index
+from meal_bayes.trials.one_caller import OneCaller, alone
 from meal_bayes.trials.record import Step
 from meal_bayes.trials.recorder import breaking, noted
-from meal_bayes.trials.search import Search, SearchingRobot
+from meal_bayes.trials.search import Search
 from meal_bayes.trials.session import MAX_STEPS, Session
 
 
@@ -52,7 +53,7 @@ class SearchRecorder(Protocol):
         """Record the answer."""
 
 
-class SearchSession:
+class SearchSession(OneCaller):
     """A search under way: it names an object to turn to, or a behavior, and is given the outcome.
 
     Whoever drives turns to `turn` where it is not None, and says so by `turned`; else executes
@@ -81,6 +82,7 @@ class SearchSession:
         rules: SearchRules,
         rng: np.random.Generator,
     ) -> None:
+        super().__init__()
         self.question = question
         self.sessions = dict(sessions)
         self.object: str | None = None
@@ -116,6 +118,7 @@ class SearchSession:
             states=tuple(state for _, state in self._turns),
         )
 
+    @alone
     def record(self, recorder: SearchRecorder) -> None:
         """Record what there is of the search, and all that follows as it happens."""
         recorder.begin_search(self.search)
@@ -128,6 +131,7 @@ class SearchSession:
         if self.over:
             recorder.end_search(self.search)
 
+    @alone
     def repeat(self, before: Search) -> None:
         """Repeat what was done before a restart; the robot does not move.
 
@@ -147,7 +151,7 @@ class SearchSession:
             if self.turn is not None:
                 if not turns or turns[0][0] != self.turn:
                     break
-                self.turned(turns.popleft()[1])
+                self._turned(turns.popleft()[1])
             else:
                 name = self._explored
                 if not steps[name]:
@@ -173,6 +177,7 @@ class SearchSession:
             return None
         return self.sessions[self.object].behavior
 
+    @alone
     def turned(self, state: str) -> None:
         """Note that the robot has turned to the object `turn`, which is in a state.
 
@@ -183,6 +188,9 @@ class SearchSession:
         RobotError
             A state that a robot cannot be in.
         """
+        self._turned(state)
+
+    def _turned(self, state: str) -> None:
         name = self.turn
         if name is None:
             raise SettingsError("No turn is under way: execute `behavior`, or the search is over.")
@@ -201,6 +209,7 @@ class SearchSession:
         self._turns.append((name, state))
         self._go_on(name)
 
+    @alone
     def observe(self, outcome: Outcome) -> None:
         """Perceive the outcome of `behavior`, update the belief of its object, and decide again.
 
@@ -211,6 +220,9 @@ class SearchSession:
         RobotError
             A state that a robot cannot be in.
         """
+        self._observe(outcome)
+
+    def _observe(self, outcome: Outcome) -> None:
         name = self._explored
         with breaking(self._break):
             self.sessions[name].observe(outcome)
@@ -223,13 +235,18 @@ class SearchSession:
             raise SettingsError("No behavior is under way: a turn is, or the search is over.")
         return self.object
 
+    @alone
     def fail(self) -> None:
         """Note that `behavior` failed: the state is as it was, and nothing was perceived."""
         session = self.sessions[self._explored]
-        self.observe(Outcome(session.momdp.x_names[session.belief.x]))
+        self._observe(Outcome(session.momdp.x_names[session.belief.x]))
 
+    @alone
     def cancel(self, why: str = "cancelled") -> None:
         """End the search without an answer; one that is over stays as it is."""
+        self._cancel(why)
+
+    def _cancel(self, why: str) -> None:
         if not self.over:
             try:
                 for session in self.sessions.values():
@@ -237,15 +254,6 @@ class SearchSession:
                         session.cancel(why)
             finally:  # also where their ends cannot be logged
                 self._end(why)
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, _: object, fault: BaseException | None, __: object) -> None:
-        if fault is None:
-            self.cancel("left before the answer")
-        else:
-            self._end_by(fault)
 
     def _prospect(self, name: str) -> Prospect:
         return self._prospectors[name].prospect(self.sessions[name].history, self._rng)
@@ -263,7 +271,7 @@ class SearchSession:
 
     def _end_by(self, fault: BaseException) -> None:
         with noted(fault, None):
-            self.cancel(f"error: {type(fault).__name__}: {fault}".removesuffix(": "))
+            self._cancel(f"error: {type(fault).__name__}: {fault}".removesuffix(": "))
 
     def _decide(self) -> None:
         """Carry out what `best_move` chooses: a behavior, another object, or the answer."""
@@ -331,18 +339,3 @@ class SearchSession:
         self.turn = None
         if self._recorder is not None:
             self._recorder.end_search(self.search)
-
-
-def run_search(session: SearchSession, robot: SearchingRobot) -> Search:
-    """Run a search to its end: turn, and execute what the session names, until it answers.
-
-    An exception of robot or perceiver ends the search and its trials, and is raised again.
-    """
-    check_kind("session", session, SearchSession)
-    with session:
-        while not session.over:
-            if session.turn is not None:
-                session.turned(robot.turn_to(session.turn))
-            elif session.behavior is not None:
-                session.observe(robot.execute(session.behavior))
-    return session.search

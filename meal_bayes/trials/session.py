@@ -19,6 +19,7 @@ from meal_bayes.planners import Decision, History, Policy, unvalued
 from meal_bayes.planners.boundary import decide
 from meal_bayes.robots.robot import Execution, Outcome, OutcomeChecker
 from meal_bayes.seeds import Key, Streams
+from meal_bayes.trials.one_caller import OneCaller, alone
 from meal_bayes.trials.perceiving import answered, silence
 from meal_bayes.trials.record import Step, Task, answer_reward, truth_of
 from meal_bayes.trials.recorder import Recorder, breaking, noted
@@ -27,11 +28,11 @@ from meal_bayes.trials.trial import Trial
 MAX_STEPS = 100
 
 
-class Session:
+class Session(OneCaller):
     """A trial under way (Alg. 1, l. 6-11): it names a behavior, is given its outcome, and so on.
 
     As a context manager it ends the trial however its block is left: where it is not answered yet
-    the record says why, and an exception is raised again.
+    the record says why, and an exception is raised again. Any thread may call, one at a time.
 
     Parameters
     ----------
@@ -83,6 +84,7 @@ class Session:
         on_step: Callable[[Step], None] | None = None,
         on_end: Callable[[Trial], None] | None = None,
     ) -> None:
+        super().__init__()
         check_whole("max_steps", max_steps)
         if max_cost is not None:
             check_seconds("max_cost", max_cost)
@@ -111,6 +113,7 @@ class Session:
         self._begun = False
         self._ended: str | None = None
 
+    @alone
     def record(self, recorder: Recorder) -> None:
         """Record what there is of the trial, and every step before the next behavior is named."""
         self._recorder = recorder
@@ -149,6 +152,7 @@ class Session:
             self.report, self._ended or "", self._counts,
         )  # fmt: skip
 
+    @alone
     def start(self, state: str) -> Self:
         """Begin in a state of the domain's, where the robot is, and decide for the first time.
 
@@ -167,6 +171,7 @@ class Session:
         self._decide()
         return self
 
+    @alone
     def observe(self, outcome: Outcome, *, step: int | None = None) -> None:
         """Perceive the outcome of `behavior`, update the belief, and decide again.
 
@@ -206,13 +211,16 @@ class Session:
 
     def fail(self, *, step: int | None = None) -> None:
         """Note that `behavior` failed: the state is as it was, and nothing was perceived."""
-        self.observe(Outcome(self.momdp.x_names[self.belief.x]), step=step)
+        named = len(self.steps) if step is None else step  # before the state: no later one's
+        self.observe(Outcome(self.momdp.x_names[self.belief.x]), step=named)
 
+    @alone
     def cancel(self, why: str = "cancelled") -> None:
         """End the trial without a report; one that is over stays as it is."""
         if not self.over:
             self._end(why)
 
+    @alone
     def command(self, decision: Decision) -> None:
         """Decide in the policy's place: for a behavior, which `observe` follows, or an answer.
 
@@ -227,6 +235,7 @@ class Session:
             raise SettingsError(f"command() takes a Decision; found {decision!r:.60}.")
         self._follow(decision)
 
+    @alone
     def repeat(self, steps: Sequence[Step]) -> None:
         """Repeat steps that were executed before a restart; the robot does not move.
 
@@ -248,16 +257,7 @@ class Session:
             self._append(step)
             self._decide()
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, _: object, fault: BaseException | None, __: object) -> None:
-        if fault is None:
-            self.cancel("left before the answer")
-        else:
-            self._break(fault)
-
-    def _break(self, fault: BaseException) -> None:
+    def _end_by(self, fault: BaseException) -> None:
         """End the trial by an exception, unless it is over."""
         if not self.over:
             with noted(fault, self._recorder):
@@ -269,7 +269,7 @@ class Session:
         self._at = "robot"
         if self._policy is None or self.over:
             return
-        with breaking(self._break):
+        with breaking(self._end_by):
             self._at = "planner"
             decision = decide(self._policy, self.history, self.streams.of("planner", self.agent))
             self._follow(*self._within(decision))
@@ -313,7 +313,7 @@ class Session:
         if step.decision.action >= self.momdp.n_behaviors:
             self.report = self.momdp.reported(step.decision.action)
         # On the disk before the next behavior is named: a robot may go on after a crash.
-        with breaking(self._break):
+        with breaking(self._end_by):
             if self._recorder is not None:
                 self._at = "log"
                 self._recorder.step(step)
