@@ -166,6 +166,7 @@ def check(file: Path, as_json: bool) -> None:
     else:
         for report in reports:
             state = "whole, nothing is missing or changed" if report.whole else "not sound"
+            state = state if report.ours else "no log of meal_bayes"
             held = f"{report.trials} trials, {report.steps} steps can be read"
             facts = {"file": str(report.path), "state": state, "holds": held}
             if not report.whole:

@@ -91,6 +91,10 @@ def _files_of(place: Path) -> Iterator[tuple[str, Path]]:
 
 def _trials_of(path: Path) -> int:
     info = check_log(path)
+    if not info.ours:
+        raise LogCorruptError(
+            f"{path} is no log of meal_bayes: {info.problems[0]}; take it out of the folder."
+        )
     if not info.whole:
         raise LogCorruptError(
             f"{path} is damaged: {info.problems[0]}; take it out of the folder, and save its whole "

@@ -7,7 +7,7 @@ length is refused before memory is asked for.
 import os
 import struct
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterator, MutableMapping
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any, BinaryIO
@@ -24,6 +24,7 @@ from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.writer import MCAP0_MAGIC
 
 from meal_bayes.errors import DomainError, LogCorruptError, LogError, QueryError, SettingsError
+from meal_bayes.trial_log.foreign import ForeignFileError
 from meal_bayes.trial_log.schema import MESSAGE_LIMIT, RECORD_LIMIT
 
 # What damaged bytes can raise on their way through the libraries and our constructors.
@@ -55,6 +56,11 @@ def read_records(file: BinaryIO, *, begin: int = 0) -> Iterator[McapRecord]:
     file that was read to its end is whole.
     """
     origin = 0 if begin else file.tell()
+    if not begin:
+        start = file.read(len(MCAP0_MAGIC))
+        file.seek(origin)
+        if not MCAP0_MAGIC.startswith(start):
+            raise ForeignFileError(f"it is no MCAP file, as it begins with {start!r}")
 
     def read(size: int) -> bytes:
         """Read no more than a record holds; the library reads one byte where a record begins."""
@@ -99,7 +105,7 @@ def next_log(file: BinaryIO, at: int) -> int:
     return file.seek(0, os.SEEK_END)
 
 
-def chunk_messages(chunk: Chunk, channels: dict[int, str]) -> Iterator[tuple[str, bytes]]:
+def chunk_messages(chunk: Chunk, channels: MutableMapping[int, str]) -> Iterator[tuple[str, bytes]]:
     """Yield topic and data of every message of a chunk; new channels go into `channels`."""
     unpacked = replace(chunk, compression="", data=_unpacked(chunk))
     for record in breakup_chunk(unpacked, validate_crc=True):
@@ -109,7 +115,7 @@ def chunk_messages(chunk: Chunk, channels: dict[int, str]) -> Iterator[tuple[str
             yield message_of(record, channels)
 
 
-def message_of(record: Message, channels: dict[int, str]) -> tuple[str, bytes]:
+def message_of(record: Message, channels: MutableMapping[int, str]) -> tuple[str, bytes]:
     """Return topic and data of a message; one that is too large, or of no channel, is refused."""
     if record.channel_id not in channels or len(record.data) > MESSAGE_LIMIT:
         raise LogCorruptError(f"{len(record.data)} bytes on channel {record.channel_id}")

@@ -1,5 +1,6 @@
 """Message bytes -> trials or outcomes; what does not fit together is refused."""
 
+from collections import ChainMap
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import chain, islice, repeat, starmap
@@ -11,13 +12,14 @@ from numpy.typing import NDArray
 
 from meal_bayes.arrays import freeze
 from meal_bayes.domain import Event, Payoffs, Query
-from meal_bayes.errors import LogCorruptError, LogVersionError
+from meal_bayes.errors import LogCorruptError
 from meal_bayes.momdp import MOMDP, Belief, belief_of
 from meal_bayes.planners import Decision, TreeEdge
 from meal_bayes.trial_log import schema
 from meal_bayes.trial_log.container import FAULTS, chunk_messages, message_of
 from meal_bayes.trial_log.encode import End, judgment, limit_misfits, start_misfits, step_misfits
 from meal_bayes.trial_log.feedback import Feedback, read_key
+from meal_bayes.trial_log.foreign import check_topics, form_of, run_header
 from meal_bayes.trial_log.search_record import SearchRecord
 from meal_bayes.trial_log.sensed import read_sensed
 from meal_bayes.trials import Step, Task, Trial, TrialOutcomes
@@ -25,7 +27,6 @@ from meal_bayes.trials.outcomes import INTEGERS, REALS, TEXTS
 from meal_bayes.trials.text import UNFINISHED
 from meal_bayes.untrusted import read_json
 
-NO_HEADER = "the header of the run is missing"
 NO_END = "the closing record is missing"
 MERGED = (
     "the messages of two logs are mixed by time, as `mcap merge` does; read the logs that were "
@@ -44,7 +45,8 @@ class TrialBuilder:
     end: End | None = None  # as the writer counted
     feedback: list[Feedback] = field(default_factory=list)  # of a log of that form
     search: SearchRecord = field(default_factory=SearchRecord)  # the same
-    _channels: dict[int, str] = field(default_factory=dict)
+    ours: bool = False  # whether a profile says so
+    _channels: ChainMap[int, str] = field(default_factory=ChainMap)  # as declared, then as usual
     _runs: int = 0  # headers of runs
     _next: int = 0  # number of the next trial
     _momdps: schema.Momdps = field(default_factory=schema.Momdps)  # by number
@@ -53,12 +55,12 @@ class TrialBuilder:
     def records(self, record: McapRecord) -> Iterator[Trial | TrialOutcomes]:
         """Read the next record; yield the trials, or the outcomes, that it completes."""
         if isinstance(record, Header):
-            forms = {profile: form for form, profile in schema.PROFILES.items()}
-            if record.profile and record.profile not in forms:  # `mcap merge` leaves it out
-                raise LogCorruptError(f"an MCAP file of {record.profile!r}, not of meal_bayes")
-            self.form = forms.get(record.profile, schema.FULL)
+            form = form_of(record.profile)
+            self.ours = form is not None
+            self.form = form or schema.FULL
             # Without its first chunk the others still mean what this format says.
-            self._channels = dict(enumerate(schema.TOPICS[self.form], start=1))
+            usual = dict(enumerate(schema.TOPICS[self.form], start=1))
+            self._channels = ChainMap({}, usual)
         elif isinstance(record, Attachment) and record.name == schema.END:
             counts: Any = read_json(record.data)
             self.end = End(**counts)
@@ -87,7 +89,7 @@ class TrialBuilder:
         """Add the next message; return the trial, or the outcomes, that it completes."""
         if topic == schema.RUN:
             self._runs += 1
-            self.header = self.header or _header(data)
+            self.header = self.header or run_header(data)
         if self._runs > 1:
             raise LogCorruptError(MERGED)
         if topic == schema.MOMDPS:
@@ -116,10 +118,21 @@ class TrialBuilder:
             return entry
         return None
 
+    def check_topics(self) -> None:
+        """Refuse a file of another program, as far as it was read: it declares no topic of ours."""
+        if not self.ours:
+            check_topics(list(self._channels.maps[0].values()))
+
+    def check_header(self) -> dict[str, object]:
+        """Return the header of the run; refuse a file that was read, and has none."""
+        if self.header is None:
+            self.check_topics()
+            raise LogCorruptError("the header of the run is missing")
+        return self.header
+
     def check_end(self) -> None:
         """Compare with what the writer counted when it had written the last trial."""
-        if self.header is None:
-            raise LogCorruptError(NO_HEADER)
+        self.check_header()
         if self._open:
             steps = len(self._open) - 1
             raise LogCorruptError(f"a trial has no outcome; {steps} of its steps can be recovered")
@@ -196,21 +209,6 @@ class TrialBuilder:
         for problem in chain(start_misfits(trial), *of_steps):
             raise LogCorruptError(f"trial {begin.trial}: {problem}")
         return trial
-
-
-def _header(data: bytes) -> dict[str, object]:
-    """Read the run message of a file of this format's version."""
-    message = schema.RunMessage.FromString(data)
-    header = read_json(message.header)
-    if not isinstance(header, dict):
-        raise LogCorruptError("the header is no table of names and values")
-    if message.format_version != schema.FORMAT_VERSION:
-        raise LogVersionError(
-            f"written in log format {message.format_version}, this meal_bayes reads format "
-            f"{schema.FORMAT_VERSION}; run its configuration again, or read it with the code that "
-            "wrote it"
-        )
-    return header
 
 
 def decode_outcomes(data: bytes) -> tuple[int, TrialOutcomes]:

@@ -17,6 +17,7 @@ from meal_bayes.files import checked_path
 from meal_bayes.trial_log.container import FAULTS, TORN, fault_text, read_records
 from meal_bayes.trial_log.decode import TrialBuilder
 from meal_bayes.trial_log.feedback import Feedback, FeedbackIndex
+from meal_bayes.trial_log.foreign import ForeignFileError
 from meal_bayes.trial_log.names import feedback_of, log_files, named_form, stem_of
 from meal_bayes.trial_log.reader import Scan, grouped, read_header, readable_feedback, salvage
 from meal_bayes.trial_log.schema import ACTIVE, FEEDBACK_FORM, FIND, FULL, SEARCH_FORM, SUFFIX
@@ -137,6 +138,8 @@ class Logs:
             elif active:
                 why = f" ({scan.problems[0]})" if scan.problems else ""
                 self._note_unfinished(f"{file} was not finished by its writer{why}")
+            elif scan.foreign is not None:
+                self.problems.append(scan.foreign.of(file))
             else:
                 self.problems += [f"{file}: {problem}" for problem in scan.problems]
         if empty and self.problems:
@@ -269,6 +272,9 @@ class Follower:
             except LogVersionError as fault:
                 tail.file.close()
                 raise LogVersionError(f"{tail.name} was {fault}.") from fault
+            except ForeignFileError as fault:
+                tail.file.close()
+                self.problems.append(fault.of(tail.name))
             except FAULTS as fault:
                 tail.file.close()
                 self.problems.append(f"{tail.name}: {fault_text(fault)}")

@@ -7,19 +7,20 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import BinaryIO
 
 from mcap.records import Chunk, Footer
 from mcap.writer import MCAP0_MAGIC
 
-from meal_bayes.errors import LogCorruptError, LogError, LogVersionError
+from meal_bayes.errors import LogCorruptError, LogError
 from meal_bayes.files import checked_path, command_line
 from meal_bayes.trial_log import schema
 from meal_bayes.trial_log.container import FAULTS, fault_text, next_log, read_records
-from meal_bayes.trial_log.decode import NO_END, NO_HEADER, TrialBuilder
+from meal_bayes.trial_log.decode import NO_END, TrialBuilder
 from meal_bayes.trial_log.encode import End
 from meal_bayes.trial_log.feedback import Feedback
+from meal_bayes.trial_log.foreign import ForeignFileError, check_size
 from meal_bayes.trial_log.names import RECOVERED, feedback_files, log_files, stem_of
+from meal_bayes.trial_log.opening import find_log, opened, way_out
 from meal_bayes.trial_log.writer import write_trials
 from meal_bayes.trials import Trial, TrialOutcomes
 
@@ -41,6 +42,7 @@ class LogInfo:
     header: dict[str, object]
     problems: tuple[str, ...] = ()
     unread: int = 0  # bytes that are passed over
+    ours: bool = True  # False: no log, torn or not, but another file
 
     @property
     def whole(self) -> bool:
@@ -131,8 +133,8 @@ def read_header(path: str | Path) -> dict[str, object]:
         for record in read_records(file):
             next(builder.records(record), None)  # it stands in a chunk of its own
             if builder.header is not None:
-                return builder.header
-        raise LogCorruptError(NO_HEADER)
+                break
+        return builder.check_header()
 
 
 def log_info(path: str | Path) -> LogInfo:
@@ -157,10 +159,11 @@ class Scan:
         self._tolerant = tolerant
         if not tolerant and self.path.name.endswith(schema.ACTIVE):
             unfinished = f"{self.path} was not finished by its writer"
-            raise LogCorruptError(f"{unfinished}; {_way_out(self.path)}")
+            raise LogCorruptError(f"{unfinished}; {way_out(self.path)}")
         self.problems: list[str] = []
         self.builder = TrialBuilder()
         self.read = End()  # in all logs of the file
+        self._foreign: ForeignFileError | None = None  # why a log in the file is none
         self.unread = 0  # bytes that are passed over
 
     def entries(self, *, unfinished: bool = False) -> Iterator[Trial | TrialOutcomes]:
@@ -179,6 +182,7 @@ class Scan:
                 builder = TrialBuilder(limit=_FREE_BYTES + _UNPACKING * size)
                 self.builder = builder if begin == 0 else self.builder
                 with self._noting():
+                    check_size(self.path, size)
                     for record in read_records(file):
                         at = file.tell()
                         if isinstance(record, Footer):
@@ -186,7 +190,8 @@ class Scan:
                         with self._noting():
                             yield from self._counted(builder.records(record))
                 with self._noting():
-                    builder.check_end()
+                    if self.foreign is None:
+                        builder.check_end()
                 if unfinished:
                     with self._noting():
                         yield from filter(None, [builder.unfinished()])
@@ -198,11 +203,18 @@ class Scan:
     def salvage(self) -> Iterator[Trial | TrialOutcomes]:
         """Yield every whole trial, and the one that was under way when a log ends."""
         yield from self.entries(unfinished=True)
+        if self.foreign is not None:
+            raise LogCorruptError(f"{self.foreign.of(self.path)}.")
         if self.builder.header is None and not self.read.trials:
             raise LogCorruptError(
                 f"{self.path} holds nothing of a trial log: {self.problems[0]}; expected a "
                 f"{schema.SUFFIX} file that meal_bayes wrote."
             )
+
+    @property
+    def foreign(self) -> ForeignFileError | None:
+        """Why the file, as far as it was read, holds no log of ours; None of one that does."""
+        return None if self.read.trials or self.builder.header else self._foreign
 
     def _counted(self, entries: Iterator[Trial | TrialOutcomes]) -> Iterator[Trial | TrialOutcomes]:
         for entry in entries:
@@ -217,6 +229,8 @@ class Scan:
         except FAULTS as fault:
             if not self._tolerant:
                 raise
+            if isinstance(fault, ForeignFileError):
+                self._foreign = self._foreign or fault
             if len(self.problems) < _PROBLEMS:
                 self.problems.append(fault_text(fault))
 
@@ -227,9 +241,17 @@ def check_log(path: str | Path) -> LogInfo:
     deque(scan.entries(), maxlen=0)
     header = scan.builder.header or {}
     form = scan.builder.form
-    problems = tuple(scan.problems)
+    problems = tuple(scan.problems if scan.foreign is None else [str(scan.foreign)])
     read = scan.read._asdict()
-    return LogInfo(scan.path, form, **read, header=header, problems=problems, unread=scan.unread)
+    return LogInfo(
+        scan.path,
+        form,
+        **read,
+        header=header,
+        problems=problems,
+        unread=scan.unread,
+        ours=scan.foreign is None,
+    )
 
 
 def salvage(path: str | Path) -> Iterator[Trial | TrialOutcomes]:
@@ -267,39 +289,3 @@ def recover_log(path: str | Path, out: str | Path | None = None) -> Path:
     header = {**(scan.builder.header or {}), "recovered_from": scan.path.name}
     write_trials(out, itertools.chain([first], trials), header=header)
     return out
-
-
-@contextlib.contextmanager
-def opened(path: Path) -> Iterator[BinaryIO]:
-    """Open a file; every fault met inside becomes ours, with the file's name."""
-    try:
-        with _open(path) as file:
-            yield file
-    except LogVersionError as fault:
-        raise LogVersionError(f"{path} was {fault}.") from fault
-    except FAULTS as fault:
-        raise LogCorruptError(f"{path}: {fault_text(fault)}; {_way_out(path)}") from fault
-    except OSError as fault:
-        raise LogError(f"{path} cannot be read: {fault}.") from fault
-
-
-def _open(path: Path) -> BinaryIO:
-    """Open a file; one that another process has renamed since it was found, by its new name."""
-    try:
-        return path.open("rb")
-    except FileNotFoundError:
-        return find_log(path).open("rb")
-
-
-def find_log(path: str | Path) -> Path:
-    """Return the log of a name, or what holds most of it where it is not there."""
-    if checked_path("The log", path).is_dir():
-        raise LogError(f"{path} is a folder, and no log; name one of its files.")
-    return log_files(path)[0]
-
-
-def _way_out(path: Path) -> str:
-    with path.open("rb") as file:
-        if file.read(len(MCAP0_MAGIC)) != MCAP0_MAGIC:
-            return f"expected a {schema.SUFFIX} file that meal_bayes wrote"
-    return f"save its whole trials with: {command_line('meal-bayes log recover', path)}"
