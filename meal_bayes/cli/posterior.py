@@ -11,7 +11,7 @@ from meal_bayes.files import check_output, command_line
 
 _R_HAT = 1.01  # above it the chains do not agree
 _ESS = 400  # below it the figures are rough
-_NAMED = 5  # surprising objects
+_NAMED = 5  # surprising cases, an object's attribute each, that are named
 _FORMATS = ("pomdp", "pomdpx")
 
 

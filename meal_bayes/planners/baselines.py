@@ -165,7 +165,8 @@ def _most_bits(momdp: MOMDP, ways: Ways, history: History, rng: np.random.Genera
     values = np.append(np.full(momdp.n_behaviors, np.nan), stop)
     # s a bit: what certainty would add to the answer, over the bits that are missing to it.
     bit_value = (momdp.correct - stop) / entropy if entropy > 0 else 0.0
-    gain = information_gain(momdp, belief)
+    # A percept that does not come, as the way to it got lost, tells nothing.
+    gain = information_gain(momdp, belief) * (1.0 - ways.lost[belief.x])
     first = ways.hop[belief.x]
     price = ways.cost[belief.x]
     goal = (first >= 0) & (gain > 0)

@@ -46,8 +46,10 @@ NAME_LIMIT = 1000  # attributes, behaviors, or x of one MOMDP
 MOMDP_MEMORY = 256  # a trial may refer to this many of the newest MOMDPs,
 MOMDP_BYTES = 64 << 20  # as far as their messages have this many bytes
 EDGE_LIMIT = 250_000  # edges of the search trees of one trial
-FEATURE_LIMIT = 1_000_000  # features of one step; of a step that has more none are logged,
-TRIAL_FEATURES = 8_000_000  # nor of the steps beyond so many
+# Features of one step, 4 bytes each, which must fit a message; of a step that has more none are
+# logged.
+FEATURE_LIMIT = 1_000_000
+TRIAL_FEATURES = 8_000_000  # of a trial; of the steps beyond so many none are logged
 COUNT_LIMIT = 4_000_000  # percept counts (N,E,K) of all beliefs of one trial
 
 _SECOND = 1_000_000_000  # ns

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from meal_bayes.momdp import MOMDP
 from meal_bayes.planners import Decision, History, Policy
 
-_LEAST = 2  # executions without yield, before which nothing is concluded
+_LEAST = 2  # executions in a row without yield, before which nothing is concluded,
+_CHANCE = 0.05  # and the largest probability of them all by the diagram's own failures
 _SILENT = (
     "{!r} yielded nothing several times in a row: it is not counted on until it does again. The "
     "warnings of the trial's steps say what was wrong with its features, if any came."
@@ -19,7 +20,6 @@ _STUCK = (
     "{!r} moved nothing several times in a row: it is not counted on until it does again. Look "
     "whether the object is where the robot takes it to be."
 )
-_CHANCE = 0.05  # and the largest probability of them all by the diagram's own failures
 
 
 def faults_of(
@@ -82,6 +82,7 @@ class FaultTolerant:
             senses = np.asarray(self.momdp.observation_probability.any(axis=(1, 2)))
             for e in np.flatnonzero(failing > self._failing):
                 name = self.momdp.behavior_names[e]
+                # Heard in Python alone; the warnings that steps keep are the session's.
                 warnings.warn(
                     _SILENT.format(name) if senses[e] else _STUCK.format(name), stacklevel=2
                 )

@@ -289,7 +289,7 @@ class Session(OneCaller):
         answer = unvalued(self.momdp, best_answer(self.momdp, self.belief))
         return answer, f"the best answer when {limit} was reached"
 
-    def _follow(self, decision: Decision, warning: str = "") -> None:
+    def _follow(self, decision: Decision, answer_warning: str = "") -> None:
         """Wait for the outcome of a behavior, or end the trial with an answer."""
         momdp = self.momdp
         momdp.check_action(self.belief.x, decision.action)
@@ -302,7 +302,7 @@ class Session(OneCaller):
         right = self.task.query.report_truth(self._truth)
         reward = answer_reward(momdp, report, right)
         last = self.belief.at(momdp.terminal)
-        self._append(Step(self.belief.x, decision, last.x, None, 0.0, reward, last, warning))
+        self._append(Step(self.belief.x, decision, last.x, None, 0.0, reward, last, answer_warning))
 
     def _append(self, step: Step) -> None:
         """Record a step, and end the trial where it leads to `term`."""

@@ -17,7 +17,8 @@ from meal_bayes.planners.momdp_arrays import Percepts
 
 OUTCOMES = 1024  # joint outcomes of a plan that are held for one attribute: of tables that last
 FEW_OUTCOMES = 256  # and of everything that is computed often
-_MERGED = 16  # outcomes are merged to 1/16 of the capacity
+_SHARE_KEPT = 16  # where outcomes exceed the capacity, they are merged to 1/16 of it
+_GROUP = 15  # percepts of a known row that are taken at once: their 16 outcomes fit after merging
 _WIDEST = 12.0  # log likelihood ratios beyond are merged: e^-12 of r+ - r- is nothing
 SPAN = 16.0  # log-odds covered by the error tables
 THRESHOLDS = 65  # thresholds of a table, even in log-odds
@@ -141,7 +142,7 @@ def _merge(weights, i, m, scratch):
     outcomes = scratch.outcomes
     bins = scratch.bins
     classes = outcomes.shape[0]
-    most = outcomes.shape[1] // _MERGED
+    most = outcomes.shape[1] // _SHARE_KEPT
     _sum_classes(weights, i, m, scratch)
     bins[:, :most] = 0.0
     # Bins are even in log likelihood ratio. Who is told the bin alone errs no less than who is told
@@ -182,7 +183,7 @@ def _enumerate(percepts, weights, counts, i, scratch):
         # groups; others depend on each other, and only a first group is taken: a lower bound.
         remaining = min(float(counts[e]), percepts.limit[e] - scratch.evidence.total[e])
         while remaining > 0.0:
-            k = int(min(remaining, _MERGED - 1.0))
+            k = int(min(remaining, float(_GROUP)))
             remaining = remaining - k if percepts.rows_known[e] else 0.0
             if m * (k + 1) > capacity:
                 m = _merge(weights, i, m, scratch)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from meal_bayes.arrays import Bools, Floats, Ints
 from meal_bayes.planners.momdp_arrays import Dynamics, MOMDPArrays, remember
+from meal_bayes.planners.open_loop.detours import PlanSteps, plan_steps
 from meal_bayes.planners.open_loop.growth import Ways, find_ways
 from meal_bayes.planners.open_loop.values import PLAN
 
@@ -38,6 +39,7 @@ class DiagramWays:
     """What plans need of a diagram; made once for all MOMDPs that share it."""
 
     dynamics: Dynamics
+    steps: PlanSteps
     ways: Ways
 
     @cached_property
@@ -66,15 +68,18 @@ _diagrams: dict[object, DiagramWays] = {}  # by the identity of dynamics that th
 
 def diagram_of(dynamics: Dynamics) -> DiagramWays:
     """Find the ways of a diagram, once."""
-    return remember(
-        _diagrams, id(dynamics.step), lambda: DiagramWays(dynamics, find_ways(dynamics))
-    )
+    return remember(_diagrams, id(dynamics.step), lambda: _diagram_ways(dynamics))
+
+
+def _diagram_ways(dynamics: Dynamics) -> DiagramWays:
+    steps = plan_steps(dynamics)
+    return DiagramWays(dynamics, steps, find_ways(steps, dynamics.step["legal"]))
 
 
 def sum_up(diagram: DiagramWays, start: Ints, path: Ints, ends: Bools) -> Candidates:
     """Sum up the beginnings of paths (R,L) from start (R,) that stop behind the steps `ends`.
 
-    cost = sum_k (prod_{j<k} g_j) c_k, discount = prod_k g_k
+    cost = sum_k (prod_{j<k} g_j) c_k, discount = prod_k g_k, lost = sum_k (prod_{j<k} g_j) l_k
     """
     length = path.shape[1]
     # The states that a path passes, along the likeliest outcomes.
@@ -83,27 +88,30 @@ def sum_up(diagram: DiagramWays, start: Ints, path: Ints, ends: Bools) -> Candid
     for t in range(length - 1):
         x[:, t + 1] = diagram.ways.target[x[:, t], path[:, t]]
     last = diagram.ways.target[x, path]
-    step = diagram.dynamics.step[x, path]
-    discount = step["discount"].cumprod(axis=1)
+    steps = diagram.steps
+    discount = steps.discount[x, path].cumprod(axis=1)
     scale = np.hstack([np.ones((len(path), 1)), discount[:, :-1]])
-    cost = (scale * step["cost"]).cumsum(axis=1)
+    cost = (scale * steps.cost[x, path]).cumsum(axis=1)
+    lost = (scale * steps.lost[x, path]).cumsum(axis=1)
     row, end = np.nonzero(ends)
     plan = np.zeros(len(row), PLAN)
     plan["action"] = path[row, 0]
     plan["cost"] = cost[row, end]
     plan["discount"] = discount[row, end]
+    plan["lost"] = lost[row, end]
     plan["end"] = last[row, end]
     behavior = np.full((len(row), LENGTH), -1, np.int16)  # copying paths would take half the time
     inside = np.arange(length) <= end[:, None]
     behavior[:, :length] = np.where(inside, path.astype(np.int16)[row], -1)
     senses = diagram.ways.senses[x, path].astype(np.int64)
+    paid = scale * steps.percepts[x, path]
     n_behaviors = diagram.dynamics.step.shape[1]
     return Candidates(
         x=start[row],
         path=behavior,
         plan=plan,
         observation_counts=_by_behavior(senses, path, n_behaviors)[row, end],
-        expected_percepts=_by_behavior(scale * step["percepts"], path, n_behaviors)[row, end],
+        expected_percepts=_by_behavior(paid, path, n_behaviors)[row, end],
     )
 
 

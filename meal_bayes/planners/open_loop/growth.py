@@ -6,16 +6,19 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes.arrays import Floats, Ints
+from meal_bayes.arrays import Bools, Floats, Ints
 from meal_bayes.planners.jit import NO_BEHAVIOR, Index, entry_kernel, kernel
-from meal_bayes.planners.momdp_arrays import Dynamics
 from meal_bayes.planners.open_loop.bayes_error import mean_reward
+from meal_bayes.planners.open_loop.detours import PlanSteps
 
 CELLS = 8  # of the seconds that may follow, when a bound looks ahead
 
 
 class Ways(NamedTuple):
-    """Cheapest way from each x to a percept of each behavior, along the likeliest outcomes."""
+    """Cheapest way from each x to a percept of each behavior, along the likeliest outcomes.
+
+    Cost, discount and the chance to get lost count the other outcomes; see `detours`.
+    """
 
     target: Ints  # (X,E) where a behavior leads
     senses: NDArray[np.bool_]  # (X,E) does it perceive?
@@ -23,6 +26,7 @@ class Ways(NamedTuple):
     end: Ints  # (X,E) x afterwards
     cost: Floats  # (X,E) s, discounted
     discount: Floats  # (X,E) factor on what comes afterwards
+    lost: Floats  # (X,E) discounted Pr(the way ends on the way, with an answer)
     observation_counts: Ints  # (X,E,E) percepts gathered on the way, the last included
 
     def path(self, x: int, behavior: int) -> tuple[int, ...]:
@@ -67,20 +71,20 @@ class Growth(NamedTuple):
     log_r: Floats  # (2,N) sum of the log coefficients, of the plan and of what may follow
 
 
-def find_ways(dynamics: Dynamics) -> Ways:
+def find_ways(steps: PlanSteps, legal: Bools) -> Ways:
     """Find the cheapest ways by Dijkstra's algorithm from every x."""
-    step = dynamics.step
-    likeliest = dynamics.branch["p"].argmax(axis=2)[:, :, None]
+    shape = legal.shape
     ways = Ways(
-        target=np.take_along_axis(dynamics.branch["x"], likeliest, axis=2)[:, :, 0],
-        senses=np.take_along_axis(dynamics.branch["senses"], likeliest, axis=2)[:, :, 0],
-        hop=np.full(step.shape, -1),
-        end=np.zeros(step.shape, np.int64),
-        cost=np.zeros(step.shape),
-        discount=np.ones(step.shape),
-        observation_counts=np.zeros((*step.shape, step.shape[1]), np.int64),
+        target=steps.target,
+        senses=steps.senses,
+        hop=np.full(shape, -1),
+        end=np.zeros(shape, np.int64),
+        cost=np.zeros(shape),
+        discount=np.ones(shape),
+        lost=np.zeros(shape),
+        observation_counts=np.zeros((*shape, shape[1]), np.int64),
     )
-    for start in range(len(step)):
+    for start in range(len(legal)):
         # States are settled in order of cost: the first way to a percept is the cheapest.
         queue: list[tuple[float, int, tuple[int, ...]]] = [(0.0, start, ())]
         settled: set[int] = set()
@@ -89,15 +93,15 @@ def find_ways(dynamics: Dynamics) -> Ways:
             if x in settled:
                 continue
             settled.add(x)
-            for a in np.flatnonzero(step["legal"][x]).tolist():
+            for a in np.flatnonzero(legal[x]).tolist():
                 if ways.senses[x, a] and ways.hop[start, a] < 0:
-                    _record_way(ways, step, start, (*path, a))
-                after = cost + float(step["cost"][x, a])
+                    _record_way(ways, steps, start, (*path, a))
+                after = cost + float(steps.cost[x, a])
                 heapq.heappush(queue, (after, int(ways.target[x, a]), (*path, a)))
     return ways
 
 
-def _record_way(ways: Ways, step: NDArray[np.void], start: int, path: tuple[int, ...]) -> None:
+def _record_way(ways: Ways, steps: PlanSteps, start: int, path: tuple[int, ...]) -> None:
     """Record the way along a path, which ends with a percept."""
     goal = path[-1]
     x = start
@@ -105,8 +109,9 @@ def _record_way(ways: Ways, step: NDArray[np.void], start: int, path: tuple[int,
     for a in path:
         ways.observation_counts[start, goal, a] += ways.senses[x, a]
         # cost += (prod of g so far) c
-        ways.cost[start, goal] += scale * step["cost"][x, a]
-        scale *= step["discount"][x, a]
+        ways.cost[start, goal] += scale * steps.cost[x, a]
+        ways.lost[start, goal] += scale * steps.lost[x, a]
+        scale *= steps.discount[x, a]
         x = int(ways.target[x, a])
     ways.hop[start, goal] = path[0]
     ways.end[start, goal] = x

@@ -9,10 +9,12 @@ percepts. Each step computes them as precisely as it must, from the cheapest to 
 - *sift* takes the most that it can be, by the same coefficient (a pessimistic bound where percepts
   are independent given the truth, with shared latent classes an estimate; of yes or no half of it
   is taken for misses, half for false alarms);
-- *compete* enumerates the percepts, cut to yes or no, and merges outcomes that say nearly the same
-  where they are more than 256: a bound from above again, and a close one;
-- *complete* does so once more for the winners, and for what remains of them after a percept, up to
-  1,024 outcomes. These tables are what planners read.
+- *compete* enumerates the percepts, cut to yes or no; where outcomes would be more than 256, those
+  that say nearly the same are merged, to 16: a bound from above again, and a close one;
+- *complete* does so once more for the winners, and for what remains of them after a percept, with
+  up to 1,024 outcomes, merged to 64. These tables are what planners read.
+
+A plan goes along the likeliest outcome of each behavior; what the others cost it is in `detours`.
 """
 
 import itertools
@@ -24,7 +26,7 @@ from meal_bayes.momdp import MOMDP
 from meal_bayes.momdp.observation import predictive
 from meal_bayes.momdp.reports import Conjunction, mean_reward
 from meal_bayes.planners.kernel_calls import best_plans
-from meal_bayes.planners.momdp_arrays import MOMDPArrays
+from meal_bayes.planners.momdp_arrays import MOMDPArrays, Percepts
 from meal_bayes.planners.open_loop import bayes_error
 from meal_bayes.planners.open_loop.candidates import (
     LENGTH,
@@ -48,8 +50,9 @@ _ROUNDS = 6  # of correcting a belief that latent classes hold together
 _WINNERS = 14  # plans an x, besides one for every first behavior and what remains of them
 _CANDIDATES = 10  # candidates for each attribute, an x and a belief, that compete
 _OF_FIRST = 2  # candidates of each x and first behavior, if not among these
-_COUNTED = 8  # numbers of percepts of one behavior, 0 to 7, whose affinities are computed; of more,
-# growth extrapolates and sifting takes those of 7
+# Affinities are computed of 0 to 7 percepts of a behavior; of more, growth extrapolates and sifting
+# takes those of 7.
+_COUNTED = 8
 
 
 def plan_library(momdp: MOMDP, model: MOMDPArrays) -> Plans:
@@ -63,7 +66,8 @@ def plan_library(momdp: MOMDP, model: MOMDPArrays) -> Plans:
        value them, by coarser tables; winners are kept. Every legal behavior keeps its best plan,
        so that none is without a lower bound.
     4. *Complete.* What remains of a winner after each of its steps joins the library: who follows a
-       plan and plans anew after a step can only gain, and never puts off its end.
+       plan and plans anew after a step can only gain (but for errors that are computed coarsely,
+       where rows are not known), and never puts off its end.
     """
     if not model.dynamics.step["legal"].any():  # as where everything fails
         return _no_plans(momdp, model)
@@ -163,11 +167,11 @@ def _grow_percepts(
     model: MOMDPArrays, diagram: DiagramWays, probabilities: Floats, log_affinity: Floats
 ) -> Candidates:
     """Grow plans at beliefs (B,N) from every x to every first percept; with their beginnings."""
-    step = diagram.dynamics.step
-    n_states, n_behaviors = step.shape
+    legal = diagram.dynamics.step["legal"]
+    n_states, n_behaviors = legal.shape
     shape = n_states, len(probabilities), n_behaviors, LENGTH
     paths = Paths(behavior=np.full(shape, -1), ends=np.zeros(shape, np.bool_))
-    cost = np.where(diagram.ways.senses & step["legal"], step["cost"], np.inf).min(axis=0)
+    cost = np.where(diagram.ways.senses & legal, diagram.steps.cost, np.inf).min(axis=0)
     growth = Growth(
         log_affinity=log_affinity,
         rate=(-log_affinity[..., 1] / cost).max(axis=1),  # nats a second, of its best behavior
@@ -244,6 +248,13 @@ def _estimate_yes_or_no(
     return np.asarray(deny + np.maximum(assertion, 0.0))
 
 
+def _estimate_answers(model: MOMDPArrays, probabilities: Floats, affinity: Floats) -> Floats:
+    """Estimate rewards (B,J) of the best answer after percepts of coefficients (N,J)."""
+    if model.conjunction is None:
+        return _estimate_reports(model, probabilities, affinity)
+    return _estimate_yes_or_no(model.conjunction, probabilities, affinity)
+
+
 def _estimate_values(
     model: MOMDPArrays, candidates: Candidates, probabilities: Floats, log_affinity: Floats
 ) -> Floats:
@@ -251,11 +262,11 @@ def _estimate_values(
     within = np.minimum(model.percepts.limit, _COUNTED - 1).astype(np.int64)
     counts = np.minimum(candidates.observation_counts, within)
     affinity = np.exp(log_affinity[:, np.arange(counts.shape[1]), counts].sum(axis=2))  # (N,J)
-    if model.conjunction is None:
-        ending = _estimate_reports(model, probabilities, affinity)
-    else:
-        ending = _estimate_yes_or_no(model.conjunction, probabilities, affinity)
-    value = candidates.plan["discount"] * ending - candidates.plan["cost"]
+    lost = candidates.plan["lost"]
+    value = candidates.plan["discount"] * _estimate_answers(model, probabilities, affinity)
+    value -= candidates.plan["cost"]
+    if lost.any():  # then it is answered at once
+        value += lost * _estimate_answers(model, probabilities, np.ones((len(affinity), 1)))
     if model.shaped:
         planned = candidates.observation_counts
         fraction = np.minimum(1.0, model.bonus_limit / np.maximum(planned, 1)) * (planned > 0)
@@ -332,12 +343,19 @@ def _tabulate(model: MOMDPArrays, observation_counts: Ints, capacity: int) -> tu
     table = np.empty((len(attribute), bayes_error.THRESHOLDS, percepts.rows.shape[2]))
     scratch = bayes_error.make_scratch(percepts, plans=0, rows=0, capacity=capacity)
     if model.conjunction is not None:
-        # Of yes or no, hits and false alarms are needed apart, not their sum, the error. As if all
-        # truths were false, an error is to say yes: then tables hold Pr(says yes | class).
-        all_false = np.zeros_like(percepts.truth_of_class)
-        all_false[:, 0] = 1.0
-        percepts = percepts._replace(truth_of_class=all_false)
+        percepts = _as_yes_rates(percepts)
     bayes_error.tabulate_errors(
         percepts, np.concatenate(counts), np.array(attribute), scratch, table
     )
     return np.column_stack(row), table
+
+
+def _as_yes_rates(percepts: Percepts) -> Percepts:
+    """Return percepts whose tabulated errors are Pr(says yes | class).
+
+    Of yes or no, hits and false alarms are needed apart, not their sum, the error. As if all truths
+    were false, an error is to say yes.
+    """
+    all_false = np.zeros_like(percepts.truth_of_class)
+    all_false[:, 0] = 1.0
+    return percepts._replace(truth_of_class=all_false)

@@ -30,9 +30,11 @@ class OpenLoop:
     """Values every plan of a library as if no percept could change it.
 
     A percept can only help, and what is left of a plan is a plan of the library: the policy is
-    worth at least the best plan, whose value is therefore a lower bound on the optimum. It takes
-    any MOMDP, and microseconds a decision. Where attributes are coupled, as the values of a group
-    are, their errors are no product: then plans are valued by sampled percepts, in milliseconds.
+    worth at least the best plan, whose value is therefore a lower bound on the optimum. After an
+    outcome that is not the likeliest a plan goes back and tries again (see `detours`), or the
+    policy does better. It takes any MOMDP, and microseconds a decision. Where attributes are
+    coupled, as the values of a group are, their errors are no product: then plans are valued by
+    sampled percepts, in milliseconds.
     """
 
     def solve(self, momdp: MOMDP, rng: np.random.Generator) -> "OpenLoopPolicy":
@@ -79,6 +81,11 @@ class OpenLoopPolicy:
         counts, row = np.unique(np.column_stack([coming, costs]), axis=0, return_inverse=True)
         ending = _ending(momdp, belief, counts[:, :-1], no_cost[counts[:, -1]], rng)[row.ravel()]
         value = plan["discount"] * ending - plan["cost"]
+        if plan[
+            "lost"
+        ].any():  # then it is answered at once, in the worst case where "no" costs most
+            at_once = np.zeros((1, momdp.n_behaviors), int), momdp.no_cost.max(keepdims=True)
+            value += plan["lost"] * _ending(momdp, belief, *at_once, rng)
         pay = np.zeros(len(plan))
         if model.shaped:
             truth = np.stack([1 - belief.positive, belief.positive], axis=1)  # (N,2)

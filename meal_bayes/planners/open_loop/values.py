@@ -1,8 +1,10 @@
 """Kernels of the value of open-loop plans: a lower bound on the optimum from any belief.
 
-A plan is worth -sum_k (prod_{j<k} g_j) c_k + (prod_k g_k) [r- + (r+ - r-) prod_i (1 - err_i)], and
-what shaping pays on the way. Errors come from tables where the plan's behaviors have shown nothing
-yet (or their rows are known), and are computed otherwise. Of yes or no, see `yes_or_no`.
+A plan is worth -sum_k (prod_{j<k} g_j) c_k + (prod_k g_k) [r- + (r+ - r-) prod_i (1 - err_i)], what
+shaping pays on the way, and what an answer is worth where the plan gets lost: costs c_k and factors
+g_k are of steps that are tried until their likeliest outcome comes (see `detours`). Errors come
+from tables where the plan's behaviors have shown nothing yet (or their rows are known), and are
+computed otherwise. Of yes or no, see `yes_or_no`.
 """
 
 from typing import NamedTuple
@@ -28,6 +30,7 @@ PLAN = np.dtype([
     ("action", np.int64),  # first behavior
     ("cost", np.float64),  # s, discounted
     ("discount", np.float64),  # factor on the report's value
+    ("lost", np.float64),  # discounted Pr(it ends off its way, with an answer at once)
     ("end", np.int64),  # x in which it ends, along the likeliest outcomes
 ], align=True)  # fmt: skip
 
@@ -102,6 +105,18 @@ def stop_value(model, conjunction, x, prob):
 
 
 @kernel
+def _lost_value(model, conjunction, prob):
+    """Bound what an answer at once is worth wherever a plan gets lost, by the belief of now.
+
+    Percepts until then can only raise it; it is least in the x where "yes" and "no" cost most.
+    """
+    least = np.inf
+    for x in range(model.dynamics.step.shape[0]):
+        least = min(least, stop_value(model, conjunction, x, prob))
+    return least
+
+
+@kernel
 def _bonus(evaluator, j):
     """Sum what shaping pays along a plan, discounted."""
     model = evaluator.model
@@ -135,7 +150,8 @@ def _table_error(evaluator, t, prob, i):
     table = evaluator.plans.table
     scratch = evaluator.scratch
     thresholds = table.shape[1]
-    # Where the class is the truth, the Bayes rule is one of the thresholds next to the log-odds.
+    # Where the class is the truth, the Bayes rule is one of the thresholds next to the log-odds. The
+    # better of both is taken, not what lies between them: any rule errs no less than the best.
     g = scratch.threshold[i]
     risk = _threshold_error(table, t, g, prob, i)
     beside = _threshold_error(table, t, g + 1, prob, i)
@@ -166,11 +182,13 @@ def _plan_value(evaluator, conjunction, j, prob, floor, enumerated):
     model = evaluator.model
     plans = evaluator.plans
     scratch = evaluator.scratch
-    # V = bonus - c + g `mean_reward` = base + reward, which falls with every attribute:
-    # base = bonus - c + g r-, and reward = g (r+ - r-) prod_i (1 - err_i) so far.
+    # V = bonus - c + lost S + g `mean_reward` = base + reward, which falls with every attribute:
+    # base = bonus - c + lost S + g r-, and reward = g (r+ - r-) prod_i (1 - err_i) so far.
     plan = plans.plan[j]
     if conjunction is not None:
         pay = -plan.cost
+        if plan.lost > 0.0:
+            pay += plan.lost * _lost_value(model, conjunction, prob)
         if model.shaped:
             pay += _bonus(evaluator, j)
         # V = pay + g V_end <= floor, solved for V_end: below it thresholds need not be improved.
@@ -178,6 +196,8 @@ def _plan_value(evaluator, conjunction, j, prob, floor, enumerated):
         return pay + plan.discount * planned_yes_or_no(evaluator, j, prob, least, enumerated)
     base = plan.discount * model.incorrect - plan.cost
     reward = plan.discount * model.reward_range
+    if plan.lost > 0.0:
+        base += plan.lost * _lost_value(model, conjunction, prob)
     if model.shaped:
         base += _bonus(evaluator, j)
     for i in range(prob.shape[0]):
