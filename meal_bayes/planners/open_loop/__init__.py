@@ -1,1 +1,1 @@
-"""Open-loop plans, by error rates that are exact or too high: a planner of its own, and the leaf of the tree search."""
+"""Open-loop plans by errors that are exact or too high: a planner, and the leaf of a search."""

@@ -23,11 +23,10 @@ import numpy as np
 
 from meal_bayes.arrays import Floats, Ints
 from meal_bayes.momdp import MOMDP
-from meal_bayes.momdp.observation import predictive
-from meal_bayes.momdp.reports import Conjunction, mean_reward
 from meal_bayes.planners.kernel_calls import best_plans
 from meal_bayes.planners.momdp_arrays import MOMDPArrays, Percepts
 from meal_bayes.planners.open_loop import bayes_error
+from meal_bayes.planners.open_loop.affinity import estimate_values, log_affinities
 from meal_bayes.planners.open_loop.candidates import (
     LENGTH,
     Candidates,
@@ -50,9 +49,6 @@ _ROUNDS = 6  # of correcting a belief that latent classes hold together
 _WINNERS = 14  # plans an x, besides one for every first behavior and what remains of them
 _CANDIDATES = 10  # candidates for each attribute, an x and a belief, that compete
 _OF_FIRST = 2  # candidates of each x and first behavior, if not among these
-# Affinities are computed of 0 to 7 percepts of a behavior; of more, growth extrapolates and sifting
-# takes those of 7.
-_COUNTED = 8
 
 
 def plan_library(momdp: MOMDP, model: MOMDPArrays) -> Plans:
@@ -74,7 +70,7 @@ def plan_library(momdp: MOMDP, model: MOMDPArrays) -> Plans:
     diagram = diagram_of(model.dynamics)
     beliefs = _spread_beliefs(momdp, model)
     probabilities = (beliefs * model.percepts.truth_of_class[:, 1]).sum(axis=2)  # (B,N) of true
-    log_affinity = _log_affinities(model)
+    log_affinity = log_affinities(model)
     grown = _grow(model, diagram, probabilities[:_GROWTH_BELIEFS], log_affinity)
     candidates = _sift(model, grown, probabilities, log_affinity)
     winners = _compete(model, candidates, beliefs)
@@ -139,30 +135,6 @@ def _grow(
     return cheapest(Candidates(*map(np.concatenate, zip(*parts, strict=True))))
 
 
-def _log_affinities(model: MOMDPArrays) -> Floats:
-    """Compute the log of the Bhattacharyya coefficient of k percepts, (N,E,U) for k < U.
-
-    It is sum_j sqrt(Pr(j of k say yes | true) Pr(j of k say yes | false)): 1 where percepts tell
-    nothing, 0 where they tell all.
-    """
-    percepts = model.percepts
-    yes = percepts.rows[..., percepts.rows.shape[3] // 2 :].sum(axis=-1)[..., None]  # (N,E,C,1)
-    s = percepts.precision[..., None]
-    j = np.arange(_COUNTED)
-    counts = np.zeros((*yes.shape[:3], _COUNTED))  # Pr(j of k say yes | class)
-    counts[..., 0] = 1.0
-    log_affinity = np.zeros((*yes.shape[:2], _COUNTED))
-    for k in range(_COUNTED - 1):
-        # Polya's urn: P(j + 1 of k + 1) = P(j of k) Pr(yes | j of k), class by class.
-        more = counts[..., :-1] * predictive(yes, s, j, k)[..., :-1]
-        counts[..., :-1] -= more
-        counts[..., 1:] += more
-        by_truth = percepts.class_of_truth[:, None] @ counts  # (N,E,2,U)
-        affinity = np.sqrt(by_truth[:, :, 0] * by_truth[:, :, 1])[..., : k + 2].sum(axis=-1)
-        log_affinity[..., k + 1] = np.log(affinity + 1e-300)
-    return np.where(percepts.informative[..., None], log_affinity, 0.0)
-
-
 def _grow_percepts(
     model: MOMDPArrays, diagram: DiagramWays, probabilities: Floats, log_affinity: Floats
 ) -> Candidates:
@@ -193,12 +165,10 @@ def _sift(
 ) -> Candidates:
     """Select candidates by an estimate of their values at beliefs (B,N).
 
-    An error is at most sqrt(b (1 - b)) times the Bhattacharyya coefficient of the percepts
-    [Kailath1967], which is the product of the behaviors' where their percepts are independent given
-    the truth; with shared latent classes that is no bound, and only chooses who competes. The best
-    few from each x at each belief stay, and _OF_FIRST of each first behavior.
+    It only chooses who competes: the best few from each x at each belief stay, and _OF_FIRST of
+    each first behavior.
     """
-    value = _estimate_values(model, candidates, probabilities, log_affinity)  # (B,J)
+    value = estimate_values(model, candidates, probabilities, log_affinity)  # (B,J)
     is_promising = np.zeros(value.shape[1], np.bool_)
     # Of each x and first behavior, those that are worth most at the belief where they are best.
     peak = value.max(axis=0)
@@ -219,60 +189,6 @@ def _rank_within(group: Ints, value: Floats) -> Ints:
     rank = np.empty_like(order)
     rank[order] = np.arange(len(order)) - np.searchsorted(in_order, in_order)
     return rank
-
-
-def _estimate_reports(model: MOMDPArrays, probabilities: Floats, affinity: Floats) -> Floats:
-    """Estimate rewards (B,J) of reporting values, with every attribute's error as in `_sift`."""
-    right = np.ones((len(probabilities), affinity.shape[1]))
-    unsure = np.sqrt(probabilities * (1.0 - probabilities))
-    for of_attribute, of_plans in zip(unsure.T, affinity, strict=True):
-        right *= 1.0 - of_attribute[:, None] * of_plans
-    return np.asarray(mean_reward(model.incorrect, model.reward_range, right))
-
-
-def _estimate_yes_or_no(
-    conjunction: Conjunction, probabilities: Floats, affinity: Floats
-) -> Floats:
-    """Estimate rewards (B,J) of yes or no, as if half of an attribute's error were misses."""
-    q = np.where(conjunction.literal, probabilities, 1.0 - probabilities)  # (B,N)
-    unsure = np.sqrt(probabilities * (1.0 - probabilities))
-    error = 0.5 * unsure[:, :, None] * affinity  # (B,N,J)
-    # Pr(taken to hold, holds) and Pr(taken to hold, does not): of each attribute, then of all.
-    hit = q[:, :, None] - np.minimum(q[:, :, None], error)
-    alarm = np.minimum(1.0 - q[:, :, None], error)
-    right = hit.prod(axis=1)
-    wrong = (hit + alarm).prod(axis=1) - right
-    holds = q.prod(axis=1)[:, None]
-    deny = mean_reward(conjunction.wrong_denial, conjunction.denial_gain, 1.0 - holds)
-    assertion = conjunction.gain * right - conjunction.loss * wrong
-    return np.asarray(deny + np.maximum(assertion, 0.0))
-
-
-def _estimate_answers(model: MOMDPArrays, probabilities: Floats, affinity: Floats) -> Floats:
-    """Estimate rewards (B,J) of the best answer after percepts of coefficients (N,J)."""
-    if model.conjunction is None:
-        return _estimate_reports(model, probabilities, affinity)
-    return _estimate_yes_or_no(model.conjunction, probabilities, affinity)
-
-
-def _estimate_values(
-    model: MOMDPArrays, candidates: Candidates, probabilities: Floats, log_affinity: Floats
-) -> Floats:
-    """Estimate the values (B,J) of candidates; see `_sift`."""
-    within = np.minimum(model.percepts.limit, _COUNTED - 1).astype(np.int64)
-    counts = np.minimum(candidates.observation_counts, within)
-    affinity = np.exp(log_affinity[:, np.arange(counts.shape[1]), counts].sum(axis=2))  # (N,J)
-    lost = candidates.plan["lost"]
-    value = candidates.plan["discount"] * _estimate_answers(model, probabilities, affinity)
-    value -= candidates.plan["cost"]
-    if lost.any():  # then it is answered at once
-        value += lost * _estimate_answers(model, probabilities, np.ones((len(affinity), 1)))
-    if model.shaped:
-        planned = candidates.observation_counts
-        fraction = np.minimum(1.0, model.bonus_limit / np.maximum(planned, 1)) * (planned > 0)
-        pay = model.bonus.mean(axis=2).sum(axis=0)
-        value += (fraction * candidates.expected_percepts) @ pay
-    return np.asarray(value)
 
 
 def _compete(model: MOMDPArrays, candidates: Candidates, beliefs: Floats) -> Candidates:

@@ -106,10 +106,7 @@ def stop_value(model, conjunction, x, prob):
 
 @kernel
 def _lost_value(model, conjunction, prob):
-    """Bound what an answer at once is worth wherever a plan gets lost, by the belief of now.
-
-    Percepts until then can only raise it; it is least in the x where "yes" and "no" cost most.
-    """
+    """Bound what an answer at once is worth, by the belief of now, wherever a plan gets lost."""
     least = np.inf
     for x in range(model.dynamics.step.shape[0]):
         least = min(least, stop_value(model, conjunction, x, prob))
@@ -150,8 +147,8 @@ def _table_error(evaluator, t, prob, i):
     table = evaluator.plans.table
     scratch = evaluator.scratch
     thresholds = table.shape[1]
-    # Where the class is the truth, the Bayes rule is one of the thresholds next to the log-odds. The
-    # better of both is taken, not what lies between them: any rule errs no less than the best.
+    # Where the class is the truth, the Bayes rule is a threshold next to the log-odds: the better
+    # of both stands, as what lies between them is no bound.
     g = scratch.threshold[i]
     risk = _threshold_error(table, t, g, prob, i)
     beside = _threshold_error(table, t, g + 1, prob, i)
