@@ -6,7 +6,8 @@ meets the same object and the same luck, as long as it does the same; `gain_over
 paired difference. Times are CPU times of the process, solving and deciding after a warm-up.
 `--jobs` changes no result: work is cut into pieces of fixed size, each with a random stream of its
 own (but searches that have so many milliseconds depend on the machine). Peers are run when they are
-there: pomdp-py (`pip install meal-bayes[bench]`), SARSOP (`pomdpsol`).
+there: pomdp-py (`pip install meal-bayes[bench]`), POMDPPlanners (`pip install POMDPPlanners`, in an
+environment of its own, as it asks for an old numba), SARSOP (`pomdpsol`).
 """
 
 import argparse
@@ -23,8 +24,8 @@ import numpy as np
 from measuring import SPAWN, options_of, show
 from numpy.typing import NDArray
 from planner_bound import restrict, upper_bound
-from planner_models import LARGE, MODELS, momdp_of, names_of
-from planner_policies import PLANNERS, TABLED, Planner, planners_for, solver_of
+from planner_models import LARGE, MODELS, attributes_of, momdp_of, names_of
+from planner_policies import PEERS, PLANNERS, TABLED, Planner, planners_for, solver_of
 
 from meal_bayes.momdp import MOMDP, initial_belief
 from meal_bayes.planners import History, OpenLoop, Policy
@@ -93,7 +94,7 @@ def lower_bound(momdp: MOMDP) -> float:
 
 def pieces_of(model: str, planner: Planner, options: argparse.Namespace) -> list[Piece]:
     """Cut a planner's episodes into pieces that depend on nothing but their number."""
-    slow = planner.policy == "pomdp-py"
+    slow = planner.policy in PEERS
     episodes = min(options.episodes, SLOW_EPISODES) if slow else options.episodes
     return [
         Piece(model, planner, options.seed, number,
@@ -171,7 +172,9 @@ def parse() -> argparse.Namespace:
     names = [planner.name for planner in PLANNERS]
     parser = options_of(__doc__)
     parser.add_argument("--quick", action="store_true", help="A1, A2, 200 episodes, cheap policies")
-    parser.add_argument("--models", type=names_among(MODELS), metavar="A1,A2,...")
+    parser.add_argument(
+        "--models", type=names_among(MODELS, attributes_of), metavar="A1,A2,...,random7-3,..."
+    )
     parser.add_argument("--random", metavar="1,2,...", help="seeds of random problems, N = 1 .. 5")
     parser.add_argument("--noisy", action="store_true", help="whose percepts say little")
     parser.add_argument(
@@ -195,12 +198,14 @@ def parse() -> argparse.Namespace:
     return options
 
 
-def names_among(known: Sequence[str]) -> Callable[[str], list[str]]:
-    """Return a type of option: names with commas between them."""
+def names_among(
+    known: Sequence[str], other: Callable[[str], object] = lambda name: None
+) -> Callable[[str], list[str]]:
+    """Return a type of option: names with commas between them, or others that mean something."""
 
     def names(text: str) -> list[str]:
         for name in text.split(","):
-            if name not in known:
+            if name not in known and other(name) is None:
                 raise argparse.ArgumentTypeError(f"{name!r} is none of {', '.join(known)}")
         return text.split(",")
 

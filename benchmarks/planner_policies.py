@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import NamedTuple
 
-from planner_models import NOISY
+from planner_models import NOISY, attributes_of
 
 from meal_bayes.domain import load_domain
 from meal_bayes.planners import POMCP, Greedy, Predefined, RandomLegal, Solver
@@ -36,13 +36,20 @@ SEARCHES = (
     Planner("pomcp-plans", "1ms"),  # without tables
 )
 BASELINES = (Planner("greedy"), Planner("predefined_plus"), Planner("random_legal"))
+PEERS = {  # and the library of each
+    "pomdp-py": "pomdp_py",
+    "pomdpplanners-pomcp": "POMDPPlanners",
+    "pomdpplanners-sparse-pft": "POMDPPlanners",
+}
 PLANNERS = (  # those that others are compared with come first
     Planner("olfc"),
     Planner("factored"),
     *SEARCHES,
     *BASELINES,
     Planner("sarsop", "5s"),
-    Planner("pomdp-py", "1500 simulations"),
+    *(Planner(peer, "1500 simulations") for peer in PEERS),
+    Planner("pomdp-py", "15000 simulations"),
+    Planner("pomdpplanners-pomcp", "15000 simulations"),
 )
 
 
@@ -50,13 +57,14 @@ def planners_for(model: str) -> tuple[Planner, ...]:
     """List the planners that can be run on a model here."""
     absent, small = set(), re.fullmatch(r"(?:(A|clean)|\w+-)([1-5])", model)
     if small is None or int(small[2]) > TABLED:
-        absent |= {"factored", "pomdp-py"}
+        absent |= {"factored", *PEERS}
     if small is not None and small[1] is None:
         absent.add("predefined_plus")  # a random problem has behaviors of its own
     if small is None or shutil.which(os.environ.get("MEAL_BAYES_POMDPSOL", "pomdpsol")) is None:
         absent.add("sarsop")
-    if importlib.util.find_spec("pomdp_py") is None or model not in NOISY:
-        absent.add("pomdp-py")
+    if model not in NOISY and attributes_of(model) is None:
+        absent |= set(PEERS)
+    absent |= {peer for peer, library in PEERS.items() if importlib.util.find_spec(library) is None}
     return tuple(planner for planner in PLANNERS if planner.policy not in absent)
 
 
@@ -75,14 +83,20 @@ def solver_of(planner: Planner, model: str) -> Solver:
         "random_legal": lambda: RandomLegal(50.0),
         "sarsop": lambda: _sarsop(planner),
         "pomdp-py": lambda: _pomdp_py(planner),
+        "pomdpplanners-pomcp": lambda: _pomdpplanners(planner),
+        "pomdpplanners-sparse-pft": lambda: _pomdpplanners(planner),
     }
     return by_policy[planner.policy]()
+
+
+def _simulations(budget: str | None) -> int:
+    return int(str(budget).split(maxsplit=1)[0])
 
 
 def _search(budget: str) -> POMCP:
     if budget.endswith("ms"):
         return POMCP(milliseconds=float(budget.removesuffix("ms")))
-    return POMCP(simulations=int(budget.split(maxsplit=1)[0]))
+    return POMCP(simulations=_simulations(budget))
 
 
 def _sarsop(planner: Planner) -> Solver:
@@ -92,7 +106,13 @@ def _sarsop(planner: Planner) -> Solver:
 
 
 def _pomdp_py(planner: Planner) -> Solver:
-    from peers import PomdpPy  # noqa: PLC0415  not everyone has it
+    from pomdp_py_solver import PomdpPy  # noqa: PLC0415  not everyone has it
 
-    simulations = int(str(planner.budget).split(maxsplit=1)[0])
-    return PomdpPy(simulations)
+    return PomdpPy(_simulations(planner.budget))
+
+
+def _pomdpplanners(planner: Planner) -> Solver:
+    from pomdpplanners_solver import PomdpPlanners  # noqa: PLC0415  not everyone has it
+
+    name = planner.policy.removeprefix("pomdpplanners-")
+    return PomdpPlanners(name, _simulations(planner.budget))

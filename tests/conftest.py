@@ -127,6 +127,22 @@ def pomdpsol() -> str:
 
 
 @pytest.fixture(scope="session")
+def pomdp_py() -> ModuleType:
+    """Return the benchmark's module of pomdp-py, a peer of our planners."""
+    if find_spec("pomdp_py") is None:
+        missing("no pomdp-py; pip install 'meal-bayes[bench]'", required=False)
+    return import_module("pomdp_py_solver")
+
+
+@pytest.fixture(scope="session")
+def pomdpplanners() -> ModuleType:
+    """Return the benchmark's module of POMDPPlanners, a peer of our planners."""
+    if find_spec("POMDPPlanners") is None:
+        missing("no POMDPPlanners; pip install POMDPPlanners", required=False)
+    return import_module("pomdpplanners_solver")
+
+
+@pytest.fixture(scope="session")
 def mcap_core() -> list[str]:
     """Return the words that start node, which finds @mcap/core, the reference reader of MCAP."""
     node = shutil.which("node")
