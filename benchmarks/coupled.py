@@ -26,8 +26,7 @@ from meal_bayes.agents.co_occurrence import learn_co_occurrence
 from meal_bayes.agents.knowledge import base_rates
 from meal_bayes.datasets import PerceptTable
 from meal_bayes.domain import Query
-from meal_bayes.experiments import askable
-from meal_bayes.experiments.offline import offline_tasks
+from meal_bayes.experiments import askable, offline_tasks
 from meal_bayes.planners import OpenLoop
 from meal_bayes.trials import Task, Trial
 

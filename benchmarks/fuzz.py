@@ -43,7 +43,7 @@ from meal_bayes.datasets.percepts import BIN_EDGES, PerceptTable, save_percepts
 from meal_bayes.domain import load_domain
 from meal_bayes.domain.tables import domain_table
 from meal_bayes.errors import MealBayesError
-from meal_bayes.experiments.offline import offline_tasks
+from meal_bayes.experiments import offline_tasks
 from meal_bayes.learner import Learner
 from meal_bayes.trial_log import (
     Logs,

@@ -20,7 +20,7 @@ from measuring import alone, options_of, peak_mb, show
 from meal_bayes.datasets import load_percepts
 from meal_bayes.domain import load_domain
 from meal_bayes.evaluation.report import write_report
-from meal_bayes.experiments.offline import offline_tasks
+from meal_bayes.experiments import offline_tasks
 from meal_bayes.learner import Learner
 from meal_bayes.seeds import stream
 from meal_bayes.trial_log import Logs, log_info, read_header, read_trials, write_trials

@@ -180,6 +180,14 @@ class Domain:
         """Return the values of an attribute's group; none where it has no group."""
         return next((names for names in self.groups.values() if attribute in names), ())
 
+    def can_be(self, values: Mapping[str, bool]) -> bool:
+        """Return whether an object can have these attributes: of each group one value is true."""
+        for members in self.groups.values():
+            said = [values[name] for name in members if name in values]
+            if sum(said) > 1 or (len(said) == len(members) and not any(said)):
+                return False
+        return True
+
     def labels(self, values: Mapping[str, Any]) -> NDArray[np.int8]:
         """Return labels (P,) of an object, 1 true, 0 false, -1 unknown, by name.
 

@@ -1,5 +1,6 @@
 """Yes or no where people meet it: runs, logs, Gymnasium, and the command line."""
 
+import dataclasses
 from importlib import import_module
 
 import numpy as np
@@ -35,6 +36,60 @@ def test_a_conjunction_is_true_where_all_attributes_are():
     for task in offline_tasks(TABLE, 2, 30, 1, answer="yes or no"):
         columns = TABLE.domain.columns(task.query.attributes)
         assert truth_of(task) == TABLE.labels[task.object_index, columns].min()
+
+
+GROUPS = [
+    {"content": ("glass", "screws", "beans", "rice")},
+    {"color": ("brown", "green", "blue")},
+    {"color": ("brown", "green", "blue"), "weight": ("light", "medium", "heavy")},
+]
+
+
+def grouped(groups):
+    """Return the table of a domain that has these groups alone."""
+    return dataclasses.replace(TABLE, domain=dataclasses.replace(TABLE.domain, groups=groups))
+
+
+def refused(task, domain):
+    """Return why a question cannot be asked in words; empty where it can."""
+    try:
+        read_event(task.query.text.removesuffix("?"), domain)
+    except QueryError as fault:
+        return str(fault)
+    return ""
+
+
+@pytest.mark.parametrize("groups", [*GROUPS, TABLE.domain.groups])
+@pytest.mark.parametrize("n", [2, 3, 4])
+@pytest.mark.parametrize("answer", ["yes or no", "balanced"])
+def test_nothing_is_asked_that_the_groups_say(groups, n, answer):
+    """Every question of a run is one that `ask` takes, by objects that fit what is asked."""
+    table = grouped(groups)
+    variables = len(groups) + 10 - sum(map(len, groups.values()))
+    if answer == "yes or no" and n > variables:
+        with pytest.raises(SettingsError, match=f"no object has .* more than {variables} attri"):
+            offline_tasks(table, n, 1, 0, answer=answer)
+        return
+    tasks = offline_tasks(table, n, 200, 0, answer=answer)
+    assert {refused(task, table.domain) for task in tasks} == {""}
+    assert len({(task.object_name, task.query.attributes) for task in tasks}) > 100
+    if answer == "balanced":
+        assert sum(map(truth_of, tasks)) == 100
+        denied = {task.query.event.allowed for task in tasks}
+        assert len(denied) == 2**n - (n > variables)
+
+
+def test_what_two_objects_of_few_labels_leave_to_ask_is_asked():
+    """Values of one group are labeled of one object, of two of another: only that is asked."""
+    labels = np.full_like(TABLE.labels, -1)
+    labels[0, TABLE.domain.columns(("glass", "screws", "beans"))] = [1, 0, 0]
+    labels[1, TABLE.domain.columns(("glass", "heavy"))] = [0, 1]
+    domain = dataclasses.replace(TABLE.domain, groups=GROUPS[0], asked_minimum=-1)
+    table = dataclasses.replace(TABLE, domain=domain, labels=labels)
+    tasks = offline_tasks(table, 2, 5, 0, answer="yes or no")
+    assert {task.query.attributes for task in tasks} == {("heavy", "glass")}
+    with pytest.raises(SettingsError, match="more than 2 attributes that can hold together"):
+        offline_tasks(table, 3, 5, 0, answer="yes or no")
 
 
 def test_an_unknown_kind_of_answer_is_refused():
