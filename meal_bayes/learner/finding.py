@@ -104,13 +104,25 @@ class Finder(Answerer):
         if (robot is None) == (self.table is None):
             raise SettingsError(NO_TABLE if robot is None else NO_CLASSIFIERS)
         session = self.begin_find(question, objects, **options)
-        if robot is None:
-            replays = {
-                name: self.replay(trial_session.task)
-                for name, trial_session in session.sessions.items()
-            }
-            robot = RobotPerObject(replays)
-        return run_search(session, robot)
+        return run_search(session, self.replays(session) if robot is None else robot)
+
+    def replays(self, session: SearchSession) -> RobotPerObject:
+        """Return the robot that replays the objects of a search, each where the search left it.
+
+        What was executed before a restart is executed again, and fails and senses as it did.
+        """
+        robots = {}
+        states = {}
+        for name, explored in session.sessions.items():
+            robots[name] = robot = self.replay(explored.task)
+            if not explored.begun:
+                continue
+            states[name] = robot.start()
+            for step in explored.steps:
+                if step.decision.action < explored.momdp.n_behaviors:
+                    behavior = explored.momdp.behavior_names[step.decision.action]
+                    states[name] = robot.execute(behavior).state
+        return RobotPerObject(robots, states)
 
     def begin_find(
         self,
@@ -185,7 +197,8 @@ class Finder(Answerer):
 
         The learner is the one that began it, or has been saved before and loaded since; it plans
         again what it had planned. The robot is where the last step, or the last turn, of the logs
-        led. What it sensed until then is in the logs, and is learned from.
+        led (`replays` brings one there that replays recordings). What it sensed until then is in
+        the logs, and is learned from. `run_search` goes on with the session.
 
         Parameters
         ----------

@@ -11,11 +11,20 @@ class RobotPerObject:
     """A robot that turns from one object to another: each has a `Robot`, by the object's name.
 
     Objects stay in the state in which they were left.
+
+    Parameters
+    ----------
+    robots : Mapping[str, Robot]
+        By object.
+    states : Mapping[str, str]
+        Of the objects that were explored before, where each was left; others are started.
     """
 
-    def __init__(self, robots: Mapping[str, Robot]) -> None:
+    def __init__(
+        self, robots: Mapping[str, Robot], states: Mapping[str, str] | None = None
+    ) -> None:
         self._robots = dict(robots)
-        self._states: dict[str, str] = {}
+        self._states = dict(states or {})
         self._front = ""
 
     def turn_to(self, name: str) -> str:

@@ -17,7 +17,10 @@ class SearchingRobot(Protocol):
     """A robot with several objects around it."""
 
     def turn_to(self, name: str) -> str:
-        """Turn to an object, and return the name of the observed state x."""
+        """Turn to an object, and return the name of the observed state x.
+
+        Where a search goes on after a restart, that may be the object in front: nothing moves then.
+        """
         ...
 
     def execute(self, behavior: str) -> Outcome:

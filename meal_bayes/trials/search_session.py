@@ -71,6 +71,13 @@ class SearchSession(OneCaller):
         Costs and limits.
     rng : np.random.Generator
         Of the planner.
+
+    Attributes
+    ----------
+    turn : str | None
+        The object to turn to next; None where none is.
+    object : str | None
+        The object in front, to which the robot turned last; None before the first turn.
     """
 
     def __init__(

@@ -14,13 +14,14 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from meal_bayes.datasets import Dataset
-from meal_bayes.errors import LogError
-from meal_bayes.learner import recall
+from meal_bayes.datasets import Dataset, load_percepts
+from meal_bayes.errors import LogError, RobotError
+from meal_bayes.learner import Learner, recall
 from meal_bayes.robots import Outcome
 from meal_bayes.trial_log import check_log, read_search, read_trials, writer
 from meal_bayes.trial_log.searches import searches_in
 from meal_bayes.trial_log.writer import TrialWriter
+from meal_bayes.trials import run_search
 
 CUPS = ("mug", "a/b.search", "glass")
 COLORS = np.array([[40.0, 60.0, 190.0], [200.0, 40.0, 40.0]])
@@ -263,6 +264,92 @@ def test_what_was_sensed_before_a_restart_is_learned_from(mind, make, tmp_path):
         np.testing.assert_array_equal(counts, whole.knowledge().posterior.counts)
     told = found_again(tmp_path)
     assert all((told.trials[name].truth == [1, 0]).all() for name in search.turns)
+
+
+class Facing:
+    """A driver that knows the object in front by `turn_to` alone, as those of robots do."""
+
+    def __init__(self, session, table, found=None):
+        self.session, self.table, self.found = session, table, found
+        self.front = None
+
+    def turn_to(self, name):
+        self.front = name
+        explored = self.session.sessions[name]
+        return self.found or explored.momdp.x_names[explored.belief.x]
+
+    def execute(self, behavior):
+        assert (self.front, behavior) == (self.session.object, self.session.behavior)
+        return self.table.execute(self.session)
+
+
+def broken_off(learner, folder, moves, table):
+    """Search by so many turns and behaviors, and let the process die; None: it is over before."""
+    session = learner.begin_find("red and not full", CUPS, log=folder, **OPTIONS)
+    for _ in range(moves):
+        if session.turn is not None:
+            session.turned(table.turn_to(session))
+        else:
+            session.observe(table.execute(session))
+        if session.over:
+            return None
+    bury(session)
+    return session
+
+
+def test_a_new_driver_is_told_the_object_in_front(mind, undisturbed, tmp_path):
+    """Neither logged nor charged: the search is as if nothing had disturbed it."""
+    for moves in itertools.count():
+        folder = tmp_path / str(moves)
+        table = Table(0)
+        if broken_off(copy.deepcopy(mind), folder, moves, table) is None:
+            break
+        session = copy.deepcopy(mind).resume_find(folder)
+        search = run_search(session, Facing(session, table))
+        assert content(search) == content(undisturbed(0))
+        assert_read_back(folder, search)
+    assert moves > 5
+
+
+def test_an_object_that_is_found_elsewhere_is_brought_back(mind, undisturbed, tmp_path):
+    table = Table(0)
+    broken_off(copy.deepcopy(mind), tmp_path / "it", 1, table)
+    session = copy.deepcopy(mind).resume_find(tmp_path / "it")
+    assert session.behavior is not None
+    for driver in (Facing(session, table, "held"), Facing(session, table, "shelf")):
+        with pytest.raises(RobotError, match=r"but the search left it in .*; bring it back"):
+            run_search(session, driver)
+    assert not session.over
+    assert content(run_search(session, Facing(session, table))) == content(undisturbed(0))
+
+
+def test_a_search_of_recorded_objects_goes_on(tmp_path):
+    """Replays are where the search left them, with the failures and recordings to come."""
+    boxes = ("light_blue_beans", "heavy_green_glass", "heavy_blue_beans")
+
+    def learner():
+        return Learner("roc36", agent="greedy", logs=None).fit(load_percepts("roc36"))
+
+    whole = learner().find("heavy and blue", boxes)
+    for moves in itertools.count():
+        folder = tmp_path / str(moves)
+        first = learner()
+        session = first.begin_find("heavy and blue", boxes, log=folder)
+        robot = first.replays(session)
+        for _ in range(moves):
+            if session.turn is not None:
+                session.turned(robot.turn_to(session.turn))
+            elif session.behavior is not None:
+                session.observe(robot.execute(session.behavior))
+        if session.over:
+            break
+        bury(session)
+        again = learner()
+        resumed = again.resume_find(folder)
+        search = run_search(resumed, again.replays(resumed))
+        assert content(search) == content(whole)
+        assert_read_back(folder, search)
+    assert moves > 5
 
 
 def found_again(folder):
