@@ -36,7 +36,7 @@ log = logging.getLogger("meal_bayes.datasets")
 
 _LINE_END = re.compile(r"\r\n|\r|\n")
 _SEPARATORS = {";": "semicolons", "\t": "tabs", "|": "bars"}  # of other programs
-_VALUES = {"1": 1, "0": 0, "": -1}
+_VALUES = {"1": 1, "1.0": 1, "true": 1, "0": 0, "0.0": 0, "false": 0, "": -1}  # pandas' too
 _NUMBER = re.compile(
     r"[+-]?((\d+\.?\d*|\.\d+)(e[+-]?\d+)?|nan|inf(inity)?)", re.ASCII | re.IGNORECASE
 )
@@ -121,7 +121,10 @@ def _check_names(domain: Domain, folder: Path, contexts: Sequence[str]) -> None:
             f"behavior and modality of {domain.name}; rename it, or add the one that is missing."
         )
     if strangers:
-        log.info("%s: not read, as no behavior and modality names it: %s", folder, strangers)
+        log.warning(
+            "%s: not read, as %s has no such behavior and modality: %s",
+            folder, domain.name, listed(strangers),
+        )  # fmt: skip
 
 
 def _read_labels(path: Path, domain: Domain) -> tuple[tuple[str, ...], NDArray[np.int8]]:
@@ -155,10 +158,10 @@ def _read_labels(path: Path, domain: Domain) -> tuple[tuple[str, ...], NDArray[n
         row: dict[str, Any] = {}
         for column, cell in enumerate(cells[1:], start=1):
             members = domain.groups.get(header[column], ())
-            if cell not in _VALUES and not members:
+            if cell.casefold() not in _VALUES and not members:
                 value = f"{cell!r} in column {column + 1} ({header[column]})"
-                raise fault(where, value, "1, 0 or nothing", "write one of them")
-            row[header[column]] = cell if cell in members else _VALUES.get(cell, cell)
+                raise fault(where, value, "1, 0, true, false or nothing", "write one of them")
+            row[header[column]] = cell if cell in members else _VALUES.get(cell.casefold(), cell)
         try:
             values = domain.labels({name: row[name] for name in names})
         except QueryError as error:
@@ -264,6 +267,6 @@ def _numbers(where: str, cells: list[str], first: int) -> list[float]:
         if not abs(float(cell)) <= _LARGEST:
             content = f"{float(cell)} in column {column}"
             expected = "a finite number"
-            repair = "measure again, or remove the recording of all objects"
+            repair = "measure again, or remove this recording from the behavior's files"
             raise fault(where, content, f"{expected} (single precision)", repair)
     return values

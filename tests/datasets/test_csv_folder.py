@@ -104,6 +104,7 @@ BROKEN_FEATURES = [
     ("stone,1,3,4", 'stone,1,"3,5",4', 4, "'3,5' in column 3", "a number"),
     ("stone,1,3,4", "stone,1,,4", 4, "'' in column 3", "a number"),
     ("stone,1,3,4", "stone,1,3,nan", 4, "nan in column 4", "a finite number"),
+    ("stone,1,3,4", "stone,1,3,inf", 4, "inf in column 4", "remove this recording from the behav"),
     ("stone,1,3,4", "stone,1,1e39,4", 4, "1e+39 in column 3", "a finite number"),
     ("stone,1,3,4", "cup,2,3,4", 4, "recording 2 of cup again, after line 3", "once"),
     ("stone,1,3,4", "stone,1,\u0663,4", 4, "'\u0663' in column 3", "a number"),
@@ -129,6 +130,28 @@ def test_broken_feature_file(files, change, old, new, line, content, expected):
     assert expected in message.split(content, 1)[1]
     assert "\n" not in message
     assert len(message.split("; ")) >= 3  # found; expected; how to mend
+
+
+def test_labels_are_read_as_pandas_writes_them(files):
+    """Of columns of truth values, and of numbers where some are unknown."""
+    path = files / "labels.csv"
+    expected = load_dataset(files / "own.toml", root=files).labels
+    text = path.read_text()
+    for one, zero in (("True", "False"), ("TRUE", "FALSE"), ("1.0", "0.0")):
+        path.write_text(text.replace(",1", f",{one}").replace(",0", f",{zero}"))
+        np.testing.assert_array_equal(load_dataset(files / "own.toml", root=files).labels, expected)
+    path.write_text(text.replace(",1", ",yes"))
+    with pytest.raises(DataError, match=r"'yes' in column .*expected 1, 0, true, false"):
+        load_dataset(files / "own.toml", root=files)
+
+
+def test_a_file_of_no_behavior_is_named(files, caplog):
+    (files / "shake_smell.csv").write_text("object,recording,x\n")
+    load_dataset(files / "own.toml", root=files)
+    (told,) = [record for record in caplog.records if record.levelname == "WARNING"]
+    assert "not read, as own has no such behavior and modality: shake_smell.csv" in (
+        told.getMessage()
+    )
 
 
 def test_recordings_may_be_ragged(files, change):
