@@ -8,8 +8,10 @@ import pytest
 
 import meal_bayes as mb
 from meal_bayes.datasets import make_synthetic, save_csv_folder
-from meal_bayes.errors import MealBayesError
+from meal_bayes.domain import read_event, read_question
+from meal_bayes.errors import MealBayesError, SettingsError
 from meal_bayes.experiments import run_online
+from meal_bayes.testing import check_robot
 
 VALUES = {
     "5": 5, "None": None, "x": "x", "[]": [], "nan": math.nan, "array": np.zeros((2, 3)),
@@ -71,3 +73,64 @@ def test_a_folder_of_recordings_is_written_of_a_data_set_by_any_path(value, tmp_
 
 def test_there_are_functions_to_look_at():
     assert {"build_momdp", "run_trial", "summarize", "update_belief"} <= set(FUNCTIONS)
+
+
+class Still:
+    """A driver of the toy domain that stays where it is, and senses nothing."""
+
+    def start(self):
+        return "x0"
+
+    def execute(self, behavior):
+        return mb.Outcome("x0")
+
+
+DOMAIN_TAKERS = {
+    "check_robot": lambda domain: check_robot(Still(), domain, trials=1, steps=1),
+    "make_synthetic": lambda domain: make_synthetic(
+        domain, objects=4, recordings=2, rng=np.random.default_rng(0)
+    ),
+    "from_frames": lambda domain: mb.Dataset.from_frames(
+        domain, {("look", "vision"): {"cup": np.ones((1, 2))}}, {"cup": {}}
+    ),
+    "build_momdp": lambda domain: mb.build_momdp(
+        domain, mb.Query(("heavy",)), np.full((1, 2, 2, 2), 0.5)
+    ),
+    "read_query": lambda domain: mb.read_query("heavy", domain),
+    "read_event": lambda domain: read_event("not heavy", domain),
+    "read_question": lambda domain: read_question("heavy", domain),
+    "Learner": lambda domain: mb.Learner(domain, logs=None).domain,
+    "load_percepts": lambda domain: mb.load_percepts("roc36", domain=domain),
+}
+
+
+def what(function, domain):
+    """Return what a function makes of a domain: a value, or an error, as text."""
+    try:
+        return repr(function(domain))
+    except MealBayesError as fault:
+        return str(fault)
+
+
+@pytest.mark.parametrize("name", DOMAIN_TAKERS)
+def test_whatever_takes_a_domain_takes_it_as_a_learner_does(name, tmp_path):
+    shipped = "roc36" if name == "load_percepts" else "toy"
+    path = tmp_path / "own.toml"
+    path.write_text(f'extends = "{shipped}"')
+    function = DOMAIN_TAKERS[name]
+    expected = what(function, mb.load_domain(shipped))
+    for domain in (shipped, str(path), path, {"extends": shipped}):
+        assert what(function, domain) == expected
+    for domain in VALUES.values():
+        if domain is None and name == "load_percepts":  # the table's own
+            continue
+        with pytest.raises(MealBayesError):
+            function(domain)
+
+
+def test_a_table_is_written_by_a_name_that_reads_it_again(tmp_path):
+    with pytest.raises(SettingsError, match=r"give a name that ends in \.npz"):
+        mb.save_percepts(mb.load_percepts("roc36"), tmp_path / "table")
+    assert list(tmp_path.iterdir()) == []
+    with pytest.raises(SettingsError, match=r"percept table it ends in \.npz"):
+        mb.load_percepts("table")

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,7 @@ from meal_bayes.arrays import freeze, is_whole, label_values, set_frozen
 from meal_bayes.datasets.features import checked_features
 from meal_bayes.datasets.frames import dataset_parts
 from meal_bayes.display import facts_html, facts_repr, listed, short_repr
-from meal_bayes.domain import Domain, unknown
+from meal_bayes.domain import Domain, load_domain, unknown
 from meal_bayes.domain.words import doubled
 from meal_bayes.errors import DataError, QueryError, SettingsError
 from meal_bayes.untrusted import name_fault
@@ -146,7 +147,7 @@ class Dataset:
     @classmethod
     def from_frames(
         cls,
-        domain: Domain,
+        domain: str | Path | Mapping[str, Any] | Domain,
         features: Mapping[tuple[str, str], Any],
         labels: Any,
         *,
@@ -156,8 +157,8 @@ class Dataset:
 
         Parameters
         ----------
-        domain : Domain
-            Behaviors and attributes.
+        domain : str, path, mapping or Domain
+            As a `Learner` takes it: behaviors and attributes.
         features : Mapping[tuple[str, str], Any]
             (behavior, modality) -> one of: a frame with a column ``object``, perhaps ``recording``,
             and one column a feature; a dictionary from the object to its (R,D) recordings; an array
@@ -175,6 +176,7 @@ class Dataset:
         DataError
             What is missing, of the wrong size, or not a number.
         """
+        domain = load_domain(domain)
         return cls(domain, *dataset_parts(domain, features, labels, objects))
 
     def _facts(self) -> tuple[str, dict[str, str]]:

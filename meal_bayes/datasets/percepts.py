@@ -197,10 +197,14 @@ def save_percepts(table: PerceptTable, path: str | Path) -> None:
 
     Raises
     ------
+    SettingsError
+        A name that does not end in .npz, by which no table would be read again.
     OutputError
         The file cannot be written; one that was there stays.
     """
     check_kind("table", table, PerceptTable)
+    if checked_path("The percept table", path).suffix != ".npz":
+        raise SettingsError(f"{path}: a percept table is an .npz; give a name that ends in .npz.")
     sensing = table.domain.recorded
     meta = {
         "format": _FORMAT,
@@ -231,16 +235,18 @@ def save_percepts(table: PerceptTable, path: str | Path) -> None:
             write_array(archive, name, np.asarray(values, _MEMBERS[name][0]))
 
 
-def load_percepts(name: str | Path, *, domain: Domain | None = None) -> PerceptTable:
+def load_percepts(
+    name: str | Path, *, domain: str | Path | Mapping[str, Any] | Domain | None = None
+) -> PerceptTable:
     """Load the shipped table of a domain, or your own table from the path of an .npz.
 
     Parameters
     ----------
     name : str | Path
         A shipped domain (variants share their data set's table), or a path ending in .npz.
-    domain : Domain | None
-        Whose behaviors and attributes the table gets, in their order; by default that of the name
-        or the file.
+    domain : str, path, mapping or Domain, optional
+        As a `Learner` takes it: whose behaviors and attributes the table gets, in their order; by
+        default that of the name or the file.
 
     Raises
     ------
@@ -249,6 +255,7 @@ def load_percepts(name: str | Path, *, domain: Domain | None = None) -> PerceptT
     DataError
         A file that is not a percept table, or not one of this domain.
     """
+    domain = None if domain is None else load_domain(domain)
     if str(checked_path("The percept table", name)).endswith(".npz"):
         if not Path(name).is_file():
             raise SettingsError(f"No file {name}; give the path of a percept table (.npz).")

@@ -1,15 +1,19 @@
 """Synthetic data of any size: class-conditional Gaussian features with object effects."""
 
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
 from meal_bayes.datasets.dataset import Dataset
-from meal_bayes.domain import Domain
+from meal_bayes.domain import Domain, load_domain
 from meal_bayes.errors import SettingsError
 
 
 def make_synthetic(
-    domain: Domain,
+    domain: str | Path | Mapping[str, Any] | Domain,
     *,
     objects: int,
     recordings: int,
@@ -29,6 +33,8 @@ def make_synthetic(
 
     Parameters
     ----------
+    domain : str, path, mapping or Domain
+        As a `Learner` takes it.
     objects, recordings : int
         O, and R of each object and behavior.
     dimensions : int
@@ -45,6 +51,7 @@ def make_synthetic(
     ):  # fmt: skip
         if not least <= value < np.inf:
             raise SettingsError(f"{name} = {value}; expected a finite number of at least {least}.")
+    domain = load_domain(domain)
     labels = _draw_labels(domain, objects, rng)
     means = {}
     for context in domain.contexts:

@@ -2,6 +2,8 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
 
 from meal_bayes.domain.domain import Domain
 from meal_bayes.domain.event import Event, Payoffs
@@ -14,6 +16,7 @@ from meal_bayes.domain.sentence import (
     vocabulary_of,
     words_of,
 )
+from meal_bayes.domain.tables import load_domain
 from meal_bayes.domain.words import NOT, UNCLEAR_WORDS, unknown
 from meal_bayes.errors import QueryError
 
@@ -105,7 +108,9 @@ class _Reader:
 
 
 def read_event(
-    question: str | Sequence[str], domain: Domain, payoffs: Sequence[float] | None = None
+    question: str | Sequence[str],
+    domain: str | Path | Mapping[str, Any] | Domain,
+    payoffs: Sequence[float] | None = None,
 ) -> Query:
     """Read a question of yes or no: attributes joined by *and* or by *or*, perhaps with *not*.
 
@@ -116,8 +121,8 @@ def read_event(
     ----------
     question : str | Sequence[str]
         Such as "Is it red and not empty?".
-    domain : Domain
-        Its attributes, groups and synonyms are understood.
+    domain : str, path, mapping or Domain
+        As a `Learner` takes it; its attributes, groups and synonyms are understood.
     payoffs : Sequence[float] | None
         Four: right yes, wrong yes, right no, wrong no; the learner's or domain's by default.
 
@@ -133,6 +138,7 @@ def read_event(
     >>> read_event("Is it red and not heavy?", load_domain("roc36")).text
     'brown and not heavy?'
     """
+    domain = load_domain(domain)
     vocabulary = vocabulary_of(question, domain)
     sentence = question if isinstance(question, str) else " and ".join(question)
     words = words_of(sentence, vocabulary, domain)

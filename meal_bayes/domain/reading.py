@@ -2,6 +2,8 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from pathlib import Path
+from typing import Any
 
 from meal_bayes.domain.domain import Domain
 from meal_bayes.domain.event import Payoffs
@@ -16,6 +18,7 @@ from meal_bayes.domain.sentence import (
     vocabulary_of,
     words_of,
 )
+from meal_bayes.domain.tables import load_domain
 from meal_bayes.domain.words import JOINING_WORDS, UNCLEAR_WORDS, fold, unknown
 from meal_bayes.errors import QueryError
 
@@ -24,7 +27,9 @@ _NEGATIONS = (JOINING_WORDS | UNCLEAR_WORDS) - _ALTERNATIVES - {"and", "but"}  #
 _REFERENTS = {"object", "thing", "item", "one"}  # how a sentence names the object asked about
 
 
-def read_query(question: str | Sequence[str], domain: Domain) -> Query:
+def read_query(
+    question: str | Sequence[str], domain: str | Path | Mapping[str, Any] | Domain
+) -> Query:
     """Read a query from a sentence, a comma list, or a list of attribute names.
 
     Case and the coding of accents play no part, and the domain's synonyms are understood (ROC36:
@@ -47,6 +52,7 @@ def read_query(question: str | Sequence[str], domain: Domain) -> Query:
     >>> read_query("What color is it?", load_domain("roc36")).report_names
     ('brown', 'green', 'blue')
     """
+    domain = load_domain(domain)
     vocabulary = vocabulary_of(question, domain)
     listed = question.split(",") if isinstance(question, str) else question
     asked = [fold(item) for item in listed]
@@ -61,7 +67,7 @@ def read_query(question: str | Sequence[str], domain: Domain) -> Query:
 
 def read_question(
     question: str | Sequence[str],
-    domain: Domain,
+    domain: str | Path | Mapping[str, Any] | Domain,
     answer: str = "values",
     payoffs: Sequence[float] | None = None,
 ) -> Query:
@@ -71,8 +77,8 @@ def read_question(
     ----------
     question : str | Sequence[str]
         A sentence, or names of attributes and groups.
-    domain : Domain
-        Whose words are read.
+    domain : str, path, mapping or Domain
+        As a `Learner` takes it; whose words are read.
     answer : str
         "values", or "yes or no".
     payoffs : Sequence[float] | None

@@ -4,7 +4,6 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from meal_bayes.arrays import check_kind
 from meal_bayes.domain.domain import Domain
 from meal_bayes.domain.query import Query
 from meal_bayes.domain.words import fold
@@ -31,7 +30,6 @@ def vocabulary_of(question: object, domain: Domain) -> dict[str, str]:
     named: Any = question  # users give anything
     if not isinstance(named, str | Sequence) or not all(isinstance(name, str) for name in named):
         raise QueryError(f"A question is a sentence or names; found {question!r:.60}.")
-    check_kind("domain", domain, Domain)
     plural = {fold(name) + "s": name for name in domain.groups}
     return plural | {fold(name): name for name in domain.groups} | domain.words
 

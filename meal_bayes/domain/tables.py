@@ -77,15 +77,17 @@ def domain_names() -> tuple[str, ...]:
     return tuple(sorted(path.stem for path in _TABLES.glob("*.toml")))
 
 
-def load_domain(name: str | Path | Mapping[str, Any]) -> Domain:
+def load_domain(name: str | Path | Mapping[str, Any] | Domain) -> Domain:
     """Load a shipped domain by name, or one's own from a TOML file or a dictionary of its form.
 
-    A table may extend another (``extends = "roc36"``): its keys replace the other's.
+    Functions that take a domain take all of these by it. A table may extend another
+    (``extends = "roc36"``): its keys replace the other's.
 
     Parameters
     ----------
-    name : str | Path | Mapping[str, Any]
-        Of a shipped domain, the path of a TOML file, or the table itself.
+    name : str | Path | Mapping[str, Any] | Domain
+        Of a shipped domain, the path of a TOML file, the table itself, or a domain, which is
+        returned.
 
     Raises
     ------
@@ -99,6 +101,8 @@ def load_domain(name: str | Path | Mapping[str, Any]) -> Domain:
     >>> load_domain({"extends": "toy", "name": "toy_of_two", "report_reward": 7}).report_reward
     7.0
     """
+    if isinstance(name, Domain):
+        return name
     if isinstance(name, Mapping):
         table = dict(name)
         name = str(name.get("name", "of a dictionary"))
@@ -198,7 +202,10 @@ def _read(name: str | Path) -> dict[str, Any]:
     if not str(name).endswith(".toml"):
         if name not in domain_names():
             message = unknown("domain", str(name), domain_names())
-            raise SettingsError(f"{message} A path that ends in .toml loads your own.")
+            raise SettingsError(
+                f"{message} A path that ends in .toml loads your own; of a "
+                "percept table it ends in .npz."
+            )
         path = _TABLES / f"{name}.toml"
     try:
         text = read_bytes(path, TABLE_LIMIT).decode("utf-8-sig")

@@ -97,7 +97,7 @@ class Learner(Finder):
         logs: str | Path | None = "logs",
         settings: LearnerSettings | None = None,
     ) -> None:
-        domain = domain if isinstance(domain, Domain) else load_domain(domain)
+        domain = load_domain(domain)
         chosen = as_agent(agent)
         by_name = {
             "seed": seed,

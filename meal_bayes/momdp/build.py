@@ -6,13 +6,16 @@ state is the sum over the queried attributes, and the experience of a query is t
 so the shaping factors into `MOMDP.bonus` (N,E,2).
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from meal_bayes.arrays import Floats, check_kind, freeze, real_array
-from meal_bayes.domain import Domain, Payoffs, Query
+from meal_bayes.domain import Domain, Payoffs, Query, load_domain
 from meal_bayes.errors import SettingsError
 from meal_bayes.momdp.model import MOMDP
 
@@ -41,7 +44,7 @@ class Objective:
 
 
 def build_momdp(
-    domain: Domain,
+    domain: str | Path | Mapping[str, Any] | Domain,
     query: Query,
     confusion: ArrayLike,
     precision: ArrayLike = np.inf,
@@ -58,8 +61,8 @@ def build_momdp(
 
     Parameters
     ----------
-    domain : Domain
-        Behaviors, costs, diagram.
+    domain : str, path, mapping or Domain
+        As a `Learner` takes it: behaviors, costs, diagram.
     query : Query
         The N attributes asked.
     confusion : ArrayLike
@@ -83,7 +86,7 @@ def build_momdp(
     SettingsError
         Arrays of other shapes, or values that a MOMDP cannot have.
     """
-    _check_asked(domain, query)
+    domain = _checked_domain(domain, query)
     n = len(query)
     e = len(domain.behaviors)
     answers = [behavior.answer_accuracy is not None for behavior in domain.behaviors]
@@ -134,10 +137,10 @@ def build_momdp(
     )
 
 
-def _check_asked(domain: object, query: object) -> None:
-    """Refuse what is no domain, and what is no query of one."""
-    check_kind("domain", domain, Domain)
+def _checked_domain(domain: str | Path | Mapping[str, Any] | Domain, query: object) -> Domain:
+    """Return the domain that is meant; refuse what is no query of one."""
     check_kind("query", query, Query)
+    return load_domain(domain)
 
 
 def with_joint_prior(momdp: MOMDP, joint: ArrayLike) -> MOMDP:

@@ -2,12 +2,14 @@
 
 import warnings
 from collections import Counter
+from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes.domain import Behavior, Domain
+from meal_bayes.domain import Behavior, Domain, load_domain
 from meal_bayes.errors import ConformanceError, RobotError
 from meal_bayes.robots import Outcome, OutcomeChecker, Robot
 from meal_bayes.robots.robot import Execution
@@ -16,7 +18,12 @@ _SOON = 3  # successes of a behavior that must have yielded a percept once
 
 
 def check_robot(
-    robot: Robot, domain: Domain, *, trials: int = 5, steps: int = 12, seed: int = 0
+    robot: Robot,
+    domain: str | Path | Mapping[str, Any] | Domain,
+    *,
+    trials: int = 5,
+    steps: int = 12,
+    seed: int = 0,
 ) -> None:
     """Check the driver of a robot. **The robot moves:** it executes `trials` x `steps` behaviors.
 
@@ -30,8 +37,8 @@ def check_robot(
     ----------
     robot : Robot
         An object with `start()` and `execute(behavior)`, and an object in front of it.
-    domain : Domain
-        Its attributes, behaviors and states.
+    domain : str, path, mapping or Domain
+        As a `Learner` takes it: its attributes, behaviors and states.
     trials, steps : int
         How many trials, and behaviors in each at most.
     seed : int
@@ -50,7 +57,7 @@ def check_robot(
             f"A robot is an object with start() and execute(behavior); found {candidate!r:.60}. "
             "Give an instance of a class that has these two methods."
         )
-    check = _Check(robot, domain, name)
+    check = _Check(robot, load_domain(domain), name)
     rng = np.random.default_rng(seed)
     for _ in range(trials):
         check.trial(steps, rng)
