@@ -323,15 +323,15 @@ class Domain:
         return [self.attribute_index(name) for name in names]
 
 
-def learn_success(domain: Domain, attempts: NDArray[np.int64]) -> Domain:
+def learn_success(domain: Domain, attempts: NDArray[np.float64]) -> Domain:
     """Return the domain with the posterior mean of every behavior's success probability.
 
     The prior is worth two executions at the domain's own probability.
 
     Parameters
     ----------
-    attempts : NDArray[np.int64]
-        (E,2) legal executions that failed, and that succeeded.
+    attempts : NDArray[np.float64]
+        (E,2) legal executions that failed, and that succeeded, by their weights.
     """
     diagram = domain.diagram
     effects = []

@@ -11,7 +11,7 @@ Context = tuple[str, str]  # (behavior, modality)
 
 GIVEN = 0  # an instance's origin: recordings that were given
 GATHERED = 1  # or a trial of the robot
-WITHDRAWN = 2  # or nothing any more: it was forgotten
+WITHDRAWN = 2  # or nothing any more: it was forgotten; so is what an execution's success was
 NONE = -1  # in place of a row's number
 
 INSTANCE = np.dtype([
@@ -27,7 +27,7 @@ EXECUTION = np.dtype([
     ("trial", np.int64),
     ("behavior", np.int64),
     ("instance", np.int64),  # NONE: nothing was perceived
-    ("success", np.int64),  # 1, 0, or -1 where failing and succeeding look the same
+    ("success", np.int64),  # 1, 0, -1 where failing and succeeding look the same; WITHDRAWN
 ])  # fmt: skip
 FEEDBACK = np.dtype([
     ("trial", np.int64),

@@ -231,13 +231,14 @@ class Experience:
         return self.gathered(o)
 
     def forget(self, trial: Key, *, recordings: bool = False) -> NDArray[np.intp]:
-        """Withdraw the labels of a trial, perhaps its recordings; return the object's instances."""
+        """Withdraw the labels of a trial, perhaps all it did; return the object's instances."""
         number = self.trials[trial]
         instances = self.shown(trial)
         if recordings:
             rows = self.executions.values
             # A recording that another trial showed, too, stays with that trial.
-            others = rows["instance"][rows["trial"] != number]
+            held = (rows["trial"] != number) & (rows["success"] != WITHDRAWN)
+            others = rows["instance"][held]
             gathered = self.instances.values["origin"][instances] == GATHERED
             for i in instances[gathered & ~np.isin(instances, others)].tolist():
                 self.instances.values["origin"][i] = WITHDRAWN
@@ -245,6 +246,7 @@ class Experience:
                 self.detected.values[i] = -1
                 for by_instance in self.features.values():
                     by_instance.pop(i, None)
+            rows["success"][rows["trial"] == number] = WITHDRAWN
         answers = self.feedback.values[self.feedback.values["trial"] == number]
         objects = {
             *answers["object"].tolist(),

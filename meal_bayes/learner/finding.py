@@ -333,7 +333,7 @@ class Finder(Answerer):
         policy = shared(momdp)
         if task.object_index >= 0:
             return policy
-        usual = self.domain.diagram.compile(self.domain.behavior_names).transition
+        usual = self.domain.diagram.compile(self.domain.behavior_names)
         return FaultTolerant(momdp, policy, shared, usual)
 
     def _search_folder(self, log: str | Path | None) -> Path | None:

@@ -50,11 +50,14 @@ class FitCache:
         self.online = []
         self._held_out = []
 
-    def update(self, rows: NDArray[np.intp], *, refit: bool) -> None:
-        """Count instances (k,) with the labels that they have now; refit, if asked, where due."""
+    def update(self, rows: NDArray[np.intp], *, refit: bool, anew: bool = False) -> None:
+        """Count instances (k,) with the labels that they have now; refit, if asked, where due.
+
+        Where executions were taken back it is due, too: all is learned `anew`.
+        """
         self._held_out = []
         for number, fit in enumerate(self.online):
-            if refit and fit.due:
+            if anew or (refit and fit.due):
                 self.online[number] = Online.refit(self.record, fit.agent, self.settings)
             else:
                 fit.update(rows)

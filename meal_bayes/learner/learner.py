@@ -27,7 +27,7 @@ from meal_bayes.learner.settings import (
     checked_trial,
     settings_of,
 )
-from meal_bayes.learner.telling import log_told
+from meal_bayes.learner.telling import log_told, nothing_told, warn_of_typo
 from meal_bayes.seeds import Key
 from meal_bayes.trials import Trial
 
@@ -112,14 +112,14 @@ class Learner(Finder):
         }
         settings = settings_of(settings, by_name, domain, chosen)
         super().__init__(domain, chosen, settings, logs)
-        self._joined = (0, 0)  # recordings that joined with the last data set, and it had
+        self._joined = (0, 0, 0)  # of the last data set: what joined, all of it; `rows` then
         self._file = ""  # id of the file that was read or written last
 
     def __repr__(self) -> str:
         data = f"{self.experience!r}" if self.table is None else "a percept table"
-        joined, whole = self._joined
-        fitted = f"; of the last data set {joined} joined, {whole - joined} were known"
-        data += fitted if whole and self.table is None else ""
+        joined, whole, recorded = self._joined
+        if whole and self.table is None and recorded == views.rows(self.experience):
+            data += f"; of the last data set {joined} joined, {whole - joined} were known"
         return f"Learner({self.domain.name}, agent {self.agent.name}, {data})"
 
     def _repr_html_(self) -> str:
@@ -149,7 +149,8 @@ class Learner(Finder):
             self.table = data if isinstance(data, PerceptTable) else None
             if isinstance(data, Dataset):
                 joined = self.experience.give(data)
-                self._joined = joined, int(data.recording_counts[:, data.domain.recorded].sum())
+                had = int(data.recording_counts[:, data.domain.recorded].sum())
+                self._joined = joined, had, views.rows(self.experience)
             return self.refit()
 
     def refit(self) -> Self:
@@ -172,8 +173,8 @@ class Learner(Finder):
         trial : Trial or str
             An answer (of another learner's the percepts are learned from), or an object's name.
         values : mapping
-            True, False or None by attribute, whether it was asked or not; a later label replaces
-            an earlier one.
+            True, False or None by attribute, asked or not. In one trial, or by name, a later label
+            replaces an earlier one; other trials contradict it, and of the object the latest holds.
 
         Raises
         ------
@@ -188,6 +189,8 @@ class Learner(Finder):
         name = trial.task.object_name if isinstance(trial, Trial) else trial
         check_object_name(name, self.experience.objects)
         with self._lock:
+            if isinstance(trial, str) and self.table is None:
+                warn_of_typo(self.experience, name)
             key = told(name)  # as of a test, which is no experience
             if isinstance(trial, Trial) and trial.task.learn:
                 key = trial.task.key
@@ -216,7 +219,7 @@ class Learner(Finder):
         trial : Trial or str
             Or the name of an object: labels that were told of it by name, as those of data are.
         recordings : bool
-            Forget what the trial recorded, too.
+            Forget what the trial recorded, and what failed, too; then all is learned anew.
 
         Raises
         ------
@@ -227,15 +230,13 @@ class Learner(Finder):
         name = trial if isinstance(trial, str) else checked_trial(trial).task.object_name
         key = told(name) if isinstance(trial, str) or not trial.task.learn else trial.task.key
         with self._lock:
-            recordings = recordings and isinstance(trial, Trial)
-            recorded = recordings and len(self.experience.shown(key))
-            if not recorded and not (self.experience.told_in(key) >= 0).any():
-                what = "labels or recordings" if recordings else "labels"
-                whose = f"object {name!r}" if key == told(name) else f"trial of {name!r}"
-                raise SettingsError(f"The {whose} has no {what}.")
+            executed = recordings and views.executed(self.experience, key)
+            if not executed and not (self.experience.told_in(key) >= 0).any():
+                raise nothing_told(self.experience, name, key, recordings=recordings)
             self._use()
             before = views.labels_touched(self.experience, key, name)
-            self._fits.update(self.experience.forget(key, recordings=recordings), refit=True)
+            moved = self.experience.forget(key, recordings=executed)
+            self._fits.update(moved, refit=True, anew=executed)
             self._log_told(trial, name, key, before)
 
     def note_folders(self, places: Mapping[Key, Path]) -> None:

@@ -151,10 +151,12 @@ def record_step(
     if step.observation is not None and unknown and domain.behaviors[e].modalities:
         levels = record.nothing
         levels[domain.columns(momdp.query.attributes)] = step.observation
-    # When all recordings are used, a loop that succeeds looks as one that fails.
+    # When all recordings are used, a loop that succeeds looks as one that fails; so does one whose
+    # features cannot be read.
     before = step.belief.percept_counts[0, e].sum() - shows
+    unread = step.unread and not shows and step.next_x == step.x
     success = -1
-    if momdp.legal[step.x, e] and before < momdp.limit[e]:
+    if momdp.legal[step.x, e] and before < momdp.limit[e] and not unread:
         # Where the diagram does not lead, it was not meant to go.
         meant = momdp.transition[e, step.x, step.next_x] > 0
         success = int(shows or (step.next_x != step.x and meant))

@@ -309,7 +309,8 @@ def _read_experience(archive: zipfile.ZipFile, experience: Experience) -> None:
             "recording": (NONE, large), "origin": (0, WITHDRAWN + 1), "scale": (0, 64),
         },
         "executions": {
-            "trial": (0, t), "behavior": (0, e), "instance": (NONE, n), "success": (-1, 2)
+            "trial": (0, t), "behavior": (0, e), "instance": (NONE, n),
+            "success": (-1, WITHDRAWN + 1),
         },
         "feedback": {
             "trial": (0, t), "call": (0, large), "object": (0, o), "attribute": (0, p),

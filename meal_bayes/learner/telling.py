@@ -1,16 +1,22 @@
 """What people tell a learner, in logs: written once it is told, and told again from there."""
 
+import difflib
+import warnings
 from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
 
+from meal_bayes.domain import unknown
+from meal_bayes.errors import SettingsError
 from meal_bayes.learner import views
 from meal_bayes.learner.columns import Labels, told
 from meal_bayes.learner.experience import Experience
 from meal_bayes.seeds import Key
 from meal_bayes.trial_log.feedback import Feedback
 from meal_bayes.trial_log.writer import write_feedback
+
+_ALIKE = 0.8  # of two names, at least where one may be meant by the other
 
 
 def log_told(experience: Experience, folder: Path, name: str, key: Key, before: Labels) -> None:
@@ -58,3 +64,32 @@ def tell_again(experience: Experience, entries: Iterable[tuple[str, Feedback]]) 
             experience.label(key, feedback.object_name, labels)
         elif (experience.told_in(key) >= 0).any():
             experience.forget(key)
+
+
+def warn_of_typo(experience: Experience, name: str) -> None:
+    """Warn of a name that no object has, where one that is met looks much like it."""
+    names = [*experience.objects]
+    near = difflib.get_close_matches(name, names, 1, _ALIKE)
+    if name not in names and near:
+        warnings.warn(
+            f"There is no trial or recording of {name!r}; did you mean {near[0]!r}? It is taken "
+            f"for another object; forget({name!r}) takes its labels back.",
+            stacklevel=3,
+        )
+
+
+def nothing_told(experience: Experience, name: str, key: Key, *, recordings: bool) -> SettingsError:
+    """Return what is raised where there is nothing to forget, with what there is."""
+    what = "labels or recordings" if recordings else "labels"
+    if key != told(name):
+        return SettingsError(f"The trial of {name!r} has no {what}.")
+    if name not in experience.objects:
+        return SettingsError(unknown("object", name, experience.objects))
+    in_trials = int((experience.trial_rows(experience.objects[name]) >= 0).sum())
+    if not in_trials:
+        return SettingsError(f"The object {name!r} has no {what}.")
+    return SettingsError(
+        f"The object {name!r} has no labels that were told by its name. Of its trials {in_trials} "
+        "were told: forget(trial) takes those of one back, also of a trial from its log, "
+        "next(meal_bayes.read_trials(log))."
+    )

@@ -187,7 +187,7 @@ def session_of(
         perceiver = recorder = RecordingPerceiver(fit, task, momdp, lock, on_step)
         on_step = recorder.record if learn else on_step
         sizes = fit.expected_sizes
-    checker = OutcomeChecker(fit.knowledge.domain, object_index=task.object_index, sizes=sizes)
+    checker = OutcomeChecker(domain, object_index=task.object_index, sizes=sizes)
     return Session(
         task,
         momdp,
@@ -220,7 +220,7 @@ def plan_of(
     momdp, policy = fit.plan(task, key, limit=options.limit, explore=explore)
     if task.object_index < 0:  # recordings run out, the sensors of a robot fail
         domain = fit.record.domain
-        usual = domain.diagram.compile(domain.behavior_names).transition
+        usual = domain.diagram.compile(domain.behavior_names)
         policy = FaultTolerant(momdp, policy, partial(solve, fit, task, key), usual)
     return momdp, policy
 

@@ -18,16 +18,39 @@ from meal_bayes.learner.experience import Experience
 from meal_bayes.seeds import Key
 from meal_bayes.trials import Step, Trial
 
+_HALVED = 5  # trials after which what an execution says of success has half its weight
 Sizes = NDArray[np.int64]  # of each of the domain's contexts; NONE: nothing was sensed
 
 
-def attempts(record: Experience) -> NDArray[np.int64]:
-    """Count the executions of each behavior that failed, and that succeeded, (E,2)."""
+def attempts(record: Experience) -> NDArray[np.float64]:
+    """Count the executions of each behavior that failed, and that succeeded, (E,2).
+
+    Hardware breaks and is mended: each trial that begins takes a part of the weight of those
+    before, until what the domain says of a behavior holds again that was not tried since.
+    """
     e = len(record.domain.behaviors)
     rows = record.executions.values
-    rows = rows[rows["success"] >= 0]
+    taught = np.array([key != told(str(key[-1])) for key in record.trials], bool)
+    taught[rows["trial"][rows["success"] == WITHDRAWN]] = False
+    since = taught.sum() - taught.cumsum()  # trials that began after each
+    rows = rows[(rows["success"] == 0) | (rows["success"] == 1)]
     cells = 2 * rows["behavior"] + rows["success"]
-    return np.bincount(cells, minlength=2 * e).reshape(e, 2)
+    weights = 0.5 ** (since[rows["trial"]] / _HALVED)
+    counts = np.zeros(2 * e)
+    np.add.at(counts, cells, weights)
+    return counts.reshape(e, 2)
+
+
+def rows(record: Experience) -> int:
+    """Count the rows that trials, data sets and people have added."""
+    return len(record.trials) + len(record.executions) + len(record.feedback)
+
+
+def executed(record: Experience, trial: Key) -> bool:
+    """Return whether a trial has executions that were not withdrawn."""
+    executions = record.executions.values
+    success = executions["success"][executions["trial"] == record.trials.get(trial, NONE)]
+    return bool((success != WITHDRAWN).any())
 
 
 def unrecorded(record: Experience, trial: Trial) -> list[Step]:

@@ -231,6 +231,8 @@ class History:
         The x after each action.
     cost : float
         s.
+    unread : tuple[int, ...]
+        Places among the actions of those whose features came and could not be read.
     """
 
     belief: Belief
@@ -238,12 +240,20 @@ class History:
     perceived: tuple[bool, ...] = ()
     moved: tuple[int, ...] = ()
     cost: float = 0.0
+    unread: tuple[int, ...] = ()
 
-    def after(self, belief: Belief, action: int, perceived: bool, cost: float) -> "History":
+    def after(
+        self, belief: Belief, action: int, perceived: bool, cost: float, *, unread: bool = False
+    ) -> "History":
         """Return the history one step on, of a behavior that cost so much and led to a belief."""
-        actions = (*self.actions, action)
-        came = (*self.perceived, perceived)
-        return History(belief, actions, came, (*self.moved, belief.x), self.cost + cost)
+        return History(
+            belief,
+            actions=(*self.actions, action),
+            perceived=(*self.perceived, perceived),
+            moved=(*self.moved, belief.x),
+            cost=self.cost + cost,
+            unread=(*self.unread, len(self.actions)) if unread else self.unread,
+        )
 
 
 class Policy(Protocol):

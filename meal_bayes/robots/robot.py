@@ -16,11 +16,13 @@ from meal_bayes.arrays import is_whole
 from meal_bayes.datasets import Instance, checked_features
 from meal_bayes.datasets.detections import checked_percepts
 from meal_bayes.domain import TERMINAL, Behavior, Domain, unknown
+from meal_bayes.domain.diagram import TransitionArrays
 from meal_bayes.errors import DataError, QueryError, RobotError
 
 Features = dict[str, NDArray[np.float32]]
 Sizes = Mapping[tuple[str, str], int]  # (behavior, modality) -> D
 SOLID, SHELL, BALL = range(3)
+NO_PERCEPT = "no percept"  # how a warning begins where what came could not be read
 _RECORDINGS = 2**31  # that a data set may have
 
 
@@ -109,6 +111,11 @@ class OutcomeChecker:
         self._sizes = {} if sizes is None else sizes
         self._warned = set[str]()
 
+    @property
+    def usual(self) -> TransitionArrays:
+        """How often behaviors succeed by the domain's diagram."""
+        return self._domain.diagram.compile(self._domain.behavior_names)
+
     def start(self, state: object) -> int:
         """Return the index of x0, where a robot starts a trial; a `RobotError` if unknown."""
         return state_index(self._domain.diagram.states, state, "start()")
@@ -126,7 +133,7 @@ class OutcomeChecker:
         try:
             return self._perceived(spec, outcome, next_x)
         except _NoPercept as fault:
-            return Execution(next_x, warning=f"no percept of {spec.name}: {fault}")
+            return Execution(next_x, warning=f"{NO_PERCEPT} of {spec.name}: {fault}")
 
     def _perceived(self, spec: Behavior, outcome: Outcome, next_x: int) -> Execution:
         accuracy = spec.answer_accuracy
@@ -202,7 +209,7 @@ class OutcomeChecker:
         if not showing and alone:
             if not features:
                 raise _NoPercept(why)
-            return features, f"no percept of {spec.name}: {why}"
+            return features, f"{NO_PERCEPT} of {spec.name}: {why}"
         if not faults:
             return features, ""
         warning = f"percept of {spec.name} by {', '.join(showing) or 'its detector'} alone: {why}"

@@ -3,15 +3,17 @@
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from meal_bayes.domain.diagram import TransitionArrays
 from meal_bayes.momdp import MOMDP
 from meal_bayes.planners import Decision, History, Policy
 
 _LEAST = 2  # executions in a row without yield, before which nothing is concluded,
-_CHANCE = 0.05  # and the largest probability of them all by the diagram's own failures
+CHANCE = 0.05  # and the largest probability of them all by the diagram's own failures
 _SILENT = (
     "{!r} yielded nothing several times in a row: it is not counted on until it does again. The "
     "warnings of the trial's steps say what was wrong with its features, if any came."
@@ -22,35 +24,67 @@ _STUCK = (
 )
 
 
+class Nothing(NamedTuple):
+    """The latest executions of each behavior (E,) that yielded nothing, in a row.
+
+    `chance` is the probability of them all by failures, `number` how many they are, `unread` how
+    many of these had features that could not be read, and `still` whether none moved anything.
+    """
+
+    chance: NDArray[np.float64]
+    number: NDArray[np.int64]
+    unread: NDArray[np.int64]
+    still: NDArray[np.bool_]
+
+
+def nothing_came(momdp: MOMDP, history: History, usual: TransitionArrays) -> Nothing:
+    """Return what yielded nothing of late, and how likely that is where behaviors fail as `usual`.
+
+    An execution of a behavior that senses yields nothing where no percept comes; of one that only
+    moves, where x stays. How often they fail is what the domain says, not what was learned: that
+    a behavior failed in trials before does not explain that it fails.
+    """
+    size = momdp.n_behaviors
+    nothing = Nothing(
+        chance=np.ones(size),
+        number=np.zeros(size, int),
+        unread=np.zeros(size, int),
+        still=np.ones(size, bool),
+    )
+    remaining = momdp.limit.copy()  # a robot that replays runs out of recordings
+    unread = set(history.unread)
+    x = momdp.start
+    executed = zip(history.actions, history.perceived, history.moved, strict=True)
+    for place, (e, perceived, after) in enumerate(executed):
+        shows = usual.observation_probability[e, x] * (momdp.observation_probability[e, x] > 0)
+        percept = float(usual.transition[e, x] @ shows)
+        if perceived or (percept == 0 and after != x):
+            nothing.chance[e] = 1.0
+            nothing.number[e] = 0
+            nothing.unread[e] = 0
+            nothing.still[e] = True
+            remaining[e] -= perceived
+        elif remaining[e] > 0 or percept == 0:
+            nothing.chance[e] *= 1.0 - percept if percept else usual.transition[e, x, x]
+            nothing.number[e] += 1
+            nothing.unread[e] += place in unread
+            nothing.still[e] &= after == x
+        x = after
+    return nothing
+
+
 def faults_of(
-    momdp: MOMDP, history: History, expected: NDArray[np.float64]
+    momdp: MOMDP, history: History, usual: TransitionArrays
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """Find the behaviors whose latest executions yielded nothing, more often than chance allows.
 
-    An execution of a behavior that senses yields nothing where no percept comes; of one that only
-    moves, where x stays. How often they fail by chance is `expected`, Pr(x' | x, behavior)
-    (E,X,X). Returned are those that fail (E,), and which of these did not move
-    either (E,).
+    Chance explains no features that cannot be read. Returned are those that fail (E,), and which
+    of these did not move either (E,).
     """
-    chance = np.ones(momdp.n_behaviors)
-    count = np.zeros(momdp.n_behaviors, int)
-    remaining = momdp.limit.copy()  # a robot that replays runs out of recordings
-    still = np.ones(momdp.n_behaviors, bool)
-    x = momdp.start
-    for e, perceived, after in zip(history.actions, history.perceived, history.moved, strict=True):
-        percept = float(expected[e, x] @ momdp.observation_probability[e, x])
-        if perceived or (percept == 0 and after != x):
-            chance[e] = 1.0
-            count[e] = 0
-            still[e] = True
-            remaining[e] -= perceived
-        elif remaining[e] > 0 or percept == 0:
-            chance[e] *= 1.0 - percept if percept else expected[e, x, x]
-            count[e] += 1
-            still[e] &= after == x
-        x = after
-    failing = (count >= _LEAST) & (chance <= _CHANCE)
-    return failing, failing & still
+    nothing = nothing_came(momdp, history, usual)
+    failing = (nothing.number >= _LEAST) & (nothing.chance <= CHANCE)
+    failing |= nothing.unread >= _LEAST
+    return failing, failing & nothing.still
 
 
 def without(momdp: MOMDP, failing: NDArray[np.bool_], stuck: NDArray[np.bool_]) -> MOMDP:
@@ -72,12 +106,12 @@ class FaultTolerant:
     momdp: MOMDP
     policy: Policy  # of this problem
     solve: Callable[[MOMDP], Policy]  # makes the policy of the problem without them
-    expected: NDArray[np.float64]  # (E,X,X), see `faults_of`
+    usual: TransitionArrays  # by the domain, see `nothing_came`
     _failing: NDArray[np.bool_] | bool = False  # (E,), or none yet
 
     def decide(self, history: History, rng: np.random.Generator) -> Decision:
         """Choose the next action among what works; warn of what begins to fail."""
-        failing, stuck = faults_of(self.momdp, history, self.expected)
+        failing, stuck = faults_of(self.momdp, history, self.usual)
         if (failing != self._failing).any():
             senses = np.asarray(self.momdp.observation_probability.any(axis=(1, 2)))
             for e in np.flatnonzero(failing > self._failing):

@@ -18,6 +18,7 @@ from meal_bayes.errors import DataError, QueryError
 from meal_bayes.momdp import MOMDP, Belief
 from meal_bayes.momdp.reports import ABSTAINED
 from meal_bayes.planners import Decision
+from meal_bayes.robots.robot import NO_PERCEPT
 from meal_bayes.seeds import Key
 from meal_bayes.untrusted import name_fault
 
@@ -93,6 +94,11 @@ class Step:
     sensed: Instance | None = None
 
     __repr__ = short_repr
+
+    @property
+    def unread(self) -> bool:
+        """Whether features or answers came of which nothing could be read."""
+        return self.observation is None and self.warning.startswith(NO_PERCEPT)
 
 
 @dataclass(frozen=True, slots=True)

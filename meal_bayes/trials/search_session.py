@@ -8,12 +8,12 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from meal_bayes.arrays import Floats
-from meal_bayes.errors import LogError, SettingsError
+from meal_bayes.errors import SettingsError
 from meal_bayes.planners import EMPTY, Decision, Prospect, Prospector, best_move
 from meal_bayes.robots.robot import Outcome, state_index
 from meal_bayes.trials.one_caller import OneCaller, alone
 from meal_bayes.trials.record import Step
-from meal_bayes.trials.recorder import breaking, noted
+from meal_bayes.trials.recorder import breaking, noted, otherwise
 from meal_bayes.trials.search import Search
 from meal_bayes.trials.session import MAX_STEPS, Session
 
@@ -167,10 +167,8 @@ class SearchSession(OneCaller):
                 self._go_on(name)
         unmatched = [*(name for name, _ in turns), *(name for name in steps if steps[name])]
         if unmatched:
-            raise LogError(
-                f"The search went on with {unmatched[0]}, but the agent now decides for "
-                f"{self.turn or self.behavior or 'the answer'}; it has learned other things since."
-            )
+            now = self.turn or self.behavior or "the answer"
+            raise otherwise(f"The search went on with {unmatched[0]}", now)
 
     @property
     def over(self) -> bool:

@@ -12,17 +12,17 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from meal_bayes.arrays import check_seconds, check_whole
-from meal_bayes.errors import LogError, SettingsError
+from meal_bayes.errors import SettingsError
 from meal_bayes.momdp import MOMDP, Belief, Transition, best_answer, initial_belief, update_belief
 from meal_bayes.perception import Perceiver
 from meal_bayes.planners import Decision, History, Policy, unvalued
 from meal_bayes.planners.boundary import decide
-from meal_bayes.robots.robot import Execution, Outcome, OutcomeChecker
+from meal_bayes.robots.robot import NO_PERCEPT, Execution, Outcome, OutcomeChecker
 from meal_bayes.seeds import Key, Streams
 from meal_bayes.trials.one_caller import OneCaller, alone
 from meal_bayes.trials.perceiving import answered, silence
 from meal_bayes.trials.record import Step, Task, answer_reward, truth_of
-from meal_bayes.trials.recorder import Recorder, breaking, noted
+from meal_bayes.trials.recorder import Recorder, breaking, noted, otherwise
 from meal_bayes.trials.trial import Trial
 
 MAX_STEPS = 100
@@ -250,10 +250,7 @@ class Session(OneCaller):
             decision = self._decision or (step.decision if self._policy is None else None)
             if decision is None or decision.action != step.decision.action:
                 then = self.momdp.action_name(step.decision.action)
-                raise LogError(
-                    f"Step {len(self.steps)} was {then}, but the agent now decides for "
-                    f"{self.behavior}; it has learned other things since."
-                )
+                raise otherwise(f"Step {len(self.steps)} was {then}", str(self.behavior))
             self._append(step)
             self._decide()
 
@@ -308,8 +305,10 @@ class Session(OneCaller):
         """Record a step, and end the trial where it leads to `term`."""
         self.steps.append(step)
         self.belief = step.belief
-        perceived = step.observation is not None
-        self.history = self.history.after(step.belief, step.decision.action, perceived, step.cost)
+        came = step.observation is not None
+        self.history = self.history.after(
+            step.belief, step.decision.action, came, step.cost, unread=step.unread
+        )
         if step.decision.action >= self.momdp.n_behaviors:
             self.report = self.momdp.reported(step.decision.action)
         # On the disk before the next behavior is named: a robot may go on after a crash.
@@ -337,14 +336,15 @@ class Session(OneCaller):
     def _perceive(self, action: int, execution: Execution) -> tuple[NDArray[np.int8] | None, str]:
         """Return percept levels (N,), or None, and a warning."""
         says = execution.warning
+        next_x = execution.next_x
         if execution.instance is not None:
             luck = self.streams.of("percepts")  # the same for every agent
             levels = self._perceiver.observe(execution.instance, self.task.query, luck)
             if levels is None and not says:
-                says = f"no percept of {execution.instance.behavior}: nothing of what was asked"
+                says = f"{NO_PERCEPT} of {execution.instance.behavior}: nothing of what was asked"
             return levels, says
         if execution.answers is not None:
             return answered(execution.answers, self.task.query.attributes, self.momdp.levels)
         if self.task.object_index < 0 and not says:  # recordings of a replay may be used up
-            says = silence(self.momdp, self.belief.x, action, execution.next_x)
+            says = silence(self.momdp, self._checker.usual, self.history, action, next_x)
         return None, says

@@ -16,6 +16,7 @@ from meal_bayes.trials import FaultTolerant, Session, Task, run_trial
 from meal_bayes.trials.faults import faults_of
 
 DOMAIN = load_domain("ispy32")
+USUAL = DOMAIN.diagram.compile(DOMAIN.behavior_names)
 
 
 class Faulty:
@@ -55,7 +56,7 @@ def trial_of(name, robot, momdp):
     def solve(problem):
         return agent.solver(DOMAIN, momdp.query).solve(problem, np.random.default_rng(0))
 
-    policy = FaultTolerant(momdp, solve(momdp), solve, momdp.transition)
+    policy = FaultTolerant(momdp, solve(momdp), solve, USUAL)
     checker = OutcomeChecker(DOMAIN)
     session = Session(
         task, momdp, policy, checker, Undecided(), agent=name, truth=[True], max_steps=40
@@ -92,7 +93,7 @@ def test_what_only_moves_is_warned_of_as_moving_nothing():
     momdp = momdp_of("look")
     solver = load_agent("random_legal").solver(DOMAIN, momdp.query)
     solve = partial(solver.solve, rng=np.random.default_rng(0))
-    policy = FaultTolerant(momdp, solve(momdp), solve, momdp.transition)
+    policy = FaultTolerant(momdp, solve(momdp), solve, USUAL)
     history = History(initial_belief(momdp))
     for behavior, state in (("look", "x1"), ("push", "x5")):
         there = history.belief.at(DOMAIN.diagram.states.index(state))
@@ -110,7 +111,7 @@ def test_a_robot_whose_recordings_run_out_is_sound():
     history, look = History(initial_belief(momdp)), DOMAIN.behavior_index("look")
     for perceived in (True, False, False, False):
         history = history.after(history.belief, look, perceived, 1.0)
-    assert not faults_of(momdp, history, momdp.transition)[0].any()
+    assert not faults_of(momdp, history, USUAL)[0].any()
 
 
 def test_failures_that_chance_explains_are_repeated():
@@ -118,8 +119,24 @@ def test_failures_that_chance_explains_are_repeated():
     domain = load_domain("roc36_published")
     rows = np.tile([[0.8, 0.2], [0.2, 0.8]], (1, len(domain.behaviors), 1, 1))
     momdp = build_momdp(domain, Query(domain.attributes[:1]), rows)
+    usual = domain.diagram.compile(domain.behavior_names)
     history, shake = History(initial_belief(momdp)), domain.behavior_index("shake")
     for _ in range(10):
         history = history.after(history.belief.at(4), shake, False, 1.0)
-    failing, _ = faults_of(momdp, history, momdp.transition)
+    failing, _ = faults_of(momdp, history, usual)
     assert not failing.any()
+    # What cannot be read says nothing of chance: two are enough.
+    for _ in range(2):
+        history = history.after(history.belief, shake, False, 1.0, unread=True)
+    failing, _ = faults_of(momdp, history, usual)
+    assert np.flatnonzero(failing).tolist() == [shake]
+
+
+def test_failures_that_were_learned_explain_no_more_of_them():
+    momdp = momdp_of("look")
+    history, look = History(initial_belief(momdp)), DOMAIN.behavior_index("look")
+    for _ in range(2):
+        history = history.after(history.belief, look, False, 1.0)
+    learned = replace(momdp, observation_probability=momdp.observation_probability * 0.05)
+    failing, _ = faults_of(learned, history, USUAL)
+    assert np.flatnonzero(failing).tolist() == [look]
