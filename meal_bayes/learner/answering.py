@@ -25,6 +25,7 @@ from meal_bayes.learner.trial import (
     TrialOptions,
     robot_or_name,
     session_of,
+    start_of,
     task_of,
 )
 from meal_bayes.momdp import MOMDP
@@ -233,39 +234,40 @@ class Answerer:
             )
         return read_question(question, self.domain, answer, payoffs)
 
-    def resume(self, log: str | Path | None = None) -> Session:
+    def resume(self, log: str | Path | None = None, *, state: str | None = None) -> Session:
         """Go on with a trial whose process ended in the middle of it, from its log.
 
-        The learner is the one that began it, or has been saved before and loaded since. The robot
-        is where the last step of the log led. What it sensed until then is in the log, and is
-        learned from.
+        The learner is the one that began it, or has been saved before and loaded since. What it
+        sensed until then is in the log, and is learned from.
 
         Parameters
         ----------
         log : str or Path, optional
             Of the trial, or its draft, or a folder of logs where one trial was broken off; by
             default this learner's.
+        state : str, optional
+            Where the robot is now, which has to be where the log ends; needed of several states.
 
         Raises
         ------
         LogError
-            There is no trial that was broken off, or several; it is another learner's, or another
-            process drives the robot.
+            There is no trial that was broken off, or several; it is another learner's, another
+            process drives the robot, or that is elsewhere.
         """
         place = self._folder if log is None else checked_path("log", log)
         if place is None:
             raise SettingsError("This learner logs nothing; give resume() the trial's log.")
         with resuming(place, Interrupted) as broken:
-            return self._resumed(broken)
+            return self._resumed(broken, state)
 
-    def _resumed(self, broken: Interrupted) -> Session:
+    def _resumed(self, broken: Interrupted, state: str | None) -> Session:
         """Return the session of a trial that was broken off, where it was."""
         before = broken.trial
         begun = dict(broken.header["begun"])
-        start = begun.pop("state", None) or self.domain.diagram.start
+        start = start_of(before, begun.pop("state", None) or self.domain.diagram.start, state)
         options = TrialOptions(truth=before.truth, **begun)
         session = self._session(before.task, tuple(broken.header["streams"]), options)
-        session.start(before.momdp.x_names[before.steps[0].x] if before.steps else start)
+        session.start(start)
         session.repeat(before.steps)
         self.note_asked(session.key)
         self._record(session, broken.path, broken.header, broken)

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from meal_bayes.arrays import check_whole, check_yes_no
 from meal_bayes.datasets import PerceptTable, object_index
 from meal_bayes.domain import Domain, Query, read_query
-from meal_bayes.errors import SettingsError
+from meal_bayes.errors import LogError, SettingsError
 from meal_bayes.learner.columns import Context
 from meal_bayes.learner.fit import Fit, problem_of, solve
 from meal_bayes.learner.held_out import HeldOut
@@ -23,6 +23,7 @@ from meal_bayes.learner.recording import RecordingPerceiver
 from meal_bayes.momdp import MOMDP
 from meal_bayes.planners import Policy
 from meal_bayes.robots import OutcomeChecker, Robot
+from meal_bayes.robots.robot import state_index
 from meal_bayes.seeds import Key
 from meal_bayes.trials import FaultTolerant, Session, Step, Task, Trial
 from meal_bayes.trials.session import MAX_STEPS
@@ -101,6 +102,42 @@ class Asked:
             self.tests = max(self.tests, questions)
         else:
             self.lessons = max(self.lessons, questions)
+
+
+def start_of(before: Trial, start: str, state: str | None) -> str:
+    """Return where a trial that was broken off began, if its robot is where its log ends.
+
+    Since then it may have moved, or been moved. Without steps it began in `start`.
+
+    Raises
+    ------
+    SettingsError
+        Nobody says where it is, of several states.
+    RobotError
+        A state that a robot cannot be in.
+    LogError
+        It is elsewhere.
+    """
+    states = before.momdp.x_names
+    ended = start
+    if before.steps:
+        start = states[before.steps[0].x]
+        ended = states[before.steps[-1].next_x]
+    if state is None:
+        if len(states) > 2:  # and "term"
+            raise SettingsError(
+                f"The log ends with the robot in {ended!r}; since then it may have moved. Look "
+                f"where it is, and say so: resume(state={ended!r}), if it is there."
+            )
+        return start
+    state_index(states, state, "resume(state=)")
+    if state != ended:
+        raise LogError(
+            f"The log ends with the robot in {ended!r}, and it is in {state!r}. Bring it to "
+            f"{ended!r} and resume again, or give up what was broken off, by "
+            f"resume(state={ended!r}).cancel(), and ask again."
+        )
+    return start
 
 
 def robot_or_name(

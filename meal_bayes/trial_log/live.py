@@ -181,6 +181,7 @@ class BrokenOff(ABC):
 
     length: int
     text: str
+    why: str  # what ended it; empty where its process died
     noun = "trial"
     nouns = "trials"
     form = ""  # that names of such logs are kept for
@@ -242,6 +243,7 @@ class Interrupted(BrokenOff):
             return None
         self.trial = last
         self.length = len(last.steps)
+        self.why = last.ended
         self.text = f"{last.task.name} of {last.task.object_name}, begun {stem_of(draft)[:15]}"
         return not last.ended
 
@@ -256,6 +258,7 @@ class InterruptedSearch(BrokenOff):
     def _read(self, draft: Path) -> bool | None:
         self.search = read_search(draft)
         self.length = len(self.search.turns)
+        self.why = self.search.ended
         self.text = f"{self.search.question} in {draft.parent.name}"
         return not self.search.ended
 
@@ -284,6 +287,18 @@ def _furthest(file: Path, kind: type[Broken]) -> Broken:
     if elsewhere or not held:
         raise (elsewhere or faults)[0]
     return held[-1]
+
+
+def _ended_last(place: Path, kind: type[BrokenOff]) -> str:
+    """Say of the latest log of a folder that it was ended by a fault, and goes on by name."""
+    logs = [log for log in place.rglob(f"*{SUFFIX}") if named_form(log) == kind.form]
+    for latest in sorted(logs, key=lambda log: log.stat().st_mtime)[-1:]:
+        with contextlib.suppress(LogError):
+            broken = kind(latest)
+            broken.release()
+            by = f"resume_find({str(latest.parent)!r})" if kind.form else f"resume({str(latest)!r})"
+            return f" The latest, {broken.text}, was ended ({broken.why}): {by} goes on with it."
+    return ""
 
 
 @contextlib.contextmanager
@@ -325,6 +340,7 @@ def interrupted(place: Path, kind: type[Broken]) -> Broken:
         raise LogError(
             f"{place} holds no {kind.noun} that was broken off; there is nothing to resume."
             + (" A search goes on by Learner.resume_find()." if search else "")
+            + _ended_last(place, kind)
             + " A learner's file does not keep where its logs are: name their folder if it is "
             "another."
         )

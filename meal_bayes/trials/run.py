@@ -12,7 +12,7 @@ from meal_bayes.trials.trial import Trial
 def run_trial(session: Session, robot: Robot) -> Trial:
     """Run a trial to its end: execute what the session names, until it answers.
 
-    One that has begun goes on: the robot is where the session says.
+    One that has begun goes on: the robot is where the session says, and is not started.
 
     An exception of robot, perceiver or policy, an interruption too, ends the trial: the recorder
     gets the trial so far, with `ended`, and the exception is raised again.

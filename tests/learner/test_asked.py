@@ -38,7 +38,7 @@ def streams_of(session):
 
 
 def resume(learner, how):
-    return learner.resume_find() if how == "find" else learner.resume()
+    return learner.resume_find() if how == "find" else learner.resume(state="table")
 
 
 @pytest.mark.parametrize("between", [0, 2])
@@ -72,7 +72,8 @@ def test_a_learner_that_was_loaded_elsewhere_is_told_where_to_look(dataset, make
     (tmp_path / "there" / first.domain.name).mkdir(parents=True)
     with pytest.raises(LogError, match=r"does not keep where its logs are: name their folder"):
         getattr(again, call)()
-    getattr(again, call)(tmp_path / "here").cancel()
+    where = {"state": "table"} if call == "resume" else {}
+    getattr(again, call)(tmp_path / "here", **where).cancel()
 
 
 def test_labels_are_logged_beside_a_trial_that_was_recalled(dataset, make, tmp_path):
@@ -94,7 +95,7 @@ def test_resuming_in_the_learner_that_began_it_counts_once(dataset, make, tmp_pa
     session = learner.begin("red")
     killed(session)
     before = copy.copy(learner._asked)
-    learner.resume().cancel()
+    learner.resume(state="table").cancel()
     assert learner._asked == before
 
 

@@ -6,7 +6,7 @@ import pytest
 
 from meal_bayes import Outcome
 from meal_bayes.agents import Agent
-from meal_bayes.errors import LogError, SettingsError
+from meal_bayes.errors import LogError, RobotError, SettingsError
 from meal_bayes.planners import Predefined, unvalued
 from meal_bayes.trial_log import ACTIVE, Logs, TrialWriter
 
@@ -140,3 +140,62 @@ def test_whoever_drives_is_not_taken_for_a_callback(dataset, make, tmp_path, on_
     with pytest.raises(Broken):
         drive()
     assert session.trial.ended == "robot error: Broken: hot"
+
+
+def test_a_trial_that_a_fault_ended_is_named_and_goes_on(dataset, make, tmp_path):
+    learner = make.learner(dataset, make.agent("look", "look"), logs=tmp_path)
+    with pytest.raises(Broken):
+        driven(learner.begin("red", "mug", on_step=raised_at(0, Broken("x"))))
+    (log,) = tmp_path.rglob("*.mcap")
+    with pytest.raises(LogError, match=r"red of mug.*on_step error: Broken.*resume\('") as caught:
+        learner.resume()
+    assert repr(str(log)) in str(caught.value)
+    session = learner.resume(log, state="table")
+    driven(session)
+    assert len(session.steps) == 3
+    with pytest.raises(LogError, match=r"nothing to resume\. A learner's file"):
+        learner.resume()
+
+
+def test_a_search_that_a_fault_ended_is_named(dataset, make, tmp_path):
+    learner = make.learner(dataset, "greedy", logs=tmp_path)
+    session = learner.begin_find("red", ["mug", "pot"])
+    session.turned("table")
+    session.cancel("robot error: Broken: x")
+    (folder,) = (tmp_path / "kitchen").iterdir()
+    with pytest.raises(LogError, match=r"was ended \(robot error: Broken: x\)") as caught:
+        learner.resume_find()
+    assert f"resume_find({str(folder)!r})" in str(caught.value)
+
+
+@pytest.mark.parametrize("steps", range(3))
+def test_a_robot_that_was_moved_is_not_commanded(dataset, make, tmp_path, steps):
+    agent = make.agent("lift", "reset", "look")
+    learner = make.learner(dataset, agent, logs=tmp_path)
+    session = learner.begin("red", "mug")
+    arm = make.arm()
+    arm.start()
+    for _ in range(steps):
+        session.observe(arm.execute(session.behavior))
+    session._recorder._file.close()  # as the end of its process did
+    other = "held" if arm.state == "table" else "table"
+    with pytest.raises(SettingsError, match=rf"resume\(state='{arm.state}'\)"):
+        learner.resume()
+    with pytest.raises(RobotError, match=r"resume\(state=\)"):
+        learner.resume(state="nowhere")
+    with pytest.raises(LogError, match=rf"Bring it to '{arm.state}'.*\.cancel\(\)"):
+        learner.resume(state=other)
+    resumed = learner.resume(state=arm.state)  # whoever was refused holds nothing
+    assert len(resumed.steps) == steps
+    assert resumed.behavior == session.behavior
+    resumed.cancel()
+    assert not list(tmp_path.rglob(f"*{ACTIVE}"))
+
+
+def test_a_learner_that_was_saved_before_other_trials_is_told_what_to_do(dataset, make, tmp_path):
+    learner = make.learner(dataset, make.agent("look"), logs=tmp_path)
+    session = learner.begin("red", "mug")
+    session.observe(seen())
+    learner.begin("red", "pot").cancel()
+    with pytest.raises(LogError, match=r"other things since, or less\..*recall\(learner, folder\)"):
+        learner.begin("red").repeat([*session.steps, *session.steps])

@@ -162,7 +162,7 @@ def test_a_restart_goes_on_as_if_undisturbed(learner, make, tmp_path, steps):
     with pytest.raises(LogError, match="is under way in another process"):
         again.resume(draft)
     first._recorder._file.close()  # as the end of its process did
-    second = again.resume()
+    second = again.resume(state=arm.state)
     with pytest.raises(LogError, match=r"is under way|nothing to resume"):
         loaded().resume(draft)  # one process drives
     assert_same(drive(second, arm), undisturbed)
@@ -192,14 +192,14 @@ def test_a_resumption_that_ended_too_is_resumed_from_the_furthest_draft(
         first.observe(arm.execute(first.behavior))
     first._recorder._file.close()
     again = make.learner(dataset, make.agent(*PLAN, **make.ours), logs=tmp_path)
-    second = again.resume()
+    second = again.resume(state=arm.state)
     for _ in range(steps):
         second.observe(arm.execute(second.behavior))
     second._recorder._file.close()
     second._recorder._resumed.release()
     assert len(list(tmp_path.rglob("*.active"))) == 2
     last = make.learner(dataset, make.agent(*PLAN, **make.ours), logs=tmp_path)
-    third = last.resume(first._recorder.active_path)  # any draft names the trial
+    third = last.resume(first._recorder.active_path, state=arm.state)  # any draft names the trial
     assert len(third.steps) == 2 + steps
     drive(third, arm)
     assert len(logs_of(tmp_path)) == 1
@@ -217,7 +217,7 @@ def test_a_restart_draws_by_the_seed_that_the_trial_was_begun_with(dataset, make
         session.observe(arm.execute(session.behavior))
     if not session.over:
         session._recorder._file.close()
-        session = again.resume()
+        session = again.resume(state=arm.state)
     assert_same(drive(session, arm), undisturbed)
 
 
@@ -227,7 +227,8 @@ def test_a_restart_goes_on_being_commanded(dataset, make, tmp_path):
     first.command(unvalued(first.momdp, learner.domain.behavior_index("lift")))
     first.observe(arm.execute("lift"))
     first._recorder._file.close()
-    second = make.learner(dataset, make.agent(*PLAN, **make.ours), logs=tmp_path).resume()
+    again = make.learner(dataset, make.agent(*PLAN, **make.ours), logs=tmp_path)
+    second = again.resume(state="held")
     # As none can be that decides by itself.
     second.command(unvalued(second.momdp, learner.domain.behavior_index("reset")))
     assert second.behavior == "reset"
@@ -242,7 +243,7 @@ def test_a_restart_with_other_knowledge_is_refused(dataset, make, tmp_path):
     (draft,) = (tmp_path / "kitchen").glob("*.active")
     session._recorder._file.close()
     with pytest.raises(LogError, match="Step 0 was look, but the agent now decides for lift"):
-        other.resume(draft)
+        other.resume(draft, state="table")
 
 
 def test_a_restart_knows_how_the_trial_was_begun(dataset, make, tmp_path):
@@ -252,7 +253,7 @@ def test_a_restart_knows_how_the_trial_was_begun(dataset, make, tmp_path):
     (draft,) = (tmp_path / "kitchen").glob("*.active")
     recorded = len(learner.experience.instances)
     first._recorder._file.close()
-    second = make.learner(dataset, agent, logs=tmp_path).resume(draft)
+    second = make.learner(dataset, agent, logs=tmp_path).resume(draft, state="held")
     assert second.behavior == "reset"  # as on the table it is not allowed
     arm = make.arm()
     arm.state = "held"
