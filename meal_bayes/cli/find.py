@@ -11,7 +11,8 @@ from meal_bayes.cli.console import note, output, print_facts, print_json, print_
 from meal_bayes.files import command_line
 
 if TYPE_CHECKING:
-    from meal_bayes.trials import Search
+    from meal_bayes.learner import Learner
+    from meal_bayes.trials import Search, SearchSession
 
 
 class _Searching(TypedDict):
@@ -43,26 +44,50 @@ def find(root: Path | None, logs: Path, as_json: bool, **options: Unpack[_Search
 
     The robot turns to the most promising object, and leaves it for another as soon as that promises
     more. The agent has learned from all other objects, of each without that one. A folder of its
-    own holds the search, and a log of each object that it explored.
+    own holds the search, and a log of each object that it explored. One that was killed goes on by
+    the same command.
     """
     from meal_bayes.learner import Learner
     from meal_bayes.trial_log.names import free_folder
+    from meal_bayes.trials import run_search
 
     dataset, table = opt.table_of(options["dataset"], root)
     config = {"command": "find", **options, "dataset": dataset}
     agent = opt.agent_value(options["agent"])
     learner = Learner(table.domain, agent=agent, seed=options["seed"], logs=None).fit(table)
-    folder = free_folder(logs / f"find-{opt.digest(config)}")
+    place = logs / f"find-{opt.digest(config)}"
     with terminal.showing_compilation():
-        search = learner.find(
-            options["question"],
-            opt.comma_list(options["objects"]),
-            payoffs=options["payoffs"] or None,
-            none=options["none"],
-            turn_cost=options["turn_cost"],
-            log=folder,
-        )
+        folder, session = _broken_off(learner, place)
+        if session is None:
+            folder = free_folder(place)
+            session = learner.begin_find(
+                options["question"],
+                opt.comma_list(options["objects"]),
+                payoffs=options["payoffs"] or None,
+                none=options["none"],
+                turn_cost=options["turn_cost"],
+                log=folder,
+            )
+        search = run_search(session, learner.replays(session))
     print_answer(search, folder, as_json=as_json)
+
+
+def _broken_off(learner: "Learner", place: Path) -> "tuple[Path, SearchSession | None]":
+    """Return the folder and session of the search of these settings that was killed, if any."""
+    from meal_bayes.errors import LogError
+    from meal_bayes.trial_log.schema import ACTIVE
+
+    for folder in sorted(place.parent.glob(f"{place.name}*")):
+        if not any(folder.glob(f"*{ACTIVE}")):
+            continue
+        try:
+            session = learner.resume_find(folder)
+        except LogError as fault:  # it is another process's, or was decided by other code
+            note(f"a search of these settings was broken off, but this one begins anew: {fault}")
+        else:
+            note(f"a search of these settings was broken off; going on with {folder}")
+            return folder, session
+    return place, None
 
 
 def print_answer(search: "Search", folder: Path, *, as_json: bool) -> None:

@@ -51,6 +51,32 @@ def test_it_names_the_object_and_logs_what_it_explored(tmp_path):
     assert run("log", "check", told["log"]).exit_code == 1
 
 
+def test_the_same_command_goes_on_with_a_search_that_was_killed(tmp_path):
+    question, names = "Which one is heavy and blue?", BOXES.split(",")
+    options = ("--objects", BOXES, "--agent", "greedy", "--json", "--logs")
+    whole = json.loads(run("find", question, *options, str(tmp_path / "whole")).stdout)
+    place = tmp_path / "killed" / Path(whole["log"]).name
+    learner = Learner("roc36", agent="greedy", logs=None).fit(load_percepts("roc36"))
+    session = learner.begin_find(question, names, log=place)
+    robot = learner.replays(session)
+    session.turned(robot.turn_to(session.turn))
+    session.observe(robot.execute(session.behavior))
+    held = run("find", question, *options, str(place.parent))  # while that process goes on
+    assert "begins anew" in held.stderr
+    assert Path(json.loads(held.stdout)["log"]).name == f"{place.name}-2"
+    for recorder in (session._recorder, *(s._recorder for s in session.sessions.values())):
+        if recorder is not None:
+            recorder._file.close()
+    went_on = run("find", question, *options, str(place.parent))
+    assert f"going on with {place}" in went_on.stderr
+    told = json.loads(went_on.stdout)
+    assert (told["search"], told["trials"]) == (whole["search"], whole["trials"])
+    assert told["log"] == str(place)
+    assert not list(place.glob("*.active"))
+    again = json.loads(run("find", question, *options, str(place.parent)).stdout)
+    assert Path(again["log"]).name == f"{place.name}-3"
+
+
 def content(search):
     """Return a search as `find --json` says it."""
     return {
