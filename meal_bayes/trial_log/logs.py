@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 from mcap.records import DataEnd
 
+from meal_bayes.digests import checksum_of
 from meal_bayes.errors import LogCorruptError, LogError, LogVersionError, QueryError
 from meal_bayes.files import checked_path
 from meal_bayes.trial_log.container import FAULTS, TORN, fault_text, read_records
@@ -38,6 +39,13 @@ class Group(NamedTuple):
     places: Sequence[int]  # of each trial in the file
     outcomes: TrialOutcomes
     trials: tuple[Trial, ...]  # none of a compact log
+
+
+def _content(data_set: str) -> str:
+    """Return by what a data set is told from others: a table's file by what it holds."""
+    path = Path(data_set)
+    is_table = path.suffix == ".npz" and path.is_file()
+    return checksum_of(path) if is_table else data_set
 
 
 def of_search(header: Mapping[str, object]) -> bool:
@@ -224,7 +232,7 @@ class Logs:
             name = config.get("dataset") or header.get("data")
             if isinstance(name, str):
                 first.setdefault(name, file)
-        if len(first) > 1:
+        if len(first) > 1 and len(set(map(_content, first))) > 1:
             named = ", ".join(f"{name} (such as {file})" for name, file in first.items())
             raise LogError(f"These logs are of {len(first)} data sets: {named}; name one's logs.")
         return files

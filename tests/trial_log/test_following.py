@@ -210,6 +210,22 @@ def test_settings_tell_units_apart_but_not_the_agents_of_a_run(make, tmp_path, e
     assert len(trials_of(Logs(tmp_path))) == trials
 
 
+def test_a_data_set_is_one_by_whatever_path_its_table_is_named(make, tmp_path):
+    """As a run of a table in memory, and one by its path, name it."""
+    for number, content in enumerate((b"a table", b"a table", b"another")):
+        table = tmp_path / f"{number}.npz"
+        table.write_bytes(content)
+        path = tmp_path / "logs" / f"{number}.mcap"
+        write_trials(path, make.trials(1), header={"config": {"dataset": str(table)}})
+    logs = [tmp_path / "logs" / f"{number}.mcap" for number in range(3)]
+    assert len(trials_of(Logs(*logs[:2]))) == 2
+    with pytest.raises(LogError, match="are of 3 data sets"):
+        list(Logs(*logs).trials())
+    (tmp_path / "1.npz").unlink()  # what it held cannot be told any more
+    with pytest.raises(LogError, match="are of 2 data sets"):
+        list(Logs(*logs[:2]).trials())
+
+
 def test_data_sets_are_not_mixed(make, tmp_path):
     for name in ("toy", "roc36"):
         header = {"config": {"dataset": name}}
