@@ -14,7 +14,7 @@ from meal_bayes.cli import console as terminal
 from meal_bayes.cli import options as opt
 from meal_bayes.cli.console import note, output, print_facts, print_json
 from meal_bayes.cli.program import Section
-from meal_bayes.files import command_line
+from meal_bayes.files import command_line, file_name
 
 if TYPE_CHECKING:
     from meal_bayes.datasets import PerceptTable
@@ -252,17 +252,27 @@ def memory() -> None:
 @memory.command()
 @opt.shared("dataset", "root", "logs", "json")
 def show(dataset: str, root: Path | None, logs: Path, as_json: bool) -> None:
-    """List the labels of the objects of a data set, the latest last."""
+    """List the labels that `ask --learn` received of a data set's objects, the latest last.
+
+    What a Learner in Python is told stands beside its trials instead; `log show` tells it.
+    """
     from meal_bayes.datasets.percepts import domain_of
     from meal_bayes.learner.memory import LabelMemory
 
-    remembered = LabelMemory(logs, domain_of(dataset).data).read()
+    domain = domain_of(dataset)
+    remembered = LabelMemory(logs, domain.data).read()
     if as_json:
         print_json({"memory": [entry._asdict() for entry in remembered]})
         return
     if not remembered:
         command = command_line('meal-bayes ask --learn "..." --logs', logs)
         note(f"no labels yet; ask with --learn: {command}")
+        folder = logs / file_name(domain.name)
+        if any(folder.glob("*.mcap")):
+            shown = command_line("meal-bayes log show", folder)
+            note(
+                f"what a Learner in Python was told stands beside its trials, in {folder}: {shown}"
+            )
         return
     cells = ((entry.object, _text(entry.labels)) for entry in remembered)
     terminal.print_table(("object", "is"), cells, left_aligned=("is",))

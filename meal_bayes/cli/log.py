@@ -287,8 +287,7 @@ def compare(
 ) -> None:
     """Compare the agents in LOGS, files or runs' folders, on the tasks that they were given.
 
-    Effects are shrunk towards each other; `ahead` is the probability of being better than the
-    reference, `equivalent` that of differing by less than the margin.
+    A line below the table says what its columns are.
     """
     from meal_bayes.evaluation.logged import LoggedOutcomes
     from meal_bayes.evaluation.outcome_model import compare_outcomes
@@ -297,14 +296,15 @@ def compare(
 
     logged = LoggedOutcomes.read(Logs(*logs))
     measured = logged.measured()
-    rows = compare_outcomes(
-        measured.outcomes,
-        measure=measure,
-        reference=reference,
-        repeats=measured.repeat,
-        margin=margin,
-        seed=seed,
-    )
+    with output(stderr=True).status("sampling the model of all outcomes ..."):
+        rows = compare_outcomes(
+            measured.outcomes,
+            measure=measure,
+            reference=reference,
+            repeats=measured.repeat,
+            margin=margin,
+            seed=seed,
+        )
     if logged.heading:
         note(logged.heading)
     if as_json:
@@ -317,3 +317,8 @@ def compare(
         "equivalent": "{equivalent:.3f}",
     }  # fmt: skip
     print_table(columns, (asdict(row) | {"plain": signed(row.plain, 3)} for row in rows))
+    note(
+        "same tasks: mean difference on tasks that both were given; effect: the model's, shrunk "
+        "towards the others'; ahead: Pr(better than the reference); equivalent: Pr(it differs by "
+        "less than --margin)"
+    )

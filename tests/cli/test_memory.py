@@ -118,3 +118,14 @@ def test_a_torn_label_is_left_out_with_a_note(ask, run, end):
     assert remembered(run) == [("red_jar", {"red": True})]
     assert "in 1 trials" in run("memory", "forget", *OWN).stderr
     assert path.read_bytes() == torn  # what nobody can read is not thrown away
+
+
+def test_labels_that_a_learner_was_told_are_elsewhere(run, table):
+    """Those of `ask --learn` and those of a `Learner` are two stores."""
+    assert "Learner" not in run("memory", "show", *OWN).stderr
+    place = Path("logs") / table.domain.name / "a.mcap"
+    place.parent.mkdir(parents=True)
+    place.touch()
+    told = run("memory", "show", *OWN).stderr
+    assert "what a Learner in Python was told stands beside its trials" in told
+    assert f"meal-bayes log show {place.parent}" in told
