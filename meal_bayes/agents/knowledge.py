@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,6 +52,39 @@ class Knowledge(FrozenArrays):
         header = ("attribute", "Pr", *self.domain.behavior_names)
         title = f"{self.domain.name}: TPR - FPR of each behavior that was perceived"
         return best_html(title, header, names, self.posterior.youden)
+
+    def to_frame(self) -> Any:
+        """Return a pandas data frame, a row an attribute: what tells most of it, and how well.
+
+        Columns are `base_rate`; `behavior`, of the largest Youden's J among those that were
+        perceived, None where none tells anything; `youden`, how often its percepts say yes where
+        that is true, less where it is not; and `right`, how often they are right at the base rate.
+        """
+        import pandas as pd  # noqa: PLC0415  takes half a second
+
+        names = ("base_rate", "behavior", "youden", "right")
+        rows = []
+        for place, rate in enumerate(self.base_rates.tolist()):
+            best = self.most_telling(place)
+            rows.append((rate, *(best or (None, np.nan, np.nan))))
+        index = pd.Index(self.domain.attributes, name="attribute")
+        return pd.DataFrame(rows, index=index, columns=list(names))
+
+    def most_telling(self, place: int) -> tuple[str, float, float] | None:
+        """Return the behavior that tells most of an attribute, Youden's J, and Pr(right).
+
+        None where no behavior tells anything.
+        """
+        informative = self.posterior.informative[place]
+        youden = np.where(informative, self.posterior.youden[place], -np.inf)
+        best = int(youden.argmax())
+        if youden[best] <= 0:
+            return None
+        rows = self.posterior.mean[place, best]  # (2,K) [truth, level]
+        half = rows.shape[-1] // 2
+        rate = float(self.base_rates[place])
+        right = float(rate * rows[1, half:].sum() + (1.0 - rate) * rows[0, :half].sum())
+        return self.domain.behavior_names[best], float(youden[best]), right
 
     def with_labels(self, labels: NDArray[np.int8]) -> "Knowledge":
         """Return the same knowledge with the priors that labels (O,P) tell: alone, and jointly."""

@@ -3,9 +3,6 @@
 from dataclasses import replace
 from html import escape
 
-import numpy as np
-from numpy.typing import NDArray
-
 from meal_bayes.agents import Agent, Knowledge
 from meal_bayes.agents.knowledge import knowledge_of
 from meal_bayes.datasets import PerceptTable
@@ -58,23 +55,16 @@ def learned_html(knowledge: Knowledge, labels: Labels) -> str:
         (O,P) of the objects, from which that was; -1 unknown.
     """
     domain = knowledge.domain
-    informative = np.where(knowledge.posterior.informative, knowledge.posterior.youden, -np.inf)
     rows = []
     for p, name in enumerate(domain.attributes):
         rate = float(knowledge.base_rates[p])
         number = f"{(labels[:, p] == 1).sum()}, {(labels[:, p] == 0).sum()}"
-        best = int(informative[p].argmax())
+        best = knowledge.most_telling(p)
         cells = ["none yet", "", ""]
-        if informative[p, best] > 0:
-            right = percent(_right(knowledge.posterior.mean[p, best], rate))
-            cells = [escape(domain.behavior_names[best]), f"{informative[p, best]:.2f}", right]
+        if best is not None:
+            behavior, youden, right = best
+            cells = [escape(behavior), f"{youden:.2f}", percent(right)]
         rows.append([escape(name), number, percent(rate), *cells])
     objects = int((labels >= 0).any(axis=1).sum())
     title = f"{domain.name}: what was learned from {objects} objects with labels"
     return f"{table_html(title, _HEADER, rows)}<p>{_READING}</p>"
-
-
-def _right(rows: NDArray[np.float64], rate: float) -> float:
-    """Return Pr(percept is right) of rows (2,K) [truth, level], at a base rate."""
-    half = rows.shape[-1] // 2
-    return float(rate * rows[1, half:].sum() + (1.0 - rate) * rows[0, :half].sum())

@@ -36,6 +36,28 @@ def test_every_object_but_the_held_out_one_enters(table, make, object_level, lev
         assert np.array_equal(before, after) == (other == HELD_OUT)
 
 
+def test_a_frame_says_what_tells_most_of_each_attribute(table):
+    knowledge = knowledge_without(table, HELD_OUT)
+    frame = knowledge.to_frame()
+    assert tuple(frame.index) == table.domain.attributes
+    np.testing.assert_array_equal(frame["base_rate"], knowledge.base_rates)
+    for place, row in enumerate(frame.itertuples()):
+        e = table.domain.behavior_index(row.behavior)
+        false, true = knowledge.posterior.mean[place, e]
+        assert row.youden == pytest.approx(true[1] - false[1])
+        assert row.youden == knowledge.posterior.youden[place].max()
+        right = row.base_rate * true[1] + (1 - row.base_rate) * false[0]
+        assert row.right == pytest.approx(right)
+        assert f"{row.youden:.2f}" in knowledge._repr_html_()
+
+
+def test_a_frame_says_where_nothing_tells_anything(table):
+    nothing = replace(table, training_bins=np.zeros_like(table.training_bins))
+    frame = knowledge_without(nothing, HELD_OUT).to_frame()
+    assert frame["behavior"].isna().all()
+    assert frame[["youden", "right"]].isna().all(axis=None)
+
+
 def test_base_rates_are_laplace_s_of_the_known_labels(table):
     labels = np.array(table.labels)
     labels[0, 0], labels[5, 0] = -1, -1
