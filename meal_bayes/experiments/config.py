@@ -217,12 +217,13 @@ def _check_size(config: Any, factors: tuple[str, ...], others: tuple[str, ...]) 
         )
 
 
-def _checked(agents: Iterable[Any], seed: int, reward: float | None) -> tuple[Agent, ...]:
-    """Return the agents of values; raise where they, seed or reward are none."""
+def _checked(agents: Any, seed: int, reward: float | None) -> tuple[Agent, ...]:
+    """Return the agents of values, or of one; raise where they, seed or reward are none."""
     check_whole("seed", seed)
     if reward is not None:
         LearnerSettings(reward=reward)
-    named = tuple(as_agent(value) for value in agents)
+    alone = isinstance(agents, str) or not isinstance(agents, Iterable)
+    named = tuple(as_agent(value) for value in ((agents,) if alone else agents))
     names = [agent.name for agent in named]
     for name in names:
         if names.count(name) > 1:

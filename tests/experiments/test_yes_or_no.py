@@ -10,7 +10,8 @@ from meal_bayes import Learner, load_percepts
 from meal_bayes.domain import read_event
 from meal_bayes.errors import QueryError, SettingsError
 from meal_bayes.evaluation import answer_rates, summarize
-from meal_bayes.experiments import OfflineConfig, offline_tasks, run_offline
+from meal_bayes.experiments import OfflineConfig, OnlineConfig, offline_tasks, run_offline
+from meal_bayes.planners import OpenLoop
 from meal_bayes.trial_log import read_trials, write_trials
 from meal_bayes.trials import TrialOutcomes
 from meal_bayes.trials.text import final_facts
@@ -90,6 +91,16 @@ def test_what_two_objects_of_few_labels_leave_to_ask_is_asked():
     assert {task.query.attributes for task in tasks} == {("heavy", "glass")}
     with pytest.raises(SettingsError, match="more than 2 attributes that can hold together"):
         offline_tasks(table, 3, 5, 0, answer="yes or no")
+
+
+def test_one_agent_may_be_named_alone():
+    for config in (OfflineConfig, OnlineConfig):
+        for agent in ("bayes", OpenLoop()):
+            (alone,) = config("roc36", agents=agent).agents
+            (listed,) = config("roc36", agents=(agent,)).agents
+            assert alone.name == listed.name
+        with pytest.raises(SettingsError, match="'bays'"):
+            config("roc36", agents="bays")
 
 
 def test_an_unknown_kind_of_answer_is_refused():
