@@ -26,6 +26,7 @@ def check_solver(
     It must solve each, decide for a legal behavior or an answer at every belief that comes about,
     with values in their places; repeat its decisions under equal generators, whatever was solved or
     decided before; and change neither the problem, nor the history, nor NumPy's global generator.
+    How good its decisions are is not checked: one that never answers, or always abstains, passes.
 
     Parameters
     ----------
