@@ -1,7 +1,9 @@
 """Short texts and small HTML tables of our objects, for a terminal and for a notebook."""
 
 import dataclasses
+import inspect
 import math
+import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from html import escape
 from typing import Any
@@ -166,3 +168,14 @@ def best_options(values: NDArray[np.float64], chosen: int, most: int) -> list[in
     if not np.isnan(values[end]):
         best.append(end)
     return sorted(best, key=lambda e: -values[e])
+
+
+def warn_caller(text: str) -> None:
+    """Warn at the line outside of the package that called it: what a user can change is there."""
+    package = __name__.partition(".")[0]
+    frame = inspect.currentframe()
+    level = 0
+    while frame is not None and frame.f_globals.get("__name__", "").partition(".")[0] == package:
+        frame = frame.f_back
+        level += 1
+    warnings.warn(text, stacklevel=level + 1)

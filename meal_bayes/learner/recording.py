@@ -1,6 +1,5 @@
 """What a trial leaves in the record: executions, what was sensed and perceived of them."""
 
-import warnings
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from typing import Any
@@ -12,6 +11,7 @@ from meal_bayes.arrays import Levels
 from meal_bayes.datasets import Instance
 from meal_bayes.datasets.detections import detected_levels
 from meal_bayes.datasets.percepts import classifier_levels
+from meal_bayes.display import warn_caller
 from meal_bayes.domain import Query, unknown
 from meal_bayes.errors import SettingsError
 from meal_bayes.learner.columns import NONE
@@ -118,11 +118,10 @@ def _name_left_aside(record: Experience, sensed: Instance) -> None:
     if not modalities or {*(sensed.features or ())} == {*spec.modalities} or case in record.named:
         return
     record.named.add(case)
-    warnings.warn(
+    warn_caller(
         f"Features of {spec.name} are of {modalities}; the domain {record.domain.name!r} has "
         f"{', '.join(spec.modalities) or 'none'}: they are left aside, percepts are those of the "
-        "log. Load the domain of that log to learn from them.",
-        stacklevel=4,
+        "log. Load the domain of that log to learn from them."
     )
 
 

@@ -1,6 +1,5 @@
 """What a refit takes from the record: classifiers and their counts, and what was experienced."""
 
-import warnings
 from collections.abc import Sequence
 from dataclasses import astuple
 
@@ -9,7 +8,7 @@ from numpy.typing import NDArray
 
 from meal_bayes.agents import Agent
 from meal_bayes.datasets import Dataset, TrainingSet
-from meal_bayes.display import listed
+from meal_bayes.display import listed, warn_caller
 from meal_bayes.learner import views
 from meal_bayes.learner.columns import GIVEN, Labels
 from meal_bayes.learner.experience import Experience
@@ -155,7 +154,7 @@ def warn_of_odd(record: Experience, sizes: views.Sizes) -> None:
     odd = [text for text in views.odd_recordings(record, sizes) if text not in record.named]
     if odd:
         record.named.update(odd)
-        warnings.warn(f"Left out of what is learned: {listed(odd, 5)}.", stacklevel=2)
+        warn_caller(f"Left out of what is learned: {listed(odd, 5)}.")
 
 
 def _some(gathered: TrainingSet, chosen: NDArray[np.bool_]) -> TrainingSet:

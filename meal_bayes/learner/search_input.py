@@ -1,6 +1,5 @@
 """What a search is given, checked: its options, its objects, and who is left to learn from."""
 
-import warnings
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypedDict
@@ -8,6 +7,7 @@ from typing import Any, TypedDict
 import numpy as np
 
 from meal_bayes.datasets import PerceptTable, object_index
+from meal_bayes.display import warn_caller
 from meal_bayes.domain import Query
 from meal_bayes.domain.words import doubled
 from meal_bayes.errors import SettingsError
@@ -67,7 +67,6 @@ def check_others(table: PerceptTable, names: Sequence[str], query: Query) -> Non
             )
         for value, word in ((1, ""), (0, "not ")):
             if not (labels[:, column] == value).any():
-                warnings.warn(
-                    f"{lacking} that is {word}{name}: how such an object is perceived is a guess.",
-                    stacklevel=3,
+                warn_caller(
+                    f"{lacking} that is {word}{name}: how such an object is perceived is a guess."
                 )

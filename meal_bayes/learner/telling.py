@@ -1,12 +1,12 @@
 """What people tell a learner, in logs: written once it is told, and told again from there."""
 
 import difflib
-import warnings
 from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
 
+from meal_bayes.display import warn_caller
 from meal_bayes.domain import unknown
 from meal_bayes.errors import SettingsError
 from meal_bayes.learner import views
@@ -71,10 +71,9 @@ def warn_of_typo(experience: Experience, name: str) -> None:
     names = [*experience.objects]
     near = difflib.get_close_matches(name, names, 1, _ALIKE)
     if name not in names and near:
-        warnings.warn(
+        warn_caller(
             f"There is no trial or recording of {name!r}; did you mean {near[0]!r}? It is taken "
-            f"for another object; forget({name!r}) takes its labels back.",
-            stacklevel=3,
+            f"for another object; forget({name!r}) takes its labels back."
         )
 
 

@@ -4,7 +4,6 @@ What a robot returns is checked once, there, and becomes indices. Any robot may 
 viewer.
 """
 
-import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
@@ -15,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from meal_bayes.arrays import is_whole
 from meal_bayes.datasets import Instance, checked_features
 from meal_bayes.datasets.detections import checked_percepts
+from meal_bayes.display import warn_caller
 from meal_bayes.domain import TERMINAL, Behavior, Domain, unknown
 from meal_bayes.domain.diagram import TransitionArrays
 from meal_bayes.errors import DataError, QueryError, RobotError
@@ -214,7 +214,7 @@ class OutcomeChecker:
             return features, ""
         warning = f"percept of {spec.name} by {', '.join(showing) or 'its detector'} alone: {why}"
         if spec.name not in self._warned:  # a person sees it once a trial
-            warnings.warn(warning, stacklevel=2)
+            warn_caller(warning)
             self._warned.add(spec.name)
         return features or None, warning
 

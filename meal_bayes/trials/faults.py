@@ -1,6 +1,5 @@
 """Behaviors that yield nothing: a dead sensor, or a motion that never works, is not repeated."""
 
-import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import NamedTuple
@@ -8,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from meal_bayes.display import warn_caller
 from meal_bayes.domain.diagram import TransitionArrays
 from meal_bayes.momdp import MOMDP
 from meal_bayes.planners import Decision, History, Policy
@@ -117,9 +117,7 @@ class FaultTolerant:
             for e in np.flatnonzero(failing > self._failing):
                 name = self.momdp.behavior_names[e]
                 # Heard in Python alone; the warnings that steps keep are the session's.
-                warnings.warn(
-                    _SILENT.format(name) if senses[e] else _STUCK.format(name), stacklevel=2
-                )
+                warn_caller(_SILENT.format(name) if senses[e] else _STUCK.format(name))
             self.policy = self.solve(without(self.momdp, failing, stuck))
             self._failing = failing
         return self.policy.decide(history, rng)

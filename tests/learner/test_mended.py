@@ -1,6 +1,7 @@
 """A driver that was wrong, or hardware that was broken, and is mended: what is learned of it."""
 
 import warnings
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -180,3 +181,12 @@ def test_what_joined_is_said_of_the_last_call_alone(dataset, make):
     assert "0 joined, 72 were known" in repr(learner.fit(dataset))
     ask(learner, make.arm())
     assert "joined" not in repr(learner)
+
+
+def test_warnings_point_at_the_line_that_asked(dataset, make):
+    learner = make.learner(dataset, make.agent("look", "look", "look"))
+    odd = Outcome("table", {"color": [1.0, 2.0, 3.0], "sound": [1.0]}, percepts={"red": True})
+    for outcome in (Outcome("table"), replace(odd, features={"color": [np.nan] * 3})):
+        with pytest.warns(UserWarning, match="percept of|yielded nothing") as caught:
+            learner.ask("red", make.faulty(outcome))
+        assert {warning.filename for warning in caught} == {__file__}
