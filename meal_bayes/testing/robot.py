@@ -81,7 +81,7 @@ class _Check:
         self.detected: list[tuple[str, Any, dict[Any, Any]]] = []  # the same of percepts
 
     def fail(self, fault: str, mend: str) -> ConformanceError:
-        return ConformanceError(f"{self.name}: {fault} {mend}")
+        return ConformanceError(f"{self.name}: {fault.removesuffix('.')}. {mend}")
 
     def trial(self, steps: int, rng: np.random.Generator) -> None:
         """Start, and execute the legal behaviors, the least executed ones first."""

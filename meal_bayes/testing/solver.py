@@ -80,14 +80,19 @@ class _Check:
         self.where = where
 
     def fail(self, fault: str, mend: str) -> ConformanceError:
-        return ConformanceError(f"{self.where}: {fault} {mend}")
+        return ConformanceError(f"{self.where}: {fault.removesuffix('.')}. {mend}")
 
     def play(self, other: MOMDP, seed: int, steps: int) -> None:
         """Follow the policy where it goes; where it would answer, take any legal behavior."""
         rng = np.random.default_rng(seed)
         policy = self.solve(self.momdp)
         again = self.solve(self.momdp)
-        self.solve(other)  # which must not change what was solved before
+        # Another problem must not change what was solved before.
+        if self.solve(other) is policy:
+            raise self.fail(
+                "solve() returned one policy object for two problems.",
+                "Return a new one each time, which keeps what it needs of its own problem.",
+            )
         history = History(initial_belief(self.momdp))
         decided: list[tuple[History, int, Decision]] = []
         for step in range(steps):
@@ -147,11 +152,13 @@ class _Check:
         try:
             result = function()
         except Exception as fault:  # whatever it raises
-            raise self.fail(
-                f"{what} raised {type(fault).__name__}: {fault}",
+            mend = (
                 "It must decide at every belief that can come about, also where percepts have run "
-                "out or the belief is certain (log-odds of plus and minus infinity).",
-            ) from fault
+                "out or the belief is certain (log-odds of plus and minus infinity)."
+            )
+            if "read-only" in str(fault):
+                mend = "Histories, beliefs and MOMDPs are values: copy what you change."
+            raise self.fail(f"{what} raised {type(fault).__name__}: {fault}", mend) from fault
         after = np.random.get_state()[1], random.getstate()  # type: ignore[index]  # noqa: NPY002
         if not np.array_equal(before[0], after[0]) or before[1] != after[1]:
             raise self.fail(

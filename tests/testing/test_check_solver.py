@@ -143,3 +143,29 @@ def test_problems_are_of_many_kinds() -> None:
     assert any((momdp.limit == 0).all() for momdp in known)
     assert {momdp.levels for momdp in known} == {2, 4}
     assert {len(momdp.query) for momdp in known} == {1, 2, 3}
+
+
+class OnePolicy:
+    """Returns one object, whatever it solves."""
+
+    def solve(self, momdp: MOMDP, rng: np.random.Generator) -> Policy:
+        self.momdp = momdp
+        return self
+
+    def decide(self, history: History, rng: np.random.Generator) -> Decision:
+        return unvalued(self.momdp, best_report(self.momdp, history.belief))
+
+
+class Writing:
+    """Writes into the arrays of its problem, which are read-only."""
+
+    def solve(self, momdp: MOMDP, rng: np.random.Generator) -> Policy:
+        momdp.cost[0] = 0.0
+        raise AssertionError
+
+
+def test_what_is_shared_or_written_is_told_with_its_mend() -> None:
+    with pytest.raises(ConformanceError, match=r"one policy object for two problems.*a new one"):
+        check_solver(OnePolicy())
+    with pytest.raises(ConformanceError, match=r"read-only\. .*are values: copy what you change"):
+        check_solver(Writing())
