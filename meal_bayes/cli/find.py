@@ -31,7 +31,14 @@ class _Searching(TypedDict):
 @click.command(short_help="Find one of several objects.")
 @click.argument("question")
 @opt.shared("dataset", "root")
-@opt.option("--objects", None, None, "NAME,NAME", "The objects, or none of them.", required=True)
+@opt.option(
+    "--objects",
+    None,
+    None,
+    "NAME,NAME",
+    "Recorded objects to choose from.",
+    required=True,
+)
 @opt.option("--agent", None, "bayes", "NAME", f"Who finds: {opt.AGENTS}; or {opt.OWN}.")
 @click.option(
     "--payoffs", type=float, nargs=2, metavar="S S", help="What a right and a wrong claim earn."
