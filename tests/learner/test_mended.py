@@ -190,3 +190,28 @@ def test_warnings_point_at_the_line_that_asked(dataset, make):
         with pytest.warns(UserWarning, match="percept of|yielded nothing") as caught:
             learner.ask("red", make.faulty(outcome))
         assert {warning.filename for warning in caught} == {__file__}
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("fault", ["unread", "broken"])
+def test_a_robot_that_was_mended_works_again(make, fault):
+    """From nothing: a driver that names another modality, or a sensor that is dead, five times."""
+
+    class Faulty(make.arm):
+        def execute(self, behavior):
+            outcome = super().execute(behavior)
+            if fault == "broken" or outcome.features is None:
+                return Outcome(outcome.state)
+            return replace(outcome, features={k.upper(): v for k, v in outcome.features.items()})
+
+    learner = Learner(make.kitchen, horizon=100, logs=None)
+    executed = []
+    for number in range(16):
+        cup = {"red": bool(number % 2), "full": bool(number % 3)}
+        arm = (Faulty if number < 5 else make.arm)(**cup, seed=number)
+        learner.tell(ask(learner, arm, object_name=f"mug {number}", key=number), cup)
+        executed.append(arm.executed)
+    assert all(names.count("look") <= 2 for names in executed[:5])
+    assert all("look" in names for names in executed[-4:])
+    if fault == "unread":
+        assert "look" in executed[5]
