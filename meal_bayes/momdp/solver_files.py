@@ -86,6 +86,7 @@ def _pomdp(momdp: MOMDP, tables: FileTables) -> Iterator[str]:
     yield f"# query: {_remark(momdp.query.text)}"
     for x, x_name in enumerate(momdp.x_names[:-1]):
         yield f"# s{x}: {_remark(x_name)}"
+    yield f"# digits behind p, 1 true and 0 false: {_remark(', '.join(momdp.query.attributes))}"
     yield f"discount: {_number(momdp.discount)}"
     yield "values: reward"
     yield f"states: {' '.join(map(' '.join, states))} term"

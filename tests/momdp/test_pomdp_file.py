@@ -251,3 +251,15 @@ def test_what_does_not_fit_is_refused(momdp_of, tmp_path):
         flatten(
             build_momdp(load_domain("toy"), Query(("red",)), rows, latent_classes=latent_classes)
         )
+
+
+def test_the_file_says_which_attribute_each_digit_is_of(tmp_path):
+    domain = load_domain("roc36")
+    rows = np.full((4, len(domain.behaviors), 2, 2), 0.5)
+    query = Query(("heavy", "brown", "green", "blue"), ((1, 2, 3),), ("color",))
+    write_pomdp(build_momdp(domain, query, rows), tmp_path / "own.pomdp")
+    lines = (tmp_path / "own.pomdp").read_text().splitlines()
+    assert "# digits behind p, 1 true and 0 false: heavy, brown, green, blue" in lines
+    states = next(line for line in lines if line.startswith("states:")).split()
+    assert states[1] == "s0p0100"  # the first values: not heavy, brown
+    assert query.report_name(query.values[0]) == "not heavy, brown"
