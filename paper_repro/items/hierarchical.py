@@ -9,14 +9,14 @@ from meal_bayes.evaluation import Effect, compare_outcomes, difference, resample
 from meal_bayes.evaluation.outcome_model import MARGINS, AgentEffect
 from meal_bayes.trials import TrialOutcomes
 from paper_repro.frame import Cell, Result, Setting, Table, asked, paper_values
-from paper_repro.items.fig8 import BASELINES
-from paper_repro.items.fig8 import TRIALS as OFFLINE_TRIALS
+from paper_repro.items.fig8 import BASELINES, run_strategy
 from paper_repro.items.fig10 import PANELS
-from paper_repro.offline import AGAINST, OWN, run_agent
+from paper_repro.offline import AGAINST, OWN
 from paper_repro.online import BASE, BEST, OUR_AGENT, PAPERS, REPEATS, run_curves
 from paper_repro.statements import RECORDED
 
 DRAWS = 300  # in each of two chains
+OFFLINE_TRIALS = 400  # of Fig. 8's; a fit takes minutes
 COLUMNS = ("", "agent", "trials", "accuracy less the paper's agent's", "by the model", "low",
            "high", "Pr(ahead)", "Pr(equivalent)")  # fmt: skip
 NOTE = """Accuracy on recordings less that of the paper's agent: of MORC in Fig. 8, of MORC-ITRS
@@ -46,8 +46,7 @@ def run(setting: Setting) -> Result:
     pairs: dict[str, Pairs] = {"Fig. 8": [], "Fig. 10": [], "Fig. 11": []}
     for n in setting.choose((1, 2, 3), (2,)):
         runs = {
-            agent: run_agent(setting, RECORDED, "ispy32", n, agent,
-                             setting.trials_of(OFFLINE_TRIALS, 6))
+            agent: run_strategy(setting, RECORDED, n, agent, setting.trials_of(OFFLINE_TRIALS, 6))
             for agent in (*BASELINES, AGAINST, OWN)
         }  # fmt: skip
         joined = TrialOutcomes.join(list(runs.values()))
