@@ -15,6 +15,7 @@ from paper_repro.inference import (
     drawn_mean,
     planned_trials,
 )
+from paper_repro.items import fig8
 from paper_repro.offline import Runs, run_agent
 from paper_repro.published import plotted_ispy32
 from paper_repro.statements import (
@@ -28,7 +29,8 @@ from paper_repro.statements import (
 )
 
 IRRELEVANT, RELEVANT = (0, 1, 2, 3, 4, 5), 2
-TRIALS = 60  # of what is not judged, and on recordings; the paper has 200
+TRIALS = 60  # of what is not judged
+PUBLISHED = 200  # the paper's
 FORCED = 300  # of MORC that must answer, which is judged at both ends
 MEASURES = ("reward", "cost", "success")
 LABELS = {"reward": "reward", "cost": "cost, s", "success": "accuracy, relevant ones"}
@@ -41,15 +43,15 @@ compares the queried values only). The first ones are relevant, and accuracy is 
 up by an illegal behavior at its cost, the paper's only way; in the rows `must answer` it never
 does. Under `theirs` asking costs 100 s and each attribute of an answer is right with .65. The
 published code has another `ask`, by which the best reward ends above 150, whoever plans
-([published_ask](published_ask.md)). The matrices that the simulator loads were not
-published, so that percepts are drawn from tables of our classifiers; the 32 objects are then the
-whole population, trials are the units, and their number was planned from the deviations of a first
-run of 60 trials. On recordings a person is right with .7 in each; there the printed rewards are not
-judged, and changes are means over the objects that both points have. A MOMDP of the relevant
-attributes alone (Alg. 1, l. 2) is a level line by construction. Whether cost rises and falls again
-is judged at one irrelevant attribute, the first step, and not where it is largest, which nobody
-knows without looking. The planner is our tree search; item `pomdpsol` has the paper's own
-solver."""
+([published_ask](published_ask.md)). The matrices that the simulator loads were not published, so
+that percepts are drawn from tables of our classifiers; the 32 objects are then the whole
+population, trials are the units, and their number was planned from the deviations of a first run of
+60 trials. On recordings the first two points are Fig. 8's questions and have its trials; a person
+is right with .7 in each; there the printed rewards are not judged, and changes are means over the
+objects that both points have. A MOMDP of the relevant attributes alone (Alg. 1, l. 2) is a level
+line by construction. Whether cost rises and falls again is judged at one irrelevant attribute, the
+first step, and not where it is largest, which nobody knows without looking. The planner is our tree
+search; item `pomdpsol` has the paper's own solver."""
 SHOWS = """The paper draws reward, cost and success over 0 to 5 irrelevant attributes: reward falls
 from above 150 to below 25, cost first rises and then falls as the planner gives up."""
 
@@ -67,6 +69,15 @@ def plan() -> dict[int, int]:
         IRRELEVANT[0]: max(wanted["first"], wanted["cost"]),
         IRRELEVANT[1]: wanted["cost"],
         IRRELEVANT[-1]: max(wanted["last"], wanted["cost"]),
+    }
+
+
+def plan_recorded() -> dict[int, int]:
+    """Return the same on recordings: where questions are Fig. 8's, its trials; at the end 200."""
+    return {
+        **dict.fromkeys(IRRELEVANT, TRIALS),
+        **dict.fromkeys(IRRELEVANT[:2], fig8.TRIALS),
+        IRRELEVANT[-1]: PUBLISHED,
     }
 
 
@@ -88,9 +99,10 @@ def run(setting: Setting) -> Result:
         THEIRS: judge(runs[EACH]) | judge_forced(runs[FORCES])
     }
     if RECORDED in setting.protocols:
+        recorded = plan_recorded()
         runs[RECORDED] = {
             str(k): run_agent(setting, RECORDED, "ispy32", RELEVANT + k, DECLINES,
-                              setting.trials_of(TRIALS, 4))
+                              setting.trials_of(recorded[k], 4))
             for k in numbers
         }  # fmt: skip
         level = "with the relevant attributes alone reward is level"
