@@ -167,11 +167,7 @@ def quantity_of(row: Mapping[str, Any]) -> str:
     'reward'
     >>> quantity_of({"rule": "hours less its is below 0"})
     'hours less its'
-    >>> quantity_of({"rule": "7 is what one more of our splits might give as number of attributes"})
-    'number of attributes'
     """
-    if " might give as " in row["rule"]:
-        return str(row["rule"]).rpartition(" as ")[2]
     return str(row["rule"]).partition(" is ")[0].partition(": ")[0].removesuffix(", s")
 
 

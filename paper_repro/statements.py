@@ -181,7 +181,7 @@ def placed(values: ArrayLike, printed: float, *, of: str) -> Evidence:
                     method="prediction interval of one split")  # fmt: skip
     _, _, low, high = effect.interval(1 - LEVEL)
     outcome = FALLS if printed < low or printed > high else UNDECIDED
-    rule = f"{printed:.3g} is what one more of our splits might give as {of}"
+    rule = f"{of} is {printed:.3g}, as one more of our splits might give"
     return Evidence(outcome=outcome, rule=rule, shown=effect)
 
 
