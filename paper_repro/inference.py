@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import brentq
 from scipy.special import ndtri, stdtr, stdtrit
-from scipy.stats import binom
 
 from meal_bayes.arrays import Floats
 from meal_bayes.evaluation import (
@@ -26,7 +25,7 @@ from meal_bayes.trials import TrialOutcomes
 LEVEL = 1 - MASS
 _TINY = 1e-9  # a level below all that are asked for, where Student's will do
 _POWER = 0.8  # with which further units are to decide
-_MOST = 10_000  # of which none would
+_MOST = 10_000  # splits that anybody would run
 
 
 def level_above(effect: Effect, bound: float) -> float:
@@ -57,29 +56,20 @@ def level_below(effect: Effect, bound: float) -> float:
 def needed(effect: Effect, bound: float, level: float) -> int | None:
     """Return the splits that decide on which side of a bound an effect is, at 80 % power.
 
-    None where no number would, as the difference is nothing or the fixed part is too much, and
-    where only more objects would, which nobody can draw.
+    A further split narrows the spread that splits have, whatever they have a mean of. None where no
+    number below 10,000 would, as the difference is nothing or the fixed part is too much, and where
+    only more objects would, which nobody can draw.
     """
-    distance = abs(effect.estimate - bound)
+    p, distance = effect.estimate, abs(effect.estimate - bound)
     if effect.cluster != "splits" or not (effect.se > 0 and distance > 0):
         return None
-    if effect.fraction and not effect.fixed:  # of splits that succeed: Wilson's of k of n
-        for n in range(effect.clusters + 1, _MOST):
-            k = np.arange(n + 1)
-            cases = np.where((k > 0) & (k < n), n - 1, n)  # as `Effect.cases`
-            away = np.abs(k / n - bound) * np.sqrt(cases / (bound * (1 - bound)))
-            decided = 2 * stdtr(n - 1, -away) <= level
-            if binom.pmf(k, n, effect.estimate) @ decided >= _POWER:
-                return n
-        return None
-    units = 1000.0
-    for _ in range(20):  # Student's t is that of the units it calls for
-        reach = stdtrit(max(units - 1, effect.clusters, 1), 1 - level / 2) + ndtri(_POWER)
-        wanted = float((distance / reach) ** 2) - effect.fixed
-        if wanted <= 0:
-            return None
-        units = effect.clusters * (effect.se**2 - effect.fixed) / wanted
-    return max(math.ceil(units), effect.clusters + 1)
+    splits = np.arange(effect.clusters + 1, _MOST)
+    se = np.sqrt(effect.fixed + (effect.se**2 - effect.fixed) * effect.clusters / splits)
+    # Wilson's interval of a fraction ends at the bound where the bound's own error reaches to it.
+    error = math.sqrt(bound * (1 - bound) / (p * (1 - p))) if effect.fraction else 1.0
+    reach = (stdtrit(splits - 1, 1 - level / 2) * error + ndtri(_POWER)) * se
+    decided = np.flatnonzero(distance >= reach)
+    return int(splits[decided[0]]) if len(decided) else None
 
 
 def holm(levels: ArrayLike, level: float = LEVEL) -> Floats:

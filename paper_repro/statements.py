@@ -168,11 +168,18 @@ def constructed(rule: str) -> Evidence:
     return Evidence(outcome=CONSTRUCTED, rule=rule)
 
 
-def placed(values: ArrayLike, printed: float, *, of: str) -> Evidence:
-    """Judge one trial or split of the paper by the 95 % prediction interval of one more of ours.
+def placed(values: ArrayLike, printed: float, *, of: str, at_most: bool = False) -> Evidence:
+    """Judge one split of the paper by the 95 % prediction interval of one more of ours.
 
     It falls outside, and stays undecided inside: a single one contradicts or does not, it proves
     nothing.
+
+    Parameters
+    ----------
+    values : (S,) one of each of our splits; nan where a split has none.
+    printed : what the paper shows.
+    of : what it is, for the rule.
+    at_most : the paper shows this or less, so that an interval above it alone contradicts.
     """
     x = np.asarray(values, float)
     x = x[~np.isnan(x)]
@@ -180,8 +187,9 @@ def placed(values: ArrayLike, printed: float, *, of: str) -> Evidence:
     effect = Effect(float(x.mean()) if len(x) else math.nan, spread, len(x), cluster="splits",
                     method="prediction interval of one split")  # fmt: skip
     _, _, low, high = effect.interval(1 - LEVEL)
-    outcome = FALLS if printed < low or printed > high else UNDECIDED
-    rule = f"{of} is {printed:.3g}, as one more of our splits might give"
+    outcome = FALLS if printed < low or (printed > high and not at_most) else UNDECIDED
+    number = f"{printed:.3g} at most" if at_most else f"{printed:.3g}"
+    rule = f"{of} is {number}, as one more of our splits might give"
     return Evidence(outcome=outcome, rule=rule, shown=effect)
 
 
@@ -193,7 +201,7 @@ def judged(
     Parameters
     ----------
     evidence : of statements by their text, by protocol; None where it is not run.
-    central : patterns of the texts on which the verdict rests, named before the run.
+    central : patterns of the texts on which the verdict rests; what is said of our agent has none.
     where : the paper has them.
     """
     rows = []
@@ -206,7 +214,8 @@ def judged(
                 facts = entry.judge(float(next(levels)) if entry.parts else 0.0)
             rows.append({
                 "text": text, "where": where, "protocol": protocol,
-                "central": any(fnmatch(text, pattern) for pattern in central), **facts,
+                "central": protocol != OURS and any(fnmatch(text, name) for name in central),
+                **facts,
             })  # fmt: skip
     return rows
 
@@ -226,8 +235,7 @@ def verdict(statements: Sequence[Mapping[str, Any]]) -> str:
         row
         for row in statements
         if row["central"] and (row["protocol"] == RECORDED or row["text"] not in recorded)
-        and row["protocol"] != OURS
-    ]  # fmt: skip
+    ]
     deciding = [row["outcome"] for row in central]
     number = {outcome: deciding.count(outcome) for outcome in OUTCOMES}
     told = ", ".join(_counted(n, outcome) for outcome, n in number.items() if n)

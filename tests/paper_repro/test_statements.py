@@ -122,9 +122,10 @@ def test_every_statement_is_written_with_all_that_it_rests_on():
         THEIRS: {"a": above(effect(1), 0), "b": fact(holds=True, rule="it does")},
         RECORDED: {"a": placed(np.arange(10.0), 4.0, of="x"), "c": constructed("fitted")},
     }
+    evidence[OURS] = {"a": above(effect(1), 0)}  # on which no verdict on the paper rests
     rows = judged(evidence, ["a"], "Fig. 1")
     assert all(set(row) == KEYS for row in rows)
-    assert [row["central"] for row in rows] == [True, False, True, False]
+    assert [row["central"] for row in rows] == [True, False, True, False, False]
 
 
 @pytest.mark.parametrize(("printed", "kind"), [(4.5, UNDECIDED), (40.0, FALLS)])
@@ -132,6 +133,13 @@ def test_a_single_trial_falls_or_proves_nothing(printed, kind):
     evidence = placed([*range(10), np.nan], printed, of="x")
     assert evidence.outcome == kind
     assert outcome(placed([1.0], printed, of="x")) == UNDECIDED
+
+
+@pytest.mark.parametrize(("printed", "kind"), [(40.0, UNDECIDED), (4.5, UNDECIDED), (-9.0, FALLS)])
+def test_no_more_than_a_number_falls_where_our_splits_are_all_above_it(printed, kind):
+    evidence = placed(np.arange(10.0), printed, of="x", at_most=True)
+    assert evidence.outcome == kind
+    assert evidence.rule == f"x is {printed:.3g} at most, as one more of our splits might give"
 
 
 def test_an_interval_without_width_decides_nothing():
@@ -160,7 +168,7 @@ def row(text, protocol, kind, *, central=True, method="Student's t"):
         ([row("a", THEIRS, STANDS), row("b", THEIRS, STANDS, method="a fact")], "reproduced (2"),
         ([row("a", RECORDED, None)], "not run"),
         ([row("a", RECORDED, STANDS), row("b", RECORDED, None)], "run in part (1 stands, 1 not"),
-        ([row("a", OURS, FALLS)], "nothing to judge"),
+        ([row("a", OURS, FALLS, central=False)], "nothing to judge"),
         ([row("a", RECORDED, FALLS, central=False)], "nothing central"),
         ([], "nothing to judge"),
     ],
@@ -203,6 +211,24 @@ def test_needed_units_decide_at_80_percent_power():
     assert 0.7 < np.mean(decided) < 0.95
     assert needed(resampled([0.0, 2.0, 1.0, 1.5], 0.5), 0.0, 0.05) is None  # by more splits
     assert needed(resampled([9.0, 11.0, 10.0, 10.5], 0.5), 7.0, 0.05) > 4
+
+
+@pytest.mark.parametrize(("mean", "spread", "bound"), [(0.87, 0.1, 0.8), (0.7, 0.15, 0.75)])
+def test_needed_splits_of_an_accuracy_go_by_its_own_spread(mean, spread, bound):
+    """A split's accuracy is of many tests: it is no success or failure of the split."""
+    tests = mean * (1 - mean) / spread**2 - 1
+    rng = np.random.default_rng(3)
+
+    def draw(*size):
+        return rng.beta(mean * tests, (1 - mean) * tests, size)
+
+    x = draw(20)
+    x = mean + (x - x.mean()) * spread / x.std(ddof=1)
+    seen = clustered(x, range(20), fraction=True)
+    units = needed(replace(seen, cluster="splits"), bound, 0.01)
+    outside = level_above if mean > bound else level_below
+    again = [clustered(part, range(units), fraction=True) for part in draw(2000, units)]
+    assert 0.74 < np.mean([outside(each, bound) <= 0.01 for each in again]) < 0.88
 
 
 @pytest.mark.parametrize("successes", [1, 2])
