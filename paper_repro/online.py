@@ -21,7 +21,7 @@ OUR_AGENT = "bayes"
 # Repeats split the same objects: J of them leave (1/J + .52) of the variance, as a third tests and
 # two thirds teach. 10 make the 95 % interval 13 % wider than 20 do, 5 nearly half as wide again.
 REPEATS = 10
-# By the published code's settings, one attribute: among them stands the one split that it has.
+# By the published code's settings each repeat has a split of its own, and repeats are independent.
 SPLITS = 20
 THIRDS = (33, 33, 34)  # of the objects: pretraining, training, test
 VARIANTS: dict[str, Any] = {  # what the published code does otherwise than the paper
@@ -43,7 +43,7 @@ class Curves:
     Attributes
     ----------
     hours : (S,B) of exploration so far.
-    accuracy, reward, cost : (S,B) means over test trials.
+    accuracy, reward, cost, abstained : (S,B) means over test trials.
     by_attribute : (S,B,P) accuracy of the trials that ask each attribute; nan where none does.
     training : (S,B-1) logs of the training trials.
     ratio : test objects over training objects; 0 where these objects are the whole population.
@@ -54,6 +54,7 @@ class Curves:
     accuracy: Floats
     reward: Floats
     cost: Floats
+    abstained: Floats
     by_attribute: Floats
     training: tuple[tuple[Path, ...], ...]
     ratio: float = 0.5
@@ -63,9 +64,9 @@ class Curves:
         return len(self.hours)
 
 
-def repeats_of(setting: Setting, protocol: str, n: int) -> int:
-    """Return how many repeats an agent runs of Figs 10 and 11, where `n` attributes are asked."""
-    return setting.repeats_of(SPLITS if protocol == THEIRS and n == 1 else REPEATS)
+def repeats_of(setting: Setting, protocol: str) -> int:
+    """Return how many repeats an agent runs of Figs 10 and 11 and of Table 4 in a column."""
+    return setting.repeats_of(SPLITS if protocol == THEIRS else REPEATS)
 
 
 def run_curves(
@@ -115,20 +116,23 @@ def run_curves(
     for result in run.results():
         tests.append(outcomes := result.outcomes)
         right, asked = outcomes.success.astype(float), outcomes.attribute[:, 0]
-        means = [right[asked == name].mean() if (asked == name).any() else np.nan for name in names]
+        by_attribute = [right[asked == name].mean() if (asked == name).any() else np.nan
+                        for name in names]  # fmt: skip
         rows.append((result.hours, right.mean(), outcomes.reward.mean(),
-                     outcomes.cost.mean(), *means))  # fmt: skip
+                     outcomes.cost.mean(), (~outcomes.answered).mean(), *by_attribute))  # fmt: skip
     table = np.array(rows).reshape(repeats, batches + 1, -1)
     folders = [run.folder / agent / f"repeat-{s:03d}" for s in range(repeats)]
-    every = range(1, batches + 1)
-    logs = tuple(tuple(folder / f"{b:02d}-train.mcap" for b in every) for folder in folders)
+    logs = tuple(
+        tuple(folder / f"{batch:02d}-train.mcap" for batch in range(1, batches + 1))
+        for folder in folders
+    )
     setting.spend(path for folder in folders for path in folder.glob("*.mcap"))
-    known, met, tested = (part if isinstance(part, int) else len(part) for part in split)
-    ratio = 0.0 if code else tested / (known + met)
+    pretrained, trained, tested = (p if isinstance(p, int) else len(p) for p in split)
+    ratio = 0.0 if code else tested / (pretrained + trained)
     size = batches + 1
     by_split = tuple(tuple(tests[s * size : (s + 1) * size]) for s in range(repeats))
-    hours, accuracy, reward, cost = np.moveaxis(table[..., :4], 2, 0)
-    return Curves(hours, accuracy, reward, cost, table[..., 4:], logs, ratio, by_split)
+    hours, *means = np.moveaxis(table[..., :5], 2, 0)
+    return Curves(hours, *means, table[..., 5:], logs, ratio, by_split)
 
 
 def at_hours(hours: Floats, values: Floats, when: float) -> Floats:

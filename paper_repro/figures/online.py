@@ -1,6 +1,7 @@
 """Figures of agents that learn online: curves as differences, attributes, weights, a model."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -8,64 +9,67 @@ from meal_bayes.canvas import Axes, axes_to_draw, name_axes
 from meal_bayes.evaluation.outcome_model import MARGINS
 from meal_bayes.evaluation.plots import reach
 from meal_bayes.evaluation.statistics import Interval
-from meal_bayes.palette import LINE_GRAY, agent_style
+from meal_bayes.palette import agent_style
 from paper_repro.figures.read import Record, Row, apart, interval_of, joined, rows_of
 from paper_repro.figures.shapes import dots, headline, heat_map, panels, shared_legend
 
 _BASE, _BEST = "iterative_morc", "morc_itrs"
 _DRAWN = ("iterative_random_legal", _BEST, "bayes")
 _BUDGETS = (0.5, 1, 2, 4)  # hours at which the tables compare
-_AREA = "reward over H h, less its"
+_ENDS = {"reward": "", "accuracy": "_accuracy"}  # of the names of the files
 _DESIGN = "accuracy less the paper's agent's"
 _MODEL = "by the model"
 _SIDES = (0.16, -0.16)  # of the model's dot, and of the design's below it
 
 
 def fig10(record: Record) -> dict[str, Axes]:
-    """Draw each agent's reward less Iterative MORC's over the hours of exploration, by panel."""
+    """Draw each agent's reward, and accuracy, less Iterative MORC's over the hours, by panel."""
     figures = {}
     for protocol in ("recorded", "theirs"):
         tables = [table for table in record["tables"] if table["title"].endswith(f", {protocol}")]
-        if not tables:
-            continue
-        columns = min(len(tables), 2)
-        rows = -(-len(tables) // columns)
-        axes = panels(rows, columns, width=6.8, height=1.4 + 1.9 * rows)
-        told: dict[str, list[str]] = {}
-        for ax, table in zip(axes, tables, strict=False):
-            agents = {row["agent"]: row for row in rows_of(table)}
-            for agent in (name for name in _DRAWN if name in agents):
-                _difference(ax, agents[agent], agents[_BASE])
-                area = interval_of(agents[agent][_AREA], agents[agent]["repeats"])
-                told.setdefault(agent, []).append(_side(area))
-            with axes_to_draw(ax):
-                ax.axhline(0, color=LINE_GRAY, lw=1)
-                ax.set_title(table["title"].removesuffix(f", {protocol}"), fontsize=9, loc="left")
-                name_axes(ax, "exploration, h", "reward less its")
-                ax.set_xscale("log")
-                ax.set_xticks(_BUDGETS, [f"{h:g}" for h in _BUDGETS])
-                ax.minorticks_off()
-                ax.set_xlim(0.45, 4.4)
-        for ax in axes[len(tables) :]:
-            ax.remove()
-        finding = "; ".join(f"{agent} is {_counts(sides)}" for agent, sides in told.items())
-        shared_legend(axes[: len(tables)])
-        headline(axes[0], f"Reward less Iterative MORC's, number of panels: {finding}",
-                 f"{record['size']} Bands: 95 % intervals over splits of the same objects "
-                 "(Student's t). Lines end where either agent has explored no longer."
-                 )  # fmt: skip
-        figures[f"_{protocol}"] = axes[0]
+        for measure, end in _ENDS.items() if tables else ():
+            figures[f"{end}_{protocol}"] = _leads(record, tables, measure)
     return figures
 
 
-def _difference(ax: Axes, row: Row, base: Row) -> None:
+def _leads(record: Record, tables: Sequence[Mapping[str, Any]], measure: str) -> Axes:
+    """Draw a measure less Iterative MORC's, a panel a table."""
+    columns = min(len(tables), 2)
+    rows = -(-len(tables) // columns)
+    axes = panels(rows, columns, width=6.8, height=1.4 + 1.9 * rows)
+    told: dict[str, list[str]] = {}
+    for ax, table in zip(axes, tables, strict=False):
+        agents = {row["agent"]: row for row in rows_of(table)}
+        for agent in (name for name in _DRAWN if name in agents):
+            _difference(ax, agents[agent], agents[_BASE], measure)
+            area = interval_of(agents[agent][f"{measure} over H h, less its"],
+                               agents[agent]["repeats"])  # fmt: skip
+            told.setdefault(agent, []).append(_side(area))
+        with axes_to_draw(ax):
+            ax.axhline(0, color="#7A7A7A", lw=1)
+            ax.set_title(table["title"].rpartition(", ")[0], fontsize=9, loc="left")
+            name_axes(ax, "exploration, h", f"{measure} less its")
+            ax.set_xscale("log")
+            ax.set_xticks(_BUDGETS, [f"{h:g}" for h in _BUDGETS])
+            ax.minorticks_off()
+            ax.set_xlim(0.45, 4.4)
+    for ax in axes[len(tables) :]:
+        ax.remove()
+    finding = "; ".join(f"{agent} is {_counts(sides)}" for agent, sides in told.items())
+    shared_legend(axes[: len(tables)])
+    headline(axes[0],
+             f"{measure.capitalize()} less Iterative MORC's, number of panels: {finding}",
+             f"{record['size']} Bands: 95 % intervals over splits of the same objects "
+             "(Student's t). Lines end where either agent has explored no longer.")  # fmt: skip
+    return axes[0]
+
+
+def _difference(ax: Axes, row: Row, base: Row, measure: str) -> None:
     """Draw an agent's line, to where both have explored."""
     until = min(row["explored, h"][0], base["explored, h"][0])
-    columns = [name for name in row if name.startswith("reward at ")]
-    columns = [name for name in columns if float(name.split()[2]) <= until]
-    columns = [name for name in columns if row[name] is not None]
-    hours = [float(name.split()[2]) for name in columns]
-    spans = [interval_of(row[name], row["repeats"]) for name in columns]
+    cells = {h: row[f"{measure} at {h:g} h"] for h in _BUDGETS if h <= until}
+    hours = [h for h, cell in cells.items() if cell is not None]
+    spans = [interval_of(cells[h], row["repeats"]) for h in hours]
     if not spans:
         return
     y, _, low, high = np.transpose(spans)
@@ -148,11 +152,11 @@ def _effects(record: Record, name: str, rows: Sequence[Row], reference: str) -> 
     plain = [interval_of(row[_DESIGN]) for row in rows]
     with axes_to_draw(None, width=6.4, height=1.4 + 0.24 * len(rows)) as ax:
         ax.axvspan(-margin, margin, color="#E9E9E9", lw=0)
-        ax.axvline(0, color=LINE_GRAY, lw=1)
+        ax.axvline(0, color="#7A7A7A", lw=1)
         for at, row, fitted, design in zip(place, rows, model, plain, strict=True):
             style = agent_style(row["agent"])
             for span, marker, color, up in ((fitted, style.marker, style.color, _SIDES[0]),
-                                            (design, "|", LINE_GRAY, _SIDES[1])):  # fmt: skip
+                                            (design, "|", "#7A7A7A", _SIDES[1])):  # fmt: skip
                 ax.errorbar(span.estimate, at + up, xerr=reach([span]), fmt=marker, color=color,
                             ms=4.5, elinewidth=1.3)  # fmt: skip
         names = [f"{row[''].split(': ', 1)[1]}: {row['agent']}" for row in rows]

@@ -95,8 +95,10 @@ def test_an_agent_has_its_color(drawn, item):
     assert seen or item == "eq7"  # whose lines are named at their ends
 
 
-def test_fig_10_draws_the_differences_of_its_tables(drawn):
-    ax = drawn["fig10"]["fig10_recorded.png"]
+@pytest.mark.parametrize("measure", ["reward", "accuracy"])
+def test_fig_10_draws_the_differences_of_its_tables(drawn, measure):
+    end = "" if measure == "reward" else "_accuracy"
+    ax = drawn["fig10"][f"fig10{end}_recorded.png"]
     table = next(t for t in record_of("fig10")["tables"] if t["title"].endswith("recorded"))
     rows = [dict(zip(table["columns"], row, strict=True)) for row in table["rows"]]
     base = next(row for row in rows if row["agent"] == "iterative_morc")
@@ -105,7 +107,7 @@ def test_fig_10_draws_the_differences_of_its_tables(drawn):
         if row is not None:
             until = min(row["explored, h"][0], base["explored, h"][0])
             assert max(line.get_xdata()) <= until
-            told = [row[f"reward at {h:g} h"][0] for h in line.get_xdata()]
+            told = [row[f"{measure} at {h:g} h"][0] for h in line.get_xdata()]
             assert told == list(line.get_ydata())
 
 
