@@ -5,6 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from meal_bayes.evaluation import Effect
 from paper_repro.frame import Cell, Result, Setting, Table, paper_values
 from paper_repro.online import (
     ATTRIBUTES,
@@ -17,16 +18,22 @@ from paper_repro.online import (
     repeats_of,
     run_curves,
 )
-from paper_repro.statements import Evidence, above, below, every, placed
+from paper_repro.statements import THEIRS, Evidence, below, every, placed
 
 NAMES = ATTRIBUTES["cy101"]
-NOTE = """Read off the curves of Fig. 10 by linear interpolation; an agent that explores for less
-is read at the end of its curve, and an attribute that no test of a split asks counts as .5. Dots
-are ranked by MORC-ITRS, as in the paper. Best on seven: the paper shows one split, which is placed
-among ours: on how many attributes MORC-ITRS is ahead of both others. Easy: Iterative MORC
-and MORC-ITRS, of which the sentence speaks, are both above their mean over the attributes that are
-not easy; Random Legal is weak where it is behind both of them on the easy ones. Under `theirs`
-percepts are drawn from tables of our classifiers."""
+EASY = [NAMES.index(name) for name in paper_values("fig11")["easy"]]
+COUNTS = ("percepts", "a tie counts as", "mean", "sd", "least", "most", "splits with 7 or more")
+NOTE = """Read off the curves of Fig. 10 by linear interpolation; an agent that explores for less is
+read at the end of its curve, and an attribute that no test of a split asks counts as .5. Dots are
+ranked by MORC-ITRS, as in the paper, which shows one split: what it shows of it is placed among our
+splits, in `theirs` alone. Best on seven: on how many attributes MORC-ITRS is ahead of both others
+in a split, where a tie counts as half: an attribute has some 34 tests in a split of ours, of which
+agents may have as many right, and 1,000 in the published code; the last table but one counts ties
+as nothing and as wins too. No more than .8 for all three: of the largest of the three accuracies in
+a split. That single attributes are easy is not judged: twenty splits tell an attribute from those
+that are not easy to ± .03 to .055, and half of a margin of .05, which Table 3's accuracies have,
+was asked for; the last table shows it. Random Legal is weak where it is behind both others in the
+mean over the easy ones. Under `theirs` percepts are drawn from tables of our classifiers."""
 SHOWS = """The paper draws three bars for each of ten attributes, ranked by MORC-ITRS: PLASTIC, HARD
 and EMPTY are last, no more than 80 % for all three, BLUE, FULL and CONTAINER are among the first;
 MORC-ITRS is ahead on 7."""
@@ -38,33 +45,41 @@ def run(setting: Setting) -> Result:
     """Read the curves of Fig. 10 at two hours, attribute by attribute."""
     paper, size = paper_values("fig11"), []
     evidence: dict[str, Mapping[str, Evidence | None]] = {}
-    rows: list[tuple[Cell, ...]] = []
+    rows, counts, easier = (list[tuple[Cell, ...]]() for _ in range(3))
     told = []
     for protocol in setting.protocols[:2]:
-        repeats = repeats_of(setting, protocol, 1)
+        repeats = repeats_of(setting, protocol)
         size.append(f"{repeats} repeats ({protocol})")
         curves = {
             agent: run_curves(setting, "cy101", 1, agent, repeats, protocol) for agent in PAPERS
         }
         scores = {agent: at_two_hours(entry, paper["hours"]) for agent, entry in curves.items()}
         ratio = curves[BEST].ratio
-        evidence[protocol] = judge(scores, ratio)
+        evidence[protocol] = judge(scores, ratio, printed=protocol == THEIRS)
         order = np.argsort(-np.nanmean(scores[BEST], axis=0), kind="stable")
         cells = {
             name: [mean_of(scores[name][:, p], ratio, fraction=True) for p in order]
             for name in PAPERS
         }
         rows += [(protocol, NAMES[p], *(cells[a][i] for a in PAPERS)) for i, p in enumerate(order)]
-        ahead = wins(scores)
-        mean = {agent: np.nanmean(score, axis=0)[None] for agent, score in scores.items()}
-        told.append(f"on {ahead.mean():.1f} in a split ({ahead.min()} to {ahead.max()}), by mean "
-                    f"accuracy on {wins(mean)[0]} ({protocol})")  # fmt: skip
+        counts += counted(protocol, scores, paper["wins"])
+        easier += [(protocol, NAMES[p], *(lead_of(scores[a], p, ratio) for a in PAPERS))
+                   for p in EASY]  # fmt: skip
+        in_splits = wins(scores)
+        by_mean = wins({agent: np.nanmean(score, axis=0)[None] for agent, score in scores.items()})
+        told.append(f"on {in_splits.mean():.1f} in a split ({in_splits.min():g} to "
+                    f"{in_splits.max():g}, ties as halves), by mean accuracy on {by_mean[0]:g} "
+                    f"({protocol})")  # fmt: skip
     return Result(
         title=f"CY101, accuracy of each attribute at {paper['hours']:g} h of exploration",
         sentence=f"Of ten attributes MORC-ITRS is best {'; '.join(told)}; the paper shows "
         f"{paper['wins']}.",
-        tables=(Table("accuracy, ranked by MORC-ITRS", ("percepts", "attribute", *PAPERS),
-                      tuple(rows)),),
+        tables=(
+            Table("accuracy, ranked by MORC-ITRS", ("percepts", "attribute", *PAPERS), tuple(rows)),
+            Table("attributes of ten on which MORC-ITRS is best in a split", COUNTS, tuple(counts)),
+            Table("accuracy less the mean of the attributes that are not easy",
+                  ("percepts", "attribute", *PAPERS), tuple(easier)),
+        ),
         evidence=evidence,
         size=f"{', '.join(size)}.",
         notes=(NOTE,),
@@ -72,35 +87,55 @@ def run(setting: Setting) -> Result:
     )  # fmt: skip
 
 
-def wins(scores: Scores) -> NDArray[np.int64]:
-    """Count the attributes on which MORC-ITRS is ahead of both others, (S,)."""
-    others = np.max([values for agent, values in scores.items() if agent != BEST], axis=0)
-    return np.asarray((scores[BEST] > others).sum(axis=1))
+def filled(scores: Scores) -> Scores:
+    """Count an attribute that no test asks as .5."""
+    return {agent: np.nan_to_num(values, nan=0.5) for agent, values in scores.items()}
 
 
-def judge(scores: Scores, ratio: float) -> dict[str, Evidence | None]:
-    """Judge the statements from the accuracy of each attribute, (S,P) for each agent."""
-    paper = paper_values("fig11")
-    accuracy = {agent: np.nan_to_num(values, nan=0.5) for agent, values in scores.items()}
-    one = placed(wins(accuracy), paper["wins"], of="number of attributes")
-    evidence: dict[str, Evidence | None] = {f"MORC-ITRS is best on {paper['wins']} of 10": one}
-    for name in paper["hard"]:
-        p = NAMES.index(name)
-        evidence[f"{name} is no more than {paper['hard_below']:g} for all three"] = every([
-            below(mean_of(values[:, p], ratio, fraction=True), paper["hard_below"],
-                  of=f"{agent}'s accuracy")
-            for agent, values in accuracy.items()
-        ])  # fmt: skip
-    easy = [NAMES.index(name) for name in paper["easy"]]
-    others = [p for p in range(len(NAMES)) if p not in easy]
-    for p in easy:
-        evidence[f"{NAMES[p]} is easy for Iterative MORC and MORC-ITRS"] = every([
-            above(mean_of(accuracy[agent][:, p] - accuracy[agent][:, others].mean(axis=1), ratio),
-                  0, of=f"{agent}'s accuracy less that of the others")
-            for agent in (BASE, BEST)
-        ])  # fmt: skip
+def wins(scores: Scores, *, tie: float = 0.5) -> NDArray[np.float64]:
+    """Count the attributes on which MORC-ITRS is ahead of both others, and ties as a part, (S,)."""
+    accuracy = filled(scores)
+    rival = np.max([values for agent, values in accuracy.items() if agent != BEST], axis=0)
+    level = np.isclose(accuracy[BEST], rival)
+    return np.asarray(np.where(level, tie, accuracy[BEST] > rival).sum(axis=1))
+
+
+def counted(protocol: str, scores: Scores, printed: int) -> list[tuple[Cell, ...]]:
+    """Show how many attributes MORC-ITRS is best on, with ties as nothing, as halves, as wins."""
+    rows: list[tuple[Cell, ...]] = []
+    for name, tie in (("nothing", 0.0), ("halves", 0.5), ("wins", 1.0)):
+        numbers = wins(scores, tie=tie)
+        spread = float(numbers.std(ddof=1)) if len(numbers) > 1 else None
+        ends = float(numbers.min()), float(numbers.max())
+        reached = f"{(numbers >= printed).sum()} of {len(numbers)}"
+        rows.append((protocol, name, float(numbers.mean()), spread, *ends, reached))
+    return rows
+
+
+def lead_of(values: NDArray[np.float64], p: int, ratio: float) -> Effect:
+    """Estimate an attribute's accuracy, of (S,P), less the mean of those that are not easy."""
+    plain = [q for q in range(len(NAMES)) if q not in EASY]
+    accuracy = np.nan_to_num(values, nan=0.5)
+    return mean_of(accuracy[:, p] - accuracy[:, plain].mean(axis=1), ratio)
+
+
+def judge(scores: Scores, ratio: float, *, printed: bool) -> dict[str, Evidence | None]:
+    """Judge the statements from the accuracy of each attribute, (S,P) for each agent.
+
+    What the paper shows of its one split is judged where `printed`, in the first column.
+    """
+    paper, accuracy = paper_values("fig11"), filled(scores)
+    evidence: dict[str, Evidence | None] = {}
+    if printed:
+        best = placed(wins(scores), paper["wins"], of="number of attributes")
+        evidence[f"MORC-ITRS is best on {paper['wins']} of 10"] = best
+        for name in paper["hard"]:
+            highest = np.max([values[:, NAMES.index(name)] for values in accuracy.values()], axis=0)
+            text = f"{name} is no more than {paper['hard_below']:g} for all three"
+            evidence[text] = placed(highest, paper["hard_below"], of="the largest accuracy",
+                                    at_most=True)  # fmt: skip
     evidence["Random Legal is relatively weak on the easy ones"] = every([
-        below(mean_of((accuracy[LEGAL] - accuracy[agent])[:, easy].mean(axis=1), ratio), 0,
+        below(mean_of((accuracy[LEGAL] - accuracy[agent])[:, EASY].mean(axis=1), ratio), 0,
               of=f"its accuracy less that of {agent}")
         for agent in (BASE, BEST)
     ])  # fmt: skip
@@ -112,7 +147,7 @@ def at_two_hours(curves: Curves, hours: float) -> NDArray[np.float64]:
     accuracy = np.full((len(curves), curves.by_attribute.shape[-1]), np.nan)
     for s, p in np.ndindex(accuracy.shape):
         values = curves.by_attribute[s, :, p]
-        known = ~np.isnan(values)
-        if known.any():
-            accuracy[s, p] = np.interp(hours, curves.hours[s, known], values[known])
+        asked = ~np.isnan(values)
+        if asked.any():
+            accuracy[s, p] = np.interp(hours, curves.hours[s, asked], values[asked])
     return accuracy
