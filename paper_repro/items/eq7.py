@@ -28,12 +28,13 @@ SEED = 0  # of the bootstrap, whatever that of the run is
 TRIALS = 400  # those of Table 3 and Fig. 8
 NOTE = """The goal of OFFLINE-MEAL is as many right reports as possible while the costs sum up to
 less than a budget (Eq. 7). Tasks come in their order, and again in it when all have been answered.
-A report costs no time, so who guesses at once answers most queries: Random is ahead of everyone by
-Eq. 7 wherever its costs are small, which is why the paper plans for the reward (Eq. 4) instead; it
-does not say that MORC has the most successes, so that nothing is judged. (Eq. 7 has `<`, its
-text `<=`; ours is `<`.) Under `theirs` ROC36 is Table 3's, by train5 and the simulator: reinit
-costs nothing, Random draws from all actions, Predefined Plus is all eleven behaviors. ISPY32 is
-Fig. 8's, whose percepts are drawn from tables of our classifiers."""
+A report costs no time, nor does "I do not know", by which MORC gives up here, so who guesses at
+once answers most queries: Random is ahead of everyone by Eq. 7 wherever its costs are small. The
+paper plans for the reward (Eq. 4) instead, and does not say that MORC has the most successes, so
+that nothing is judged. (Eq. 7 has `<`, its text `<=`; ours is `<`.) Under `theirs` ROC36 is Table
+3's, by train5 and the simulator: reinit costs nothing, Random draws from all actions, Predefined
+Plus is all eleven behaviors. ISPY32 is Fig. 8's, whose percepts are drawn from tables of our
+classifiers."""
 SHOWS = """The paper draws no such figure. Successes, one line a strategy, over budgets of time."""
 
 
@@ -107,6 +108,6 @@ def repeated_successes(success: NDArray[Any], cost: NDArray[np.float64], budget:
     Trials come in their order, and again when all are done; those that cost nothing at all once.
     """
     total = float(cost.sum())
-    rounds, left = divmod(budget, total) if total > 0 else (0.0, budget)
-    inside = np.cumsum(cost) < left
+    rounds, remainder = divmod(budget, total) if total > 0 else (0.0, budget)
+    inside = np.cumsum(cost) < remainder
     return round(rounds * float(success.sum()) + float(success[inside].sum()))

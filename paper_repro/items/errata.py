@@ -48,6 +48,7 @@ def run(setting: Setting) -> Result:
         size=f"{count} trials a row.",
         notes=(
             "The departures are listed in ERRATA.md. Rewards are those of each run's own size.",
+            'MORC gives up by "I do not know", for 0 s.',
         ),
         effects=effects,
     )

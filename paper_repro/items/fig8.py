@@ -134,8 +134,8 @@ def run_strategy(setting: Setting, protocol: str, n: int, agent: str, trials: in
     """Run a strategy: by the plotted settings where percepts are drawn, else on recordings."""
     if protocol == THEIRS:
         return run_agent(setting, protocol, plotted_ispy32(setting), n, agent, trials)
-    own = LEGAL if agent == LEGAL.name else agent
-    return run_agent(setting, protocol, "ispy32", n, own, trials)
+    strategy = LEGAL if agent == LEGAL.name else agent
+    return run_agent(setting, protocol, "ispy32", n, strategy, trials)
 
 
 def judge(runs: Mapping[int, Runs], *, drawn: bool) -> dict[str, Evidence | None]:
@@ -199,7 +199,8 @@ def _sentence(runs: Mapping[str, Mapping[int, Runs]]) -> str:
 
 
 def _effects(runs: Mapping[str, Mapping[int, Runs]]) -> dict[str, str]:
-    rewards = [mean_effect(run[min(run)]["random_legal"], "reward") for run in runs.values()]
+    legal = {protocol: run[min(run)]["random_legal"] for protocol, run in runs.items()}
+    rewards = drawn_mean(legal[THEIRS], "reward"), mean_effect(legal[RECORDED], "reward")
     theirs, ours = (f"{effect.estimate:.1f} ± {effect.se:.1f}" for effect in rewards)
     return {"21": f"Random Legal's reward on ISPY32, 1 attribute: {theirs}; exploring only, on "
                   f"recordings, {ours}"}  # fmt: skip

@@ -22,10 +22,11 @@ NOTE = """A report is worth the bonus where it is right and loses the penalty wh
 paper says that larger bonuses and penalties make the robot explore more, that a very large bonus
 alone makes it risk seeking, and a very large penalty alone risk averse. The first is judged by the
 seconds that it explores, as both grow from 100 to 2000. The other two are judged by giving up, as
-one of the two grows from 500 to 2000 and the other stays at 500: who seeks risk reports where
-others would give up, who avoids it gives up where others would report. Rewards of the table are
-those of the trial, in which a report is worth 500 where one alone has grown. The same queries at
-every size. Under `theirs` percepts are drawn from tables of our classifiers."""
+one of the two grows from 500 to 2000 and the other stays at 500: MORC gives up by "I do not know"
+for 0 s: who seeks risk reports where others would give up, who avoids it gives up where others
+would report. Rewards of the table are those of the trial, in which a report is worth 500 where one
+alone has grown. The same queries at every size. Under `theirs` percepts are drawn from tables of
+our classifiers."""
 
 
 def run(setting: Setting) -> Result:

@@ -9,12 +9,22 @@ from meal_bayes.datasets import load_percepts
 from meal_bayes.domain import Domain
 from meal_bayes.evaluation import Effect
 from meal_bayes.trials import TrialOutcomes
-from paper_repro import published
+from paper_repro import frame, published
 from paper_repro.asking import Asked, ask_until_two_agree
 from paper_repro.frame import Setting
 from paper_repro.halves import joined
 from paper_repro.inference import LEVEL
-from paper_repro.items import eq7, fig4, fig8, fig9, losses, published_ask, risk, table3
+from paper_repro.items import (
+    eq7,
+    fig4,
+    fig8,
+    fig9,
+    losses,
+    pomdpsol,
+    published_ask,
+    risk,
+    table3,
+)
 from paper_repro.items.table5 import predicted
 from paper_repro.statements import CONSTRUCTED, FALLS, STANDS, UNDECIDED, Evidence
 
@@ -251,3 +261,46 @@ def test_halves_have_the_tasks_of_all_and_learn_from_their_own_half():
         mine = np.isin(every, parts[o % 2])
         np.testing.assert_array_equal(halves.training_bins[o, mine], whole.training_bins[o, mine])
         assert not halves.training_bins[o, ~mine].any()
+
+
+def rows_of(item):
+    """Read the first table of a committed result, rows by the names of its columns."""
+    table = frame.read_result(item)["tables"][0]
+    return [dict(zip(table["columns"], row, strict=True)) for row in table["rows"]]
+
+
+@pytest.mark.parametrize("irrelevant", [0, 1])
+def test_figs_8_and_9_have_one_number_for_one_problem(irrelevant):
+    """ISPY32's questions of two and three attributes, MORC that declines, on recordings."""
+    (eight,) = (row for row in rows_of("fig8") if (row["percepts"], row["agent"]) ==
+                ("recorded", "morc_illegal") and row["attributes"] == 2 + irrelevant)  # fmt: skip
+    (nine,) = (row for row in rows_of("fig9")
+               if (row["percepts"], row["irrelevant"]) == ("recorded", irrelevant))  # fmt: skip
+    assert nine["trials"] == fig8.TRIALS
+    for name in ("reward", "cost, s", "abstained"):
+        assert nine[name] == eight[name], name
+
+
+def test_what_tree_search_earns_where_sarsop_has_not_converged_is_fig_9_s():
+    earned = {row["irrelevant"]: row["reward"] for row in rows_of("fig9")
+              if row["percepts"] == fig9.DRAWN}  # fmt: skip
+    given_up = {row["attributes"] - fig9.RELEVANT: row["abstained"][0]
+                for row in rows_of("pomdpsol") if row["problem"] == "Fig. 9"}  # fmt: skip
+    assert [k for k, part in given_up.items() if part == 1.0] == [3, 4, 5]
+    told = [f"{earned[k][0]:.1f} ± {earned[k][1]:.1f}" for k in (3, 4, 5)]
+    assert f"{told[0]}, {told[1]} and {told[2]}" in " ".join(pomdpsol.NOTE.split())
+
+
+def test_fig_9_s_note_says_how_sarsop_s_statements_end():
+    """The first irrelevant attribute makes it explore less; the other three sentences stand."""
+    statements = frame.read_result("pomdpsol")["statements"]
+    outcomes = {row["text"]: row["outcome"] for row in statements if row["central"]}
+    falls = "with more irrelevant attributes it explores more"
+    assert outcomes.pop(falls) == FALLS
+    assert list(outcomes.values()) == [STANDS] * 3
+
+
+def test_table_3_compares_our_agent_on_more_trials():
+    assert table3.COMPARED == 10 * table3.TRIALS
+    size = frame.read_result("table3")["size"]
+    assert f"{table3.COMPARED} of morc and bayes" in size
