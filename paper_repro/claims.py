@@ -17,7 +17,7 @@ from paper_repro.statements import (
 
 _SHORT = {STANDS: "stand", FALLS: "fall", None: "not run"}  # of several
 IN_PART, NOT_RUN = "in part", "not run yet"
-_FEW = 2.0  # numbers below have three decimals
+ACCURACIES = 2.0  # numbers below have three decimals, others one
 _SHOWN = 3  # statements whose effects are shown one by one; of more, what they come to
 
 
@@ -29,7 +29,8 @@ class Claim(NamedTuple):
     says, where : the claim, and its places in the paper.
     item, column, because : what answers it, in which column, and why in that one.
     outcome : of all its statements together.
-    elsewhere : how many of the same statements have each outcome in the other of both columns.
+    elsewhere : how many of the same statements have each outcome in the other of both columns, and
+        in an item that has them by another planner.
     counts : how many statements have each outcome.
     effects : estimate and interval of each, or the rule of a fact; of many, what they come to.
     older : whether it was run by an earlier version, or with other percept tables.
@@ -104,16 +105,25 @@ def _claim(entry: Mapping[str, Any]) -> Claim:
     rows = chosen(entry, result["statements"]) if result else []
     outcomes = [row["outcome"] for row in rows]
     (other,) = {THEIRS, RECORDED} - {entry["column"]}
-    there = chosen({**entry, "column": other}, result["statements"]) if result else []
-    told = counted([row["outcome"] for row in there])
+    places = {f"in *{other}*": (entry["item"], other)}
+    if beside := entry.get("beside"):
+        places |= {f"in *{column}* of {beside}": (beside, column) for column in (THEIRS, RECORDED)}
+    told = {place: _counted_there(entry, *at) for place, at in places.items()}
     return Claim(
         entry["says"], entry["where"], entry["item"], entry["column"], entry["because"],
         outcome_of(outcomes),
-        f"in *{other}* {told}" if told else "",
+        "; ".join(f"{place} {counts}" for place, counts in told.items() if counts),
         counted(outcomes) if len(set(outcomes)) > 1 else "",
         effects_of(rows),
         older=result is not None and entry["column"] in frame.older_columns(entry["item"]),
     )  # fmt: skip
+
+
+def _counted_there(entry: Mapping[str, Any], item: str, column: str) -> str:
+    """Say how many of a claim's statements have each outcome in a column of an item."""
+    result = frame.read_result(item)
+    rows = chosen({**entry, "column": column}, result["statements"]) if result else []
+    return counted([row["outcome"] for row in rows])
 
 
 def counted(outcomes: Sequence[str | None]) -> str:
@@ -132,8 +142,9 @@ def counted(outcomes: Sequence[str | None]) -> str:
 def effects_of(rows: Iterable[Mapping[str, Any]]) -> tuple[str, ...]:
     """Say what the statements of a claim come to, short enough for a row.
 
-    A few are shown one by one. Of more, those that fall are named where they are printed numbers
-    with margins; else each quantity has the range of its estimates and of its half widths.
+    A few are shown one by one, with what they measure where that differs. Of more, those that fall
+    are named where they are printed numbers with margins; else each quantity has the range of its
+    estimates and of its half widths.
     """
     run = [row for row in rows if row["outcome"] is not None]
     quantities = [quantity_of(row) for row in run]
@@ -141,7 +152,7 @@ def effects_of(rows: Iterable[Mapping[str, Any]]) -> tuple[str, ...]:
         return (f"{quantities[0]}: {_effect(run[0])}",)
     if len(run) <= _SHOWN:
         names = labels([row["text"] for row in run])
-        mixed = len(set(quantities)) > 1 and all(name[:1].isdigit() for name in names)
+        mixed = len(set(quantities)) > 1
         return tuple(
             label + f"{quantity} " * mixed + _effect(row)
             for row, label, quantity in zip(run, names, quantities, strict=True)
@@ -150,13 +161,13 @@ def effects_of(rows: Iterable[Mapping[str, Any]]) -> tuple[str, ...]:
         fallen = [f"{_shortened(row['text'])}: {_effect(row)}"
                   for row in run if row["outcome"] == FALLS]  # fmt: skip
         return (f"of {len(run)} printed numbers {len(fallen)} fall", *fallen)
-    groups = {name: [row for row, own in zip(run, quantities, strict=True) if own == name]
+    groups = {name: [row for row in run if quantity_of(row) == name]
               for name in dict.fromkeys(quantities)}  # fmt: skip
     decided = [row for row in run if row["outcome"] in {STANDS, FALLS}]
-    few = decided if len(decided) < len(run) and len(decided) <= _SHOWN else []
+    shown = decided if len(decided) < len(run) and len(decided) <= _SHOWN else []
     return (
         *(_range(name, group) for name, group in groups.items()),
-        *(f"{row['outcome']}: {_shortened(row['text'])} {_effect(row)}" for row in few),
+        *(f"{row['outcome']}: {_shortened(row['text'])} {_effect(row)}" for row in shown),
     )
 
 
@@ -229,7 +240,7 @@ def _form(rows: Sequence[Mapping[str, Any]]) -> tuple[str, str]:
     bounds = [row["rule"].partition(", and")[0] for row in rows]
     sign = "+" if all(rule.endswith((" above 0", " below 0")) for rule in bounds) else ""
     unit = " s" if rows[0]["rule"].partition(" is ")[0].endswith(", s") else ""
-    return f"{sign}.{3 if max(ends) < _FEW else 1}f", unit
+    return f"{sign}.{3 if max(ends) < ACCURACIES else 1}f", unit
 
 
 def _escaped(pattern: str) -> str:

@@ -59,14 +59,43 @@ def test_a_row_has_the_outcome_and_the_numbers_of_its_results(number):
 
 
 def test_claims_are_few_and_name_items_and_columns_that_there_are():
-    assert 12 <= len(ENTRIES) <= 15
+    assert 12 <= len(ENTRIES) <= 18
     for entry in ENTRIES:
         if not frame.older_columns(entry["item"]):  # older results may lack newer statements
             texts = frame.read_result(entry["item"])["statements"]
             for pattern in entry["statements"]:
                 assert claims.chosen(entry | {"statements": [pattern]}, texts), pattern
-        assert entry["item"] in frame.items()
+        assert {entry["item"], entry.get("beside", entry["item"])} <= set(frame.items())
         assert entry["column"] in ("theirs", "recorded")
+
+
+def test_statements_that_measure_different_things_say_what():
+    """A fraction that is given up must not be taken for a reward."""
+    rows = [{"text": f"reward {end}", "outcome": STANDS, "estimate": x, "interval": [x, x],
+             "rule": rule} for end, x, rule in
+            (("starts above 150", 243.0, "reward is above 150"),
+             ("ends below 25", 1.0, "the fraction given up is above 0.95"))]  # fmt: skip
+    assert claims.effects_of(rows) == (
+        "starts above 150: reward 243.0 [243.0, 243.0]",
+        "ends below 25: the fraction given up 1.000 [1.000, 1.000]",
+    )
+
+
+def test_an_item_of_another_planner_is_told_beside(tmp_path, monkeypatch):
+    monkeypatch.setattr(frame, "RESULTS", tmp_path)
+    entry = {"says": "it ends low", "where": "Fig. 9", "item": "pomdpsol", "beside": "fig9",
+             "column": "theirs", "because": "", "statements": ["ends*"]}  # fmt: skip
+    for item, rows in (
+        ("pomdpsol", [("theirs", STANDS)]),
+        ("fig9", [("theirs", UNDECIDED), ("recorded", FALLS)]),
+    ):
+        statements = [{"text": "ends low", "protocol": column, "outcome": kind, "estimate": None,
+                       "interval": None, "rule": "it is low"} for column, kind in rows]  # fmt: skip
+        record = json.dumps({"statements": statements})
+        (tmp_path / f"{item}.json").write_text(record, encoding="utf-8")
+    row = claims._claim(entry)
+    assert (row.outcome, row.counts) == (STANDS, "")
+    assert row.elsewhere == "in *theirs* of fig9 1 undecided; in *recorded* of fig9 1 falls"
 
 
 def test_the_sentence_counts_the_claims():
