@@ -164,9 +164,9 @@ def run_item(item: str, setting: Setting, folder: Path) -> dict[str, Any]:
     seconds = max(time.perf_counter() - begin, math.fsum(setting.spent.values()))
     record = write_record(folder, facts(item, result, setting))
     timing = folder / "timing.json"
-    known = json.loads(timing.read_text(encoding="utf-8")) if timing.is_file() else {}
-    known[item] = round(seconds, 1)
-    write_whole(timing, json.dumps(known, indent=1, sort_keys=True) + "\n")
+    by_item = json.loads(timing.read_text(encoding="utf-8")) if timing.is_file() else {}
+    by_item[item] = round(seconds, 1)
+    write_whole(timing, json.dumps(by_item, indent=1, sort_keys=True) + "\n")
     note_provenance(item, folder)
     return record
 
@@ -182,13 +182,13 @@ def write_record(folder: Path, record: dict[str, Any]) -> dict[str, Any]:
 def note_provenance(item: str, folder: Path) -> None:
     """Keep beside the results what a run rested on that its command does not say."""
     path = folder / PROVENANCE
-    known = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
-    known[item] = {
+    by_item = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
+    by_item[item] = {
         "percepts": percept_tables(),
         "blas": blas_kernel(),
         "version": meal_bayes.__version__,
     }
-    write_whole(path, json.dumps(known, indent=1, sort_keys=True) + "\n")
+    write_whole(path, json.dumps(by_item, indent=1, sort_keys=True) + "\n")
 
 
 @lru_cache(maxsize=1)
@@ -207,8 +207,8 @@ def blas_kernel() -> str:
 def older_columns(item: str) -> tuple[str, ...]:
     """Return the columns of an item's results that an earlier version ran, or by other tables."""
     path = RESULTS / PROVENANCE
-    known = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
-    if known.get(item, {}).get("percepts") == percept_tables():
+    by_item = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
+    if by_item.get(item, {}).get("percepts") == percept_tables():
         return ()
     return tuple(paper_values(item).get("on_percepts", PROTOCOLS))
 

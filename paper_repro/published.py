@@ -139,8 +139,8 @@ def with_counts(table: PerceptTable, counts: NDArray[np.int64]) -> PerceptTable:
     bins = np.zeros((objects, objects, *counts.shape[:2], 2), np.uint8)
     for held_out, p, truth in product(range(objects), range(len(counts)), range(2)):
         others = np.flatnonzero((table.labels[:, p] == truth) & (np.arange(objects) != held_out))
-        each, rest = np.divmod(counts[p, :, truth], len(others))  # (E,2)
-        bins[held_out, others, p] = each + (np.arange(len(others))[:, None, None] < rest)
+        share, remainder = np.divmod(counts[p, :, truth], len(others))  # (E,2)
+        bins[held_out, others, p] = share + (np.arange(len(others))[:, None, None] < remainder)
     rounds = -(-int(bins.sum(axis=-1).max()) // table.recordings)  # as many recordings as counts
     return replace(
         table, log_odds=np.tile(table.log_odds, (1, rounds, 1, 1)), training_bins=bins,

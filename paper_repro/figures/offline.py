@@ -74,7 +74,7 @@ def fig8(record: Record) -> dict[str, Axes]:
         for measure, column in _MEASURES.items():
             groups = _by_agent(chosen, column)
             ax = dots(groups, places, y_label=column, fraction=measure == "success")
-            by_number = {n: {agent: each[i] for agent, each in groups.items()}
+            by_number = {n: {agent: spans[i] for agent, spans in groups.items()}
                          for i, n in enumerate(numbers)}  # fmt: skip
             word, least = ("Least", True) if measure == "cost" else ("Highest", False)
             told = leaders(by_number, least=least)
@@ -154,8 +154,8 @@ def eq7(record: Record) -> dict[str, Axes]:
             f"Within {hours[-1]:g} h, random is right {last['random'].estimate:.0f} times, by "
             f"guessing; of those that look, {best} is most often, {seeing[best].estimate:.0f} times"
         )
-        known = any(isinstance(row[budgets[-1]], list) for row in chosen)
-        errors = "Lines reach two standard errors (bootstrap). " * known
+        drawn = any(isinstance(row[budgets[-1]], list) for row in chosen)
+        errors = "Lines reach two standard errors (bootstrap). " * drawn
         headline(ax, finding, f"{title}. {record['size']} {errors}Trials run one after another.")
         place, protocol = title.split(",")[0].lower(), title.rsplit(" ", 1)[1]
         figures[f"_{place}_{protocol}"] = ax
@@ -173,15 +173,15 @@ def losses(record: Record) -> dict[str, Axes]:
     errors = [row[columns[-1]][1] for row in rows]
     place = np.arange(len(rows))
     with axes_to_draw(None, width=6.4, height=1.0 + 0.3 * len(rows)) as ax:
-        left = np.zeros(len(rows))
+        starts = np.zeros(len(rows))
         for (name, color), part in zip(_PARTS, gaps.T, strict=True):
-            ax.barh(place, part, 0.66, left=left, color=color, label=name)
-            for at, (start, width) in enumerate(zip(left, part, strict=True)):
+            ax.barh(place, part, 0.66, left=starts, color=color, label=name)
+            for at, (start, width) in enumerate(zip(starts, part, strict=True)):
                 if width > 0.06 * gaps.sum(axis=1).max():
                     ink = "white" if color == _PARTS[0][1] else "black"
                     ax.text(start + width / 2, at, f"{width:.0f}", ha="center", va="center",
                             fontsize=8, color=ink)  # fmt: skip
-            left = left + part
+            starts = starts + part
         ax.set_yticks(place, [_question(row) for row in rows])
         ax.invert_yaxis()
         name_axes(ax, "reward that is lacking", "", grid="x")

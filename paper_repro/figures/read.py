@@ -66,10 +66,11 @@ def leaders(groups: Mapping[object, Mapping[str, Interval]], *, least: bool = Fa
     """
     told: dict[str, list[str]] = {}
     for place, intervals in groups.items():
-        known = {name: each for name, each in intervals.items() if np.isfinite(each.estimate)}
+        measured = {name: span for name, span in intervals.items() if np.isfinite(span.estimate)}
         sign = -1 if least else 1
-        best = max(known, key=lambda name: sign * known[name].estimate)
-        near = sum(name != best and not apart(known[best], known[name]) for name in known)
+        best = max(measured, key=lambda name: sign * measured[name].estimate)
+        near = sum(name != best and not apart(measured[best], span)
+                   for name, span in measured.items())  # fmt: skip
         others = f" ({near} not told apart)" if near else ""
         told.setdefault(best, []).append(f"at {place}{others}")
     return "; ".join(f"{best} {', '.join(places)}" for best, places in told.items())

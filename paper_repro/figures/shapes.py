@@ -65,14 +65,14 @@ def name_ends(ax: Axes, ends: Mapping[str, tuple[float, float]]) -> None:
 
 def shared_legend(axes: Sequence[Axes]) -> None:
     """Add one legend of all panels to the right of them, clear of title and caption."""
-    found = {
+    handles = {
         name: handle
         for ax in axes
         for handle, name in zip(*ax.get_legend_handles_labels(), strict=True)
     }
     with drawn_in_style():
         axes[-1].figure.legend(
-            found.values(), found.keys(), loc="outside right center"
+            handles.values(), handles.keys(), loc="outside right center"
         )  # fmt: skip
 
 
@@ -106,7 +106,7 @@ def dots(
             styles.add(style)
             to.errorbar(
                 place + (number - (len(groups) - 1) / 2) * step,
-                [each.estimate for each in intervals], reach(intervals), fmt=style.marker,
+                [span.estimate for span in intervals], reach(intervals), fmt=style.marker,
                 color=style.color, mfc=face, ms=5, elinewidth=1.3, capsize=2.5, label=agent,
             )  # fmt: skip
         for edge in place[1:]:

@@ -105,10 +105,10 @@ def held_out_percepts(table: PerceptTable, attributes: list[str]) -> Counts:
     e, columns = table.domain.behavior_index(BEHAVIOR), table.domain.columns(attributes)
     odds = table.log_odds[:, :, e][..., columns]  # (O,R,P)
     labels = table.labels[:, columns]
-    levels, known = table.levels_of(odds, 2), ~np.isnan(odds)
+    levels, recorded = table.levels_of(odds, 2), ~np.isnan(odds)
     counts = np.zeros((*labels.shape, 2, 2))
     for truth in range(2):
         for level in range(2):
-            seen = ((levels == level) & known).sum(axis=1)
+            seen = ((levels == level) & recorded).sum(axis=1)
             counts[:, :, truth, level] = np.where(labels == truth, seen, 0)
     return counts

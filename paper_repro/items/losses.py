@@ -70,11 +70,11 @@ def run(setting: Setting) -> Result:
             for place, agent in ((dataset, AGAINST), (tables[dataset], OWN), (dataset, OWN))
         )
         ideal = reward - cheapest_percept(load_percepts(dataset))
-        known = mean_effect(ours, "reward")
+        by_all = mean_effect(ours, "reward")
         gap = planning_gap(setting, dataset, n, trials) if answer == "values" else Effect(0, 0, 1)
-        gains = split(known, difference(ours, half), gap, ideal)
-        taught = _and(known, gains.data)
-        heights = (mean_effect(morc, "reward"), mean_effect(half, "reward"), known, taught,
+        gains = split(by_all, difference(ours, half), gap, ideal)
+        taught = _and(by_all, gains.data)
+        heights = (mean_effect(morc, "reward"), mean_effect(half, "reward"), by_all, taught,
                    _and(taught, gains.plans), Effect(ideal, 0.0, 1))  # fmt: skip
         rows.append((dataset, n, answer, *heights[:3], difference(ours, half), *gains))
         for name, effect in zip(told, gains, strict=True):
@@ -94,25 +94,26 @@ def run(setting: Setting) -> Result:
     )  # fmt: skip
 
 
-def split(known: Effect, doubled: Effect, gap: Effect, ideal: float) -> Gains:
+def split(by_all: Effect, doubled: Effect, gap: Effect, ideal: float) -> Gains:
     """Divide what a reward lacks into data, plans and sensors; the three sum up to it.
 
     Parameters
     ----------
-    known : reward by all of the objects.
+    by_all : reward by all of the objects.
     doubled : gain from half of the objects to all, which more will bring once more (1 / objects).
     gap : the most that planning adds.
     ideal : reward of percepts that never err.
     """
-    lacks = max(ideal - known.estimate, 0.0)
+    lacks = max(ideal - by_all.estimate, 0.0)
     data = min(max(doubled.estimate, 0.0), lacks)
     plans = min(max(gap.estimate, 0.0), lacks - data)
     sensors = lacks - data - plans
     return Gains(
         replace(doubled, estimate=data),
         replace(gap, estimate=plans),
-        replace(known, estimate=sensors, se=float(np.linalg.norm([known.se, doubled.se, gap.se]))),
-    )
+        replace(by_all, estimate=sensors,
+                se=float(np.linalg.norm([by_all.se, doubled.se, gap.se]))),
+    )  # fmt: skip
 
 
 def _and(height: Effect, gain: Effect) -> Effect:
