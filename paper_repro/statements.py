@@ -77,13 +77,14 @@ class Evidence:
     ----------
     parts : that have to hold; none where a fact decides.
     outcome, rule : of a fact, or of what is by construction.
-    shown : what a fact rests on.
+    shown, at : what a fact rests on, and the level of its interval.
     """
 
     parts: tuple[Part, ...] = ()
     outcome: str = UNDECIDED
     rule: str = ""
     shown: Effect | None = None
+    at: float = LEVEL
 
     @property
     def level(self) -> float:
@@ -105,7 +106,7 @@ class Evidence:
                 ("estimate", "interval", "units", "level", "needed", "smallest")
             )
             facts |= {"outcome": self.outcome, "rule": self.rule, "method": "a fact", "parts": 0}
-            return facts | _told(self.shown, LEVEL)
+            return facts | _told(self.shown, self.at)
         inside, outside = self._inside, self._outside
         tested = {"parts": len(self.parts), "smallest": self.level}
         if outside <= level and outside < inside:
@@ -168,7 +169,9 @@ def constructed(rule: str) -> Evidence:
     return Evidence(outcome=CONSTRUCTED, rule=rule)
 
 
-def placed(values: ArrayLike, printed: float, *, of: str, at_most: bool = False) -> Evidence:
+def placed(
+    values: ArrayLike, printed: float, *, of: str, at_most: bool = False, level: float = LEVEL
+) -> Evidence:
     """Judge one split of the paper by the 95 % prediction interval of one more of ours.
 
     It falls outside, and stays undecided inside: a single one contradicts or does not, it proves
@@ -180,17 +183,37 @@ def placed(values: ArrayLike, printed: float, *, of: str, at_most: bool = False)
     printed : what the paper shows.
     of : what it is, for the rule.
     at_most : the paper shows this or less, so that an interval above it alone contradicts.
+    level : of the interval; less than .05 where several are placed at once.
     """
     x = np.asarray(values, float)
     x = x[~np.isnan(x)]
     spread = float(x.std(ddof=1)) * math.sqrt(1 + 1 / len(x)) if len(x) > 1 else math.nan
     effect = Effect(float(x.mean()) if len(x) else math.nan, spread, len(x), cluster="splits",
                     method="prediction interval of one split")  # fmt: skip
-    _, _, low, high = effect.interval(1 - LEVEL)
+    _, _, low, high = effect.interval(1 - level)
     outcome = FALLS if printed < low or (printed > high and not at_most) else UNDECIDED
     number = f"{printed:.3g} at most" if at_most else f"{printed:.3g}"
     rule = f"{of} is {number}, as one more of our splits might give"
-    return Evidence(outcome=outcome, rule=rule, shown=effect)
+    return Evidence(outcome=outcome, rule=rule, shown=effect, at=level)
+
+
+def placed_below(splits: Mapping[str, ArrayLike], printed: float, *, of: str) -> Evidence:
+    """Judge that the paper shows no more than a number of several in one split.
+
+    Each is placed among our splits at its part of 5 %; the one whose interval begins highest is
+    shown, and decides.
+
+    Parameters
+    ----------
+    splits : (S,) of each by its name, one of each of our splits.
+    printed : what none exceeds in the paper.
+    of : what they are, for the rule.
+    """
+    level = LEVEL / len(splits)
+    parts = [placed(values, printed, of=f"{name}'s {of}", at_most=True, level=level)
+             for name, values in splits.items()]  # fmt: skip
+    first = max(parts, key=lambda part: part.shown.interval(1 - level).low if part.shown else 0.0)
+    return dataclasses.replace(first, rule=f"{first.rule}, and {len(parts) - 1} more")
 
 
 def judged(

@@ -24,8 +24,9 @@ nothing of (press, SOFT) was learned from early to late, so that both tables are
 themselves prove nothing, as splits differ by more: the second table has them. T1 grasps and T2
 presses: two single trials, which the third table has beside ours and which are not judged. IE
 counts the labelled instances of training over 5 recordings of each training object (Eq. 10; errata,
-24), by which .67 takes more grasps than eight batches ask for SOFT. Another delta might give it;
-the paper prints none. Under `theirs` percepts are drawn from tables of our classifiers."""
+24), by which .67 takes more grasps than eight batches have trials that ask for SOFT. Another delta
+might give it; the paper prints none. Under `theirs` percepts are drawn from tables of our
+classifiers."""
 
 Traits = Mapping[str, NDArray[np.float64]]  # (S,) by trait
 

@@ -33,6 +33,7 @@ from paper_repro.statements import (
     fact,
     judged,
     placed,
+    placed_below,
     verdict,
     within,
 )
@@ -140,6 +141,18 @@ def test_no_more_than_a_number_falls_where_our_splits_are_all_above_it(printed, 
     evidence = placed(np.arange(10.0), printed, of="x", at_most=True)
     assert evidence.outcome == kind
     assert evidence.rule == f"x is {printed:.3g} at most, as one more of our splits might give"
+
+
+def test_no_more_than_a_number_for_several_falls_by_any_one_of_them():
+    low, high = np.linspace(0.4, 0.9, 20), np.linspace(0.85, 0.95, 20)
+    falls = placed_below({"a": low, "b": high}, 0.7, of="accuracy").judge(1.0)
+    assert (falls["outcome"], falls["level"]) == (FALLS, pytest.approx(0.025))
+    assert falls["rule"].startswith("b's accuracy is 0.7 at most")
+    assert falls["rule"].endswith("and 1 more")
+    assert outcome(placed_below({"a": low, "b": low + 0.05}, 0.7, of="accuracy")) == UNDECIDED
+    edge = 0.9 + np.array([-1.0, 1.0] * 10) * 0.047  # outside of 95 %, inside of 98.3 %
+    assert placed(edge, 0.795, of="x", at_most=True).outcome == FALLS
+    assert outcome(placed_below(dict.fromkeys("abc", edge), 0.795, of="accuracy")) == UNDECIDED
 
 
 def test_an_interval_without_width_decides_nothing():
