@@ -25,7 +25,7 @@ ALL_ACTIONS = ("random", "predefined_plus")  # in Table 3's published column
 BUDGETS = (600.0, 1800.0, 3600.0, 7200.0)  # s
 PLACES = (("roc36", 2), ("ispy32", 2))
 SEED = 0  # of the bootstrap, whatever that of the run is
-TRIALS = 400  # those of Table 3 and Fig. 8
+TRIALS = 400  # as many as Table 3 has
 NOTE = """The goal of OFFLINE-MEAL is as many right reports as possible while the costs sum up to
 less than a budget (Eq. 7). Tasks come in their order, and again in it when all have been answered.
 A report costs no time, nor does "I do not know", by which MORC gives up here, so who guesses at

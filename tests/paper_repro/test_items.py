@@ -298,9 +298,3 @@ def test_fig_9_s_note_says_how_sarsop_s_statements_end():
     falls = "with more irrelevant attributes it explores more"
     assert outcomes.pop(falls) == FALLS
     assert list(outcomes.values()) == [STANDS] * 3
-
-
-def test_table_3_compares_our_agent_on_more_trials():
-    assert table3.COMPARED == 10 * table3.TRIALS
-    size = frame.read_result("table3")["size"]
-    assert f"{table3.COMPARED} of morc and bayes" in size
