@@ -9,7 +9,7 @@ from meal_bayes.canvas import Axes, axes_to_draw, name_axes
 from meal_bayes.evaluation.outcome_model import MARGINS
 from meal_bayes.evaluation.plots import reach
 from meal_bayes.evaluation.statistics import Interval
-from meal_bayes.palette import agent_style
+from meal_bayes.palette import LINE_GRAY, agent_style
 from paper_repro.figures.read import Record, Row, apart, interval_of, joined, rows_of
 from paper_repro.figures.shapes import dots, headline, heat_map, panels, shared_legend
 
@@ -46,7 +46,7 @@ def _leads(record: Record, tables: Sequence[Mapping[str, Any]], measure: str) ->
                                agents[agent]["repeats"])  # fmt: skip
             told.setdefault(agent, []).append(_side(area))
         with axes_to_draw(ax):
-            ax.axhline(0, color="#7A7A7A", lw=1)
+            ax.axhline(0, color=LINE_GRAY, lw=1)
             ax.set_title(table["title"].rpartition(", ")[0], fontsize=9, loc="left")
             name_axes(ax, "exploration, h", f"{measure} less its")
             ax.set_xscale("log")
@@ -152,11 +152,11 @@ def _effects(record: Record, name: str, rows: Sequence[Row], reference: str) -> 
     plain = [interval_of(row[_DESIGN]) for row in rows]
     with axes_to_draw(None, width=6.4, height=1.4 + 0.24 * len(rows)) as ax:
         ax.axvspan(-margin, margin, color="#E9E9E9", lw=0)
-        ax.axvline(0, color="#7A7A7A", lw=1)
+        ax.axvline(0, color=LINE_GRAY, lw=1)
         for at, row, fitted, design in zip(place, rows, model, plain, strict=True):
             style = agent_style(row["agent"])
             for span, marker, color, up in ((fitted, style.marker, style.color, _SIDES[0]),
-                                            (design, "|", "#7A7A7A", _SIDES[1])):  # fmt: skip
+                                            (design, "|", LINE_GRAY, _SIDES[1])):  # fmt: skip
                 ax.errorbar(span.estimate, at + up, xerr=reach([span]), fmt=marker, color=color,
                             ms=4.5, elinewidth=1.3)  # fmt: skip
         names = [f"{row[''].split(': ', 1)[1]}: {row['agent']}" for row in rows]
