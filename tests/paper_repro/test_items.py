@@ -287,8 +287,9 @@ def test_what_tree_search_earns_where_sarsop_has_not_converged_is_fig_9_s():
     given_up = {row["attributes"] - fig9.RELEVANT: row["abstained"][0]
                 for row in rows_of("pomdpsol") if row["problem"] == "Fig. 9"}  # fmt: skip
     assert [k for k, part in given_up.items() if part == 1.0] == [3, 4, 5]
-    told = [f"{earned[k][0]:.1f} ± {earned[k][1]:.1f}" for k in (3, 4, 5)]
-    assert f"{told[0]}, {told[1]} and {told[2]}" in " ".join(pomdpsol.NOTE.split())
+    assert all(earned[k][0] > 3 * earned[k][1] for k in (4, 5))
+    told = [f"{earned[k][0]:.1f} ± {earned[k][1]:.1f}" for k in (4, 5)]
+    assert " and ".join(told) in " ".join(pomdpsol.NOTE.split())
 
 
 def test_fig_9_s_note_says_how_sarsop_s_statements_end():
