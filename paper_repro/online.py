@@ -132,8 +132,9 @@ def run_curves(
     ratio = 0.0 if code else tested / (pretrained + trained)
     size = batches + 1
     by_split = tuple(tuple(tests[s * size : (s + 1) * size]) for s in range(repeats))
-    hours, *means = np.moveaxis(table[..., :5], 2, 0)
-    return Curves(hours, *means, table[..., 5:], logs, ratio, by_split)
+    hours, accuracy, reward, cost, abstained = np.moveaxis(table[..., :5], 2, 0)
+    by_attribute = table[..., 5:]
+    return Curves(hours, accuracy, reward, cost, abstained, by_attribute, logs, ratio, by_split)
 
 
 def at_hours(hours: Floats, values: Floats, when: float) -> Floats:
