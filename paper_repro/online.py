@@ -133,8 +133,9 @@ def run_curves(
     size = batches + 1
     by_split = tuple(tuple(tests[s * size : (s + 1) * size]) for s in range(repeats))
     hours, accuracy, reward, cost, abstained = np.moveaxis(table[..., :5], 2, 0)
-    by_attribute = table[..., 5:]
-    return Curves(hours, accuracy, reward, cost, abstained, by_attribute, logs, ratio, by_split)
+    return Curves(
+        hours, accuracy, reward, cost, abstained, table[..., 5:], logs, ratio, by_split
+    )  # fmt: skip
 
 
 def at_hours(hours: Floats, values: Floats, when: float) -> Floats:

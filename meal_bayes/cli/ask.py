@@ -252,7 +252,7 @@ def memory() -> None:
 @memory.command()
 @opt.shared("dataset", "root", "logs", "json")
 def show(dataset: str, root: Path | None, logs: Path, as_json: bool) -> None:
-    """List the labels that `ask --learn` received of a data set's objects, the latest last.
+    """List the labels that `ask --learn` received, the latest last.
 
     What a Learner in Python is told stands beside its trials instead; `log show` tells it.
     """

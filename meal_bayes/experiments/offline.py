@@ -13,8 +13,8 @@ from meal_bayes.datasets import PerceptTable
 from meal_bayes.display import short_repr
 from meal_bayes.evaluation import summarize
 from meal_bayes.experiments.config import OfflineConfig
-from meal_bayes.experiments.offline_tasks import offline_tasks
 from meal_bayes.experiments.store import is_whole, run_folder
+from meal_bayes.experiments.tasks import offline_tasks
 from meal_bayes.experiments.units import run_units, timed, warm_up
 from meal_bayes.files import file_name
 from meal_bayes.learner import Learner

@@ -1,6 +1,7 @@
 """What people tell a learner, in logs: written once it is told, and told again from there."""
 
 import difflib
+import re
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -69,7 +70,9 @@ def tell_again(experience: Experience, entries: Iterable[tuple[str, Feedback]]) 
 def warn_of_typo(experience: Experience, name: str) -> None:
     """Warn of a name that no object has, where one that is met looks much like it."""
     names = [*experience.objects]
-    near = difflib.get_close_matches(name, names, 1, _ALIKE)
+    # Names that are told apart by a number, as "cup 1" and "cup 2", are meant so.
+    alike = [other for other in names if re.findall(r"\d+", other) == re.findall(r"\d+", name)]
+    near = difflib.get_close_matches(name, alike, 1, _ALIKE)
     if name not in names and near:
         warn_caller(
             f"There is no trial or recording of {name!r}; did you mean {near[0]!r}? It is taken "
