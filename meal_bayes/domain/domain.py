@@ -182,10 +182,10 @@ class Domain:
 
     def can_be(self, values: Mapping[str, bool]) -> bool:
         """Return whether an object can have these attributes: of each group one value is true."""
-        for members in self.groups.values():
-            said = [values[name] for name in members if name in values]
-            if sum(said) > 1 or (len(said) == len(members) and not any(said)):
-                return False
+        try:
+            self.labels(values)
+        except QueryError:
+            return False
         return True
 
     def labels(self, values: Mapping[str, Any]) -> NDArray[np.int8]:
