@@ -46,17 +46,23 @@ def find_log(path: str | Path) -> Path:
 def _torn_text(path: Path, fault: Exception) -> str:
     """Say what is wrong with a file, or whose it is, and what to do."""
     try:
-        _has_run(path)
+        return f"{path}: {fault_text(fault)}; {_mend_text(path, has_run=_has_run(path))}"
     except ForeignFileError as foreign:
         return f"{foreign.of(path)}."
-    return f"{path}: {fault_text(fault)}; {way_out(path)}"
 
 
 def way_out(path: Path) -> str:
-    """Say what to do about a torn file: where nothing of a run is left, nothing can be saved."""
+    """Say what to do about a torn file, whosever it is."""
+    has_run = False
     with contextlib.suppress(ForeignFileError):
-        if _has_run(path):
-            return f"save its whole trials with: {command_line('meal-bayes log recover', path)}"
+        has_run = _has_run(path)
+    return _mend_text(path, has_run=has_run)
+
+
+def _mend_text(path: Path, *, has_run: bool) -> str:
+    """Say what to do about a file: where nothing of a run is left, nothing can be saved."""
+    if has_run:
+        return f"save its whole trials with: {command_line('meal-bayes log recover', path)}"
     return f"expected a {schema.SUFFIX} file that meal_bayes wrote"
 
 
