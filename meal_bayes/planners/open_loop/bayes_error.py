@@ -18,7 +18,7 @@ from meal_bayes.planners.momdp_arrays import Percepts
 OUTCOMES = 1024  # joint outcomes of a plan that are held for one attribute: of tables that last
 FEW_OUTCOMES = 256  # and of everything that is computed often
 _SHARE_KEPT = 16  # where outcomes exceed the capacity, they are merged to 1/16 of it
-_GROUP = 15  # percepts of a known row that are taken at once: their 16 outcomes fit after merging
+_GROUP = _SHARE_KEPT - 1  # percepts of a known row taken at once: their outcomes then fit
 _WIDEST = 12.0  # log likelihood ratios beyond are merged: e^-12 of r+ - r- is nothing
 SPAN = 16.0  # log-odds covered by the error tables
 THRESHOLDS = 65  # thresholds of a table, even in log-odds
@@ -57,6 +57,7 @@ class Scratch(NamedTuple):
     value: Floats  # (E,) value of the best plan, by first behavior; -inf where there is none
     bonus: Floats  # (E,) of it, what shaping pays on the way
     best: Ints  # (E,) the best plan, by first behavior
+    lost: Floats  # (1,) least value of an answer at once, where a plan may get lost
     # (T,K+1) Bayes errors after a row's percepts, by `column`; -1 = not computed. Of yes or no
     # hits: Pr(literal is taken to hold, and it does).
     error: Floats
@@ -83,6 +84,7 @@ def make_scratch(
         value=np.zeros(e),
         bonus=np.zeros(e),
         best=np.zeros(e, np.int64),
+        lost=np.full(1, np.inf),
         error=np.full((rows, k + 1), -1.0),
         alarm=np.zeros((rows, k + 1)),
         accepted=np.zeros((2, n)),

@@ -34,8 +34,8 @@ class PlanSteps(NamedTuple):
     percepts: Floats  # (X,E) expected, discounted: what a bonus pays
 
 
-class WaysBack(NamedTuple):
-    """What it takes to come back to one x, from every x."""
+class Detours(NamedTuple):
+    """What it takes to come back to one x, from every x; it may lead round, or get lost."""
 
     cost: Floats  # (X,) C: expected, discounted, s
     reached: Floats  # (X,) D: discounted Pr(it comes back)
@@ -60,7 +60,7 @@ def plan_steps(dynamics: Dynamics) -> PlanSteps:
     )
     several = step["legal"] & (np.count_nonzero(branch["p"], axis=2) > 1)
     for x in np.flatnonzero(several.any(axis=1)).tolist():
-        back = ways_back(dynamics, target, x)
+        back = detours_to(dynamics, target, x)
         for a in np.flatnonzero(several[x]).tolist():
             others = branch["p"][x, a].copy()
             others[likeliest[x, a]] = 0.0
@@ -75,11 +75,12 @@ def plan_steps(dynamics: Dynamics) -> PlanSteps:
     return steps
 
 
-def ways_back(dynamics: Dynamics, target: Ints, goal: int) -> WaysBack:
+def detours_to(dynamics: Dynamics, target: Ints, goal: int) -> Detours:
     """Go to x `goal` by the ways that are cheapest along the likeliest outcomes; with all outcomes.
 
     The policy is Dijkstra's, against the arrows from the goal; its figures solve C = c + g P C,
-    D = g P D with D = 1 at the goal, and L = g P L with L = 1 where no way leads to the goal.
+    D = g P D with D = 1 at the goal, and L = g P L with L = 1 where no way leads to the goal. Where
+    an object is to be put down a way must be sure: that is `several_objects.ways_back`.
     """
     step = dynamics.step
     n_states = len(step)
@@ -104,4 +105,4 @@ def ways_back(dynamics: Dynamics, target: Ints, goal: int) -> WaysBack:
         np.add.at(moves[x], branch["x"], step["discount"][x, a] * branch["p"])
         cost[x] = step["cost"][x, a]
     ends = np.stack([cost, np.arange(n_states) == goal, ~settled], axis=1).astype(float)
-    return WaysBack(*np.linalg.solve(np.eye(n_states) - moves, ends).T)
+    return Detours(*np.linalg.solve(np.eye(n_states) - moves, ends).T)

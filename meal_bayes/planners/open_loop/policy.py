@@ -81,11 +81,11 @@ class OpenLoopPolicy:
         counts, row = np.unique(np.column_stack([coming, costs]), axis=0, return_inverse=True)
         ending = _ending(momdp, belief, counts[:, :-1], no_cost[counts[:, -1]], rng)[row.ravel()]
         value = plan["discount"] * ending - plan["cost"]
-        if plan[
-            "lost"
-        ].any():  # then it is answered at once, in the worst case where "no" costs most
-            at_once = np.zeros((1, momdp.n_behaviors), int), momdp.no_cost.max(keepdims=True)
-            value += plan["lost"] * _ending(momdp, belief, *at_once, rng)
+        lost = plan["lost"]
+        if lost.any():
+            # Then it is answered at once, without a percept, at worst where "no" costs most.
+            none = np.zeros((1, momdp.n_behaviors), int)
+            value += lost * _ending(momdp, belief, none, momdp.no_cost.max(keepdims=True), rng)
         pay = np.zeros(len(plan))
         if model.shaped:
             truth = np.stack([1 - belief.positive, belief.positive], axis=1)  # (N,2)

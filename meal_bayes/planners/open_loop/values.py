@@ -105,12 +105,13 @@ def stop_value(model, conjunction, x, prob):
 
 
 @kernel
-def _lost_value(model, conjunction, prob):
+def _lost_value(evaluator, conjunction, prob):
     """Bound what an answer at once is worth, by the belief of now, wherever a plan gets lost."""
-    least = np.inf
-    for x in range(model.dynamics.step.shape[0]):
-        least = min(least, stop_value(model, conjunction, x, prob))
-    return least
+    lost = evaluator.scratch.lost
+    if lost[0] == np.inf:  # once for all plans at a belief
+        for x in range(evaluator.model.dynamics.step.shape[0]):
+            lost[0] = min(lost[0], stop_value(evaluator.model, conjunction, x, prob))
+    return lost[0]
 
 
 @kernel
@@ -185,7 +186,7 @@ def _plan_value(evaluator, conjunction, j, prob, floor, enumerated):
     if conjunction is not None:
         pay = -plan.cost
         if plan.lost > 0.0:
-            pay += plan.lost * _lost_value(model, conjunction, prob)
+            pay += plan.lost * _lost_value(evaluator, conjunction, prob)
         if model.shaped:
             pay += _bonus(evaluator, j)
         # V = pay + g V_end <= floor, solved for V_end: below it thresholds need not be improved.
@@ -194,7 +195,7 @@ def _plan_value(evaluator, conjunction, j, prob, floor, enumerated):
     base = plan.discount * model.incorrect - plan.cost
     reward = plan.discount * model.reward_range
     if plan.lost > 0.0:
-        base += plan.lost * _lost_value(model, conjunction, prob)
+        base += plan.lost * _lost_value(evaluator, conjunction, prob)
     if model.shaped:
         base += _bonus(evaluator, j)
     for i in range(prob.shape[0]):
@@ -286,6 +287,7 @@ def evaluate_plans(evaluator, x, prob, floor, drop_idle):
     scratch = evaluator.scratch
     out = scratch.value
     _locate(evaluator, prob)
+    scratch.lost[0] = np.inf  # not computed
     best_only = floor > -np.inf
     best = floor
     if not best_only:
