@@ -39,7 +39,8 @@ from measuring import options_of, peak_mb, show
 from meal_bayes.cli import main as program
 from meal_bayes.datasets import load_percepts, make_synthetic
 from meal_bayes.datasets.csv_files import load_csv_folder, save_csv_folder
-from meal_bayes.datasets.percepts import BIN_EDGES, PerceptTable, save_percepts
+from meal_bayes.datasets.levels import BIN_EDGES
+from meal_bayes.datasets.percepts import PerceptTable, save_percepts
 from meal_bayes.domain import load_domain
 from meal_bayes.domain.tables import domain_table
 from meal_bayes.errors import MealBayesError

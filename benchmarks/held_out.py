@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 
 from meal_bayes.arrays import Floats
 from meal_bayes.datasets import Dataset, TrainingSet
-from meal_bayes.datasets.percepts import BIN_EDGES, levels_of, round_log_odds
+from meal_bayes.datasets.levels import BIN_EDGES, levels_of, round_log_odds
 from meal_bayes.perception import DEFAULT, PerceptionSettings
 from meal_bayes.perception.confusion import by_truth
 from meal_bayes.perception.feature_spaces import gather, groups_of, number_in_object

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from meal_bayes.arrays import check_kind, freeze, freeze_arrays, label_values, set_frozen
 from meal_bayes.datasets.dataset import check_objects, complete_labels
+from meal_bayes.datasets.levels import levels_of, merge_bins
 from meal_bayes.display import facts_html, facts_repr, listed
 from meal_bayes.domain import (
     Domain,
@@ -28,9 +29,6 @@ from meal_bayes.errors import DataError, DomainError, SettingsError
 from meal_bayes.files import checked_path, draft_of
 from meal_bayes.untrusted import UNREADABLE, read_array, read_meta, write_array
 
-THRESHOLD = float(np.log(0.501 / 0.499))  # yes/no at .501: .5 +- 1e-16 would leak by rounding
-LIMIT = 8.0  # log-odds are kept within +-8, where float16 is good to .004
-BIN_EDGES = freeze(THRESHOLD + np.array([-3.0, -1.5, -0.5, 0.0, 0.5, 1.5, 3.0]))
 _FORMAT = 1
 _MEMBERS = {  # name -> dtype, axes
     "meta": ("|u1", 1),  # JSON
@@ -45,42 +43,12 @@ _OPTIONAL = ("recording_counts", "groups")
 _LARGEST = 2 << 24  # bytes that a member may unpack to
 
 
-def level_edges(edges: NDArray[np.float64], levels: int) -> NDArray[np.float64]:
-    """Return the edges (K-1,) between K levels, even, of the fine bins' edges (L-1,)."""
-    bins = len(edges) + 1
-    if levels < 2 or levels % 2 or bins % levels:
-        fitting = [k for k in range(2, bins + 1, 2) if bins % k == 0]
-        raise SettingsError(f"Percepts of {levels} levels; expected one of {fitting}.")
-    # Every (L / K)-th edge; K is even, so that the middle one, yes or no, is among them.
-    step = bins // levels
-    return edges[step - 1 :: step]
-
-
-def levels_of(log_odds: ArrayLike, edges: NDArray[np.float64], levels: int) -> NDArray[np.int8]:
-    """Return the percept levels 0 .. K-1 of log-odds of any shape."""
-    return np.searchsorted(level_edges(edges, levels), log_odds).astype(np.int8)
-
-
-def classifier_levels(log_odds: ArrayLike, levels: int) -> NDArray[np.int8]:
-    """Return the percept levels 0 .. K-1 of what a classifier says, live as in a table.
-
-    >>> classifier_levels([-5.0, -1.0, 0.0, 1.0, 5.0], 4).tolist()
-    [0, 1, 1, 2, 3]
-    """
-    return levels_of(round_log_odds(log_odds), BIN_EDGES, levels)
-
-
-def round_log_odds(log_odds: ArrayLike) -> NDArray[np.float16]:
-    """Clip to +-8 and round as tables store them, so that percepts do not change by saving."""
-    return np.clip(np.asarray(log_odds, dtype=np.float64), -LIMIT, LIMIT).astype(np.float16)
-
-
 @dataclass(frozen=True, slots=True)
 class PerceptTable:
     """Held-out percepts of a data set, and the training-side counts for each held-out object.
 
     Log-odds are class-balanced (prior 1/2): positive speaks for "true". They are cut into L fine
-    bins by `edges`; a percept of K levels merges neighboring bins, the middle edge divides yes/no.
+    bins by `edges`; the middle edge divides yes/no. Bins become levels in `levels.py`.
     Where nothing was computed (reinit, ask, an attribute left out) they are NaN and bins zero.
 
     Attributes
@@ -183,11 +151,8 @@ class PerceptTable:
 
     def training_levels(self, held_out: int, levels: int) -> NDArray[np.int64]:
         """Return the counts (O,P,E,K) of each level of objects outside the held-out one's group."""
-        level_edges(self.edges, levels)
-        # K levels merge L / K neighboring bins each.
         bins = self.training_bins[self.groups[held_out]]
-        merged = bins.reshape(*bins.shape[:-1], levels, -1).sum(axis=-1)
-        return freeze(merged, np.int64)
+        return freeze(merge_bins(bins, levels), np.int64)
 
 
 def save_percepts(table: PerceptTable, path: str | Path) -> None:

@@ -16,7 +16,7 @@ from meal_bayes.agents.knowledge import knowledge_of
 from meal_bayes.arrays import Rows
 from meal_bayes.datasets import Instance
 from meal_bayes.datasets.detections import detected_levels
-from meal_bayes.datasets.percepts import classifier_levels
+from meal_bayes.datasets.levels import classifier_levels
 from meal_bayes.domain import Query, learn_success
 from meal_bayes.learner import views
 from meal_bayes.learner.columns import Context, Labels

@@ -27,7 +27,7 @@ from threadpoolctl import threadpool_limits
 
 from meal_bayes.arrays import Floats, Ints, check_kind
 from meal_bayes.datasets import Dataset, PerceptTable, TrainingSet
-from meal_bayes.datasets.percepts import BIN_EDGES, classifier_levels, round_log_odds
+from meal_bayes.datasets.levels import BIN_EDGES, classifier_levels, round_log_odds
 from meal_bayes.datasets.sources import SOURCES
 from meal_bayes.domain import unknown
 from meal_bayes.errors import SettingsError

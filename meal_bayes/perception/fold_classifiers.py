@@ -31,7 +31,7 @@ from sklearn.base import clone
 from sklearn.svm import SVC
 
 from meal_bayes.arrays import Bools, Floats, Ints
-from meal_bayes.datasets.percepts import THRESHOLD
+from meal_bayes.datasets.levels import THRESHOLD
 from meal_bayes.perception.compiled_stacking import fit_stacker, fit_stackers
 from meal_bayes.perception.feature_spaces import BehaviorRecordings, FeatureSpace, Rows, dealt
 from meal_bayes.perception.kernel_ridge import RIDGE, Stacker

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Any
 
-from meal_bayes.datasets.percepts import BIN_EDGES, level_edges
+from meal_bayes.datasets.levels import BIN_EDGES, level_edges
 from meal_bayes.domain import unknown
 from meal_bayes.errors import SettingsError
 

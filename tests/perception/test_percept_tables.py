@@ -14,7 +14,7 @@ from meal_bayes.datasets import (
     load_percepts,
     save_percepts,
 )
-from meal_bayes.datasets.percepts import BIN_EDGES, round_log_odds
+from meal_bayes.datasets.levels import BIN_EDGES, round_log_odds
 from meal_bayes.perception import (
     DEFAULT,
     PAPER,
