@@ -81,7 +81,7 @@ def write_learner(learner: SavedLearner, path: Path, *, overwrite: bool) -> str:
         zipfile.ZipFile(draft, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive,
     ):
         if not overwrite:
-            _check_own(path, learner.file)
+            _refuse_what_others_saved(path, learner.file)
         numbers = count()
 
         def keep(values: NDArray[Any]) -> str:
@@ -165,7 +165,7 @@ def read_learner(path: Path, *, agent: object, classifier: object) -> SavedLearn
         raise DataError(f"{path} cannot be read: {fault}.") from fault
 
 
-def _check_own(path: Path, file: str) -> None:
+def _refuse_what_others_saved(path: Path, file: str) -> None:
     """Refuse to write over a file that this learner neither wrote nor read last."""
     if not path.exists():
         return

@@ -33,7 +33,7 @@ from meal_bayes.momdp.model import ARRAYS
 from meal_bayes.planners.boundary import decide
 from meal_bayes.planners.solver import History, Policy, Remembering
 
-POINTS = 17  # outside values, from what "none" earns to r+
+POINTS = 17  # outside values
 _SETTLED = 1e-9  # of r+ - r-: an object is worth nothing more than L where it gains less
 
 Solve = Callable[[MOMDP], Policy]
@@ -118,6 +118,14 @@ class Move(NamedTuple):
     place: int
     behavior: int
     values: Floats
+
+
+def outside_values(none: float, best: float) -> Floats:
+    """Return the outside values (L,), from what "none of them" earns to r+.
+
+    They lie closer near "none": seconds count most there, and V bends where putting down is paid.
+    """
+    return none + (best - none) * np.linspace(0.0, 1.0, POINTS) ** 2
 
 
 def between(outside: Floats, values: Floats, at: Floats | float) -> Floats:
@@ -212,8 +220,7 @@ class Prospector:
         none = momdp.reports.payoffs.right_no
         best = momdp.reports.payoffs.right_yes
         self.momdp = momdp
-        # Seconds count most where the others are worth little: V bends where putting down is paid.
-        self.outside = none + (best - none) * np.linspace(0.0, 1.0, POINTS) ** 2
+        self.outside = outside_values(none, best)
         self._way = ways_back(momdp, leave, momdp.discount)
         self._solve = solve
         self._policies: list[Policy] = []
@@ -233,7 +240,7 @@ class Prospector:
         """
         if not self._policies:
             self._policies = [self._policy(float(value)) for value in self.outside]
-        explored = np.full((POINTS, self.momdp.n_behaviors), -np.inf)
+        explored = np.full((len(self.outside), self.momdp.n_behaviors), -np.inf)
         for row, policy in zip(explored, self._policies, strict=True):
             decision = decide(policy, history, rng)
             values = decision.values[:-1]

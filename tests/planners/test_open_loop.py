@@ -116,7 +116,7 @@ def test_looking_again_is_worth_at_least_the_best_plan(small, options, finite):
         policy, optimum = OpenLoop().solve(momdp, None), small.expectimax(momdp)
         best = np.nanmax(policy.decide(small.start(momdp), None).values)
         worth = optimum.of_policy(policy, 0)
-        # With other rows after every percept only six plans of a behavior are computed again.
+        # With other rows after every percept only some plans of a behavior are computed again.
         slack = 4.0 if finite and "shared" in options else 1e-9  # of 200
         assert best - slack <= worth
         assert worth <= optimum.value(momdp.start, optimum.nothing_seen()) + 1e-9

@@ -23,7 +23,12 @@ from meal_bayes.planners import (
     best_move,
     ways_back,
 )
-from meal_bayes.planners.several_objects import Prospect, values_beside, worth_of_others
+from meal_bayes.planners.several_objects import (
+    Prospect,
+    outside_values,
+    values_beside,
+    worth_of_others,
+)
 
 LIMIT = 2  # percepts of each behavior
 DOMAIN = load_domain("toy")
@@ -189,7 +194,7 @@ def exact(chain, leave):
     momdp = chain.momdp
     back = ways_back(momdp, leave, momdp.discount)
     cost, discount, first = (part[chain.x] for part in back)
-    outside = 100.0 * np.linspace(0.0, 1.0, 17) ** 2
+    outside = outside_values(NONE, 100.0)
     left = np.maximum(discount * outside[:, None] - cost, NONE)
     stop = np.maximum(left, chain.claim)  # (L,S)
     value = stop

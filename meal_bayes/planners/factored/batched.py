@@ -15,8 +15,8 @@ from meal_bayes.momdp import MOMDP
 from meal_bayes.planners.jit import entry_kernel, kernel
 from meal_bayes.planners.momdp_arrays import dynamics_of
 
-_LARGEST = 7.0
-_POINTS = 57  # log-odds from -7 to 7
+_LARGEST = 7.0  # log-odds to either side of even odds that the grid reaches
+_POINTS = 57  # of the grid
 _SWEEPS = 60  # at most
 _SETTLED = 1e-6  # of r+ - r-
 _LEAST = 1e-6  # rates are at least this

@@ -17,10 +17,10 @@ from meal_bayes.planners.momdp_arrays import Percepts
 
 OUTCOMES = 1024  # joint outcomes of a plan that are held for one attribute: of tables that last
 FEW_OUTCOMES = 256  # and of everything that is computed often
-_SHARE_KEPT = 16  # where outcomes exceed the capacity, they are merged to 1/16 of it
+_SHARE_KEPT = 16  # where outcomes exceed the capacity, they are merged to one in so many
 _GROUP = _SHARE_KEPT - 1  # percepts of a known row taken at once: their outcomes then fit
 _WIDEST = 12.0  # log likelihood ratios beyond are merged: e^-12 of r+ - r- is nothing
-SPAN = 16.0  # log-odds covered by the error tables
+SPAN = 16.0  # log-odds to either side of even odds that error tables reach
 THRESHOLDS = 65  # thresholds of a table, even in log-odds
 
 # Of the problem itself: the model of percepts, and what a report earns.

@@ -9,10 +9,14 @@ percepts. Each step computes them as precisely as it must, from the cheapest to 
 - *sift* takes the most that it can be, by the same coefficient (a pessimistic bound where percepts
   are independent given the truth, with shared latent classes an estimate; of yes or no half of it
   is taken for misses, half for false alarms);
-- *compete* enumerates the percepts, cut to yes or no; where outcomes would be more than 256, those
-  that say nearly the same are merged, to 16: a bound from above again, and a close one;
+- *compete* enumerates the percepts, cut to yes or no; where outcomes would be too many, those that
+  say nearly the same are merged (`bayes_error.FEW_OUTCOMES`): a bound from above again, and a close
+  one;
 - *complete* does so once more for the winners, and for what remains of them after a percept, with
-  up to 1,024 outcomes, merged to 64. These tables are what planners read.
+  more outcomes (`bayes_error.OUTCOMES`). These tables are what planners read.
+
+Plans of a question of yes or no are grown as if its values were reported, between its least and its
+largest payoff; they are sifted, compete and are read by what yes and no earn.
 
 A plan goes along the likeliest outcome of each behavior; what the others cost it is in `detours`.
 """
@@ -43,11 +47,11 @@ from meal_bayes.planners.open_loop.growth import Growth, Paths, grow_plans
 from meal_bayes.planners.open_loop.values import PLAN, Plans, make_evaluator
 
 _GROWTH_BELIEFS = 4  # beliefs for which plans are grown from every x, to every first percept
-_MANY = 5  # attributes: with more, no more beliefs and candidates are taken
-_BELIEFS = 16  # beliefs for each attribute, up to _MANY of them, at which plans compete
+_MOST_ATTRIBUTES = 5  # by whose number beliefs and candidates grow; with more no more are taken
+_BELIEFS = 16  # beliefs for each of these attributes, at which plans compete
 _ROUNDS = 6  # of correcting a belief that latent classes hold together
 _WINNERS = 14  # plans an x, besides one for every first behavior and what remains of them
-_CANDIDATES = 10  # candidates for each attribute, an x and a belief, that compete
+_CANDIDATES = 10  # candidates for each of these attributes, an x and a belief, that compete
 _OF_FIRST = 2  # candidates of each x and first behavior, if not among these
 
 
@@ -94,7 +98,7 @@ def _spread_beliefs(momdp: MOMDP, model: MOMDPArrays) -> Floats:
     """Draw beliefs (B,N,C) around the prior, of which the first is the prior itself."""
     n = len(momdp.query)
     rng = np.random.Generator(np.random.PCG64(n))
-    spread = rng.uniform(-4.0, 4.0, (_BELIEFS * min(n, _MANY), n))
+    spread = rng.uniform(-4.0, 4.0, (_BELIEFS * min(n, _MOST_ATTRIBUTES), n))
     return _move_prior(momdp, model, np.concatenate([np.zeros((1, n)), spread]))
 
 
@@ -175,7 +179,7 @@ def _sift(
     group = candidates.x * model.dynamics.step.shape[1] + candidates.plan["action"]
     is_promising[_rank_within(group, peak) < _OF_FIRST] = True
     # Of each x and belief, those that are worth most. Candidates come by x (see `cheapest`).
-    number = _CANDIDATES * min(len(log_affinity), _MANY)
+    number = _CANDIDATES * min(len(log_affinity), _MOST_ATTRIBUTES)
     for from_x in np.split(np.arange(len(peak)), np.flatnonzero(np.diff(candidates.x)) + 1):
         best = np.argpartition(-value[:, from_x], min(number, len(from_x) - 1), axis=1)[:, :number]
         is_promising[from_x[best]] = True
@@ -236,7 +240,7 @@ def _as_plans(model: MOMDPArrays, candidates: Candidates, capacity: int) -> Plan
 
 
 def retabulate(plans: Plans, model: MOMDPArrays) -> Plans:
-    """Return the plans with their errors in another MOMDP of the diagram."""
+    """Return the plans with their errors in another MOMDP; what they cost is taken as it was."""
     row, table = _tabulate(model, plans.observation_counts, bayes_error.OUTCOMES)
     return plans._replace(row=row, table=table)
 
