@@ -145,6 +145,8 @@ def record_step(
         instance = Instance(task.object_index, domain.behaviors[e].name, NONE)
     percepts = None if instance is None else instance.percepts
     detected = detected_levels(percepts, domain, momdp.levels)
+    if percepts is not None and (levels is None or (levels < 0).all()):
+        levels = detected  # what it did not name was shown at even odds, and is no percept
     shows = step.observation is not None or (levels is not None and (levels >= 0).any())
     unknown = levels is None or (levels < 0).all()
     if step.observation is not None and unknown and domain.behaviors[e].modalities:

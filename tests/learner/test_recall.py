@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from meal_bayes.errors import SettingsError
 from meal_bayes.learner import Learner, recall
 from meal_bayes.perception import build_percept_table
+from meal_bayes.robots import Outcome
 from meal_bayes.trial_log import Logs
 
 
@@ -168,3 +169,36 @@ def test_a_replay_shows_recordings_that_were_given_and_adds_none(dataset, make, 
     assert (executions["instance"] >= 0).sum() == 3 * len({t.task.key for t in trials})
     assert given.experience.told_in(trials[2].task.key)[1] == 0
     assert len(empty.experience.instances) == 3 * len({t.task.key for t in trials})
+
+
+WORDS = st.sampled_from([True, False, "yes", "no", None])
+SAID = st.dictionaries(st.sampled_from(("red", "full")), WORDS, max_size=2)
+
+
+@settings(max_examples=max(settings().max_examples // 2, 8))
+@given(
+    shown=st.lists(st.tuples(SAID, st.booleans()), min_size=1, max_size=5),
+    asked=st.sampled_from((["red"], ["full"], ["red", "full"])),
+    levels=st.sampled_from((2, 4)),
+)
+@example(shown=[({"red": True}, False)] * 3, asked=["red", "full"], levels=4)
+@example(shown=[({"red": True}, False)] * 3, asked=["full"], levels=2)
+def test_what_a_detector_said_is_recalled_and_nothing_else(
+    make, tmp_path_factory, shown, asked, levels
+):
+    """What it did not name was shown at even odds: no percept, neither live nor from logs."""
+    folder = tmp_path_factory.mktemp("logs")
+    agent = make.agent("look", **{**make.ours, "levels": levels})
+    live = Learner(make.kitchen, agent=agent, logs=folder, refit_every=None)
+    for said, sensed in shown:
+        features = {"color": [9.0, 9.0, 9.0]} if sensed else None
+        robot = make.faulty(Outcome("table", features, percepts=said or None))
+        live.tell(live.ask(asked, robot), {"red": True, "full": False})
+    heir = Learner(make.kitchen, agent=agent, logs=None, refit_every=None)
+    recall(heir, folder)
+    live.refit()
+    for name in ("executions", "detected"):
+        expected = getattr(live.experience, name).values
+        np.testing.assert_array_equal(getattr(heir.experience, name).values, expected)
+    counts = [learner.knowledge().posterior.counts for learner in (live, heir)]
+    np.testing.assert_array_equal(*counts)
