@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from meal_bayes.arrays import check_whole, check_yes_no
 from meal_bayes.datasets import PerceptTable, object_index
-from meal_bayes.domain import Domain, Query, read_query
+from meal_bayes.domain import TERMINAL, Domain, Query, read_query
 from meal_bayes.errors import LogError, SettingsError
 from meal_bayes.learner.columns import Context
 from meal_bayes.learner.fit import Fit, problem_of, solve
@@ -107,7 +107,8 @@ class Asked:
 def start_of(before: Trial, start: str, state: str | None) -> str:
     """Return where a trial that was broken off began, if its robot is where its log ends.
 
-    Since then it may have moved, or been moved. Without steps it began in `start`.
+    Since then it may have moved, or been moved. Without steps it began in `start`. Where it has
+    answered, no behavior follows, and it may be anywhere.
 
     Raises
     ------
@@ -123,6 +124,8 @@ def start_of(before: Trial, start: str, state: str | None) -> str:
     if before.steps:
         start = states[before.steps[0].x]
         ended = states[before.steps[-1].next_x]
+    if ended == TERMINAL:
+        return start
     if state is None:
         if len(states) > 2:  # and "term"
             raise SettingsError(

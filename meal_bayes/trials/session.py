@@ -239,7 +239,7 @@ class Session(OneCaller):
     def repeat(self, steps: Sequence[Step]) -> None:
         """Repeat steps that were executed before a restart; the robot does not move.
 
-        A policy decides again, so that its random stream stands where it stood.
+        A policy decides again, so that its random stream stands where it stood, and answers again.
 
         Raises
         ------
@@ -247,12 +247,13 @@ class Session(OneCaller):
             The policy decides otherwise than it did then.
         """
         for step in steps:
-            decision = self._decision or (step.decision if self._policy is None else None)
-            if decision is None or decision.action != step.decision.action:
-                then = self.momdp.action_name(step.decision.action)
-                raise otherwise(f"Step {len(self.steps)} was {then}", str(self.behavior))
-            self._append(step)
-            self._decide()
+            decision = self.steps[-1].decision if self.over else self._decision or step.decision
+            if decision.action != step.decision.action:
+                then, now = (self.momdp.action_name(d.action) for d in (step.decision, decision))
+                raise otherwise(f"Step {len(self.steps) - self.over} was {then}", now)
+            if not self.over:
+                self._append(step)
+                self._decide()
 
     def _end_by(self, fault: BaseException) -> None:
         """End the trial by an exception, unless it is over."""
@@ -336,7 +337,6 @@ class Session(OneCaller):
     def _perceive(self, action: int, execution: Execution) -> tuple[NDArray[np.int8] | None, str]:
         """Return percept levels (N,), or None, and a warning."""
         says = execution.warning
-        next_x = execution.next_x
         if execution.instance is not None:
             luck = self.streams.of("percepts")  # the same for every agent
             levels = self._perceiver.observe(execution.instance, self.task.query, luck)
@@ -346,5 +346,5 @@ class Session(OneCaller):
         if execution.answers is not None:
             return answered(execution.answers, self.task.query.attributes, self.momdp.levels)
         if self.task.object_index < 0 and not says:  # recordings of a replay may be used up
-            says = silence(self.momdp, self._checker.usual, self.history, action, next_x)
+            says = silence(self.momdp, self._checker.usual, self.history, action, execution.next_x)
         return None, says

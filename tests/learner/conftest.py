@@ -11,6 +11,8 @@ from meal_bayes.domain import domain_from_table
 from meal_bayes.learner import Learner
 from meal_bayes.planners import OpenLoop, Predefined
 from meal_bayes.robots import Outcome
+from meal_bayes.trial_log import writer
+from meal_bayes.trial_log.writer import TrialWriter
 
 OBJECTS, RECORDINGS = 12, 3
 KITCHEN = {
@@ -82,6 +84,47 @@ class Faulty:
         return self.outcome() if callable(self.outcome) else self.outcome
 
 
+class Killed(BaseException):
+    """The end of a process."""
+
+
+class Kills:
+    """Ends the process before the n-th write, or renaming, of any log from now on."""
+
+    killed = Killed
+
+    def __init__(self, monkeypatch):
+        self.left = -1
+        self.writers = []
+        put, replace = TrialWriter._put, writer.replace_whole
+
+        def counted(log, *args, **options):
+            self.writers.append(log)
+            self.count()
+            put(log, *args, **options)
+
+        def renamed(*paths):
+            self.count()
+            replace(*paths)
+
+        monkeypatch.setattr(TrialWriter, "_put", counted)
+        monkeypatch.setattr(writer, "replace_whole", renamed)
+
+    def count(self):
+        if self.left == 0:
+            raise Killed
+        self.left -= 1
+
+    def bury(self):
+        """Let go of all that the dead process held."""
+        self.left = -1
+        for log in self.writers:
+            log._file.close()
+            if log._resumed is not None:
+                log._resumed.release()
+        self.writers.clear()
+
+
 def agent_of(*behaviors, **options):
     """Make an agent that executes behaviors in order, and then reports."""
     return Agent("script", lambda domain, query: Predefined(behaviors), **options)
@@ -113,4 +156,11 @@ def make():
         dataset=make_dataset,
         ours=OURS,
         kitchen=KITCHEN,
+        kills=Kills,
     )
+
+
+@pytest.fixture
+def kills(monkeypatch):
+    """What ends a process before the writes of its logs."""
+    return Kills(monkeypatch)

@@ -18,18 +18,13 @@ from meal_bayes.datasets import Dataset, load_percepts
 from meal_bayes.errors import LogError, RobotError
 from meal_bayes.learner import Learner, recall
 from meal_bayes.robots import Outcome
-from meal_bayes.trial_log import check_log, read_search, read_trials, writer
+from meal_bayes.trial_log import check_log, read_search, read_trials
 from meal_bayes.trial_log.searches import searches_in
-from meal_bayes.trial_log.writer import TrialWriter
 from meal_bayes.trials import run_search
 
 CUPS = ("mug", "a/b.search", "glass")
 COLORS = np.array([[40.0, 60.0, 190.0], [200.0, 40.0, 40.0]])
 FORCES = np.array([2.0, 5.5])
-
-
-class Killed(BaseException):
-    """The end of a process."""
 
 
 class Table:
@@ -69,46 +64,6 @@ def drive(session, table):
 @pytest.fixture(scope="module")
 def mind(dataset, make):
     return make.learner(dataset, "greedy")
-
-
-class Kills:
-    """Ends the process before the n-th write, or renaming, of any log from now on."""
-
-    def __init__(self, monkeypatch):
-        self.left = -1
-        self.writers = []
-        put, replace = TrialWriter._put, writer.replace_whole
-
-        def counted(log, *args, **options):
-            self.writers.append(log)
-            self.count()
-            put(log, *args, **options)
-
-        def renamed(*paths):
-            self.count()
-            replace(*paths)
-
-        monkeypatch.setattr(TrialWriter, "_put", counted)
-        monkeypatch.setattr(writer, "replace_whole", renamed)
-
-    def count(self):
-        if self.left == 0:
-            raise Killed
-        self.left -= 1
-
-    def bury(self):
-        """Let go of all that the dead process held."""
-        self.left = -1
-        for log in self.writers:
-            log._file.close()
-            if log._resumed is not None:
-                log._resumed.release()
-        self.writers.clear()
-
-
-@pytest.fixture
-def kills(monkeypatch):
-    return Kills(monkeypatch)
 
 
 def content(search):
@@ -169,7 +124,7 @@ def lived(mind, kills, folder, seed, deaths):
             if session is None:
                 return read_search(folder), None
             search = drive(session, table)
-        except Killed:
+        except kills.killed:
             lost += 1
         else:
             steps = sum(step.cost > 0 for trial in search.trials.values() for step in trial.steps)
@@ -215,11 +170,11 @@ def test_a_search_killed_at_any_write_goes_on_as_if_undisturbed(mind, undisturbe
 @example(seed=0, deaths=[25, 12])  # in the middle of writing it again
 @example(seed=0, deaths=[25, 9, 14])
 def test_processes_that_die_one_after_another_lose_nothing(
-    mind, undisturbed, tmp_path_factory, seed, deaths
+    mind, make, undisturbed, tmp_path_factory, seed, deaths
 ):
     folder = tmp_path_factory.mktemp("search") / "it"
     with pytest.MonkeyPatch.context() as patch:
-        search, _ = lived(mind, Kills(patch), folder, seed, deaths)
+        search, _ = lived(mind, make.kills(patch), folder, seed, deaths)
     assert content(search) == content(undisturbed(seed))
 
 
