@@ -21,8 +21,7 @@ OUR_AGENT = "bayes"
 # Repeats split the same objects: J of them leave (1/J + .52) of the variance, as a third tests and
 # two thirds teach. 10 make the 95 % interval 13 % wider than 20 do, 5 nearly half as wide again.
 REPEATS = 10
-# By the published code's settings each repeat has a split of its own, and repeats are independent:
-# of one attribute, about which most is said, there are 20.
+# By the published code's settings each repeat has a split of its own: repeats are independent.
 SPLITS = 20
 THIRDS = (33, 33, 34)  # of the objects: pretraining, training, test
 VARIANTS: dict[str, Any] = {  # what the published code does otherwise than the paper
@@ -65,9 +64,9 @@ class Curves:
         return len(self.hours)
 
 
-def repeats_of(setting: Setting, protocol: str, n: int) -> int:
-    """Return how many repeats an agent runs in a column, where `n` attributes are asked."""
-    return setting.repeats_of(SPLITS if protocol == THEIRS and n == 1 else REPEATS)
+def repeats_of(setting: Setting, protocol: str) -> int:
+    """Return how many repeats an agent runs in a column."""
+    return setting.repeats_of(SPLITS if protocol == THEIRS else REPEATS)
 
 
 def run_curves(

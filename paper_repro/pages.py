@@ -49,7 +49,7 @@ _RULES = """## Run it
   `pomdpsol` has as many of Table 3's problems. Not planned are its points of Fig. 9 (200), those of
   `fig9` from two irrelevant attributes to four (60) and MORC that must answer there (300). Online,
   too, these objects are the whole population: every repeat draws a split of them, so that repeats
-  are the units, by Student's t (20 of one attribute, 10 of two).
+  are the units, by Student's t (20).
 - **recorded**: the paper's agents on outputs of our classifiers (`fig4`: of the paper's) on real
   recordings of an object that none has seen, no recording used twice in a trial. Objects are
   independent units, and intervals hold for these objects and what was learned from them: trials of

@@ -43,10 +43,8 @@ where the other agent's curve ends: Iterative MORC's, Random Legal's, or MORC-IT
 Who has explored for less by its last batch keeps its last value until then: against Random Legal
 MORC-ITRS, {carried}. Accuracy, abstaining and reward of the tables are those after the last batch;
 who abstains ("I do not know", for 0 s) is not right. Where two attributes are asked under `theirs`,
-Iterative MORC gives up about a quarter of its tests in one of ten splits and next to none in the
-others, which is most of the spread of its accuracy: ten splits leave intervals of ± .05 to .08
-there, more than half a margin of .05, so that "undecided" says no more than that ten are few. On
-recordings Iterative MORC and MORC-ITRS have one planner and are tested without a bonus, so that at
+Iterative MORC gives up about a quarter of its tests in one of twenty splits and next to none in the
+others, which is much of the spread of its accuracy. On recordings Iterative MORC and MORC-ITRS have one planner and are tested without a bonus, so that at
 0 h, after the same pretraining, they are one agent; what they explored tells them apart. On
 recordings intervals are of other objects, of which repeats split the same few. Under `theirs` these
 objects are the whole population, and repeats, each of a split of its own, are independent. The
@@ -82,7 +80,7 @@ def run(setting: Setting) -> Result:
             if setting.only not in title:
                 evidence[protocol] |= dict.fromkeys(texts(title))
                 continue
-            repeats = repeats_of(setting, protocol, n)
+            repeats = repeats_of(setting, protocol)
             panel = {
                 agent: run_curves(setting, dataset, n, agent, repeats, protocol)
                 for agent in (PAPERS if theirs else (*PAPERS, OUR_AGENT))
@@ -116,8 +114,7 @@ def run(setting: Setting) -> Result:
         f"{'; '.join(told)}." if told else "The learning curves are not run here.",
         tables=(*tables, *placed),
         evidence=evidence,
-        size=f"{repeats_of(setting, RECORDED, 1)} repeats; theirs, one attribute: "
-        f"{repeats_of(setting, THEIRS, 1)}.",
+        size=f"{repeats_of(setting, RECORDED)} repeats; theirs: {repeats_of(setting, THEIRS)}.",
         notes=(NOTE.format(carried="; ".join(carried)),) if tables else (),
         shows=SHOWS if tables else "",
         effects={"10": "MORC-ITRS's accuracy less Iterative MORC's before both explore, when it "

@@ -49,7 +49,7 @@ def run(setting: Setting) -> Result:
     rows, counts, easier, lower = (list[tuple[Cell, ...]]() for _ in range(4))
     told = []
     for protocol in setting.protocols[:2]:
-        repeats = repeats_of(setting, protocol, 1)
+        repeats = repeats_of(setting, protocol)
         size.append(f"{repeats} repeats ({protocol})")
         curves = {
             agent: run_curves(setting, "cy101", 1, agent, repeats, protocol) for agent in PAPERS

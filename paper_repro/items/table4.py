@@ -37,7 +37,7 @@ def run(setting: Setting) -> Result:
     ratios: dict[str, float] = {}
     size, unchanged = list[str](), list[str]()
     for protocol in setting.protocols[:2]:
-        repeats = repeats_of(setting, protocol, 1)
+        repeats = repeats_of(setting, protocol)
         curves = run_curves(setting, "cy101", 1, BEST, repeats, protocol)
         traits[protocol] = entry = traits_of(curves.training, DELTA[protocol])
         ratios[protocol] = curves.ratio
