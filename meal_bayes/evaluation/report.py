@@ -16,7 +16,7 @@ from jinja2 import Environment, PackageLoader
 from meal_bayes.canvas import render
 from meal_bayes.errors import SettingsError
 from meal_bayes.evaluation.logged import LoggedOutcomes
-from meal_bayes.evaluation.sections import finding_of, sections_of
+from meal_bayes.evaluation.sections import FEW, finding_of, sections_of
 from meal_bayes.evaluation.statistics import MASS_TEXT
 from meal_bayes.evaluation.summary import mean_effect
 from meal_bayes.evaluation.worst import (
@@ -142,7 +142,8 @@ def _page(logged: LoggedOutcomes, trials: _Shown, logs: Logs, reference: str) ->
     environment.filters["base64"] = lambda ax: base64.b64encode(
         render(ax, "svg", transparent=True)
     ).decode()
-    page = environment.get_template("report.html").render(**head, blocks=sections, mass=MASS_TEXT)
+    template = environment.get_template("report.html")
+    page = template.render(**head, blocks=sections, mass=MASS_TEXT, few=FEW)
     return page + "\n"
 
 

@@ -30,7 +30,7 @@ from meal_bayes.palette import ordered_agents
 from meal_bayes.trials import BatchOutcomes, TrialOutcomes
 from meal_bayes.trials.text import UNKNOWN
 
-_GRAY_BELOW = 10  # trials, below which a bar is gray
+FEW = 10  # trials, below which a bar is gray
 
 Section = dict[str, Any]
 
@@ -249,7 +249,7 @@ def _attributes(agents: Mapping[str, TrialOutcomes]) -> Section:
                 row.append("-")
                 continue
             estimate, _, low, high = clustered(right, objects, fraction=True).interval()
-            few = len(right) < _GRAY_BELOW
+            few = len(right) < FEW
             text = f"{estimate:.3f}"
             row.append({"text": text, "bar": estimate, "low": low, "high": high, "few": few})
         cells.append(row)
