@@ -22,7 +22,8 @@ _AGAINST = "morc"  # the paper's agent, which the others are compared with
 _MEASURE = "reward"
 _HOW = ("logs", "jobs", "cluster", "fresh")  # options that are no settings of a run
 _LEAST_SPLITS = 5  # splits, below which an interval over them says nothing
-_MOST_REPEATS = 40  # repeats of a run that goes on until it is decided
+_FIRST_LOOK = 10  # repeats after which a run that goes on until it is decided looks first
+_MOST_REPEATS = 40  # of such a run
 
 
 @click.group(cls=Section)
@@ -188,8 +189,8 @@ def _print_summary(rows: "list[SummaryRow]", paired: "list[dict[str, object]]") 
 @click.option(
     "--until-decided",
     is_flag=True,
-    help="Run 10, 20, 40, ... repeats until every agent's interval excludes 0, at most "
-    f"--repeats, {_MOST_REPEATS} by default.",
+    help=f"Run {_FIRST_LOOK}, {2 * _FIRST_LOOK}, {4 * _FIRST_LOOK}, ... repeats until every "
+    f"agent's interval excludes 0, at most --repeats, {_MOST_REPEATS} by default.",
 )
 @opt.option(
     "--split",
@@ -226,12 +227,7 @@ def online(
     interrupted continues when the same command is given again.
     """
     from meal_bayes.domain import load_domain
-    from meal_bayes.evaluation.learning import (
-        FIRST_LOOK,
-        decided,
-        learning_rows,
-        summarize_learning,
-    )
+    from meal_bayes.evaluation.learning import decided, learning_rows, summarize_learning
     from meal_bayes.experiments import OnlineConfig, run_online, warm_up
 
     # Options of how to run are no settings of what is run: they do not name the folder.
@@ -245,12 +241,12 @@ def online(
         warm_up(config, load_domain(config.dataset))
     with terminal.resumed("batches") as advance:
         how |= {"on_progress": advance, "on_note": terminal.note}
-        repeats = min(FIRST_LOOK, config.repeats) if until_decided else config.repeats
+        repeats = min(_FIRST_LOOK, config.repeats) if until_decided else config.repeats
         # Repeats double until the intervals decide; those that are there are not run again.
         while True:
             finished = run_online(replace(config, repeats=repeats), **how)
             results = list(finished.results())
-            if repeats == config.repeats or decided(results):
+            if repeats == config.repeats or decided(results, _FIRST_LOOK):
                 break
             repeats = min(2 * repeats, config.repeats)
     rows = learning_rows(results)
@@ -269,6 +265,8 @@ def online(
 
 
 def _print_learning(rows: "list[LearningRow]", summary: "list[LearningSummary]") -> None:
+    from meal_bayes.evaluation.learning import POOLED
+
     last = max(row.batch for row in rows)
     cells = []
     for agent_row in summary:
@@ -285,7 +283,7 @@ def _print_learning(rows: "list[LearningRow]", summary: "list[LearningSummary]")
     }  # fmt: skip
     terminal.print_table(columns, cells, narrow=True)
     repeats = len({row.repeat for row in rows})
-    text = f"repeats: {repeats}; after the last batch, ECE of the last three\n"
+    text = f"repeats: {repeats}; after the last batch, ECE of the last {POOLED}\n"
     terminal.output().print(Text(text, "dim"), end="")
 
 

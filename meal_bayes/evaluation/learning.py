@@ -23,7 +23,6 @@ Curves = Mapping[int, Floats]  # hours and mean test rewards (2,B) by repeat
 
 BUDGETS = (0.5, 1.0, 2.0, 4.0)  # h of exploration
 RATIO = 0.5  # test objects over training objects: the paper's thirds
-FIRST_LOOK = 10  # repeats after which a run that goes on until it is decided looks first
 POOLED = 3  # last batches, whose tests' beliefs give one ECE
 
 
@@ -60,7 +59,7 @@ class LearningSummary(Measures):
     reward_after: float
     reward_after_difference: float
     accuracy_after: float
-    ece_after: float  # of the last three batches, all repeats pooled
+    ece_after: float  # of the last batches (`POOLED`), all repeats together
 
 
 def learning_rows(results: Iterable[BatchOutcomes]) -> list[LearningRow]:
@@ -135,13 +134,13 @@ def summarize_learning(
     return rows
 
 
-def decided(results: Sequence[BatchOutcomes]) -> bool:
+def decided(results: Sequence[BatchOutcomes], first_look: int) -> bool:
     """Return whether the interval of every agent's area excludes 0, but the first one's.
 
-    Looks after 10, 20, 40, ... repeats pay for each other (see `spent`).
+    Looks after that many repeats, and after each doubling, pay for each other (see `spent`).
     """
     repeats = len({result.repeat for result in results})
-    look = 1 + max(0, math.floor(math.log2(max(repeats, 1) / FIRST_LOOK)))
+    look = 1 + max(0, math.floor(math.log2(max(repeats, 1) / first_look)))
     rows = summarize_learning(results, mass=1 - spent(look))[1:]
     return all(row.area_low > 0 or row.area_high < 0 for row in rows)
 

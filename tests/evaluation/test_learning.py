@@ -129,9 +129,10 @@ def test_nothing_is_said_of_hours_that_nobody_explored():
 
 def test_a_run_is_decided_when_every_interval_excludes_0():
     better, same = curve("better", (0.9,) * 6), curve("same", RISING)
-    assert decided([*curve("base", RISING), *better])
-    assert not decided([*curve("base", RISING), *better, *same])
-    assert not decided([*curve("base", RISING, repeats=1), *curve("b", (0.9,) * 6, repeats=1)])
+    assert decided([*curve("base", RISING), *better], 10)
+    assert not decided([*curve("base", RISING), *better, *same], 10)
+    once = [*curve("base", RISING, repeats=1), *curve("b", (0.9,) * 6, repeats=1)]
+    assert not decided(once, 10)
 
 
 def test_rows_measure_each_batch():
