@@ -75,7 +75,7 @@ def test_what_is_to_change_is_where_the_table_says(row: list[str]) -> None:
         file.read_text(encoding="utf-8")
         for path in paths(places)
         for file in files(path)
-        if file.suffix in (".py", ".toml")
+        if file.suffix in (".py", ".toml", ".html")
     ]
     missing = [
         name

@@ -61,7 +61,8 @@ class MOMDP:
     bonus_limit : NDArray[np.float64]
         (E,) percepts of a trial that `bonus` is paid for, the first ones; inf = all.
     limit : NDArray[np.float64]
-        (E,) percepts that a trial can have, inf where they never run out.
+        (E,) percepts that a trial can have, inf where they never run out. Beyond them a behavior
+        still moves x and costs its seconds.
     discount : float
         Factor a step, in planning only.
     abstain : bool

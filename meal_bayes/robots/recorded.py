@@ -20,9 +20,9 @@ class RecordedRobot:
     """A robot that replays an object's recordings in random order, none twice in a trial.
 
     A failed execution uses no recording; when all are used, behaviors still change x and cost time,
-    but sense nothing. The k-th execution of a behavior has the same uniform draws whatever else was
-    executed before: agents that are compared meet the same failures and the same order of
-    recordings (common random numbers).
+    but sense nothing, as it is planned, too (`MOMDP.limit`). The k-th execution of a behavior has
+    the same uniform draws whatever else was executed before: agents that are compared meet the same
+    failures and the same order of recordings (common random numbers).
 
     There are so many `recordings` of each behavior, (E,) or one number. The `order` at each `start`
     is drawn, or given as lists (E,) of recordings, the next one last; `failures` are drawn by a
