@@ -34,9 +34,9 @@ _FIRST = 20.0  # questions that a robot expects before it was asked any
 class Horizon:
     """Questions to come.
 
-    A robot that is told no number expects as many as it was asked so far, and 20 more. That is the
-    mean of a Pareto law [Lomax1954]: of all that were asked t questions, (20 + t) / (20 + t + m) to
-    the square will be asked m more; these expect 20 + t + m then.
+    A robot that is told no number expects as many as it was asked so far, and a = `_FIRST` more.
+    That is the mean of a Pareto law [Lomax1954]: of all that were asked t questions,
+    (a + t) / (a + t + m) to the square will be asked m more; these expect a + t + m then.
 
     Attributes
     ----------
@@ -106,9 +106,9 @@ class Progress:
     labeled: NDArray[np.bool_]
 
 
-# Recordings of an object by a behavior that the paper's data sets have, at most: Eq. 11 pays for as
-# many, or a robot whose percepts do not run out would be paid until it is stopped.
-RECORDED = 10.0
+# Percepts of a behavior in one trial that Eq. 11 pays for: as many as the paper's data sets have
+# recordings, or a robot whose percepts do not run out would be paid until it is stopped.
+_PAID_BY_ITRS = 10.0
 
 
 class ExplorationBonus(Protocol):
@@ -151,7 +151,7 @@ class ITRSBonus:
 
     alpha: float = 6.0
     beta: float = 30.0
-    bonus_limit: float = RECORDED
+    bonus_limit: float = _PAID_BY_ITRS
 
     def shape(self, momdp: MOMDP, progress: Progress) -> MOMDP:
         """Return the MOMDP with the shaped reward of Eq. 11."""

@@ -1,4 +1,4 @@
-"""The sensors: their noise, features of ten bins a channel, pictures by casting rays, and frames.
+"""The sensors: their noise, features (`BINS` a channel), pictures by casting rays, frames.
 
 No picture needs a display or a GPU.
 """
@@ -13,7 +13,7 @@ from meal_bayes.robots.robot import BALL, SHELL, SOLID, Frame
 from meal_bayes.simulated_arm.objects import SHELL_GROUP
 from meal_bayes.simulated_arm.physics import CHANNELS, Scene
 
-BINS = 10
+BINS = 10  # of a channel in time, each a feature
 
 
 # Standard deviations of an error: of each sample (500 a second), and of a whole behavior.
@@ -36,7 +36,7 @@ _DIFFERENT = 0.25  # by which a pixel with the object differs from one without
 _FAR = 5.0  # m
 
 Channels = Mapping[str, Floats]
-Modality = Callable[[Channels], Floats]  # makes its features, (10,)
+Modality = Callable[[Channels], Floats]  # makes its features, (BINS,)
 
 
 def sense(channels: Floats, rng: np.random.Generator) -> dict[str, Floats]:
@@ -62,12 +62,12 @@ def _from_first(values: Floats) -> Floats:
 
 
 def _slip(sensed: Channels) -> Floats:
-    """Compute how far the object slid in the fingers since the behavior began, (10,) m."""
+    """Compute how far the object slid in the fingers since the behavior began, (BINS,) m."""
     return _from_first(sensed["object_z"] - sensed["height"])
 
 
 def _depth(sensed: Channels) -> Floats:
-    """Compute how far the hand moved since the first contact, (10,) m."""
+    """Compute how far the hand moved since the first contact, (BINS,) m."""
     smooth = np.convolve(sensed["force"], np.ones(_SMOOTH) / _SMOOTH, "same")
     touched = int(np.argmax(smooth < -_CONTACT))
     height = sensed["height"]
@@ -75,7 +75,7 @@ def _depth(sensed: Channels) -> Floats:
 
 
 def _vibration(sensed: Channels) -> Floats:
-    """Compute the standard deviation of the force about its moving average, (10,) N."""
+    """Compute the standard deviation of the force about its moving average, (BINS,) N."""
     force = sensed["force"]
     smooth = np.convolve(force, np.ones(_SMOOTH) / _SMOOTH, "same")
     return _in_bins((force - smooth)[_SMOOTH:-_SMOOTH], np.std)
@@ -95,7 +95,7 @@ MODALITIES: dict[str, dict[str, Modality]] = {
 
 
 def features_of(behavior: str, channels: Floats, rng: np.random.Generator) -> dict[str, Floats]:
-    """Return the features of recorded channels, modality -> (10,)."""
+    """Return the features of recorded channels, modality -> (BINS,)."""
     sensed = sense(channels, rng)
     return {name: make(sensed) for name, make in MODALITIES[behavior].items()}
 
