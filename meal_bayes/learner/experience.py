@@ -12,6 +12,7 @@ order.
 import hashlib
 from collections import Counter
 from collections.abc import Iterable, Mapping
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -33,6 +34,7 @@ from meal_bayes.learner.columns import (
     told,
 )
 from meal_bayes.seeds import Key
+from meal_bayes.trial_log.feedback import Feedback
 
 
 def features_digest(features: Mapping[str, NDArray[np.float32]] | None) -> int:
@@ -82,6 +84,7 @@ class Experience:
             context: {} for context in domain.contexts
         }
         self.heard: dict[str, None] = {}  # names of the logs of what was told, in order
+        self.unlogged = list[tuple[Path, Feedback]]()  # what was told, and the folder of its log
         self.named = set[str]()  # recordings that warnings have named
 
     def __repr__(self) -> str:

@@ -339,7 +339,7 @@ class Finder(Answerer):
     def _search_folder(self, log: str | Path | None) -> Path | None:
         """Return the folder of a search to come; None: nothing is logged."""
         if log is None:
-            return None if self._folder is None else self._folder / dated_name("find")
+            return None if self._folder is None else self._folder / dated_name("find", self._folder)
         folder = checked_path("log", log)
         if folder.suffix == SUFFIX or folder.is_file():
             raise SettingsError(f"A search has a log an object; give a folder, not {folder}.")

@@ -9,7 +9,7 @@ import numpy as np
 
 from meal_bayes.display import warn_caller
 from meal_bayes.domain import unknown
-from meal_bayes.errors import SettingsError
+from meal_bayes.errors import LogError, SettingsError
 from meal_bayes.learner import views
 from meal_bayes.learner.columns import Labels, told
 from meal_bayes.learner.experience import Experience
@@ -23,21 +23,37 @@ _ALIKE = 0.8  # of two names, at least where one may be meant by the other
 def log_told(experience: Experience, folder: Path, name: str, key: Key, before: Labels) -> None:
     """Log the labels of a trial, or of an object by its name, that moved any of its object.
 
+    What could not be logged before is logged first.
+
     Parameters
     ----------
     before : Labels
         What `views.labels_touched` was before it was told.
+
+    Raises
+    ------
+    LogError
+        A full disk, for example; what was told is kept, and logged with what is told next.
     """
     after = views.labels_touched(experience, key, name)
     said = (before[0] >= 0) | (after[0] >= 0)
     changed = np.flatnonzero(said & (after != before).any(axis=0))
-    if not len(changed):
-        return
     domain = experience.domain
     labels = {domain.attributes[p]: int(after[0, p]) for p in changed}
-    feedback = Feedback(name, labels, None if key == told(name) else key)
+    if labels:
+        feedback = Feedback(name, labels, None if key == told(name) else key)
+        experience.unlogged.append((folder, feedback))
     header = {"config": {"command": "Learner.tell"}, "data": domain.data}
-    experience.heard[write_feedback(folder, feedback, header=header).name] = None
+    for place, feedback in tuple(experience.unlogged):
+        try:
+            log = write_feedback(place, feedback, header=header)
+        except LogError as fault:
+            raise LogError(
+                f"{fault} What was told is learned; mend this, and it is logged when anything is "
+                "told, also the same again."
+            ) from fault
+        experience.heard[log.name] = None
+        experience.unlogged.pop(0)
 
 
 def tell_again(experience: Experience, entries: Iterable[tuple[str, Feedback]]) -> None:

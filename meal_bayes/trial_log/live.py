@@ -53,7 +53,8 @@ class LiveLog(_Live):
     """A log of one trial alone: open when it is made, closed when the trial ends.
 
     In a folder it is called such as logs/kitchen/20260131-142507-381904-blue_cup-a3f9c2.mcap, by
-    the time (UTC) and the object's `name`; no other process or thread has this name.
+    the time (UTC) and the object's `name`; no other process or thread has this name, and none that
+    was begun before stands behind it.
     """
 
     def __init__(
@@ -65,7 +66,7 @@ class LiveLog(_Live):
         resumed: "Interrupted | None" = None,
     ) -> None:
         if place.suffix != SUFFIX:
-            place /= f"{dated_name(name)}{SUFFIX}"
+            place /= f"{dated_name(name, place)}{SUFFIX}"
         super().__init__(place, header, schema.FULL, resumed)
         self.__enter__()
 

@@ -8,8 +8,8 @@ import contextlib
 import os
 import re
 import secrets
-from collections.abc import Iterable
-from datetime import UTC, datetime
+from collections.abc import Iterable, Iterator
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 from meal_bayes.errors import LogError
@@ -22,6 +22,10 @@ SEARCH = ".search"  # ... of a log of a search
 FORM_ENDINGS = {FEEDBACK: FEEDBACK_FORM, SEARCH: SEARCH_FORM}
 TURNS = f"turns{SEARCH}{SUFFIX}"  # the log of a search, in a folder with those of its objects
 _FEEDBACK_FOLDER = "feedback"  # beside the logs of trials
+_TIME = "%Y%m%d-%H%M%S-%f"
+_DATED = re.compile(r"(\d{8}-\d{6}-\d{6})-")
+_TICK = timedelta(microseconds=1)
+_chosen_last = [""]  # time of the last name that this process has chosen
 _ENDINGS = re.compile(r"(\.w\d+-[0-9a-f]{6})?(\.recovered)?$")
 
 
@@ -30,13 +34,27 @@ def new_draft(path: Path) -> Path:
     return path.with_name(f"{path.stem}.w{os.getpid()}-{secrets.token_hex(3)}{SUFFIX}{ACTIVE}")
 
 
-def dated_name(name: str) -> str:
+def dated_name(name: str, *folders: Path) -> str:
     """Choose a name for a log by the time (UTC) and an object's name; no other log has it.
 
-    It is such as 20260131-142507-381904-blue_cup-a3f9c2, without an ending.
+    It is such as 20260131-142507-381904-blue_cup-a3f9c2, without an ending. Names stand in the
+    order in which they are chosen, after all of the folders, too: where the clock was set back,
+    the time is the next after the latest.
     """
-    begun = datetime.now(UTC).strftime("%Y%m%d-%H%M%S-%f")
-    return f"{begun}-{file_name(name)}-{secrets.token_hex(3)}"
+    begun = datetime.now(UTC).replace(tzinfo=None)
+    with contextlib.suppress(ValueError, OverflowError):  # of other files, whose digits are no time
+        latest = max(_times_in(folders), default=_chosen_last[0])
+        begun = max(begun, datetime.strptime(max(latest, _chosen_last[0]), _TIME) + _TICK)
+    _chosen_last[0] = f"{begun:{_TIME}}"
+    return f"{_chosen_last[0]}-{file_name(name)}-{secrets.token_hex(3)}"
+
+
+def _times_in(folders: Iterable[Path]) -> Iterator[str]:
+    """Return the times that names in folders begin with."""
+    for folder in filter(Path.is_dir, folders):
+        for file in folder.iterdir():
+            if match := _DATED.match(file.name):
+                yield match[1]
 
 
 def named_form(path: Path) -> str:
@@ -88,8 +106,13 @@ def feedback_of(folder: Path) -> list[Path]:
 
 
 def feedback_name(folder: Path, name: str) -> Path:
-    """Choose a name for a log of feedback on a trial of a folder, by its object's name."""
-    return folder / _FEEDBACK_FOLDER / f"{dated_name(name)}{FEEDBACK}{SUFFIX}"
+    """Choose a name for a log of feedback on a trial of a folder, by its object's name.
+
+    It is later than all that are read with it.
+    """
+    place = folder / _FEEDBACK_FOLDER
+    begun = dated_name(name, place, folder.parent / _FEEDBACK_FOLDER)
+    return place / f"{begun}{FEEDBACK}{SUFFIX}"
 
 
 def timing_of(path: Path) -> Path:

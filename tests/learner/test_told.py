@@ -1,16 +1,18 @@
 """What people told, in several folders: it holds in the order in which it was told."""
 
+import contextlib
 import copy
 import itertools
+from datetime import datetime, timedelta
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from meal_bayes import Learner, load_domain
-from meal_bayes.errors import SettingsError
+from meal_bayes.errors import LogError, SettingsError
 from meal_bayes.learner import recall
-from meal_bayes.trial_log import Logs
+from meal_bayes.trial_log import Logs, names, writer
 from meal_bayes.trial_log.names import feedback_files
 
 TELLINGS = st.lists(
@@ -129,3 +131,76 @@ def test_features_of_other_modalities_are_named(dataset, make, tmp_path, modalit
     with pytest.warns(UserWarning, match="Features of look are of color; .*left aside"):
         recall(heir, tmp_path)
     assert not any(heir.experience.features.values())
+
+
+class Clock(datetime):
+    """A clock that people set."""
+
+    seconds = 0.0
+
+    @classmethod
+    def now(cls, tz=None):
+        return datetime(2026, 3, 29, 1, 59, 59, tzinfo=tz) + timedelta(seconds=cls.seconds)
+
+
+def full(*paths):
+    raise OSError(28, "No space left on device")
+
+
+@given(
+    tellings=st.lists(
+        st.tuples(
+            st.sampled_from((0, 1, "mug", "cup")),  # a trial, or an object by its name
+            st.sampled_from((True, False, None)),  # None: what was told is taken back
+            st.sampled_from((0.0, 3.5, -3600.0, -86400.0, 1e9)),  # the clock is set by so much
+            st.sampled_from(("", "full", "restart")),
+        ),
+        max_size=7,
+    )
+)
+@example(tellings=[(0, True, 0.0, ""), (0, False, -3600.0, "")])
+@example(tellings=[(0, True, 0.0, ""), (0, False, -3600.0, "restart")])
+@example(tellings=[(0, True, 0.0, "full"), (0, True, 0.0, "")])
+@example(tellings=[("mug", True, 0.0, ""), ("mug", None, 0.0, "full"), ("cup", True, 0.0, "")])
+@settings(max_examples=max(settings().max_examples // 5, 4))
+def test_neither_a_clock_that_is_set_nor_a_full_disk_moves_a_label(
+    dataset, make, tmp_path_factory, tellings
+):
+    folder = tmp_path_factory.mktemp("logs")
+    agent = make.agent("look")
+    Clock.seconds = 0.0
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(names, "datetime", Clock)
+        patch.setattr(names, "_chosen_last", [""])
+        live = Learner(dataset.domain, agent=agent, logs=folder)
+        trials = [live.ask("red", make.arm(), object_name="mug") for _ in range(2)]
+        for whose, value, set_by, event in [*tellings, ("vase", True, 0.0, "")]:
+            Clock.seconds += set_by
+            if event == "restart":  # another process, that remembers no name
+                names._chosen_last[0] = ""
+            trial = trials[whose] if isinstance(whose, int) else whose
+            with pytest.MonkeyPatch.context() as disk:
+                if event == "full":
+                    disk.setattr(writer, "replace_whole", full)
+                with contextlib.suppress(SettingsError, LogError):
+                    if value is None:
+                        live.forget(trial)
+                    else:
+                        live.tell(trial, {"red": value})
+        live.ask("red", make.arm(), object_name="last")
+    logged = [trial.task.object_name for trial in Logs(folder).trials()]
+    assert logged == ["mug", "mug", "last"]
+    heir = Learner(dataset.domain, agent=agent, logs=None)
+    recall(heir, folder)
+    assert red(heir) == red(live)
+    for trial in trials:
+        told = [each.experience.told_in(trial.task.key).tolist() for each in (live, heir)]
+        assert told[0] == told[1]
+
+
+def test_a_full_disk_says_that_the_label_is_learned(dataset, make, tmp_path, monkeypatch):
+    learner = begun(dataset, make, tmp_path)
+    monkeypatch.setattr(writer, "replace_whole", full)
+    with pytest.raises(LogError, match=r"No space left.*is learned; mend this"):
+        learner.tell("mug", {"red": True})
+    assert red(learner) == {"mug": 1}
