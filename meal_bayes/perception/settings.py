@@ -22,8 +22,8 @@ class PerceptionSettings:
     method : str
         "stacked"; "paper": support vector machines, weighted by Cohen's kappa; "classifier".
     width : float | None
-        "stacked" only: w of the kernels exp(-d^2 / w^2), in median distances; None: learned (1, 1.5
-        or 2).
+        "stacked" only: w of the kernels exp(-d^2 / w^2), in median distances; None: learned, one of
+        `fitting.WIDTHS`.
     joint : bool
         "stacked" only: one more kernel, of all modalities at once.
     levels : int

@@ -1,0 +1,96 @@
+"""Numbers that pages repeat for their readers are those of the code."""
+
+from pathlib import Path
+
+import pytest
+
+from meal_bayes import untrusted
+from meal_bayes.agents import co_occurrence, exploration
+from meal_bayes.datasets import percepts
+from meal_bayes.learner import views
+from meal_bayes.perception.settings import DEFAULT
+from meal_bayes.trial_log import reader, schema, writer
+from meal_bayes.trials import faults
+
+ROOT = Path(__file__).resolve().parents[1]
+WORDS = {2: "two", 3: "three", 4: "four", 5: "five", 8: "eight", 10: "ten", 20: "twenty"}
+TIMES = {1: "once", 2: "twice"}
+
+
+def size(amount: int) -> str:
+    """Return a number of bytes in the largest unit of which it is a multiple."""
+    for shift, unit in ((30, "GB"), (20, "MB"), (10, "KB")):
+        if amount % (1 << shift) == 0:
+            return f"{amount >> shift} {unit}"
+    return f"{amount:,} bytes"
+
+
+def word(number: float) -> str:
+    """Return a number in words, as a page has it in a sentence."""
+    return WORDS.get(int(number), f"{number:g}")
+
+
+def times(number: int) -> str:
+    """Return how often, in words."""
+    return TIMES.get(number, f"{word(number)} times")
+
+
+SECURITY = [
+    f"| a text file of numbers (CSV) | {size(untrusted.TEXT_LIMIT)},",
+    f"| a domain table | {size(untrusted.TABLE_LIMIT)}, "
+    f"lines of {untrusted.LINE_LIMIT:,} characters; "
+    f"{untrusted.NAME_LIMIT:,} attributes, behaviors or states; "
+    f"names of {untrusted.LETTER_LIMIT} characters; "
+    f"{untrusted.DIAGRAM_LIMIT:,} entries of the diagram |",
+    f"| JSON (headers of logs and tables) | {size(untrusted.JSON_LIMIT)}, "
+    f"{untrusted.DEPTH_LIMIT} deep,",
+    f"| a percept table | {size(percepts._LARGEST)} a member, unpacked;",
+    f"| a saved learner | {size(untrusted.MEMBER_LIMIT)} a member, unpacked;",
+    f"| one record of a log | {size(schema.RECORD_LIMIT)} packed or unpacked; "
+    f"a message {size(schema.MESSAGE_LIMIT)}, a trial {size(schema.TRIAL_LIMIT)} |",
+    f"| a whole log | unpacks to {size(reader._FREE_BYTES)} and "
+    f"{reader._UNPACKING} times its size;",
+    f"| one trial | {schema.EDGE_LIMIT:,} edges of search trees, "
+    f"{schema.COUNT_LIMIT:,} percept counts; of features {schema.FEATURE_LIMIT:,} a step and "
+    f"{schema.TRIAL_FEATURES:,} in all,",
+    f"| MOMDPs that a reader remembers | {schema.MOMDP_MEMORY}, or {size(schema.MOMDP_BYTES)} |",
+    f"| rewards, costs, shaping | {untrusted.LARGEST:,.0f} s |",
+]
+LIMITS = [
+    f"in queries of up to {co_occurrence.MOST_VALUES} values",
+    f"**{word(faults._LEAST).capitalize()} executions without a yield make a behavior broken",
+    f"Up to {DEFAULT.exact_recordings:,} recordings of a behavior, and for percept tables "
+    f"{DEFAULT.exact_objects} objects,",
+    f"leaves out {word(DEFAULT.folds)} folds of objects and compares recordings with "
+    f"{DEFAULT.landmarks} landmarks",
+]
+LEARNING = [
+    f"paid for {word(exploration._PAID_BY_ITRS)} percepts of a behavior in a trial at most",
+    f"as many as it was asked, and {exploration._FIRST:g} more",
+    f"weighed by $2^{{-m/{views._HALVED}}}$",
+    f"and {word(views._HALVED)} trials halve what it is believed by",
+]
+PAGES = {
+    "SECURITY.md": SECURITY,
+    "docs/limits.md": LIMITS,
+    "docs/concepts/learning.md": LEARNING,
+    "docs/concepts/problem.md": [
+        f"are then {co_occurrence._BAYES_FACTOR:g} times as likely",
+        f"(up to {co_occurrence.MOST_VALUES}, those of",
+    ],
+    "docs/log-format.md": [f"columns of {writer.ROWS} trials"],
+    "docs/paper/departures.md": [
+        f"of {word(exploration._PAID_BY_ITRS)} percepts of a behavior in a trial at most",
+    ],
+    "docs/tutorials/own-robot.md": [
+        f"yields nothing, at least {times(faults._LEAST)} in a row",
+        f"whose features came {times(faults._LEAST)} and could not be read",
+    ],
+}
+
+
+@pytest.mark.parametrize(
+    ("page", "sentence"), [(page, text) for page, texts in PAGES.items() for text in texts]
+)
+def test_a_page_has_the_number_of_the_code(page: str, sentence: str) -> None:
+    assert sentence in (ROOT / page).read_text(encoding="utf-8")
