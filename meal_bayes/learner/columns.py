@@ -1,5 +1,7 @@
 """Columns of the record of a robot: of what kinds its rows are, and what stands in each."""
 
+import re
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -37,6 +39,20 @@ FEEDBACK = np.dtype([
     ("value", np.int64),  # 1, 0, or -1 where those of the trial before it were withdrawn
     ("given", np.int64),  # 1: by a data set, 0: by a person
 ])  # fmt: skip
+
+
+def unnamed(identity: str) -> str:
+    """Return what an object is called that nobody has named, by 16 hexadecimal digits, drawn."""
+    return f"object {identity}"
+
+
+def nobody_named(name: str) -> bool:
+    """Return whether an object's name was drawn.
+
+    >>> nobody_named(unnamed("30a0d9a3fcdbb969")), nobody_named("object 3")
+    (True, False)
+    """
+    return re.fullmatch("object [0-9a-f]{16}", name) is not None
 
 
 def told(name: str) -> Key:

@@ -10,7 +10,7 @@ from meal_bayes.agents import Agent
 from meal_bayes.datasets import Dataset, TrainingSet
 from meal_bayes.display import listed, warn_caller
 from meal_bayes.learner import views
-from meal_bayes.learner.columns import GIVEN, Labels
+from meal_bayes.learner.columns import GIVEN, NONE, Labels
 from meal_bayes.learner.experience import Experience
 from meal_bayes.learner.settings import LearnerSettings
 from meal_bayes.perception import (
@@ -32,7 +32,7 @@ def classify(
     Returns
     -------
     data : Dataset
-        Of the objects that were met, by name.
+        Of the objects that were met, see `views.in_order`.
     rows : NDArray[np.intp]
         (k,) instances of D.
     perception : Perception
@@ -71,7 +71,7 @@ def count_detections(
     It counts as it is, beside what classifiers of other objects said.
     """
     place = {name: number for number, name in enumerate(objects)}
-    position = np.array([place[name] for name in record.objects], np.intp)
+    position = np.array([place.get(name, NONE) for name in record.objects], np.intp)
     instances = record.instances.values
     i, p = np.nonzero((detections >= 0) & (labels >= 0))
     cells = (position[instances["object"][i]], p, instances["behavior"][i])

@@ -15,7 +15,7 @@ from meal_bayes.arrays import check_whole, check_yes_no
 from meal_bayes.datasets import PerceptTable, object_index
 from meal_bayes.domain import TERMINAL, Domain, Query, read_query
 from meal_bayes.errors import LogError, SettingsError
-from meal_bayes.learner.columns import Context
+from meal_bayes.learner.columns import Context, unnamed
 from meal_bayes.learner.fit import Fit, problem_of, solve
 from meal_bayes.learner.held_out import HeldOut
 from meal_bayes.learner.online import Online
@@ -193,7 +193,7 @@ def task_of(
         replayed: Key = (table.domain.data, "ask", object_name, *query.attributes, *named)
         return Task(text, query, o, object_name, replayed), replayed
     identity = secrets.token_hex(8)
-    name = f"object {identity}" if object_name is None else object_name
+    name = unnamed(identity) if object_name is None else object_name
     drawn = f"object {key}" if object_name is None else object_name
     task = Task(text, query, -1, name, (domain.data, _LIVE, identity, *query.attributes))
     return task, (domain.data, _LIVE, 0 if key is None else key, drawn, *query.attributes)

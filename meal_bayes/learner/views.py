@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from meal_bayes.datasets import Dataset, PerceptTable, TrainingSet
 from meal_bayes.domain import Query
-from meal_bayes.learner.columns import GIVEN, NONE, WITHDRAWN, Labels, told
+from meal_bayes.learner.columns import GIVEN, NONE, WITHDRAWN, Labels, nobody_named, told
 from meal_bayes.learner.experience import Experience
 from meal_bayes.seeds import Key
 from meal_bayes.trials import Step, Trial
@@ -166,12 +166,33 @@ def odd_recordings(record: Experience, of_sizes: Sizes) -> list[str]:
     ]
 
 
+def in_order(record: Experience) -> list[str]:
+    """Return the objects by name; those that nobody named by what they showed, then as they came.
+
+    The name of these is drawn, so that no order may come of it. What was forgotten is left out.
+    """
+    rows = record.instances.values
+    held = rows["origin"] != WITHDRAWN
+    shown: dict[int, list[tuple[int, int]]] = {}
+    for o, *recording in rows[["object", "behavior", "digest"]][held].tolist():
+        shown.setdefault(o, []).append((recording[0], recording[1]))
+    forgotten = {*rows["object"][~held].tolist(), *record.feedback.values["object"].tolist()}
+    forgotten -= {*shown, *np.flatnonzero((record.known.values >= 0).any(axis=1)).tolist()}
+    keys = {
+        name: ("object", sorted(shown.get(o, ()))) if nobody_named(name) else (name, [])
+        for name, o in record.objects.items()
+        if o not in forgotten
+    }
+    return sorted(keys, key=keys.__getitem__)
+
+
 def training(
     record: Experience, labels: Labels, of_sizes: Sizes
 ) -> tuple[Dataset, NDArray[np.intp], TrainingSet]:
     """Return D: the instances with features as a data set, where each row is, and their labels.
 
-    It does not depend on the order in which they came: objects stand by name, recordings by digest.
+    It does not depend on the order in which they came, nor on names that were drawn: see
+    `in_order`; recordings stand by digest.
 
     Parameters
     ----------
@@ -183,7 +204,7 @@ def training(
     Returns
     -------
     dataset : Dataset
-        Ragged; of all objects that were met.
+        Ragged; of all objects that were met, but for those of which all was forgotten.
     rows : NDArray[np.intp]
         (k,) instances, in the order of the training set.
     gathered : TrainingSet
@@ -193,8 +214,9 @@ def training(
     fitting = [sensed(record, of_sizes, domain.behavior_names[e]) for e in domain.recorded]
     rows = np.concatenate([np.empty(0, np.intp), *fitting])
     rows = rows[rows < len(labels)]
-    objects = tuple(sorted(record.objects))
-    place = np.argsort(np.argsort(list(record.objects))) if objects else np.empty(0, np.intp)
+    objects = tuple(in_order(record))
+    place = np.full(len(record.objects), NONE)
+    place[[record.objects[name] for name in objects]] = np.arange(len(objects))
     instances = record.instances.values
     keys = [instances[name][rows] for name in ("copy", "digest", "behavior")]
     rows = rows[np.lexsort([*keys, place[instances["object"][rows]]])]
