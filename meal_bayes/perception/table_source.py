@@ -15,6 +15,7 @@ from meal_bayes.datasets import (
     Dataset,
     PerceptTable,
     cache_folder,
+    levels,
     load_dataset,
     load_percepts,
     save_percepts,
@@ -228,7 +229,7 @@ def _check_method(table: PerceptTable, perception: str, name: str) -> None:
 
 def _computed_path(domain: Domain, perception: str, content: str) -> Path:
     """Name the file of a table that is computed from recordings of this content."""
-    code = digest_of(Path(__file__).resolve().parent)[:8]
+    code = digest_of(Path(__file__).resolve().parent, Path(levels.__file__).resolve())[:8]
     parts = [file_name(domain.data), perception, package_version(), code, content[:12]]
     return _cached(f"{'-'.join(filter(None, parts))}.npz")
 

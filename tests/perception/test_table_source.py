@@ -1,11 +1,12 @@
 """Which percept table a data set has, and what it is known by."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from meal_bayes.datasets import load_percepts, make_synthetic, save_percepts
+from meal_bayes.datasets import levels, load_percepts, make_synthetic, save_percepts
 from meal_bayes.digests import digest_of
 from meal_bayes.domain import load_domain
 from meal_bayes.errors import SettingsError
@@ -140,6 +141,18 @@ def test_no_table_is_kept_outside_of_the_cache(tmp_path, monkeypatch):
         (tmp_path / "own.toml").write_text(f'extends = "toy"\nname = "own"\ndata = "{data}"\n')
         path = TableSource.of(str(tmp_path / "own.toml"), root=tmp_path).path
         assert path.resolve().parent == tmp_path / "cache" / "percepts"
+
+
+def test_a_table_of_other_bins_is_computed_anew(tmp_path, monkeypatch):
+    """Percepts that are cut live by other edges than a kept table's would be of another robot."""
+    monkeypatch.setenv("MEAL_BAYES_DATA_DIR", str(tmp_path / "cache"))
+    (tmp_path / "own.toml").write_text('extends = "toy"\nname = "own"\ndata = "own"\n')
+    before = TableSource.of(str(tmp_path / "own.toml"), root=tmp_path).path
+    code = Path(levels.__file__).read_text(encoding="utf-8")
+    assert "-3.0" in code
+    (tmp_path / "levels.py").write_text(code.replace("-3.0", "-2.5"), encoding="utf-8")
+    monkeypatch.setattr(levels, "__file__", str(tmp_path / "levels.py"))
+    assert TableSource.of(str(tmp_path / "own.toml"), root=tmp_path).path != before
 
 
 def test_a_config_of_recordings_writes_nothing(tmp_path, monkeypatch):
