@@ -13,8 +13,8 @@ from meal_bayes.planners.jit import NO_BEHAVIOR, entry_kernel, kernel
 
 _EQUAL = 1e-12  # rows of truths that differ by less, which is rounding, are equal
 _WIDEST = 10.0  # log-odds that an axis reaches from the prior, at most; certainty follows
-_NEAREST = 1.3  # log-odds that an even axis reaches, at least, and so many more for each point
-_INNER_STEP = 0.15
+_NEAREST = 1.3  # log-odds that an even axis reaches, at least,
+_INNER_STEP = 0.15  # and these more for each of its points
 _PERCEPTS = 1.5  # of the sharpest behavior that it reaches, at least; clean5 then earns 441.6 +- .5
 
 

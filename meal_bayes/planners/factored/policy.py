@@ -54,7 +54,7 @@ _SWEEPS = 1_000  # at most; a table is a bound after any number of them
 _SETTLED = 0.05  # of the tolerance: a sweep that changes less is the last
 _SMOOTH_SWEEPS = 150  # the same of the estimate
 _SMOOTH_SETTLED = 0.1
-_INNER = (0, 101, 41, 25, 15)  # uncertain beliefs on an axis of the estimate, by N
+_INNER = (0, 101, 41, 25, 15)  # uncertain beliefs on an axis of the estimate, by N < 5
 _LEAST = 9  # fewer are no grid
 _EVENLY = 30  # an even grid has at most this share of the points, as halving N axes adds many
 

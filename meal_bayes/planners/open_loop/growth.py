@@ -243,7 +243,8 @@ def _grow_plan(ways, growth, chance, path, origin):
     repeats = 1
     cost = 0.0
     scale = 1.0
-    # What to report at once is worth, before anything is perceived.
+    # What to report at once is worth, before anything is perceived. Of a question of yes or no its
+    # values are taken to be reported, too: it is sifting that goes by what yes and no earn.
     right = _right(log_r, growth.rate, 0.0, chance)
     best = mean_reward(growth.incorrect, growth.reward_range, right)
     while goal >= 0 and place.length < path.behavior.shape[0]:
