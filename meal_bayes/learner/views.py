@@ -231,7 +231,7 @@ def training(
         for row in np.flatnonzero(e == domain.behavior_index(context[0])):
             values[o[row], r[row]] = record.features[context][int(rows[row])]
         features[context] = values
-    object_labels = labels_for(record, objects) if objects else record.known.values
+    object_labels = labels_for(record, objects) if objects else record.known.values[:0]
     dataset = Dataset(domain, objects, features, object_labels, partial=True)
     return dataset, rows, TrainingSet(o, e, r, labels[rows])
 

@@ -63,9 +63,11 @@ def test_equal_questions_about_objects_without_names_are_answered_alike(
 @settings(max_examples=max(settings().max_examples // 20, 2), deadline=None)
 @given(names=NAMES, later=NAMES, order=st.randoms(use_true_random=False))
 @example(names=[None] * 6, later=[None, "mug"] * 3, order=random.Random(0))
+@example(names=[], later=[None, "mug", None], order=random.Random(0))
 def test_what_was_forgotten_has_never_been(make, dataset, agent, names, later, order):
     learner, _, _ = taught(make, agent, names, 1)
-    learner.fit(dataset)
+    if names:
+        learner.fit(dataset)
     before = learned(learner)
     rng = np.random.default_rng(2)
     trials = []
