@@ -106,7 +106,10 @@ def random_lab(rng):
             if rng.random() < 0.5 or (e == 0 and x == "s0"):
                 chance = float(rng.choice([1.0, 0.9, 0.5, 0.05]))
                 to = str(rng.choice(every))
-                effects.append({"from": x, "do": f"b{e}", "to": to, "probability": chance})
+                senses = bool(rng.random() < 0.8)
+                effects.append(
+                    {"from": x, "do": f"b{e}", "to": to, "probability": chance, "senses": senses}
+                )
     reached = {"s0"}
     for _ in every:
         reached |= {effect["to"] for effect in effects if effect["from"] in reached}
@@ -141,7 +144,33 @@ class Bot:
             return mb.Outcome(self.state)
         self.state = effect["to"]
         percept = {"m": self.features + self.rng.normal(size=len(self.features))}
-        return mb.Outcome(self.state, percept if behavior in self.sensing else None)
+        senses = behavior in self.sensing and effect["senses"]
+        return mb.Outcome(self.state, percept if senses else None)
+
+
+@pytest.mark.parametrize("asked", [["full"], ["full", "metal"]])
+@pytest.mark.parametrize("agent", AGENTS)
+def test_what_senses_nothing_is_no_plan(agent, asked):
+    """The only behavior has a microphone, and is heard in no state."""
+    effects = [{"from": "table", "do": "tap", "to": "table", "senses": False}]
+    lab = {
+        **LAB,
+        "behaviors": [{"name": "tap", "cost": 1.0, "modalities": ["audio"]}],
+        "diagram": {"states": ["table"], "start": "table", "effects": effects},
+        "predefined": ["tap"],
+    }
+    learner = mb.Learner(lab, agent=agent, logs=None)
+
+    class Deaf:
+        def start(self):
+            return "table"
+
+        def execute(self, behavior):
+            return mb.Outcome("table")
+
+    trial = learner.ask(asked, Deaf(), max_steps=4)
+    assert trial.ended == ""
+    assert trial.last_belief.positive.tolist() == trial.first_belief.positive.tolist()
 
 
 @pytest.mark.long

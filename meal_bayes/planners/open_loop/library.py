@@ -265,7 +265,7 @@ def _tabulate(model: MOMDPArrays, observation_counts: Ints, capacity: int) -> tu
     if model.conjunction is not None:
         percepts = _as_yes_rates(percepts)
     bayes_error.tabulate_errors(
-        percepts, np.concatenate(counts), np.array(attribute), scratch, table
+        percepts, np.concatenate(counts), np.array(attribute, np.int64), scratch, table
     )
     return np.column_stack(row), table
 
