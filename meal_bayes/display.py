@@ -34,7 +34,7 @@ def short_repr(instance: Any) -> str:
 
 
 def short(value: object) -> str:
-    """Return a value in at most `_LONGEST` characters or so.
+    """Return a value in at most 60 characters or so.
 
     >>> short(np.zeros((3, 2))), short(tuple("abcdefgh"))
     ('float64[3, 2]', "('a', 'b', 'c', ... 8 in all)")

@@ -138,7 +138,7 @@ def _luminance(color: str) -> float:
 def readable(color: str, *, dark: bool = False) -> str:
     """Return a color in which text is read on any page, mixed with black, or white on a dark one.
 
-    The contrast with the page is at least `READABLE` to 1, as WCAG 2 asks of text (AA).
+    The contrast with the page is at least 4.5 to 1, as WCAG 2 asks of text (AA).
 
     >>> readable("#000000"), readable("#D55E00")
     ('#000000', '#b55000')

@@ -256,7 +256,7 @@ def command(item: str, setting: Setting) -> str:
 def plain(value: Any) -> Any:
     """Return a value as JSON: six digits are enough, and are the same on every machine.
 
-    An effect is its estimate and standard error, or of a fraction the ends of its interval.
+    An effect is its estimate and standard error, or of a fraction the ends of its 95 % interval.
     """
     if isinstance(value, Effect):
         estimate, se, *ends = value.interval()

@@ -95,7 +95,7 @@ def bootstrap_interval(
     statistic: Callable[[Floats], float] = np.mean,
     draws: int = 2000,
 ) -> Interval:
-    """Compute the percentile interval of a statistic of (n, ...), drawing clusters again."""
+    """Compute the 95 % percentile interval of a statistic of (n, ...), drawing clusters again."""
     x, index = np.asarray(values, float), np.unique(clusters, return_inverse=True)[1]
     members = [x[index == c] for c in range(index.max() + 1)]
     drawn = np.empty(draws)

@@ -172,7 +172,7 @@ def constructed(rule: str) -> Evidence:
 def placed(
     values: ArrayLike, printed: float, *, of: str, at_most: bool = False, level: float = LEVEL
 ) -> Evidence:
-    """Judge one split of the paper by the prediction interval (`MASS`) of one more of ours.
+    """Judge one split of the paper by the 95 % prediction interval of one more of ours.
 
     It falls outside, and stays undecided inside: a single one contradicts or does not, it proves
     nothing.

@@ -82,7 +82,7 @@ def print_table(
 
     Rows hold the texts of columns, or are mappings, which each column's template formats. The first
     column holds names, which stay whole. In a `narrow` table columns stand close and all lines stay
-    whole, so that a usual terminal holds them.
+    whole, so that 80 characters hold them.
     """
     # No lines: columns are told apart by space, and a copied table pastes as text.
     table = Table(box=None, padding=(0, 1 if narrow else 2, 0, 0), header_style="bold")

@@ -326,7 +326,7 @@ class Domain:
 def learn_success(domain: Domain, attempts: NDArray[np.float64]) -> Domain:
     """Return the domain with the posterior mean of every behavior's success probability.
 
-    The prior is worth some executions (`_PRIOR`) at the domain's own probability.
+    The prior is worth two executions at the domain's own probability.
 
     Parameters
     ----------

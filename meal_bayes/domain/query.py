@@ -199,7 +199,7 @@ class Query:
 
     @property
     def values(self) -> NDArray[np.bool_]:
-        """All value vectors, (Y,N), `_TABLE_LIMIT` at most; the first variable counts most."""
+        """All value vectors, (Y,N); at most 2^20. The first variable is the most significant."""
         if self.n_values > _TABLE_LIMIT:
             raise QueryError(
                 f"2^{len(self)} value vectors do not fit in a table; ask fewer attributes."

@@ -31,7 +31,7 @@ def brier(positive: ArrayLike, truth: ArrayLike) -> Floats:
 
 
 def calibration_error(positive: ArrayLike, truth: ArrayLike) -> float:
-    """Compute the ECE: mean |mean belief - fraction true| over `BINS`, weighted by their size.
+    """Compute the ECE: mean |mean belief - fraction true| over ten bins, weighted by their size.
 
     >>> calibration_error([0.9, 0.9, 0.1, 0.1], [True, True, False, True])
     0.25

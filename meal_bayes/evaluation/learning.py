@@ -53,7 +53,7 @@ class LearningSummary(Measures):
     agent: str
     area_hours: float  # H that the reference explores, mean over repeats
     area_reward_difference: float  # of the mean test reward over the first H hours
-    area_low: float  # of its interval (`MASS`), corrected as repeats split the same objects
+    area_low: float  # of its 95 % interval, corrected as repeats split the same objects
     area_high: float
     reward_difference_at: dict[str, float]  # at some hours; NaN where a curve ends earlier
     reward_after: float

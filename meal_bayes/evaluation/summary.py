@@ -75,7 +75,7 @@ class SummaryRow(Measures):
     judged: int  # of these, how many ended with a truth that is known
     accuracy: float  # fraction of the judged whose report was right in every attribute (Eq. 5)
     accuracy_se: float
-    accuracy_low: float  # of its interval (`MASS`), inside [0, 1]
+    accuracy_low: float  # 95 % interval, inside [0, 1]
     accuracy_high: float
     cost_s: float  # mean of Eq. 6, of trials that came to their end; so are all measures below
     cost_sd: float  # standard deviation over trials
@@ -205,7 +205,7 @@ def difference(first: TrialOutcomes, second: TrialOutcomes, *, measure: str = "r
 def no_better_than_prior(outcomes: TrialOutcomes) -> str:
     """Say which agents do not earn more than `prior`, which touches nothing; "" where all do.
 
-    An agent earns more where the interval (`MASS`) of its difference in reward, on the same tasks,
+    An agent earns more where the 95 % interval of its difference in reward, on the same tasks,
     lies above 0.
     """
     if PRIOR not in outcomes.agents:

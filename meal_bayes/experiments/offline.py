@@ -77,7 +77,7 @@ class OfflineRun:
 
 @dataclass(frozen=True, slots=True)
 class _Unit:
-    """Trials of one agent in one file, `UNIT` at most."""
+    """Up to 100 trials of one agent."""
 
     config: OfflineConfig  # with this agent alone
     path: Path  # of its log
@@ -139,7 +139,7 @@ def run_offline(
         Run again what is there already; it is replaced unit by unit.
     on_progress : Callable[[float, int], None] | None
         Called with (trials done, trials in all), from processes once a second; from a cluster after
-        every unit of trials.
+        100 trials.
     on_note : Callable[[str], None] | None
         Called with a line that says which other process is waited for; logged by default.
 

@@ -25,12 +25,13 @@ _TRIES = 10_000  # splits drawn for them
 
 
 def learnable(table: PerceptTable) -> tuple[str, ...]:
-    """Choose the `ASKED` attributes perceived best, with enough objects of and without each.
+    """Choose the ten attributes that are perceived best, with enough objects of and without each.
 
-    Enough are `_POSITIVES` in each of three parts. Best: by the largest TPR - FPR over behaviors of
+    Enough are three in each of three parts. Best: by the largest TPR - FPR over behaviors of
     held-out percepts. The choice is the protocol's; agents do not see these rates.
     """
     truth = table.labels
+    # Three in each of three parts, of both values.
     enough = np.minimum((truth == 1).sum(axis=0), (truth == 0).sum(axis=0)) >= 3 * _POSITIVES
     recorded = ~np.isnan(table.log_odds).any(axis=1)
     yes = np.where(recorded, (table.log_odds > 0).mean(axis=1), 0.5)  # (O,E,P) of recordings
@@ -95,7 +96,7 @@ class ObjectSplit(NamedTuple):
 
 
 def _draw_split(dataset: Dataset, shares: NDArray[np.intp], seed: int, repeat: int) -> ObjectSplit:
-    """Draw parts of these shares, each with `_POSITIVES` of every attribute, or fewer."""
+    """Draw parts of these shares, each with three positives of every attribute, or fewer."""
     count = len(dataset.objects)
     positive = (dataset.labels == 1).astype(np.intp)
     ends = np.round(np.cumsum(shares) / shares.sum() * count).astype(int)
@@ -142,7 +143,7 @@ class Protocol:
     ) -> "Protocol":
         """Split the objects by shares, or by their names.
 
-        By shares `_POSITIVES` of every attribute come into each part, or as many as can be.
+        By shares three of every attribute come into each part, or as many as can be.
         """
         if not 1 <= attributes <= len(dataset.domain.attributes):
             raise SettingsError(
@@ -181,7 +182,7 @@ class Protocol:
         return Dataset(self.dataset.domain, self.dataset.objects, features, labels, partial=True)
 
     def tests(self) -> list[Task]:
-        """Test tasks, the same after every batch: each (object, query) once, `_TESTS` at most."""
+        """Test tasks, the same after every batch: each (object, query) once, 340 at most."""
         pairs = self._pairs(self.split.test)
         rng = stream(self.seed, "tests", self.dataset.domain.data, self.attributes, self.repeat)
         order = rng.permutation(len(pairs))[:_TESTS].tolist()

@@ -158,7 +158,7 @@ class Online:
         self._succeed()
 
     def _succeed(self) -> None:
-        """Learn how often behaviors succeed, where that is now another by more than `_SAME`."""
+        """Learn how often behaviors succeed, where that is now another by more than 1 in 20."""
         if not self.settings.learn_success:
             return
         domain = learn_success(self.record.domain, views.attempts(self.record))

@@ -46,7 +46,7 @@ class FeatureSpace(FrozenArrays):
     """Standardized recordings and the kernel between them, without labels.
 
     Features are squashed by sign(x) log(1 + |x|), as audio and haptics span decades, then
-    standardized and clipped (`_FAR`); constant ones are dropped. Where repeats of
+    standardized and clipped at 5 standard deviations; constant ones are dropped. Where repeats of
     objects are known, directions in which they differ are shrunk (within-object whitening).
 
     Of D features those at `varying` (d,) vary; `rows` (n,d) are the recordings, standardized and

@@ -19,8 +19,8 @@ marginal likelihood. Pairs with TPR <= FPR have no vote.
 Graded percepts (K > 2) share more than that: a level is a range of class-balanced log-odds, so its
 likelihood ratio is about the same whatever the behavior and attribute. The prior of their rows is
 the pair's own use of the levels, tilted to either truth by each level's likelihood ratio over all
-pairs, at the weight of `_GRADED` percepts: of the powers of two, the one by which the rows learned
-without an object predict its percepts best (ROC36 and ISPY32 32, CY101 128, flat around).
+pairs, at the weight of 32 percepts: of the powers of two, the one by which the rows learned without
+an object predict its percepts best (ROC36 and ISPY32 32, CY101 128, flat around).
 """
 
 from typing import NamedTuple

@@ -58,7 +58,7 @@ def attributes_of(config: Mapping[str, object]) -> dict[str, str]:
 def unreliable(idata: Any) -> dict[str, float]:
     """Return the Pareto k of the cases whose leave-one-out prediction cannot be trusted.
 
-    Cases are those of `checks`. They are above min(1 - 1 / log10(draws), _PARETO) [Vehtari2024]:
+    Cases are those of `checks`. They are above min(1 - 1 / log10(draws), 0.7) [Vehtari2024]:
     without such an object the posterior would be another.
     """
     with warnings.catch_warnings():  # it says so, and names none

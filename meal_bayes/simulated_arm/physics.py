@@ -52,7 +52,7 @@ class Motion:
 
 
 class Scene:
-    """One object on the table, and the arm; `on_frame` is called at `FRAMES_PER_SECOND`.
+    """One object on the table, and the arm; `on_frame` is called 30 times a simulated second.
 
     The generator draws where the object lies, and how it is turned.
     """

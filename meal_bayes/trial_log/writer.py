@@ -225,7 +225,7 @@ def write_trials(
     Parameters
     ----------
     trials : Iterable[Trial | TrialOutcomes]
-        Whole ones make a full log, outcomes a compact one: columns, `ROWS` trials in a message.
+        Whole ones make a full log, outcomes a compact one: columns, 250 trials in a message.
     """
     check_trials(trials)
     entries = iter(trials)
