@@ -26,7 +26,8 @@ _TIME = "%Y%m%d-%H%M%S-%f"
 _DATED = re.compile(r"(\d{8}-\d{6}-\d{6})-")
 _TICK = timedelta(microseconds=1)
 _chosen_last = [""]  # time of the last name that this process has chosen
-_ENDINGS = re.compile(r"(\.w\d+-[0-9a-f]{6})?(\.recovered)?$")
+_DRAFT = r"(\.w\d+-[0-9a-f]{6})?"
+_ENDINGS = re.compile(rf"{_DRAFT}(\.recovered)?{_DRAFT}$")  # what is recovered has drafts, too
 
 
 def new_draft(path: Path) -> Path:
@@ -130,10 +131,10 @@ def stem_of(path: Path) -> str:
 
 
 def drafts_of(path: Path) -> list[Path]:
-    """Find the drafts of a log, the newest first."""
+    """Find the drafts of a log, the newest first; those of its recovered file are none."""
     drafts = dict[Path, float]()
     for file in path.parent.glob(f"*{SUFFIX}{ACTIVE}"):
-        if stem_of(file) == path.stem:
+        if stem_of(file) == path.stem and not _is_recovered(file):
             with contextlib.suppress(FileNotFoundError):  # it has got its name meanwhile
                 drafts[file] = -file.stat().st_mtime
     return sorted(drafts, key=drafts.__getitem__)
@@ -208,6 +209,11 @@ def _wholest(files: Iterable[Path]) -> dict[Path, Path]:
 
 def _wholeness(file: Path) -> int:
     """Return 2 of a log that was finished, 1 of a draft, 0 of what was recovered."""
-    if file.name.endswith(RECOVERED + SUFFIX):
+    if _is_recovered(file):
         return 0
     return 1 if file.name.endswith(ACTIVE) else 2
+
+
+def _is_recovered(file: Path) -> bool:
+    """Return whether a file is what was recovered of a log, or a draft of that."""
+    return RECOVERED in file.name.removeprefix(stem_of(file))

@@ -178,6 +178,23 @@ def test_a_draft_that_is_ended_while_a_folder_is_read_is_read_whole(make, tmp_pa
         log_files(tmp_path / "run" / "a.recovered.mcap")
 
 
+def test_what_is_being_recovered_is_a_copy_of_its_log(make, tmp_path):
+    """Of the log itself, its draft says more; of a draft that got its name, the recovered file."""
+    trials = make.trials(3)
+    log = tmp_path / "run" / "a.mcap"
+    draft = torn(log, trials)
+    beginning = torn(log.with_name("a.recovered.mcap"), trials[:1])
+    assert log_files(tmp_path / "run") == [draft]
+    assert drafts_of(log) == [draft]
+    assert len(trials_of(Logs(tmp_path / "run"))) == 3
+    logs = Logs(beginning)
+    beginning.unlink()  # it gets its name between listing and reading
+    saved = recover_log(draft)
+    draft.unlink()
+    assert log_files(beginning) == [saved]
+    assert len(trials_of(logs)) == 3
+
+
 def test_a_follower_gives_each_trial_once(killed, make):
     folder, draft, saved, trials = killed
     for file in (saved, folder / "unit-0000.mcap"):
