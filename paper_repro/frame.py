@@ -51,8 +51,13 @@ class Setting:
     trials: int | None = None  # of an agent offline, at most
     repeats: int | None = None  # of online runs, at most; 0 leaves them out
     only: str = ""  # of an item's panels, those with this in their title
-    on_progress: Callable[[float, int], None] | None = None
+    on_progress: Callable[[float, int, str], None] | None = None  # done, in all, of what
     spent: dict[Path, float] = dataclasses.field(default_factory=dict, compare=False)
+
+    def progress_in(self, noun: str) -> Callable[[float, int], None] | None:
+        """Return what a run of such units calls with (done, in all)."""
+        report = self.on_progress
+        return None if report is None else lambda done, total: report(done, total, noun)
 
     def spend(self, logs: Iterable[Path]) -> None:
         """Note the seconds that the trials of some logs took to compute."""

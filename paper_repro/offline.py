@@ -61,7 +61,7 @@ def run_agent(
     )
     done = run_offline(
         config, logs=setting.logs, jobs=setting.jobs, cluster=setting.cluster,
-        on_progress=setting.on_progress,
+        on_progress=setting.progress_in("trials"),
     )  # fmt: skip
     setting.spend(done.paths)
     outcomes = done.outcomes()

@@ -109,7 +109,7 @@ def run_curves(
     )
     run = run_online(
         config, logs=setting.logs, jobs=setting.jobs, cluster=setting.cluster,
-        on_progress=setting.on_progress,
+        on_progress=setting.progress_in("batches"),
     )  # fmt: skip
     names = ATTRIBUTES.get(dataset, ())
     rows, tests = [], list[TrialOutcomes]()

@@ -5,8 +5,8 @@ import json
 import math
 import textwrap
 import time
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from typing import Any, NoReturn
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from typing import Any, NoReturn, Protocol
 
 import click
 import rich.progress
@@ -24,8 +24,14 @@ _WIDEST = 10_000  # columns that no table needs
 _LABEL = 10  # characters of a label, at least
 _NARROW = 20  # characters of the text beside it, at least
 _EVERY = 15.0  # s between lines of progress without a terminal
+_SHARE = 0.05  # of the work, from which on its pace is known; one whole unit will do too
 
-Advance = Callable[[float, int], None]  # called with (done, in all)
+
+class Advance(Protocol):
+    """Called with what is done, and what there is in all; in another unit, with its name."""
+
+    def __call__(self, done: float, total: int, noun: str = ...) -> None:
+        """Show it."""
 
 
 def printable(text: str) -> str:
@@ -163,15 +169,21 @@ class _Pace:
         return anew
 
     def is_line_due(self, done: float, now: float) -> bool:
-        """Return whether it is time for a line, and anything was done to tell the pace by."""
+        """Return whether it is time for a line, and anything was done."""
         due = now - self._last_line >= _EVERY and done > self._first
         if due:
             self._last_line = now
         return due
 
-    def seconds_left(self, done: float, total: int, now: float) -> float:
-        """Estimate the seconds to the end by the pace so far."""
-        return (now - self._start) / (done - self._first) * (total - done)
+    def seconds_left(self, done: float, total: int, now: float) -> float | None:
+        """Estimate the seconds to the end by the pace so far; None while that says little.
+
+        Pieces of a first unit come after what each process does once, which would count as theirs.
+        """
+        gained = done - self._first
+        if gained < min(1.0, _SHARE * (total - self._first)) or gained <= 0:
+            return None
+        return (now - self._start) / gained * (total - done)
 
 
 @contextlib.contextmanager
@@ -187,29 +199,29 @@ def progress(what: str, noun: str) -> Iterator[Advance]:
         rich.progress.TextColumn("{task.description}", markup=False),
         rich.progress.BarColumn(bar_width=None),
         rich.progress.MofNCompleteColumn(),
-        rich.progress.TextColumn(f"{noun},"),
+        rich.progress.TextColumn("{task.fields[noun]},"),
         rich.progress.TimeElapsedColumn(),
-        rich.progress.TimeRemainingColumn(),
-        rich.progress.TextColumn("left"),
+        rich.progress.TextColumn("{task.fields[left]}"),
         console=console,
         transient=True,
         expand=True,
         disable=not console.is_terminal,
     )
-    task = bars.add_task(printable(what), total=None)
+    task = bars.add_task(printable(what), total=None, noun=noun, left="")
     begun = time.monotonic()
     pace = _Pace(begun)
 
-    def advance(done: float, total: int) -> None:
+    def advance(done: float, total: int, noun: str = noun) -> None:
         now = time.monotonic()
         if pace.begins_anew(done, now):
             bars.reset(task, completed=int(done), total=total)
-        bars.update(task, completed=done, total=total)
+        seconds = pace.seconds_left(done, total, now)
+        left = "" if seconds is None else f"{seconds:.0f} s left"
+        bars.update(task, completed=done, total=total, noun=noun, left=left)
         if bars.disable and done < total and pace.is_line_due(done, now):
-            seconds = pace.seconds_left(done, total, now)
             begins = "" if what == noun else f"{what}: "
-            passed = now - begun
-            note(f"{begins}{int(done)} of {total} {noun}, {passed:.0f} s, {seconds:.0f} s left")
+            passed = f"{now - begun:.0f} s"
+            note(", ".join(filter(None, (f"{begins}{int(done)} of {total} {noun}", passed, left))))
 
     with bars:
         yield advance
@@ -222,12 +234,12 @@ def resumed(noun: str) -> Iterator[Advance]:
     try:
         with progress(noun, noun) as bar:
 
-            def advance(done: float, total: int) -> None:
+            def advance(done: float, total: int, noun: str = noun) -> None:
                 nonlocal state
                 if not state and done:
                     note(f"{int(done)} of {total} {noun} are there already")
                 state = f"{int(done)} of {total} {noun}"
-                bar(done, total)
+                bar(done, total, noun)
 
             yield advance
     except KeyboardInterrupt:

@@ -147,14 +147,48 @@ def test_what_cannot_be_exported_is_told(fails):
     assert not list(Path.cwd().iterdir())
 
 
-def test_the_time_left_is_that_of_the_run_under_way(monkeypatch, capsys):
+@pytest.fixture
+def clock(monkeypatch):
+    """Times that are looked at, in turn; the first is that of the beginning."""
+    times = []
+    monkeypatch.setattr(console, "time", SimpleNamespace(monotonic=lambda: times.pop(0)))
+    return times
+
+
+def test_the_time_left_is_that_of_the_run_under_way(clock, capsys):
     """Several runs advance one line: what the earlier took is no measure of the next."""
-    clock = iter([0.0, 0.0, 900.0, 900.0, 920.0])
-    monkeypatch.setattr(console, "time", SimpleNamespace(monotonic=lambda: next(clock)))
+    clock += [0.0, 0.0, 900.0, 900.0, 920.0]
     with console.progress("item", "trials") as advance:
         for done in (0, 110, 10, 60):  # of the second run ten trials were there already
             advance(done, 110)
     assert capsys.readouterr().err == "item: 60 of 110 trials, 920 s, 20 s left\n"
+
+
+def test_a_piece_of_the_first_unit_tells_no_time_left(clock, capsys):
+    """It came after what each process does once; of few units a share of one tells."""
+    clock += [0.0, 0.0, 36.0, 60.0]
+    with console.progress("item", "batches") as advance:
+        for done in (183, 183.02, 184):
+            advance(done, 220)
+    assert capsys.readouterr().err == (
+        "item: 183 of 220 batches, 36 s\nitem: 184 of 220 batches, 60 s, 2160 s left\n"
+    )
+    clock += [0.0, 0.0, 36.0]
+    with console.progress("item", "batches") as advance:
+        for done in (0, 0.2):
+            advance(done, 2)
+    assert capsys.readouterr().err == "item: 0 of 2 batches, 36 s, 324 s left\n"
+
+
+def test_units_have_the_name_of_the_run_that_counts_them(clock, capsys):
+    clock += [0.0, 0.0, 20.0, 20.0, 40.0]
+    with console.progress("item", "pieces") as bar:
+        for noun in ("trials", "batches"):
+            for done in (0, 5):
+                bar(done, 10, noun)
+    assert capsys.readouterr().err == (
+        "item: 5 of 10 trials, 20 s, 20 s left\nitem: 5 of 10 batches, 40 s, 20 s left\n"
+    )
 
 
 def test_a_folder_whose_name_is_no_text_has_a_report(run, tmp_path):

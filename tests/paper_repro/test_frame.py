@@ -23,6 +23,35 @@ FOLDER = Path(frame.__file__).parent
 NOBODY = np.full(3, nan)
 
 
+class Stop(Exception):
+    """Ends a run that has shown how it counts."""
+
+
+RUNS = {
+    "trials": (
+        offline,
+        lambda setting: offline.run_agent(setting, RECORDED, "roc36", 1, "random", 5),
+    ),
+    "batches": (online, lambda setting: online.run_curves(setting, "cy101", 1, online.BASE, 1)),
+}
+
+
+@pytest.mark.parametrize("noun", RUNS)
+def test_runs_say_of_what_their_totals_are(monkeypatch, noun):
+    module, start = RUNS[noun]
+    told = []
+
+    def run(config, *, on_progress, **how):
+        on_progress(1, 220)
+        raise Stop
+
+    name = module.__name__.rpartition(".")[2]
+    monkeypatch.setattr(module, f"run_{name}", run)
+    with pytest.raises(Stop):
+        start(frame.Setting(on_progress=lambda *facts: told.append(facts)))
+    assert told == [(1, 220, noun)]
+
+
 def test_quick_and_partial_runs_leave_the_committed_results(elsewhere, tmp_path):
     for kind in ({"quick": True}, {"as_published": True}):
         frame.reproduce("table5", frame.Setting(logs=tmp_path / "logs", **kind))
