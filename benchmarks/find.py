@@ -20,12 +20,14 @@ intervals are 95 %, by a bootstrap over trials.
 """
 
 import argparse
-import json
 import time
 from collections.abc import Iterator
 from dataclasses import replace
+from itertools import product
+from typing import Any
 
 import numpy as np
+from measuring import options_of, show
 
 from meal_bayes.datasets import PerceptTable, load_percepts
 from meal_bayes.domain import Payoffs, Query, read_event
@@ -106,7 +108,7 @@ def learned_without(
     return learner.fit(replace(table, labels=labels))
 
 
-def rows(data: str, size: int, options: argparse.Namespace) -> Iterator[dict[str, object]]:
+def rows(data: str, size: int, options: argparse.Namespace) -> Iterator[dict[str, Any]]:
     """Run all trials of one data set and number of objects; yield a row a way."""
     table = load_percepts(data)
     results: dict[str, list[Result]] = {"find": [], "turn": [], "all": []}
@@ -139,29 +141,34 @@ def rows(data: str, size: int, options: argparse.Namespace) -> Iterator[dict[str
 
 
 def main() -> None:
-    """Print a table, a row a way."""
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    """Print a row a way as soon as it is known, or JSON."""
+    parser = options_of(__doc__)
     parser.add_argument("data", nargs="+")
     parser.add_argument("--objects", default="4,8", help="comma list")
     parser.add_argument("--trials", type=int, default=100)
     parser.add_argument("--agent", default="bayes")
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
-    print("data    objects  way     reward          s   right   find is ahead by")
-    for data in options.data:
-        for size in map(int, options.objects.split(",")):
-            for row in rows(data, size, options):
-                if options.json:
-                    print(json.dumps(row))
-                    continue
-                ahead = f"{row['ahead']:6.1f} ({row['low']:.1f}, {row['high']:.1f})"
-                print(
-                    f"{data:<8}{size:>7}  {row['way']:<5}{row['reward']:8.1f} ±{row['se']:5.1f}"
-                    f"{row['seconds']:8.1f}{row['right']:8.2f}   "
-                    + (ahead if row["way"] != "find" else f"({row['cpu_s']:.2f} s of CPU)"),
-                    flush=True,
-                )
+    all_rows = []
+    if not options.json:
+        print("data    objects  way     reward          s   right   find is ahead by")
+    for data, size in product(options.data, map(int, options.objects.split(","))):
+        for row in rows(data, size, options):
+            all_rows.append(row)
+            if not options.json:
+                print(line(row), flush=True)
+    if options.json:
+        show(all_rows, all_rows)
+
+
+def line(row: dict[str, Any]) -> str:
+    """Write a row of the table."""
+    ahead = f"{row['ahead']:6.1f} ({row['low']:.1f}, {row['high']:.1f})"
+    return (
+        f"{row['data']:<8}{row['objects']:>7}  {row['way']:<5}{row['reward']:8.1f} "
+        f"±{row['se']:5.1f}{row['seconds']:8.1f}{row['right']:8.2f}   "
+        + (ahead if row["way"] != "find" else f"({row['cpu_s']:.2f} s of CPU)")
+    )
 
 
 if __name__ == "__main__":

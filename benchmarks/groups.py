@@ -17,6 +17,8 @@ from meal_bayes.datasets import PerceptTable, make_synthetic
 from meal_bayes.domain import Query, load_domain
 from meal_bayes.trials import Task
 
+SIZES = range(2, 7)  # values of the synthetic groups
+
 
 def synthetic(size: int, objects: int) -> PerceptTable:
     """Build the held-out percepts of objects with a group of so many values."""
@@ -66,7 +68,7 @@ def main() -> None:
     options = parser.parse_args()
     roc36 = load_percepts("roc36")
     rows = [measure(roc36, group, options.agent) for group in roc36.domain.groups]
-    tables = (synthetic(size, options.objects) for size in range(2, 7))
+    tables = (synthetic(size, options.objects) for size in SIZES)
     rows += [measure(table, "kind", options.agent) for table in tables]
     table = [
         {"data": row["data"], "group": row["group"], "asked": asked, **row[asked]}

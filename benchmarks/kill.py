@@ -89,11 +89,11 @@ def kill(group: list[Process], ends: list[float]) -> int:
     begin, killed = time.monotonic(), 0
     kinds = cycle((signal.SIGKILL, signal.SIGTERM))
     for process, end, kind in zip(group, ends, kinds, strict=False):
-        with contextlib.suppress(subprocess.TimeoutExpired):
-            process.wait(max(0.0, begin + end - time.monotonic()))
-        killed += process.poll() is None
-        process.send_signal(kind)
-        process.wait()
+        with process:  # its pipes are closed when it has ended
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                process.wait(max(0.0, begin + end - time.monotonic()))
+            killed += process.poll() is None
+            process.send_signal(kind)
     return killed
 
 

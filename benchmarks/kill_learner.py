@@ -170,8 +170,7 @@ def go_on(learner: Learner, place: Path, journal: Journal) -> Learner:
     drafts = {stem_of(draft): draft for draft in sorted((place / "logs").rglob("*.active"))}
     for name, draft in drafts.items():
         try:
-            last = list(salvage(draft))[-1]  # the robot of a program that died stays where it was
-            session = learner.resume(draft, state=last.momdp.x_names[last.last_belief.x])
+            session = learner.resume(draft)
         except LogError as fault:
             if "learned other things" in str(fault):
                 journal.note("refused", name)

@@ -119,8 +119,8 @@ def compare(variant: Variant, ours: Floats, plain: Floats, labels: Ints) -> dict
         "positive": positive,
         "auc": auc,
         "lr_auc": lr_auc,
-        "below_chance": auc < chance,
-        "lr_below_chance": lr_auc < chance,
+        "below_chance": bool(auc < chance),
+        "lr_below_chance": bool(lr_auc < chance),
         "log_loss": log_loss(ours[known] + np.log(others[0] / others[1]), truth),
         "lr_log_loss": log_loss(plain[known], truth),
     }

@@ -25,7 +25,14 @@ from meal_bayes.momdp.observation import sample_rows
 from meal_bayes.perception import table_counts
 from meal_bayes.perception.confusion import youden
 from meal_bayes.posterior import ConfusionPosterior
-from meal_bayes.posterior.draws import draw_dirichlet, draw_grid, draws_of, replicate, rows_of
+from meal_bayes.posterior.draws import (
+    Sampling,
+    draw_dirichlet,
+    draw_grid,
+    draws_of,
+    replicate,
+    rows_of,
+)
 from meal_bayes.seeds import stream
 
 RANKED = 99  # posterior draws that a true value is ranked among
@@ -133,7 +140,6 @@ def closed(settings: argparse.Namespace) -> Iterator[Row]:
 
 def same(settings: argparse.Namespace) -> Iterator[Row]:
     """NUTS on the grid's hierarchy: behaviors and truths are independent, so one fit is all."""
-    from meal_bayes.posterior.draws import Sampling  # noqa: PLC0415
     from meal_bayes.posterior.hierarchical import fit_hierarchical  # noqa: PLC0415
 
     behaviors = SIMULATIONS // 2
@@ -159,7 +165,6 @@ Fit = tuple[int, int, tuple[np.ndarray, ...]]
 
 def fit_crossed(work: tuple[int, np.ndarray]) -> Fit:
     """Fit one simulation's counts; (number, divergences, draws of m, s and epsilon)."""
-    from meal_bayes.posterior.draws import Sampling  # noqa: PLC0415
     from meal_bayes.posterior.hierarchical import fit_hierarchical  # noqa: PLC0415
 
     number, counts = work
@@ -217,7 +222,6 @@ def spread_error(values: np.ndarray) -> np.ndarray:
 
 def agree(settings: argparse.Namespace) -> Iterator[Row]:
     """Grid against NUTS on the same hierarchy: some attributes and behaviors of each data set."""
-    from meal_bayes.posterior.draws import Sampling  # noqa: PLC0415
     from meal_bayes.posterior.hierarchical import fit_hierarchical  # noqa: PLC0415
     from meal_bayes.posterior.idata import convergence, summary_of, to_idata  # noqa: PLC0415
 

@@ -41,6 +41,9 @@ from meal_bayes.simulated_arm.recordings import (
 AGENTS = ("bayes", "morc")
 CURVES = ("iterative_random_legal", "morc_itrs", "bayes")
 RECORDINGS = 2  # of each object of the population
+BATCHES, TRIALS, REPEATS = 5, 40, 2  # of its learning curves
+TWINS = 30  # full boxes, and as many empty ones
+LAST = 50  # trials that are compared with a fit
 ORDER = ("look", "press", "push", "grasp", "lift", "hold", "shake", "lower", "drop")
 
 
@@ -171,7 +174,7 @@ def content(options: argparse.Namespace) -> dict[str, Any]:
     made = []
     for alter in (empty, full):
         twins = record_objects(
-            30, 2, options.seed, population="twins", alter=alter, jobs=options.jobs
+            TWINS, 2, options.seed, population="twins", alter=alter, jobs=options.jobs
         )
         made += [replace(twin, name=f"{alter.__name__} {twin.name}") for twin in twins]
     data = restricted(to_dataset(load_domain(DOMAIN), made), ("full",))
@@ -196,11 +199,11 @@ def live(options: argparse.Namespace) -> dict[str, Any]:
     begun = time.process_time()
     learner = Learner(DOMAIN, seed=options.seed, logs=None)
     done = list(learn_live(learner, options.trials, options.seed))
-    first = len(done) - 49
-    last = [(number, trial) for number, trial in enumerate(done[-50:], first) if not trial.ended]
+    first = len(done) - LAST + 1
+    last = [(number, trial) for number, trial in enumerate(done[-LAST:], first) if not trial.ended]
     cpu = time.process_time() - begun
     made = record_objects(
-        options.trials - 50, 1, options.seed, population="live", jobs=options.jobs
+        options.trials - LAST, 1, options.seed, population="live", jobs=options.jobs
     )
     learner = Learner(DOMAIN, seed=options.seed, logs=None)
     learner.fit(to_dataset(load_domain(DOMAIN), made))
@@ -240,17 +243,17 @@ def population(options: argparse.Namespace) -> dict[str, Any]:
     with tempfile.TemporaryDirectory() as folder:
         path = save_recordings(made, Path(folder) / "recordings")
         config = OnlineConfig(
-            str(path), root=str(path.parent), agents=CURVES, batches=5, trials=40, repeats=2,
-            seed=options.seed,
+            str(path), root=str(path.parent), agents=CURVES, batches=BATCHES, trials=TRIALS,
+            repeats=REPEATS, seed=options.seed,
         )  # fmt: skip
         done = run_online(config, logs=Path(folder) / "logs", jobs=options.jobs)
         rows = learning_rows(done.results())
     curves = {
         agent: [
-            {"trials": 40 * batch,
+            {"trials": TRIALS * batch,
              **{name: mean_of(rows, agent, batch, name)
                 for name in ("hours", "accuracy", "reward", "ece")}}
-            for batch in range(6)
+            for batch in range(BATCHES + 1)
         ]
         for agent in CURVES
     }  # fmt: skip

@@ -143,6 +143,13 @@ def pomdpplanners() -> ModuleType:
 
 
 @pytest.fixture(scope="session")
+def pymdp() -> None:
+    """Ask for pymdp, a peer that learns."""
+    if find_spec("pymdp") is None:
+        missing("no pymdp; pip install inferactively-pymdp", required=False)
+
+
+@pytest.fixture(scope="session")
 def mcap_core() -> list[str]:
     """Return the words that start node, which finds @mcap/core, the reference reader of MCAP."""
     node = shutil.which("node")

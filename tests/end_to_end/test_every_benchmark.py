@@ -1,0 +1,162 @@
+"""Every benchmark runs from its command line to its last line, on the smallest size it has.
+
+What a benchmark reads or repeats is made small where no option does; what it says is not judged.
+"""
+
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Mapping
+from functools import cache
+from importlib import import_module
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import pytest
+
+from meal_bayes import build_percept_table
+from meal_bayes.datasets import make_synthetic
+from meal_bayes.domain import load_domain
+from meal_bayes.posterior.draws import Sampling
+from meal_bayes.seeds import stream
+
+BENCHMARKS = Path(__file__).resolve().parents[2] / "benchmarks"
+COMMANDS = {
+    path.stem
+    for path in BENCHMARKS.glob("*.py")
+    if '__name__ == "__main__"' in path.read_text(encoding="utf-8")
+}
+# Their runs stand in `test_benchmarks.py`, which judges what they say.
+ELSEWHERE = {"planner", "fuzz", "simulated_page"}
+
+
+class Run(NamedTuple):
+    """A command line, module constants that make it small, and the fixture that it needs.
+
+    One that forks runs in a process of its own.
+    """
+
+    benchmark: str
+    words: str
+    smaller: Mapping[str, Any] = {}
+    needs: str = ""
+    apart: bool = False
+
+
+@cache
+def small_data():
+    """Make recordings of fourteen objects, whose attributes look like those of toy."""
+    names = ["red", "green", "full"]
+    settings = {"extends": "toy", "name": "small", "attributes": names, "asked_minimum": 1}
+    return make_synthetic(load_domain(settings), objects=14, recordings=2, rng=stream(0, "small"))
+
+
+@cache
+def small_table():
+    return build_percept_table(small_data())
+
+
+def small_group():
+    """Make a table with a group, in place of ROC36's."""
+    return import_module("groups").synthetic(2, 12)
+
+
+def few_draws(*numbers, **how):
+    return Sampling(20, 20, 2, cores=1, seed=how["seed"])
+
+
+def few_recordings():
+    return import_module("meal_bayes.simulated_arm").training_recordings(6, 1)
+
+
+DATA = {"load_dataset": lambda name, root=None: small_data()}
+TABLE = {"load_percepts": lambda name: small_table()}
+REFITS = {"TRIALS": 3, "TESTS": 1, "REFITS": (0.5,), **DATA}
+DRAWS = {"SIMULATIONS": 4, "MORE": 1, "Sampling": few_draws, **TABLE}
+PICTURES = {"LOG": Path("sample.mcap"), "PICTURES": Path(), "VIEWER": Path("viewer.png")}
+ARM = {"TWINS": 3, "LAST": 2, "BATCHES": 1, "TRIALS": 2, "REPEATS": 1,
+       "training_recordings": few_recordings}  # fmt: skip
+HELP = {"PARTS": {"help": (0.5, ("-m", "meal_bayes", "--help"))}, "REPEATS": 1}
+
+RUNS = (
+    Run("bayes_adaptive", "--drawn 1"),
+    Run("bayes_adaptive", "--picture picture.svg"),
+    Run("calibration", "--dataset small", {"SETS": 5, **TABLE}),
+    Run("co_occurrence", "--dataset roc36"),
+    Run("compare", "--simulations 2 --fits 0 --measure success", {"FAMILY": 2}),
+    Run("coupled", "--dataset roc36 --trials 40"),
+    Run("digests", "now.json", {"DATASETS": ("roc36",), "SMALL": {"offline": ["--trials", "1"]}}),
+    Run("find", "roc36 --objects 4 --trials 2"),
+    Run("find_exact", "--problems 2 --percepts 1"),
+    Run("groups", "", {"load_percepts": lambda name: small_group(), "SIZES": (3,)}),
+    Run("growth", "--task table", {"AXES": {"objects": (10, 20)}}),
+    Run("gym_steps", "", {"WAYS": ("any legal action",)}),
+    Run("kill", "--rounds 1 --at-once 1", {"WORDS": {"offline": ["--trials", "20"]}}),
+    Run("kill_learner", "--kills 1", {"LIVES": 1}, apart=True),
+    Run("learner", "", {"WORDS": 2, **DATA}),
+    Run("learner", "--refits 1", REFITS),
+    Run("learning", "toy 0-2 --trials 3"),
+    Run("learning", "detector 0-1 --trials 3 --agent bayes_same_objects"),
+    Run("learning", "physics 0-1 --trials 1", needs="sim"),
+    Run("peers_learning", "5-7 --tune 0-1 --trials 3", {"SCALES": (0.01,)}, "pymdp"),
+    Run("perception", "--dataset small --permutations 1 --paper", DATA),
+    Run("percepts", "--dataset small", {"LEFT": (2,), "FOLDS": 2, **DATA}),
+    Run("picture", "--log", PICTURES),
+    Run("picture", "--log --viewer", PICTURES, "vulkan"),
+    Run("questions", "A1 --episodes 3"),
+    Run("readme", "--check"),
+    Run("repeat", "table5"),
+    *(Run("sbc", f"--only {part}", DRAWS) for part in ("closed", "same")),  # others take minutes
+    Run("shared_training", "--simulations 2 --objects 6", {"NEW": 10}),
+    *(Run("simulated", f"--part {part} --objects 2 --asked 1", ARM, "sim")
+      for part in ("answers", "labels", "content")),
+    Run("simulated", "--part find --searches 2", ARM, "sim"),
+    Run("simulated", "--part live --trials 4", ARM, "sim"),
+    Run("simulated", "--part population --crowd 6", ARM, "sim"),
+    Run("start", "", {"COLD": {}, **HELP}),
+    Run("trials", "--trials 2", {"DISTINCT": 2}),
+    Run("trials", "--compact --trials 20", {"SIZE": 10}),
+)  # fmt: skip
+
+
+def test_every_benchmark_is_run():
+    assert {run.benchmark for run in RUNS} | ELSEWHERE == COMMANDS
+
+
+@pytest.mark.long
+@pytest.mark.filterwarnings("ignore::RuntimeWarning")  # of means of next to nothing
+@pytest.mark.parametrize("run", RUNS, ids=lambda run: f"{run.benchmark} {run.words}".strip())
+def test_a_benchmark_runs(run, request, monkeypatch, tmp_path, capfd):
+    if run.needs:
+        request.getfixturevalue(run.needs)
+    source = (BENCHMARKS / f"{run.benchmark}.py").read_text(encoding="utf-8")
+    words = run.words.split()
+    if "options_of(" in source and "--picture" not in words:
+        words.append("--json")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("OMP_NUM_THREADS", "1")
+    start_apart(run, words) if run.apart else start(run, words, monkeypatch)
+    printed = capfd.readouterr().out
+    assert printed
+    if "--json" in words:
+        assert json.loads(printed)
+
+
+def start(run, words, monkeypatch):
+    """Run it in this process."""
+    benchmark = import_module(run.benchmark)
+    for constant, value in run.smaller.items():
+        assert hasattr(benchmark, constant)
+        monkeypatch.setattr(benchmark, constant, value)
+    monkeypatch.setattr(sys, "argv", [f"{run.benchmark}.py", *words])
+    with pytest.raises(SystemExit) as end:
+        sys.exit(benchmark.main())
+    assert not end.value.code
+
+
+def start_apart(run, words):
+    constants = "\n".join(f"b.{name} = {value!r}" for name, value in run.smaller.items())
+    code = f"import {run.benchmark} as b\n{constants}\nb.main()"
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(map(str, [BENCHMARKS, *sys.path]))}
+    subprocess.run([sys.executable, "-c", code, *words], check=True, env=environment)
