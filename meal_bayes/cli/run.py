@@ -69,7 +69,7 @@ def run() -> None:
     is_flag=True,
     help='The same with literals ("red and not empty") such that half of the answers are yes.',
 )
-@opt.shared("logs", "fresh", "json")
+@opt.shared("payoffs", "logs", "fresh", "json")
 def offline(root: Path | None, agents: tuple[str, ...], as_json: bool, **settings: Any) -> None:
     """Run agents on the same queries about objects they never learned from.
 
@@ -81,6 +81,7 @@ def offline(root: Path | None, agents: tuple[str, ...], as_json: bool, **setting
 
     how = {name: settings.pop(name) for name in _HOW}
     settings["answer"] = _answer(settings.pop("yes_no"), settings.pop("yes_no_balanced"))
+    settings["payoffs"] = settings["payoffs"] or None
     perception = settings["perception"]
     settings["dataset"], table = opt.table_of(settings["dataset"], root, perception)
     chosen = tuple(map(opt.agent_value, opt.comma_list(*agents))) or experiments.DEFAULT_AGENTS

@@ -2,7 +2,7 @@
 
 import dataclasses
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,6 +14,7 @@ from meal_bayes.display import short, short_repr
 from meal_bayes.domain import unknown
 from meal_bayes.errors import SettingsError
 from meal_bayes.learner import LearnerSettings
+from meal_bayes.learner.settings import checked_payoffs
 from meal_bayes.untrusted import LARGEST
 
 DEFAULT_AGENTS = (
@@ -67,12 +68,14 @@ class OfflineConfig:
     answer : str
         "values"; "yes or no", whether all of the attributes hold; or "balanced": yes or no with
         literals ("red and not empty") such that yes is right in half of the trials.
+    payoffs : Sequence[float] | None
+        Of a right and a wrong yes, a right and a wrong no, in place of the domain's or r+ and r-.
 
     Raises
     ------
     SettingsError
         An agent that is unknown or named twice, a negative seed, a reward that is not positive and
-        finite, another kind of answer.
+        finite, another kind of answer, payoffs that are none or of answers that are values.
     """
 
     dataset: Any
@@ -84,6 +87,7 @@ class OfflineConfig:
     perception: str = "default"
     reward: float | None = None
     answer: str = "values"
+    payoffs: Sequence[float] | None = None
 
     __repr__ = short_repr
     as_dict = _as_dict
@@ -91,6 +95,12 @@ class OfflineConfig:
     def __post_init__(self) -> None:
         object.__setattr__(self, "agents", _checked(self.agents, self.seed, self.reward))
         check_answer(self.answer)
+        object.__setattr__(self, "payoffs", checked_payoffs(self.payoffs))
+        if self.payoffs is not None and self.answer == "values":
+            raise SettingsError(
+                "Payoffs are of yes and no, but values are asked; ask questions of yes or no "
+                "(answer='yes or no', --yes-no), or give one reward (--reward)."
+            )
         _check_size(self, ("trials",), ("attributes",))
         if isinstance(self.dataset, Path):
             object.__setattr__(self, "dataset", str(self.dataset))

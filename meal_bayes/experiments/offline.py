@@ -102,6 +102,7 @@ class _Unit:
             agent=config.agents[0],
             seed=config.seed,
             reward=config.reward,
+            payoffs=config.payoffs,
             percepts=config.percepts,
             logs=None,
         ).fit(table)
