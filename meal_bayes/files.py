@@ -8,6 +8,7 @@ grow, are named in `trial_log/names.py`.
 
 import contextlib
 import hashlib
+import logging
 import os
 import re
 import secrets
@@ -24,6 +25,7 @@ from meal_bayes.errors import OutputError, SettingsError
 if sys.platform != "win32":
     import fcntl
 
+log = logging.getLogger("meal_bayes.files")
 _LOG_MAGIC = b"\x89MCAP0\r\n"
 
 
@@ -140,10 +142,14 @@ def _check_way(folder: Path) -> None:
 
 
 @contextlib.contextmanager
-def draft_of(path: str | Path, *, inputs: Iterable[str | Path] = ()) -> Iterator[Path]:
+def draft_of(
+    path: str | Path, *, inputs: Iterable[str | Path] = (), expected: bool = False
+) -> Iterator[Path]:
     """Yield the path of an empty draft, which gets the name `path` when the block ends well.
 
-    Parameters and errors are those of `check_output`; a full disk is an `OutputError` too.
+    Other parameters and errors are those of `check_output`; a full disk is an `OutputError` too.
+    A file that is replaced is named in the log (INFO), unless it is `expected` to be there. The
+    command line shows that.
     """
     named = checked_path("The output", path)
     target = check_output(named, inputs=inputs)
@@ -153,7 +159,10 @@ def draft_of(path: str | Path, *, inputs: Iterable[str | Path] = ()) -> Iterator
         try:
             draft.touch(exist_ok=False)  # with the permissions of any new file
             yield draft
+            replaced = target.exists() and not expected
             replace_whole(draft, target)
+            if replaced:
+                log.info("%s was there, and is replaced", named)
         finally:
             with contextlib.suppress(OSError):
                 draft.unlink(missing_ok=True)
@@ -192,14 +201,18 @@ def alone_in(folder: str | Path) -> Iterator[None]:
 
 
 def write_whole(
-    path: str | Path, content: bytes | str, *, inputs: Iterable[str | Path] = ()
+    path: str | Path,
+    content: bytes | str,
+    *,
+    inputs: Iterable[str | Path] = (),
+    expected: bool = False,
 ) -> None:
     r"""Write a file whole or not at all; text as UTF-8. Parameters and errors as of `draft_of`.
 
     Names of files need not be UTF-8: their other bytes stand in a text as \udcff.
     """
     data = content.encode(errors="backslashreplace") if isinstance(content, str) else content
-    with draft_of(path, inputs=inputs) as draft:
+    with draft_of(path, inputs=inputs, expected=expected) as draft:
         draft.write_bytes(data)
 
 

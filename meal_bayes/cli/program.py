@@ -20,6 +20,7 @@ from meal_bayes.errors import DownloadError, MealBayesError, OutputError
 FAILED = 2  # exit code of errors that the user can fix: a value, a file of wrong content
 SYSTEM = 1  # of errors of the system: a full disk, missing rights, a closed stream
 INTERRUPTED = 130  # by Ctrl-C, or by a closed pipe
+_FILES = "meal_bayes.files"  # whose log names the files that are replaced
 _LONGEST = 2000  # characters of an error
 _AROUND = 30  # characters shown around one that no text can hold
 _NO_DOCSTRINGS = 2  # level of optimization (`python -OO`) that takes docstrings away
@@ -43,7 +44,7 @@ class Program(Section):
     def main(self, args: Sequence[str] | None = None, *rest: Any, **extra: Any) -> NoReturn:
         """Run a command line and exit."""
         _hold_streams()
-        _show_warnings()
+        _show_notes()
         if sys.flags.optimize >= _NO_DOCSTRINGS:
             _restore_help(self)
         try:
@@ -104,19 +105,23 @@ def _hold_streams() -> None:
             stream.reconfigure(errors="replace")  # type: ignore[union-attr]
 
 
-class _Warnings(logging.Handler):
-    """Log handler that prints a warning in one line."""
+class _Notes(logging.Handler):
+    """Log handler that prints a note in one line, and says of a warning that it is one."""
 
     def emit(self, record: logging.LogRecord) -> None:
-        note(f"{record.levelname.lower()}: {' '.join(record.getMessage().split())}")
+        kind = "" if record.levelno < logging.WARNING else f"{record.levelname.lower()}: "
+        note(kind + " ".join(record.getMessage().split()))
 
 
-def _show_warnings() -> None:
+def _show_notes() -> None:
     # Names are data: in figures, what the font does not have is drawn as a box.
     warnings.filterwarnings("ignore", message="Glyph .* missing from font")
     log = logging.getLogger("meal_bayes")
-    if not any(isinstance(handler, _Warnings) for handler in log.handlers):
-        log.addHandler(_Warnings(logging.WARNING))
+    if not any(isinstance(handler, _Notes) for handler in log.handlers):
+        notes = _Notes()
+        notes.addFilter(lambda record: record.levelno >= logging.WARNING or record.name == _FILES)
+        log.addHandler(notes)
+    logging.getLogger(_FILES).setLevel(logging.INFO)
 
 
 def _restore_help(command: click.Command) -> None:

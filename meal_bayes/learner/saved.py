@@ -77,7 +77,7 @@ def write_learner(learner: SavedLearner, path: Path, *, overwrite: bool) -> str:
     file = secrets.token_hex(8)
     with (
         alone_in(path.parent),
-        draft_of(path) as draft,
+        draft_of(path, expected=True) as draft,
         zipfile.ZipFile(draft, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive,
     ):
         if not overwrite:

@@ -120,7 +120,8 @@ class TrialWriter:
             if whole:
                 rows = [f"{number},{taken:.6f}\n" for number, taken in self._seconds.items()]
                 if rows:
-                    write_whole(timing_of(self.path), "".join(["trial,seconds\n", *rows]))
+                    table = "".join(["trial,seconds\n", *rows])
+                    write_whole(timing_of(self.path), table, expected=True)
                 else:
                     timing_of(self.path).unlink(missing_ok=True)
                 replace_whole(self.active_path, self.path)  # last: with it the log is there
