@@ -18,7 +18,7 @@ from meal_bayes.learner.experience import Experience
 from meal_bayes.seeds import Key
 from meal_bayes.trials import Step, Trial
 
-_HALVED = 5  # trials after which what an execution says of success has half its weight
+HALVED = 5  # trials after which what an execution says of success has half its weight
 Sizes = NDArray[np.int64]  # of each of the domain's contexts; NONE: nothing was sensed
 
 
@@ -35,7 +35,7 @@ def attempts(record: Experience) -> NDArray[np.float64]:
     since = taught.sum() - taught.cumsum()  # trials that began after each
     rows = rows[(rows["success"] == 0) | (rows["success"] == 1)]
     cells = 2 * rows["behavior"] + rows["success"]
-    weights = 0.5 ** (since[rows["trial"]] / _HALVED)
+    weights = 0.5 ** (since[rows["trial"]] / HALVED)
     counts = np.zeros(2 * e)
     np.add.at(counts, cells, weights)
     return counts.reshape(e, 2)
