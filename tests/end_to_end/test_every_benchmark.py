@@ -89,6 +89,7 @@ RUNS = (
     Run("digests", "now.json", {"DATASETS": ("roc36",), "SMALL": {"offline": ["--trials", "1"]}}),
     Run("find", "roc36 --objects 4 --trials 2"),
     Run("find_exact", "--problems 2 --percepts 1"),
+    Run("forgetting", "--seeds 0-2 --trials 2", {"HALF_LIVES": (2.0, 5.0), "MET": 2}),
     Run("groups", "", {"load_percepts": lambda name: small_group(), "SIZES": (3,)}),
     Run("growth", "--task table", {"AXES": {"objects": (10, 20)}}),
     Run("gym_steps", "", {"WAYS": ("any legal action",)}),
