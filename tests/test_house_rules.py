@@ -38,9 +38,10 @@ def long_functions(text: str) -> list[tuple[str, int]]:
 
 
 def test_no_file_is_longer_than_350_lines() -> None:
-    lines = {path: len(text.splitlines()) for path, text in sources(*FOLDERS)}
-    assert len(lines) == sum(1 for folder in FOLDERS for _ in (ROOT / folder).rglob("*.py"))
-    assert len(lines) > 200
+    folders = (*FOLDERS, "tests")
+    lines = {path: len(text.splitlines()) for path, text in sources(*folders)}
+    assert len(lines) == sum(1 for folder in folders for _ in (ROOT / folder).rglob("*.py"))
+    assert len(lines) > 400
     assert {path: count for path, count in lines.items() if count > FILE_LINES} == {}
 
 

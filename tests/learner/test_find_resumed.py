@@ -14,93 +14,15 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from meal_bayes.datasets import Dataset, load_percepts
+from meal_bayes.datasets import load_percepts
 from meal_bayes.errors import LogError, RobotError
 from meal_bayes.learner import Learner, recall
-from meal_bayes.robots import Outcome
-from meal_bayes.trial_log import check_log, read_search, read_trials
+from meal_bayes.trial_log import read_search
 from meal_bayes.trial_log.searches import searches_in
 from meal_bayes.trials import run_search
 
-CUPS = ("mug", "a/b.search", "glass")
-COLORS = np.array([[40.0, 60.0, 190.0], [200.0, 40.0, 40.0]])
-FORCES = np.array([2.0, 5.5])
 
-
-class Table:
-    """Cups on a table, whose outcomes depend on the cup and the number of the step alone."""
-
-    def __init__(self, seed):
-        self.seed = seed
-        self.executed = 0
-
-    def turn_to(self, session):
-        explored = session.sessions[session.turn]
-        return explored.momdp.x_names[explored.belief.x]
-
-    def execute(self, session):
-        self.executed += 1
-        place = list(session.sessions).index(session.object)
-        explored = session.sessions[session.object]
-        rng = np.random.default_rng([self.seed, place, len(explored.steps)])
-        if session.behavior == "look":
-            return Outcome("table", {"color": COLORS[place % 2] + rng.normal(0, 50, 3)})
-        if session.behavior == "reset":
-            return Outcome("table")
-        if rng.random() < 0.2:
-            return Outcome("table")
-        return Outcome("held", {"force": FORCES[[place // 2]] + rng.normal(0, 1.2, 1)})
-
-
-def drive(session, table):
-    while not session.over:
-        if session.turn is not None:
-            session.turned(table.turn_to(session))
-        else:
-            session.observe(table.execute(session))
-    return session.search
-
-
-@pytest.fixture(scope="module")
-def mind(dataset, make):
-    return make.learner(dataset, "greedy")
-
-
-def content(search):
-    """Return all that a search decided and believed; names that are drawn aside."""
-    trials = [
-        (
-            name,
-            [(s.decision.action, s.x, s.next_x, s.belief.positive.tolist()) for s in trial.steps],
-            [None if s.observation is None else s.observation.tolist() for s in trial.steps],
-            trial.truth.tolist(),
-            trial.ended,
-        )
-        for name, trial in search.trials.items()
-    ]
-    named = (search.question, search.turns, search.states, search.claim, search.ended)
-    return trials, named, search.cost, search.none, search.turn_cost, search.success
-
-
-def assert_read_back(folder, search):
-    read = read_search(folder)
-    assert content(read) == content(search)
-    for name, trial in read.trials.items():
-        assert trial.task == search.trials[name].task
-        np.testing.assert_array_equal(trial.momdp.confusion, search.trials[name].momdp.confusion)
-    explored = [trial for trial in search.trials.values() if trial.steps]
-    assert len(list(read_trials(folder))) == len(explored)
-    assert not list(folder.glob("*.active"))
-    assert all(check_log(file).whole for file in folder.glob("*.mcap"))
-
-
-OPTIONS = {
-    "truth": {"a/b.search": {"red": True, "full": False}}, "turn_cost": 0.5, "none": -3.0,
-    "max_steps": 9, "key": "k",
-}  # fmt: skip
-
-
-def begun_or_resumed(learner, folder):
+def begun_or_resumed(searching, learner, folder):
     """Return the session of the search of a folder; None where it is over."""
     try:
         return learner.resume_find(folder)
@@ -109,57 +31,45 @@ def begun_or_resumed(learner, folder):
             return None
         if not re.search("begin it anew|holds no search|There is no search", str(fault)):
             raise
-    return learner.begin_find("red and not full", CUPS, log=folder, **OPTIONS)
+    return learner.begin_find("red and not full", searching.CUPS, log=folder, **searching.OPTIONS)
 
 
-def lived(mind, kills, folder, seed, deaths):
+def lived(searching, mind, kills, folder, seed, deaths):
     """Search with so many writes before each death of a process, then to the end."""
-    table = Table(seed)
+    table = searching.Table(seed)
     lost = 0
     for death in (*deaths, -1):
         learner = copy.deepcopy(mind)  # as loaded from its file
         kills.left = death
         try:
-            session = begun_or_resumed(learner, folder)
+            session = begun_or_resumed(searching, learner, folder)
             if session is None:
                 return read_search(folder), None
-            search = drive(session, table)
+            search = searching.drive(session, table)
         except kills.killed:
             lost += 1
         else:
             steps = sum(step.cost > 0 for trial in search.trials.values() for step in trial.steps)
             assert steps <= table.executed <= steps + lost  # one that a process died in
-            assert_read_back(folder, search)
+            searching.assert_read_back(folder, search)
             return search, learner
         finally:
             kills.bury()
     raise AssertionError
 
 
-@pytest.fixture(scope="module")
-def undisturbed(mind):
-    """The search that nothing disturbs, by the seed of its table."""
-    searches = {}
-
-    def of(seed):
-        if seed not in searches:
-            session = copy.deepcopy(mind).begin_find("red and not full", CUPS, **OPTIONS)
-            searches[seed] = drive(session, Table(seed))
-        return searches[seed]
-
-    return of
-
-
-def test_a_search_killed_at_any_write_goes_on_as_if_undisturbed(mind, undisturbed, kills, tmp_path):
+def test_a_search_killed_at_any_write_goes_on_as_if_undisturbed(
+    searching, mind, undisturbed, kills, tmp_path
+):
     expected = undisturbed(0)
     assert len(expected.turns) > 1
     resumed = 0
     for death in itertools.count():
         folder = tmp_path / str(death)
-        search, learner = lived(mind, kills, folder, 0, [death])
-        assert content(search) == content(expected)
+        search, learner = lived(searching, mind, kills, folder, 0, [death])
+        assert searching.content(search) == searching.content(expected)
         if learner is None:  # it died with the answer written
-            assert content(read_search(folder)) == content(expected)
+            assert searching.content(read_search(folder)) == searching.content(expected)
             break
         resumed += 1
     assert resumed > 2 * sum(len(trial.steps) for trial in expected.trials.values())
@@ -170,45 +80,34 @@ def test_a_search_killed_at_any_write_goes_on_as_if_undisturbed(mind, undisturbe
 @example(seed=0, deaths=[25, 12])  # in the middle of writing it again
 @example(seed=0, deaths=[25, 9, 14])
 def test_processes_that_die_one_after_another_lose_nothing(
-    mind, make, undisturbed, tmp_path_factory, seed, deaths
+    searching, mind, make, undisturbed, tmp_path_factory, seed, deaths
 ):
     folder = tmp_path_factory.mktemp("search") / "it"
     with pytest.MonkeyPatch.context() as patch:
-        search, _ = lived(mind, make.kills(patch), folder, seed, deaths)
-    assert content(search) == content(undisturbed(seed))
+        search, _ = lived(searching, mind, make.kills(patch), folder, seed, deaths)
+    assert searching.content(search) == searching.content(undisturbed(seed))
 
 
-def bury(session):
-    """Let go of what the process of a search held when it died."""
-    for recorder in (session._recorder, *(each._recorder for each in session.sessions.values())):
-        if recorder is not None:
-            recorder._file.close()
-            if recorder._resumed is not None:
-                recorder._resumed.release()
-
-
-def one_step(session, table):
-    while session.turn is not None:
-        session.turned(table.turn_to(session))
-    session.observe(table.execute(session))
-
-
-def test_what_was_sensed_before_a_restart_is_learned_from(mind, make, tmp_path):
+def test_what_was_sensed_before_a_restart_is_learned_from(searching, mind, make, tmp_path):
     whole, first = copy.deepcopy(mind), copy.deepcopy(mind)
-    table = Table(1)
-    undisturbed = drive(whole.begin_find("red and not full", CUPS, **OPTIONS), table)
-    session = first.begin_find("red and not full", CUPS, log=tmp_path / "it", **OPTIONS)
-    one_step(session, table)
-    one_step(session, table)
+    table = searching.Table(1)
+    undisturbed = searching.drive(
+        whole.begin_find("red and not full", searching.CUPS, **searching.OPTIONS), table
+    )
+    session = first.begin_find(
+        "red and not full", searching.CUPS, log=tmp_path / "it", **searching.OPTIONS
+    )
+    searching.one_step(session, table)
+    searching.one_step(session, table)
     again = copy.deepcopy(mind)
     with pytest.raises(LogError, match="is under way in another process"):
         again.resume_find(tmp_path / "it")
-    bury(session)
+    searching.bury(session)
     resumed = again.resume_find(tmp_path)  # the one in it
     with pytest.raises(LogError, match=r"under way|holds no search"):
         copy.deepcopy(mind).resume_find(tmp_path / "it")  # one process drives
-    search = drive(resumed, table)
-    assert content(search) == content(undisturbed)
+    search = searching.drive(resumed, table)
+    assert searching.content(search) == searching.content(undisturbed)
     recalled = copy.deepcopy(mind)
     assert len(recall(recalled, tmp_path)) == len([t for t in search.trials.values() if t.steps])
     for learner, found in ((whole, undisturbed), (again, search), (recalled, search)):
@@ -238,9 +137,11 @@ class Facing:
         return self.table.execute(self.session)
 
 
-def broken_off(learner, folder, moves, table):
+def broken_off(searching, learner, folder, moves, table):
     """Search by so many turns and behaviors, and let the process die; None: it is over before."""
-    session = learner.begin_find("red and not full", CUPS, log=folder, **OPTIONS)
+    session = learner.begin_find(
+        "red and not full", searching.CUPS, log=folder, **searching.OPTIONS
+    )
     for _ in range(moves):
         if session.turn is not None:
             session.turned(table.turn_to(session))
@@ -248,37 +149,39 @@ def broken_off(learner, folder, moves, table):
             session.observe(table.execute(session))
         if session.over:
             return None
-    bury(session)
+    searching.bury(session)
     return session
 
 
-def test_a_new_driver_is_told_the_object_in_front(mind, undisturbed, tmp_path):
+def test_a_new_driver_is_told_the_object_in_front(searching, mind, undisturbed, tmp_path):
     """Neither logged nor charged: the search is as if nothing had disturbed it."""
     for moves in itertools.count():
         folder = tmp_path / str(moves)
-        table = Table(0)
-        if broken_off(copy.deepcopy(mind), folder, moves, table) is None:
+        table = searching.Table(0)
+        if broken_off(searching, copy.deepcopy(mind), folder, moves, table) is None:
             break
         session = copy.deepcopy(mind).resume_find(folder)
         search = run_search(session, Facing(session, table))
-        assert content(search) == content(undisturbed(0))
-        assert_read_back(folder, search)
+        assert searching.content(search) == searching.content(undisturbed(0))
+        searching.assert_read_back(folder, search)
     assert moves > 5
 
 
-def test_an_object_that_is_found_elsewhere_is_brought_back(mind, undisturbed, tmp_path):
-    table = Table(0)
-    broken_off(copy.deepcopy(mind), tmp_path / "it", 1, table)
+def test_an_object_that_is_found_elsewhere_is_brought_back(searching, mind, undisturbed, tmp_path):
+    table = searching.Table(0)
+    broken_off(searching, copy.deepcopy(mind), tmp_path / "it", 1, table)
     session = copy.deepcopy(mind).resume_find(tmp_path / "it")
     assert session.behavior is not None
     for driver in (Facing(session, table, "held"), Facing(session, table, "shelf")):
         with pytest.raises(RobotError, match=r"but the search left it in .*; bring it back"):
             run_search(session, driver)
     assert not session.over
-    assert content(run_search(session, Facing(session, table))) == content(undisturbed(0))
+    assert searching.content(run_search(session, Facing(session, table))) == searching.content(
+        undisturbed(0)
+    )
 
 
-def test_a_search_of_recorded_objects_goes_on(tmp_path):
+def test_a_search_of_recorded_objects_goes_on(searching, tmp_path):
     """Replays are where the search left them, with the failures and recordings to come."""
     boxes = ("light_blue_beans", "heavy_green_glass", "heavy_blue_beans")
 
@@ -298,12 +201,12 @@ def test_a_search_of_recorded_objects_goes_on(tmp_path):
                 session.observe(robot.execute(session.behavior))
         if session.over:
             break
-        bury(session)
+        searching.bury(session)
         again = learner()
         resumed = again.resume_find(folder)
         search = run_search(resumed, again.replays(resumed))
-        assert content(search) == content(whole)
-        assert_read_back(folder, search)
+        assert searching.content(search) == searching.content(whole)
+        searching.assert_read_back(folder, search)
     assert moves > 5
 
 
@@ -315,57 +218,11 @@ def found_again(folder):
     return search
 
 
-def test_a_learner_that_knows_other_things_goes_on_with_no_search(mind, make, dataset, tmp_path):
-    session = copy.deepcopy(mind).begin_find("red", 2, log=tmp_path)
-    one_step(session, Table(0))
-    bury(session)
-    before = {path: path.read_bytes() for path in tmp_path.iterdir()}
-    labels = np.array([[i // 4 % 2, i // 2 % 2] for i in range(len(dataset.objects))], np.int8)
-    blind = Dataset(dataset.domain, dataset.objects, dataset.features, labels)  # to what is red
-    other = make.learner(blind, "greedy")
-    with pytest.raises(LogError, match="learned other things since"):
-        other.resume_find(tmp_path)
-    assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before
-    drive(copy.deepcopy(mind).resume_find(tmp_path), Table(0))
-
-
-def test_a_second_search_never_mixes_with_a_first(mind, tmp_path):
-    session = copy.deepcopy(mind).begin_find("red", CUPS, log=tmp_path / "it")
-    trials = tmp_path / "trials"
-    copy.deepcopy(mind).begin("red", "mug", log=trials / "a.mcap").cancel()
-    for folder in (tmp_path / "it", trials):  # under way; of other trials
-        learner = copy.deepcopy(mind)
-        with pytest.raises(LogError, match=r"name another.*resume_find"):
-            learner.begin_find("full", CUPS, log=folder)
-        assert list(learner.experience.trials) == list(mind.experience.trials)
-    drive(session, Table(0))
-    with pytest.raises(LogError, match="name another"):
-        copy.deepcopy(mind).begin_find("red", CUPS, log=tmp_path / "it")
-    assert_read_back(tmp_path / "it", session.search)
-    with pytest.raises(LogError, match="is over"):
-        copy.deepcopy(mind).resume_find(tmp_path / "it")
-
-
-def test_by_default_every_search_has_a_new_folder(dataset, make, tmp_path):
-    learner = make.learner(dataset, "greedy", logs=tmp_path)
-    sessions = [learner.begin_find("red", CUPS) for _ in range(2)]
-    folders = sorted(path for path in (tmp_path / "kitchen").iterdir())
-    assert len(folders) == 2
-    for session in sessions:
-        bury(session)
-    with pytest.raises(LogError, match=r"2 searches that were broken off: red in .*resume_find"):
-        learner.resume_find()
-    with pytest.raises(LogError, match=r"no trial that was broken off.*resume_find\(\)"):
-        learner.resume()
-    drive(learner.resume_find(folders[0]), Table(0))
-    drive(learner.resume_find(), Table(0))
-
-
 KILLED = """
 import os, signal, sys
 sys.path.insert(0, {here!r})
 import conftest as make
-import test_find_resumed as searching
+searching = make.SEARCHING
 class Table(searching.Table):
     def execute(self, session):
         if self.executed == int(sys.argv[1]):
@@ -379,7 +236,9 @@ searching.drive(learner.begin_find("red and not full", searching.CUPS, **options
 
 @pytest.mark.long
 @pytest.mark.parametrize("steps", [0, 3])
-def test_another_process_goes_on_where_one_was_killed(mind, undisturbed, tmp_path, steps):
+def test_another_process_goes_on_where_one_was_killed(
+    searching, mind, undisturbed, tmp_path, steps
+):
     here = Path(__file__).parent
     environment = {**os.environ, "PYTHONPATH": str(here.parents[1])}
     code = KILLED.format(here=str(here))
@@ -388,5 +247,7 @@ def test_another_process_goes_on_where_one_was_killed(mind, undisturbed, tmp_pat
     assert done.returncode == -signal.SIGKILL
     session = copy.deepcopy(mind).resume_find(tmp_path / "it")
     assert sum(len(each.steps) for each in session.sessions.values()) == steps
-    assert content(drive(session, Table(0))) == content(undisturbed(0))
-    assert_read_back(tmp_path / "it", session.search)
+    assert searching.content(searching.drive(session, searching.Table(0))) == searching.content(
+        undisturbed(0)
+    )
+    searching.assert_read_back(tmp_path / "it", session.search)
