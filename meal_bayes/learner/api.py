@@ -77,11 +77,12 @@ def recall(learner: Learner, *logs: str | Path) -> list[Trial]:
     """Rebuild the experience of a learner from the logs of its robot's trials.
 
     What was executed, whether it succeeded, what the robot sensed, and the labels that people told
-    of it are in the logs. Trials that the learner has had to their end, tests, and trials with
-    other levels than its agent's are passed over, but for what people have told of them, or taken
-    back, since: in the order in which it was told, whatever the order of the folders. What the
-    learner has told or recalled before is not told again. A replay shows recordings of its object
-    that the learner was given, if it was. What is damaged is named in a warning.
+    of it are in the logs; a trial that was forgotten with its recordings is so again. Trials that
+    the learner has had to their end, tests, and trials with other levels than its agent's are
+    passed over, but for what people have told of them, or taken back, since: in the order in which
+    it was told, whatever the order of the folders. What the learner has told or recalled before is
+    not told again. A replay shows recordings of its object that the learner was given, if it was.
+    What is damaged is named in a warning.
 
     Parameters
     ----------
@@ -126,7 +127,8 @@ def recall(learner: Learner, *logs: str | Path) -> list[Trial]:
     learner.note_folders(places)
     for streams in asked:
         learner.note_asked(streams)
-    tell_again(experience, files.told())
+    entries = files.told()
+    tell_again(experience, entries)
     learner.refit()
     faults = [fault for fault in dict.fromkeys(files.problems) if fault not in files.unfinished]
     if faults:
@@ -136,4 +138,5 @@ def recall(learner: Learner, *logs: str | Path) -> list[Trial]:
             "damaged may have replaced others; tell them again.",
             stacklevel=2,
         )
-    return recalled
+    forgotten = {feedback.key for _, feedback in entries if feedback.recordings}
+    return [trial for trial in recalled if trial.task.key not in forgotten]

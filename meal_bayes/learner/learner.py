@@ -14,7 +14,7 @@ from meal_bayes.errors import QueryError, SettingsError
 from meal_bayes.files import checked_path
 from meal_bayes.learner import views
 from meal_bayes.learner.card import learned_html, next_html, table_knowledge
-from meal_bayes.learner.columns import Labels, told
+from meal_bayes.learner.columns import told
 from meal_bayes.learner.finding import Finder
 from meal_bayes.learner.fit_cache import FitCache
 from meal_bayes.learner.recording import check_domain, record_steps
@@ -27,7 +27,7 @@ from meal_bayes.learner.settings import (
     checked_trial,
     settings_of,
 )
-from meal_bayes.learner.telling import log_told, nothing_told, warn_of_typo
+from meal_bayes.learner.telling import Telling, log_told, nothing_told, warn_of_typo
 from meal_bayes.seeds import Key
 from meal_bayes.trials import Trial
 
@@ -209,7 +209,7 @@ class Learner(Finder):
             self._use()
             before = views.labels_touched(self.experience, key, name)
             self._fits.update(self.experience.label(key, name, labels), refit=True)
-            self._log_told(trial, name, key, before)
+            self._log_told(trial, Telling(name, key, before))
 
     def forget(self, trial: Trial | str, *, recordings: bool = False) -> None:
         """Forget the labels of a trial; refit without them if the last refit has used them.
@@ -237,21 +237,21 @@ class Learner(Finder):
             before = views.labels_touched(self.experience, key, name)
             moved = self.experience.forget(key, recordings=executed)
             self._fits.update(moved, refit=True, anew=executed)
-            self._log_told(trial, name, key, before)
+            self._log_told(trial, Telling(name, key, before, executed))
 
     def note_folders(self, places: Mapping[Key, Path]) -> None:
         """Note in which folders the logs of trials lie: beside them labels are logged."""
         if self._folder is not None:
             self._folders |= places
 
-    def _log_told(self, trial: Trial | str, name: str, key: Key, before: Labels) -> None:
+    def _log_told(self, trial: Trial | str, telling: Telling) -> None:
         """Log what was told, beside the log of its trial where that can be written."""
         folder = self._folder
         beside = self._folders.get(trial.task.key) if isinstance(trial, Trial) else None
         if beside is not None and os.access(beside, os.W_OK):
             folder = beside
         if folder is not None:
-            log_told(self.experience, folder, name, key, before)
+            log_told(self.experience, folder, telling)
 
     def record(self, trial: Trial) -> None:
         """Record a trial of another learner's, or of a log, as experience.

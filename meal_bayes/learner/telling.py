@@ -4,6 +4,7 @@ import difflib
 import re
 from collections.abc import Iterable
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -20,28 +21,45 @@ from meal_bayes.trial_log.writer import write_feedback
 _ALIKE = 0.8  # of two names, at least where one may be meant by the other
 
 
-def log_told(experience: Experience, folder: Path, name: str, key: Key, before: Labels) -> None:
-    """Log the labels of a trial, or of an object by its name, that moved any of its object.
+class Telling(NamedTuple):
+    """What is told of a trial, or of an object by its name, or taken back.
+
+    Attributes
+    ----------
+    name : str
+        Of the object.
+    key : Key
+        Of the trial; `told(name)` where the object was named.
+    before : Labels
+        What `views.labels_touched` was before.
+    recordings : bool
+        Whether what the trial recorded is forgotten, too.
+    """
+
+    name: str
+    key: Key
+    before: Labels
+    recordings: bool = False
+
+
+def log_told(experience: Experience, folder: Path, telling: Telling) -> None:
+    """Log the labels that moved any of their object, and whether recordings were forgotten.
 
     What could not be logged before is logged first.
-
-    Parameters
-    ----------
-    before : Labels
-        What `views.labels_touched` was before it was told.
 
     Raises
     ------
     LogError
         A full disk, for example; what was told is kept, and logged with what is told next.
     """
+    name, key, before, recordings = telling
     after = views.labels_touched(experience, key, name)
     said = (before[0] >= 0) | (after[0] >= 0)
     changed = np.flatnonzero(said & (after != before).any(axis=0))
     domain = experience.domain
     labels = {domain.attributes[p]: int(after[0, p]) for p in changed}
-    if labels:
-        feedback = Feedback(name, labels, None if key == told(name) else key)
+    if labels or recordings:
+        feedback = Feedback(name, labels, None if key == told(name) else key, recordings)
         experience.unlogged.append((folder, feedback))
     header = {"config": {"command": "Learner.tell"}, "data": domain.data}
     for place, feedback in tuple(experience.unlogged):
@@ -77,7 +95,9 @@ def tell_again(experience: Experience, entries: Iterable[tuple[str, Feedback]]) 
             if name in domain.attributes:
                 labels[domain.columns([name])] = label
         # What was told before in the same trial is not told again: it may have been replaced.
-        if (labels >= 0).any():
+        if feedback.recordings:
+            experience.forget(key, recordings=True)
+        elif (labels >= 0).any():
             experience.label(key, feedback.object_name, labels)
         elif (experience.told_in(key) >= 0).any():
             experience.forget(key)

@@ -33,6 +33,8 @@ class Feedback:
         says of the others is among them.
     key : Key | None
         Of the trial's task; None where the object was named, so that they are of all its trials.
+    recordings : bool
+        Whether what the trial recorded was forgotten, with all labels that it had.
 
     Raises
     ------
@@ -43,11 +45,14 @@ class Feedback:
     object_name: str
     labels: Mapping[str, int]
     key: Key | None = None
+    recordings: bool = False
 
     def __post_init__(self) -> None:
         if fault := name_fault(self.object_name):
             raise LogError(f"The object's name {self.object_name!a:.60} {fault}.")
-        if not 0 < len(self.labels) <= schema.NAME_LIMIT:
+        if self.recordings and (self.key is None or {*self.labels.values()} - {_WITHDRAWN}):
+            raise LogError("Recordings are forgotten of a trial, with its labels.")
+        if not 0 < len(self.labels) + self.recordings <= schema.NAME_LIMIT:
             raise LogError(f"{len(self.labels)} labels; expected 1 to {schema.NAME_LIMIT}.")
         for name, label in self.labels.items():
             if label not in (_WITHDRAWN, 0, 1):
@@ -57,7 +62,8 @@ class Feedback:
     def text(self) -> str:
         """The labels in words, such as "heavy, not beans, full taken back"."""
         words = {_WITHDRAWN: "{} taken back", 0: "not {}", 1: "{}"}
-        return ", ".join(words[int(label)].format(name) for name, label in self.labels.items())
+        said = [words[int(label)].format(name) for name, label in self.labels.items()]
+        return ", ".join([*said, "recordings forgotten"] if self.recordings else said)
 
     def packed(self) -> bytes:
         """Return the message."""
@@ -66,6 +72,7 @@ class Feedback:
             key="" if self.key is None else task_key(self.key),
             attributes=list(self.labels),
             labels=[int(label) for label in self.labels.values()],
+            recordings=int(self.recordings),
         )
         data: bytes = message.SerializeToString()
         return data
@@ -77,7 +84,8 @@ class Feedback:
         labels = dict(zip(message.attributes, message.labels, strict=True))
         if len(labels) != len(message.labels):
             raise LogCorruptError("an attribute has two labels")
-        return cls(message.object_name, labels, read_key(message.key) if message.key else None)
+        key = read_key(message.key) if message.key else None
+        return cls(message.object_name, labels, key, recordings=bool(message.recordings))
 
 
 def read_key(text: str) -> Key:

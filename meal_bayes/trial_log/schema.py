@@ -93,7 +93,9 @@ _FIELDS = {
         "report:int64* positive:double* cost:double* reward:double* ended:int64* steps:int64* "
         "executed:int64* failed:int64* certainty:double*"
     ),
-    "meal_bayes.Feedback": "object_name:string key:string attributes:string* labels:int64*",
+    "meal_bayes.Feedback": (
+        "object_name:string key:string attributes:string* labels:int64* recordings:int64"
+    ),
     "meal_bayes.Search": "question:string objects:string* none:double turn_cost:double",
     "meal_bayes.Turn": "turn:int64 object_name:string state:string",
     "meal_bayes.Claim": "object_name:string cost:double ended:string",  # no name: none of them

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from meal_bayes import Learner
 from meal_bayes.learner import recall
+from meal_bayes.trial_log import Logs
 
 NAMES = st.lists(st.sampled_from((None, "mug", "object 7")), min_size=6, max_size=14)
 
@@ -80,3 +81,45 @@ def test_what_was_forgotten_has_never_been(make, dataset, agent, names, later, o
     for trial in trials:
         learner.forget(trial, recordings=True)
     assert learned(learner) == before
+
+
+@settings(max_examples=max(settings().max_examples // 10, 3), deadline=None)
+@given(
+    fates=st.lists(
+        st.sampled_from(("told", "untold", "taken back", "forgotten", "forgotten untold")),
+        min_size=1,
+        max_size=6,
+    ),
+    saved=st.integers(0, 5),
+)
+@example(fates=["told", "forgotten", "told"], saved=2)
+@example(fates=["forgotten untold"], saved=0)
+def test_what_was_forgotten_stays_so_after_a_restart(make, agent, tmp_path_factory, fates, saved):
+    """A new learner, and one of an earlier moment, recall nothing of it."""
+    folder = tmp_path_factory.mktemp("logs")
+    live = Learner(make.kitchen, agent=agent, logs=folder)
+    held = set()
+    for number, fate in enumerate(fates):
+        arm = make.arm(number % 2 == 0, number % 3 == 0, seed=number)
+        trial = live.ask("red, full", arm, object_name=f"cup {number % 4}")
+        if number == saved:
+            live.save(folder / "mind")
+        if "untold" not in fate:
+            live.tell(trial, {"red": number % 2 == 0, "full": number % 3 == 0})
+        if fate == "taken back":
+            live.forget(trial)
+        elif "forgotten" in fate:
+            live.forget(trial, recordings=True)
+        if "forgotten" not in fate:
+            held.add(trial.task.key)
+    heir = Learner(make.kitchen, agent=agent, logs=None)
+    assert {trial.task.key for trial in recall(heir, folder)} == held
+    heirs = [heir]
+    if (folder / "mind").exists():
+        heirs.append(Learner.load(folder / "mind", agent=agent, logs=None))
+        recall(heirs[1], folder)
+    expected = learned(live)
+    for each in heirs:
+        assert recall(each, folder) == []
+        assert learned(each) == expected
+    assert [trial.task.key for trial in Logs(folder).trials()] == list(live.experience.trials)

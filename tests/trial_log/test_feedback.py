@@ -157,6 +157,8 @@ def test_logs_of_feedback_are_no_trials(answered, tmp_path):
         (lambda: Feedback("", {"heavy": 1}), "name"),
         (lambda: Feedback("mug", {}), "0 labels"),
         (lambda: Feedback("mug", {"heavy": 2}), "expected 1, 0 or -1"),
+        (lambda: Feedback("mug", {"heavy": -1}, recordings=True), "of a trial"),
+        (lambda: Feedback("mug", {"heavy": 1}, ("a",), recordings=True), "with its labels"),
     ],
 )
 def test_what_nobody_can_tell_is_refused(entry, message):
