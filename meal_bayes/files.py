@@ -69,6 +69,18 @@ def checked_path(what: str, value: object) -> Path:
     return Path(text)
 
 
+def lasting_path(what: str, value: object) -> Path:
+    """Return a `checked_path` that stays where it is when the process changes its folder."""
+    path = checked_path(what, value)
+    try:
+        return path.absolute()
+    except FileNotFoundError:
+        raise SettingsError(
+            f"{what} is {str(path)!r:.300}, and the folder that this process is in is gone; give a "
+            "path that begins with /."
+        ) from None
+
+
 def file_name(text: str, longest: int = 60) -> str:
     """Return any text as a name of a file, in no other folder; other texts have other names.
 

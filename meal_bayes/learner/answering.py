@@ -10,7 +10,7 @@ from meal_bayes.agents import Agent, Knowledge, as_agent
 from meal_bayes.datasets import PerceptTable, object_index
 from meal_bayes.domain import Domain, Query, read_question
 from meal_bayes.errors import SettingsError
-from meal_bayes.files import checked_path, file_name
+from meal_bayes.files import file_name, lasting_path
 from meal_bayes.learner.columns import Objects
 from meal_bayes.learner.experience import Experience
 from meal_bayes.learner.fit import Fit, problem_of, training_agent
@@ -51,7 +51,7 @@ class Answerer:
         self.domain = domain
         self.settings = settings
         # Where its trials are logged; None: nowhere.
-        self._folder = None if logs is None else checked_path("logs", logs) / file_name(domain.name)
+        self._folder = None if logs is None else lasting_path("logs", logs) / file_name(domain.name)
         self.experience = Experience(domain)
         self.table: PerceptTable | None = None  # that is replayed
         self._agent = agent
@@ -254,7 +254,7 @@ class Answerer:
             There is no trial that was broken off, or several; it is another learner's, another
             process drives the robot, or that is elsewhere.
         """
-        place = self._folder if log is None else checked_path("log", log)
+        place = self._folder if log is None else lasting_path("log", log)
         if place is None:
             raise SettingsError("This learner logs nothing; give resume() the trial's log.")
         with resuming(place, Interrupted) as broken:
@@ -311,7 +311,7 @@ class Answerer:
         log: str | Path | None, options: TrialOptions, state: str | None,
     ) -> Session:  # fmt: skip
         """Return the session of a question, logged if there is a place, but not started yet."""
-        place = self._folder if log is None else checked_path("log", log)
+        place = self._folder if log is None else lasting_path("log", log)
         with self._lock:
             task, streams = self._task(question, object_name, key, learn=options.learn)
             if self.table is None and not isinstance(question, Task):

@@ -5,6 +5,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from meal_bayes.datasets import PerceptTable, load_percepts
+from meal_bayes.files import lasting_path
 from meal_bayes.learner import views
 from meal_bayes.learner.learner import Learner
 from meal_bayes.learner.recording import check_domain
@@ -112,7 +113,7 @@ def recall(learner: Learner, *logs: str | Path) -> list[Trial]:
             asked.append(tuple(streams))
         for trial in group.trials:
             task = trial.task
-            places[task.key] = group.file.parent
+            places[task.key] = lasting_path("The log", group.file.parent)
             fits = trial.momdp.levels == learner.agent.levels
             if (
                 task.learn

@@ -13,7 +13,7 @@ from meal_bayes.datasets import object_index
 from meal_bayes.domain import Query, read_question
 from meal_bayes.domain.event import Payoffs
 from meal_bayes.errors import QueryError, SettingsError
-from meal_bayes.files import checked_path
+from meal_bayes.files import lasting_path
 from meal_bayes.learner.answering import NO_TABLE, Answerer
 from meal_bayes.learner.columns import Objects
 from meal_bayes.learner.fit import solve
@@ -212,7 +212,7 @@ class Finder(Answerer):
             There is no search that was broken off, or several; it is another learner's, or another
             process drives the robot.
         """
-        place = self._folder if log is None else checked_path("log", log)
+        place = self._folder if log is None else lasting_path("log", log)
         if place is None:
             raise SettingsError(
                 "This learner logs nothing; give resume_find() the search's folder."
@@ -340,7 +340,7 @@ class Finder(Answerer):
         """Return the folder of a search to come; None: nothing is logged."""
         if log is None:
             return None if self._folder is None else self._folder / dated_name("find", self._folder)
-        folder = checked_path("log", log)
+        folder = lasting_path("log", log)
         if folder.suffix == SUFFIX or folder.is_file():
             raise SettingsError(f"A search has a log an object; give a folder, not {folder}.")
         check_alone(folder)  # before it is planned for a minute
