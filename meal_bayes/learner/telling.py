@@ -81,13 +81,17 @@ def tell_again(experience: Experience, entries: Iterable[tuple[str, Feedback]]) 
     ----------
     entries : Iterable[tuple[str, Feedback]]
         With the names of their logs, in the order in which they were told. What was heard before
-        is not told again: other things may have been told since.
+        is told again only behind what others had told of its object before and is heard now: other
+        things may have been told since.
     """
     domain = experience.domain
+    late = set[str]()  # objects of which there is something to hear
     for file, feedback in entries:
         key = feedback.key or told(feedback.object_name)
         unknown = feedback.key is not None and key not in experience.trials
-        if unknown or file in experience.heard:
+        if file not in experience.heard and not unknown:
+            late.add(feedback.object_name)
+        if unknown or feedback.object_name not in late:
             continue
         experience.heard[file] = None
         labels = experience.nothing

@@ -204,3 +204,42 @@ def test_a_full_disk_says_that_the_label_is_learned(dataset, make, tmp_path, mon
     with pytest.raises(LogError, match=r"No space left.*is learned; mend this"):
         learner.tell("mug", {"red": True})
     assert red(learner) == {"mug": 1}
+
+
+@given(
+    events=st.lists(
+        st.tuples(
+            st.integers(0, 1),  # which robot
+            st.sampled_from((0, 1, "mug", "recall")),  # the trial of a robot, an object, its logs
+            st.sampled_from((True, False, None)),  # None: what was told is taken back
+        ),
+        max_size=8,
+    )
+)
+@example(events=[(0, "mug", True), (1, "mug", False)])
+@example(events=[(0, 0, True), (1, 0, True), (1, 0, None)])
+@settings(max_examples=max(settings().max_examples // 5, 4))
+def test_two_robots_that_recall_each_other_hold_the_same(dataset, make, tmp_path_factory, events):
+    """The latest word holds, whoever said it, and whenever the other heard of it."""
+    folder = tmp_path_factory.mktemp("logs")
+    robots = [Learner(dataset.domain, agent=make.agent("look"), logs=folder) for _ in range(2)]
+    trials = [robot.ask("red", make.arm(), object_name="mug") for robot in robots]
+    for number, whose, value in events:
+        robot = robots[number]
+        if whose == "recall":
+            recall(robot, folder)
+            continue
+        trial = trials[whose] if isinstance(whose, int) else whose
+        with contextlib.suppress(SettingsError):
+            if value is None:
+                robot.forget(trial)
+            else:
+                robot.tell(trial, {"red": value})
+    heir = Learner(dataset.domain, agent=make.agent("look"), logs=None)
+    for learner in (*robots, heir):
+        recall(learner, folder)
+    for robot in robots:
+        assert red(robot) == red(heir)
+        for key in (*(trial.task.key for trial in trials), ("told", "mug")):
+            told = [each.experience.told_in(key).tolist() for each in (robot, heir)]
+            assert told[0] == told[1]
