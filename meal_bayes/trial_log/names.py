@@ -54,8 +54,9 @@ def _times_in(folders: Iterable[Path]) -> Iterator[str]:
     """Return the times that names in folders begin with."""
     for folder in filter(Path.is_dir, folders):
         for file in folder.iterdir():
-            if match := _DATED.match(file.name):
-                yield match[1]
+            dated = _DATED.match(file.name)
+            if dated is not None:
+                yield dated[1]
 
 
 def named_form(path: Path) -> str:
