@@ -49,7 +49,11 @@ def freeze_arrays(instance: Any) -> None:
     for name, dtype in _array_fields(instance.__class__):
         values = getattr(instance, name)
         if values is not None:
-            object.__setattr__(instance, name, freeze(values, dtype))
+            try:
+                object.__setattr__(instance, name, freeze(values, dtype))
+            except (TypeError, ValueError):
+                found = f"{type(instance).__name__}(): {name} is {values!r:.60}"
+                raise SettingsError(f"{found}; give an array of numbers.") from None
 
 
 @cache
@@ -128,6 +132,55 @@ def real_array(name: str, values: object) -> NDArray[np.float64]:
         raise SettingsError(f"{name} is {numbers!r:.60}; give an array of numbers.") from None
 
 
+def shaped_array(name: str, values: object, *shape: int) -> NDArray[np.float64]:
+    """Return numbers as an array of a shape; refuse what is none.
+
+    >>> shaped_array("prior", [0.5], 2)
+    Traceback (most recent call last):
+    meal_bayes.errors.SettingsError: prior has shape (1,); expected (2,).
+    """
+    array = real_array(name, values)
+    if array.shape != shape:
+        raise SettingsError(f"{name} has shape {array.shape}; expected {shape}.")
+    return array
+
+
+def whole_array(name: str, values: object, *shape: int) -> NDArray[np.int64]:
+    """Return whole numbers as an array of a shape; refuse what is none."""
+    if isinstance(values, np.ndarray) and values.dtype.kind in "iu" and values.shape == shape:
+        return values
+    array = shaped_array(name, values, *shape)
+    whole = array.astype(np.int64) if (np.abs(array) < 2.0**53).all() else None  # nan is not
+    if whole is None or not (whole == array).all():
+        raise SettingsError(f"{name} is {values!r:.60}; give whole numbers.")
+    return whole
+
+
+def spread_array(name: str, values: object, *shape: int) -> NDArray[np.float64]:
+    """Return numbers as an array of a shape, to which one, or a row of them, is repeated."""
+    array = real_array(name, values)
+    try:
+        return np.array(np.broadcast_to(array, shape))
+    except ValueError:
+        raise SettingsError(
+            f"{name} has shape {array.shape}; expected {shape}, or a number."
+        ) from None
+
+
+def real_vector(name: str, values: object) -> NDArray[np.float64]:
+    """Return numbers as an array (n,); refuse what is none."""
+    array = real_array(name, values)
+    if array.ndim != 1:
+        raise SettingsError(f"{name} has shape {array.shape}; give a list of numbers.")
+    return array
+
+
+def check_place(name: str, value: object, count: int) -> None:
+    """Refuse what is no place among so many, counted from 0."""
+    if not is_whole(value) or not 0 <= value < count:
+        raise SettingsError(f"{name} is {value!r:.60}; give a whole number from 0 to {count - 1}.")
+
+
 def check_whole(name: str, value: object) -> None:
     """Refuse a setting that is no whole number, 0 or more."""
     if not is_whole(value) or value < 0:
@@ -144,9 +197,9 @@ def is_number(value: object) -> TypeGuard[float]:
     return isinstance(value, Real) and not isinstance(value, bool)
 
 
-def check_seconds(name: str, value: object, most: float = np.inf) -> None:
+def check_seconds(name: str, value: object, most: float = np.inf, *, or_none: bool = False) -> None:
     """Refuse a setting that is no number of seconds, from 0 to the most."""
-    if not (is_number(value) and 0 <= value <= most):
+    if not ((or_none and value is None) or (is_number(value) and 0 <= value <= most)):
         raise SettingsError(f"{name} is {value!r:.60}; give seconds, 0 or more.")
 
 

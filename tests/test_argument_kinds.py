@@ -1,4 +1,4 @@
-"""Functions of the top level refuse arguments of another kind by the package's own errors."""
+"""Functions of the top level are given other kinds in all arguments; numpy's numbers are taken."""
 
 import inspect
 import math
@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import meal_bayes as mb
+from meal_bayes import agents, datasets, evaluation, learner, momdp, planners, trials
 from meal_bayes.datasets import make_synthetic, save_csv_folder
 from meal_bayes.domain import read_event, read_question
 from meal_bayes.errors import MealBayesError, SettingsError
@@ -134,3 +135,20 @@ def test_a_table_is_written_by_a_name_that_reads_it_again(tmp_path):
     assert list(tmp_path.iterdir()) == []
     with pytest.raises(SettingsError, match=r"percept table it ends in \.npz"):
         mb.load_percepts("table")
+
+
+@pytest.mark.parametrize("number", [np.int64(1), np.uint8(1), np.int16(1)])
+def test_numbers_of_numpy_stay_numbers(number):
+    toy = mb.load_domain("toy")
+    problem = mb.build_momdp(toy, mb.Query(toy.attributes[:2]), np.full((2, 3, 2, 2), 0.5))
+    belief = mb.initial_belief(problem)
+    momdp.percept_probabilities(problem, number)
+    momdp.belief_of(problem, number, belief.log_prob, belief.percept_counts.astype(np.int8))
+    planners.RandomLegal(budget=np.float32(40.0))
+    evaluation.resampled((1, number), np.float32(0.5))
+    assert trials.task_key(["a", number]) == '["a", 1]'
+    assert datasets.object_index(("a", "b"), np.str_("b")) == 1
+    assert learner.implied(np.array([True]), right=np.True_).tolist() == [1]
+    right = momdp.expected_reward(problem, belief, np.array([True, False]))
+    assert momdp.expected_reward(problem, belief, [1, 0]) == right
+    assert agents.load_agent(np.str_("bayes")).name == "bayes"

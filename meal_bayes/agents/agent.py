@@ -12,6 +12,7 @@ from meal_bayes.agents.exploration import ExplorationBonus, NoBonus
 from meal_bayes.agents.knowledge import Knowledge
 from meal_bayes.domain import Domain, Payoffs, Query
 from meal_bayes.errors import SettingsError
+from meal_bayes.kinds import checked
 from meal_bayes.momdp import MOMDP, Objective, build_momdp, with_joint_prior
 from meal_bayes.planners import Solver, warm_up
 from meal_bayes.planners.boundary import checked_solver
@@ -24,6 +25,7 @@ Rows = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64] | Non
 ObservationModel = Callable[[Knowledge, Sequence[int]], Rows]
 
 
+@checked
 @dataclass(frozen=True, slots=True)
 class Agent:
     """Settings of an agent: its observation model and prior, its planner, how it explores.

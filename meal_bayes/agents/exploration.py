@@ -14,7 +14,7 @@ all that a trial teaches: there a better table is valued at one posterior standa
 """
 
 from dataclasses import dataclass, replace
-from typing import NamedTuple, Protocol
+from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,12 +24,14 @@ from meal_bayes.agents.knowledge import Knowledge
 from meal_bayes.agents.label_prices import AHEAD, explained, prices, rates_ahead
 from meal_bayes.arrays import Bools, Floats
 from meal_bayes.domain import Domain, Query
+from meal_bayes.kinds import checked
 from meal_bayes.momdp import MOMDP, Objective, add_itrs_bonus, build_momdp
 from meal_bayes.planners import batched_value_iteration
 
 _FIRST = 20.0  # questions that a robot expects before it was asked any
 
 
+@checked
 @dataclass(frozen=True, slots=True)
 class Horizon:
     """Questions to come.
@@ -62,6 +64,7 @@ class Horizon:
         return np.maximum(now - trials, 0.0)
 
 
+@checked
 @dataclass(frozen=True, slots=True)
 class Progress:
     """What a robot has learned when it plans a training trial.
@@ -111,6 +114,7 @@ class Progress:
 _PAID_BY_ITRS = 10.0
 
 
+@runtime_checkable
 class ExplorationBonus(Protocol):
     """Shapes the rewards of training trials.
 
@@ -125,15 +129,16 @@ class ExplorationBonus(Protocol):
 
     def shape(self, momdp: MOMDP, progress: Progress) -> MOMDP:
         """Return the query's MOMDP with a bonus for exploring, given what was learned so far."""
-        ...
 
 
+@checked
 def add_bonus(exploration: ExplorationBonus, momdp: MOMDP, progress: Progress) -> MOMDP:
     """Return the query's MOMDP with its bonus, and how many percepts of a trial it is paid for."""
     limit = np.full(momdp.n_behaviors, float(exploration.bonus_limit))
     return replace(exploration.shape(momdp, progress), bonus_limit=limit)
 
 
+@checked
 @dataclass(frozen=True, slots=True)
 class NoBonus:
     """Answer the query at hand, and learn from what that shows."""
@@ -145,6 +150,7 @@ class NoBonus:
         return momdp
 
 
+@checked
 @dataclass(frozen=True, slots=True)
 class ITRSBonus:
     """The paper's alpha Ent - beta IE (Eq. 11), with the published code's weights."""
@@ -161,6 +167,7 @@ class ITRSBonus:
         return add_itrs_bonus(momdp, experience, self.alpha, self.beta, domain=domain)
 
 
+@checked
 @dataclass(frozen=True, slots=True)
 class LearningBonus:
     """Eq. 11 with weights from the posterior: what one more labeled object teaches.
@@ -224,9 +231,8 @@ def as_equation_11(progress: Progress, asked: int = 1) -> Equation11:
     rates = progress.knowledge.base_rates[:, None]
     entropy = percept_entropy(alpha, rates)
     experience = experience_bits(alpha, rates)
-    return Equation11(
-        entropy, experience, learning_prices(progress, asked) / (entropy - experience)
-    )
+    weight = learning_prices(progress, asked) / (entropy - experience)
+    return Equation11(entropy, experience, weight)
 
 
 def learning_prices(progress: Progress, asked: int) -> Floats:
@@ -235,17 +241,15 @@ def learning_prices(progress: Progress, asked: int) -> Floats:
     It is what `label_prices.prices` says, of rates learned from percepts of the pair alone.
     """
     knowledge = progress.knowledge
-    p = len(progress.labeled)
-    share = asked / p  # of the questions are about an attribute
+    share = asked / len(progress.labeled)  # of the questions are about an attribute
     pace = 1 / (share + (1 - share) * progress.told)  # trials until an object is labeled
     alpha = 1 + progress.percepts  # (P,E,2,2)
     ahead = rates_ahead(alpha)  # (P,E,Z,2)
     believed = knowledge.posterior.informative  # (P,E)
     value, now = values_ahead(knowledge, ahead, believed, progress)
-    questions = share * progress.horizon.after(pace * AHEAD)
     # A better table of one attribute counts where the answers on all others are right.
-    right = (1 + now.mean() / progress.reward) / 2
-    questions = questions * np.clip(right, 0.0, 1.0) ** (asked - 1)
+    right = np.clip((1 + now.mean() / progress.reward) / 2, 0.0, 1.0)
+    questions = share * progress.horizon.after(pace * AHEAD) * right ** (asked - 1)
     costs = np.array([behavior.cost for behavior in knowledge.domain.behaviors])
     variance_explained = explained(alpha, knowledge.base_rates[:, None])
     price = prices(value - now[:, None, None], variance_explained, questions, costs)
@@ -262,12 +266,11 @@ def values_ahead(
     does what the planner does not believe (P,E) and is not better.
     """
     p, e, z, _ = ahead.shape
-    middle = z // 2
     flat = ahead.mean(axis=-1, keepdims=True)
     ordered = ahead[..., 1] > ahead[..., 0]
-    better = np.arange(z) > middle
+    better = np.arange(z) > z // 2
     ahead = np.where((ordered & (believed[..., None] | better))[..., None], ahead, flat)
-    now = ahead[:, :, middle]  # (P,E,2)
+    now = ahead[:, :, z // 2]  # (P,E,2)
     # Problems of a pair: first without any information by it, from which all others start.
     problems = np.concatenate([np.full((p, e, 1, 2), 0.5), ahead], axis=2)  # (P,E,1+Z,2)
     informs = problems[..., 0] != problems[..., 1]
@@ -275,13 +278,11 @@ def values_ahead(
     pair, behavior, node = np.nonzero(informs)
     rates = now[pair]  # (B,E,2)
     rates[np.arange(len(pair)), behavior] = problems[pair, behavior, node]
-    everything = np.concatenate([rates, now])
     prior = np.concatenate([knowledge.base_rates[pair], knowledge.base_rates])
     uninformed = np.concatenate([node == 0, np.ones(p, np.bool_)])
     momdp = _one_question(knowledge.domain, progress)
-    values = batched_value_iteration(momdp, everything, prior, uninformed)
-    value = np.empty((p, e, 1 + z))
-    value[:] = np.where(informs, 0.0, np.nan)
+    values = batched_value_iteration(momdp, np.concatenate([rates, now]), prior, uninformed)
+    value = np.where(informs, 0.0, np.nan)
     value[pair, behavior, node] = values[: len(pair)]
     value = np.where(informs, value, value[:, :, :1])
     return value[:, :, 1:], values[len(pair) :]
@@ -312,8 +313,7 @@ def deviation_value(progress: Progress, asked: int) -> Floats:
     momdp = _one_question(domain, progress)
     values = batched_value_iteration(momdp, rates.reshape(-1, e, 2), prior).reshape(p, 1 + e)
     gain = np.maximum(values[:, 1:] - values[:, :1], 0.0)
-    questions = progress.horizon.questions * asked / p
-    return np.asarray(questions * gain / (progress.objects + 1))
+    return np.asarray(progress.horizon.questions * asked / p * gain / (progress.objects + 1))
 
 
 def deviated(alpha: Floats, rates: Floats | None = None) -> Floats:

@@ -8,10 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meal_bayes.agents.co_occurrence import NOTHING, CoOccurrence, learn_co_occurrence
-from meal_bayes.arrays import FrozenArrays
+from meal_bayes.arrays import FrozenArrays, check_place
 from meal_bayes.datasets import PerceptTable
 from meal_bayes.display import best_html, percent, short_repr
 from meal_bayes.domain import Domain
+from meal_bayes.kinds import checked
 from meal_bayes.perception import table_counts
 from meal_bayes.posterior import ConfusionPosterior
 from meal_bayes.posterior.trait import SharedTrait, learn_trait
@@ -20,6 +21,7 @@ _ROUNDS = 100  # of sharing out objects whose value of a group is known in part
 _SAME = 1e-12  # rates that move by less stay
 
 
+@checked
 @dataclass(frozen=True, slots=True)
 class Knowledge(FrozenArrays):
     """Confusion posterior and base rates, learned without the object at hand.
@@ -93,6 +95,7 @@ class Knowledge(FrozenArrays):
         return replace(self, base_rates=rates, co_occurrence=pairs)
 
 
+@checked
 def knowledge_without(
     table: PerceptTable,
     held_out: int,
@@ -121,6 +124,7 @@ def knowledge_without(
     labels = table.labels.copy()
     labels[held_out] = -1
     for o in unlabeled:
+        check_place("unlabeled", o, len(labels))
         counts[o] = 0  # percepts are counted by the truth
         labels[o] = -1
     return knowledge_of(table.domain, counts, labels, object_level=object_level)

@@ -15,7 +15,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes.arrays import check_kind
 from meal_bayes.datasets.dataset import Dataset
 from meal_bayes.datasets.frames import (
     KEYS,
@@ -30,6 +29,7 @@ from meal_bayes.display import listed
 from meal_bayes.domain import Domain, unknown
 from meal_bayes.errors import DataError, QueryError
 from meal_bayes.files import checked_path, write_whole
+from meal_bayes.kinds import checked
 from meal_bayes.untrusted import name_fault, read_bytes
 
 log = logging.getLogger("meal_bayes.datasets")
@@ -64,6 +64,7 @@ def load_csv_folder(domain: Domain, folder: Path) -> Dataset:
     return dataset
 
 
+@checked
 def save_csv_folder(dataset: Dataset, folder: str | Path) -> None:
     """Write a data set as `load_csv_folder` reads it; `labels.csv` comes last.
 
@@ -71,7 +72,6 @@ def save_csv_folder(dataset: Dataset, folder: str | Path) -> None:
     """
     import pandas as pd  # noqa: PLC0415  takes half a second
 
-    check_kind("dataset", dataset, Dataset)
     folder = checked_path("The folder", folder)
     files = _files(dataset.domain, folder)
     objects = np.array(dataset.objects)

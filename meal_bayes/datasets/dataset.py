@@ -8,16 +8,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes.arrays import freeze, is_whole, label_values, set_frozen
+from meal_bayes.arrays import check_kind, freeze, is_whole, label_values, set_frozen, whole_array
 from meal_bayes.datasets.features import checked_features
 from meal_bayes.datasets.frames import dataset_parts
 from meal_bayes.display import facts_html, facts_repr, listed, short_repr
 from meal_bayes.domain import Domain, load_domain, unknown
 from meal_bayes.domain.words import doubled
 from meal_bayes.errors import DataError, QueryError, SettingsError
+from meal_bayes.kinds import checked, checked_except
 from meal_bayes.untrusted import name_fault
 
 
+@checked
 @dataclass(frozen=True, slots=True)
 class Instance:
     """The features f_a of one successful execution (Eq. 1).
@@ -45,6 +47,7 @@ class Instance:
     __repr__ = short_repr
 
 
+@checked_except("features", "labels")
 @dataclass(frozen=True, slots=True)
 class Dataset:
     """All recordings of a data set, joined by object, recording, behavior and modality.
@@ -85,6 +88,7 @@ class Dataset:
     _repr_html_ = facts_html
 
     def __post_init__(self) -> None:
+        check_kind("features", self.features, Mapping)
         set_frozen(self, labels=freeze(label_values(self.labels), np.int8))
         if self.labels.shape != (len(self.objects), len(self.domain.attributes)):
             raise DataError(
@@ -202,9 +206,8 @@ class Dataset:
     def missing(self) -> list[str]:
         """Return the objects and behaviors with fewer than R recordings, as texts."""
         counts = self.recording_counts.T
-        names = self.domain.behavior_names
         return [
-            f"{self.objects[o]} {counts[e, o]} of {names[e]}"
+            f"{self.objects[o]} {counts[e, o]} of {self.domain.behavior_names[e]}"
             for e, o in np.argwhere(counts < self.recordings)
             if self.domain.behaviors[e].modalities
         ]
@@ -277,13 +280,15 @@ def check_objects(objects: tuple[str, ...]) -> None:
         raise DataError(fault)
 
 
-def object_index(objects: tuple[str, ...], name: str) -> int:
+@checked
+def object_index(objects: tuple[str, ...], name: object) -> int:
     """Return the position of an object; `SettingsError` where there is none of that name."""
-    if name not in objects:
+    if not isinstance(name, str) or name not in objects:
         raise SettingsError(unknown("object", name, objects))
     return objects.index(name)
 
 
+@checked
 @dataclass(frozen=True, slots=True)
 class TrainingSet:
     """The paper's D: the recordings that the robot has, and the labels that people gave them.
@@ -311,7 +316,8 @@ class TrainingSet:
     __repr__ = short_repr
 
     def __post_init__(self) -> None:
-        columns = [self.object, self.behavior, self.recording]
+        names = ("object", "behavior", "recording")
+        columns = [whole_array(name, getattr(self, name), len(self.object)) for name in names]
         keys = np.array(columns, dtype=np.int32).reshape(3, -1).T  # (n,3)
         labels = label_values(self.labels)
         if labels.ndim != 2 or len(labels) != len(keys):  # (n,P)
@@ -324,7 +330,7 @@ class TrainingSet:
             raise DataError("Objects, behaviors and recordings are places, counted from 0.")
         if len(unique) < len(keys):
             raise DataError("A recording has two rows of labels; give each one.")
-        for name, column in zip(("object", "behavior", "recording"), unique.T, strict=True):
+        for name, column in zip(names, unique.T, strict=True):
             set_frozen(self, **{name: freeze(column, np.int32)})
         set_frozen(self, labels=freeze(labels[rows], np.int8))
 
@@ -333,9 +339,8 @@ class TrainingSet:
         """Return all recordings of some objects (of all by default), with all known labels."""
         chosen = range(len(dataset.objects)) if objects is None else [*objects]
         _check_positions(chosen, len(dataset.objects), "objects")
-        chosen = sorted({*chosen})
         sensing = dataset.domain.recorded
-        axes = np.meshgrid(list(chosen), sensing, np.arange(dataset.recordings), indexing="ij")
+        axes = np.meshgrid(sorted({*chosen}), sensing, np.arange(dataset.recordings), indexing="ij")
         keys = np.stack(axes).reshape(3, -1).astype(np.int32)
         keys = keys[:, keys[2] < dataset.recording_counts[keys[0], keys[1]]]
         return cls(keys[0], keys[1], keys[2], dataset.labels[keys[0]])

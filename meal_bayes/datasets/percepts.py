@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from meal_bayes.arrays import check_kind, freeze, freeze_arrays, label_values, set_frozen
+from meal_bayes.arrays import freeze, freeze_arrays, label_values, set_frozen
 from meal_bayes.datasets.dataset import check_objects, complete_labels
 from meal_bayes.datasets.levels import levels_of, merge_bins
 from meal_bayes.display import facts_html, facts_repr, listed
@@ -27,6 +27,7 @@ from meal_bayes.domain import (
 )
 from meal_bayes.errors import DataError, DomainError, SettingsError
 from meal_bayes.files import checked_path, draft_of
+from meal_bayes.kinds import checked
 from meal_bayes.untrusted import UNREADABLE, read_array, read_meta, write_array
 
 _FORMAT = 1
@@ -43,6 +44,7 @@ _OPTIONAL = ("recording_counts", "groups")
 _LARGEST = 2 << 24  # bytes that a member may unpack to
 
 
+@checked
 @dataclass(frozen=True, slots=True)
 class PerceptTable:
     """Held-out percepts of a data set, and the training-side counts for each held-out object.
@@ -95,7 +97,7 @@ class PerceptTable:
     _repr_html_ = facts_html
 
     def __post_init__(self) -> None:
-        set_frozen(self, labels=label_values(self.labels))
+        set_frozen(self, labels=label_values(self.labels), log_odds=np.asarray(self.log_odds))
         check_objects(self.objects)
         o = len(self.objects)
         e = len(self.domain.behaviors)
@@ -155,6 +157,7 @@ class PerceptTable:
         return freeze(merge_bins(bins, levels), np.int64)
 
 
+@checked
 def save_percepts(table: PerceptTable, path: str | Path) -> None:
     """Write a percept table: an .npz that `numpy.load` opens too, packed with LZMA.
 
@@ -167,7 +170,6 @@ def save_percepts(table: PerceptTable, path: str | Path) -> None:
     OutputError
         The file cannot be written; one that was there stays.
     """
-    check_kind("table", table, PerceptTable)
     if checked_path("The percept table", path).suffix != ".npz":
         raise SettingsError(f"{path}: a percept table is an .npz; give a name that ends in .npz.")
     sensing = table.domain.recorded
@@ -285,7 +287,6 @@ def _in_domain_order(
     objects = tuple(map(str, meta["objects"]))
     if len(set(objects)) < len(objects):
         raise DataError("An object is named twice; make the table again.")
-    labels = arrays["labels"]
     log_odds = arrays["log_odds"]
     bins = arrays["training_bins"]
     n_sensing = len(meta["behaviors"])
@@ -301,15 +302,14 @@ def _in_domain_order(
         raise DataError(f"{len(rows)} behaviors make a table that fits in no memory.")
     padded_log_odds = np.insert(log_odds, n_sensing, np.nan, axis=2)  # (O,R,E'+1,P)
     padded_bins = np.insert(bins[:, columns], n_sensing, 0, axis=2)  # (O,P,E'+1,G,L)
-    padded_counts = np.insert(counts, n_sensing, 0, axis=1)  # (O,E'+1)
     return PerceptTable(
         domain=domain,
         objects=objects,
-        labels=labels[:, columns],
+        labels=arrays["labels"][:, columns],
         log_odds=padded_log_odds[:, :, rows][..., columns],
         edges=arrays["edges"],
         training_bins=padded_bins[:, :, rows].transpose(3, 0, 1, 2, 4),
         provenance={name: str(text) for name, text in meta["provenance"].items()},
-        recording_counts=padded_counts[:, rows],
+        recording_counts=np.insert(counts, n_sensing, 0, axis=1)[:, rows],
         groups=arrays.get("groups"),  # type: ignore[arg-type]
     )

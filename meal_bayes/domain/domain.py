@@ -8,17 +8,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from meal_bayes.arrays import shaped_array
 from meal_bayes.display import facts_html, facts_repr, listed
 from meal_bayes.domain.diagram import TransitionDiagram
 from meal_bayes.domain.event import Payoffs
 from meal_bayes.domain.labels import label_of, one_value
 from meal_bayes.domain.words import JOINING_WORDS, doubled, fold, unknown
 from meal_bayes.errors import DataError, DomainError, QueryError
+from meal_bayes.kinds import checked
 from meal_bayes.untrusted import LARGEST
 
 _PRIOR = 2.0  # executions at the domain's own probability, where success is learned
 
 
+@checked
 @dataclass(frozen=True, slots=True)
 class Behavior:
     """An exploratory behavior a; one without modalities (reinit) only changes x.
@@ -46,6 +49,7 @@ class Behavior:
         return bool(self.modalities) or self.answer_accuracy is not None
 
 
+@checked
 @dataclass(frozen=True, slots=True)
 class Domain:
     """Everything that is known of robot and vocabulary before any data.
@@ -307,10 +311,9 @@ class Domain:
 
     def behavior_index(self, name: str) -> int:
         """Return the position of a behavior; `DomainError` if there is none."""
-        names = self.behavior_names
-        if name not in names:
-            raise DomainError(unknown("behavior", name, names))
-        return names.index(name)
+        if name not in self.behavior_names:
+            raise DomainError(unknown("behavior", name, self.behavior_names))
+        return self.behavior_names.index(name)
 
     def attribute_index(self, name: str) -> int:
         """Return the position of an attribute; `QueryError` if there is none."""
@@ -323,6 +326,7 @@ class Domain:
         return [self.attribute_index(name) for name in names]
 
 
+@checked
 def learn_success(domain: Domain, attempts: NDArray[np.float64]) -> Domain:
     """Return the domain with the posterior mean of every behavior's success probability.
 
@@ -333,6 +337,7 @@ def learn_success(domain: Domain, attempts: NDArray[np.float64]) -> Domain:
     attempts : NDArray[np.float64]
         (E,2) legal executions that failed, and that succeeded, by their weights.
     """
+    attempts = shaped_array("attempts", attempts, len(domain.behaviors), 2)
     diagram = domain.diagram
     effects = []
     for effect in diagram.effects:
@@ -340,7 +345,6 @@ def learn_success(domain: Domain, attempts: NDArray[np.float64]) -> Domain:
         arrow = effect.source, effect.behavior
         before = sum(e.probability for e in diagram.effects if (e.source, e.behavior) == arrow)
         after = float((_PRIOR * before + succeeded) / (_PRIOR + failed + succeeded))
-        # outcomes of a success stay as likely as before
-        changed = replace(effect, probability=effect.probability * after / before)
+        changed = replace(effect, probability=effect.probability * after / before)  # in proportion
         effects.append(effect if after == before else changed)
     return replace(domain, diagram=replace(diagram, effects=tuple(effects)))

@@ -9,11 +9,13 @@ from numpy.typing import NDArray
 
 from meal_bayes.arrays import Floats
 from meal_bayes.errors import QueryError
+from meal_bayes.kinds import checked
 from meal_bayes.untrusted import LARGEST
 
 Variables = Sequence[tuple[int, ...]]  # places of each variable's attributes
 
 
+@checked
 class Payoffs(NamedTuple):
     """Rewards of the answers yes and no, s.
 
@@ -59,6 +61,7 @@ class Payoffs(NamedTuple):
         return self[:2] == self[2:]
 
 
+@checked
 @dataclass(frozen=True, slots=True)
 class Event:
     """A conjunction over variables, or its complement, to which De Morgan turns a disjunction.

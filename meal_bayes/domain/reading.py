@@ -90,10 +90,11 @@ def read_question(
     QueryError
         Another kind of answer; and as `read_query` and `read_event` do.
     """
-    if answer == "yes or no":
-        return read_event(question, domain, payoffs)
-    if answer != "values":
+    kind: object = answer  # users give anything
+    if not isinstance(kind, str) or kind not in ("values", "yes or no"):
         raise QueryError(f"answer is {answer!r:.60}; expected 'values' or 'yes or no'.")
+    if kind == "yes or no":
+        return read_event(question, domain, payoffs)
     query = read_query(question, domain)
     return query if payoffs is None else replace(query, payoffs=Payoffs.of(payoffs))
 

@@ -3,13 +3,16 @@
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from meal_bayes.arrays import Floats
+from meal_bayes.arrays import Floats, check_amount, real_array, real_vector
 from meal_bayes.errors import SettingsError
+from meal_bayes.kinds import checked
 
 BINS = 10  # equal ones, of beliefs
+_ROUNDING = 1e-9  # of a sum of probabilities
 CLIP = 1e-6  # of beliefs, in the logarithm
 
 
+@checked
 def negative_log_likelihood(positive: ArrayLike, truth: ArrayLike) -> Floats:
     """Compute -ln Pr(truth) of each case, (n,), nats; beliefs are clipped to [1e-6, 1 - 1e-6].
 
@@ -20,6 +23,7 @@ def negative_log_likelihood(positive: ArrayLike, truth: ArrayLike) -> Floats:
     return np.asarray(-np.log(np.clip(np.where(v, b, 1 - b), CLIP, 1 - CLIP)))
 
 
+@checked
 def brier(positive: ArrayLike, truth: ArrayLike) -> Floats:
     """Compute the squared error of the belief of each case, (n,).
 
@@ -30,6 +34,7 @@ def brier(positive: ArrayLike, truth: ArrayLike) -> Floats:
     return np.asarray((b - v) ** 2)
 
 
+@checked
 def calibration_error(positive: ArrayLike, truth: ArrayLike) -> float:
     """Compute the ECE: mean |mean belief - fraction true| over ten bins, weighted by their size.
 
@@ -37,9 +42,11 @@ def calibration_error(positive: ArrayLike, truth: ArrayLike) -> float:
     0.25
     """
     b, v = checked_cases(positive, truth)
+    _check_beliefs(b)
     return float(np.abs(np.bincount(bins_of(b), b - v)).sum() / len(b))
 
 
+@checked
 def expected_calibration_error(
     positive: ArrayLike, rng: np.random.Generator, *, draws: int = 200
 ) -> float:
@@ -56,10 +63,18 @@ def expected_calibration_error(
     draws : int
         Of all n truths.
     """
-    b = np.asarray(positive, float)
+    b = real_vector("positive", positive)
+    _check_beliefs(b)
+    check_amount("draws", draws)
     member = np.eye(BINS)[bins_of(b)]  # (n,bins)
     gaps = [(b - (rng.random(len(b)) < b)) @ member for _ in range(draws)]
     return float(np.abs(gaps).sum(axis=1).mean() / len(b))
+
+
+def _check_beliefs(b: Floats) -> None:
+    """Refuse what cannot be put into bins."""
+    if not len(b) or not ((b >= -_ROUNDING) & (b <= 1 + _ROUNDING)).all():
+        raise SettingsError(f"positive is {b!r:.60}; give at least one probability, from 0 to 1.")
 
 
 def bins_of(b: Floats) -> NDArray[np.intp]:
@@ -69,8 +84,8 @@ def bins_of(b: Floats) -> NDArray[np.intp]:
 
 def checked_cases(positive: ArrayLike, truth: ArrayLike) -> tuple[Floats, NDArray[np.bool_]]:
     """Convert beliefs and truths to arrays, (n,) each, and check their shapes."""
-    b = np.asarray(positive, float)
-    v = np.asarray(truth, bool)
+    b = real_array("positive", positive)
+    v = real_array("truth", truth) != 0
     if b.shape != v.shape or b.ndim != 1 or not len(b):
         raise SettingsError(f"{b.shape} beliefs and {v.shape} truths; give one truth for each.")
     return b, v

@@ -6,12 +6,13 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from scipy.special import stdtrit
 
-from meal_bayes.arrays import Floats
+from meal_bayes.arrays import Floats, real_vector
 from meal_bayes.display import json_value
 from meal_bayes.errors import SettingsError
+from meal_bayes.kinds import checked
 
 MASS = 0.95  # of intervals, on all pages
 MASS_TEXT = f"{100 * MASS:g} %"
@@ -19,6 +20,7 @@ LOW_QUANTILE = (1 - MASS) / 2
 HIGH_QUANTILE = (1 + MASS) / 2
 
 
+@checked
 class Interval(NamedTuple):
     """An estimate with its standard error and interval; NaN where the data do not determine it."""
 
@@ -43,6 +45,7 @@ class Measures:
         return facts
 
 
+@checked
 @dataclasses.dataclass(frozen=True, slots=True)
 class Effect:
     """An estimate that has an interval at any level.
@@ -107,6 +110,7 @@ class Effect:
         return p * (1 - p) / self.se**2 if self.se > 0 and 0 < p < 1 else max(self.clusters, 1.0)
 
 
+@checked
 def clustered(values: ArrayLike, clusters: ArrayLike, *, fraction: bool = False) -> Effect:
     """Estimate the mean of values; clusters, such as objects, are independent of each other.
 
@@ -131,8 +135,8 @@ def clustered(values: ArrayLike, clusters: ArrayLike, *, fraction: bool = False)
     >>> round(clustered([1, 0, 1, 1], [0, 1, 2, 3]).se, 3)
     0.25
     """
-    x = np.asarray(values, float)
-    _, index = np.unique(np.asarray(clusters), return_inverse=True)
+    x = real_vector("values", values)
+    index = _numbered(clusters)
     if len(x) != len(index) or len(x) == 0:
         raise SettingsError(f"{len(x)} values and {len(index)} cluster names; give one for each.")
     sums = np.bincount(index, x - x.mean())
@@ -140,6 +144,18 @@ def clustered(values: ArrayLike, clusters: ArrayLike, *, fraction: bool = False)
     se = math.sqrt(n / (n - 1) * (sums**2).sum()) / len(x) if n > 1 else math.nan
     method = "Wilson's on clusters" if fraction else "Student's t over clusters"
     return Effect(float(x.mean()), se, n, fraction=fraction, method=method)
+
+
+def _numbered(clusters: ArrayLike) -> NDArray[np.intp]:
+    """Return the number (n,) of each cluster, by its name; refuse what are no names."""
+    try:
+        names = np.asarray(clusters)
+        index = np.unique(names, return_inverse=True)[1]
+    except (TypeError, ValueError):  # names of several kinds, lists of unequal lengths
+        names = np.empty(())
+    if names.ndim != 1:
+        raise SettingsError(f"clusters is {clusters!r:.60}; give a list of names of one kind.")
+    return index
 
 
 def running_means(values: ArrayLike, clusters: ArrayLike) -> tuple[Floats, Floats]:
@@ -151,8 +167,8 @@ def running_means(values: ArrayLike, clusters: ArrayLike) -> tuple[Floats, Float
     >>> means.tolist()[-1], errors.round(3).tolist()[-1]
     (0.75, 0.25)
     """
-    x = np.asarray(values, float)
-    _, index = np.unique(np.asarray(clusters), return_inverse=True)
+    x = real_vector("values", values)
+    index = _numbered(clusters)
     means = np.empty(len(x))
     errors = np.full(len(x), np.nan)
     size = np.zeros(len(x))  # n_c, values of each cluster so far
@@ -175,6 +191,7 @@ def running_means(values: ArrayLike, clusters: ArrayLike) -> tuple[Floats, Float
     return means, errors
 
 
+@checked
 def paired_fractions(values: ArrayLike, estimate: Callable[[Floats], Effect]) -> Effect:
     """Estimate a difference of fractions from paired values in [-1, 1], by gains and losses.
 
@@ -184,7 +201,7 @@ def paired_fractions(values: ArrayLike, estimate: Callable[[Floats], Effect]) ->
     >>> round(nobody.low, 2), round(nobody.high, 2)
     (-0.33, 0.33)
     """
-    x = np.asarray(values, float)
+    x = real_vector("values", values)
     gains, losses = (
         dataclasses.replace(estimate(np.maximum(side, 0)), fraction=True) for side in (x, -x)
     )
@@ -193,6 +210,7 @@ def paired_fractions(values: ArrayLike, estimate: Callable[[Floats], Effect]) ->
     return dataclasses.replace(effect, sides=(gains, losses), method=method)
 
 
+@checked
 def resampled(values: ArrayLike, ratio: float) -> Effect:
     """Estimate a mean over splits of the same objects, with the corrected resampled variance.
 
@@ -204,7 +222,9 @@ def resampled(values: ArrayLike, ratio: float) -> Effect:
     >>> resampled([0.0, 2.0], 0.5).se
     1.4142135623730951
     """
-    x = np.asarray(values, float)
+    x = real_vector("values", values)
+    if not ratio >= 0:
+        raise SettingsError(f"ratio is {ratio!r:.60}; give a number, 0 or more.")
     if len(x) == 0:
         return Effect(math.nan, math.nan, 0, cluster="splits", method="corrected resampled t")
     variance = float(x.var(ddof=1)) if len(x) > 1 else math.nan

@@ -19,6 +19,7 @@ from meal_bayes.evaluation.calibration import (
     negative_log_likelihood,
 )
 from meal_bayes.evaluation.statistics import Effect, Interval, Measures, clustered, paired_fractions
+from meal_bayes.kinds import checked
 from meal_bayes.seeds import stream
 from meal_bayes.trials import TrialOutcomes, Trials
 
@@ -26,6 +27,7 @@ PRIOR = "prior"  # the agent that answers by base rates at once, for 0 s
 _FRACTIONS = ("success", "abstained")  # measures of which trials have 0 or 1
 
 
+@checked
 class AnswerRates(NamedTuple):
     """How often an agent says yes, where yes is right, and where it is not.
 
@@ -42,6 +44,7 @@ class AnswerRates(NamedTuple):
     yes: float
 
 
+@checked
 def answer_rates(trials: Trials) -> AnswerRates:
     """Compute hit rate and false-alarm rate of trials that ask for yes or no.
 
@@ -62,6 +65,7 @@ def answer_rates(trials: Trials) -> AnswerRates:
     return AnswerRates(hit, alarm, float((truth == 1).mean()) if len(truth) else math.nan)
 
 
+@checked
 @dataclasses.dataclass(frozen=True, slots=True)
 class SummaryRow(Measures):
     """Measures of one agent; NaN where undefined. Standard errors are clustered by object.
@@ -124,6 +128,7 @@ class Summary(list[SummaryRow]):
         return str(self.to_frame().round(3).to_html(index=False))
 
 
+@checked
 def summarize(trials: Trials, *, seconds: Mapping[str, float] | None = None) -> Summary:
     """Summarize trials, one row an agent in the order of their first trials.
 
@@ -141,6 +146,7 @@ def summarize(trials: Trials, *, seconds: Mapping[str, float] | None = None) -> 
     return Summary(rows, outcomes)
 
 
+@checked
 def mean_effect(outcomes: TrialOutcomes, measure: str) -> Effect:
     """Estimate the mean of a measure, objects as clusters; NaN where no trial has it.
 
@@ -154,6 +160,7 @@ def mean_effect(outcomes: TrialOutcomes, measure: str) -> Effect:
     return clustered(values[mask], outcomes.object_name[mask], fraction=fraction)
 
 
+@checked
 def compare(trials: Trials, first: str, second: str, *, measure: str = "reward") -> Interval:
     """Compare two agents on the tasks that both have, as `difference` does.
 
@@ -177,6 +184,7 @@ def compare(trials: Trials, first: str, second: str, *, measure: str = "reward")
     return difference(rows, others, measure=measure).interval()
 
 
+@checked
 def difference(first: TrialOutcomes, second: TrialOutcomes, *, measure: str = "reward") -> Effect:
     """Estimate the mean of first - second, clustered by object, over the tasks that both have.
 

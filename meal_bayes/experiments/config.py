@@ -13,6 +13,7 @@ from meal_bayes.datasets import Dataset, PerceptTable
 from meal_bayes.display import short, short_repr
 from meal_bayes.domain import unknown
 from meal_bayes.errors import SettingsError
+from meal_bayes.kinds import checked_except
 from meal_bayes.learner import LearnerSettings
 from meal_bayes.learner.settings import checked_payoffs
 from meal_bayes.untrusted import LARGEST
@@ -29,11 +30,13 @@ MOST_TRIALS = 1_000_000  # of all agents of a run; more are several runs
 _SECONDS = 0.01  # of computing, about, of a trial of the quicker agents
 _BYTES = 5_000  # about, of a trial's whole log
 ANSWERS = ("values", "yes or no", "balanced")
+# Read by `_checked` and `_check_size`, which say their ranges.
+_SIZES = ("agents", "attributes", "trials", "repeats", "batches", "horizon", "seed")
 
 
 def check_answer(answer: object) -> None:
     """Refuse a kind of answer that there is not."""
-    if answer not in ANSWERS:
+    if not isinstance(answer, str) or answer not in ANSWERS:
         raise SettingsError(f"answer is {answer!r:.40}; expected one of {ANSWERS}.")
 
 
@@ -46,6 +49,7 @@ def _as_dict(config: "OfflineConfig | OnlineConfig") -> dict[str, object]:
     return values
 
 
+@checked_except(*_SIZES)
 @dataclass(frozen=True, slots=True)
 class OfflineConfig:
     """Settings of an offline run.
@@ -111,6 +115,7 @@ class OfflineConfig:
             )
 
 
+@checked_except(*_SIZES)
 @dataclass(frozen=True, slots=True)
 class OnlineConfig:
     """Settings of an online run.

@@ -8,7 +8,6 @@ from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
 
-from meal_bayes.arrays import check_kind
 from meal_bayes.datasets import PerceptTable
 from meal_bayes.display import short_repr
 from meal_bayes.evaluation import summarize
@@ -17,6 +16,7 @@ from meal_bayes.experiments.store import is_whole, run_folder
 from meal_bayes.experiments.tasks import offline_tasks
 from meal_bayes.experiments.units import run_units, timed, warm_up
 from meal_bayes.files import file_name
+from meal_bayes.kinds import checked
 from meal_bayes.learner import Learner
 from meal_bayes.perception import TableSource
 from meal_bayes.trial_log import TrialWriter, read_outcomes, read_seconds, read_trials
@@ -25,6 +25,7 @@ from meal_bayes.trials import Task, Trial, TrialOutcomes, trials_frame
 UNIT = 100  # trials of one agent in a file
 
 
+@checked
 @dataclass(frozen=True, slots=True)
 class OfflineRun:
     """A finished run.
@@ -112,6 +113,7 @@ class _Unit:
                 log.write(trial, seconds=taken)
 
 
+@checked
 def run_offline(
     config: OfflineConfig,
     *,
@@ -151,7 +153,6 @@ def run_offline(
     OutputError, LogError
         Logs that cannot be written.
     """
-    check_kind("config", config, OfflineConfig)
     source = TableSource.of(config.dataset, config.perception)
     table = _loaded(source)
     config = dataclasses.replace(config, dataset=source.name)  # by which other processes find it

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from functools import lru_cache, partial
 from pathlib import Path
 
-from meal_bayes.arrays import check_kind
 from meal_bayes.datasets import Dataset, load_dataset, load_percepts
 from meal_bayes.datasets.sources import SOURCES
 from meal_bayes.experiments.config import OnlineConfig
@@ -20,6 +19,7 @@ from meal_bayes.experiments.online_protocol import (
 from meal_bayes.experiments.store import is_whole, run_folder
 from meal_bayes.experiments.units import run_units, timed, warm_up
 from meal_bayes.files import file_name
+from meal_bayes.kinds import checked
 from meal_bayes.learner import Learner, LearnerSettings
 from meal_bayes.perception.table_source import fingerprint
 from meal_bayes.trial_log import TrialWriter, log_info, read_outcomes, read_trials, write_trials
@@ -28,6 +28,7 @@ from meal_bayes.trials import BatchOutcomes, Task, TrialOutcomes
 _REWARD = 300.0  # of the paper (Sect. 7.3)
 
 
+@checked
 @dataclass(frozen=True, slots=True)
 class OnlineRun:
     """A finished run: its settings, and the folder of its logs."""
@@ -145,6 +146,7 @@ class _Unit:
                 log.write(trial, seconds=taken)
 
 
+@checked
 def run_online(
     config: OnlineConfig,
     *,
@@ -171,7 +173,6 @@ def run_online(
         Called with (batches done, batches in all) after every trial, from processes once a second;
         from a cluster after a repeat of an agent.
     """
-    check_kind("config", config, OnlineConfig)
     domain = _protocol(config, 0).dataset.domain  # raises here, not in a process, what is wrong
     if config.reward is None:
         reward = _REWARD if domain.data in SOURCES else domain.report_reward

@@ -21,6 +21,7 @@ from meal_bayes.arrays import Rows
 from meal_bayes.datasets import Dataset, Instance
 from meal_bayes.domain import Domain
 from meal_bayes.errors import QueryError
+from meal_bayes.kinds import checked
 from meal_bayes.learner.columns import (
     EXECUTION,
     FEEDBACK,
@@ -49,6 +50,7 @@ def features_digest(features: Mapping[str, NDArray[np.float32]] | None) -> int:
     return int.from_bytes(digest.digest()) >> 1 or 1
 
 
+@checked
 class Experience:
     """Executions, instances and labels, of E behaviors and P attributes.
 

@@ -162,8 +162,7 @@ class Finder(Answerer):
         names = checked_objects(objects)
         query = self._searched(question, payoffs, none)
         check_seconds("turn_cost", turn_cost, LARGEST)
-        if max_cost is not None:
-            check_seconds("max_cost", max_cost)
+        check_seconds("max_cost", max_cost, or_none=True)
         if not isinstance(truth, Mapping | None):
             raise SettingsError(f"truth is {truth!r:.60}; give {{object: {{attribute: True}}}}.")
         for name in truth or ():

@@ -11,10 +11,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from meal_bayes.arrays import check_whole, check_yes_no
+from meal_bayes.arrays import check_whole, check_yes_no, real_vector
 from meal_bayes.datasets import PerceptTable, object_index
 from meal_bayes.domain import TERMINAL, Domain, Query, read_query
 from meal_bayes.errors import LogError, SettingsError
+from meal_bayes.kinds import checked
 from meal_bayes.learner.columns import Context, unnamed
 from meal_bayes.learner.fit import Fit, problem_of, solve
 from meal_bayes.learner.held_out import HeldOut
@@ -265,11 +266,14 @@ def plan_of(
     return momdp, policy
 
 
+@checked
 def implied(report: NDArray[np.bool_], *, right: bool) -> NDArray[np.int8]:
     """Return the labels (N,) that a verdict on a report (N,) implies; -1 unknown.
 
     A wrong report of several attributes implies none, as any of them may be wrong (Sect. 7.3).
     """
+    said = real_vector("report", report) != 0
     if right:
-        return report.astype(np.int8)
-    return (~report).astype(np.int8) if len(report) == 1 else np.full(len(report), -1, np.int8)
+        return np.asarray(said, np.int8)
+    labels = 1 - said if len(said) == 1 else np.full(len(said), -1)
+    return np.asarray(labels, np.int8)

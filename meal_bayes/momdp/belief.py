@@ -9,10 +9,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes.arrays import FrozenArrays, check_kind, freeze
+from meal_bayes.arrays import FrozenArrays, check_place, freeze, shaped_array, whole_array
 from meal_bayes.display import bar_html, facts_repr, listed, table_html
 from meal_bayes.domain.query import value_table
 from meal_bayes.errors import ImpossibleObservation, SettingsError
+from meal_bayes.kinds import checked
 from meal_bayes.momdp.model import MOMDP
 from meal_bayes.momdp.observation import predictive
 from meal_bayes.momdp.truths import by_variable, truths_of
@@ -151,24 +152,42 @@ class Belief(FrozenArrays):
         return value_table(len(self.log_odds), self.groups)
 
 
+@checked
 def belief_of(
     momdp: MOMDP, x: int, log_prob: NDArray[np.float64], percept_counts: NDArray[np.int64]
 ) -> Belief:
-    """Return the belief at x of these log-probabilities (N,C) and percept counts (N,E,K)."""
+    """Return the belief at x of these log-probabilities (N,C) and percept counts (N,E,K).
+
+    Raises
+    ------
+    SettingsError
+        No state of the MOMDP, or arrays of other shapes.
+    """
+    check_place("x", x, len(momdp.x_names))
+    n, e, classes, levels = momdp.confusion.shape
+    log_prob = shaped_array("log_prob", log_prob, n, classes)
+    percept_counts = whole_array("percept_counts", percept_counts, n, e, levels)
+    return _belief(momdp, x, log_prob, percept_counts)
+
+
+def _belief(
+    momdp: MOMDP, x: int, log_prob: NDArray[np.float64], percept_counts: NDArray[np.int64]
+) -> Belief:
     odds, joint_table = truths_of(momdp, log_prob)
     return Belief(x, log_prob, percept_counts, odds, momdp.query.groups, joint_table)
 
 
+@checked
 def initial_belief(momdp: MOMDP) -> Belief:
     """Return the belief at the start of a trial: x0, the prior, no percepts."""
-    check_kind("momdp", momdp, MOMDP)
     chance = np.stack([1.0 - momdp.prior, momdp.prior], axis=1)  # (N,2)
     with np.errstate(divide="ignore"):
         log_prob = np.log((chance[:, :, None] * momdp.latent_classes).sum(axis=1))
     percept_counts = np.zeros((len(momdp.query), momdp.n_behaviors, momdp.levels), dtype=np.int64)
-    return belief_of(momdp, momdp.start, log_prob, percept_counts)
+    return _belief(momdp, momdp.start, log_prob, percept_counts)
 
 
+@checked
 def update_belief(belief: Belief, momdp: MOMDP, transition: Transition) -> Belief:
     """Condition the belief on one executed action (Alg. 1, l. 10).
 
@@ -191,9 +210,6 @@ def update_belief(belief: Belief, momdp: MOMDP, transition: Transition) -> Belie
     SettingsError
         An action, x or levels that the MOMDP does not have.
     """
-    check_kind("belief", belief, Belief)
-    check_kind("momdp", momdp, MOMDP)
-    check_kind("transition", transition, Transition)
     e, next_x, percept = transition
     n = len(momdp.query)
     levels = np.zeros(n, int) if percept is None else np.asarray(percept)
@@ -219,7 +235,7 @@ def update_belief(belief: Belief, momdp: MOMDP, transition: Transition) -> Belie
         log_prob -= np.logaddexp.reduce(log_prob, axis=-1, keepdims=True)
     counted = belief.percept_counts.copy()
     counted[attributes, e, levels] += 1
-    after = belief_of(momdp, next_x, log_prob, counted)
+    after = _belief(momdp, next_x, log_prob, counted)
     impossible = np.flatnonzero(np.isnan(after.log_odds))
     if len(impossible):
         bad = momdp.query.attributes[impossible[0]]
@@ -230,6 +246,7 @@ def update_belief(belief: Belief, momdp: MOMDP, transition: Transition) -> Belie
     return after
 
 
+@checked
 def next_percept(momdp: MOMDP, belief: Belief) -> NDArray[np.float64]:
     """Compute Pr(truth, level) of the next percept of each behavior and attribute, (N,E,2,K).
 
@@ -247,6 +264,7 @@ def next_percept(momdp: MOMDP, belief: Belief) -> NDArray[np.float64]:
     return np.asarray(np.einsum("nvc,neck->nevk", prob, rows))
 
 
+@checked
 def best_report(momdp: MOMDP, belief: Belief) -> int:
     """Return the action index of the report that is worth most: of values the most probable."""
     reports = momdp.reports
@@ -256,6 +274,7 @@ def best_report(momdp: MOMDP, belief: Belief) -> int:
     return momdp.n_behaviors + int(yes > no)
 
 
+@checked
 def report_value(momdp: MOMDP, belief: Belief) -> float:
     """Compute the best report's expected reward; a variable is right with its largest Pr(value)."""
     reports = momdp.reports
@@ -270,28 +289,39 @@ def _yes_or_no_values(momdp: MOMDP, belief: Belief) -> NDArray[np.float64]:
     return reports.answers(reports.probability(belief), momdp.no_cost[belief.x])
 
 
+def _checked_report(momdp: MOMDP, report: object) -> NDArray[np.bool_]:
+    """Return a report as an array; refuse what is none of the MOMDP's."""
+    return np.asarray(shaped_array("report", report, momdp.query.report_size) != 0)
+
+
+@checked
 def expected_reward(momdp: MOMDP, belief: Belief, report: NDArray[np.bool_]) -> float:
     """Compute the expected reward (s) of a report at a belief: (N,) values, or (1,) yes."""
+    report = _checked_report(momdp, report)
     reports = momdp.reports
     if reports.event is None:
         return float(reports.of_right(belief.agreement(report)))
     return float(_yes_or_no_values(momdp, belief)[int(report[0])])
 
 
+@checked
 def report_certainty(momdp: MOMDP, belief: Belief, report: NDArray[np.bool_]) -> float:
     """Compute Pr(a report is right) at a belief, of (N,) values, or (1,) yes."""
+    report = _checked_report(momdp, report)
     if momdp.reports.event is None:
         return float(belief.agreement(report).prod())
     p = float(momdp.reports.probability(belief))
     return p if report[0] else 1.0 - p
 
 
+@checked
 def best_answer(momdp: MOMDP, belief: Belief) -> int:
     """Return the action that ends the trial best: a report, or abstaining where that is better."""
     abstains = report_value(momdp, belief) < momdp.exit_value
     return momdp.abstention if abstains else best_report(momdp, belief)
 
 
+@checked
 def answer_value(momdp: MOMDP, belief: Belief) -> float:
     """Compute the expected reward of the best answer, of which abstaining may be one."""
     return max(report_value(momdp, belief), momdp.exit_value)

@@ -14,12 +14,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from meal_bayes.arrays import Floats, check_kind, freeze, real_array
+from meal_bayes.arrays import Floats, freeze, real_array, shaped_array, spread_array
 from meal_bayes.domain import Domain, Payoffs, Query, load_domain
 from meal_bayes.errors import SettingsError
+from meal_bayes.kinds import checked
 from meal_bayes.momdp.model import MOMDP
 
 
+@checked
 @dataclass(frozen=True, slots=True)
 class Objective:
     """What a planner maximizes.
@@ -43,6 +45,7 @@ class Objective:
     payoffs: Payoffs | None = None
 
 
+@checked
 def build_momdp(
     domain: str | Path | Mapping[str, Any] | Domain,
     query: Query,
@@ -86,7 +89,7 @@ def build_momdp(
     SettingsError
         Arrays of other shapes, or values that a MOMDP cannot have.
     """
-    domain = _checked_domain(domain, query)
+    domain = load_domain(domain)
     n = len(query)
     e = len(domain.behaviors)
     answers = [behavior.answer_accuracy is not None for behavior in domain.behaviors]
@@ -99,7 +102,7 @@ def build_momdp(
     if rows.ndim != 4 or rows.shape[:3] != (n, e, c):
         expected = f"({n} queried, {e} behaviors, {c} latent classes, levels)"
         raise SettingsError(f"confusion has shape {rows.shape}; expected {expected}.")
-    spread = np.array(np.broadcast_to(precision, (n, e, c)), dtype=float)
+    spread = spread_array("precision", precision, n, e, c)
     rows, spread, classes = _with_answers(domain, rows, spread, classes)
     arrays = domain.diagram.compile(domain.behavior_names)
     goal = objective or Objective()
@@ -109,7 +112,7 @@ def build_momdp(
     if payoffs is None and query.yes_or_no:
         payoffs = goal.payoffs or domain.payoffs
     senses = np.array([behavior.senses for behavior in domain.behaviors])
-    chance = np.array(np.broadcast_to(prior, (n,)), dtype=float)
+    chance = spread_array("prior", prior, n)
     for group in map(list, query.groups):
         chance[group] /= chance[group].sum()
     return MOMDP(
@@ -128,7 +131,7 @@ def build_momdp(
         cost=np.array([behavior.cost for behavior in domain.behaviors]),
         bonus=np.zeros((n, e, 2)),
         bonus_limit=np.full(e, np.inf),
-        limit=np.where(answers, np.inf, np.broadcast_to(limit, (e,))),
+        limit=np.where(answers, np.inf, spread_array("limit", limit, e)),
         correct=correct if payoffs is None else max(payoffs),
         incorrect=incorrect if payoffs is None else min(payoffs),
         payoffs=payoffs,
@@ -137,12 +140,7 @@ def build_momdp(
     )
 
 
-def _checked_domain(domain: str | Path | Mapping[str, Any] | Domain, query: object) -> Domain:
-    """Return the domain that is meant; refuse what is no query of one."""
-    check_kind("query", query, Query)
-    return load_domain(domain)
-
-
+@checked
 def with_joint_prior(momdp: MOMDP, joint: ArrayLike) -> MOMDP:
     """Return the MOMDP with a joint prior, whose margins become `prior`.
 
@@ -159,10 +157,7 @@ def with_joint_prior(momdp: MOMDP, joint: ArrayLike) -> MOMDP:
     SettingsError
         No distribution over the values of the query.
     """
-    table = np.asarray(joint, dtype=float)
-    n_values = momdp.query.n_values
-    if table.shape != (n_values,):
-        raise SettingsError(f"joint has shape {table.shape}; expected ({n_values},).")
+    table = shaped_array("joint", joint, momdp.query.n_values)
     return replace(momdp, joint=table, prior=(table @ momdp.query.values).clip(0.0, 1.0))
 
 
@@ -195,6 +190,7 @@ def _answer_rows(classes: NDArray[np.float64], accuracy: float, levels: int) -> 
     return rows
 
 
+@checked
 def observation_entropy(momdp: MOMDP) -> NDArray[np.float64]:
     """Compute the entropy (N,E,2), bits, of a percept given the attribute's value (Eq. 9).
 
@@ -208,6 +204,7 @@ def observation_entropy(momdp: MOMDP) -> NDArray[np.float64]:
     return freeze(np.where(senses, entropy, 0.0))
 
 
+@checked
 def add_itrs_bonus(
     momdp: MOMDP,
     experience: ArrayLike,
@@ -233,8 +230,9 @@ def add_itrs_bonus(
     domain : Domain
         The domain the MOMDP was built from.
     """
-    ie = np.asarray(experience, dtype=float)[..., None]
+    entropy = observation_entropy(momdp)
+    ie = shaped_array("experience", experience, *entropy.shape[:2])[..., None]
     # Eq. 11, shared by the N attributes that one execution explores.
-    bonus = alpha * observation_entropy(momdp) - beta * ie / len(momdp.query)
+    bonus = alpha * entropy - beta * ie / len(momdp.query)
     shaped = np.isin(np.arange(momdp.n_behaviors), domain.recorded)[:, None]
     return replace(momdp, bonus=np.where(shaped, bonus, 0.0))

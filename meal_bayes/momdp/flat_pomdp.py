@@ -8,8 +8,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes.arrays import FrozenArrays
+from meal_bayes.arrays import FrozenArrays, check_place
 from meal_bayes.errors import SettingsError
+from meal_bayes.kinds import checked
 from meal_bayes.momdp.belief import initial_belief
 from meal_bayes.momdp.model import MOMDP
 from meal_bayes.momdp.reports import ABSTAINED
@@ -38,8 +39,10 @@ class FileTables(NamedTuple):
     prior: NDArray[np.float64]  # (Y,) Pr(y)
 
 
+@checked
 def percept_probabilities(momdp: MOMDP, behavior: int) -> NDArray[np.float64]:
     """Compute Eq. 8, Pr(percept vector | y) when one comes: (Y,K^N), first attribute leading."""
+    check_place("behavior", behavior, momdp.n_behaviors)
     truth = momdp.query.values.astype(int)  # (Y,N)
     joint = np.ones((len(truth), 1))
     for i, rows in enumerate(momdp.confusion[:, behavior]):  # (2,K)
@@ -89,6 +92,7 @@ def _check_size(momdp: MOMDP, size: float, largest: float) -> None:
         )
 
 
+@checked
 @dataclass(frozen=True, slots=True)
 class FlatPOMDP(FrozenArrays):
     """A POMDP of dense arrays; of a MOMDP: state x * Y + y, then `term`; "none" is the last z.
@@ -122,6 +126,7 @@ class FlatPOMDP(FrozenArrays):
     discount: float
 
 
+@checked
 def flatten(momdp: MOMDP) -> FlatPOMDP:
     """Convert a MOMDP to dense arrays.
 

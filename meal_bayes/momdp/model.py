@@ -9,6 +9,7 @@ from meal_bayes.arrays import freeze, freeze_arrays, set_frozen
 from meal_bayes.display import facts_html, facts_repr, listed
 from meal_bayes.domain import Payoffs, Query
 from meal_bayes.errors import SettingsError
+from meal_bayes.kinds import checked
 from meal_bayes.momdp.reports import ABSTAINED, Reports
 
 ARRAYS = {  # of a MOMDP: N attributes, E behaviors, X states, C latent classes, K levels
@@ -18,6 +19,7 @@ ARRAYS = {  # of a MOMDP: N attributes, E behaviors, X states, C latent classes,
 }  # fmt: skip
 
 
+@checked
 @dataclass(frozen=True, slots=True)
 class MOMDP:
     """A decision problem in factored form.
@@ -110,7 +112,7 @@ class MOMDP:
     _repr_html_ = facts_html
 
     def __post_init__(self) -> None:
-        if not self.no_cost.size:
+        if not len(self.no_cost):
             set_frozen(self, no_cost=np.zeros(len(self.x_names)))
         freeze_arrays(self)
         self._check()

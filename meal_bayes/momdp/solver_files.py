@@ -18,10 +18,12 @@ from numpy.typing import NDArray
 
 from meal_bayes.errors import SettingsError
 from meal_bayes.files import draft_of
+from meal_bayes.kinds import checked
 from meal_bayes.momdp.flat_pomdp import FileTables, file_tables, percept_probabilities
 from meal_bayes.momdp.model import MOMDP
 
 
+@checked
 def write_pomdp(momdp: MOMDP, path: str | Path) -> None:
     """Write a MOMDP as .pomdp; the file is there only once it is whole.
 
@@ -48,6 +50,7 @@ def write_pomdp(momdp: MOMDP, path: str | Path) -> None:
     _write(path, _pomdp(momdp, tables))
 
 
+@checked
 def write_pomdpx(momdp: MOMDP, path: str | Path) -> None:
     """Write a MOMDP as .pomdpx; parameters and errors are those of `write_pomdp`.
 

@@ -9,7 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from meal_bayes.arrays import check_place
 from meal_bayes.datasets.percepts import PerceptTable
+from meal_bayes.kinds import checked
 
 
 def by_truth(levels: NDArray[np.int64], labels: NDArray[np.int8]) -> NDArray[np.int64]:
@@ -18,6 +20,7 @@ def by_truth(levels: NDArray[np.int64], labels: NDArray[np.int8]) -> NDArray[np.
     return np.asarray(levels[:, :, :, None, :] * rows[:, :, None, :, None], np.int64)
 
 
+@checked
 def table_counts(table: PerceptTable, held_out: int, *, levels: int = 2) -> NDArray[np.int64]:
     """Return training-side counts for a held-out object, by classifiers that never saw it.
 
@@ -38,6 +41,7 @@ def table_counts(table: PerceptTable, held_out: int, *, levels: int = 2) -> NDAr
     NDArray[np.int64]
         (O,P,E,2,K) percepts by object, attribute, behavior, truth and level.
     """
+    check_place("held_out", held_out, len(table.objects))
     return by_truth(table.training_levels(held_out, levels), table.labels)
 
 

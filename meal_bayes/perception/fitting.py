@@ -25,13 +25,14 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from meal_bayes.arrays import Floats, Ints, check_kind
+from meal_bayes.arrays import Floats, Ints
 from meal_bayes.datasets import Dataset, PerceptTable, TrainingSet
 from meal_bayes.datasets.levels import BIN_EDGES, classifier_levels, round_log_odds
 from meal_bayes.datasets.sources import SOURCES
 from meal_bayes.domain import unknown
 from meal_bayes.errors import SettingsError
 from meal_bayes.files import command_line
+from meal_bayes.kinds import checked
 from meal_bayes.perception import kernel_ridge
 from meal_bayes.perception.confusion import by_truth, youden
 from meal_bayes.perception.feature_spaces import (
@@ -63,6 +64,7 @@ def method_of(settings: PerceptionSettings) -> ModuleType:
     return fold_classifiers
 
 
+@checked
 def fit_and_validate(
     dataset: Dataset,
     training_set: TrainingSet,
@@ -192,6 +194,7 @@ def _votes(problem: Problem, sets: Ints) -> Floats:
     return np.asarray(fraction * (1.0 - fraction))
 
 
+@checked
 def build_percept_table(
     dataset: Dataset,
     *,
@@ -215,7 +218,6 @@ def build_percept_table(
     map_behaviors : Map
         Calls a function on every behavior, perhaps at once; results may come in any order.
     """
-    check_kind("dataset", dataset, Dataset)
     if classifier is not None:
         if perception != "default":
             raise SettingsError("Give perception or a classifier, not both (see with_classifier).")

@@ -5,7 +5,7 @@ Behaviors that ask are answered by a person, who knows the labels.
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,9 +17,11 @@ from meal_bayes.datasets.percepts import PerceptTable
 from meal_bayes.display import short_repr
 from meal_bayes.domain import Domain, Query
 from meal_bayes.errors import DataError, SettingsError
+from meal_bayes.kinds import checked
 from meal_bayes.perception.feature_spaces import FeatureSpace
 
 
+@runtime_checkable
 class Perceiver(Protocol):
     """Source of the percepts of an executed behavior."""
 
@@ -63,6 +65,7 @@ def person_says(
     return answer(truth, accuracy, levels, rng)
 
 
+@checked
 @dataclass(frozen=True, slots=True)
 class RecordedPercepts:
     """Percepts of real recordings, by classifiers that never saw the object.
@@ -103,6 +106,7 @@ class RecordedPercepts:
         return table.levels_of(log_odds, self.levels)
 
 
+@checked
 @dataclass(frozen=True, slots=True)
 class SampledPercepts(FrozenArrays):
     """Percepts drawn from the confusion matrices themselves.
@@ -161,6 +165,7 @@ class BehaviorClassifier(FrozenArrays):
         return np.where(self.used, self.fit.scored(list(self.spaces.values()), rows), 0.0)
 
 
+@checked
 @dataclass(frozen=True, slots=True)
 class Perception(FrozenArrays):
     """The fitted Psi of all behaviors; a `Perceiver`.

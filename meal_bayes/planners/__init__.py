@@ -18,7 +18,6 @@ from meal_bayes.planners.several_objects import (
     Prospector,
     SharedPlans,
     best_move,
-    ways_back,
 )
 from meal_bayes.planners.solver import (
     RULE,
@@ -31,6 +30,7 @@ from meal_bayes.planners.solver import (
     TreeEdge,
     unvalued,
 )
+from meal_bayes.planners.ways_back import ways_back
 
 __all__ = [
     "EMPTY", "POMCP", "RULE", "Compiling", "Decision", "Factored", "GoingOn", "Greedy", "Hand",

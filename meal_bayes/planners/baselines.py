@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from meal_bayes.arrays import Floats
 from meal_bayes.errors import SettingsError
+from meal_bayes.kinds import checked
 from meal_bayes.momdp import MOMDP, Belief, answer_value, best_answer, best_report
 from meal_bayes.momdp.belief import next_percept
 from meal_bayes.planners.momdp_arrays import dynamics_of
@@ -55,6 +56,7 @@ def _report_or_behavior(momdp: MOMDP, history: History, rng: np.random.Generator
     return unvalued(momdp, momdp.n_behaviors + query.index_of(values))
 
 
+@checked
 @dataclass(frozen=True, slots=True)
 class RandomLegal:
     """Uniform over the legal behaviors while the cost is below a budget; then the best report.
@@ -90,6 +92,7 @@ def draw_legal(
     return unvalued(momdp, int(rng.choice(legal)))
 
 
+@checked
 @dataclass(frozen=True, slots=True)
 class Predefined:
     """A fixed sequence, each behavior once; ends before one that is not legal, then reports.

@@ -28,10 +28,12 @@ from numpy.typing import NDArray
 
 from meal_bayes.arrays import Floats, FrozenArrays
 from meal_bayes.errors import SettingsError
+from meal_bayes.kinds import checked
 from meal_bayes.momdp import MOMDP, Belief, expected_reward
 from meal_bayes.momdp.model import ARRAYS
 from meal_bayes.planners.boundary import decide
 from meal_bayes.planners.solver import History, Policy, Remembering
+from meal_bayes.planners.ways_back import ways_back
 
 POINTS = 17  # outside values
 _SETTLED = 1e-9  # of r+ - r-: an object is worth nothing more than L where it gains less
@@ -39,6 +41,7 @@ _SETTLED = 1e-9  # of r+ - r-: an object is worth nothing more than L where it g
 Solve = Callable[[MOMDP], Policy]
 
 
+@checked
 @dataclass(frozen=True, slots=True)
 class Prospect(FrozenArrays):
     """What an object is worth at its belief, beside each outside value.
@@ -163,6 +166,7 @@ def values_beside(prospect: Prospect, others: float) -> Floats:
     return values - prospect.turning
 
 
+@checked
 def best_move(prospects: Sequence[Prospect], front: int = -1, hand: Hand = EMPTY) -> Move:
     """Choose to explore an object, to put one down, to claim one, or none.
 
@@ -175,6 +179,8 @@ def best_move(prospects: Sequence[Prospect], front: int = -1, hand: Hand = EMPTY
     hand : Hand
         What it takes to leave that one.
     """
+    if not len(prospects):
+        raise SettingsError("There are no prospects; give one of each object.")
     none = float(prospects[0].outside[0])
     least = _SETTLED * float(prospects[0].outside[-1] - none)
     claims = np.array([prospect.claim_value for prospect in prospects])
@@ -201,6 +207,7 @@ def best_move(prospects: Sequence[Prospect], front: int = -1, hand: Hand = EMPTY
     return move
 
 
+@checked
 class Prospector:
     """Values one object's question of yes or no at outside values, by any planner.
 
@@ -268,6 +275,7 @@ class Prospector:
         return self._solve(problem)
 
 
+@checked
 class SharedPlans:
     """Solves problems: equal ones once, those that differ in what answers earn by the same plans.
 
@@ -302,49 +310,3 @@ def claim_value(momdp: MOMDP, belief: Belief) -> float:
     """Compute the expected reward of claiming that the answer is yes."""
     yes = momdp.query.report_of(1)
     return expected_reward(momdp, belief, yes)
-
-
-class WaysBack(NamedTuple):
-    """The cheapest ways to the states in which an object can be left, from each x."""
-
-    cost: Floats  # (X,) s, expected, failures repeated; inf where there is no way
-    discount: Floats  # (X,) on what follows
-    first: NDArray[np.int64]  # (X,) behavior; -1 where the object can be left, or there is no way
-
-
-def ways_back(momdp: MOMDP, leave: NDArray[np.bool_], discount: float = 1.0) -> WaysBack:
-    """Find the cheapest ways back to where an object can be left.
-
-    Parameters
-    ----------
-    momdp : MOMDP
-        The problem.
-    leave : NDArray[np.bool_]
-        (X,) whether an object can be left in x.
-    discount : float
-        Factor a step.
-    """
-    cost = np.where(leave, 0.0, np.inf)
-    factor = np.ones(len(leave))
-    first = np.full(len(leave), -1)
-    stays = np.einsum("exx->ex", momdp.transition)  # (E,X)
-    reached = momdp.transition > 0
-
-    def onward(value: Floats) -> Floats:
-        return np.asarray(momdp.transition @ value - stays * value)
-
-    for _ in range(len(leave)):
-        # c(x) = min over e of (cost_e + g sum over x' != x of Pr(x') c(x')) / (1 - g Pr(x))
-        leads_back = np.isfinite(cost)
-        lost = (reached & ~leads_back).sum(axis=2) - ((stays > 0) & ~leads_back)
-        moves = momdp.legal.T & (stays < 1.0) & (lost == 0)
-        remaining = 1.0 - discount * np.where(moves, stays, 0.0)
-        way = momdp.expected_cost().T + discount * onward(np.where(leads_back, cost, 0.0))
-        way = np.where(moves, way / remaining, np.inf)
-        best = way.argmin(axis=0)
-        better = way.min(axis=0) < cost
-        after = (discount * onward(factor) / remaining)[best, np.arange(len(leave))]
-        factor = np.where(better, after, factor)
-        first = np.where(better, best, first)
-        cost = np.where(better, way.min(axis=0), cost)
-    return WaysBack(cost, factor, first)

@@ -6,13 +6,14 @@
 import hashlib
 from dataclasses import dataclass, field
 from html import escape
-from typing import NamedTuple, Protocol
+from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from meal_bayes.arrays import Floats, FrozenArrays
 from meal_bayes.display import best_options, facts_repr, table_html
+from meal_bayes.kinds import checked
 from meal_bayes.momdp import MOMDP, Belief, answer_value, best_answer
 from meal_bayes.seeds import stream
 
@@ -256,6 +257,7 @@ class History:
         )
 
 
+@runtime_checkable
 class Policy(Protocol):
     """A plan of action for one MOMDP; online search happens in `decide`.
 
@@ -268,6 +270,7 @@ class Policy(Protocol):
         ...
 
 
+@runtime_checkable
 class Solver(Protocol):
     """The paper's Sol."""
 
@@ -276,6 +279,7 @@ class Solver(Protocol):
         ...
 
 
+@checked
 @dataclass(slots=True)
 class Remembering:
     """A deterministic policy whose decisions are kept by what they depend on: x and percept counts.
@@ -297,6 +301,7 @@ class Remembering:
         return self._made[key]
 
 
+@checked
 def unvalued(momdp: MOMDP, action: int) -> Decision:
     """Return the decision of a policy that compares no values."""
     return Decision.exact(action, np.full(momdp.n_behaviors + 1, np.nan))

@@ -6,7 +6,7 @@ viewer.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,6 +18,7 @@ from meal_bayes.display import warn_caller
 from meal_bayes.domain import TERMINAL, Behavior, Domain, unknown
 from meal_bayes.domain.diagram import TransitionArrays
 from meal_bayes.errors import DataError, QueryError, RobotError
+from meal_bayes.kinds import checked
 
 Features = dict[str, NDArray[np.float32]]
 Sizes = Mapping[tuple[str, str], int]  # (behavior, modality) -> D
@@ -56,6 +57,7 @@ class Outcome:
     percepts: Mapping[str, bool | str | None] | None = None
 
 
+@runtime_checkable
 class Robot(Protocol):
     """A robot with an object in front of it; implement these two methods for your own."""
 
@@ -93,6 +95,7 @@ class _NoPercept(Exception):
     """The features or answers are invalid."""
 
 
+@checked
 class OutcomeChecker:
     """What a robot returns, checked: every outcome fits the domain, and has indices for names.
 

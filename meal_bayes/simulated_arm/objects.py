@@ -8,6 +8,8 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
+from meal_bayes.arrays import check_whole
+from meal_bayes.kinds import checked
 from meal_bayes.seeds import stream
 
 Vector = tuple[float, float, float]
@@ -57,12 +59,14 @@ class ObjectParameters:
     n_balls: int
 
 
+@checked
 def draw_object(seed: int, *path: str | int) -> ObjectParameters:
     """Draw the object of a named stream, such as ``draw_object(7, "new", 3)``.
 
     >>> draw_object(7, "new", 3) == draw_object(7, "new", 3)
     True
     """
+    check_whole("seed", seed)
     rng = stream(seed, "simulated object", *path)
     color = str(rng.choice(list(_COLORS)))
     shade = np.clip(np.array(_COLORS[color]) + rng.normal(0.0, 0.08, 3), 0.0, 1.0)
@@ -84,6 +88,7 @@ def draw_object(seed: int, *path: str | int) -> ObjectParameters:
     )
 
 
+@checked
 def attributes_of(parameters: ObjectParameters) -> dict[str, bool]:
     """Return what is true of an object, by the thresholds of this module.
 

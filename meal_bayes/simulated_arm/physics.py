@@ -30,8 +30,6 @@ HIGH = 0.25  # m, where the hand waits
 # MuJoCo would write what it warns of into a file in the working directory; `_check` reads it.
 mujoco.set_mju_user_warning(lambda _: None)
 
-OnFrame = Callable[["Scene"], None]
-
 
 @dataclass(frozen=True, slots=True)
 class Motion:
@@ -58,7 +56,7 @@ class Scene:
     """
 
     def __init__(
-        self, parameters: ObjectParameters, rng: np.random.Generator, on_frame: OnFrame | None
+        self, parameters: ObjectParameters, rng: np.random.Generator, on_frame: "OnFrame | None"
     ) -> None:
         self.model = build_model(parameters)
         self.data = mujoco.MjData(self.model)
@@ -183,3 +181,6 @@ class Scene:
         content = data.xpos[self._object + 1 :]
         if (np.abs(content - self.object_place) > _STRETCH).any():
             raise RobotError("the object came apart: its content is outside")
+
+
+OnFrame = Callable[[Scene], None]

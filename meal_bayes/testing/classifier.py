@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from sklearn.base import clone
 
-from meal_bayes.arrays import Floats, Ints
+from meal_bayes.arrays import Floats, Ints, check_whole
 from meal_bayes.errors import ConformanceError, MealBayesError
 from meal_bayes.perception.own_classifier import blamed, decisions_of, repeatable
 from meal_bayes.perception.own_classifier import check_classifier as check_interface
@@ -37,6 +37,7 @@ def check_classifier(classifier: Any, *, seed: int = 0) -> None:
     """
     name = type(classifier).__name__
     try:
+        check_whole("seed", seed)
         check_interface(classifier)
         for number, features in enumerate(_FEATURES):
             rng = np.random.default_rng([seed, number])

@@ -4,13 +4,15 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from meal_bayes.arrays import Floats
+from meal_bayes.arrays import Floats, check_whole
 from meal_bayes.domain import Domain, Query, load_domain
+from meal_bayes.kinds import checked
 from meal_bayes.momdp import MOMDP, Objective, build_momdp, with_joint_prior
 
 _PERCEPTS = 2  # of a behavior: used up soon
 
 
+@checked
 def example_problems(seed: int = 0, *, known_rows: bool = False) -> Iterator[MOMDP]:
     """Yield small problems of several kinds, with random confusion matrices.
 
@@ -26,6 +28,7 @@ def example_problems(seed: int = 0, *, known_rows: bool = False) -> Iterator[MOM
     known_rows : bool
         Whether to leave out what the paper's Eq. 8 excludes, for solvers that need it.
     """
+    check_whole("seed", seed)
     rng = np.random.default_rng(seed)
     toy, roc36, cy101 = (load_domain(name) for name in ("toy", "roc36", "cy101"))
     abstaining = Objective(abstain=True)

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from meal_bayes.arrays import check_whole
 from meal_bayes.domain import Behavior, Domain, load_domain
 from meal_bayes.errors import ConformanceError, RobotError
 from meal_bayes.robots import Outcome, OutcomeChecker, Robot
@@ -57,6 +58,8 @@ def check_robot(
             f"A robot is an object with start() and execute(behavior); found {candidate!r:.60}. "
             "Give an instance of a class that has these two methods."
         )
+    for setting, value in (("trials", trials), ("steps", steps), ("seed", seed)):
+        check_whole(setting, value)
     check = _Check(robot, load_domain(domain), name)
     rng = np.random.default_rng(seed)
     for _ in range(trials):

@@ -10,6 +10,7 @@ from typing import Any, TypeVar
 import cloudpickle
 import numpy as np
 
+from meal_bayes.arrays import check_kind, check_whole
 from meal_bayes.errors import ConformanceError, MealBayesError
 from meal_bayes.momdp import MOMDP, Transition, initial_belief, update_belief
 from meal_bayes.planners import Decision, History, Solver
@@ -52,8 +53,10 @@ def check_solver(
             f"A solver is an object with solve(momdp, rng); found {candidate!r:.60}. "
             "Give an instance of a class that has this method."
         )
+    check_whole("steps", steps)
+    check_whole("seed", seed)
+    momdps = list(example_problems(seed)) if problems is None else _listed(problems)
     _check_processes(solver, name)
-    momdps = list(example_problems(seed) if problems is None else problems)
     for number, momdp in enumerate(momdps):
         other = momdps[number - 1]
         if other is momdp:  # the only one: the same with percepts turned round
@@ -69,6 +72,14 @@ def _check_processes(solver: Any, name: str) -> None:
             f"{name} cannot be sent to other processes, as runs with several jobs do "
             f"({type(fault).__name__}: {fault}). Make open files, locks and threads in solve()."
         ) from fault
+
+
+def _listed(problems: Any) -> list[MOMDP]:
+    """Return problems as a list; refuse what are none."""
+    momdps = list(problems) if isinstance(problems, Iterable) else [problems]
+    for momdp in momdps:
+        check_kind("problem", momdp, MOMDP)
+    return momdps
 
 
 class _Check:

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from meal_bayes.errors import LogCorruptError, LogError
+from meal_bayes.kinds import checked
 from meal_bayes.seeds import Key
 from meal_bayes.trial_log import schema
 from meal_bayes.trials import Trial, task_key
@@ -20,6 +21,7 @@ from meal_bayes.untrusted import name_fault, read_json
 _WITHDRAWN = -1
 
 
+@checked
 @dataclass(frozen=True, slots=True)
 class Feedback:
     """Labels as a person told them of a trial, or of an object by its name.
@@ -43,7 +45,7 @@ class Feedback:
     """
 
     object_name: str
-    labels: Mapping[str, int]
+    labels: Mapping[str, int | bool]
     key: Key | None = None
     recordings: bool = False
 

@@ -15,6 +15,7 @@ from mcap.records import DataEnd
 from meal_bayes.digests import checksum_of
 from meal_bayes.errors import LogCorruptError, LogError, LogVersionError, QueryError
 from meal_bayes.files import checked_path
+from meal_bayes.kinds import checked
 from meal_bayes.trial_log.container import FAULTS, TORN, fault_text, read_records
 from meal_bayes.trial_log.decode import TrialBuilder
 from meal_bayes.trial_log.feedback import Feedback, FeedbackIndex
@@ -31,6 +32,7 @@ _APART = ("agents", "repeats", "first", "log")
 _LATER = ("versions", "recovered_from")  # entries of a header that are no setting
 
 
+@checked
 class Group(NamedTuple):
     """Trials that stand next to each other in a file."""
 
@@ -54,6 +56,7 @@ def of_search(header: Mapping[str, object]) -> bool:
     return isinstance(config, dict) and config.get("command") == FIND
 
 
+@checked
 class Logs:
     """One or more logs, damaged ones included: faults are noted, whole trials are read.
 
@@ -238,6 +241,7 @@ class Logs:
         return files
 
 
+@checked
 class Follower:
     """Follows a file, or every file of a folder, from its beginning on.
 

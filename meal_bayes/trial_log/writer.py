@@ -17,6 +17,7 @@ from mcap.writer import Writer
 
 from meal_bayes.errors import LogError, OutputError, SettingsError
 from meal_bayes.files import checked_path, hold, make_folder, replace_whole, write_whole
+from meal_bayes.kinds import checked
 from meal_bayes.trial_log import schema
 from meal_bayes.trial_log.encode import End, Packed, TrialEncoder, encode_outcomes
 from meal_bayes.trial_log.feedback import Feedback
@@ -30,6 +31,7 @@ from meal_bayes.version import package_version
 ROWS = 250  # trials in a message of the compact form
 
 
+@checked
 class TrialWriter:
     """Writes trials into one log, `path`, which exists only once the file is whole.
 
@@ -214,6 +216,7 @@ class TrialWriter:
         self.written = self.written.after(trial)
 
 
+@checked
 def write_trials(
     path: str | Path,
     trials: Iterable[Trial | TrialOutcomes],
@@ -252,10 +255,12 @@ def write_feedback(folder: Path, feedback: Feedback, *, header: Mapping[str, obj
     return path
 
 
+@checked
 def read_seconds(path: str | Path) -> list[float]:
     """Read the wall-clock seconds of a log's trials; none where no whole table is beside it."""
+    place = checked_path("The log", path)
     try:
-        rows = timing_of(Path(path)).read_text(encoding="utf-8").splitlines()[1:]
+        rows = timing_of(place).read_text(encoding="utf-8").splitlines()[1:]
         return [float(row.split(",")[1]) for row in rows]
     except (FileNotFoundError, IndexError, ValueError):
         return []

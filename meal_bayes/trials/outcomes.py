@@ -9,8 +9,9 @@ from typing import Any, NamedTuple, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes.arrays import Bools, check_kind, freeze_arrays, set_frozen
+from meal_bayes.arrays import Bools, check_kind, freeze_arrays, is_whole, set_frozen
 from meal_bayes.errors import SettingsError
+from meal_bayes.kinds import checked
 from meal_bayes.trials.record import TrialRecord
 
 Texts = NDArray[np.object_]
@@ -38,6 +39,7 @@ class Run(Protocol):
         """Return the outcomes of all trials."""
 
 
+@checked
 @dataclass(frozen=True, slots=True, eq=False)
 class TrialOutcomes:
     """Outcomes of n trials; N is the largest number of attributes asked in one of them.
@@ -207,6 +209,7 @@ class TrialOutcomes:
         return self.positive[rows], self.truth[rows] == 1
 
 
+@checked
 class BatchOutcomes(NamedTuple):
     """Test trials after a batch of an online run; batch 0 is before any training.
 
@@ -263,13 +266,18 @@ def _columns(trial: TrialRecord) -> _Part:
     }
 
 
+@checked
 def task_key(key: Iterable[str | int]) -> str:
     """Write a task's key as JSON.
 
     >>> task_key(("offline", 3))
     '["offline", 3]'
     """
-    return json.dumps([part if isinstance(part, str) else int(part) for part in key])
+    parts = list(key)
+    for part in parts:
+        if not (isinstance(part, str) or is_whole(part)):
+            raise SettingsError(f"key has {part!r:.60}; give names and whole numbers.")
+    return json.dumps([part if isinstance(part, str) else int(part) for part in parts])
 
 
 Trials = Iterable[TrialRecord] | TrialOutcomes | Run

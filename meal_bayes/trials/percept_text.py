@@ -5,13 +5,16 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
+from meal_bayes.arrays import check_place, whole_array
 from meal_bayes.display import level_names
+from meal_bayes.kinds import checked
 from meal_bayes.momdp import MOMDP
 
 SILENT = "says nothing"  # of a percept without information
 _SAME = 1e-9  # probabilities that differ by less are equal
 
 
+@checked
 def percept_labels(momdp: MOMDP, behavior: int, observation: ArrayLike) -> list[str]:
     """Return the percept of each question by name; of a group the value that it speaks for.
 
@@ -26,10 +29,13 @@ def percept_labels(momdp: MOMDP, behavior: int, observation: ArrayLike) -> list[
     observation : ArrayLike
         (N,) levels, 0 to K - 1.
     """
+    check_place("behavior", behavior, momdp.n_behaviors)
+    percept = whole_array("observation", observation, len(momdp.query)).tolist()
+    for level in percept:
+        check_place("level", level, momdp.levels)
     names = level_names(momdp.levels)
     rows = momdp.rows[:, behavior]  # (N,2,K)
     informed = np.abs(rows[:, 1] - rows[:, 0]).max(axis=-1) > _SAME
-    percept = np.asarray(observation).tolist()
     labels = []
     for _, places in momdp.query.questions:
         telling = [place for place in places if informed[place]]

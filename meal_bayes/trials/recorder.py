@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from meal_bayes.errors import LogError
 from meal_bayes.files import command_line
@@ -11,6 +11,7 @@ from meal_bayes.trials.record import Step
 from meal_bayes.trials.trial import Trial
 
 
+@runtime_checkable
 class Recorder(Protocol):
     """Writes a trial as it happens: each step before the next behavior is named."""
 

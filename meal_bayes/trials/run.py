@@ -2,6 +2,7 @@
 
 from meal_bayes.arrays import check_kind
 from meal_bayes.errors import RobotError, SettingsError
+from meal_bayes.kinds import checked
 from meal_bayes.robots import Robot
 from meal_bayes.trials.search import Search, SearchingRobot
 from meal_bayes.trials.search_session import SearchSession
@@ -28,6 +29,7 @@ def run_trial(session: Session, robot: Robot) -> Trial:
     return session.trial
 
 
+@checked
 def run_search(session: SearchSession, robot: SearchingRobot) -> Search:
     """Run a search to its end: turn, and execute what the session names, until it answers.
 
@@ -40,7 +42,6 @@ def run_search(session: SearchSession, robot: SearchingRobot) -> Search:
     RobotError
         The object in front is in another state than the search says.
     """
-    check_kind("session", session, SearchSession)
     if session.object is not None and session.turn is None and not session.over:
         _face(session.object, session.sessions[session.object], robot)
     with session:

@@ -5,14 +5,37 @@ Each object's steps are a trial of their own, so that all that shows trials show
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Protocol
+from typing import NamedTuple, Protocol, runtime_checkable
 
 from meal_bayes.display import facts_html, facts_repr, listed, percent
+from meal_bayes.kinds import checked
 from meal_bayes.robots import Outcome
+from meal_bayes.trials.session import MAX_STEPS
 from meal_bayes.trials.text import LEFT, UNFINISHED
 from meal_bayes.trials.trial import Trial
 
 
+@checked
+class SearchRules(NamedTuple):
+    """What holds for a whole search.
+
+    Attributes
+    ----------
+    start : str
+        State of an object that is claimed before the robot turned to it.
+    turn_cost : float
+        s, of turning to an object.
+    max_steps, max_cost : int, float | None
+        Behaviors and s, after which the best answer is given.
+    """
+
+    start: str
+    turn_cost: float = 0.0
+    max_steps: int = MAX_STEPS
+    max_cost: float | None = None
+
+
+@runtime_checkable
 class SearchingRobot(Protocol):
     """A robot with several objects around it."""
 
@@ -28,6 +51,7 @@ class SearchingRobot(Protocol):
         ...
 
 
+@checked
 @dataclass(frozen=True, slots=True)
 class Search:
     """A search: which objects it turned to, in order, what it claimed, and its cost.

@@ -3,38 +3,20 @@
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import NamedTuple, Protocol
+from typing import Protocol
 
 import numpy as np
 
 from meal_bayes.arrays import Floats
 from meal_bayes.errors import SettingsError
+from meal_bayes.kinds import checked
 from meal_bayes.planners import EMPTY, Decision, Prospect, Prospector, best_move
 from meal_bayes.robots.robot import Outcome, state_index
 from meal_bayes.trials.one_caller import OneCaller, alone
 from meal_bayes.trials.record import Step
 from meal_bayes.trials.recorder import breaking, noted, otherwise
-from meal_bayes.trials.search import Search
-from meal_bayes.trials.session import MAX_STEPS, Session
-
-
-class SearchRules(NamedTuple):
-    """What holds for a whole search.
-
-    Attributes
-    ----------
-    start : str
-        State of an object that is claimed before the robot turned to it.
-    turn_cost : float
-        s, of turning to an object.
-    max_steps, max_cost : int, float | None
-        Behaviors and s, after which the best answer is given.
-    """
-
-    start: str
-    turn_cost: float = 0.0
-    max_steps: int = MAX_STEPS
-    max_cost: float | None = None
+from meal_bayes.trials.search import Search, SearchRules
+from meal_bayes.trials.session import Session
 
 
 class SearchRecorder(Protocol):
@@ -53,6 +35,7 @@ class SearchRecorder(Protocol):
         """Record the answer."""
 
 
+@checked
 class SearchSession(OneCaller):
     """A search under way: it names an object to turn to, or a behavior, and is given the outcome.
 
@@ -90,6 +73,10 @@ class SearchSession(OneCaller):
         rng: np.random.Generator,
     ) -> None:
         super().__init__()
+        if not sessions or set(sessions) - set(prospectors):
+            raise SettingsError(
+                f"sessions are of {[*sessions]}; give one, and a prospector of each."
+            )
         self.question = question
         self.sessions = dict(sessions)
         self.object: str | None = None
@@ -99,8 +86,7 @@ class SearchSession(OneCaller):
         self._rng = rng
         self._recorder: SearchRecorder | None = None
         self._prospects = {name: self._prospect(name) for name in self.sessions}
-        momdp = next(iter(self.sessions.values())).momdp
-        self._none = momdp.reports.payoffs.right_no
+        self._none = next(iter(self.sessions.values())).momdp.reports.payoffs.right_no
         self._turns: list[tuple[str, str]] = []  # object, and the state that it was found in
         self._claim: str | None = None
         self._ended: str | None = None

@@ -13,7 +13,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from meal_bayes.arrays import check_seconds, check_whole
 from meal_bayes.errors import SettingsError
-from meal_bayes.momdp import MOMDP, Belief, Transition, best_answer, initial_belief, update_belief
+from meal_bayes.kinds import checked
+from meal_bayes.momdp import MOMDP, Transition, best_answer, initial_belief, update_belief
 from meal_bayes.perception import Perceiver
 from meal_bayes.planners import Decision, History, Policy, unvalued
 from meal_bayes.planners.boundary import decide
@@ -28,6 +29,7 @@ from meal_bayes.trials.trial import Trial
 MAX_STEPS = 100
 
 
+@checked
 class Session(OneCaller):
     """A trial under way (Alg. 1, l. 6-11): it names a behavior, is given its outcome, and so on.
 
@@ -86,12 +88,11 @@ class Session(OneCaller):
     ) -> None:
         super().__init__()
         check_whole("max_steps", max_steps)
-        if max_cost is not None:
-            check_seconds("max_cost", max_cost)
+        check_seconds("max_cost", max_cost, or_none=True)
         self.task = task
         self.momdp = momdp
         self.agent = agent
-        self.belief: Belief = initial_belief(momdp)
+        self.belief = self._first = initial_belief(momdp)
         self.history = History(self.belief)
         self.steps: list[Step] = []
         self.report: NDArray[np.bool_] | None = None
@@ -104,7 +105,6 @@ class Session(OneCaller):
         self.key = task.key if key is None else key
         self.streams = Streams(seed, self.key)
         self._truth = truth_of(task.query, truth)
-        self._first = self.belief
         self._on_step = on_step
         self._on_end = on_end
         self._recorder: Recorder | None = None

@@ -7,12 +7,15 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from meal_bayes.arrays import label_values
 from meal_bayes.display import best_options, percent
 from meal_bayes.domain import Query
 from meal_bayes.domain.query import DO_NOT_KNOW
+from meal_bayes.errors import QueryError
+from meal_bayes.kinds import checked
 from meal_bayes.momdp import MOMDP, Belief, best_answer
 from meal_bayes.planners import Decision
-from meal_bayes.trials.outcomes import TrialOutcomes
+from meal_bayes.trials.outcomes import TrialOutcomes, check_trials
 from meal_bayes.trials.record import Step, TrialRecord
 
 UNKNOWN = "truth unknown"
@@ -106,11 +109,15 @@ def together_text(momdp: MOMDP) -> str:
     )
 
 
+@checked
 def truth_text(query: Query, truth: Sequence[int] | NDArray[np.int8]) -> str:
     """Return the known truths (N,) by name, and "unknown" where one of them is not known.
 
     Of a group only the value that is true is named.
     """
+    truth = label_values(truth)
+    if truth.shape != (len(query),):
+        raise QueryError(f"truth is {truth}; give 1, 0 or -1 for each of {list(query.attributes)}.")
     attributes = query.attributes
     groups = query.groups
     implied = {i for group in groups for i in group if any(truth[k] == 1 for k in group)}
@@ -222,6 +229,7 @@ def outcome_facts(outcomes: TrialOutcomes, row: int) -> dict[str, str]:
     }
 
 
+@checked
 def trials_frame(trials: Iterable[TrialRecord]) -> Any:
     """Return trials as a pandas data frame, a row a trial.
 
@@ -231,6 +239,7 @@ def trials_frame(trials: Iterable[TrialRecord]) -> Any:
     """
     import pandas as pd  # noqa: PLC0415  takes half a second
 
+    check_trials(trials)
     rows = []
     for trial in trials:
         query = trial.task.query

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from meal_bayes.display import bar_html, best_options, facts_repr, listed, percent, table_html
+from meal_bayes.kinds import checked
 from meal_bayes.momdp import Belief
 from meal_bayes.planners import Decision
 from meal_bayes.trials.percept_text import percept_labels
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 
+@checked
 @dataclass(frozen=True, slots=True, repr=False)
 class Trial(TrialRecord):
     """A trial: its record (the paper's xi, see `TrialRecord`), and what it looks like.

@@ -142,8 +142,9 @@ def search_tree(frame: TrialFrame) -> Graph:
     leaves = dict[int, list[str]]()
     for edge in sorted(second, key=lambda e: -e.visits)[:_OUTCOMES]:
         percept = "nothing"
-        if all(0 <= level < momdp.levels for level in edge.observation):
-            labels_of = percept_labels(momdp, first[edge.parent], edge.observation)
+        perceived = edge.observation
+        if perceived and all(0 <= level < momdp.levels for level in perceived):
+            labels_of = percept_labels(momdp, first[edge.parent], perceived)
             percept = ", ".join(labels_of)
         worth = f"{edge.value:.1f} + {edge.bonus:.1f}" if edge.bonus else f"{edge.value:.1f}"
         text = f"{percept} → {action_label(momdp, edge.action)}  {worth} · {edge.visits}"

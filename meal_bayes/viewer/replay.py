@@ -9,7 +9,9 @@ import numpy as np
 import rerun as rr
 import rerun_bindings
 
+from meal_bayes.errors import SettingsError
 from meal_bayes.files import draft_of
+from meal_bayes.kinds import checked
 from meal_bayes.robots.robot import Frame
 from meal_bayes.trial_log import Follower
 from meal_bayes.trials import Trial, TrialOutcomes
@@ -25,6 +27,7 @@ _POLL = 0.5  # s
 Target = Path | str  # an .rrd file, or the address of a viewer (rerun+http://...)
 
 
+@checked
 class Replay:
     """A recording to which trials are added one by one.
 
@@ -103,6 +106,11 @@ class Replay:
 @contextlib.contextmanager
 def recording(name: str, to: Target) -> Iterator[rr.RecordingStream]:
     """Yield a new stream into a file or a viewer; rerun's global state stays untouched."""
+    if isinstance(to, str) and "://" not in to:
+        raise SettingsError(
+            f"to is {to!r:.60}; give the Path of an .rrd file, or a viewer's address, such as "
+            "rerun+http://127.0.0.1:9876/proxy."
+        )
     stream = rr.RecordingStream(APPLICATION, recording_id=name, make_default=False)
     try:
         if isinstance(to, Path):
@@ -117,6 +125,7 @@ def recording(name: str, to: Target) -> Iterator[rr.RecordingStream]:
         rerun_bindings.flush_and_cleanup_orphaned_recordings()
 
 
+@checked
 def write_recording(
     trials: Iterable[Trial | TrialOutcomes],
     path: str | Path,
@@ -134,6 +143,7 @@ def write_recording(
         return send_recording(trials, draft, header, name=name, only=only, frames=frames)
 
 
+@checked
 def send_recording(
     trials: Iterable[Trial | TrialOutcomes],
     to: Target,
@@ -166,6 +176,7 @@ def send_recording(
         return replay.trials
 
 
+@checked
 def follow(
     path: str | Path,
     to: Target,

@@ -21,6 +21,8 @@ from urllib.parse import quote
 from rerun.experimental import ViewerClient
 
 from meal_bayes.errors import LogError, MealBayesError
+from meal_bayes.files import checked_path
+from meal_bayes.kinds import checked
 from meal_bayes.processes import start
 
 Result = TypeVar("Result")
@@ -38,6 +40,7 @@ class ViewerError(MealBayesError):
     """The viewer does not start, or shows nothing."""
 
 
+@checked
 class Viewer:
     """The viewer as a process of its own, which ends with the `with` block.
 
@@ -143,16 +146,18 @@ class Viewer:
         raise ViewerError(f"The viewer cannot be controlled: {fault}.") from fault
 
 
+@checked
 def take_picture(recording: str | Path, *, row: int = 0) -> bytes:
     """Return a picture (PNG) of a recording at a row of the timeline `step`, without a window.
 
     A `ViewerError` is raised where the viewer does not start (no Vulkan driver), or its picture
     never settles.
     """
+    place = checked_path("The recording", recording).resolve()
     with Viewer(headless=True) as viewer:
         client = viewer.client()
         try:
-            client.open(str(Path(recording).resolve()))
+            client.open(str(place))
             client.set_time("step", sequence=row, play_state="paused")
             return _stable_picture(client, _NOTICE)
         except ConnectionError as fault:

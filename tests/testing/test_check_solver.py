@@ -57,7 +57,8 @@ class SoundPolicy:
         if faults.get("commands what does not exist"):
             action = momdp.n_actions
         if faults.get("names its action"):
-            return unvalued(momdp, momdp.behavior_names[0])  # type: ignore[arg-type]
+            values = np.full(momdp.n_behaviors + 1, np.nan)
+            return Decision.exact(momdp.behavior_names[0], values)  # type: ignore[arg-type]
         if faults.get("draws without a seed") and legal:
             action = int(np.random.default_rng().choice(legal))
         if faults.get("draws from NumPy's global generator"):

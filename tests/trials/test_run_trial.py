@@ -241,7 +241,10 @@ def test_streams_are_named_by_the_task_and_the_planner_s_by_the_agent_too():
     other = Task("another", Query(("red",)), 0, "object", ("toy", 4))
 
     def draws(seed, task, agent):
-        session = Session(task, momdp_of(), None, None, None, agent=agent, seed=seed)
+        checker = OutcomeChecker(load_domain("toy"))
+        session = Session(
+            task, momdp_of(), None, checker, ScriptedPercepts(), agent=agent, seed=seed
+        )
         return [session.streams.of(*name).random() for name in (("percepts",), ("planner", agent))]
 
     numbers = draws(1, task, "bayes")

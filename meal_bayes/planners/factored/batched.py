@@ -10,7 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from meal_bayes.arrays import Bools, Floats, Ints
+from meal_bayes.arrays import Bools, Floats, Ints, real_vector, shaped_array
+from meal_bayes.kinds import checked
 from meal_bayes.momdp import MOMDP
 from meal_bayes.planners.jit import entry_kernel, kernel
 from meal_bayes.planners.momdp_arrays import dynamics_of
@@ -47,6 +48,7 @@ class Buffers(NamedTuple):
     fraction: Floats  # (E,2) the rest of it
 
 
+@checked
 def batched_value_iteration(
     momdp: MOMDP, rates: Floats, prior: Floats, worse: Bools | None = None
 ) -> Floats:
@@ -65,6 +67,9 @@ def batched_value_iteration(
         (B,) problems in which no value is above that of the problems that follow, up to the next
         such: these start from its values. By default each starts from answering at once.
     """
+    prior = real_vector("prior", prior)
+    rates = shaped_array("rates", rates, len(prior), momdp.n_behaviors, 2)
+    first = np.ones(len(prior)) if worse is None else shaped_array("worse", worse, len(prior))
     dynamics = dynamics_of(momdp)
     grid = np.linspace(-_LARGEST, _LARGEST, _POINTS)
     belief = 1 / (1 + np.exp(-grid))
@@ -87,7 +92,7 @@ def batched_value_iteration(
     problems = Problems(
         rates=np.ascontiguousarray(np.clip(rates, _LEAST, 1.0), np.float64),
         at=(log_odds + _LARGEST) / width,
-        worse=np.ones(len(prior), np.bool_) if worse is None else np.ascontiguousarray(worse),
+        worse=first != 0,
         floor=floor,
         belief=belief,
         width=width,

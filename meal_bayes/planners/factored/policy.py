@@ -39,6 +39,7 @@ from numpy.typing import NDArray
 
 from meal_bayes.arrays import Floats
 from meal_bayes.errors import SettingsError
+from meal_bayes.kinds import checked
 from meal_bayes.momdp import MOMDP, answer_value, initial_belief
 from meal_bayes.planners.factored import grid
 from meal_bayes.planners.factored.grid import Reader, Table
@@ -59,6 +60,7 @@ _LEAST = 9  # fewer are no grid
 _EVENLY = 30  # an even grid has at most this share of the points, as halving N axes adds many
 
 
+@checked
 @dataclass(frozen=True, slots=True)
 class Factored:
     """Settings of factored value iteration.

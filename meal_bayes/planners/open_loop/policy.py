@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from meal_bayes.arrays import Floats, Ints
+from meal_bayes.kinds import checked
 from meal_bayes.momdp import MOMDP, Belief
 from meal_bayes.momdp.observation import predictive, sample_rows
 from meal_bayes.momdp.truths import truths_of
@@ -43,6 +44,7 @@ class OpenLoop:
         return OpenLoopPolicy(momdp, model, plan_library(momdp, model))
 
 
+@checked
 @dataclass(frozen=True, slots=True)
 class OpenLoopPolicy:
     """Policy of `OpenLoop`."""

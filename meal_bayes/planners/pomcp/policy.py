@@ -23,6 +23,7 @@ import numpy as np
 
 from meal_bayes.arrays import Floats
 from meal_bayes.errors import SettingsError
+from meal_bayes.kinds import checked
 from meal_bayes.momdp import MOMDP, Belief, answer_value
 from meal_bayes.momdp.belief import next_percept
 from meal_bayes.planners.factored.policy import Factored, FactoredPolicy
@@ -41,6 +42,7 @@ _CHUNK = 8  # simulations between two looks at the clock, at first
 _BACKUPS = ("expected", "sampled")
 
 
+@checked
 @dataclass(frozen=True, slots=True)
 class POMCP:
     """Settings of the search.

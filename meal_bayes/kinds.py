@@ -1,0 +1,247 @@
+"""The door of public functions and classes: arguments are of the kinds that annotations name.
+
+What is of another kind is refused before anything is done, by an error that names the argument,
+what was found and what is expected. Ranges, shapes, and what must fit another argument are read by
+the function itself.
+"""
+
+import functools
+import inspect
+import os
+import types
+import typing
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
+from typing import Any, NamedTuple, ParamSpec, TypeVar, cast
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from meal_bayes.arrays import is_number, is_whole, real_array
+from meal_bayes.errors import SettingsError
+
+Given = ParamSpec("Given")
+Result = TypeVar("Result")
+Callee = TypeVar("Callee", bound=Callable[..., Any])
+
+
+class Kind(NamedTuple):
+    """What values of an annotation are: a test, the words for it, and classes that need no test."""
+
+    fits: Callable[[Any], bool]
+    expected: str
+    surely: frozenset[type] = frozenset()
+
+
+def checked(callee: Callee) -> Callee:
+    """Make a function or a class refuse arguments that are not of the kinds it is annotated with.
+
+    >>> @checked
+    ... def wait(seconds: float, name: str = "it") -> str:
+    ...     return f"{name} waits for {seconds} s"
+    >>> wait(2)
+    'it waits for 2 s'
+    >>> wait(2, name=None)
+    Traceback (most recent call last):
+    meal_bayes.errors.SettingsError: wait(): name is None; give a text.
+    """
+    return checked_except()(callee)
+
+
+def checked_except(*names: str) -> Callable[[Callee], Callee]:
+    """Do as `checked`, but for arguments of these names, which the callee itself reads."""
+
+    def check(callee: Callee) -> Callee:
+        if not isinstance(callee, type):
+            return cast(Callee, _guarded(callee, callee.__name__, names, bound=False))
+        made_by = "__new__" if issubclass(callee, tuple) else "__init__"
+        guarded = _guarded(getattr(callee, made_by), callee.__name__, names, bound=True)
+        setattr(callee, made_by, guarded)
+        return callee
+
+    return check
+
+
+def _guarded(
+    function: Callable[Given, Result], name: str, free: tuple[str, ...], *, bound: bool
+) -> Callable[Given, Result]:
+    """Return a function that looks at its arguments first; where it is bound, not at the first."""
+    kinds = functools.cache(functools.partial(_kinds_of, function, free, bound=bound))
+
+    @functools.wraps(function)
+    def call(*values: Given.args, **by_name: Given.kwargs) -> Result:
+        places, others, names = kinds()
+        given = values[bound:]
+        for (argument, kind), value in zip(places, given, strict=False):
+            if type(value) not in kind.surely and not kind.fits(value):
+                raise _refusal(name, argument, value, kind)
+        if others is not None:
+            for value in given[len(places) :]:
+                if not others[1].fits(value):
+                    raise _refusal(name, others[0], value, others[1])
+        for argument, value in by_name.items():
+            named = names.get(argument)  # a name that is unknown is Python's to refuse
+            if named is None or type(value) in named.surely:
+                continue
+            if not named.fits(value):
+                raise _refusal(name, argument, value, named)
+        return function(*values, **by_name)
+
+    return call
+
+
+def _refusal(name: str, argument: str, value: object, kind: Kind) -> SettingsError:
+    found = f"the class {value.__name__}" if isinstance(value, type) else f"{value!r:.60}"
+    return SettingsError(f"{name}(): {argument} is {found}; give {kind.expected}.")
+
+
+def _kinds_of(
+    function: Callable[..., Any], free: tuple[str, ...], *, bound: bool
+) -> tuple[list[tuple[str, Kind]], tuple[str, Kind] | None, dict[str, Kind]]:
+    """Return the kinds of arguments by place, of further ones, and of arguments by name."""
+    hints = typing.get_type_hints(function)
+    parameters = list(inspect.signature(function).parameters.values())[bound:]
+    kinds = {}
+    for each in parameters:
+        hint = Any if each.name in free else hints.get(each.name, Any)
+        kinds[each.name] = kind_of(hint | None if each.default is None else hint)
+    by_place = (inspect.Parameter.POSITIONAL_ONLY, inspect.Parameter.POSITIONAL_OR_KEYWORD)
+    places = [(each.name, kinds[each.name]) for each in parameters if each.kind in by_place]
+    further = [each.name for each in parameters if each.kind is each.VAR_POSITIONAL]
+    others = (further[0], kinds[further[0]]) if further else None
+    return places, others, {name: kind for name, kind in kinds.items() if name not in further}
+
+
+def _is_real(value: Any) -> bool:
+    scalar = isinstance(value, np.ndarray) and value.ndim == 0 and value.dtype.kind in "iuf"
+    return scalar or is_number(value)
+
+
+_ANYTHING = Kind(lambda _: True, "anything")
+_SCALARS = {
+    bool: Kind(
+        lambda value: isinstance(value, bool | np.bool_), "True or False", frozenset({bool})
+    ),
+    int: Kind(is_whole, "a whole number", frozenset({int})),
+    float: Kind(_is_real, "a number", frozenset({float, int})),
+    str: Kind(lambda value: isinstance(value, str), "a text", frozenset({str})),
+    type(None): Kind(lambda value: value is None, "None", frozenset({type(None)})),
+}
+_ARRAY_LIKE = frozenset(typing.get_args(ArrayLike))
+
+
+@functools.cache
+def kind_of(hint: Any) -> Kind:
+    """Return the kind of values that an annotation names.
+
+    >>> kind_of(dict[str, float] | None).expected
+    'a mapping of a text to a number, or None'
+    """
+    if hint in _SCALARS:
+        return _SCALARS[hint]
+    if hint in (Any, object) or isinstance(hint, TypeVar):
+        return _ANYTHING
+    origin = typing.get_origin(hint) or hint
+    parts = typing.get_args(hint)
+    if origin in (typing.Union, types.UnionType):
+        return _any_of(parts)
+    if origin is Callable or origin is typing.get_origin(Callable[..., Any]):
+        return Kind(callable, "a function")
+    return _container(origin, parts) or _instance(origin)
+
+
+def _container(origin: type[Any], parts: tuple[Any, ...]) -> Kind | None:
+    """Return the kind of what holds other values, or names a file; None of other classes."""
+    if origin in (np.ndarray, NDArray):  # NDArray is its own origin from numpy 2.5 on
+        return _array(parts[-1])
+    if origin is tuple and parts and parts[-1] is not Ellipsis:
+        return _row(parts)
+    if issubclass(origin, os.PathLike):
+        return Kind(lambda value: isinstance(value, os.PathLike), "a Path")
+    if issubclass(origin, Mapping):
+        return _mapping(*map(kind_of, parts or (Any, Any)))
+    if issubclass(origin, Iterable) and parts:
+        return _list(origin, kind_of(parts[0]))
+    return None
+
+
+def _any_of(parts: tuple[Any, ...]) -> Kind:
+    """Return the kind of a union; one with anything that numpy reads as an array is anything."""
+    if set(parts) >= _ARRAY_LIKE:
+        return _ANYTHING
+    kinds = [kind_of(part) for part in parts]
+    tests = [kind.fits for kind in kinds]
+    words = [kind.expected for kind in kinds]
+    if {str, Path} <= set(parts):
+        words = ["a path, as a text or a Path", *words]
+        words = [each for each in words if each not in ("a text", "a Path")]
+    return Kind(
+        lambda value: any(fits(value) for fits in tests),
+        ", or ".join(words),
+        frozenset().union(*(kind.surely for kind in kinds)),
+    )
+
+
+def _instance(origin: type[Any]) -> Kind:
+    """Return the kind of instances of a class, or of what has the methods of a protocol."""
+    words = f"a value of class {origin.__name__}"
+    if not getattr(origin, "_is_protocol", False):
+        return Kind(lambda value: isinstance(value, origin), words, frozenset({origin}))
+    # A class has the methods of its instances.
+    return Kind(
+        lambda value: isinstance(value, origin) and not isinstance(value, type),
+        f"an object with the methods of {origin.__name__}",
+    )
+
+
+def _array(dtype: Any) -> Kind:
+    """Return the kind of arrays, and of lists that make one."""
+    scalar = (typing.get_args(dtype) or (dtype,))[0]
+
+    def fits(value: Any) -> bool:
+        if isinstance(value, np.ndarray) and (value.dtype.kind in "biuf" or scalar is np.object_):
+            return value.ndim > 0
+        if isinstance(value, str | bytes | Mapping) or scalar is np.object_:
+            return isinstance(value, list | tuple)
+        try:
+            return real_array("array", value).ndim > 0
+        except SettingsError:
+            return False
+
+    return Kind(fits, "an array of values" if scalar is np.object_ else "an array of numbers")
+
+
+def _list(origin: type[Any], item: Kind) -> Kind:
+    """Return the kind of lists; what can be read but once is not read."""
+    least = list | tuple if origin in (list, tuple) else origin
+
+    def fits(value: Any) -> bool:
+        if isinstance(value, np.ndarray) and origin not in (list, tuple):
+            return value.ndim == 1 and all(map(item.fits, value.tolist()))
+        if isinstance(value, str | bytes) or not isinstance(value, least):
+            return False
+        return not isinstance(value, list | tuple | Mapping) or all(map(item.fits, value))
+
+    return Kind(fits, f"a list of which each is {item.expected}")
+
+
+def _row(parts: tuple[Any, ...]) -> Kind:
+    """Return the kind of tuples of some length."""
+    items = [kind_of(part) for part in parts]
+
+    def fits(value: Any) -> bool:
+        of_length = isinstance(value, list | tuple) and len(value) == len(items)
+        return of_length and all(item.fits(each) for item, each in zip(items, value, strict=True))
+
+    return Kind(fits, f"a tuple of {', '.join(item.expected for item in items)}")
+
+
+def _mapping(key: Kind, item: Kind) -> Kind:
+    """Return the kind of mappings."""
+
+    def fits(value: Any) -> bool:
+        return isinstance(value, Mapping) and all(
+            key.fits(name) and item.fits(each) for name, each in value.items()
+        )
+
+    return Kind(fits, f"a mapping of {key.expected} to {item.expected}")
