@@ -137,6 +137,7 @@ def test_a_benchmark_runs(run, request, monkeypatch, tmp_path, capfd):
         words.append("--json")
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("OMP_NUM_THREADS", "1")
+    monkeypatch.setenv("MEAL_BAYES_DATA_DIR", str(tmp_path / "data"))  # what it keeps is not ours
     start_apart(run, words) if run.apart else start(run, words, monkeypatch)
     printed = capfd.readouterr().out
     assert printed
