@@ -10,9 +10,9 @@ it fails always with probability .3 or .6; it works as the domain says. Learners
 trials after which what an execution says of success has half its weight (`views.HALVED`), and meet
 the same objects and the same luck. An answer earns its expectation by the belief, less the seconds.
 
-Printed is the reward of all T trials in each world, less that with five trials, means and standard
-errors over seeds; and of each half-life the regret, which is what it earns less than the best one
-of that world, in its worst world.
+Printed is the reward of all T trials in each world with five, and what others earn more, means and
+standard errors over seeds; and of each half-life the regret, which is what it earns less than the
+best one of that world, in its worst world.
 
 Rule of choice, written before the runs: on seeds 0 to 7 the half-life whose mean regret in its
 worst world is the smallest is the candidate. On seeds 100 to 111 it takes the place of five trials
