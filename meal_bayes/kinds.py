@@ -199,10 +199,10 @@ def _array(dtype: Any) -> Kind:
     scalar = (typing.get_args(dtype) or (dtype,))[0]
 
     def fits(value: Any) -> bool:
-        if isinstance(value, np.ndarray) and (value.dtype.kind in "biuf" or scalar is np.object_):
+        if isinstance(value, np.ndarray) and value.dtype.kind in "biuf":
             return value.ndim > 0
-        if isinstance(value, str | bytes | Mapping) or scalar is np.object_:
-            return isinstance(value, list | tuple)
+        if scalar is np.object_:
+            return isinstance(value, list | tuple | np.ndarray)
         try:
             return real_array("array", value).ndim > 0
         except SettingsError:

@@ -302,6 +302,7 @@ def _in_domain_order(
         raise DataError(f"{len(rows)} behaviors make a table that fits in no memory.")
     padded_log_odds = np.insert(log_odds, n_sensing, np.nan, axis=2)  # (O,R,E'+1,P)
     padded_bins = np.insert(bins[:, columns], n_sensing, 0, axis=2)  # (O,P,E'+1,G,L)
+    padded_counts = np.insert(counts, n_sensing, 0, axis=1)  # (O,E'+1)
     return PerceptTable(
         domain=domain,
         objects=objects,
@@ -310,6 +311,6 @@ def _in_domain_order(
         edges=arrays["edges"],
         training_bins=padded_bins[:, :, rows].transpose(3, 0, 1, 2, 4),
         provenance={name: str(text) for name, text in meta["provenance"].items()},
-        recording_counts=np.insert(counts, n_sensing, 0, axis=1)[:, rows],
+        recording_counts=padded_counts[:, rows],
         groups=arrays.get("groups"),  # type: ignore[arg-type]
     )

@@ -330,7 +330,7 @@ class Domain:
 def learn_success(domain: Domain, attempts: NDArray[np.float64]) -> Domain:
     """Return the domain with the posterior mean of every behavior's success probability.
 
-    The prior is worth two executions at the domain's own probability.
+    The prior is worth two executions at the domain's own probability. Outcomes keep their shares.
 
     Parameters
     ----------
@@ -345,6 +345,6 @@ def learn_success(domain: Domain, attempts: NDArray[np.float64]) -> Domain:
         arrow = effect.source, effect.behavior
         before = sum(e.probability for e in diagram.effects if (e.source, e.behavior) == arrow)
         after = float((_PRIOR * before + succeeded) / (_PRIOR + failed + succeeded))
-        changed = replace(effect, probability=effect.probability * after / before)  # in proportion
+        changed = replace(effect, probability=effect.probability * after / before)
         effects.append(effect if after == before else changed)
     return replace(domain, diagram=replace(diagram, effects=tuple(effects)))
