@@ -106,7 +106,7 @@ def _claim(entry: Mapping[str, Any]) -> Claim:
     outcomes = [row["outcome"] for row in rows]
     (other,) = {THEIRS, RECORDED} - {entry["column"]}
     places = {f"in *{other}*": (entry["item"], other)}
-    if beside := entry.get("beside"):
+    for beside in entry.get("beside", ()):
         places |= {f"in *{column}* of {beside}": (beside, column) for column in (THEIRS, RECORDED)}
     told = {place: _counted_there(entry, *at) for place, at in places.items()}
     return Claim(

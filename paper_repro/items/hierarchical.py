@@ -28,8 +28,10 @@ Pr(the agent is more accurate than the paper's), and Pr(they differ by less than
 region of practical equivalence. Each number of attributes and each panel is one fit; Fig. 11 is of
 CY101's panel. Pr(ahead) is withheld where one of both intervals leaves 0 out and the other does
 not: the model takes what an agent owes to the objects that taught it for luck of each repeat, and
-is too sure where repeats teach the same objects. How often intervals of both kinds contain the
-truth in worlds of either kind: `python benchmarks/compare.py` (benchmarks/README.md)."""
+is too sure where repeats teach the same objects. Of Fig. 8 these are the first 400 of 1,184 trials,
+whose leads with two attributes are smaller on its own page ([fig8](fig8.md)). How often intervals
+of both kinds contain the truth in worlds of either kind: `python benchmarks/compare.py`
+(benchmarks/README.md)."""
 SHOWS = """Colored dots and lines: effects by the model and their 95 % credible intervals. Gray
 lines below them: by design. Gray band: practical equivalence. Left of 0 the paper's agent is
 ahead."""

@@ -65,7 +65,7 @@ def test_claims_are_few_and_name_items_and_columns_that_there_are():
             texts = frame.read_result(entry["item"])["statements"]
             for pattern in entry["statements"]:
                 assert claims.chosen(entry | {"statements": [pattern]}, texts), pattern
-        assert {entry["item"], entry.get("beside", entry["item"])} <= set(frame.items())
+        assert {entry["item"], *entry.get("beside", ())} <= set(frame.items())
         assert entry["column"] in ("theirs", "recorded")
 
 
@@ -83,7 +83,7 @@ def test_statements_that_measure_different_things_say_what():
 
 def test_an_item_of_another_planner_is_told_beside(tmp_path, monkeypatch):
     monkeypatch.setattr(frame, "RESULTS", tmp_path)
-    entry = {"says": "it ends low", "where": "Fig. 9", "item": "pomdpsol", "beside": "fig9",
+    entry = {"says": "it ends low", "where": "Fig. 9", "item": "pomdpsol", "beside": ["fig9"],
              "column": "theirs", "because": "", "statements": ["ends*"]}  # fmt: skip
     for item, rows in (
         ("pomdpsol", [("theirs", STANDS)]),

@@ -1,5 +1,6 @@
 """Every statement that an interval decides is made to stand, to fall and to stay undecided."""
 
+import copy
 from dataclasses import fields, replace
 
 import numpy as np
@@ -17,16 +18,18 @@ from paper_repro.inference import LEVEL
 from paper_repro.items import (
     eq7,
     fig4,
+    fig7,
     fig8,
     fig9,
     losses,
     pomdpsol,
     published_ask,
     risk,
+    solved_ask,
     table3,
 )
 from paper_repro.items.table5 import predicted
-from paper_repro.statements import CONSTRUCTED, FALLS, STANDS, UNDECIDED, Evidence
+from paper_repro.statements import CONSTRUCTED, FALLS, STANDS, THEIRS, UNDECIDED, Evidence
 
 KINDS = (STANDS, FALLS, UNDECIDED)
 REPEATS = 20
@@ -205,6 +208,41 @@ def test_asking_until_two_answers_agree_is_what_a_simulation_gives():
     for asked, kind in ((ask_until_two_agree(7, 0.65), FALLS), (Asked(5.0, 0.9), UNDECIDED)):
         (claim,) = published_ask.judge({5: asked}).values()
         assert outcome(claim) == kind
+
+
+@pytest.mark.parametrize(
+    ("first", "last", "outcomes"),
+    [
+        (200.0, 90.0, (STANDS, FALLS)),
+        (100.0, 10.0, (UNDECIDED, UNDECIDED)),  # as plans are worth that at least
+    ],
+)
+def test_lower_bounds_show_that_a_reward_is_above_a_number_alone(first, last, outcomes):
+    ends = (solved_ask.drawn(value + np.linspace(-9.0, 9.0, 30)) for value in (first, last))
+    assert tuple(map(outcome, solved_ask.judge(*ends).values())) == outcomes
+
+
+def test_fig_7_s_last_belief_is_the_third_squared():
+    low, high = fig7.twice([0.60, 0.13, 0.22, 0.05])
+    y, m = 0.27, 0.18  # (1 - y)(1 - m) is .5986, ... : these print the third
+    odds = [(q / (1 - q)) ** 2 for q in (y, m)]
+    after = [o / (1 + o) for o in odds]
+    belief = np.outer([1 - after[0], after[0]], [1 - after[1], after[1]]).ravel()
+    assert (low <= belief).all()
+    assert (belief <= high).all()
+    assert (high - low < 0.015).all()
+
+
+@pytest.mark.parametrize(
+    ("last", "kind"), [([0.84, 0.04, 0.12, 0.01], STANDS), ([0.80, 0.04, 0.12, 0.04], FALLS)]
+)
+def test_fig_7_s_last_belief_follows_from_the_third(monkeypatch, last, kind):
+    paper = copy.deepcopy(frame.paper_values("fig7"))
+    paper["steps"][-1]["belief"] = last
+    monkeypatch.setattr(fig7, "paper_values", lambda item: paper)
+    *_, judged = (row for text, row in fig7.run(Setting()).evidence[THEIRS].items()
+                  if text.startswith("belief"))  # fmt: skip
+    assert outcome(judged) == kind
 
 
 @pytest.mark.parametrize(("kind", "errors"), kinds((0, 2), (2, 0), (2, 2)))

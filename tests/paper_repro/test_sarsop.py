@@ -3,6 +3,7 @@
 import stat
 import sys
 from pathlib import Path
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -11,7 +12,14 @@ from meal_bayes.domain import Query, load_domain
 from meal_bayes.errors import DataError, SettingsError
 from meal_bayes.momdp import Objective, Transition, build_momdp, initial_belief, update_belief
 from meal_bayes.planners import Factored, History
-from paper_repro.sarsop import AlphaVectorPolicy, Sarsop, read_policy
+from paper_repro.agents import ASK
+from paper_repro.sarsop import (
+    AlphaVectorPolicy,
+    Sarsop,
+    problem_file,
+    read_policy,
+    with_whole_answers,
+)
 
 LOOK, LIFT, REINIT = range(3)
 POLICY = """<?xml version="1.0" encoding="ISO-8859-1"?>
@@ -219,3 +227,36 @@ def test_used_up_percepts_end_a_loop():
 def test_vectors_of_another_problem_are_told():
     with pytest.raises(SettingsError, match="x from 3 to 3; the MOMDP has 3"):
         AlphaVectorPolicy(momdp_of(), np.ones((1, 2)), [3], [0])
+
+
+def shown(problem: bytes) -> dict[str, list[float]]:
+    """Return what each (behavior, x, y) of a .pomdpx shows."""
+    entries = ElementTree.fromstring(problem).iterfind("ObsFunction//Entry")
+    return {entry.findtext("Instance"): [float(v) for v in entry.findtext("ProbTable").split()]
+            for entry in entries}  # fmt: skip
+
+
+@pytest.mark.parametrize("n", [1, 2, 3])
+@pytest.mark.parametrize("right", [0.65, 0.3])
+def test_whole_answers_are_right_with_one_probability(n, right):
+    problem = problem_file(momdp_of("ispy32_published", n))
+    before, after = shown(problem), shown(with_whole_answers(problem, ASK, right))
+    assert before.keys() == after.keys()
+    asked = {instance for instance in before if instance.split()[0] == ASK}
+    assert asked
+    assert len(asked) % 2**n == 0  # of every truth, wherever x is
+    assert all(before[instance] == after[instance] for instance in before.keys() - asked)
+    for instance in asked:
+        truth = instance.split()[2].removeprefix("y")
+        *percepts, silent = after[instance]
+        assert (sum(after[instance]), silent) == (pytest.approx(1.0), before[instance][-1])
+        likeliest = int(np.argmax(before[instance][:-1]))
+        assert truth in names_of(problem)[likeliest]
+        assert percepts.pop(likeliest) == pytest.approx(right * (1 - silent))
+        assert percepts == pytest.approx([(1 - right) * (1 - silent) / (2**n - 1)] * (2**n - 1))
+
+
+def names_of(problem: bytes) -> list[str]:
+    """Return the names of what can be perceived, but for nothing."""
+    values = ElementTree.fromstring(problem).findtext("Variable/ObsVar/ValueEnum")
+    return values.split()[:-1]
