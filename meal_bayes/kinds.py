@@ -127,7 +127,8 @@ _SCALARS = {
     str: Kind(lambda value: isinstance(value, str), "a text", frozenset({str})),
     type(None): Kind(lambda value: value is None, "None", frozenset({type(None)})),
 }
-_ARRAY_LIKE = frozenset(typing.get_args(ArrayLike))
+# What an `ArrayLike` is made of, where it is a union; from numpy 2.5 on it is one name.
+_ARRAY_LIKE = frozenset(typing.get_args(ArrayLike) or (ArrayLike,))
 
 
 @functools.cache
@@ -139,7 +140,7 @@ def kind_of(hint: Any) -> Kind:
     """
     if hint in _SCALARS:
         return _SCALARS[hint]
-    if hint in (Any, object) or isinstance(hint, TypeVar):
+    if hint in (Any, object, ArrayLike) or isinstance(hint, TypeVar):
         return _ANYTHING
     origin = typing.get_origin(hint) or hint
     parts = typing.get_args(hint)

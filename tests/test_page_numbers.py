@@ -72,8 +72,8 @@ LIMITS = [
 LEARNING = [
     f"paid for {word(exploration._PAID_BY_ITRS)} percepts of a behavior in a trial at most",
     f"as many as it was asked, and {exploration._FIRST:g} more",
-    f"weighed by $2^{{-m/{views._HALVED}}}$",
-    f"and {word(views._HALVED)} trials halve what it is believed by",
+    f"weighed by $2^{{-m/{views.HALVED}}}$",
+    f"and {word(views.HALVED)} trials halve what it is believed by",
 ]
 PAGES = {
     "SECURITY.md": SECURITY,
