@@ -10,6 +10,7 @@ from meal_bayes.planners.jit import Compiling, watch_compilation
 from meal_bayes.planners.open_loop.policy import OpenLoop, OpenLoopPolicy
 from meal_bayes.planners.pomcp.policy import POMCP
 from meal_bayes.planners.precompile import warm_up
+from meal_bayes.planners.returning import ways_back
 from meal_bayes.planners.several_objects import (
     EMPTY,
     Hand,
@@ -30,7 +31,6 @@ from meal_bayes.planners.solver import (
     TreeEdge,
     unvalued,
 )
-from meal_bayes.planners.ways_back import ways_back
 
 __all__ = [
     "EMPTY", "POMCP", "RULE", "Compiling", "Decision", "Factored", "GoingOn", "Greedy", "Hand",

@@ -32,8 +32,8 @@ from meal_bayes.kinds import checked
 from meal_bayes.momdp import MOMDP, Belief, expected_reward
 from meal_bayes.momdp.model import ARRAYS
 from meal_bayes.planners.boundary import decide
+from meal_bayes.planners.returning import ways_back
 from meal_bayes.planners.solver import History, Policy, Remembering
-from meal_bayes.planners.ways_back import ways_back
 
 POINTS = 17  # outside values
 _SETTLED = 1e-9  # of r+ - r-: an object is worth nothing more than L where it gains less
