@@ -7,6 +7,7 @@ the function itself.
 
 import functools
 import inspect
+import itertools
 import os
 import types
 import typing
@@ -31,6 +32,10 @@ class Kind(NamedTuple):
     fits: Callable[[Any], bool]
     expected: str
     surely: frozenset[type] = frozenset()
+
+    def admits(self, value: object) -> bool:
+        """Return whether a value is of this kind."""
+        return type(value) in self.surely or self.fits(value)
 
 
 def checked(callee: Callee) -> Callee:
@@ -70,21 +75,15 @@ def _guarded(
 
     @functools.wraps(function)
     def call(*values: Given.args, **by_name: Given.kwargs) -> Result:
-        places, others, names = kinds()
-        given = values[bound:]
-        for (argument, kind), value in zip(places, given, strict=False):
-            if type(value) not in kind.surely and not kind.fits(value):
+        places, further, names = kinds()
+        by_place = itertools.chain(places, itertools.cycle(further))
+        for (argument, kind), value in zip(by_place, values[bound:], strict=False):
+            if not kind.admits(value):
                 raise _refusal(name, argument, value, kind)
-        if others is not None:
-            for value in given[len(places) :]:
-                if not others[1].fits(value):
-                    raise _refusal(name, others[0], value, others[1])
         for argument, value in by_name.items():
-            named = names.get(argument)  # a name that is unknown is Python's to refuse
-            if named is None or type(value) in named.surely:
-                continue
-            if not named.fits(value):
-                raise _refusal(name, argument, value, named)
+            kind = names.get(argument, _ANYTHING)  # a name that is unknown is Python's to refuse
+            if not kind.admits(value):
+                raise _refusal(name, argument, value, kind)
         return function(*values, **by_name)
 
     return call
@@ -95,21 +94,26 @@ def _refusal(name: str, argument: str, value: object, kind: Kind) -> SettingsErr
     return SettingsError(f"{name}(): {argument} is {found}; give {kind.expected}.")
 
 
+Named = tuple[str, Kind]  # an argument, by name
+
+
 def _kinds_of(
     function: Callable[..., Any], free: tuple[str, ...], *, bound: bool
-) -> tuple[list[tuple[str, Kind]], tuple[str, Kind] | None, dict[str, Kind]]:
-    """Return the kinds of arguments by place, of further ones, and of arguments by name."""
+) -> tuple[list[Named], list[Named], dict[str, Kind]]:
+    """Return the kinds of arguments by place, of all further ones (*args), and of those by name."""
     hints = typing.get_type_hints(function)
     parameters = list(inspect.signature(function).parameters.values())[bound:]
     kinds = {}
-    for each in parameters:
-        hint = Any if each.name in free else hints.get(each.name, Any)
-        kinds[each.name] = kind_of(hint | None if each.default is None else hint)
-    by_place = (inspect.Parameter.POSITIONAL_ONLY, inspect.Parameter.POSITIONAL_OR_KEYWORD)
-    places = [(each.name, kinds[each.name]) for each in parameters if each.kind in by_place]
-    further = [each.name for each in parameters if each.kind is each.VAR_POSITIONAL]
-    others = (further[0], kinds[further[0]]) if further else None
-    return places, others, {name: kind for name, kind in kinds.items() if name not in further}
+    for parameter in parameters:
+        hint = Any if parameter.name in free else hints.get(parameter.name, Any)
+        kinds[parameter.name] = kind_of(hint | None if parameter.default is None else hint)
+
+    def of(*sorts: inspect._ParameterKind) -> list[Named]:
+        return [(p.name, kinds[p.name]) for p in parameters if p.kind in sorts]
+
+    places = of(inspect.Parameter.POSITIONAL_ONLY, inspect.Parameter.POSITIONAL_OR_KEYWORD)
+    further = of(inspect.Parameter.VAR_POSITIONAL)
+    return places, further, {name: kinds[name] for name in kinds.keys() - dict(further)}
 
 
 def _is_real(value: Any) -> bool:
@@ -175,7 +179,7 @@ def _any_of(parts: tuple[Any, ...]) -> Kind:
     words = [kind.expected for kind in kinds]
     if {str, Path} <= set(parts):
         words = ["a path, as a text or a Path", *words]
-        words = [each for each in words if each not in ("a text", "a Path")]
+        words = [text for text in words if text not in ("a text", "a Path")]
     return Kind(
         lambda value: any(fits(value) for fits in tests),
         ", or ".join(words),
@@ -232,7 +236,7 @@ def _row(parts: tuple[Any, ...]) -> Kind:
 
     def fits(value: Any) -> bool:
         of_length = isinstance(value, list | tuple) and len(value) == len(items)
-        return of_length and all(item.fits(each) for item, each in zip(items, value, strict=True))
+        return of_length and all(item.fits(part) for item, part in zip(items, value, strict=True))
 
     return Kind(fits, f"a tuple of {', '.join(item.expected for item in items)}")
 
@@ -242,7 +246,7 @@ def _mapping(key: Kind, item: Kind) -> Kind:
 
     def fits(value: Any) -> bool:
         return isinstance(value, Mapping) and all(
-            key.fits(name) and item.fits(each) for name, each in value.items()
+            key.fits(name) and item.fits(content) for name, content in value.items()
         )
 
     return Kind(fits, f"a mapping of {key.expected} to {item.expected}")
