@@ -1,6 +1,7 @@
 """The table of claims says what the results say, and marks what rests on older percepts."""
 
 import json
+import math
 import re
 from collections import Counter
 from pathlib import Path
@@ -142,3 +143,22 @@ def test_results_of_older_percept_tables_are_marked(tmp_path, monkeypatch):
     page = facts | lists | {"item": "fig8", "command": "meal-bayes reproduce fig8 --seed 0"}
     assert "earlier version" in pages.result_page(page, committed=True)
     assert "earlier version" not in pages.result_page(page)
+
+
+def test_printed_numbers_lie_as_many_standard_errors_away_as_is_said():
+    """Of Table 3, by the errors of both: the paper's from what it prints, and ours."""
+    paper = frame.paper_values("table3")
+    (entry,) = (entry for entry in ENTRIES if entry["says"] == "Accuracies and costs, as printed")
+    distances = []
+    for row in claims.chosen(entry, frame.read_result("table3")["statements"]):
+        n, key = re.search(r"(\d) attributes: (accuracy|cost)", row["text"]).groups()
+        printed = paper[n]["morc" if row["text"].startswith("morc") else "predefined_plus"]
+        p = printed["accuracy"]
+        variance = printed["sd"] ** 2 if key == "cost" else p * (1 - p)
+        error = math.hypot(row["error"], (variance / paper["trials"]) ** 0.5)
+        distances.append(abs(row["estimate"] - printed[key]) / error)
+    far = sorted(round(distance) for distance in distances if distance > 2)
+    assert (len(distances), len(far)) == (6, 5)
+    assert (
+        f"five of the six lie {far[0]} to {far[-1]} standard errors (of both)" in entry["because"]
+    )
