@@ -5,9 +5,9 @@ from pathlib import Path
 import pytest
 
 from meal_bayes import untrusted
-from meal_bayes.agents import co_occurrence, exploration
+from meal_bayes.agents import co_occurrence, exploration, progress
 from meal_bayes.datasets import percepts
-from meal_bayes.domain import domain
+from meal_bayes.domain import success
 from meal_bayes.evaluation import calibration, outcome_model, statistics
 from meal_bayes.experiments import offline, online_protocol
 from meal_bayes.learner import views
@@ -71,7 +71,7 @@ LIMITS = [
 ]
 LEARNING = [
     f"paid for {word(exploration._PAID_BY_ITRS)} percepts of a behavior in a trial at most",
-    f"as many as it was asked, and {exploration._FIRST:g} more",
+    f"as many as it was asked, and {progress._FIRST:g} more",
     f"weighed by $2^{{-m/{views.HALVED}}}$",
     f"and {word(views.HALVED)} trials halve what it is believed by",
 ]
@@ -91,11 +91,11 @@ PAGES = {
         f"yields nothing, at least {times(faults._LEAST)} in a row",
         f"whose features came {times(faults._LEAST)} and could not be read",
     ],
-    "meal_bayes/agents/exploration.py": [
-        f"as many as it was asked so far, and {exploration._FIRST:g} more",
+    "meal_bayes/agents/progress.py": [
+        f"as many as it was asked so far, and {progress._FIRST:g} more",
     ],
-    "meal_bayes/domain/domain.py": [
-        f"The prior is worth {word(domain._PRIOR)} executions",
+    "meal_bayes/domain/success.py": [
+        f"The prior is worth {word(success._PRIOR)} executions",
     ],
     "meal_bayes/evaluation/calibration.py": [f"over {word(calibration.BINS)} bins"],
     "meal_bayes/evaluation/outcome_model.py": [

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes.arrays import check_kind, freeze, is_whole, label_values, set_frozen, whole_array
+from meal_bayes.arrays import check_kind, freeze, is_whole, label_values, set_frozen
 from meal_bayes.datasets.features import checked_features
 from meal_bayes.datasets.frames import dataset_parts
 from meal_bayes.display import facts_html, facts_repr, listed, short_repr
@@ -229,7 +229,7 @@ class Dataset:
         DataError
             The object has no such recording.
         """
-        _check_positions([object_index], len(self.objects), "objects")
+        check_positions([object_index], len(self.objects), "objects")
         index = self.domain.behavior_index(behavior)
         count = self.recording_counts[object_index, index]
         if not is_whole(recording) or not 0 <= recording < count:
@@ -244,7 +244,7 @@ class Dataset:
         return Instance(object_index, behavior, recording, features)
 
 
-def _check_positions(positions: Iterable[object], count: int, what: str) -> None:
+def check_positions(positions: Iterable[object], count: int, what: str) -> None:
     """Refuse what is no place in a list: a negative one would silently count from its end."""
     for place in positions:
         if not is_whole(place) or not 0 <= place < count:
@@ -286,65 +286,3 @@ def object_index(objects: tuple[str, ...], name: object) -> int:
     if not isinstance(name, str) or name not in objects:
         raise SettingsError(unknown("object", name, objects))
     return objects.index(name)
-
-
-@checked
-@dataclass(frozen=True, slots=True)
-class TrainingSet:
-    """The paper's D: the recordings that the robot has, and the labels that people gave them.
-
-    They are sorted by (object, behavior, recording).
-
-    Attributes
-    ----------
-    object, behavior, recording : NDArray[np.int32]
-        (n,) int32, positions from 0.
-    labels : NDArray[np.int8]
-        (n,P) int8, 1 true, 0 false, -1 not labeled.
-
-    Raises
-    ------
-    DataError
-        Lengths that do not agree, labels other than 1, 0 and -1, or two rows of one instance.
-    """
-
-    object: NDArray[np.int32]
-    behavior: NDArray[np.int32]
-    recording: NDArray[np.int32]
-    labels: NDArray[np.int8]
-
-    __repr__ = short_repr
-
-    def __post_init__(self) -> None:
-        names = ("object", "behavior", "recording")
-        columns = [whole_array(name, getattr(self, name), len(self.object)) for name in names]
-        keys = np.array(columns, dtype=np.int32).reshape(3, -1).T  # (n,3)
-        labels = label_values(self.labels)
-        if labels.ndim != 2 or len(labels) != len(keys):  # (n,P)
-            raise DataError(
-                f"Labels have shape {labels.shape}; expected ({len(keys)}, attributes), "
-                "a row for each instance."
-            )
-        unique, rows = np.unique(keys, axis=0, return_index=True)
-        if (unique < 0).any():
-            raise DataError("Objects, behaviors and recordings are places, counted from 0.")
-        if len(unique) < len(keys):
-            raise DataError("A recording has two rows of labels; give each one.")
-        for name, column in zip(names, unique.T, strict=True):
-            set_frozen(self, **{name: freeze(column, np.int32)})
-        set_frozen(self, labels=freeze(labels[rows], np.int8))
-
-    @classmethod
-    def everything(cls, dataset: Dataset, objects: Iterable[int] | None = None) -> "TrainingSet":
-        """Return all recordings of some objects (of all by default), with all known labels."""
-        chosen = range(len(dataset.objects)) if objects is None else [*objects]
-        _check_positions(chosen, len(dataset.objects), "objects")
-        sensing = dataset.domain.recorded
-        axes = np.meshgrid(sorted({*chosen}), sensing, np.arange(dataset.recordings), indexing="ij")
-        keys = np.stack(axes).reshape(3, -1).astype(np.int32)
-        keys = keys[:, keys[2] < dataset.recording_counts[keys[0], keys[1]]]
-        return cls(keys[0], keys[1], keys[2], dataset.labels[keys[0]])
-
-    def __len__(self) -> int:
-        """Return the number of instances, n."""
-        return len(self.object)

@@ -2,13 +2,12 @@
 
 import math
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes.arrays import shaped_array
 from meal_bayes.display import facts_html, facts_repr, listed
 from meal_bayes.domain.diagram import TransitionDiagram
 from meal_bayes.domain.event import Payoffs
@@ -17,8 +16,6 @@ from meal_bayes.domain.words import JOINING_WORDS, doubled, fold, unknown
 from meal_bayes.errors import DataError, DomainError, QueryError
 from meal_bayes.kinds import checked
 from meal_bayes.untrusted import LARGEST
-
-_PRIOR = 2.0  # executions at the domain's own probability, where success is learned
 
 
 @checked
@@ -311,9 +308,10 @@ class Domain:
 
     def behavior_index(self, name: str) -> int:
         """Return the position of a behavior; `DomainError` if there is none."""
-        if name not in self.behavior_names:
-            raise DomainError(unknown("behavior", name, self.behavior_names))
-        return self.behavior_names.index(name)
+        names = self.behavior_names
+        if name not in names:
+            raise DomainError(unknown("behavior", name, names))
+        return names.index(name)
 
     def attribute_index(self, name: str) -> int:
         """Return the position of an attribute; `QueryError` if there is none."""
@@ -324,27 +322,3 @@ class Domain:
     def columns(self, names: Iterable[str]) -> list[int]:
         """Return the positions of some attributes; raises as `attribute_index` does."""
         return [self.attribute_index(name) for name in names]
-
-
-@checked
-def learn_success(domain: Domain, attempts: NDArray[np.float64]) -> Domain:
-    """Return the domain with the posterior mean of every behavior's success probability.
-
-    The prior is worth two executions at the domain's own probability. Outcomes keep their shares.
-
-    Parameters
-    ----------
-    attempts : NDArray[np.float64]
-        (E,2) legal executions that failed, and that succeeded, by their weights.
-    """
-    attempts = shaped_array("attempts", attempts, len(domain.behaviors), 2)
-    diagram = domain.diagram
-    effects = []
-    for effect in diagram.effects:
-        failed, succeeded = attempts[domain.behavior_index(effect.behavior)]
-        arrow = effect.source, effect.behavior
-        before = sum(e.probability for e in diagram.effects if (e.source, e.behavior) == arrow)
-        after = float((_PRIOR * before + succeeded) / (_PRIOR + failed + succeeded))
-        changed = replace(effect, probability=effect.probability * after / before)
-        effects.append(effect if after == before else changed)
-    return replace(domain, diagram=replace(diagram, effects=tuple(effects)))

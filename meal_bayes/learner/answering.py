@@ -8,9 +8,8 @@ from numpy.typing import ArrayLike
 
 from meal_bayes.agents import Agent, Knowledge, as_agent
 from meal_bayes.datasets import PerceptTable, object_index
-from meal_bayes.domain import Domain, Query, read_question
+from meal_bayes.domain import Domain, Query
 from meal_bayes.errors import SettingsError
-from meal_bayes.files import file_name, lasting_path
 from meal_bayes.learner.columns import Objects
 from meal_bayes.learner.experience import Experience
 from meal_bayes.learner.fit import Fit, problem_of, training_agent
@@ -23,11 +22,13 @@ from meal_bayes.learner.trial import (
     Asked,
     Question,
     TrialOptions,
+    question_of,
     robot_or_name,
     session_of,
     start_of,
     task_of,
 )
+from meal_bayes.learner.trial_logs import TrialLogs
 from meal_bayes.momdp import MOMDP
 from meal_bayes.planners import Policy
 from meal_bayes.processes import Lock
@@ -50,14 +51,12 @@ class Answerer:
     ) -> None:
         self.domain = domain
         self.settings = settings
-        # Where its trials are logged; None: nowhere.
-        self._folder = None if logs is None else lasting_path("logs", logs) / file_name(domain.name)
         self.experience = Experience(domain)
         self.table: PerceptTable | None = None  # that is replayed
         self._agent = agent
         self._fits = FitCache(self.experience, settings)
         self._asked = Asked()
-        self._folders: dict[Key, Path] = {}  # of the logs of its trials
+        self._logs = TrialLogs(logs, domain.name)
         self._lock = Lock()
 
     @property
@@ -175,7 +174,7 @@ class Answerer:
             raise SettingsError(NO_TABLE if robot is None else NO_CLASSIFIERS)
         limit = robot.limit if isinstance(robot, RecordedRobot) else np.inf
         options = TrialOptions(truth, learn, limit, max_steps, max_cost, on_step)
-        question = self._read(question, answer, payoffs)
+        question = question_of(question, self.domain, answer, payoffs)
         session = self._open(question, object_name, key, log, options, state=None)
         return run_trial(session, self.replay(session.task) if robot is None else robot)
 
@@ -220,19 +219,8 @@ class Answerer:
             truth, learn, max_steps=max_steps, max_cost=max_cost, on_step=on_step,
             commanded=commanded, seed=seed,
         )  # fmt: skip
-        question = self._read(question, answer, payoffs)
+        question = question_of(question, self.domain, answer, payoffs)
         return self._open(question, object_name, key, log, options, state).start(state)
-
-    def _read(self, question: Question, answer: str, payoffs: Sequence[float] | None) -> Question:
-        """Read the question of a person who says how it is answered; others are read later."""
-        if answer == "values" and payoffs is None:
-            return question
-        if isinstance(question, Task | Query):
-            raise SettingsError(
-                "A Query says itself how it is answered, and what that earns; give no answer= or "
-                "payoffs= beside it."
-            )
-        return read_question(question, self.domain, answer, payoffs)
 
     def resume(self, log: str | Path | None = None, *, state: str | None = None) -> Session:
         """Go on with a trial whose process ended in the middle of it, from its log.
@@ -254,9 +242,7 @@ class Answerer:
             There is no trial that was broken off, or several; it is another learner's, another
             process drives the robot, or that is elsewhere.
         """
-        place = self._folder if log is None else lasting_path("log", log)
-        if place is None:
-            raise SettingsError("This learner logs nothing; give resume() the trial's log.")
+        place = self._logs.interrupted(log, "give resume() the trial's log")
         with resuming(place, Interrupted) as broken:
             return self._resumed(broken, state)
 
@@ -307,11 +293,16 @@ class Answerer:
         return task_of(self.domain, self.table, question, object_name, key)
 
     def _open(
-        self, question: Question, object_name: str | None, key: str | int | None,
-        log: str | Path | None, options: TrialOptions, state: str | None,
-    ) -> Session:  # fmt: skip
+        self,
+        question: Question,
+        object_name: str | None,
+        key: str | int | None,
+        log: str | Path | None,
+        options: TrialOptions,
+        state: str | None,
+    ) -> Session:
         """Return the session of a question, logged if there is a place, but not started yet."""
-        place = self._folder if log is None else lasting_path("log", log)
+        place = self._logs.place(log)
         with self._lock:
             task, streams = self._task(question, object_name, key, learn=options.learn)
             if self.table is None and not isinstance(question, Task):
@@ -325,13 +316,16 @@ class Answerer:
         return session
 
     def _record(
-        self, session: Session, place: Path, header: Mapping[str, object],
+        self,
+        session: Session,
+        place: Path,
+        header: Mapping[str, object],
         resumed: Interrupted | None = None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         """Log a session from now on, with a header that says how it came about."""
         drawn = {"seed": self.settings.seed, "streams": list(session.key), "data": self.domain.data}
         log = LiveLog(place, {**drawn, **header}, session.task.object_name, resumed=resumed)
-        self._folders[session.task.key] = log.path.parent
+        self._logs.note({session.task.key: log.path.parent})
         session.record(log)
 
     def _session(

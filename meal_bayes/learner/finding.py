@@ -13,7 +13,6 @@ from meal_bayes.datasets import object_index
 from meal_bayes.domain import Query, read_question
 from meal_bayes.domain.event import Payoffs
 from meal_bayes.errors import QueryError, SettingsError
-from meal_bayes.files import lasting_path
 from meal_bayes.learner.answering import NO_TABLE, Answerer
 from meal_bayes.learner.columns import Objects
 from meal_bayes.learner.fit import solve
@@ -24,9 +23,8 @@ from meal_bayes.momdp import MOMDP
 from meal_bayes.planners import Policy, Prospector, SharedPlans
 from meal_bayes.robots.several import RobotPerObject
 from meal_bayes.seeds import Key, stream
-from meal_bayes.trial_log.live import InterruptedSearch, SearchLog, check_alone, resuming
-from meal_bayes.trial_log.names import dated_name
-from meal_bayes.trial_log.schema import FIND, SUFFIX
+from meal_bayes.trial_log.live import InterruptedSearch, SearchLog, resuming
+from meal_bayes.trial_log.schema import FIND
 from meal_bayes.trial_log.searches import search_of
 from meal_bayes.trials import (
     FaultTolerant,
@@ -168,7 +166,7 @@ class Finder(Answerer):
         for name in truth or ():
             if name not in names:
                 raise SettingsError(f"truth is of {name!r:.60}, which is none of the objects.")
-        folder = self._search_folder(log)
+        folder = self._logs.search_folder(log)
         with self._lock:
             if self.table is None:
                 key = self._asked.key(learn=learn) if key is None else key
@@ -211,11 +209,7 @@ class Finder(Answerer):
             There is no search that was broken off, or several; it is another learner's, or another
             process drives the robot.
         """
-        place = self._folder if log is None else lasting_path("log", log)
-        if place is None:
-            raise SettingsError(
-                "This learner logs nothing; give resume_find() the search's folder."
-            )
+        place = self._logs.interrupted(log, "give resume_find() the search's folder")
         log_file = search_of(place)
         with resuming(place if log_file is None else log_file, InterruptedSearch) as broken:
             return self._resumed_search(broken)
@@ -334,13 +328,3 @@ class Finder(Answerer):
             return policy
         usual = self.domain.diagram.compile(self.domain.behavior_names)
         return FaultTolerant(momdp, policy, shared, usual)
-
-    def _search_folder(self, log: str | Path | None) -> Path | None:
-        """Return the folder of a search to come; None: nothing is logged."""
-        if log is None:
-            return None if self._folder is None else self._folder / dated_name("find", self._folder)
-        folder = lasting_path("log", log)
-        if folder.suffix == SUFFIX or folder.is_file():
-            raise SettingsError(f"A search has a log an object; give a folder, not {folder}.")
-        check_alone(folder)  # before it is planned for a minute
-        return folder

@@ -1,6 +1,5 @@
 """The `Learner`: an agent and its experience; asked questions, updated by feedback, and saved."""
 
-import os
 from collections.abc import Mapping, Sequence
 from html import escape
 from pathlib import Path
@@ -239,17 +238,14 @@ class Learner(Finder):
             self._fits.update(moved, refit=True, anew=executed)
             self._log_told(trial, Telling(name, key, before, executed))
 
-    def note_folders(self, places: Mapping[Key, Path]) -> None:
+    def note_folders(self, folders: Mapping[Key, Path]) -> None:
         """Note in which folders the logs of trials lie: beside them labels are logged."""
-        if self._folder is not None:
-            self._folders |= places
+        if self._logs.place(None) is not None:
+            self._logs.note(folders)
 
     def _log_told(self, trial: Trial | str, telling: Telling) -> None:
         """Log what was told, beside the log of its trial where that can be written."""
-        folder = self._folder
-        beside = self._folders.get(trial.task.key) if isinstance(trial, Trial) else None
-        if beside is not None and os.access(beside, os.W_OK):
-            folder = beside
+        folder = self._logs.told_folder(trial)
         if folder is not None:
             log_told(self.experience, folder, telling)
 

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from meal_bayes.arrays import check_whole, check_yes_no, real_vector
 from meal_bayes.datasets import PerceptTable, object_index
-from meal_bayes.domain import TERMINAL, Domain, Query, read_query
+from meal_bayes.domain import TERMINAL, Domain, Query, read_query, read_question
 from meal_bayes.errors import LogError, SettingsError
 from meal_bayes.kinds import checked
 from meal_bayes.learner.columns import Context, unnamed
@@ -103,6 +103,20 @@ class Asked:
             self.tests = max(self.tests, questions)
         else:
             self.lessons = max(self.lessons, questions)
+
+
+def question_of(
+    question: Question, domain: Domain, answer: str, payoffs: Sequence[float] | None
+) -> Question:
+    """Read the question of a person who says how it is answered; others are read later."""
+    if answer == "values" and payoffs is None:
+        return question
+    if isinstance(question, Task | Query):
+        raise SettingsError(
+            "A Query says itself how it is answered, and what that earns; give no answer= or "
+            "payoffs= beside it."
+        )
+    return read_question(question, domain, answer, payoffs)
 
 
 def start_of(before: Trial, start: str, state: str | None) -> str:

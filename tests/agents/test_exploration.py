@@ -8,14 +8,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from meal_bayes.agents import Horizon, LearningBonus, Progress
-from meal_bayes.agents.exploration import (
+from meal_bayes.agents.knowledge import Knowledge
+from meal_bayes.agents.label_prices import AHEAD, explained, prices, rates_ahead
+from meal_bayes.agents.learning_value import (
     as_equation_11,
     experience_bits,
     first_percept_value,
     learning_prices,
 )
-from meal_bayes.agents.knowledge import Knowledge
-from meal_bayes.agents.label_prices import AHEAD, explained, prices, rates_ahead
 from meal_bayes.domain import Query, load_domain
 from meal_bayes.momdp import build_momdp
 from meal_bayes.posterior import ConfusionPosterior

@@ -1,0 +1,36 @@
+"""How often behaviors succeed, learned from what the robot has executed."""
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meal_bayes.arrays import shaped_array
+from meal_bayes.domain.domain import Domain
+from meal_bayes.kinds import checked
+
+_PRIOR = 2.0  # executions at the domain's own probability
+
+
+@checked
+def learn_success(domain: Domain, attempts: NDArray[np.float64]) -> Domain:
+    """Return the domain with the posterior mean of every behavior's success probability.
+
+    The prior is worth two executions at the domain's own probability. Outcomes keep their shares.
+
+    Parameters
+    ----------
+    attempts : NDArray[np.float64]
+        (E,2) legal executions that failed, and that succeeded, by their weights.
+    """
+    attempts = shaped_array("attempts", attempts, len(domain.behaviors), 2)
+    diagram = domain.diagram
+    effects = []
+    for effect in diagram.effects:
+        failed, succeeded = attempts[domain.behavior_index(effect.behavior)]
+        arrow = effect.source, effect.behavior
+        before = sum(e.probability for e in diagram.effects if (e.source, e.behavior) == arrow)
+        after = float((_PRIOR * before + succeeded) / (_PRIOR + failed + succeeded))
+        changed = replace(effect, probability=effect.probability * after / before)
+        effects.append(effect if after == before else changed)
+    return replace(domain, diagram=replace(diagram, effects=tuple(effects)))

@@ -1,0 +1,72 @@
+"""Where a learner logs: its folder, and the folder in which the log of each trial lies."""
+
+import os
+from collections.abc import Mapping
+from pathlib import Path
+
+from meal_bayes.errors import SettingsError
+from meal_bayes.files import file_name, lasting_path
+from meal_bayes.seeds import Key
+from meal_bayes.trial_log.live import check_alone
+from meal_bayes.trial_log.names import dated_name
+from meal_bayes.trial_log.schema import SUFFIX
+from meal_bayes.trials import Trial
+
+
+class TrialLogs:
+    """Says where trials, searches and what people tell of them are logged; None: nowhere.
+
+    Parameters
+    ----------
+    logs : str or Path, optional
+        Folder of the logs of robots.
+    name : str
+        Of the robot's domain: its folder in that one.
+    """
+
+    def __init__(self, logs: str | Path | None, name: str) -> None:
+        self._folder = None if logs is None else lasting_path("logs", logs) / file_name(name)
+        self._folder_of_trial: dict[Key, Path] = {}
+
+    def place(self, log: str | Path | None) -> Path | None:
+        """Return the log or folder that a caller names, or else the learner's folder."""
+        return self._folder if log is None else lasting_path("log", log)
+
+    def interrupted(self, log: str | Path | None, remedy: str) -> Path:
+        """Return where to look for what was broken off; `SettingsError`, with a remedy, if nowhere.
+
+        Parameters
+        ----------
+        log : str or Path, optional
+            That a caller names.
+        remedy : str
+            "give resume() the trial's log".
+        """
+        place = self.place(log)
+        if place is None:
+            raise SettingsError(f"This learner logs nothing; {remedy}.")
+        return place
+
+    def search_folder(self, log: str | Path | None) -> Path | None:
+        """Return the folder of a search to come; `SettingsError` where it cannot be one."""
+        place = self.place(log)
+        if place is None:
+            return None
+        if log is None:
+            return place / dated_name("find", place)
+        if place.suffix == SUFFIX or place.is_file():
+            raise SettingsError(f"A search has a log an object; give a folder, not {place}.")
+        check_alone(place)  # before it is planned for a minute
+        return place
+
+    def note(self, folders: Mapping[Key, Path]) -> None:
+        """Note the folders in which the logs of some trials lie, by the trials' keys."""
+        self._folder_of_trial |= folders
+
+    def told_folder(self, trial: Trial | str) -> Path | None:
+        """Return where to log what is told: beside the trial's log if that can be written."""
+        if isinstance(trial, Trial):
+            beside = self._folder_of_trial.get(trial.task.key)
+            if beside is not None and os.access(beside, os.W_OK):
+                return beside
+        return self._folder
