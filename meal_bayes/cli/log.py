@@ -88,8 +88,9 @@ def show(file: Path, number: int | None, picture: Path | None, dark: bool, narro
     """
     from meal_bayes.cli.find import print_search
     from meal_bayes.cli.narration import print_trial
+    from meal_bayes.trial_log.logs import going_on_text
     from meal_bayes.trial_log.searches import unfinished_text
-    from meal_bayes.trials.text import outcome_facts
+    from meal_bayes.trials.text import UNFINISHED, outcome_facts
 
     if picture is None and (dark or narrow):
         raise click.UsageError("--dark and --narrow are of a picture; give --picture FILE.svg.")
@@ -112,6 +113,8 @@ def show(file: Path, number: int | None, picture: Path | None, dark: bool, narro
     print_facts(console, {name: facts[name] for name in ("question", "object", "agent")})
     console.print()
     print_trial(console, group.trials[row])
+    if group.trials[row].ended == UNFINISHED:
+        note(going_on_text(group.file, group.header))
 
 
 def search_at(place: Path) -> "Search | None":

@@ -81,7 +81,9 @@ def recall(learner: Learner, *logs: str | Path) -> list[Trial]:
     """Rebuild the experience of a learner from the logs of its robot's trials.
 
     What was executed, whether it succeeded, what the robot sensed, and the labels that people told
-    of it are in the logs; a trial that was forgotten with its recordings is so again. Trials that
+    of it are in the logs; a trial that was forgotten with its recordings is so again. One that was
+    broken off, or is under way, is learned from as far as it went, and later to its end; where it
+    is to go on, `resume` it first, as its agent would decide by what it has learned. Trials that
     the learner has had to their end, tests, and trials with other levels than its agent's are
     passed over, but for what people have told of them, or taken back, since: in the order in which
     it was told, whatever the order of the folders. What the learner has told or recalled before is
@@ -110,7 +112,7 @@ def recall(learner: Learner, *logs: str | Path) -> list[Trial]:
     recalled = list[Trial]()
     places = dict[Key, Path]()
     asked = list[Key]()
-    for group in files.groups():
+    for group in files.begun():
         streams = group.header.get("streams")
         if isinstance(streams, list):
             asked.append(tuple(streams))

@@ -4,6 +4,7 @@ Equal inputs give equal bytes, so that two people compare their archives by one 
 """
 
 import json
+import logging
 import shutil
 import zipfile
 from collections.abc import Iterator, Sequence
@@ -13,6 +14,7 @@ from platform import python_version
 from typing import Any
 
 from meal_bayes.digests import checksum_of
+from meal_bayes.display import listed
 from meal_bayes.errors import LogCorruptError, LogError
 from meal_bayes.files import checked_path, command_line, draft_of
 from meal_bayes.trial_log.names import all_logs
@@ -24,6 +26,8 @@ MANIFEST = "MANIFEST.json"
 _WRITTEN = (1980, 1, 1, 0, 0, 0)  # the earliest time that a zip file knows
 _PERMISSIONS = 0o644 << 16
 
+log = logging.getLogger("meal_bayes.trial_log")
+
 
 def write_archive(folder: str | Path, out: str | Path, others: Sequence[str | Path] = ()) -> Path:
     """Check the logs of a study, and pack them with a manifest.
@@ -34,7 +38,8 @@ def write_archive(folder: str | Path, out: str | Path, others: Sequence[str | Pa
     Parameters
     ----------
     folder : str | Path
-        With the logs; everything in it is packed, drafts of trials under way aside.
+        With the logs; everything in it is packed but for logs that are not over, which a warning
+        names.
     out : str | Path
         The archive, a .zip.
     others : Sequence[str | Path]
@@ -48,13 +53,13 @@ def write_archive(folder: str | Path, out: str | Path, others: Sequence[str | Pa
     Raises
     ------
     LogError
-        A folder without logs, a log that is damaged, what does not exist, or two files that would
-        have one name.
+        A folder without logs that are over, a log that is damaged, what does not exist, or two
+        files that would have one name.
     """
     folder = checked_path("The folder", folder)
     if not folder.is_dir():
         raise LogError(f"{folder} is no folder; give that of a run, with its logs.")
-    all_logs(folder)  # raises where there is none
+    _check_over(all_logs(folder))
     files = dict[str, Path]()
     for place in (folder, *map(Path, others)):
         for name, path in _files_of(place):
@@ -75,6 +80,20 @@ def write_archive(folder: str | Path, out: str | Path, others: Sequence[str | Pa
                 ):
                     shutil.copyfileobj(source, target)
     return Path(out)
+
+
+def _check_over(logs: Sequence[Path]) -> None:
+    """Warn of logs that are not over, and so are left aside; refuse where none is."""
+    drafts = [str(file) for file in logs if file.name.endswith(ACTIVE)]
+    if not drafts:
+        return
+    text = (
+        f"{listed(drafts, 3)}: not over. A trial that is broken off goes on by Learner.resume(), a "
+        "search by Learner.resume_find(), a run by its own command."
+    )
+    if len(drafts) == len(logs):
+        raise LogError(f"There is no log to pack: {text}")
+    log.warning("Left out of the archive: %s", text)
 
 
 def _files_of(place: Path) -> Iterator[tuple[str, Path]]:

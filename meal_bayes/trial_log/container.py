@@ -44,6 +44,7 @@ FAULTS = (
     SettingsError,
 )
 TORN = (EndOfFile, struct.error)  # raised where the file ends inside a record
+CUT_SHORT = "the file ends before its closing records"  # what is said of these
 _SEARCHED = 16  # blocks of the record limit
 _HEAD = 9  # bytes of a record before its content
 _CRC = 4  # bytes of a checksum
@@ -151,7 +152,7 @@ def _unpacked(chunk: Chunk) -> bytes:
 def fault_text(fault: Exception) -> str:
     """Return a fault in words."""
     if isinstance(fault, TORN):
-        return "the file ends before its closing records"
+        return CUT_SHORT
     return str(fault) if isinstance(fault, LogError) else f"{type(fault).__name__}: {fault}"
 
 

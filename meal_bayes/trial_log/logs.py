@@ -16,12 +16,12 @@ from meal_bayes.digests import checksum_of
 from meal_bayes.errors import LogCorruptError, LogError, LogVersionError, QueryError
 from meal_bayes.files import checked_path
 from meal_bayes.kinds import checked
-from meal_bayes.trial_log.container import FAULTS, TORN, fault_text, read_records
+from meal_bayes.trial_log.container import CUT_SHORT, FAULTS, TORN, fault_text, read_records
 from meal_bayes.trial_log.decode import TrialBuilder
 from meal_bayes.trial_log.feedback import Feedback, FeedbackIndex
 from meal_bayes.trial_log.foreign import ForeignFileError
 from meal_bayes.trial_log.names import feedback_of, log_files, named_form, stem_of
-from meal_bayes.trial_log.reader import Scan, grouped, read_header, readable_feedback, salvage
+from meal_bayes.trial_log.reader import Scan, grouped, read_header, readable_feedback
 from meal_bayes.trial_log.schema import ACTIVE, FEEDBACK_FORM, FIND, FULL, SEARCH_FORM, SUFFIX
 from meal_bayes.trial_log.searches import searches_in, unfinished_text
 from meal_bayes.trials import Search, Trial, TrialOutcomes
@@ -50,10 +50,25 @@ def _content(data_set: str) -> str:
     return checksum_of(path) if is_table else data_set
 
 
+def of_learner(header: Mapping[str, object]) -> bool:
+    """Return whether a log holds a trial that a learner has begun, alone or in a search."""
+    return isinstance(header.get("begun"), dict) or of_search(header)
+
+
 def of_search(header: Mapping[str, object]) -> bool:
     """Return whether a log holds the trial of an object that a search explored."""
     config = header.get("config")
     return isinstance(config, dict) and config.get("command") == FIND
+
+
+def going_on_text(log: Path, header: Mapping[str, object]) -> str:
+    """Say of a trial, or a search, that a learner has not ended how it goes on."""
+    if of_search(header):
+        return unfinished_text(log.parent)
+    return (
+        f"{log}: the trial is not over; where its process died, Learner.resume({str(log)!r}) goes "
+        "on with it"
+    )
 
 
 @checked
@@ -112,43 +127,40 @@ class Logs:
         LogVersionError
             A file of another format version.
         """
-        return self._groups(explored=False)
+        return self._groups(begun=False)
+
+    def begun(self) -> Iterator[Group]:
+        """Yield the groups with what a learner began and has not ended, as far as it went.
+
+        That is a trial whose process died, or is under way. Errors are those of `groups`.
+        """
+        return self._groups(begun=True)
 
     def shown(self) -> Iterator[Group]:
-        """Yield the groups as people are shown them; errors are those of `groups`.
+        """Yield the groups of `begun` as people are shown them; errors are those of `groups`.
 
-        What a search has explored without its answer is shown as far as it went, and of an object
-        that a search left the trial says so.
+        Of an object that a search left the trial says so.
         """
-        for group in self._groups(explored=True):
+        for group in self.begun():
             if of_search(group.header):
                 yield group._replace(trials=tuple(map(as_left, group.trials)))
             else:
                 yield group
 
-    def _groups(self, *, explored: bool) -> Iterator[Group]:
-        """Yield the trials in groups; with those without an outcome that searches explored."""
+    def _groups(self, *, begun: bool) -> Iterator[Group]:
+        """Yield the trials in groups; with those without an outcome that a learner has begun."""
         empty = True
         for file, header in self._distinct():
             scan = Scan(file, tolerant=True)
             place = 0
-            for outcomes, trials in grouped(scan):
+            for outcomes, trials in grouped(scan, unfinished=begun and of_learner(header)):
                 empty = False
                 first = place
                 place = place + len(outcomes)
                 places = range(first, place)
                 yield self._judged(Group(header, scan.path, places, outcomes, trials))
-            active = scan.path.name.endswith(ACTIVE)
-            if active and of_search(header):
-                for trial in salvage(scan.path) if explored and not place else ():
-                    if isinstance(trial, Trial):
-                        empty = False
-                        outcomes = TrialOutcomes.of([trial])
-                        yield self._judged(Group(header, scan.path, [0], outcomes, (trial,)))
-                self._note_unfinished(unfinished_text(scan.path.parent))
-            elif active:
-                why = f" ({scan.problems[0]})" if scan.problems else ""
-                self._note_unfinished(f"{file} was not finished by its writer{why}")
+            if scan.path.name.endswith(ACTIVE):
+                self._note_draft(scan.path, header, scan.problems)
             elif scan.foreign is not None:
                 self.problems.append(scan.foreign.of(file))
             else:
@@ -172,9 +184,16 @@ class Logs:
         for group in self.groups():
             yield from group.trials
 
-    def _note_unfinished(self, problem: str) -> None:
-        """Note what another process may be writing, once."""
-        if problem not in self.unfinished:
+    def _note_draft(self, draft: Path, header: Mapping[str, object], faults: list[str]) -> None:
+        """Note what another process may be writing, and what is damaged in it."""
+        fault = next(iter(faults), "")
+        damaged = fault not in ("", CUT_SHORT)
+        problem = f"{draft} was not finished by its writer{f' ({fault})' if fault else ''}"
+        if of_learner(header):
+            problem = going_on_text(draft, header)
+        if damaged:
+            self.problems.append(f"{draft}: {fault}")
+        if problem not in self.unfinished:  # a search has several drafts
             self.unfinished.append(problem)
             self.problems.append(problem)
 

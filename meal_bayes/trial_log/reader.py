@@ -116,10 +116,12 @@ def readable_feedback(
             on_fault(str(fault))
 
 
-def grouped(scan: "Scan") -> Iterator[tuple[TrialOutcomes, tuple[Trial, ...]]]:
-    """Yield trials in groups: their outcomes, and of a full log the trials."""
+def grouped(
+    scan: "Scan", *, unfinished: bool = False
+) -> Iterator[tuple[TrialOutcomes, tuple[Trial, ...]]]:
+    """Yield trials in groups: their outcomes, and of a full log the trials; see `Scan.entries`."""
     waiting = list[Trial]()
-    for entry in scan.entries():
+    for entry in scan.entries(unfinished=unfinished):
         if isinstance(entry, TrialOutcomes):
             yield entry, ()
             continue
