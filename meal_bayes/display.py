@@ -18,6 +18,7 @@ _WIDTH = 80  # pixels of a whole bar
 _COLOR = "#4878a8"
 _CELL = "text-align:left;padding-right:1em;white-space:nowrap"
 _ROUNDED = 0.0005  # probabilities nearer to 0 or 1 would print as certain
+ERROR_TEXT = "± one standard error"  # what `error_text` shows, in legends
 _LEVELS = {2: ("no", "yes"), 4: ("surely no", "no", "yes", "surely yes")}
 
 
@@ -131,6 +132,27 @@ def percent(probability: float) -> str:
     if 0 < probability < _ROUNDED or 1 - _ROUNDED < probability < 1:
         return "<0.1 %" if probability < _ROUNDED else ">99.9 %"
     return f"{100 * probability:.1f} %"
+
+
+def error_text(error: float, digits: int = 1) -> str:
+    """Return the standard error of a value, to stand behind it.
+
+    It is empty where it would print as 0, and where it is not known.
+
+    >>> error_text(0.42), error_text(0.04), error_text(0.04, digits=2), error_text(np.nan)
+    ('±0.4', '', '±0.04', '')
+    """
+    shown = f"{error:.{digits}f}"
+    return f"±{shown}" if math.isfinite(error) and float(shown) > 0 else ""
+
+
+def estimate_text(estimate: float, error: float, digits: int = 1) -> str:
+    """Return an estimate with its standard error.
+
+    >>> estimate_text(483.2, 1.84), estimate_text(483.2, 0.0)
+    ('483.2 ±1.8', '483.2')
+    """
+    return f"{estimate:.{digits}f} {error_text(error, digits)}".rstrip()
 
 
 def bar_html(probability: float) -> str:

@@ -142,18 +142,22 @@ def _print_rates(rates: "dict[str, Any]") -> None:
 
 
 def _print_summary(rows: "list[SummaryRow]", paired: "list[dict[str, object]]") -> None:
+    from meal_bayes.display import ERROR_TEXT
     from meal_bayes.evaluation.statistics import MASS_TEXT
+    from meal_bayes.evaluation.summary import accuracy_text, reward_text
 
     console = terminal.output()
     columns = {
         "agent": "{agent}",
-        "accuracy": "{accuracy:.3f} [{accuracy_low:.3f}, {accuracy_high:.3f}]",
-        "cost, s": "{cost_s:.1f}", "reward": "{reward:.1f} ±{reward_se:.1f}", "NLL": "{nll:.3f}",
-        "ECE": "{ece:.3f}", "abstained": "{abstained:.1%}",
+        "accuracy": "{accuracy}", "cost, s": "{cost_s:.1f}", "reward": "{reward}",
+        "NLL": "{nll:.3f}", "ECE": "{ece:.3f}", "abstained": "{abstained:.1%}",
     }  # fmt: skip
-    terminal.print_table(columns, map(asdict, rows), narrow=True)
+    cells = (
+        asdict(row) | {"accuracy": accuracy_text(row), "reward": reward_text(row)} for row in rows
+    )
+    terminal.print_table(columns, cells, narrow=True)
     text = (
-        f"{rows[0].trials} trials an agent; [{MASS_TEXT} interval], ± one standard error, objects "
+        f"{rows[0].trials} trials an agent; [{MASS_TEXT} interval], {ERROR_TEXT}, objects "
         "drawn as wholes; NLL and ECE of the final belief"
     )
     console.print(Text(text, "dim"))

@@ -16,8 +16,7 @@ from jinja2 import Environment, PackageLoader
 from meal_bayes.canvas import render
 from meal_bayes.errors import SettingsError
 from meal_bayes.evaluation.logged import LoggedOutcomes
-from meal_bayes.evaluation.sections import FEW, finding_of, sections_of
-from meal_bayes.evaluation.statistics import MASS_TEXT
+from meal_bayes.evaluation.sections import finding_of, sections_of
 from meal_bayes.evaluation.summary import mean_effect
 from meal_bayes.evaluation.worst import (
     WORST,
@@ -41,7 +40,6 @@ from meal_bayes.trials.text import outcome_facts
 
 _HOUR = 3600.0  # s
 _SHORT = 0.1  # h, below which a time is shown in s
-_APART = ("Agents", "Attributes", "The worst trials")  # say nothing of a search's trials
 
 Section = dict[str, Any]
 
@@ -118,7 +116,11 @@ def _page(logged: LoggedOutcomes, trials: _Shown, logs: Logs, reference: str) ->
     sections = list[Section]()
     searches = list(logs.searches())
     if logs.problems:
-        sections.append({"title": "Warning", "problems": logs.problems, "kind": "warning"})
+        says = (
+            "Some of the logs are damaged or unfinished; this page shows what can be read of them."
+        )
+        warning = {"title": "Warning", "says": says, "kind": "warning"}
+        sections.append({**warning, "problems": logs.problems})
     if len(logged.outcomes) == 1 and trials.first is not None and not logged.searched:
         head = _single(trials.first)
         if trials.first.trial is not None:
@@ -130,7 +132,7 @@ def _page(logged: LoggedOutcomes, trials: _Shown, logs: Logs, reference: str) ->
         sections += sections_of(logged, reference)
         sections.append(_worst(logged, trials))
     if logged.searched:
-        sections = [section for section in sections if section["title"] not in _APART]
+        sections = [section for section in sections if not section.get("measures")]
     if searches:
         sections.insert(bool(logs.problems), searches_section(searches))
         finding = "" if logged.searched else head.get("finding", "")
@@ -143,8 +145,7 @@ def _page(logged: LoggedOutcomes, trials: _Shown, logs: Logs, reference: str) ->
         render(ax, "svg", transparent=True)
     ).decode()
     template = environment.get_template("report.html")
-    page = template.render(**head, blocks=sections, mass=MASS_TEXT, few=FEW)
-    return page + "\n"
+    return template.render(**head, blocks=sections) + "\n"
 
 
 def _says_something(section: Section) -> bool:

@@ -14,23 +14,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meal_bayes.arrays import Bools
+from meal_bayes.display import ERROR_TEXT
 from meal_bayes.errors import SettingsError
 from meal_bayes.evaluation import plots
 from meal_bayes.evaluation.learning import POOLED
 from meal_bayes.evaluation.logged import LoggedOutcomes
 from meal_bayes.evaluation.statistics import MASS_TEXT, clustered
 from meal_bayes.evaluation.summary import (
+    ACCURACY_DIGITS,
     SummaryRow,
+    accuracy_text,
     compare,
     mean_effect,
     no_better_than_prior,
+    reward_text,
     summarize,
 )
 from meal_bayes.palette import ordered_agents
 from meal_bayes.trials import BatchOutcomes, TrialOutcomes
 from meal_bayes.trials.text import UNKNOWN
 
-FEW = 10  # trials, below which a bar is gray
+_FEW = 10  # trials, below which a bar is gray
 
 Section = dict[str, Any]
 
@@ -72,7 +76,7 @@ def finding_of(logged: LoggedOutcomes) -> str:
             less = compare(measured, row.agent, best.agent)
         except SettingsError:  # no task in common
             continue
-        text = f"{row.agent} ({less.estimate:+.1f} [{less.low:+.1f}, {less.high:+.1f}])"
+        text = f"{row.agent} ({less.text(signed=True)})"
         (behind if less.high < 0 else near).append(text)
     parts = [f"{earned}, the most"]
     if behind:
@@ -83,24 +87,14 @@ def finding_of(logged: LoggedOutcomes) -> str:
     return f"{text} {no_better_than_prior(measured)}".rstrip()
 
 
-def _number(value: float, digits: int, se: float = math.nan, unknown: str = "-") -> str:
-    error = "" if math.isnan(se) else f" ± {se:.{digits}f}"
-    return unknown if math.isnan(value) else f"{value:.{digits}f}{error}"
+def _number(value: float, digits: int) -> str:
+    return "-" if math.isnan(value) else f"{value:.{digits}f}"
 
 
 def _counted(row: SummaryRow, broken: int) -> str:
     """Return how many trials there are, and how many of them are not judged, and why."""
     facts = {UNKNOWN: row.trials - row.judged - broken, "broken off": broken}
     return f"{row.trials:,}" + "".join(f", {n:,} {why}" for why, n in facts.items() if n)
-
-
-def _accuracy(row: SummaryRow) -> str:
-    """Return the accuracy with its interval, or that no truth is known."""
-    if math.isnan(row.accuracy):
-        return UNKNOWN
-    low = _number(row.accuracy_low, 3)
-    high = _number(row.accuracy_high, 3)
-    return f"{row.accuracy:.3f} [{low}, {high}]"
 
 
 def _agents(
@@ -114,9 +108,9 @@ def _agents(
         [
             name,
             _counted(row, int((part.ended != "").sum())),
-            _accuracy(row),
+            accuracy_text(row),
             f"{row.cost_s:.1f} ({_number(row.cost_sd, 1)})",
-            _number(row.reward, 1, row.reward_se, UNKNOWN),
+            reward_text(row),
             _number(row.nll, 3),
             _number(row.ece, 3),
             f"{_number(100 * row.abstained, 1)} %",
@@ -125,7 +119,7 @@ def _agents(
     ]
     # Neither cost nor ECE has a best: both are low where an agent does nothing.
     best = {
-        "accuracy": best_of([round(row.accuracy, 3) for row in rows]),
+        "accuracy": best_of([round(row.accuracy, ACCURACY_DIGITS) for row in rows]),
         "reward": best_of([round(row.reward, 1) for row in rows]),
         "NLL": best_of([-round(row.nll, 3) for row in rows]),
     }
@@ -150,6 +144,10 @@ def _agents(
             figures.append((plots.cost_distribution(costs), caption))
     return {
         "title": "Agents",
+        "says": "A trial counts as right when all its attributes are; one that abstained does not. "
+        f"[{MASS_TEXT} interval], {ERROR_TEXT}, objects drawn as wholes. NLL (nats) and ECE are of "
+        "the final belief. Bold: best accuracy, reward and NLL.",
+        "measures": True,
         "tables": [{"head": head, "rows": cells}, *_differences(rows, outcomes, reference)],
         "figures": figures,
     }
@@ -171,9 +169,8 @@ def _differences(
         texts = [other]
         try:
             for measure in ("reward", "cost"):
-                estimate, se, low, high = compare(outcomes, other, reference, measure=measure)
-                interval = "" if math.isnan(se) else f" [{low:+.1f}, {high:+.1f}]"
-                texts.append(f"{estimate:+.1f}{interval}")
+                gain = compare(outcomes, other, reference, measure=measure)
+                texts.append(gain.text(signed=True))
         except SettingsError as fault:
             notes.append(str(fault))
         else:
@@ -228,7 +225,15 @@ def _calibration(rows: Sequence[SummaryRow], logged: LoggedOutcomes) -> Section:
             drawn = plots.reliability_diagram(*beliefs, small=True, agent=row.agent)
             caption = f"{row.agent}: ECE {row.ece:.3f}, if calibrated {row.ece_calibrated:.3f}"
             figures.append((drawn, caption))
-    return {"title": "Calibration", "figures": figures, "kind": "small"}
+    return {
+        "title": "Calibration",
+        "says": "Of all attributes with a final belief of 80 %, 80 % should be true: points on "
+        f"the diagonal. Bars are {MASS_TEXT} intervals, gray columns the fraction of beliefs in "
+        "each bin. The second number of a caption is the expected calibration error (ECE) that "
+        "calibrated beliefs of the same values would show.",
+        "figures": figures,
+        "kind": "small",
+    }
 
 
 def _attributes(agents: Mapping[str, TrialOutcomes]) -> Section:
@@ -249,12 +254,18 @@ def _attributes(agents: Mapping[str, TrialOutcomes]) -> Section:
                 row.append("-")
                 continue
             estimate, _, low, high = clustered(right, objects, fraction=True).interval()
-            few = len(right) < FEW
-            text = f"{estimate:.3f}"
+            few = len(right) < _FEW
+            text = f"{estimate:.{ACCURACY_DIGITS}f}"
             row.append({"text": text, "bar": estimate, "low": low, "high": high, "few": few})
         cells.append(row)
     head = ["attribute", "trials an agent", *agents]
-    return {"title": "Attributes", "tables": [{"head": head, "rows": cells}]}
+    return {
+        "title": "Attributes",
+        "says": f"Fraction of right answers in each attribute, with its {MASS_TEXT} interval as a "
+        f"line on the bar; gray: fewer than {_FEW} trials. An agent that abstained was not right.",
+        "measures": True,
+        "tables": [{"head": head, "rows": cells}],
+    }
 
 
 def _answerable(outcomes: TrialOutcomes) -> Bools:
@@ -281,4 +292,9 @@ def _behaviors(agents: Mapping[str, TrialOutcomes]) -> Section:
             share = done / max(executed.sum(), 1)
             row.append({"text": text, "bar": share} if done else "-")
         cells.append(row)
-    return {"title": "Behaviors", "tables": [{"head": ["behavior", *agents], "rows": cells}]}
+    return {
+        "title": "Behaviors",
+        "says": "Executions, and in brackets how many of them were without a percept. A bar is the "
+        "behavior's fraction of all that the agent executed; full is all.",
+        "tables": [{"head": ["behavior", *agents], "rows": cells}],
+    }

@@ -29,6 +29,16 @@ class Interval(NamedTuple):
     low: float
     high: float
 
+    def text(self, digits: int = 1, *, signed: bool = False) -> str:
+        """Return the estimate and its interval, such as "0.912 [0.880, 0.940]".
+
+        >>> Interval(-11.2, 5.0, -21.0, -1.4).text(signed=True)
+        '-11.2 [-21.0, -1.4]'
+        """
+        form = f"{'+' if signed else ''}.{digits}f"
+        ends = "" if math.isnan(self.low) else f" [{self.low:{form}}, {self.high:{form}}]"
+        return f"{self.estimate:{form}}{ends}"
+
     def __neg__(self) -> "Interval":
         """Return the interval of what is subtracted the other way round."""
         return Interval(-self.estimate, self.se, -self.high, -self.low)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meal_bayes.arrays import Ints
-from meal_bayes.display import card
+from meal_bayes.display import card, estimate_text
 from meal_bayes.errors import SettingsError
 from meal_bayes.evaluation.calibration import (
     brier,
@@ -22,8 +22,10 @@ from meal_bayes.evaluation.statistics import Effect, Interval, Measures, cluster
 from meal_bayes.kinds import checked
 from meal_bayes.seeds import stream
 from meal_bayes.trials import TrialOutcomes, Trials
+from meal_bayes.trials.text import UNKNOWN
 
 PRIOR = "prior"  # the agent that answers by base rates at once, for 0 s
+ACCURACY_DIGITS = 3  # behind the point, in tables
 _FRACTIONS = ("success", "abstained")  # measures of which trials have 0 or 1
 
 
@@ -94,6 +96,18 @@ class SummaryRow(Measures):
     seconds: float  # of computing
 
 
+def accuracy_text(row: SummaryRow) -> str:
+    """Return an agent's accuracy with its interval, or that no truth is known."""
+    ends = (row.accuracy_low, row.accuracy_high)
+    accuracy = Interval(row.accuracy, row.accuracy_se, *ends)
+    return UNKNOWN if math.isnan(row.accuracy) else accuracy.text(ACCURACY_DIGITS)
+
+
+def reward_text(row: SummaryRow) -> str:
+    """Return an agent's mean reward with its error, or that no truth is known."""
+    return UNKNOWN if math.isnan(row.reward) else estimate_text(row.reward, row.reward_se)
+
+
 class Summary(list[SummaryRow]):
     """Rows of measures, one an agent; a list that shows itself as a table.
 
@@ -117,9 +131,8 @@ class Summary(list[SummaryRow]):
     def __repr__(self) -> str:
         """Return a line an agent."""
         facts = {
-            row.agent: f"accuracy {row.accuracy:.3f} [{row.accuracy_low:.3f}, "
-            f"{row.accuracy_high:.3f}], "
-            f"cost {row.cost_s:.1f} s, reward {row.reward:.1f} ± {row.reward_se:.1f}"
+            row.agent: f"accuracy {accuracy_text(row)}, cost {row.cost_s:.1f} s, "
+            f"reward {reward_text(row)}"
             for row in self
         }
         return card(f"Summary of {sum(row.trials for row in self)} trials", facts)
@@ -227,7 +240,7 @@ def no_better_than_prior(outcomes: TrialOutcomes) -> str:
         except SettingsError:  # no task in common, or none whose truth is known
             continue
         if not gain.low > 0:
-            level.append(f"{agent} ({gain.estimate:+.1f} [{gain.low:+.1f}, {gain.high:+.1f}])")
+            level.append(f"{agent} ({gain.text(signed=True)})")
     if not level:
         return ""
     return f"Not shown to earn more than {PRIOR}, which touches nothing: {', '.join(level)}."

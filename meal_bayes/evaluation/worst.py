@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from meal_bayes.arrays import Floats, Ints
 from meal_bayes.display import percent
 from meal_bayes.evaluation import plots
 from meal_bayes.evaluation.logged import place_of
@@ -46,25 +47,35 @@ class Chosen(NamedTuple):
 
     @property
     def badness(self) -> float:
-        """The belief in the answer less the reward."""
-        return float(self.outcome.certainty[0] - self.outcome.reward[0])
+        """By what the worst trials are ranked."""
+        return float(_badness(self.outcome)[0])
+
+
+def _badness(outcomes: TrialOutcomes) -> Floats:
+    """Return by what the worst trials are ranked, (n,): little reward; of equals, a sure belief."""
+    return np.asarray(outcomes.certainty - outcomes.reward)
+
+
+def worst_first(outcomes: TrialOutcomes) -> Ints:
+    """Return the trials whose truth is known, the worst first, (n,).
+
+    They are those with the lowest reward; of equals, those that were surest come first, then the
+    earliest.
+    """
+    order = np.argsort(-_badness(outcomes), kind="stable")
+    return order[outcomes.judged[order]]
 
 
 def worst_of(
     worst: Mapping[Place, Sequence[Chosen]], group: Group
 ) -> dict[Place, Sequence[Chosen]]:
-    """Return the worst trials of each agent, batch and part, of those so far and of a group.
-
-    They are those with the lowest reward; of equals, those that were surest come first, then the
-    earliest.
-    """
+    """Return the worst trials of each agent, batch and part, of those so far and of a group."""
     ranking = dict(worst)
     _, batch, part = place_of(group.header)
     outcomes = group.outcomes
-    badness = outcomes.certainty - outcomes.reward
+    order = worst_first(outcomes)
     for agent in outcomes.agents:
-        judged = np.flatnonzero(outcomes.judged & (outcomes.agent == agent))
-        rows = judged[np.argsort(-badness[judged], kind="stable")[:WORST]].tolist()
+        rows = order[outcomes.agent[order] == agent][:WORST].tolist()
         entries = [*ranking.get((agent, batch, part), ()), *chosen_rows(group, rows)]
         ranking[agent, batch, part] = sorted(entries, key=lambda entry: -entry.badness)[:WORST]
     return ranking
@@ -93,7 +104,13 @@ def worst_section(worst: Sequence[tuple[str, Sequence[Chosen]]]) -> Section:
         compact |= any(chosen.trial is None for chosen in trials)
         sections = [trial_section(chosen) | {"opened": i == 0} for i, chosen in enumerate(trials)]
         parts.append({"title": agent or "agent", "parts": sections, "opened": number == 0})
-    section: Section = {"title": "The worst trials", "parts": parts}
+    section: Section = {
+        "title": "The worst trials",
+        "says": "Of each agent those with the lowest reward, the best agent first; of equals, "
+        "where the belief was nearest to certain.",
+        "parts": parts,
+        "measures": True,
+    }
     if compact:
         section["text"] = "A compact log holds no steps; of its trials there is the outcome."
     return section

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meal_bayes.arrays import label_values
-from meal_bayes.display import best_options, percent
+from meal_bayes.display import best_options, error_text, percent
 from meal_bayes.domain import Query
 from meal_bayes.domain.query import DO_NOT_KNOW
 from meal_bayes.errors import QueryError
@@ -21,7 +21,6 @@ from meal_bayes.trials.record import Step, TrialRecord
 UNKNOWN = "truth unknown"
 UNFINISHED = "the log ends here"  # why a trial, or a search, without an outcome was broken off
 LEFT = "the search left it"  # why the trial of an object that is not claimed ended
-_LEAST_ERROR = 0.05  # standard errors below it would print as 0.0
 _UNLIKE = 0.01  # difference of a joint prior from independence that is named,
 _PAIRS = 3  # of so many pairs at most
 
@@ -70,14 +69,13 @@ def compared_actions(
     compared = []
     for option in best_options(decision.total, chosen, most):
         is_answer = option == end
-        error = decision.value_se[option]
         searched = decision.simulations > 0 and not is_answer
         compared.append(
             ComparedAction(
                 name=answer_text(momdp, answer) if is_answer else momdp.behavior_names[option],
                 value=float(decision.values[option]),
                 bonus=None if bonus is None else float(bonus[option]),
-                error=f"±{error:.1f}" if error >= _LEAST_ERROR else "",
+                error=error_text(decision.value_se[option]),
                 visits=int(decision.visits[option]) if searched else None,
                 cost=0.0 if is_answer else momdp.charged(option, idle=False),
                 chosen=option == chosen,

@@ -9,8 +9,10 @@ import rerun as rr
 from numpy.typing import NDArray
 
 from meal_bayes.arrays import Bools, Floats, Ints
+from meal_bayes.display import estimate_text
 from meal_bayes.evaluation.statistics import MASS_TEXT, clustered, running_means
-from meal_bayes.evaluation.summary import mean_effect
+from meal_bayes.evaluation.summary import ACCURACY_DIGITS, mean_effect
+from meal_bayes.evaluation.worst import worst_first
 from meal_bayes.trials import TrialOutcomes
 from meal_bayes.trials.text import UNKNOWN, outcome_facts
 from meal_bayes.viewer.labels import plain_text
@@ -57,9 +59,7 @@ class RunView:
         table += ["", "**the trials with the lowest reward**", ""]
         names = ("agent", "question", "object", "answer", "truth", "cost")
         table += [f"|trial|{'|'.join(names)}|", "|---" * 7 + "|"]
-        # Of equal rewards the surest first, then the earliest.
-        order = np.argsort(outcomes.reward - outcomes.certainty, kind="stable")
-        for row in order[outcomes.judged[order]][:_WORST]:
+        for row in worst_first(outcomes)[:_WORST].tolist():
             facts = outcome_facts(outcomes, row)
             table.append(f"|{row}|{'|'.join(plain_text(facts[name]) for name in names)}|")
         self._add_text(TABLE, table)
@@ -86,13 +86,12 @@ class RunView:
         accuracy = UNKNOWN
         reward = UNKNOWN
         if outcomes.judged.any():
-            _, _, low, high = mean_effect(outcomes, "success").interval()
-            accuracy = f"{success[outcomes.judged].mean():.3f} [{low:.3f}, {high:.3f}]"
+            accuracy = mean_effect(outcomes, "success").interval().text(ACCURACY_DIGITS)
             reward = f"{outcomes.reward[outcomes.judged].mean():.1f}"
         cost = clustered(outcomes.cost, outcomes.object_name)
-        error = "" if np.isnan(cost.se) else f" ± {cost.se:.1f}"
         abstained = len(rows) - int(outcomes.answered.sum())
-        cells = (label, len(rows), accuracy, abstained, f"{cost.estimate:.1f}{error}", reward)
+        spent = estimate_text(cost.estimate, cost.se)
+        cells = (label, len(rows), accuracy, abstained, spent, reward)
         return f"|{'|'.join(map(str, cells))}|"
 
     def _add_means(

@@ -1,0 +1,110 @@
+"""Terminal, page, notebook and viewer tell the measures of an agent by the same texts."""
+
+import re
+
+import pytest
+
+from meal_bayes import display
+from meal_bayes.cli.run import _print_summary
+from meal_bayes.evaluation import compare, summarize
+from meal_bayes.evaluation.report import write_report
+from meal_bayes.evaluation.summary import accuracy_text, reward_text
+from meal_bayes.evaluation.worst import worst_first
+from meal_bayes.learner.api import ask
+from meal_bayes.trial_log import Logs, write_trials
+from meal_bayes.trials import TrialOutcomes
+from meal_bayes.viewer.recorder import Time
+from meal_bayes.viewer.run_view import TABLE, RunView
+
+OBJECTS = ("heavy_blue_beans", "light_blue_rice", "medium_green_glass", "light_brown_screws")
+AGENTS = ("greedy", "morc")
+
+
+class Texts:
+    """In place of the recorder of rows: the last text of each entity."""
+
+    def __init__(self):
+        self.of = {}
+
+    def add_static(self, entity, archetype):
+        if hasattr(archetype, "text"):
+            (self.of[entity],) = archetype.text.as_arrow_array().to_pylist()
+
+    def add(self, *_, **fields):
+        """Plots have no texts."""
+
+
+@pytest.fixture(scope="module")
+def trials():
+    return [
+        ask("heavy, beans", dataset="roc36", object=name, agent=agent, logs=None)
+        for agent in AGENTS
+        for name in OBJECTS
+    ]
+
+
+@pytest.fixture(scope="module")
+def surfaces(trials, tmp_path_factory):
+    """What each of them shows of the same trials, as text."""
+    folder = tmp_path_factory.mktemp("run")
+    write_trials(folder / "a.mcap", trials, header={"config": {"dataset": "roc36"}})
+    write_report(Logs(folder), folder / "report.html")
+    outcomes = TrialOutcomes.of(trials)
+    texts = Texts()
+    view = RunView(texts, {})
+    view.add(outcomes, [Time(n, n, 0.0) for n in range(len(outcomes))])
+    view.flush()
+    return {
+        "evaluation/sections.py": (folder / "report.html").read_text(),
+        "evaluation/summary.py": repr(summarize(trials)),
+        "viewer/run_view.py": texts.of[TABLE],
+    }
+
+
+def test_accuracy_and_its_interval_are_told_alike(trials, surfaces, capsys):
+    rows = summarize(trials)
+    _print_summary(rows, [])
+    for place, text in {"cli/run.py": capsys.readouterr().out, **surfaces}.items():
+        for row in rows:
+            assert accuracy_text(row) in text, f"{place} has a form of its own; use accuracy_text"
+
+
+def test_reward_and_its_error_are_told_alike(trials, surfaces, capsys):
+    rows = summarize(trials)
+    _print_summary(rows, [])
+    told = {"cli/run.py": capsys.readouterr().out, **surfaces}
+    for place in told.keys() - {"viewer/run_view.py"}:  # it shows the error of the cost
+        text = told[place]
+        for row in rows:
+            assert reward_text(row) in text, f"{place} has a form of its own; use reward_text"
+
+
+def test_differences_are_told_alike(trials, surfaces):
+    page = surfaces["evaluation/sections.py"]
+    less = compare(trials, *AGENTS).text(signed=True)
+    assert re.search(r"[+-][\d.]+ \[[+-][\d.]+, [+-][\d.]+\]", less)
+    assert less in page
+    best, other = sorted(
+        AGENTS, key=lambda name: -TrialOutcomes.of(trials).of_agent(name).reward.mean()
+    )
+    assert f"{other} ({compare(trials, other, best).text(signed=True)})" in page
+
+
+def test_legends_name_the_error_that_is_shown(trials, surfaces, capsys):
+    _print_summary(summarize(trials), [])
+    assert display.ERROR_TEXT in capsys.readouterr().out.replace("\n", " ")
+    assert display.ERROR_TEXT in surfaces["evaluation/sections.py"]
+
+
+def test_page_and_viewer_rank_the_worst_trials_alike(trials, surfaces):
+    outcomes = TrialOutcomes.of(trials)
+    order = worst_first(outcomes)
+    shown = re.findall(r"^\|(\d+)\|", surfaces["viewer/run_view.py"], re.MULTILINE)
+    assert list(map(int, shown)) == order.tolist()
+    rewards = outcomes.reward[order].tolist()
+    assert rewards == sorted(rewards)
+    page = surfaces["evaluation/sections.py"].partition("The worst trials")[2]
+    for agent in AGENTS:
+        first = next(row for row in order.tolist() if outcomes.agent[row] == agent)
+        told = re.search(rf"heavy, beans\? (\w+), {agent}:", page)
+        assert told[1] == outcomes.object_name[first]
