@@ -9,16 +9,19 @@ import zlib
 from collections.abc import Iterable
 from typing import NamedTuple
 
-BLUE, SKY = "#0072B2", "#56B4E9"
-VERMILION, ORANGE = "#D55E00", "#E69F00"
-GREEN, PINK = "#009E73", "#CC79A7"
-GRAY, INK = "#999999", "#444444"
+BLUE = "#0072B2"
+SKY = "#56B4E9"
+VERMILION = "#D55E00"
+ORANGE = "#E69F00"
+GREEN = "#009E73"
+PINK = "#CC79A7"
+VIOLET = "#8866CC"
+GRAY = "#999999"
 LINE_GRAY = "#7A7A7A"  # of axes through zero and of intervals beside those that are judged
-VIOLET, BLACK = "#8866CC", "#000000"
+INK = "#444444"
+BLACK = "#000000"
 ATTRIBUTES = (BLUE, VERMILION, GREEN, PINK, ORANGE, SKY, VIOLET, "#B7A500")
 LEVELS = ("#5E3C99", "#B2ABD2", "#FDB863", "#E66101")  # from the surest "no" to the surest "yes"
-
-
 READABLE = 4.5  # contrast of text with its ground, at least
 GROUNDS = ("#f5f6f8", "#1e2430")  # of light and of dark pages: the one nearest to the text's colors
 

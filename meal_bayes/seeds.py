@@ -40,5 +40,4 @@ def _words(part: str | int) -> tuple[int, int]:
     """Return two words of 32 bits of a name's part; NumPy's integers are as Python's."""
     name = f"{'text' if isinstance(part, str) else 'number'}:{part}"
     digest = hashlib.blake2b(name.encode(), digest_size=8).digest()
-    low, high = digest[:4], digest[4:]
-    return int.from_bytes(low, "little"), int.from_bytes(high, "little")
+    return int.from_bytes(digest[:4], "little"), int.from_bytes(digest[4:], "little")

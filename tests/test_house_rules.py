@@ -13,8 +13,6 @@ ROOT = Path(__file__).resolve().parents[1]
 FOLDERS = ("meal_bayes", "paper_repro", "benchmarks", "examples")
 FILE_LINES, FUNCTION_LINES = 350, 60
 
-# Files of one room that import each other. Whoever ends a circle takes it off; no other may come.
-
 
 def sources(*folders: str) -> Iterator[tuple[str, str]]:
     """Yield the path and the text of each Python file, by its path as a whole."""

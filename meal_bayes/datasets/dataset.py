@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 from meal_bayes.arrays import check_kind, freeze, is_whole, label_values, set_frozen
 from meal_bayes.datasets.features import checked_features
 from meal_bayes.datasets.frames import dataset_parts
+from meal_bayes.digests import digest_of, digest_of_arrays
 from meal_bayes.display import facts_html, facts_repr, listed, short_repr
-from meal_bayes.domain import Domain, load_domain, unknown
+from meal_bayes.domain import Domain, domain_table, load_domain, unknown
 from meal_bayes.domain.words import doubled
 from meal_bayes.errors import DataError, QueryError, SettingsError
 from meal_bayes.kinds import checked, checked_except
@@ -202,6 +203,12 @@ class Dataset:
     def recordings(self) -> int:
         """R, the most recordings that an object has of a behavior."""
         return max((values.shape[1] for values in self.features.values()), default=0)
+
+    def digest(self) -> str:
+        """Compute a digest of all that percepts of these recordings depend on, and their labels."""
+        features = digest_of_arrays(self.features)
+        labels = digest_of_arrays({"labels": self.labels})
+        return digest_of(domain_table(self.domain), self.objects, features, labels)
 
     def missing(self) -> list[str]:
         """Return the objects and behaviors with fewer than R recordings, as texts."""

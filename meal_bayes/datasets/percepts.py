@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from meal_bayes.arrays import freeze, freeze_arrays, label_values, set_frozen
 from meal_bayes.datasets.dataset import check_objects, complete_labels
 from meal_bayes.datasets.levels import levels_of, merge_bins
+from meal_bayes.digests import digest_of, digest_of_arrays
 from meal_bayes.display import facts_html, facts_repr, listed
 from meal_bayes.domain import (
     Domain,
@@ -146,6 +147,13 @@ class PerceptTable:
     def recordings(self) -> int:
         """R, the most recordings that an object has of a behavior."""
         return int(self.log_odds.shape[1]) if self.log_odds.ndim > 1 else 0
+
+    def digest(self) -> str:
+        """Compute a digest of the table: its numbers, its domain and how it was made."""
+        names = ("labels", "log_odds", "edges", "training_bins", "recording_counts", "groups")
+        arrays = {name: getattr(self, name) for name in names}
+        facts = [domain_table(self.domain), self.objects, dict(self.provenance)]
+        return digest_of(*facts, digest_of_arrays(arrays))
 
     def levels_of(self, log_odds: ArrayLike, levels: int) -> NDArray[np.int8]:
         """Return the percept levels 0 .. K-1 of log-odds of any shape."""

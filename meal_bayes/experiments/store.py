@@ -89,7 +89,8 @@ def own_agent_digest(agent: Agent) -> str:
 
     It is "" of an agent that ships. It is that of no other where nobody can know whether the agent
     is the same as before: it holds a function or class that was made while a program ran, or
-    something without a value, such as an open file.
+    something without a value, such as an open file. A learner's file says less of an agent, by
+    `agent_digest` of `learner/digest.py`: it is handed the agent again.
     """
     if agent == AGENTS.get(agent.name):
         return ""

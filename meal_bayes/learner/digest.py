@@ -1,4 +1,9 @@
-"""The digest of an agent's fields: equal agents of two processes have equal ones."""
+"""The digest of an agent's fields: equal agents of two processes have equal ones.
+
+It is of an agent in use, so of other objects it sees what their constructors were given, not what
+they have computed since. A run, which begins with its agents and is found again by their code,
+counts the files of that too: `own_agent_digest` of `experiments/store.py`.
+"""
 
 import dataclasses
 import functools

@@ -22,7 +22,7 @@ from meal_bayes.datasets import (
 )
 from meal_bayes.datasets.percepts import shipped_path
 from meal_bayes.datasets.sources import SOURCES, find_folder
-from meal_bayes.digests import digest_of, digest_of_arrays
+from meal_bayes.digests import digest_of
 from meal_bayes.domain import Domain, domain_table, load_domain, unknown
 from meal_bayes.errors import SettingsError
 from meal_bayes.files import file_name
@@ -140,19 +140,14 @@ class TableSource:
     def _of_table(cls, table: PerceptTable, perception: str) -> "TableSource":
         """Return the source of a table in memory, which `load` keeps in the cache."""
         _check_method(table, perception, "dataset")
-        names = ("labels", "log_odds", "edges", "training_bins", "recording_counts", "groups")
-        arrays = {name: getattr(table, name) for name in names}
-        facts = [domain_table(table.domain), table.objects, dict(table.provenance)]
-        content = digest_of(*facts, digest_of_arrays(arrays))
+        content = table.digest()
         path = _cached(f"{file_name(table.domain.data)}-given-{content[:12]}.npz")
         return cls(str(path), perception, content, table.domain, path, _table=table)
 
     @classmethod
     def _of_recordings(cls, dataset: Dataset, perception: str) -> "TableSource":
         """Return the source of recordings in memory, of which `load` computes the table."""
-        arrays = digest_of_arrays(dataset.features)
-        labels = digest_of_arrays({"labels": dataset.labels})
-        content = digest_of(domain_table(dataset.domain), dataset.objects, arrays, labels)
+        content = dataset.digest()
         path = _computed_path(dataset.domain, perception, content)
         return cls(str(path), perception, content, dataset.domain, path, _recordings=dataset)
 
