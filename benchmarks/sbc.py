@@ -23,7 +23,7 @@ from meal_bayes.datasets import load_percepts
 from meal_bayes.experiments.parallel import in_parallel
 from meal_bayes.momdp.observation import sample_rows
 from meal_bayes.perception import table_counts
-from meal_bayes.perception.confusion import youden
+from meal_bayes.perception.confusion import informative
 from meal_bayes.posterior import ConfusionPosterior
 from meal_bayes.posterior.draws import (
     Sampling,
@@ -235,7 +235,7 @@ def agree(settings: argparse.Namespace) -> Iterator[Row]:
         sampling = Sampling(3000, seed=settings.seed)
         nuts, of_chains = fit_hierarchical(counts, **named, sampling=sampling)
         exact = draw_grid(counts, stream(settings.seed, "agree"), **named, draws=20_000)
-        votes = youden(counts.sum(axis=0).astype(float)) > 0  # the others' s are free in NUTS
+        votes = informative(counts.sum(axis=0).astype(float))  # the others' s are free in NUTS
         first, second = (yes(rows_of(sample)[0])[:, votes] for sample in (nuts, exact))
         ratio = first.std(axis=0) / second.std(axis=0)
         error = np.hypot(spread_error(first), spread_error(second))

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meal_bayes.agents.co_occurrence import NOTHING, CoOccurrence, learn_co_occurrence
-from meal_bayes.arrays import FrozenArrays, check_place
+from meal_bayes.arrays import FrozenArrays, check_place, no_and_yes_of
 from meal_bayes.datasets import PerceptTable
 from meal_bayes.display import best_html, percent, short_repr
 from meal_bayes.domain import Domain
@@ -78,14 +78,14 @@ class Knowledge(FrozenArrays):
         None where no behavior tells anything.
         """
         informative = self.posterior.informative[place]
+        if not informative.any():
+            return None
         youden = np.where(informative, self.posterior.youden[place], -np.inf)
         best = int(youden.argmax())
-        if youden[best] <= 0:
-            return None
         rows = self.posterior.mean[place, best]  # (2,K) [truth, level]
-        half = rows.shape[-1] // 2
+        said = no_and_yes_of(rows)  # (2,2) [truth, no and yes]
         rate = float(self.base_rates[place])
-        right = float(rate * rows[1, half:].sum() + (1.0 - rate) * rows[0, :half].sum())
+        right = float(rate * said[1, 1] + (1.0 - rate) * said[0, 0])
         return self.domain.behavior_names[best], float(youden[best]), right
 
     def with_labels(self, labels: NDArray[np.int8]) -> "Knowledge":

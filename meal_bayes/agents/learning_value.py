@@ -20,7 +20,7 @@ from scipy.special import digamma, entr
 from meal_bayes.agents.knowledge import Knowledge
 from meal_bayes.agents.label_prices import AHEAD, explained, prices, rates_ahead
 from meal_bayes.agents.progress import Progress
-from meal_bayes.arrays import Bools, Floats
+from meal_bayes.arrays import Bools, Floats, no_and_yes_of
 from meal_bayes.domain import Domain, Query
 from meal_bayes.momdp import MOMDP, Objective, build_momdp
 from meal_bayes.planners import batched_value_iteration
@@ -138,8 +138,7 @@ def deviation_value(progress: Progress, asked: int) -> Floats:
     knowledge = progress.knowledge
     domain = knowledge.domain
     levels = knowledge.posterior.concentration
-    half = levels.shape[-1] // 2
-    alpha = np.stack([levels[..., :half].sum(axis=-1), levels[..., half:].sum(axis=-1)], axis=-1)
+    alpha = no_and_yes_of(levels)
     yes = alpha[..., 1] / alpha.sum(axis=-1)  # (P,E,2)
     senses = np.array(domain.recorded, int)
     sensed = np.isin(np.arange(len(domain.behaviors)), senses)

@@ -79,7 +79,7 @@ def detected_levels(
     """
     percept = np.full(len(domain.attributes), -1, np.int8)
     for name, sure in (percepts or {}).items():
-        middle = levels // 2 - (sure < 0)
+        middle = levels // 2 - (sure < 0)  # the upper half says yes, as in `arrays.yes_of`
         extreme = levels - 1 if sure > 0 else 0
         percept[domain.attribute_index(name)] = extreme if abs(sure) == 1 else middle
     return percept

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from meal_bayes import canvas
+from meal_bayes.arrays import yes_of
 from meal_bayes.evaluation import calibration, plots
 from meal_bayes.evaluation.statistics import HIGH_QUANTILE, LOW_QUANTILE
 from meal_bayes.files import write_whole
@@ -63,8 +64,7 @@ def write_posterior(fit: PosteriorFit, folder: Path, settings: dict[str, object]
 def _forest(fit: PosteriorFit) -> Any:
     """Draw Pr(yes) of each row, the median and the middle of the draws (`MASS`)."""
     mean, *_ = rows_of(fit.draws)  # (C*S,P,E,2,K)
-    yes = mean[..., mean.shape[-1] // 2 :].sum(axis=-1)
-    low, middle, high = np.quantile(yes, [LOW_QUANTILE, 0.5, HIGH_QUANTILE], axis=0)
+    low, middle, high = np.quantile(yes_of(mean), [LOW_QUANTILE, 0.5, HIGH_QUANTILE], axis=0)
     attributes = counted_names(fit.counts, "attribute")
     return plots.forest(middle, low, high, attributes, counted_names(fit.counts, "behavior"))
 

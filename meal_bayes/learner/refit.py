@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meal_bayes.agents import Agent
+from meal_bayes.arrays import no_and_yes_of
 from meal_bayes.datasets import Dataset, TrainingSet
 from meal_bayes.display import listed, warn_caller
 from meal_bayes.learner import views
@@ -136,8 +137,7 @@ def fractions(
 
     Zeros where there are none; half of each where the classifier cannot tell yet.
     """
-    half = counts.shape[-1] // 2  # levels below it say no
-    sides = np.stack([counts[..., :half].sum(axis=-1), counts[..., half:].sum(axis=-1)], axis=-1)
+    sides = no_and_yes_of(counts)
     total = sides.sum(axis=-1, keepdims=True)
     silent = np.ones(counts.shape[-4:-2], np.bool_)  # (P,E)
     for name, classifier in perception.classifiers.items():

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from meal_bayes.arrays import Floats, freeze, real_array, shaped_array, spread_array
+from meal_bayes.arrays import Floats, freeze, real_array, shaped_array, spread_array, yes_of
 from meal_bayes.domain import Domain, Payoffs, Query, load_domain
 from meal_bayes.errors import SettingsError
 from meal_bayes.kinds import checked
@@ -197,7 +197,7 @@ def observation_entropy(momdp: MOMDP) -> NDArray[np.float64]:
     More levels than two are summed to yes/no, so that alpha keeps its meaning. Behaviors that
     never give a percept have entropy 0.
     """
-    yes = momdp.rows[..., momdp.levels // 2 :].sum(axis=-1)
+    yes = yes_of(momdp.rows)
     rows = np.clip(np.stack([1 - yes, yes]), np.finfo(float).tiny, 1.0)
     entropy = -(rows * np.log2(rows)).sum(axis=0)
     senses = momdp.observation_probability.max(axis=(1, 2), keepdims=True)[:, 0] > 0  # (E,1)

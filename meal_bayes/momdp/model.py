@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes.arrays import freeze, freeze_arrays, set_frozen
+from meal_bayes.arrays import freeze, freeze_arrays, set_frozen, yes_of
 from meal_bayes.display import facts_html, facts_repr, listed
 from meal_bayes.domain import Payoffs, Query
 from meal_bayes.errors import SettingsError
@@ -189,7 +189,7 @@ class MOMDP:
 
     def _facts(self) -> tuple[str, dict[str, str]]:
         """Return a title and what a reader should know first."""
-        rates = self.rows[..., self.levels // 2 :].sum(axis=-1)  # (N,E,2)
+        rates = yes_of(self.rows)  # (N,E,2)
         youden = rates[..., 1] - rates[..., 0]
         names = self.query.value_names
         best = zip(names, youden.argmax(axis=1), youden.max(axis=1), strict=True)
@@ -213,7 +213,7 @@ class MOMDP:
 
     @property
     def levels(self) -> int:
-        """K, the levels of a percept; the upper half speaks for "true"."""
+        """K, the levels of a percept, of which some say yes (`arrays.yes_of`)."""
         return int(self.confusion.shape[-1])
 
     @property

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes.arrays import check_place
+from meal_bayes.arrays import check_place, yes_of
 from meal_bayes.datasets.percepts import PerceptTable
 from meal_bayes.kinds import checked
 
@@ -56,11 +56,17 @@ def percept_counts(table: PerceptTable, levels: int) -> NDArray[np.int64]:
 def youden(counts: NDArray[Any]) -> NDArray[np.float64]:
     """Return Youden's J = TPR - FPR (...) of counts (...,2,K) [truth, level]; 0 where undefined.
 
-    The upper half of the levels is "yes". Leaving a positive object out lowers the base rate, so an
-    uninformative classifier votes against the held-out label: a table of J < 0 looks like a
-    perfect, inverted sensor.
+    Leaving a positive object out lowers the base rate, so an uninformative classifier votes against
+    the held-out label: a table of J < 0 looks like a perfect, inverted sensor.
     """
     number = counts.sum(axis=-1)
-    yes = counts[..., counts.shape[-1] // 2 :].sum(axis=-1)
-    rates = yes / np.where(number > 0, number, 1.0)
+    rates = yes_of(counts) / np.where(number > 0, number, 1.0)
     return np.where((number > 0).all(axis=-1), rates[..., 1] - rates[..., 0], 0.0)
+
+
+def informative(counts: NDArray[Any]) -> NDArray[np.bool_]:
+    """Return whether percepts of counts (...,2,K) tell anything (...): Youden's J above 0.
+
+    All that counts percepts asks this; what tells nothing is at even odds, and has no vote.
+    """
+    return np.asarray(youden(counts) > 0)

@@ -34,7 +34,7 @@ from meal_bayes.errors import SettingsError
 from meal_bayes.files import command_line
 from meal_bayes.kinds import checked
 from meal_bayes.perception import kernel_ridge
-from meal_bayes.perception.confusion import by_truth, youden
+from meal_bayes.perception.confusion import by_truth, informative
 from meal_bayes.perception.feature_spaces import (
     BehaviorRecordings,
     Spaces,
@@ -107,7 +107,7 @@ def fit_and_validate(
     for e, recordings in gathered.items():
         fit, nested = method_of(settings).fit(recordings.widened(width), settings)
         # Worse than chance on held-out objects: its percepts are put at even odds.
-        informed = youden(_count(recordings, nested, 2, len(counts)).sum(axis=0)) > 0
+        informed = informative(_count(recordings, nested, 2, len(counts)).sum(axis=0))
         used = informed | (not settings.positive_youden_only)
         log_odds = np.where(used, nested, 0.0)
         counts[:, :, e] = _count(recordings, log_odds, settings.levels, len(counts))
@@ -300,13 +300,14 @@ def _score_behavior(
 
 
 def _neutralize(log_odds: Halves, bins: NDArray[np.uint8], labels: Any, groups: Ints) -> None:
-    """Set percepts to even odds, in place, where Youden's J <= 0 on the training side.
+    """Set percepts to even odds, in place, where those of the training side tell nothing.
 
     Decided for each held-out group from the other groups alone.
     """
     even = int(np.searchsorted(BIN_EDGES, 0.0))
     for group, counts in enumerate(bins):
-        uninformative = youden(by_truth(counts.astype(np.int64), labels).sum(axis=0)) <= 0  # (P,E)
+        # (P,E)
+        uninformative = ~informative(by_truth(counts.astype(np.int64), labels).sum(axis=0))
         # The held-out side, then the training side: all recordings move to the bin of even odds.
         held = (groups == group)[:, None, None, None]
         log_odds[held & uninformative.T & ~np.isnan(log_odds)] = 0.0

@@ -13,8 +13,8 @@ import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import expit, gammaln, logsumexp
 
-from meal_bayes.arrays import Bools, Floats, Ints
-from meal_bayes.perception.confusion import youden
+from meal_bayes.arrays import Bools, Floats, Ints, yes_of
+from meal_bayes.perception.confusion import informative
 from meal_bayes.posterior.draws import replicate, rows_of
 
 Beliefs = dict[str, tuple[Floats, Bools]]  # Pr(true), beside the truth
@@ -35,13 +35,13 @@ class Prediction(NamedTuple):
 def predictive_check(draws: xr.Dataset, counts: ArrayLike, rng: np.random.Generator) -> Prediction:
     """Compare the numbers of "yes" of each object with those predicted of new objects.
 
-    The draws come from counts (O,P,E,2,K). Pairs with Youden's J <= 0 are left out.
+    The draws come from counts (O,P,E,2,K). Pairs that tell nothing are left out.
     """
     sensed = np.asarray(counts)
     number = sensed.sum(axis=-1)
     n = int(np.bincount(number[number > 0]).argmax())  # one histogram needs one number of percepts
-    positive = youden(sensed.sum(axis=0).astype(float)) > 0  # (P,E)
-    full = (number == n) & positive[..., None]  # (O,P,E,2)
+    tells = informative(sensed.sum(axis=0).astype(float))  # (P,E)
+    full = (number == n) & tells[..., None]  # (O,P,E,2)
     replicates = replicate(draws, sensed, rng)
     observed, variance = _yes(sensed, full, n)
     predicted, variances = zip(*(_yes(percepts, full, n) for percepts in replicates), strict=True)
@@ -51,7 +51,7 @@ def predictive_check(draws: xr.Dataset, counts: ArrayLike, rng: np.random.Genera
 
 def _yes(counts: Ints, full: Bools, n: int) -> tuple[Ints, Floats]:
     """Count (2,n+1) objects by truth and number of yes, and their variance (2,) within rows."""
-    yes = counts[..., counts.shape[-1] // 2 :].sum(axis=-1)  # (O,P,E,2)
+    yes = yes_of(counts)  # (O,P,E,2)
     table = np.stack([np.bincount(yes[..., t][full[..., t]], minlength=n + 1) for t in (0, 1)])
     size = np.maximum(full.sum(axis=0), 1)
     center = (yes * full).sum(axis=0) / size
@@ -65,14 +65,14 @@ def beliefs_without_itself(draws: xr.Dataset, counts: ArrayLike, *, size: int = 
     Of "each" (n,) behavior after all its recordings, and after all recordings "together" (m,).
     Draws are weighted by 1 / Pr(the object's percepts | truth, draw), which removes the object from
     the posterior, up to the error of importance sampling: it is largest for objects that surprise a
-    small data set. The prior is the base rate of the others. Pairs with Youden's J <= 0 are left
-    out. Of the draws, which come from counts (O,P,E,2,K), `size` are taken evenly.
+    small data set. The prior is the base rate of the others. Pairs that tell nothing are left out.
+    Of the draws, which come from counts (O,P,E,2,K), `size` are taken evenly.
     """
     sensed = np.asarray(counts)
     by_truth = np.asarray(sensed.any(axis=(2, 4)))  # (O,P,2)
     percepts = sensed.sum(axis=3).astype(float)  # (O,P,E,K)
     mean, s, epsilon = rows_of(draws)
-    percepts[:, youden(mean.mean(axis=0)) <= 0] = 0
+    percepts[:, ~informative(mean.mean(axis=0))] = 0
     picked = np.linspace(0, len(mean) - 1, min(size, len(mean))).astype(int)
     scores = np.array(
         [
@@ -125,8 +125,7 @@ class Cases(NamedTuple):
     @property
     def yes(self) -> xr.DataArray:
         """How many percepts of each case say yes, (U,)."""
-        number = self.counts[..., self.counts.shape[2] // 2 :].sum(axis=(1, 2))
-        return xr.DataArray(number, {"case": self.names})
+        return xr.DataArray(yes_of(self.counts).sum(axis=1), {"case": self.names})
 
 
 def cases_of(counts: ArrayLike, objects: Sequence[str], attributes: Sequence[str]) -> Cases:
@@ -171,7 +170,7 @@ def predict_yes(draws: xr.Dataset, cases: Cases, rng: np.random.Generator) -> xr
     """
     mean, s, epsilon = rows_of(draws)
     number = cases.counts.sum(axis=2)  # (U,E)
-    yes = mean[..., mean.shape[-1] // 2 :].sum(axis=-1)  # (C*S,P,E,2)
+    yes = yes_of(mean)  # (C*S,P,E,2)
     drawn = np.empty((len(mean), len(number)), np.int64)
     for out, rate, weight, swap in zip(drawn, yes, s, epsilon, strict=True):
         truth = cases.truth ^ (rng.random(len(number)) < swap)

@@ -11,7 +11,7 @@ from meal_bayes.arrays import freeze, freeze_arrays
 from meal_bayes.display import best_html, short_repr
 from meal_bayes.errors import SettingsError
 from meal_bayes.kinds import checked
-from meal_bayes.perception.confusion import youden
+from meal_bayes.perception.confusion import informative, youden
 from meal_bayes.posterior.grid import PRIOR_WEIGHT, grid_posterior
 
 _DIMENSIONS = 4  # (P,E,2,K)
@@ -129,8 +129,8 @@ class ConfusionPosterior:
 
     @property
     def informative(self) -> NDArray[np.bool_]:
-        """Whether TPR - FPR > 0 (see `perception.confusion.youden`) in counts and mean, (P,E)."""
-        return freeze((youden(self.counts) > 0) & (youden(self.mean) > 0), np.bool_)
+        """Whether percepts tell anything, by their counts and by the mean, (P,E)."""
+        return freeze(informative(self.counts) & informative(self.mean), np.bool_)
 
     def update(self, counts: ArrayLike, before: ArrayLike | None = None) -> Self:
         """Count the percepts of one object; n of a row are worth n(s+1)/(n+s).

@@ -14,7 +14,7 @@ the numbers of recordings, for all rows at once.
 
 The attributes of a behavior share, for each truth alone: of s, ln s ~ Normal(mu, tau) over them, mu
 and tau integrated out on a grid; of m, for yes/no, a common Dirichlet prior w mu, learned by its
-marginal likelihood. Pairs with TPR <= FPR have no vote.
+marginal likelihood. Pairs that tell nothing have no vote.
 
 Graded percepts (K > 2) share more than that: a level is a range of class-balanced log-odds, so its
 likelihood ratio is about the same whatever the behavior and attribute. The prior of their rows is
@@ -31,7 +31,7 @@ from scipy.special import expit, gammaln
 
 from meal_bayes.arrays import Bools, Floats, Ints
 from meal_bayes.errors import SettingsError
-from meal_bayes.perception.confusion import youden
+from meal_bayes.perception.confusion import informative
 
 DISPERSIONS = np.geomspace(0.05, 1000.0, 29)  # s; at 1000 ten percepts are as good as independent
 TAUS = np.array([0.25, 0.5, 1.0, 2.0])  # of ln s over attributes, half-normal(1) a priori
@@ -224,7 +224,7 @@ def _rows(counts: ArrayLike) -> tuple[RowStatistics, Bools]:
     per_object = np.moveaxis(table, 0, -2)  # (P,E,2,O,K)
     rows = RowStatistics.of(per_object.reshape(-1, *per_object.shape[-2:]))
     totals = rows.totals.sum(axis=1).reshape(*per_object.shape[:-2], -1)
-    return rows, youden(totals) > 0
+    return rows, informative(totals)
 
 
 def _prior(rows: RowStatistics, votes: Bools, prior: ArrayLike | None) -> Floats:

@@ -27,7 +27,7 @@ from scipy.special import gammaln
 from meal_bayes.arrays import Ints
 from meal_bayes.cache import scratch_folder, writable_caches
 from meal_bayes.display import level_names
-from meal_bayes.perception.confusion import youden
+from meal_bayes.perception.confusion import informative
 from meal_bayes.posterior.draws import ROW, TRUTHS, Sampling
 from meal_bayes.posterior.grid import DISPERSIONS, TAUS, prior_of
 from meal_bayes.processes import ending_context
@@ -148,7 +148,7 @@ def build_model(
 def _same(counts: Ints, prior: ArrayLike | None) -> tuple[Any, Any]:
     """Build the grid's hierarchy, s and m continuous; tau is one of the grid's, summed out."""
     alpha = prior_of(counts, prior)
-    votes = youden(counts.sum(axis=0).astype(float)) > 0  # the others do not inform about mu
+    votes = informative(counts.sum(axis=0).astype(float))  # the others do not inform about mu
     mu = pm.Uniform("mu", _LOW, _HIGH, dims=("behavior", "truth"))
     # Rows lie beside mu, in the log-odds of their places between the ends, at a width of their own:
     # mu moves them together, and the sampler meets no funnel. The width is no part of the model:

@@ -8,7 +8,7 @@ independent given the truth; with shared latent classes that is no bound, but an
 
 import numpy as np
 
-from meal_bayes.arrays import Floats
+from meal_bayes.arrays import Floats, yes_of
 from meal_bayes.momdp.observation import predictive
 from meal_bayes.momdp.reports import Conjunction, mean_reward
 from meal_bayes.planners.momdp_arrays import MOMDPArrays
@@ -21,7 +21,7 @@ COUNTED = 8
 def log_affinities(model: MOMDPArrays) -> Floats:
     """Compute the log of the coefficient of k percepts of a behavior, (N,E,U) for k < U."""
     percepts = model.percepts
-    yes = percepts.rows[..., percepts.rows.shape[3] // 2 :].sum(axis=-1)[..., None]  # (N,E,C,1)
+    yes = yes_of(percepts.rows)[..., None]  # (N,E,C,1)
     s = percepts.precision[..., None]
     j = np.arange(COUNTED)
     counts = np.zeros((*yes.shape[:3], COUNTED))  # Pr(j of k say yes | class)

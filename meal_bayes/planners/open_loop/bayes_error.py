@@ -99,7 +99,7 @@ def _count_yes(percepts, row, k, scratch):
     levels = percepts.rows.shape[3]
     evidence = scratch.evidence
     out = scratch.bins
-    # The upper half of the levels says yes: with its mean and count a row is a Beta.
+    # The levels that say yes, as in `arrays.yes_of`: with their mean and count a row is a Beta.
     mean = 0.0
     yes = 0.0
     for z in range(levels // 2, levels):

@@ -1,0 +1,53 @@
+"""A rule stands in one place, which others call; where it must stand twice, both are the same."""
+
+import re
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from meal_bayes.arrays import no_and_yes_of, yes_of
+from meal_bayes.datasets.detections import detected_levels
+from meal_bayes.domain import load_domain
+from meal_bayes.momdp import observation
+from meal_bayes.planners.open_loop import bayes_error
+
+PACKAGE = Path(__file__).resolve().parents[1] / "meal_bayes"
+ONCE = [  # how a rule is written, where alone, and what others call
+    (r"(shape\[-?\w+\]|levels) // 2",
+     "arrays.py datasets/detections.py planners/open_loop/bayes_error.py",
+     "yes_of: which levels of a percept say yes (two that cannot call it are held below)"),
+    (r"youden\(.*\) *(>|<)", "perception/confusion.py", "informative: which pairs tell anything"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("pattern", "places", "rule"), ONCE, ids=[rule[2][:20] for rule in ONCE])
+def test_a_rule_is_written_once(pattern: str, places: str, rule: str) -> None:
+    found = [
+        f"{path.relative_to(PACKAGE)}:{number}: {line.strip()}"
+        for path in sorted(PACKAGE.rglob("*.py"))
+        for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), start=1)
+        if re.search(pattern, line) and str(path.relative_to(PACKAGE)) not in places.split()
+    ]
+    assert not found, f"call {places}, {rule}; found {found}"
+
+
+@pytest.mark.parametrize("levels", [2, 4, 8])
+def test_all_take_the_same_levels_for_yes(levels, monkeypatch) -> None:
+    rng = np.random.default_rng(levels)
+    rows = rng.dirichlet(np.ones(levels))
+    # The kernel of plans, in Python: Pr(one percept says yes).
+    monkeypatch.setattr(bayes_error, "predictive", observation.predictive)
+    percepts = SimpleNamespace(rows=rows[None, None, None], precision=np.full((1, 1, 1), np.inf))
+    evidence = bayes_error.Evidence(np.zeros((1, 1, levels)), np.zeros(1))
+    scratch = SimpleNamespace(evidence=evidence, bins=np.zeros((1, 2)))
+    bayes_error._count_yes.py_func(percepts, (0, 0, 0), 1, scratch)
+    both = "change arrays.yes_of and planners/open_loop/bayes_error.py, _count_yes, together"
+    np.testing.assert_allclose(scratch.bins[0], no_and_yes_of(rows), err_msg=both)
+    # What a detector says in words.
+    toy = load_domain("toy")
+    both = "change arrays.yes_of and datasets/detections.py, detected_levels, together"
+    for sure in (-1.0, -0.5, 0.5, 1.0):
+        level = detected_levels({toy.attributes[0]: sure}, toy, levels)[0]
+        assert yes_of(np.eye(levels)[level]) == (sure > 0), both
