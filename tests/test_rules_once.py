@@ -8,16 +8,23 @@ import numpy as np
 import pytest
 
 from meal_bayes.arrays import no_and_yes_of, yes_of
+from meal_bayes.cli.posterior import posterior as posterior_command
 from meal_bayes.datasets.detections import detected_levels
+from meal_bayes.datasets.levels import BIN_EDGES
 from meal_bayes.domain import load_domain
 from meal_bayes.momdp import observation
 from meal_bayes.planners.open_loop import bayes_error
+from meal_bayes.posterior import ConfusionPosterior, grid
+from meal_bayes.posterior.draws import Sampling
 
 PACKAGE = Path(__file__).resolve().parents[1] / "meal_bayes"
 ONCE = [  # how a rule is written, where alone, and what others call
     (r"(shape\[-?\w+\]|levels) // 2",
      "arrays.py datasets/detections.py planners/open_loop/bayes_error.py",
      "yes_of: which levels of a percept say yes (two that cannot call it are held below)"),
+    (r"discount.* = 0\.\d", "momdp/model.py", "DISCOUNT: of agents and problems alike"),
+    (r"\b(taus?|TAUS)\*\*2", "posterior/grid.py", "LOG_TAU_PRIOR: the prior of tau"),
+    (r"\b1e9\b", "posterior/grid.py experiments/config.py", "AS_INFINITE: for inf"),
     (r"youden\(.*\) *(>|<)", "perception/confusion.py", "informative: which pairs tell anything"),
 ]  # fmt: skip
 
@@ -31,6 +38,34 @@ def test_a_rule_is_written_once(pattern: str, places: str, rule: str) -> None:
         if re.search(pattern, line) and str(path.relative_to(PACKAGE)) not in places.split()
     ]
     assert not found, f"call {places}, {rule}; found {found}"
+
+
+def test_percepts_of_a_new_object_count_as_those_of_learned_ones() -> None:
+    rng = np.random.default_rng(5)
+    counts = rng.integers(0, 6, (3, 2, 2, 4))
+    dispersion = rng.uniform(0.1, 50.0, (3, 2, 2))
+    posterior = ConfusionPosterior(np.zeros(counts.shape), np.ones(counts.shape), dispersion)
+    after = posterior.update(counts).concentration - 1.0
+    n = counts.sum(axis=-1, keepdims=True)
+    learned = grid.worth_of_percept(n.astype(float), dispersion[..., None]) * counts
+    both = "change posterior/grid.py, worth_of_percept, and dirichlet.py, _effective, together"
+    np.testing.assert_allclose(after, learned, rtol=1e-12, err_msg=both)
+
+
+def test_the_command_draws_as_many_as_its_function() -> None:
+    options = {option.name: option.default for option in posterior_command.params}
+    both = "change posterior/draws.py, Sampling, and cli/posterior.py together"
+    for name in ("draws", "tune", "chains", "seed"):
+        assert options[name] == getattr(Sampling(), name), both
+
+
+def test_the_command_names_the_numbers_of_levels_that_bins_make() -> None:
+    (option,) = (option for option in posterior_command.params if option.name == "levels")
+    bins = len(BIN_EDGES) + 1
+    fitting = [str(k) for k in range(2, bins + 1, 2) if bins % k == 0]
+    both = "change datasets/levels.py, BIN_EDGES, and cli/posterior.py, --levels, together"
+    assert f"{', '.join(fitting[:-1])} or {fitting[-1]}" in option.help, both
+    assert (option.type.min, option.type.max) == (2, bins), both
 
 
 @pytest.mark.parametrize("levels", [2, 4, 8])

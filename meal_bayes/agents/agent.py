@@ -14,6 +14,7 @@ from meal_bayes.domain import Domain, Payoffs, Query
 from meal_bayes.errors import SettingsError
 from meal_bayes.kinds import checked
 from meal_bayes.momdp import MOMDP, Objective, build_momdp, with_joint_prior
+from meal_bayes.momdp.model import DISCOUNT
 from meal_bayes.planners import Solver, warm_up
 from meal_bayes.planners.boundary import checked_solver
 from meal_bayes.untrusted import name_fault
@@ -74,7 +75,7 @@ class Agent:
     co_occurrence: bool = False
     levels: int = 2
     abstain: bool = False
-    discount: float = 0.99
+    discount: float = DISCOUNT
     observation_model: ObservationModel | None = None
     exploration: ExplorationBonus = field(default_factory=NoBonus)
     memory: bool = False

@@ -12,6 +12,7 @@ from meal_bayes.arrays import FrozenArrays, check_place, no_and_yes_of
 from meal_bayes.datasets import PerceptTable
 from meal_bayes.display import best_html, percent, short_repr
 from meal_bayes.domain import Domain
+from meal_bayes.domain.labels import PRIOR_OBJECTS
 from meal_bayes.kinds import checked
 from meal_bayes.perception import table_counts
 from meal_bayes.posterior import ConfusionPosterior
@@ -157,9 +158,10 @@ def base_rates(domain: Domain, labels: NDArray[np.int8]) -> NDArray[np.float64]:
     """Compute the posterior mean of Pr(attribute), (P,), from labels (O,P) of objects.
 
     It is (n+ + 1) / (n + 2) of an attribute, and (n_k + 1) / (n + K) of the K values of a group,
-    of which each object has one: both under a uniform prior.
+    of which each object has one: both under a uniform prior (`PRIOR_OBJECTS`).
     """
-    rates = ((labels == 1).sum(axis=0) + 1) / ((labels >= 0).sum(axis=0) + 2)
+    known = (labels >= 0).sum(axis=0)
+    rates = ((labels == 1).sum(axis=0) + PRIOR_OBJECTS) / (known + 2 * PRIOR_OBJECTS)
     for members in domain.groups.values():
         columns = domain.columns(members)
         rates[columns] = _value_rates(labels[:, columns])
@@ -179,7 +181,7 @@ def _value_rates(labels: NDArray[np.int8]) -> NDArray[np.float64]:
     for _ in range(_ROUNDS):
         shared = possible * rates
         counts = (shared / shared.sum(axis=1, keepdims=True)).sum(axis=0)
-        updated = (counts + 1.0) / (len(possible) + n_values)
+        updated = (counts + PRIOR_OBJECTS) / (len(possible) + n_values * PRIOR_OBJECTS)
         if np.allclose(updated, rates, rtol=0.0, atol=_SAME):
             return np.asarray(updated)
         rates = updated

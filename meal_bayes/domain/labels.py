@@ -8,6 +8,8 @@ from numpy.typing import NDArray
 from meal_bayes.arrays import label_values
 from meal_bayes.errors import DataError, QueryError
 
+PRIOR_OBJECTS = 1.0  # of each value, beside those that are labeled, in every base rate (Laplace)
+
 
 def label_of(name: str, value: object) -> int:
     """Return one label as 1, 0, or -1; a `DataError` that names what it is of, if it is none."""

@@ -18,7 +18,7 @@ from meal_bayes.arrays import Floats, freeze, real_array, shaped_array, spread_a
 from meal_bayes.domain import Domain, Payoffs, Query, load_domain
 from meal_bayes.errors import SettingsError
 from meal_bayes.kinds import checked
-from meal_bayes.momdp.model import MOMDP
+from meal_bayes.momdp.model import DISCOUNT, MOMDP
 
 
 @checked
@@ -40,7 +40,7 @@ class Objective:
 
     correct: float | None = None
     incorrect: float | None = None
-    discount: float = 0.99
+    discount: float = DISCOUNT
     abstain: bool = False
     payoffs: Payoffs | None = None
 

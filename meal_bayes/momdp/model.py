@@ -12,6 +12,8 @@ from meal_bayes.errors import SettingsError
 from meal_bayes.kinds import checked
 from meal_bayes.momdp.reports import ABSTAINED, Reports
 
+DISCOUNT = 0.99  # a step, in planning, where nothing else is said: the paper's
+
 ARRAYS = {  # of a MOMDP: N attributes, E behaviors, X states, C latent classes, K levels
     "transition": "exx", "observation_probability": "exx", "legal": "xe", "confusion": "neck",
     "precision": "nec", "prior": "n", "latent_classes": "n2c", "cost": "e", "bonus": "ne2",
@@ -100,7 +102,7 @@ class MOMDP:
     bonus: NDArray[np.float64]
     bonus_limit: NDArray[np.float64]
     limit: NDArray[np.float64]
-    discount: float = 0.99
+    discount: float = DISCOUNT
     abstain: bool = False
     payoffs: Payoffs | None = None
     no_cost: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))

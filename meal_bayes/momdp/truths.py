@@ -27,6 +27,11 @@ from meal_bayes.domain.query import value_table
 from meal_bayes.momdp.model import MOMDP
 
 
+def group_power(values: int) -> float:
+    """Return the power (K - 1) / K of the likelihood ratios of a group's K values."""
+    return 1 - 1 / values
+
+
 class Truths(NamedTuple):
     """What a belief says of the truth; axes before the last are of any number of beliefs.
 
@@ -83,7 +88,7 @@ def truths_of(momdp: MOMDP, log_prob: NDArray[np.float64]) -> Truths:
         for group in map(list, momdp.query.groups):
             prior = momdp.prior[group]
             log_ratio = odds[..., group] - (np.log(prior) - np.log1p(-prior))
-            weight = np.log(prior) + (1 - 1 / len(group)) * log_ratio
+            weight = np.log(prior) + group_power(len(group)) * log_ratio
             weight[..., prior == 0] = -np.inf
             weight[..., prior == 1] = 0.0
             others = np.where(np.eye(len(group), dtype=bool), -np.inf, weight[..., None, :])
@@ -100,7 +105,7 @@ def _coupled_truths(
     # ln Pr(percepts | truth), but for a constant; a truth that the prior rules out needs none.
     log_likelihood = np.where(np.isneginf(alone), 0.0, of_truth - alone)
     for group in map(list, momdp.query.groups):
-        log_likelihood[..., group, :] *= 1 - 1 / len(group)
+        log_likelihood[..., group, :] *= group_power(len(group))
     truth = values.astype(np.intp)  # of each attribute, by values
     attributes = np.arange(len(momdp.query))
     log_joint = np.log(joint) + log_likelihood[..., attributes, truth].sum(axis=-1)  # (...,Y)

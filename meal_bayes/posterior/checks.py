@@ -14,8 +14,10 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import expit, gammaln, logsumexp
 
 from meal_bayes.arrays import Bools, Floats, Ints, yes_of
+from meal_bayes.domain.labels import PRIOR_OBJECTS
 from meal_bayes.perception.confusion import informative
 from meal_bayes.posterior.draws import replicate, rows_of
+from meal_bayes.posterior.grid import AS_INFINITE
 
 Beliefs = dict[str, tuple[Floats, Bools]]  # Pr(true), beside the truth
 
@@ -80,8 +82,8 @@ def beliefs_without_itself(draws: xr.Dataset, counts: ArrayLike, *, size: int = 
             for i in picked
         ]
     )  # (S,2,O,P,E)
-    # The base rate of the others is (n+ + 1) / (n + 2).
-    smoothed = by_truth.sum(axis=0) - by_truth + 1.0  # (O,P,2)
+    # The base rate of the others, as odds.
+    smoothed = by_truth.sum(axis=0) - by_truth + PRIOR_OBJECTS  # (O,P,2)
     prior_log_odds = np.log(smoothed[..., 1] / smoothed[..., 0])
     truth = by_truth[..., 1]
     labelled = np.asarray(by_truth.any(axis=-1))  # (O,P)
@@ -99,15 +101,22 @@ def beliefs_without_itself(draws: xr.Dataset, counts: ArrayLike, *, size: int = 
 def _log_ratio(scores: Floats, truth: Bools, epsilon: Floats) -> Floats:
     """Compute the log likelihood ratio of the truths without the object; scores (S,2,...)."""
     misperceived = epsilon.reshape(-1, *(1 for _ in scores.shape[1:]))  # (S,1,...)
-    # A share epsilon of objects shows the rows of the other truth.
-    with np.errstate(divide="ignore"):  # ln 0, where no object is misperceived
-        as_its_truth = scores + np.log1p(-misperceived)
-        as_the_other = scores[:, ::-1] + np.log(misperceived)
-    by_truth = np.logaddexp(as_its_truth, as_the_other)
+    by_truth = _misperceived(scores, scores[:, ::-1], misperceived)
     # Importance weights 1 / Pr(the object's percepts | its truth, draw) take the object out.
     weight = -np.where(truth, by_truth[:, 1], by_truth[:, 0])
     false, true = logsumexp(by_truth + weight[:, None], axis=0)
     return np.asarray(true - false)
+
+
+def _misperceived(own: Floats, other: Floats, epsilon: Floats) -> Floats:
+    """Compute ln Pr(percepts), of which a share epsilon of objects shows the other truth's.
+
+    It is ln((1 - eps) e^own + eps e^other), as `hierarchical.build_model` fits it; objects are
+    drawn so by `predict_yes` and `draws.replicate`, and a fit is summarized so for agents by
+    `draws.summarize_draws`.
+    """
+    with np.errstate(divide="ignore"):  # ln 0, where no object is misperceived
+        return np.asarray(np.logaddexp(np.log1p(-epsilon) + own, np.log(epsilon) + other))
 
 
 class Cases(NamedTuple):
@@ -156,10 +165,7 @@ def pointwise_log_likelihood(draws: xr.Dataset, cases: Cases) -> xr.Dataset:
     number = np.arange(len(cases.names))
     right = evidence[:, number, cases.truth]
     wrong = evidence[:, number, 1 - cases.truth]
-    # ln((1 - eps) Pr(percepts | truth) + eps Pr(percepts | the other truth))
-    with np.errstate(divide="ignore"):
-        values = np.logaddexp(np.log1p(-epsilon[:, None]) + right, np.log(epsilon[:, None]) + wrong)
-    return _by_case(values, draws, cases)
+    return _by_case(_misperceived(right, wrong, epsilon[:, None]), draws, cases)
 
 
 def predict_yes(draws: xr.Dataset, cases: Cases, rng: np.random.Generator) -> xr.Dataset:
@@ -175,7 +181,7 @@ def predict_yes(draws: xr.Dataset, cases: Cases, rng: np.random.Generator) -> xr
     for out, rate, weight, swap in zip(drawn, yes, s, epsilon, strict=True):
         truth = cases.truth ^ (rng.random(len(number)) < swap)
         m = rate[cases.attribute, :, truth].clip(1e-9, 1 - 1e-9)  # (U,E)
-        a = np.minimum(weight[cases.attribute, :, truth], 1e9)
+        a = np.minimum(weight[cases.attribute, :, truth], AS_INFINITE)
         out[:] = rng.binomial(number, rng.beta(a * m, a * (1 - m))).sum(axis=1)
     return _by_case(drawn, draws, cases)
 

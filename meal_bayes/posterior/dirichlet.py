@@ -152,7 +152,10 @@ class ConfusionPosterior:
         return type(self)(self.counts + (final - counted), concentration, self.dispersion)
 
     def _effective(self, counts: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the independent percepts that those of one object are worth."""
+        """Return the independent percepts that those of one object are worth.
+
+        The rule of `grid.worth_of_percept`, divided by s, as here it may be inf.
+        """
         per_percept = 1 / self.dispersion[..., None]
         weight = (1 + per_percept) / (1 + counts.sum(axis=-1, keepdims=True) * per_percept)
         return np.asarray(weight * counts)

@@ -24,6 +24,7 @@ from meal_bayes.domain import Domain, unknown
 from meal_bayes.errors import DataError
 from meal_bayes.posterior.dirichlet import ConfusionPosterior
 from meal_bayes.posterior.grid import (
+    AS_INFINITE,
     DISPERSIONS,
     RowStatistics,
     grid_posterior,
@@ -35,20 +36,26 @@ TRUTHS = ("false", "true")
 ROW = ("attribute", "behavior", "truth")
 _FLOOR = 1e-100  # of probabilities, whose gamma functions would overflow
 _RAREST = 1e-12  # probability of a level, which an own model may hold for impossible
-_WEIGHTS = 1e-3, 1e9  # observations that a row's prior is worth, where draws are apart or equal
+# Observations that a row's prior is worth, where draws are as far apart as can be, or equal.
+_WEIGHTS = 1e-3, AS_INFINITE
 _FINER = 8  # points for each of the grid's, where m is drawn
+
+
+DRAWS = 1000  # of each chain, by default
+CHAINS = 4
 
 
 @dataclass(frozen=True, slots=True)
 class Sampling:
     """How many `draws` of each chain; by NUTS after `tune` steps, `cores` chains at a time.
 
-    As many as there are processors where `cores` is None; draws repeat under their `seed`.
+    As many as there are processors where `cores` is None; draws repeat under their `seed`. The
+    options of `meal-bayes posterior` (`cli/posterior.py`) have the same defaults.
     """
 
-    draws: int = 1000
+    draws: int = DRAWS
     tune: int = 1000
-    chains: int = 4
+    chains: int = CHAINS
     cores: int | None = None
     seed: int = 0
 
@@ -199,8 +206,8 @@ def draw_grid(
     attributes: Sequence[str],
     behaviors: Sequence[str],
     prior: ArrayLike | None = None,
-    draws: int = 1000,
-    chains: int = 4,
+    draws: int = DRAWS,
+    chains: int = CHAINS,
 ) -> xr.Dataset:
     """Draw independently from the posterior that `ConfusionPosterior.from_objects` summarizes.
 
@@ -265,8 +272,8 @@ def draw_prior(
 ) -> xr.Dataset:
     """Draw m and s of the same rows as they are believed before any percept, one chain.
 
-    ln s ~ Normal(mu, tau) on the grid, mu uniform and tau half-normal(1), both shared by the
-    attributes of a behavior and truth; m ~ Dirichlet(prior), (P,E,2,K).
+    ln s ~ Normal(mu, tau) on the grid, mu uniform and tau by its prior (`grid.hyperparameters`),
+    both shared by the attributes of a behavior and truth; m ~ Dirichlet(prior), (P,E,2,K).
     """
     attributes, behaviors = (draws[dim].values.tolist() for dim in ROW[:2])
     alpha = np.broadcast_to(prior, draws["mean"].shape[2:])

@@ -34,15 +34,26 @@ from meal_bayes.errors import SettingsError
 from meal_bayes.perception.confusion import informative
 
 DISPERSIONS = np.geomspace(0.05, 1000.0, 29)  # s; at 1000 ten percepts are as good as independent
-TAUS = np.array([0.25, 0.5, 1.0, 2.0])  # of ln s over attributes, half-normal(1) a priori
+TAUS = np.array([0.25, 0.5, 1.0, 2.0])  # of ln s over attributes
+LOG_TAU_PRIOR = -0.5 * TAUS**2  # a priori half-normal(1), but for a constant; by NUTS too
 _CENTER = 1.5  # log-odds about which the points of m spread out
 _BLOCK = 4_000_000  # grid points scored at a time, 32 MB
 _TINY = np.float32(1e-30)
+AS_INFINITE = 1e9  # a precision, where an infinite one needs a number
 PRIOR_WEIGHT = 2.0  # of a row of two levels before any percept: 1 a cell
 _BINARY = 2  # levels: yes and no
 _GRADED = 32.0  # the same of a row of more levels, as `bayes` has
 _FLAT = 1.0  # weight of a flat row beside the counts, where that of more levels is learned
-_WEIGHTS = np.geomspace(0.125, 64.0, 19)  # of the prior of m; ln w ~ Normal(ln 2, 1) a priori
+_WEIGHTS = np.geomspace(0.125, 64.0, 19)  # of the prior of m; log-normal about PRIOR_WEIGHT
+
+
+def worth_of_percept(n: Floats, s: Floats) -> Floats:
+    """Return what each of n percepts of one object is worth, of percepts of n objects.
+
+    All n are worth n(s+1)/(n+s) at dispersion s. `ConfusionPosterior.update` counts new percepts by
+    the same rule, in a form that takes s = inf.
+    """
+    return np.asarray((s + 1) / (n + s))
 
 
 class RowStatistics(NamedTuple):
@@ -68,8 +79,8 @@ class RowStatistics(NamedTuple):
         )
 
     def effective(self, s: Floats) -> Floats:
-        """Weight the counts by s (S,...), (S,...,K): n of one object are worth n(s+1)/(n+s)."""
-        weight = (s[..., None] + 1) / (self.sizes + s[..., None])  # (S,...,U)
+        """Weight the counts by s (S,...), (S,...,K), as objects differ: `worth_of_percept`."""
+        weight = worth_of_percept(self.sizes, s[..., None])  # (S,...,U)
         return np.asarray(np.einsum("s...u,suk->s...k", weight, self.totals))
 
 
@@ -118,7 +129,7 @@ def approximate(rows: RowStatistics, alpha: Floats) -> Profile:
     The evidence of s is likelihood x prior / posterior of m, at the posterior's mean. Levels come
     first meanwhile, as sums over a short last axis are slow.
     """
-    worth = (DISPERSIONS + 1) / (rows.sizes[:, None] + DISPERSIONS)  # (U,G), see `effective`
+    worth = worth_of_percept(rows.sizes[:, None], DISPERSIONS)  # (U,G)
     counts = rows.totals.transpose(2, 0, 1) @ worth  # (K,S,G)
     after = alpha.T[..., None] + counts
     weight = after.sum(axis=0)
@@ -173,7 +184,7 @@ def hyperparameters() -> tuple[Floats, Floats]:
     log_s = np.log(DISPERSIONS)
     mus, taus = (a.ravel() for a in np.meshgrid(log_s, TAUS, indexing="ij"))
     density = np.exp(-0.5 * ((log_s - mus[:, None]) / taus[:, None]) ** 2)
-    return density / density.sum(axis=1, keepdims=True), -0.5 * taus**2
+    return density / density.sum(axis=1, keepdims=True), np.tile(LOG_TAU_PRIOR, len(log_s))
 
 
 def _tails(counts: Ints) -> Floats:

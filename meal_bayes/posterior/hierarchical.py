@@ -29,7 +29,7 @@ from meal_bayes.cache import scratch_folder, writable_caches
 from meal_bayes.display import level_names
 from meal_bayes.perception.confusion import informative
 from meal_bayes.posterior.draws import ROW, TRUTHS, Sampling
-from meal_bayes.posterior.grid import DISPERSIONS, TAUS, prior_of
+from meal_bayes.posterior.grid import DISPERSIONS, LOG_TAU_PRIOR, TAUS, prior_of
 from meal_bayes.processes import ending_context
 from meal_bayes.seeds import stream
 
@@ -164,7 +164,7 @@ def _same(counts: Ints, prior: ArrayLike | None) -> tuple[Any, Any]:
         pt.erf((_HIGH - center) / _ROOT_2 / tau) - pt.erf((_LOW - center) / _ROOT_2 / tau)
     )
     share = -0.5 * ((log_s[..., None] - center) / tau) ** 2 - inside - np.log(tau * _ROOT_2_PI / 2)
-    by_tau = (votes[..., None, None] * share).sum(axis=0) - 0.5 * tau**2  # (E,2,T)
+    by_tau = (votes[..., None, None] * share).sum(axis=0) + LOG_TAU_PRIOR  # (E,2,T)
     mean_tau = (pm.math.softmax(by_tau, axis=-1) * tau).sum(axis=-1)
     law = -0.5 * ((width - pt.log(mean_tau)) / _SPREAD) ** 2
     pm.Potential("pooling", pm.math.logsumexp(by_tau, axis=-1).sum() + jacobian + law.sum())
@@ -238,7 +238,10 @@ def _rising(x: Any, most: int) -> Any:
 
 
 def _shared_class(counts: Ints, pattern_of: Ints, scores: Any, epsilon: Any) -> Any:
-    """Sum over what each object seems to be, which all its behaviors share."""
+    """Sum over what each object seems to be, which all its behaviors share.
+
+    The other places that know what a misperceived object shows stand at `checks._misperceived`.
+    """
     by_truth = np.asarray(counts.any(axis=(2, 4)))  # (O,P,2)
     o, p = np.nonzero(by_truth.any(axis=-1))
     truth = by_truth[o, p, 1].astype(int)

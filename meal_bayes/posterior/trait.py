@@ -34,6 +34,7 @@ from scipy.optimize import minimize_scalar
 from meal_bayes.arrays import Bools, Floats, FrozenArrays, freeze
 from meal_bayes.display import short_repr
 from meal_bayes.posterior.dirichlet import ConfusionPosterior
+from meal_bayes.posterior.grid import AS_INFINITE
 from meal_bayes.seeds import stream
 
 Floating = NDArray[np.floating[Any]]
@@ -193,7 +194,7 @@ class _Evidence:
         log_classes = np.log(np.maximum(trait.latent_classes, _TINY)).astype(np.float32)
         # Dirichlet-multinomial log-likelihoods of all recordings, up to a constant in t:
         # sum_k ln alpha_k (alpha_k + 1) ... (alpha_k + n_k - 1), from a table of rising factorials.
-        alpha = np.minimum(precision[:, 0], 1e9)[:, None, None] * rows  # where it is inf
+        alpha = np.minimum(precision[:, 0], AS_INFINITE)[:, None, None] * rows
         table = np.zeros((*rows.shape, self.most_percepts + 1), np.float32)  # (V,M,K,top+1)
         factors = alpha[..., None] + np.arange(self.most_percepts)
         np.log(factors).cumsum(axis=-1, out=table[..., 1:])
