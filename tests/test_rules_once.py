@@ -7,10 +7,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from meal_bayes.arrays import no_and_yes_of, yes_of
+from meal_bayes.arrays import _array_fields, no_and_yes_of, yes_of
 from meal_bayes.cli.posterior import posterior as posterior_command
 from meal_bayes.datasets.detections import detected_levels
-from meal_bayes.datasets.levels import BIN_EDGES
+from meal_bayes.datasets.levels import BIN_COUNT, BIN_EDGES, STORED
+from meal_bayes.datasets.percepts import PerceptTable
 from meal_bayes.domain import load_domain
 from meal_bayes.momdp import observation
 from meal_bayes.planners.open_loop import bayes_error
@@ -25,6 +26,10 @@ ONCE = [  # how a rule is written, where alone, and what others call
     (r"discount.* = 0\.\d", "momdp/model.py", "DISCOUNT: of agents and problems alike"),
     (r"\b(taus?|TAUS)\*\*2", "posterior/grid.py", "LOG_TAU_PRIOR: the prior of tau"),
     (r"\b1e9\b", "posterior/grid.py experiments/config.py", "AS_INFINITE: for inf"),
+    (r"2\.0 / sizes", "perception/kernel_ridge.py", "object_weights: what a recording weighs"),
+    (r"\(mean \* \(1 - mean\) / |, 0\.99\)|1 \+ progress\.percepts",
+     "agents/label_prices.py", "rate_moments, uncertain, Progress.beta: rates of a Beta"),
+    (r"n't\"\)", "domain/words.py", "contracts_not"),
     (r"youden\(.*\) *(>|<)", "perception/confusion.py", "informative: which pairs tell anything"),
 ]  # fmt: skip
 
@@ -50,6 +55,15 @@ def test_percepts_of_a_new_object_count_as_those_of_learned_ones() -> None:
     learned = grid.worth_of_percept(n.astype(float), dispersion[..., None]) * counts
     both = "change posterior/grid.py, worth_of_percept, and dirichlet.py, _effective, together"
     np.testing.assert_allclose(after, learned, rtol=1e-12, err_msg=both)
+
+
+def test_a_table_in_memory_holds_what_its_file_does() -> None:
+    fields = {name: np.dtype(kind) for name, kind in _array_fields(PerceptTable)}
+    both = (
+        "change datasets/levels.py, STORED and BIN_COUNT, and percepts.py, PerceptTable, together"
+    )
+    assert fields["log_odds"] == STORED, both
+    assert fields["training_bins"] == BIN_COUNT, both
 
 
 def test_the_command_draws_as_many_as_its_function() -> None:

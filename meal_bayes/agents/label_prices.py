@@ -27,28 +27,38 @@ from meal_bayes.arrays import Floats
 AHEAD: Floats = np.array([1.0, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 16.0, 24.0, 32.0, 48.0, 64.0])
 _Z = np.linspace(-2.2, 2.2, 9)  # of J, standard deviations from its mean
 _MIDDLE = len(_Z) // 2
-_LEAST = 0.01  # rates are at least this far from 0 and 1
+_LEAST = 0.01  # rates that may be found are at least this far from 0 and 1
 _ROUNDS = 6  # of the search for a price, which grows in each
 
 _NORMAL = np.exp(-(_Z**2) / 2) / np.exp(-(_Z**2) / 2).sum()
 
 
-def rates_ahead(alpha: Floats) -> Floats:
-    """Return rates (...,Z,2) that may be found true, from Beta parameters (...,2,2), no and yes."""
+def rate_moments(alpha: Floats) -> tuple[Floats, Floats]:
+    """Return mean and variance (...) of rates of yes, from Beta parameters (...,2), no and yes."""
     total = alpha.sum(axis=-1)
     mean = alpha[..., 1] / total
-    deviation = np.sqrt(mean * (1 - mean) / (total + 1))  # (...,2)
+    return mean, mean * (1 - mean) / (total + 1)
+
+
+def uncertain(rates: Floats) -> Floats:
+    """Return rates that are neither 0 nor 1, as none that may be found is."""
+    return np.asarray(np.clip(rates, _LEAST, 1 - _LEAST))
+
+
+def rates_ahead(alpha: Floats) -> Floats:
+    """Return rates (...,Z,2) that may be found true, from Beta parameters (...,2,2), no and yes."""
+    mean, variance = rate_moments(alpha)
+    deviation = np.sqrt(variance)  # (...,2)
     direction = deviation / np.sqrt((deviation**2).sum(axis=-1, keepdims=True))
     moved = deviation * direction * np.array([-1.0, 1.0])
     rates = mean[..., None, :] + _Z[:, None] * moved[..., None, :]  # (...,Z,2)
-    return np.asarray(np.clip(rates, _LEAST, 1 - _LEAST))
+    return uncertain(rates)
 
 
 def explained(alpha: Floats, base_rates: Floats) -> Floats:
     """Return the part (...,M) of the variance of J that `AHEAD` more labeled objects explain."""
     total = alpha.sum(axis=-1)
-    mean = alpha[..., 1] / total
-    variance = (mean * (1 - mean) / (total + 1))[..., None]  # (...,2,1)
+    variance = rate_moments(alpha)[1][..., None]  # (...,2,1)
     objects = np.stack([1 - base_rates, base_rates], axis=-1)[..., None] * AHEAD  # (...,2,M)
     reduction = variance * objects / (objects + total[..., None])
     return np.asarray(reduction.sum(axis=-2) / variance.sum(axis=-2))

@@ -18,7 +18,14 @@ import numpy as np
 from scipy.special import digamma, entr
 
 from meal_bayes.agents.knowledge import Knowledge
-from meal_bayes.agents.label_prices import AHEAD, explained, prices, rates_ahead
+from meal_bayes.agents.label_prices import (
+    AHEAD,
+    explained,
+    prices,
+    rate_moments,
+    rates_ahead,
+    uncertain,
+)
 from meal_bayes.agents.progress import Progress
 from meal_bayes.arrays import Bools, Floats, no_and_yes_of
 from meal_bayes.domain import Domain, Query
@@ -68,7 +75,7 @@ class Equation11(NamedTuple):
 
 def as_equation_11(progress: Progress, asked: int = 1) -> Equation11:
     """Return the prices of `learning_prices` as terms of Eq. 11, for people: no plan reads it."""
-    alpha = 1 + progress.percepts
+    alpha = progress.beta
     rates = progress.knowledge.base_rates[:, None]
     entropy = percept_entropy(alpha, rates)
     experience = experience_bits(alpha, rates)
@@ -84,7 +91,7 @@ def learning_prices(progress: Progress, asked: int) -> Floats:
     knowledge = progress.knowledge
     share = asked / len(progress.labeled)  # of the questions are about an attribute
     pace = 1 / (share + (1 - share) * progress.told)  # trials until an object is labeled
-    alpha = 1 + progress.percepts  # (P,E,2,2)
+    alpha = progress.beta  # (P,E,2,2)
     ahead = rates_ahead(alpha)  # (P,E,Z,2)
     believed = knowledge.posterior.informative  # (P,E)
     value, now = values_ahead(knowledge, ahead, believed, progress)
@@ -161,11 +168,9 @@ def deviated(alpha: Floats, rates: Floats | None = None) -> Floats:
 
     Beta parameters are (...,2,2), no and yes; their means are the rates by default.
     """
-    total = alpha.sum(axis=-1)
-    mean = alpha[..., 1] / total
-    deviation = np.sqrt(mean * (1 - mean) / (total + 1))
+    mean, variance = rate_moments(alpha)
     now = mean if rates is None else rates
-    return np.asarray(np.clip(now + deviation * np.array([-1.0, 1.0]), 0.01, 0.99))
+    return uncertain(now + np.sqrt(variance) * np.array([-1.0, 1.0]))
 
 
 def percept_entropy(alpha: Floats, base_rates: Floats) -> Floats:

@@ -88,3 +88,8 @@ class Progress:
     objects: NDArray[np.int64]
     fresh: NDArray[np.bool_]
     labeled: NDArray[np.bool_]
+
+    @property
+    def beta(self) -> NDArray[np.float64]:
+        """Beta parameters (P,E,2,2) of the rates, no and yes by truth, under a uniform prior."""
+        return np.asarray(1 + self.percepts)

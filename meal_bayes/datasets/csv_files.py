@@ -36,7 +36,9 @@ log = logging.getLogger("meal_bayes.datasets")
 
 _LINE_END = re.compile(r"\r\n|\r|\n")
 _SEPARATORS = {";": "semicolons", "\t": "tabs", "|": "bars"}  # of other programs
-_VALUES = {"1": 1, "1.0": 1, "true": 1, "0": 0, "0.0": 0, "false": 0, "": -1}  # pandas' too
+_LABELS = "labels.csv"
+_WORDS = {"1": 1, "0": 0, "true": 1, "false": 0}  # of labels, in any case
+_VALUES = {**_WORDS, "1.0": 1, "0.0": 0, "": -1}  # pandas' too
 _NUMBER = re.compile(
     r"[+-]?((\d+\.?\d*|\.\d+)(e[+-]?\d+)?|nan|inf(inity)?)", re.ASCII | re.IGNORECASE
 )
@@ -55,7 +57,7 @@ def load_csv_folder(domain: Domain, folder: Path) -> Dataset:
     """
     files = _files(domain, folder)
     _check_names(domain, folder, [path.name for path in files.values()])
-    objects, labels = _read_labels(folder / "labels.csv", domain)
+    objects, labels = _read_labels(folder / _LABELS, domain)
     contexts = ((c, read_features(path, KEYS, header=True)) for c, path in files.items())
     dataset = Dataset(domain, objects, join_features(objects, contexts), labels)
     log.info(
@@ -89,7 +91,7 @@ def save_csv_folder(dataset: Dataset, folder: str | Path) -> None:
         dataset.labels, pd.Index(objects, name="object"), dataset.domain.attributes
     )
     text = labels.astype("Int8").where(labels >= 0).to_csv(lineterminator="\n")
-    write_whole(folder / "labels.csv", text)
+    write_whole(folder / _LABELS, text)
 
 
 def _files(domain: Domain, folder: Path) -> dict[Context, Path]:
@@ -97,9 +99,9 @@ def _files(domain: Domain, folder: Path) -> dict[Context, Path]:
 
     Case plays no part, as on some systems it names no other file.
     """
-    files: dict[str, object] = {"labels.csv": "the labels"}
+    files: dict[str, object] = {_LABELS: "the labels"}
     for context in domain.contexts:
-        name = "{}_{}.csv".format(*context)
+        name = _file_of(context)
         if name != Path(name).name or "\\" in name:
             raise DataError(f"{name!r} is no file's name; rename the behavior or modality.")
         other = files.setdefault(name.casefold(), context)
@@ -107,12 +109,16 @@ def _files(domain: Domain, folder: Path) -> dict[Context, Path]:
             raise DataError(
                 f"{other} and {context} have one file, {name}; rename a behavior or modality."
             )
-    return {context: folder / "{}_{}.csv".format(*context) for context in domain.contexts}
+    return {context: folder / _file_of(context) for context in domain.contexts}
+
+
+def _file_of(context: Context) -> str:
+    return "{}_{}.csv".format(*context)
 
 
 def _check_names(domain: Domain, folder: Path, contexts: Sequence[str]) -> None:
     """Refuse a folder that lacks a file and holds one that is of no context: it is misnamed."""
-    expected = ["labels.csv", *contexts]
+    expected = [_LABELS, *contexts]
     missing = [name for name in expected if not (folder / name).is_file()]
     strangers = sorted(path.name for path in folder.glob("*.csv") if path.name not in expected)
     if missing and strangers:
@@ -160,7 +166,7 @@ def _read_labels(path: Path, domain: Domain) -> tuple[tuple[str, ...], NDArray[n
             members = domain.groups.get(header[column], ())
             if cell.casefold() not in _VALUES and not members:
                 value = f"{cell!r} in column {column + 1} ({header[column]})"
-                raise fault(where, value, "1, 0, true, false or nothing", "write one of them")
+                raise fault(where, value, f"{', '.join(_WORDS)} or nothing", "write one of them")
             row[header[column]] = cell if cell in members else _VALUES.get(cell.casefold(), cell)
         try:
             values = domain.labels({name: row[name] for name in names})

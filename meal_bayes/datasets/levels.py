@@ -7,7 +7,9 @@ from meal_bayes.arrays import freeze
 from meal_bayes.errors import SettingsError
 
 THRESHOLD = float(np.log(0.501 / 0.499))  # yes/no at .501: .5 +- 1e-16 would leak by rounding
-LIMIT = 8.0  # log-odds are kept within +-8, where float16 is good to .004
+BIN_COUNT = np.dtype("|u1")  # of an object's recordings in a fine bin, in tables and files
+STORED = np.dtype("<f2")  # log-odds, in tables and files,
+LIMIT = 8.0  # and within +-8, where that is good to .004
 BIN_EDGES = freeze(THRESHOLD + np.array([-3.0, -1.5, -0.5, 0.0, 0.5, 1.5, 3.0]))
 
 
@@ -52,4 +54,4 @@ def classifier_levels(log_odds: ArrayLike, levels: int) -> NDArray[np.int8]:
 
 def round_log_odds(log_odds: ArrayLike) -> NDArray[np.float16]:
     """Clip to +-LIMIT and round as tables store them: percepts do not change by saving."""
-    return np.clip(np.asarray(log_odds, dtype=np.float64), -LIMIT, LIMIT).astype(np.float16)
+    return np.clip(np.asarray(log_odds, dtype=np.float64), -LIMIT, LIMIT).astype(STORED)

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from meal_bayes.arrays import freeze, freeze_arrays, label_values, set_frozen
 from meal_bayes.datasets.dataset import check_objects, complete_labels
-from meal_bayes.datasets.levels import levels_of, merge_bins
+from meal_bayes.datasets.levels import BIN_COUNT, STORED, levels_of, merge_bins
 from meal_bayes.digests import digest_of, digest_of_arrays
 from meal_bayes.display import facts_html, facts_repr, listed
 from meal_bayes.domain import (
@@ -35,9 +35,9 @@ _FORMAT = 1
 _MEMBERS = {  # name -> dtype, axes
     "meta": ("|u1", 1),  # JSON
     "labels": ("|i1", 2),  # (O,P)
-    "log_odds": ("<f2", 4),  # (O,R,E',P), E' the behaviors with modalities
+    "log_odds": (STORED.str, 4),  # (O,R,E',P), E' the behaviors with modalities
     "edges": ("<f8", 1),  # (L-1,)
-    "training_bins": ("|u1", 5),  # (O,P,E',G,L) [o', ..., held-out g]: neighbors are alike
+    "training_bins": (BIN_COUNT.str, 5),  # (O,P,E',G,L) [o', ..., held-out g]: neighbors are alike
     "recording_counts": ("<u2", 2),  # (O,E'), only where recordings are ragged
     "groups": ("<u2", 1),  # (O,), only where objects are left out by folds
 }
@@ -239,9 +239,10 @@ def load_percepts(
     path = shipped_path(domain)
     if not path.is_file():
         raise SettingsError(
-            f"No percept table ships for {str(name)!r}; expected a domain of roc36, ispy32 or "
-            "cy101, or the path of an .npz made by save_percepts, or by `meal-bayes data percepts "
-            "--dataset DOMAIN.toml --root FOLDER --out FILE.npz`."
+            f"No percept table ships for {str(name)!r}; expected a domain of "
+            f"{', '.join(sorted(table.stem for table in path.parent.glob('*.npz')))}, or the path "
+            "of an .npz made by save_percepts, or by `meal-bayes data percepts --dataset "
+            "DOMAIN.toml --root FOLDER --out FILE.npz`."
         )
     return _read(path, str(name), domain)
 

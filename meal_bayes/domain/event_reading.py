@@ -17,7 +17,7 @@ from meal_bayes.domain.sentence import (
     words_of,
 )
 from meal_bayes.domain.tables import load_domain
-from meal_bayes.domain.words import NOT, UNCLEAR_WORDS, unknown
+from meal_bayes.domain.words import NOT, UNCLEAR_WORDS, contracts_not, unknown
 from meal_bayes.errors import QueryError
 
 _LASTING = NOT - {"not"}  # "without beans or rice" may mean that both are absent
@@ -88,7 +88,7 @@ class _Reader:
                 f'"{self.negation} {word}" may be misunderstood; say "{_QUANTIFIERS[word]}".'
             )
         conditional = word == "if" and self.literals
-        if conditional or is_sign(word) or word in UNCLEAR_WORDS or word.endswith("n't"):
+        if conditional or is_sign(word) or word in UNCLEAR_WORDS or contracts_not(word):
             raise QueryError(f'The question says {word!r}; use "and", "or" and "not" alone.')
         if word not in FUNCTION_WORDS and word != "either":
             names = (*self.domain.attributes, *self.domain.synonyms)

@@ -19,7 +19,7 @@ from meal_bayes.domain.sentence import (
     words_of,
 )
 from meal_bayes.domain.tables import load_domain
-from meal_bayes.domain.words import JOINING_WORDS, UNCLEAR_WORDS, fold, unknown
+from meal_bayes.domain.words import JOINING_WORDS, UNCLEAR_WORDS, contracts_not, fold, unknown
 from meal_bayes.errors import QueryError
 
 _ALTERNATIVES = {"or", "either", "xor"}
@@ -105,7 +105,7 @@ def _asked(question: str, vocabulary: Mapping[str, str], domain: Domain) -> list
     words = [word for word in words_of(question, vocabulary, domain) if word not in harmless]
     for word in words:
         if word in _NEGATIONS | (_ALTERNATIVES - vocabulary.keys()) or (
-            word.endswith("n't") or (is_sign(word) and word not in vocabulary)
+            contracts_not(word) or (is_sign(word) and word not in vocabulary)
         ):
             raise QueryError(
                 f'The question says {word!r}; ask the plain attributes (with "and" or commas), and '

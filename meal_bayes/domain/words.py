@@ -17,6 +17,11 @@ _SHOWN = 24  # names that a message lists at most; of more, the nearest
 _LONGEST = 60  # letters of an unknown name that a message repeats
 
 
+def contracts_not(word: str) -> bool:
+    """Return whether a folded word ends in a contracted "not", as "isn't" does."""
+    return word.endswith("n't")
+
+
 def fold(word: str) -> str:
     """Write a word so that case and the way its accents are coded play no part."""
     return unicodedata.normalize("NFC", unicodedata.normalize("NFC", word).casefold()).strip()

@@ -65,8 +65,7 @@ class FeatureSpace(FrozenArrays):
 
     def standardize(self, features: NDArray[np.floating]) -> Floats:
         """Transform raw features (B,D) to this space, (B,d)."""
-        squashed = _squash(features)[:, self.varying]
-        rows = np.clip((squashed - self.center) / self.scale, -_FAR, _FAR)
+        rows = _standard(_squash(features)[:, self.varying], self.center, self.scale)
         return np.asarray(rows if self.whitening is None else self.whitening.of(rows))
 
     def similarity(self, rows: Floats) -> Floats:
@@ -91,7 +90,7 @@ def fit_space(
     varying = np.flatnonzero(sd > _CONSTANT * np.abs(squashed).max(axis=0, initial=0.0))
     center = squashed[:, varying].mean(axis=0)
     scale = sd[varying]
-    rows = np.clip((squashed[:, varying] - center) / scale, -_FAR, _FAR)
+    rows = _standard(squashed[:, varying], center, scale)
     whitening = None if objects is None else _whitening(rows, objects)
     rows = rows if whitening is None else whitening.of(rows)
     width = _median_distance(rows)
@@ -132,6 +131,10 @@ def _whitening(rows: Floats, objects: NDArray[np.integer]) -> Whitening | None:
 def _squash(features: NDArray[np.floating]) -> Floats:
     values = np.asarray(features, dtype=np.float64)
     return np.asarray(np.sign(values) * np.log1p(np.abs(values)))
+
+
+def _standard(squashed: Floats, center: Floats, scale: Floats) -> Floats:
+    return np.asarray(np.clip((squashed - center) / scale, -_FAR, _FAR))
 
 
 def _squared_distance(a: Floats, b: Floats) -> Floats:

@@ -27,7 +27,13 @@ from threadpoolctl import threadpool_limits
 
 from meal_bayes.arrays import Floats, Ints
 from meal_bayes.datasets import Dataset, PerceptTable, TrainingSet
-from meal_bayes.datasets.levels import BIN_EDGES, classifier_levels, round_log_odds
+from meal_bayes.datasets.levels import (
+    BIN_COUNT,
+    BIN_EDGES,
+    STORED,
+    classifier_levels,
+    round_log_odds,
+)
 from meal_bayes.datasets.sources import SOURCES
 from meal_bayes.domain import unknown
 from meal_bayes.errors import SettingsError
@@ -47,12 +53,12 @@ from meal_bayes.perception.perceiver import BehaviorClassifier, Perception
 from meal_bayes.perception.settings import DEFAULT, NAMED, PerceptionSettings, with_classifier
 from meal_bayes.version import package_version
 
-Half = np.float16
-Halves = NDArray[Half]
+Counts = NDArray[np.integer]  # of fine bins, `BIN_COUNT`
+Stored = NDArray[np.floating]  # log-odds, `STORED`
 Map = Callable[[Callable[[Any], Any], Iterable[Any]], Iterable[Any]]  # as `map`, in any order
 
 WIDTHS = (1.0, 1.5, 2.0)  # in median distances
-_MOST_RECORDINGS = 255  # recordings of an object and behavior that a bin can count
+_MOST_RECORDINGS = int(np.iinfo(BIN_COUNT).max)  # of an object and behavior, that a bin counts
 
 
 def method_of(settings: PerceptionSettings) -> ModuleType:
@@ -239,8 +245,8 @@ def build_percept_table(
     n_attributes = len(domain.attributes)
     n_bins = len(BIN_EDGES) + 1
     n_groups = groups.max() + 1
-    log_odds = np.full((n_objects, dataset.recordings, n_behaviors, n_attributes), np.nan, Half)
-    bins = np.zeros((n_groups, n_objects, n_attributes, n_behaviors, n_bins), np.uint8)
+    log_odds = np.full((n_objects, dataset.recordings, n_behaviors, n_attributes), np.nan, STORED)
+    bins = np.zeros((n_groups, n_objects, n_attributes, n_behaviors, n_bins), BIN_COUNT)
     score = partial(_score_behavior, names=names, widths=widths, groups=groups, settings=settings)
     for done, (e, outputs, counts) in enumerate(map_behaviors(score, gathered.items())):
         objects = gathered[e].objects
@@ -269,7 +275,7 @@ def _score_behavior(
     widths: NDArray[np.float64],
     groups: Ints,
     settings: PerceptionSettings,
-) -> tuple[int, Halves, NDArray[np.uint8]]:
+) -> tuple[int, Stored, Counts]:
     """Score one behavior, given by its number and recordings, without each group, (G,) names.
 
     Widths (G,) are those of the kernels. Returns the number, the held-out outputs (n,P), and how
@@ -277,9 +283,9 @@ def _score_behavior(
     """
     index, recordings = piece
     n, n_attributes = recordings.labels.shape
-    held_outputs = np.full((n, n_attributes), np.nan, Half)
+    held_outputs = np.full((n, n_attributes), np.nan, STORED)
     n_bins = len(BIN_EDGES) + 1
-    bin_counts = np.zeros((len(names), len(groups), n_attributes, n_bins), np.uint8)
+    bin_counts = np.zeros((len(names), len(groups), n_attributes, n_bins), BIN_COUNT)
     objects, starts = np.unique(recordings.objects, return_index=True)
     with threadpool_limits(1):  # sums of many threads differ in their last bit from those of one
         for width in np.unique(widths):
@@ -294,20 +300,20 @@ def _score_behavior(
                 bins[np.isnan(training)] = -1
                 # Rows are sorted by object, so each object's recordings sum by `reduceat`.
                 for level in range(n_bins):
-                    counts = np.add.reduceat(bins == level, starts, axis=1, dtype=np.uint8)
+                    counts = np.add.reduceat(bins == level, starts, axis=1, dtype=BIN_COUNT)
                     bin_counts[..., level][np.ix_(left_out, objects, attributes)] = counts
     return index, held_outputs, bin_counts
 
 
-def _neutralize(log_odds: Halves, bins: NDArray[np.uint8], labels: Any, groups: Ints) -> None:
+def _neutralize(log_odds: Stored, bins: Counts, labels: Any, groups: Ints) -> None:
     """Set percepts to even odds, in place, where those of the training side tell nothing.
 
     Decided for each held-out group from the other groups alone.
     """
     even = int(np.searchsorted(BIN_EDGES, 0.0))
     for group, counts in enumerate(bins):
-        # (P,E)
-        uninformative = ~informative(by_truth(counts.astype(np.int64), labels).sum(axis=0))
+        percepts = by_truth(counts.astype(np.int64), labels).sum(axis=0)
+        uninformative = ~informative(percepts)  # (P,E)
         # The held-out side, then the training side: all recordings move to the bin of even odds.
         held = (groups == group)[:, None, None, None]
         log_odds[held & uninformative.T & ~np.isnan(log_odds)] = 0.0

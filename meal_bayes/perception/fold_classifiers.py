@@ -34,7 +34,7 @@ from meal_bayes.arrays import Bools, Floats, Ints
 from meal_bayes.datasets.levels import THRESHOLD
 from meal_bayes.perception.compiled_stacking import fit_stacker, fit_stackers
 from meal_bayes.perception.feature_spaces import BehaviorRecordings, FeatureSpace, Rows, dealt
-from meal_bayes.perception.kernel_ridge import RIDGE, Stacker
+from meal_bayes.perception.kernel_ridge import RIDGE, Stacker, object_weights
 from meal_bayes.perception.own_classifier import blamed, decisions_of, repeatable
 from meal_bayes.perception.settings import PerceptionSettings
 
@@ -326,11 +326,10 @@ def _fit_stacker(
     if len(truth):
         scale = decisions.std(axis=0)[0]
         scale = np.where(scale > 0, scale, 1.0)
-        _, object_of, sizes = np.unique(objects, return_inverse=True, return_counts=True)
         features = np.ascontiguousarray((decisions / scale).transpose(2, 1, 0))
         targets = np.where(truth, 1.0, -1.0).T.copy()
         fit_stackers(
-            2.0 / sizes[object_of.ravel()],  # every object weighs the same
+            object_weights(objects),
             features,
             targets,
             ridge=RIDGE,

@@ -96,9 +96,18 @@ class Problem:
         return np.concatenate([NOBODY[0], *ranges])
 
 
+def object_weights(objects: Ints) -> Floats:
+    """Return the weight of each recording (n,) in a stacker's loss: every object weighs the same.
+
+    All recordings of an object weigh 2 together, as a recording of each truth would.
+    """
+    _, object_of, sizes = np.unique(objects, return_inverse=True, return_counts=True)
+    return np.asarray(2.0 / sizes[object_of.ravel()])
+
+
 def kernel_problem(grams: Floats, truth: Bools, groups: Ints, noise: float) -> Problem:
     """Invert C of each kernel: grams (M,n,n), truth (n,P), groups (n,) rising."""
-    names, starts, sizes = np.unique(groups, return_index=True, return_counts=True)
+    names, starts = np.unique(groups, return_index=True)
     starts = np.append(starts, len(groups))
     targets = np.ascontiguousarray(np.where(truth, 1.0, -1.0).T)
     inverses = np.linalg.inv(grams + noise * np.eye(len(groups)))
@@ -111,7 +120,7 @@ def kernel_problem(grams: Floats, truth: Bools, groups: Ints, noise: float) -> P
         )
         return held, others
 
-    weights = np.repeat(2.0 / sizes, sizes)
+    weights = object_weights(groups)
     return Problem(names, starts, weights, targets, duals=duals, score=score)
 
 
@@ -130,7 +139,6 @@ def landmark_problem(
     folds, objects = groups
     names, starts = np.unique(folds, return_index=True)
     starts = np.append(starts, len(folds))
-    _, object_of, sizes = np.unique(objects, return_inverse=True, return_counts=True)
     targets = np.ascontiguousarray(np.where(truth, 1.0, -1.0).T)
     n_kernels, _, m = kernels.shape
     k = len(names)
@@ -162,7 +170,7 @@ def landmark_problem(
     def decide(left_out: Ints, some: Floats) -> Floats:
         return np.asarray((some @ _ridge_weights(grams, products, left_out)).transpose(0, 2, 1))
 
-    weights = 2.0 / sizes[object_of.ravel()]
+    weights = object_weights(objects)
     return Problem(names, starts, weights, targets, duals=duals, score=score)
 
 

@@ -89,8 +89,9 @@ class PerceptionSettings:
                 raise SettingsError(f"{name} is {getattr(self, name)}; give at least {lowest}.")
 
 
+FOLDS_TRAINED_ANEW = 5  # where every fold has classifiers of its own: the paper's, and one's own
 DEFAULT = PerceptionSettings()
-PAPER = PerceptionSettings(method="paper", folds=5)
+PAPER = PerceptionSettings(method="paper", folds=FOLDS_TRAINED_ANEW)
 NAMED = {"default": DEFAULT, "paper": PAPER}
 
 
@@ -111,4 +112,5 @@ def with_classifier(classifier: Any, **others: Any) -> PerceptionSettings:
     SettingsError
         What cannot be cloned, fitted, or asked for a decision.
     """
-    return PerceptionSettings(**{"folds": 5, **others}, method="classifier", classifier=classifier)
+    settings = {"folds": FOLDS_TRAINED_ANEW, **others}
+    return PerceptionSettings(**settings, method="classifier", classifier=classifier)

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meal_bayes.arrays import Floats
+from meal_bayes.domain.domain import LEGAL_BUDGET
 from meal_bayes.errors import SettingsError
 from meal_bayes.kinds import checked
 from meal_bayes.momdp import MOMDP, Belief, answer_value, best_answer, best_report
@@ -69,7 +70,7 @@ class RandomLegal:
         Behaviors that are never drawn, such as those that ask a person.
     """
 
-    budget: float = 50.0
+    budget: float = LEGAL_BUDGET[0]
     barred: tuple[str, ...] = ()
 
     def solve(self, momdp: MOMDP, rng: np.random.Generator) -> Baseline:

@@ -20,7 +20,7 @@ _LARGEST = 7.0  # log-odds to either side of even odds that the grid reaches
 _POINTS = 57  # of the grid
 _SWEEPS = 60  # at most
 _SETTLED = 1e-6  # of r+ - r-
-_LEAST = 1e-6  # rates are at least this
+_LEAST = 1e-6  # rates, of yes and of no, are at least this
 
 
 class Problems(NamedTuple):
@@ -135,8 +135,8 @@ def _lay_out_percepts(rates, belief, width, scratch):
     """Write Pr(z) at each belief, and by how many points z moves it; no moves the other way."""
     for e in range(len(rates)):
         for z in range(2):
-            false = rates[e, 0] if z else max(1 - rates[e, 0], 1e-6)
-            true = rates[e, 1] if z else max(1 - rates[e, 1], 1e-6)
+            false = rates[e, 0] if z else max(1 - rates[e, 0], _LEAST)
+            true = rates[e, 1] if z else max(1 - rates[e, 1], _LEAST)
             for g in range(len(belief)):
                 scratch.prob[e, z, g] = true * belief[g] + false * (1 - belief[g])
             # Bayes' rule in log-odds is a shift: l' = l + ln Pr(z | true) / Pr(z | false).
