@@ -10,7 +10,9 @@ from meal_bayes.agents import load_agent
 from meal_bayes.arrays import Floats
 from meal_bayes.domain import load_domain
 from meal_bayes.evaluation import Effect, resampled
+from meal_bayes.evaluation.logged import TRAINING
 from meal_bayes.experiments import OnlineConfig, run_online
+from meal_bayes.experiments.online import batch_log, repeat_folder
 from meal_bayes.trials import TrialOutcomes
 from paper_repro import agents
 from paper_repro.frame import Setting, paper_values
@@ -121,9 +123,9 @@ def run_curves(
         rows.append((result.hours, right.mean(), outcomes.reward.mean(),
                      outcomes.cost.mean(), (~outcomes.answered).mean(), *by_attribute))  # fmt: skip
     table = np.array(rows).reshape(repeats, batches + 1, -1)
-    folders = [run.folder / agent / f"repeat-{s:03d}" for s in range(repeats)]
+    folders = [repeat_folder(run.folder, agent, s) for s in range(repeats)]
     logs = tuple(
-        tuple(folder / f"{batch:02d}-train.mcap" for batch in range(1, batches + 1))
+        tuple(batch_log(folder, batch, TRAINING) for batch in range(1, batches + 1))
         for folder in folders
     )
     setting.spend(path for folder in folders for path in folder.glob("*.mcap"))

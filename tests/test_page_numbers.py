@@ -14,7 +14,7 @@ from meal_bayes.learner import views
 from meal_bayes.perception import feature_spaces
 from meal_bayes.perception.settings import DEFAULT
 from meal_bayes.posterior import grid
-from meal_bayes.trial_log import reader, schema, writer
+from meal_bayes.trial_log import container, reader, schema, writer
 from meal_bayes.trials import faults
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -58,6 +58,7 @@ SECURITY = [
     f"| one trial | {schema.EDGE_LIMIT:,} edges of search trees, "
     f"{schema.COUNT_LIMIT:,} percept counts; of features {schema.FEATURE_LIMIT:,} a step and "
     f"{schema.TRIAL_FEATURES:,} in all,",
+    f"a search {schema.MOST_OBJECTS:,} objects |",
     f"| MOMDPs that a reader remembers | {schema.MOMDP_MEMORY}, or {size(schema.MOMDP_BYTES)} |",
     f"| rewards, costs, shaping | {untrusted.LARGEST:,.0f} s |",
 ]
@@ -117,6 +118,9 @@ PAGES = {
         f"clipped at {feature_spaces._FAR:g} standard deviations",
     ],
     "meal_bayes/posterior/grid.py": [f"at the weight of {grid._GRADED:g} percepts"],
+    "meal_bayes/trial_log/container.py": [
+        f"The search ends after {size(container._SEARCHED * schema.RECORD_LIMIT)}:",
+    ],
     "meal_bayes/trial_log/writer.py": [f"{writer.ROWS} trials in a message"],
 }
 

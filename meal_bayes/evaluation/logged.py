@@ -17,11 +17,11 @@ from meal_bayes.evaluation.learning import POOLED
 from meal_bayes.trial_log import Group, Logs
 from meal_bayes.trial_log.logs import of_search
 from meal_bayes.trials import BatchOutcomes, TrialOutcomes
+from meal_bayes.trials.outcomes import HOUR
 
-TRAINING = "train"
+TRAINING = "train"  # parts of a batch, in the header of its log and at the end of its name
 TEST = "test"
 SEARCHED = "searched"  # an object that a search turned to, and may have left for another
-_HOUR = 3600.0  # s
 _NONE = -1  # repeat or batch of a trial whose log names none
 
 
@@ -139,7 +139,7 @@ class LoggedOutcomes:
                     # Tests of batch b come after the training of batches 1 to b.
                     seconds = self.outcomes.cost[trained & (self.batch <= batch)].sum()
                     tests = self.outcomes.rows(tested & (self.batch == batch))
-                    hours = float(seconds) / _HOUR
+                    hours = float(seconds) / HOUR
                     results.append(BatchOutcomes(agent, repeat, batch, hours, tests))
         return results
 

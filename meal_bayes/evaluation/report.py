@@ -36,9 +36,9 @@ from meal_bayes.files import check_output, checked_path, write_whole
 from meal_bayes.palette import reference_agent
 from meal_bayes.trial_log import Group, Logs
 from meal_bayes.trials import TrialOutcomes
+from meal_bayes.trials.outcomes import HOUR
 from meal_bayes.trials.text import outcome_facts
 
-_HOUR = 3600.0  # s
 _SHORT = 0.1  # h, below which a time is shown in s
 
 Section = dict[str, Any]
@@ -211,11 +211,11 @@ def _many(logged: LoggedOutcomes, logs: Logs) -> dict[str, Any]:
         "object": len(set(outcomes.object_name.tolist())),
     }
     facts = {name if n == 1 else f"{name}s": f"{n:,}" for name, n in numbers.items()}
-    hours = float(outcomes.cost.sum()) / _HOUR
+    hours = float(outcomes.cost.sum()) / HOUR
     if hours > _SHORT:
         facts["hours of robot time"] = f"{hours:.1f}"
     else:
-        facts["seconds of robot time"] = f"{_HOUR * hours:.1f}"
+        facts["seconds of robot time"] = f"{HOUR * hours:.1f}"
     return {
         "title": f"Trials on {name}" if isinstance(name, str) else "Trials",
         "source": source,

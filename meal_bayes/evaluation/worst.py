@@ -1,8 +1,6 @@
 """Trials as sections of a page: the worst of each agent, a robot's lab, searches."""
 
-import re
 from collections.abc import Iterator, Mapping, Sequence
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -16,6 +14,8 @@ from meal_bayes.evaluation.statistics import MASS_TEXT
 from meal_bayes.evaluation.summary import mean_effect
 from meal_bayes.files import command_line
 from meal_bayes.trial_log import Group
+from meal_bayes.trial_log.names import begun_text
+from meal_bayes.trial_log.schema import ASK
 from meal_bayes.trial_log.searches import unfinished_text
 from meal_bayes.trials import Search, Trial, TrialOutcomes
 from meal_bayes.trials.percept_text import attribute_labels
@@ -23,12 +23,10 @@ from meal_bayes.trials.search import EXPLORED, as_left, explored_rows, search_fa
 from meal_bayes.trials.text import last_label, outcome_facts
 
 WORST = 3  # trials of each agent that are kept whole
-LIVE = "Learner.ask"  # command of the logs of a robot's lab
 _OPENED = 3  # of a lab's trials
 _LISTED = 200  # trials of a lab in the table
 _BLOCK = 5  # least trials of a block of the curve
 _BLOCKS = 10  # of them at most
-_TIME = re.compile(r"(\d{8}-\d{6})-")  # UTC, at the head of a lab's log
 
 Section = dict[str, Any]
 Place = tuple[str, int, str]  # agent, batch and part
@@ -84,7 +82,7 @@ def worst_of(
 def live_trials(group: Group) -> list[Chosen]:
     """Return the trials of a group of a robot's lab, in order; none of another run."""
     config = group.header.get("config")
-    if not isinstance(config, dict) or config.get("command") != LIVE:
+    if not isinstance(config, dict) or config.get("command") != ASK:
         return []
     return list(chosen_rows(group, range(len(group.outcomes))))
 
@@ -126,7 +124,7 @@ def lab_sections(trials: Sequence[Chosen]) -> Iterator[Section]:
         belief = percent(float(chosen.outcome.certainty[0]))
         rows.append(
             [
-                _begun(chosen.file),
+                begun_text(chosen.file) or "-",
                 facts["object"],
                 facts["question"],
                 facts["answer"],
@@ -219,15 +217,6 @@ def _progress(trials: Sequence[Chosen]) -> Iterator[Section]:
         "drawn as wholes."
     )
     yield {"title": "Trial by trial", "figures": [(drawn, text)]}
-
-
-def _begun(file: Path) -> str:
-    """Return when a lab's trial began, as the name of its log says."""
-    match = _TIME.match(file.name)
-    if match is None:
-        return "-"
-    begun = datetime.strptime(match[1], "%Y%m%d-%H%M%S").replace(tzinfo=UTC)
-    return f"{begun:%Y-%m-%d %H:%M:%S}"
 
 
 def _facts(chosen: Chosen) -> dict[str, str]:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from meal_bayes.datasets import Dataset, load_dataset, load_percepts
 from meal_bayes.datasets.sources import SOURCES
+from meal_bayes.evaluation.logged import TEST, TRAINING
 from meal_bayes.experiments.config import OnlineConfig
 from meal_bayes.experiments.online_protocol import (
     ASKED,
@@ -24,6 +25,7 @@ from meal_bayes.learner import Learner, LearnerSettings
 from meal_bayes.perception.table_source import fingerprint
 from meal_bayes.trial_log import TrialWriter, log_info, read_outcomes, read_trials, write_trials
 from meal_bayes.trials import BatchOutcomes, Task, TrialOutcomes
+from meal_bayes.trials.outcomes import HOUR
 
 _REWARD = 300.0  # of the paper (Sect. 7.3)
 
@@ -44,9 +46,19 @@ class OnlineRun:
                 cost = 0.0
                 for batch in range(self.config.batches + 1):
                     if batch:
-                        cost += log_info(unit.log(batch, "train")).cost
-                    tests = read_outcomes(unit.log(batch, "test"))
-                    yield BatchOutcomes(agent.name, repeat, batch, cost / 3600, tests)
+                        cost += log_info(unit.log(batch, TRAINING)).cost
+                    tests = read_outcomes(unit.log(batch, TEST))
+                    yield BatchOutcomes(agent.name, repeat, batch, cost / HOUR, tests)
+
+
+def repeat_folder(folder: Path, agent: str, repeat: int) -> Path:
+    """Return where the logs of an agent's repeat lie in the folder of a run."""
+    return folder / file_name(agent, 200) / f"repeat-{repeat:03d}"
+
+
+def batch_log(folder: Path, batch: int, part: str) -> Path:
+    """Return the log of a batch's part, `TRAINING` or `TEST`, in the folder of its repeat."""
+    return folder / f"{batch:02d}-{part}.mcap"
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,15 +73,14 @@ class _Unit:
     @property
     def path(self) -> Path:
         """Folder of its logs."""
-        agent = file_name(self.config.agents[0].name, 200)
-        return self.folder / agent / f"repeat-{self.repeat:03d}"
+        return repeat_folder(self.folder, self.config.agents[0].name, self.repeat)
 
     @property
     def size(self) -> int:
         return self.config.batches + 1
 
     def log(self, batch: int, part: str) -> Path:
-        return self.path / f"{batch:02d}-{part}.mcap"
+        return batch_log(self.path, batch, part)
 
     def has(self, batch: int, part: str) -> bool:
         """Return whether the log of a part of a batch is there and sound."""
@@ -77,8 +88,8 @@ class _Unit:
 
     def finished(self, batch: int) -> bool:
         """Return whether the logs of a batch are there and sound; batch 0 trains on nothing."""
-        trained = batch == 0 or self.has(batch, "train")
-        return trained and self.has(batch, "test")
+        trained = batch == 0 or self.has(batch, TRAINING)
+        return trained and self.has(batch, TEST)
 
     @property
     def done(self) -> int:
@@ -94,20 +105,20 @@ class _Unit:
         tests = protocol.tests()
         write = partial(self._write, advance, environment, learner)
         for batch in range(config.batches + 1):
-            train = config.batches > batch and not self.has(batch + 1, "train")
-            test = not self.has(batch, "test")
+            train = config.batches > batch and not self.has(batch + 1, TRAINING)
+            test = not self.has(batch, TEST)
             # Of trials in the log only the record is made again; a refit costs time, and is due
             # only before the next trial that runs.
             if test or train:
                 learner.refit()
             if test:
                 pretrained = None if batch else protocol.pretrained
-                write(batch=batch, part="test", tasks=tests, pretrained=pretrained)
+                write(batch=batch, part=TEST, tasks=tests, pretrained=pretrained)
             if train:
                 tasks = protocol.training(batch + 1, config.trials)
-                write(batch=batch + 1, part="train", tasks=tasks)
+                write(batch=batch + 1, part=TRAINING, tasks=tasks)
             elif batch < config.batches:
-                for trial in read_trials(self.log(batch + 1, "train")):
+                for trial in read_trials(self.log(batch + 1, TRAINING)):
                     environment.repeat(learner, trial)
 
     def _write(
@@ -124,7 +135,7 @@ class _Unit:
         """Run trials and log them; with the whole log that part of the batch is done."""
         # A batch counts 1, half of it its training; the first has none.
         fraction = (0.5 if batch else 1) / len(tasks)
-        run = partial(environment.ask, learner, learn=part == "train")
+        run = partial(environment.ask, learner, learn=part == TRAINING)
         path = self.log(batch, part)
         trials = timed(run, tasks, advance, fraction)
         header: dict[str, object] = {
@@ -137,7 +148,7 @@ class _Unit:
         }
         if pretrained is not None:
             header["pretrained"] = pretrained
-        if part == "test" and self.config.log == "compact":
+        if part == TEST and self.config.log == "compact":
             logged, seconds = zip(*trials, strict=True)
             write_trials(path, [TrialOutcomes.of(logged)], header=header, seconds=seconds)
             return

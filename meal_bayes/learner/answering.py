@@ -37,6 +37,7 @@ from meal_bayes.robots.recorded import RecordedRobot
 from meal_bayes.robots.robot import state_index
 from meal_bayes.seeds import Key
 from meal_bayes.trial_log.live import Interrupted, LiveLog, resuming
+from meal_bayes.trial_log.schema import ASK
 from meal_bayes.trials import Session, Step, Task, Trial, run_trial
 from meal_bayes.trials.session import MAX_STEPS
 
@@ -311,7 +312,7 @@ class Answerer:
         if place is None:
             return session
         text = question.text if isinstance(question, Query) else str(question)
-        config = {"command": "Learner.ask", "question": text, "agent": self.agent.name}
+        config = {"command": ASK, "question": text, "agent": self.agent.name}
         self._record(session, place, {"config": config, "begun": options.begun(state)})
         return session
 

@@ -11,10 +11,9 @@ from meal_bayes.display import warn_caller
 from meal_bayes.domain import Query
 from meal_bayes.domain.words import doubled
 from meal_bayes.errors import SettingsError
+from meal_bayes.trial_log.schema import MOST_OBJECTS
 from meal_bayes.trials import Step
 from meal_bayes.untrusted import name_fault
-
-MOST_OBJECTS = 1000
 
 
 class SearchOptions(TypedDict, total=False):

@@ -10,17 +10,8 @@ from typing import Any, TypeVar
 
 from meal_bayes.errors import LogCorruptError, LogError
 from meal_bayes.files import alone_in, hold
-from meal_bayes.trial_log import schema
+from meal_bayes.trial_log import names, schema
 from meal_bayes.trial_log.encode import Packed, TrialEncoder
-from meal_bayes.trial_log.names import (
-    TURNS,
-    dated_name,
-    drafts_of,
-    explored_name,
-    named_form,
-    remove_drafts,
-    stem_of,
-)
 from meal_bayes.trial_log.reader import read_header, salvage
 from meal_bayes.trial_log.schema import ACTIVE, SUFFIX
 from meal_bayes.trial_log.search_record import pack_claim, pack_search, pack_turn
@@ -46,7 +37,7 @@ class _Live(TrialWriter):
         self.__exit__(None, None, None)
         if self._resumed is not None:
             self._resumed.release()
-        remove_drafts(self.path)
+        names.remove_drafts(self.path)
 
 
 class LiveLog(_Live):
@@ -66,7 +57,7 @@ class LiveLog(_Live):
         resumed: "Interrupted | None" = None,
     ) -> None:
         if place.suffix != SUFFIX:
-            place /= f"{dated_name(name, place)}{SUFFIX}"
+            place /= f"{names.dated_name(name, place)}{SUFFIX}"
         super().__init__(place, header, schema.FULL, resumed)
         self.__enter__()
 
@@ -104,7 +95,7 @@ class SearchLog(_Live):
         *,
         resumed: "InterruptedSearch | None" = None,
     ) -> None:
-        super().__init__(folder / TURNS, header, schema.SEARCH_FORM, resumed)
+        super().__init__(folder / names.TURNS, header, schema.SEARCH_FORM, resumed)
         self._explore = explore
         self._explored = 0
         with alone_in(folder):  # of two searches that begin in it, one is refused
@@ -127,7 +118,7 @@ class SearchLog(_Live):
     def explore(self, name: str, session: Session) -> None:
         """Record an object's trial from now on, in the next log of the folder."""
         self._explored += 1
-        self._explore(name, session, self.path.with_name(explored_name(self._explored, name)))
+        self._explore(name, session, self.path.with_name(names.explored_name(self._explored, name)))
 
     def end_search(self, search: Search) -> None:
         """Write the answer, and give the whole log its name."""
@@ -145,13 +136,13 @@ def check_alone(folder: Path) -> None:
         It holds others.
     """
     logs = set(folder.glob(f"*{SUFFIX}*"))
-    for draft in drafts_of(folder / TURNS):
+    for draft in names.drafts_of(folder / names.TURNS):
         try:
             InterruptedSearch(draft).release()
         except NotBrokenOff:
             continue
         except LogError:
-            if all(map(named_form, logs)):  # nothing was explored
+            if all(map(names.named_form, logs)):  # nothing was explored
                 logs.remove(draft)
                 draft.unlink(missing_ok=True)
     if logs:
@@ -245,7 +236,9 @@ class Interrupted(BrokenOff):
         self.trial = last
         self.length = len(last.steps)
         self.why = last.ended
-        self.text = f"{last.task.name} of {last.task.object_name}, begun {stem_of(draft)[:15]}"
+        begun = names.begun_text(draft)
+        since = f", begun {begun} UTC" if begun else ""
+        self.text = f"{last.task.name} of {last.task.object_name}{since}"
         return not last.ended
 
 
@@ -269,14 +262,14 @@ Broken = TypeVar("Broken", bound=BrokenOff)
 
 def _log_of(file: Path) -> Path:
     """Return the name that a draft gets when it is whole."""
-    return file.with_name(stem_of(file) + SUFFIX)
+    return file.with_name(names.stem_of(file) + SUFFIX)
 
 
 def _furthest(file: Path, kind: type[Broken]) -> Broken:
     """Return what any of a log's drafts holds most of; each resumption has one."""
     held = list[Broken]()
     faults = list[LogError]()
-    for draft in drafts_of(_log_of(file)) or [file]:
+    for draft in names.drafts_of(_log_of(file)) or [file]:
         try:
             held.append(kind(draft))
         except LogError as fault:
@@ -292,7 +285,7 @@ def _furthest(file: Path, kind: type[Broken]) -> Broken:
 
 def _ended_last(place: Path, kind: type[BrokenOff]) -> str:
     """Say of the latest log of a folder that it was ended by a fault, and goes on by name."""
-    logs = [log for log in place.rglob(f"*{SUFFIX}") if named_form(log) == kind.form]
+    logs = [log for log in place.rglob(f"*{SUFFIX}") if names.named_form(log) == kind.form]
     for latest in sorted(logs, key=lambda log: log.stat().st_mtime)[-1:]:
         with contextlib.suppress(LogError):
             broken = kind(latest)
@@ -329,7 +322,7 @@ def interrupted(place: Path, kind: type[Broken]) -> Broken:
         return _furthest(place, kind)
     drafts = list[Broken]()
     logs = {_log_of(draft) for draft in place.rglob(f"*{ACTIVE}")}
-    for log in sorted(log for log in logs if named_form(log) == kind.form):
+    for log in sorted(log for log in logs if names.named_form(log) == kind.form):
         with contextlib.suppress(LogError):  # it is under way, or over, or holds no trial
             drafts.append(_furthest(log, kind))
     if len(drafts) == 1:
@@ -337,7 +330,7 @@ def interrupted(place: Path, kind: type[Broken]) -> Broken:
     for draft in drafts:
         draft.release()
     if not drafts:
-        search = not kind.form and any(map(named_form, logs))
+        search = not kind.form and any(map(names.named_form, logs))
         raise LogError(
             f"{place} holds no {kind.noun} that was broken off; there is nothing to resume."
             + (" A search goes on by Learner.resume_find()." if search else "")

@@ -51,6 +51,20 @@ def dated_name(name: str, *folders: Path) -> str:
     return f"{_chosen_last[0]}-{file_name(name)}-{secrets.token_hex(3)}"
 
 
+def begun_text(path: Path) -> str:
+    """Return when (UTC) what a log holds began, by its name of `dated_name`; "" of other names.
+
+    >>> begun_text(Path("20260131-142507-381904-blue_cup-a3f9c2.mcap"))
+    '2026-01-31 14:25:07'
+    """
+    dated = _DATED.match(path.name)
+    if dated is not None:
+        with contextlib.suppress(ValueError):  # of another file, whose digits are no time
+            begun = datetime.strptime(dated[1], _TIME).replace(tzinfo=UTC)
+            return f"{begun:%Y-%m-%d %H:%M:%S}"
+    return ""
+
+
 def _times_in(folders: Iterable[Path]) -> Iterator[str]:
     """Return the times that names in folders begin with."""
     for folder in filter(Path.is_dir, folders):

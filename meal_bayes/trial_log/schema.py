@@ -10,6 +10,7 @@ from typing import Any
 
 from google.protobuf import descriptor_pb2, descriptor_pool, message_factory, timestamp_pb2
 
+from meal_bayes import untrusted
 from meal_bayes.momdp.model import ARRAYS
 
 FORMAT_VERSION = 5
@@ -32,24 +33,34 @@ STEP = "/step"
 OUTCOME = "/outcome"
 OUTCOMES = "/outcomes"  # of the compact form: columns of many trials in one message
 FEEDBACK = "/feedback"  # of the form of that name: one message
+ASK = "Learner.ask"  # command of the logs of trials with a robot
 FIND = "Learner.find"  # command of the logs of objects that a search explored
 SEARCH = "/search"  # of the form of that name: what is searched for, then the start of each trial,
 TURN = "/turn"  # each turn as it happens,
 CLAIM = "/claim"  # and the answer
 LINES = "/log"  # for other tools; reading takes nothing from it
 
+
+def _room(features: int) -> int:
+    """Return bytes that hold features, 4 each, and as much beside them; a power of two.
+
+    >>> _room(1_000_000) == 8 << 20
+    True
+    """
+    return 2 << (4 * features - 1).bit_length()
+
+
 # Both sides keep to these limits, so that a damaged length can never ask for much memory.
-MESSAGE_LIMIT = 8 << 20  # bytes of one message
-RECORD_LIMIT = 16 << 20  # bytes of one MCAP record, packed or unpacked
-TRIAL_LIMIT = 64 << 20  # bytes of one trial
-NAME_LIMIT = 1000  # attributes, behaviors, or x of one MOMDP
+FEATURE_LIMIT = 1_000_000  # features of one step; of a step that has more none are logged
+TRIAL_FEATURES = 8_000_000  # of a trial; of the steps beyond so many none are logged
+MESSAGE_LIMIT = _room(FEATURE_LIMIT)  # bytes of one message, such as a step
+RECORD_LIMIT = 2 * MESSAGE_LIMIT  # bytes of one MCAP record, packed or unpacked
+TRIAL_LIMIT = _room(TRIAL_FEATURES)  # bytes of one trial
+NAME_LIMIT = untrusted.NAME_LIMIT  # attributes, behaviors, or x of one MOMDP; labels of a telling
+MOST_OBJECTS = 1000  # of one search
 MOMDP_MEMORY = 256  # a trial may refer to this many of the newest MOMDPs,
 MOMDP_BYTES = 64 << 20  # as far as their messages have this many bytes
 EDGE_LIMIT = 250_000  # edges of the search trees of one trial
-# Features of one step, 4 bytes each, which must fit a message; of a step that has more none are
-# logged.
-FEATURE_LIMIT = 1_000_000
-TRIAL_FEATURES = 8_000_000  # of a trial; of the steps beyond so many none are logged
 COUNT_LIMIT = 4_000_000  # percept counts (N,E,K) of all beliefs of one trial
 
 _SECOND = 1_000_000_000  # ns

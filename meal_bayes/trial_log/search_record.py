@@ -64,7 +64,7 @@ class SearchRecord:
         if topic == schema.SEARCH:
             self._asked = schema.SearchMessage.FromString(data)
             names = list(self._asked.objects)
-            if not 0 < len(set(names)) == len(names) <= schema.NAME_LIMIT:
+            if not 0 < len(set(names)) == len(names) <= schema.MOST_OBJECTS:
                 raise LogCorruptError(f"a search among {len(names)} objects, or one twice")
             if any(map(name_fault, names)):
                 raise LogCorruptError("a search among objects without a name")

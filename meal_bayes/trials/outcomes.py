@@ -23,6 +23,7 @@ INTEGERS = {
     "failed": "ne",
 }  # fmt: skip
 REALS = {"positive": "nq", "cost": "n", "reward": "n", "certainty": "n"}
+HOUR = 3600.0  # s, the unit of exploration in `BatchOutcomes`
 _ROUNDING = 1e-9  # of a sum of probabilities
 _SHAPES = TEXTS | INTEGERS | REALS
 _PADDING: dict[str, Any] = {  # in the types of the columns

@@ -1,6 +1,7 @@
 """Logs of a run found and followed as far as they go; each trial once, and each run alone."""
 
 import dataclasses
+from pathlib import Path
 
 import pytest
 
@@ -10,6 +11,7 @@ from meal_bayes.trial_log import (
     Logs,
     TrialWriter,
     log_files,
+    names,
     recover_log,
     remove_drafts,
     schema,
@@ -281,3 +283,10 @@ def test_what_killed_writers_left_is_removed(make, tmp_path):
     write_trials(path, trials, header={}, seconds=[1.0, 2.0])
     remove_drafts(path)
     assert set(tmp_path.iterdir()) == {path, timing_of(path), *others}
+
+
+def test_when_a_log_began_is_read_as_it_was_written(monkeypatch):
+    monkeypatch.setattr(names, "_chosen_last", ["29990131-235959-999999"])
+    assert names.begun_text(Path(names.dated_name("blue cup"))) == "2999-02-01 00:00:00"
+    for other in ("blue cup.mcap", "99999999-999999-999999-cup.mcap", "0001-cup.mcap"):
+        assert names.begun_text(Path(other)) == ""
