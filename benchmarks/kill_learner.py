@@ -180,7 +180,7 @@ def go_on(learner: Learner, place: Path, journal: Journal) -> Learner:
         finish(session, journal)
     remember(learner, place)
     record = learner.experience
-    untold = {key for key in record.trials if record.told_in(key).max() < 0}
+    untold = {key for key in record.trials if record.labels_of_trial(key).max() < 0}
     for trial in trials_in(place) if untold else ():
         if trial.task.key in untold:
             tell(learner, trial, journal)
@@ -305,7 +305,9 @@ def behaviors_of(trial: Trial) -> list[Any]:
 def labels_wrong(learner: Learner, name: str) -> bool:
     """Return whether what a learner knows of an object is not what is true."""
     record = learner.experience
-    known = record.known.values[record.objects[name]].tolist() if name in record.objects else []
+    known = (
+        record.object_labels.values[record.objects[name]].tolist() if name in record.objects else []
+    )
     return known != [int(truth_of(name)["full"])]
 
 
@@ -315,7 +317,7 @@ def same(one: Learner, other: Learner) -> bool:
     records = [
         sorted(zip(*columns, strict=True))
         for columns in (
-            ([*learner.experience.objects], learner.experience.known.values.tolist())
+            ([*learner.experience.objects], learner.experience.object_labels.values.tolist())
             for learner in (one, other)
         )
     ]

@@ -342,4 +342,4 @@ class Answerer:
     def _end(self, trial: Trial) -> None:
         """Learn from a trial: labels of an object that is recognized are known already."""
         with self._lock:
-            self._fits.update(self.experience.shown(trial.task.key), refit=False)
+            self._fits.update(self.experience.instances_of_trial(trial.task.key), refit=False)

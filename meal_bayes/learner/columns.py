@@ -1,6 +1,9 @@
 """Columns of the record of a robot: of what kinds its rows are, and what stands in each."""
 
+import hashlib
 import re
+from collections.abc import Mapping
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,34 +14,61 @@ Labels = NDArray[np.int8]
 Objects = tuple[int, ...]  # by their rows in a percept table
 Context = tuple[str, str]  # (behavior, modality)
 
-GIVEN = 0  # an instance's origin: recordings that were given
-GATHERED = 1  # or a trial of the robot
+FROM_DATASET = 0  # an instance's origin: a data set that was fitted
+FROM_TRIAL = 1  # or a trial of the robot
 WITHDRAWN = 2  # or nothing any more: it was forgotten; so is what an execution's success was
 NONE = -1  # in place of a row's number
 
-INSTANCE = np.dtype([
-    ("object", np.int64),
-    ("behavior", np.int64),
-    ("digest", np.int64),  # of its features; 0: there are none
-    ("copy", np.int64),  # how many with this digest came before it
-    ("recording", np.int64),  # its number in the data set that is replayed; NONE
-    ("origin", np.int64),
-    ("scale", np.int64),  # K, of its percepts in the trial; 0 where it was given
-])  # fmt: skip
-EXECUTION = np.dtype([
-    ("trial", np.int64),
-    ("behavior", np.int64),
-    ("instance", np.int64),  # NONE: nothing was perceived
-    ("success", np.int64),  # 1, 0, -1 where failing and succeeding look the same; WITHDRAWN
-])  # fmt: skip
-FEEDBACK = np.dtype([
-    ("trial", np.int64),
-    ("call", np.int64),  # labels that were told together
-    ("object", np.int64),
-    ("attribute", np.int64),
-    ("value", np.int64),  # 1, 0, or -1 where those of the trial before it were withdrawn
-    ("given", np.int64),  # 1: by a data set, 0: by a person
-])  # fmt: skip
+_NAME_KEY = "told"  # begins the key of labels that are told of an object by its name
+
+
+class InstanceRow(NamedTuple):
+    """What stands in the record of an instance."""
+
+    object: int
+    behavior: int
+    digest: int  # of its features; 0: there are none
+    copy: int  # how many with this digest came before it
+    recording: int  # its number in the data set that is replayed; NONE
+    origin: int
+    scale: int  # K, of its percepts in the trial; 0 where it is of a data set
+
+
+class ExecutionRow(NamedTuple):
+    """What stands in the record of an execution."""
+
+    trial: int
+    behavior: int
+    instance: int  # NONE: nothing was perceived
+    success: int  # 1, 0, -1 where failing and succeeding look the same; WITHDRAWN
+
+
+class FeedbackRow(NamedTuple):
+    """What stands in the record of one label that was told."""
+
+    trial: int
+    call: int  # labels that were told together
+    object: int
+    attribute: int
+    value: int  # 1, 0, or -1 where those of the trial before it were withdrawn
+    given: int  # 1: by a data set, 0: by a person
+
+
+INSTANCE = np.dtype([(name, np.int64) for name in InstanceRow._fields])
+EXECUTION = np.dtype([(name, np.int64) for name in ExecutionRow._fields])
+FEEDBACK = np.dtype([(name, np.int64) for name in FeedbackRow._fields])
+
+
+def features_digest(features: Mapping[str, NDArray[np.float32]] | None) -> int:
+    """Compute the digest of a recording's features by modality; 0 where there are none."""
+    if not features:
+        return 0
+    digest = hashlib.blake2b(digest_size=8)
+    for modality in sorted(features):
+        values = np.ascontiguousarray(features[modality], "<f4")
+        digest.update(f"{modality}\0{len(values)}\0".encode())
+        digest.update(values.tobytes())
+    return int.from_bytes(digest.digest()) >> 1 or 1
 
 
 def unnamed(identity: str) -> str:
@@ -55,6 +85,15 @@ def nobody_named(name: str) -> bool:
     return re.fullmatch("object [0-9a-f]{16}", name) is not None
 
 
-def told(name: str) -> Key:
-    """Return what stands for a trial where labels are told of an object by its name."""
-    return ("told", name)
+def key_of_name(name: str) -> Key:
+    """Return what stands for a trial's key where labels are told of an object by its name."""
+    return (_NAME_KEY, name)
+
+
+def is_key_of_name(key: Key) -> bool:
+    """Return whether a key stands for an object's name, and not for a trial.
+
+    >>> is_key_of_name(key_of_name("cup")), is_key_of_name(("toy", "ask", "cup", "heavy"))
+    (True, False)
+    """
+    return key == key_of_name(str(key[-1]))

@@ -9,7 +9,6 @@ labels (of an instance, of an object) is what `Domain.replace` makes of all that
 order.
 """
 
-import hashlib
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -20,34 +19,27 @@ from numpy.typing import ArrayLike, NDArray
 from meal_bayes.arrays import Rows
 from meal_bayes.datasets import Dataset, Instance
 from meal_bayes.domain import Domain
-from meal_bayes.errors import QueryError
 from meal_bayes.kinds import checked
 from meal_bayes.learner.columns import (
     EXECUTION,
     FEEDBACK,
-    GATHERED,
-    GIVEN,
+    FROM_DATASET,
+    FROM_TRIAL,
     INSTANCE,
     NONE,
     WITHDRAWN,
     Context,
+    ExecutionRow,
+    FeedbackRow,
+    InstanceRow,
     Labels,
-    told,
+    features_digest,
+    is_key_of_name,
+    key_of_name,
 )
+from meal_bayes.learner.label_history import LabelCall, calls_that_hold, fold, no_labels
 from meal_bayes.seeds import Key
 from meal_bayes.trial_log.feedback import Feedback
-
-
-def features_digest(features: Mapping[str, NDArray[np.float32]] | None) -> int:
-    """Compute the digest of a recording's features by modality; 0 where there are none."""
-    if not features:
-        return 0
-    digest = hashlib.blake2b(digest_size=8)
-    for modality in sorted(features):
-        values = np.ascontiguousarray(features[modality], "<f4")
-        digest.update(f"{modality}\0{len(values)}\0".encode())
-        digest.update(values.tobytes())
-    return int.from_bytes(digest.digest()) >> 1 or 1
 
 
 @checked
@@ -64,10 +56,16 @@ class Experience:
         Percepts at the time they came; -1 unknown.
     detected : Rows (n,P)
         Those of them that a detector of the robot's own gave; -1 none.
-    labels, known : Rows (n,P), (O,P)
+    labels, object_labels : Rows (n,P), (O,P)
         Labels of instances, of the trials in which they were shown; of objects; -1 unknown.
     features : dict
         Of each (behavior, modality), (D,) by number of the instance; any sizes.
+    feedback_logs : dict
+        Names of the logs of the feedback, in the order in which it was told.
+    unlogged : list
+        Feedback that could not be logged yet, with the folder of its log.
+    warned_of : set
+        Recordings that warnings have named.
     """
 
     def __init__(self, domain: Domain) -> None:
@@ -81,18 +79,18 @@ class Experience:
         self.levels = Rows(np.int8, p)
         self.detected = Rows(np.int8, p)
         self.labels = Rows(np.int8, p)
-        self.known = Rows(np.int8, p)
+        self.object_labels = Rows(np.int8, p)
         self.features: dict[Context, dict[int, NDArray[np.float32]]] = {
             context: {} for context in domain.contexts
         }
-        self.heard: dict[str, None] = {}  # names of the logs of what was told, in order
-        self.unlogged = list[tuple[Path, Feedback]]()  # what was told, and the folder of its log
-        self.named = set[str]()  # recordings that warnings have named
+        self.feedback_logs: dict[str, None] = {}
+        self.unlogged = list[tuple[Path, Feedback]]()
+        self.warned_of = set[str]()
 
     def __repr__(self) -> str:
         """Return how much there is."""
         recordings = int((self.instances.values["origin"] != WITHDRAWN).sum())
-        rows = [self.trial_rows(o) for o in range(len(self.objects))]
+        rows = [self.labels_by_trial(o) for o in range(len(self.objects))]
         labels = sum(int((row >= 0).sum()) for by_trial in rows for row in by_trial)
         against = sum(
             int(((by_trial == 1).any(axis=0) & (by_trial == 0).any(axis=0)).sum())
@@ -103,46 +101,48 @@ class Experience:
             f"{recordings} recordings of {len(self.objects)} objects, {labels} labels{contradicted}"
         )
 
-    def object(self, name: str) -> int:
+    def object_number(self, name: str) -> int:
         """Return the number of an object, a new one where it was not met before."""
         if name not in self.objects:
             self.objects[name] = len(self.objects)
-            self.known.append(self.nothing)
+            self.object_labels.append(self.no_labels)
         return self.objects[name]
 
-    def trial(self, key: Key) -> int:
+    def trial_number(self, key: Key) -> int:
         """Return the number of a trial, a new one where it is not known."""
         return self.trials.setdefault(key, len(self.trials))
 
     @property
-    def nothing(self) -> Labels:
+    def no_labels(self) -> Labels:
         """Labels (P,) of which none is known."""
-        return np.full(len(self.domain.attributes), -1, np.int8)
+        return no_labels(self.domain)
 
-    def gathered(self, o: int) -> NDArray[np.intp]:
-        """Return the instances of an object, by its number."""
+    def instances_of_object(self, o: int) -> NDArray[np.intp]:
+        """Return the instances (k,) of an object, by its number."""
         return np.flatnonzero(self.instances.values["object"] == o)
 
-    def shown(self, trial: Key) -> NDArray[np.intp]:
-        """Return the instances of a trial; where labels are told of an object, all of its own."""
-        name = str(trial[-1])
-        if trial == told(name):
-            return self.gathered(self.objects.get(name, NONE))
+    def instances_of_trial(self, trial: Key) -> NDArray[np.intp]:
+        """Return the instances (k,) that a trial showed; for the key of a name, all of its object.
+
+        Those that were withdrawn are left out of a trial's.
+        """
+        if is_key_of_name(trial):
+            return self.instances_of_object(self.objects.get(str(trial[-1]), NONE))
         rows = self.executions.values
         of_trial = rows["trial"] == self.trials.get(trial, NONE)
         instances: NDArray[np.intp] = rows["instance"][of_trial]
         instances = instances[instances >= 0]
-        held: NDArray[np.bool_] = self.instances.values["origin"][instances] != WITHDRAWN
-        return instances[held]
+        kept: NDArray[np.bool_] = self.instances.values["origin"][instances] != WITHDRAWN
+        return instances[kept]
 
-    def give(self, dataset: Dataset) -> int:
+    def add_dataset(self, dataset: Dataset) -> int:
         """Add the recordings of a data set that are not there, and its labels; return how many."""
         names = ["object", "behavior", "digest", "copy"]
         rows = self.instances.values
         present = set(rows[names][rows["origin"] != WITHDRAWN].tolist())
-        before = len(self.instances)
+        n_before = len(self.instances)
         for o, name in enumerate(dataset.objects):
-            number = self.object(name)
+            number = self.object_number(name)
             copies = Counter[tuple[int, int]]()
             for e in dataset.domain.recorded:
                 behavior = dataset.domain.behavior_names[e]
@@ -152,15 +152,15 @@ class Experience:
                     copy = copies[e, digest]
                     copies[e, digest] += 1
                     if (number, e, digest, copy) not in present:
-                        row = (number, e, digest, copy, r, GIVEN, 0)
-                        self._instance(row, features, self.nothing, self.nothing)
+                        row = InstanceRow(number, e, digest, copy, r, FROM_DATASET, scale=0)
+                        self._add_instance(row, features, self.no_labels, self.no_labels)
             labels = dataset.labels[o]
-            said = self.told_in(told(name))
-            if ((labels >= 0) & (labels != said)).any():
-                self.label(told(name), name, labels, given=True)
-        return len(self.instances) - before
+            key = key_of_name(name)
+            if ((labels >= 0) & (labels != self.labels_of_trial(key))).any():
+                self.add_labels(key, name, labels, given=True)
+        return len(self.instances) - n_before
 
-    def execute(
+    def add_execution(
         self,
         trial: Key,
         object_name: str,
@@ -170,7 +170,7 @@ class Experience:
         instance: Instance | None = None,
         levels: Labels | None = None,
         detected: Labels | None = None,
-        k: int = 2,
+        n_levels: int = 2,
     ) -> None:
         """Add an execution, and its instance if it is a new one.
 
@@ -185,112 +185,122 @@ class Experience:
             nobody says which it was: then it is the next of the data set).
         levels, detected : Labels | None
             (P,) its percept levels, of 0 to K - 1, and those that were given as such; -1 unknown.
+        n_levels : int
+            K.
         """
-        number = self.trial(trial)
+        number = self.trial_number(trial)
         row = NONE
         if levels is not None:
-            o = self.object(object_name)
+            o = self.object_number(object_name)
             features = None if instance is None else instance.features
             digest = features_digest(features)
-            before = self.instances.values
-            like = (before["object"] == o) & (before["behavior"] == behavior)
-            like &= (before["digest"] == digest) & (before["origin"] != WITHDRAWN)
-            # The same recording shown again is the instance that is there; a robot's is a new one.
-            replayed = instance is not None and instance.object_index >= 0
-            recording = NONE if instance is None or not replayed else instance.recording
-            if replayed and recording == NONE:
-                row = self._given_unshown(o, behavior, number)
-            elif replayed:
-                shown = like & ((before["recording"] == recording) | (before["origin"] == GIVEN))
-                row = int(np.flatnonzero(shown).max(initial=NONE))
+            recording = NONE
+            if instance is not None and instance.object_index >= 0:  # a replay may show it again
+                recording = instance.recording
+                row = self._replayed_row(o, behavior, digest, recording, number)
             if row == NONE:
-                copy = int(like.sum())
-                fields = (o, behavior, digest, copy, recording, GATHERED, k)
-                row = self._instance(fields, features, levels, detected)
+                copy = int(self._of_digest(o, behavior, digest).sum())
+                fields = InstanceRow(
+                    o, behavior, digest, copy, recording, origin=FROM_TRIAL, scale=n_levels
+                )
+                row = self._add_instance(fields, features, levels, detected)
             self.levels.values[row] = levels
-        self.executions.append((number, behavior, row, success))
+        self.executions.append(ExecutionRow(number, behavior, row, success))
         if row != NONE:
             self._relabel([row])
 
-    def _given_unshown(self, o: int, behavior: int, trial: int) -> int:
-        """Return the first given recording that a trial has not shown yet; NONE where none is."""
+    def _replayed_row(self, o: int, behavior: int, digest: int, recording: int, trial: int) -> int:
+        """Return the instance of a recording that is shown again; NONE where it is new."""
+        if recording == NONE:
+            return self._next_of_dataset(o, behavior, trial)
         rows = self.instances.values
-        matching = (
-            (rows["object"] == o) & (rows["behavior"] == behavior) & (rows["origin"] == GIVEN)
-        )
+        same = self._of_digest(o, behavior, digest)
+        same &= (rows["recording"] == recording) | (rows["origin"] == FROM_DATASET)
+        return int(np.flatnonzero(same).max(initial=NONE))
+
+    def _of_digest(self, o: int, behavior: int, digest: int) -> NDArray[np.bool_]:
+        """Return which instances (n,) of an object and behavior have features of a digest."""
+        rows = self.instances.values
+        same: NDArray[np.bool_] = (rows["object"] == o) & (rows["behavior"] == behavior)
+        same &= (rows["digest"] == digest) & (rows["origin"] != WITHDRAWN)
+        return same
+
+    def _next_of_dataset(self, o: int, behavior: int, trial: int) -> int:
+        """Return the first recording of a data set that a trial has not shown yet; else NONE."""
+        rows = self.instances.values
+        matching = (rows["object"] == o) & (rows["behavior"] == behavior)
+        matching &= rows["origin"] == FROM_DATASET
         executions = self.executions.values
         shown = executions["instance"][executions["trial"] == trial]
         unshown = np.setdiff1d(np.flatnonzero(matching), shown)
         return int(unshown[0]) if len(unshown) else NONE
 
-    def label(
+    def add_labels(
         self, trial: Key, object_name: str, labels: Labels, *, given: bool = False
     ) -> NDArray[np.intp]:
         """Add labels (P,) of a trial's object, -1 unknown; return the instances of the object."""
-        number = self.trial(trial)
-        o = self.object(object_name)
+        number = self.trial_number(trial)
+        o = self.object_number(object_name)
         call = len(self.feedback)
         for p in np.flatnonzero(labels >= 0):
-            self.feedback.append((number, call, o, p, labels[p], given))
-        self._relabel(self.shown(trial), [o])
-        return self.gathered(o)
+            self.feedback.append(FeedbackRow(number, call, o, int(p), int(labels[p]), given))
+        self._relabel(self.instances_of_trial(trial), [o])
+        return self.instances_of_object(o)
 
     def forget(self, trial: Key, *, recordings: bool = False) -> NDArray[np.intp]:
         """Withdraw the labels of a trial, perhaps all it did; return the object's instances."""
         number = self.trials[trial]
-        instances = self.shown(trial)
+        instances = self.instances_of_trial(trial)
         if recordings:
-            rows = self.executions.values
-            # A recording that another trial showed, too, stays with that trial.
-            held = (rows["trial"] != number) & (rows["success"] != WITHDRAWN)
-            others = rows["instance"][held]
-            gathered = self.instances.values["origin"][instances] == GATHERED
-            for i in instances[gathered & ~np.isin(instances, others)].tolist():
-                self.instances.values["origin"][i] = WITHDRAWN
-                self.levels.values[i] = -1
-                self.detected.values[i] = -1
-                for by_instance in self.features.values():
-                    by_instance.pop(i, None)
-            rows["success"][rows["trial"] == number] = WITHDRAWN
-        answers = self.feedback.values[self.feedback.values["trial"] == number]
-        objects = {
-            *answers["object"].tolist(),
-            *self.instances.values["object"][instances].tolist(),
-        }
-        for p in np.flatnonzero(self.told_in(trial) >= 0):
-            self.feedback.append((number, len(self.feedback), answers["object"][0], p, -1, 0))
+            self._withdraw_executions(number, instances)
+        told_of: list[int] = self._objects_told_in(number).tolist()
+        objects = {*told_of, *self.instances.values["object"][instances].tolist()}
+        for p in np.flatnonzero(self.labels_of_trial(trial) >= 0):
+            call = len(self.feedback)
+            self.feedback.append(FeedbackRow(number, call, told_of[0], int(p), value=-1, given=0))
         moved = np.flatnonzero(np.isin(self.instances.values["object"], list(objects)))
         self._relabel(moved, objects)
         return moved
 
-    def told_in(self, trial: Key) -> Labels:
-        """Return the labels (P,) that hold of those given in a trial; -1 unknown."""
-        number = self.trials.get(trial, NONE)
-        objects = self.feedback.values["object"][self.feedback.values["trial"] == number]
-        calls = self.calls(int(objects[0])) if len(objects) else []
-        return self._folded(labels for t, labels in calls if t == number)
+    def _withdraw_executions(self, trial: int, instances: NDArray[np.intp]) -> None:
+        """Withdraw the executions of a trial, and the instances (k,) that it alone showed."""
+        rows = self.executions.values
+        others = (rows["trial"] != trial) & (rows["success"] != WITHDRAWN)
+        shown_elsewhere = np.isin(instances, rows["instance"][others])
+        of_trials = self.instances.values["origin"][instances] == FROM_TRIAL
+        for i in instances[of_trials & ~shown_elsewhere].tolist():
+            self.instances.values["origin"][i] = WITHDRAWN
+            self.levels.values[i] = -1
+            self.detected.values[i] = -1
+            for by_instance in self.features.values():
+                by_instance.pop(i, None)
+        rows["success"][rows["trial"] == trial] = WITHDRAWN
 
-    def trial_rows(self, o: int) -> Labels:
+    def _objects_told_in(self, trial: int) -> NDArray[np.int64]:
+        """Return the objects (l,) of all that was told in a trial, by their numbers."""
+        rows = self.feedback.values
+        objects: NDArray[np.int64] = rows["object"][rows["trial"] == trial]
+        return objects
+
+    def labels_of_trial(self, trial: Key) -> Labels:
+        """Return the labels (P,) that hold of those told in a trial; -1 unknown."""
+        number = self.trials.get(trial, NONE)
+        objects = self._objects_told_in(number)
+        calls = self._calls(int(objects[0])) if len(objects) else []
+        return fold(self.domain, (call.labels for call in calls if call.trial == number))
+
+    def labels_by_trial(self, o: int) -> Labels:
         """Return what each trial says of an object, (trials,P); -1 nothing."""
         by_trial: dict[int, list[Labels]] = {}
-        for t, labels in self.calls(o):
-            by_trial.setdefault(t, []).append(labels)
-        rows = [self._folded(calls) for calls in by_trial.values()]
+        for call in self._calls(o):
+            by_trial.setdefault(call.trial, []).append(call.labels)
+        rows = [fold(self.domain, told) for told in by_trial.values()]
         return np.array(rows, np.int8).reshape(-1, len(self.domain.attributes))
 
-    def calls(self, o: int) -> list[tuple[int, Labels]]:
-        """Return what was told of an object and holds, in order: (trial, labels (P,)) a call."""
-        rows = self.feedback.values[self.feedback.values["object"] == o]
-        # Feedback is never erased: a row of value -1 withdraws the earlier ones of its trial.
-        withdrawn: dict[tuple[int, int], int] = {}
-        for at, (t, p, value) in enumerate(rows[["trial", "attribute", "value"]].tolist()):
-            if value < 0:
-                withdrawn[t, p] = at
-        calls: dict[int, tuple[int, Labels]] = {}
-        for at, (t, call, _, p, value, _) in enumerate(rows.tolist()):
-            if value >= 0 and at > withdrawn.get((t, p), -1):
-                calls.setdefault(call, (t, self.nothing))[1][p] = value
-        return list(calls.values())
+    def _calls(self, o: int) -> list[LabelCall]:
+        """Return what was told of an object and holds, in order."""
+        rows = self.feedback.values
+        return calls_that_hold(self.domain, rows[rows["object"] == o])
 
     def _relabel(self, instances: ArrayLike, objects: Iterable[int] = ()) -> None:
         """Fold all that was told of instances (k,), and of objects, into their labels."""
@@ -298,35 +308,19 @@ class Experience:
         names = list(self.objects)
         rows = np.asarray(instances, np.intp)
         owners = self.instances.values["object"][rows].tolist()
-        calls = {o: self.calls(o) for o in {*owners, *objects}}
+        calls = {o: self._calls(o) for o in {*owners, *objects}}
         for i, o in zip(rows.tolist(), owners, strict=True):
             trials = {*executions["trial"][executions["instance"] == i].tolist()}
-            trials.add(self.trials.get(told(names[o]), NONE))  # told by name, outside of any trial
-            self.labels.values[i] = self._folded(labels for t, labels in calls[o] if t in trials)
+            # What was told of its object by name holds for it, too, whatever trial showed it.
+            trials.add(self.trials.get(key_of_name(names[o]), NONE))
+            told = (call.labels for call in calls[o] if call.trial in trials)
+            self.labels.values[i] = fold(self.domain, told)
         for o in objects:
-            self.known.values[o] = self._folded(labels for _, labels in calls[o])
+            self.object_labels.values[o] = fold(self.domain, (call.labels for call in calls[o]))
 
-    def _folded(self, calls: Iterable[Labels]) -> Labels:
-        """Return labels (P,) after others were told, in order.
-
-        Where what a denial referred to was withdrawn, so that none of a group is left, it holds
-        alone.
-        """
-        row = self.nothing
-        for labels in calls:
-            try:
-                row = self.domain.replace(row, labels)
-            except QueryError:
-                groups = map(self.domain.columns, self.domain.groups.values())
-                rest = row.copy()
-                denied = (columns for columns in groups if (labels[columns] >= 0).any())
-                rest[[p for columns in denied for p in columns]] = -1
-                row = self.domain.replace(rest, labels)
-        return row
-
-    def _instance(
+    def _add_instance(
         self,
-        fields: tuple[int, ...],
+        fields: InstanceRow,
         features: Mapping[str, NDArray[np.float32]] | None,
         levels: Labels,
         detected: Labels | None,
@@ -336,12 +330,12 @@ class Experience:
         Features are kept where they are of all the behavior's modalities.
         """
         row = self.instances.append(fields)
-        spec = self.domain.behaviors[fields[1]]
+        spec = self.domain.behaviors[fields.behavior]
         if features and all(modality in features for modality in spec.modalities):
             for modality in spec.modalities:
                 self.features[spec.name, modality][row] = np.array(features[modality], np.float32)
         self.levels.append(levels)
-        self.detected.append(self.nothing if detected is None else detected)
-        self.labels.append(self.nothing)
+        self.detected.append(self.no_labels if detected is None else detected)
+        self.labels.append(self.no_labels)
         self._relabel([row])
         return row

@@ -13,7 +13,7 @@ from meal_bayes.errors import QueryError, SettingsError
 from meal_bayes.files import checked_path
 from meal_bayes.learner import views
 from meal_bayes.learner.card import learned_html, next_html, table_knowledge
-from meal_bayes.learner.columns import told
+from meal_bayes.learner.columns import key_of_name
 from meal_bayes.learner.finding import Finder
 from meal_bayes.learner.fit_cache import FitCache
 from meal_bayes.learner.recording import check_domain, record_steps
@@ -125,7 +125,7 @@ class Learner(Finder):
         """Return what was learned of each attribute, or what to do next, as HTML."""
         head = f"<p>{escape(repr(self))}</p>"
         table = None if self.table is None else views.labeled_table(self.experience, self.table)
-        labels = self.experience.known.values if table is None else table.labels
+        labels = self.experience.object_labels.values if table is None else table.labels
         if not (labels >= 0).any():
             return head + next_html(self.domain.attributes[0], len(self.experience.instances))
         if table is None:
@@ -147,7 +147,7 @@ class Learner(Finder):
         with self._lock:
             self.table = data if isinstance(data, PerceptTable) else None
             if isinstance(data, Dataset):
-                joined = self.experience.give(data)
+                joined = self.experience.add_dataset(data)
                 had = int(data.recording_counts[:, data.domain.recorded].sum())
                 self._joined = joined, had, views.rows(self.experience)
             return self.refit()
@@ -190,12 +190,12 @@ class Learner(Finder):
         with self._lock:
             if isinstance(trial, str) and self.table is None:
                 warn_of_typo(self.experience, name)
-            key = told(name)  # as of a test, which is no experience
+            key = key_of_name(name)  # as of a test, which is no experience
             if isinstance(trial, Trial) and trial.task.learn:
                 key = trial.task.key
             if self.table is not None:
                 object_index(self.table.objects, name)
-            elif isinstance(trial, Trial) and key != told(name):
+            elif isinstance(trial, Trial) and key != key_of_name(name):
                 new = views.unrecorded(self.experience, trial)
                 perceived = any(step.observation is not None for step in new)
                 if perceived and trial.momdp.levels != self.agent.levels:
@@ -207,7 +207,7 @@ class Learner(Finder):
                 raise QueryError(f"Then {name!r} would be {fault}.") from None
             self._use()
             before = views.labels_touched(self.experience, key, name)
-            self._fits.update(self.experience.label(key, name, labels), refit=True)
+            self._fits.update(self.experience.add_labels(key, name, labels), refit=True)
             self._log_told(trial, Telling(name, key, before))
 
     def forget(self, trial: Trial | str, *, recordings: bool = False) -> None:
@@ -227,10 +227,12 @@ class Learner(Finder):
         """
         check_yes_no("recordings", recordings)
         name = trial if isinstance(trial, str) else checked_trial(trial).task.object_name
-        key = told(name) if isinstance(trial, str) or not trial.task.learn else trial.task.key
+        key = (
+            key_of_name(name) if isinstance(trial, str) or not trial.task.learn else trial.task.key
+        )
         with self._lock:
             executed = recordings and views.executed(self.experience, key)
-            if not executed and not (self.experience.told_in(key) >= 0).any():
+            if not executed and not (self.experience.labels_of_trial(key) >= 0).any():
                 raise nothing_told(self.experience, name, key, recordings=recordings)
             self._use()
             before = views.labels_touched(self.experience, key, name)
@@ -270,7 +272,7 @@ class Learner(Finder):
         check_domain(self.experience, trial)
         with self._lock:
             self._use()
-            self.experience.trial(trial.task.key)
+            self.experience.trial_number(trial.task.key)
             record_steps(self.experience, trial, views.unrecorded(self.experience, trial))
 
     def save(self, path: str | Path, *, overwrite: bool = False) -> None:

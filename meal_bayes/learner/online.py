@@ -134,9 +134,9 @@ class Online:
         # out and its new ones put in.
         moved = np.zeros(len(domain.attributes), np.bool_)
         for n in dict.fromkeys(o[(labels != self.counted.values[rows]).any(axis=1)].tolist()):
-            before = self._counts(self.record.gathered(n))
+            before = self._counts(self.record.instances_of_object(n))
             self.counted.values[rows[o == n]] = labels[o == n]
-            after = self._counts(self.record.gathered(n))
+            after = self._counts(self.record.instances_of_object(n))
             gained = fractions(self.record, self.perception, after)
             gained -= fractions(self.record, self.perception, before)
             self.percepts = self.percepts + gained
@@ -144,7 +144,7 @@ class Online:
             self.knowledge = replace(self.knowledge, posterior=posterior)
             moved |= (before != after).any(axis=(1, 2, 3))
         earlier = self.knowledge
-        self.knowledge = earlier.with_labels(self.record.known.values)
+        self.knowledge = earlier.with_labels(self.record.object_labels.values)
         if self.agent.base_rates:
             moved |= self.knowledge.base_rates != earlier.base_rates
         if self.agent.co_occurrence:
@@ -217,7 +217,7 @@ class Online:
         What a detector says holds; features of another size than learned from show nothing.
         """
         domain = self.record.domain
-        levels = self.record.nothing
+        levels = self.record.no_labels
         expected = self.expected_sizes
         fitted = {
             modality: values
@@ -288,7 +288,9 @@ class Online:
             return now
         o = record.objects[object_name]
         fresh = views.labelled(record, memory=self.agent.memory)[o].T == 0
-        return replace(now, fresh=fresh, labeled=(record.known.values[o] >= 0) & self.agent.memory)
+        return replace(
+            now, fresh=fresh, labeled=(record.object_labels.values[o] >= 0) & self.agent.memory
+        )
 
     def plan(
         self, task: Task, streams: Key, *, limit: ArrayLike, explore: bool

@@ -105,7 +105,7 @@ def record_steps(record: Experience, trial: Trial, steps: Sequence[Step]) -> Non
     for step in steps:
         perceived = None
         if step.sensed is not None:
-            perceived = step.sensed, record.nothing
+            perceived = step.sensed, record.no_labels
             _name_left_aside(record, step.sensed)
         record_step(record, trial.task, trial.momdp, step, perceived)
 
@@ -115,9 +115,13 @@ def _name_left_aside(record: Experience, sensed: Instance) -> None:
     spec = record.domain.behaviors[record.domain.behavior_index(sensed.behavior)]
     modalities = ", ".join(sorted(sensed.features or ()))
     case = f"{spec.name} {modalities}"
-    if not modalities or {*(sensed.features or ())} == {*spec.modalities} or case in record.named:
+    if (
+        not modalities
+        or {*(sensed.features or ())} == {*spec.modalities}
+        or case in record.warned_of
+    ):
         return
-    record.named.add(case)
+    record.warned_of.add(case)
     warn_caller(
         f"Features of {spec.name} are of {modalities}; the domain {record.domain.name!r} has "
         f"{', '.join(spec.modalities) or 'none'}: they are left aside, percepts are those of the "
@@ -150,7 +154,7 @@ def record_step(
     shows = step.observation is not None or (levels is not None and (levels >= 0).any())
     unknown = levels is None or (levels < 0).all()
     if step.observation is not None and unknown and domain.behaviors[e].modalities:
-        levels = record.nothing
+        levels = record.no_labels
         levels[domain.columns(momdp.query.attributes)] = step.observation
     # When all recordings are used, a loop that succeeds looks as one that fails; so does one whose
     # features cannot be read.
@@ -161,7 +165,7 @@ def record_step(
         # Where the diagram does not lead, it was not meant to go.
         meant = momdp.transition[e, step.x, step.next_x] > 0
         success = int(shows or (step.next_x != step.x and meant))
-    record.execute(
+    record.add_execution(
         task.key,
         task.object_name,
         e,
@@ -169,5 +173,5 @@ def record_step(
         instance=instance,
         levels=levels,
         detected=detected,
-        k=momdp.levels,
+        n_levels=momdp.levels,
     )

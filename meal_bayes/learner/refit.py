@@ -11,7 +11,7 @@ from meal_bayes.arrays import no_and_yes_of
 from meal_bayes.datasets import Dataset, TrainingSet
 from meal_bayes.display import listed, warn_caller
 from meal_bayes.learner import views
-from meal_bayes.learner.columns import GIVEN, NONE, Labels
+from meal_bayes.learner.columns import FROM_DATASET, NONE, Labels
 from meal_bayes.learner.experience import Experience
 from meal_bayes.learner.settings import LearnerSettings
 from meal_bayes.perception import (
@@ -53,7 +53,7 @@ def classify(
     elif agent.whiten:
         spaces = fit_spaces(data, gathered, whiten=True)
     else:  # the spaces of what it was given hold for good
-        first = record.instances.values["origin"][rows] == GIVEN
+        first = record.instances.values["origin"][rows] == FROM_DATASET
         others = ~np.isin(gathered.behavior, gathered.behavior[first])
         spaces = fit_spaces(data, _some(gathered, first | others))
     perception, counts = fit_and_validate(data, training, settings=perceives, spaces=spaces)
@@ -94,7 +94,7 @@ def labels_used(
     used = np.where(detections >= 0, labels, -1)
     used[rows] = labels[rows]
     if settings.posterior is not None:
-        used[record.instances.values["origin"] != GIVEN] = -1
+        used[record.instances.values["origin"] != FROM_DATASET] = -1
     return used.astype(np.int8)
 
 
@@ -114,7 +114,7 @@ def pairs_seen(
     taught = np.zeros(labels.shape, np.bool_)
     taught[rows] = (detections[rows] < 0) & (labels[rows] >= 0)
     if settings.posterior is not None:
-        taught[:] = (instances["origin"] == GIVEN)[:, None]
+        taught[:] = (instances["origin"] == FROM_DATASET)[:, None]
     seen = np.zeros((len(record.objects), len(record.domain.behaviors), labels.shape[1]), np.bool_)
     np.logical_or.at(seen, (instances["object"], instances["behavior"]), taught)
     return seen
@@ -151,9 +151,9 @@ def fractions(
 
 def warn_of_odd(record: Experience, sizes: views.Sizes) -> None:
     """Name recordings of another size than most, once."""
-    odd = [text for text in views.odd_recordings(record, sizes) if text not in record.named]
+    odd = [text for text in views.odd_recordings(record, sizes) if text not in record.warned_of]
     if odd:
-        record.named.update(odd)
+        record.warned_of.update(odd)
         warn_caller(f"Left out of what is learned: {listed(odd, 5)}.")
 
 

@@ -41,9 +41,9 @@ from meal_bayes.learner.settings import LearnerSettings, check_data, own_posteri
 from meal_bayes.learner.trial import Asked
 from meal_bayes.untrusted import UNREADABLE, read_array, read_member, read_meta, write_array
 
-_FORMAT = 14
+_FORMAT = 15
 _TEXT = "learner.json"
-_ROWS = ("instances", "levels", "detected", "labels", "executions", "feedback", "known")
+_ROWS = ("instances", "levels", "detected", "labels", "executions", "feedback", "object_labels")
 _FITTED = tuple(
     field.name
     for field in fields(Online)
@@ -115,7 +115,7 @@ def write_learner(learner: SavedLearner, path: Path, *, overwrite: bool) -> str:
         }
         for name in _ROWS:
             write_array(archive, name, getattr(experience, name).values)
-        for name in ("objects", "trials", "heard"):
+        for name in ("objects", "trials", "feedback_logs"):
             archive.writestr(name, "\n".join(map(json.dumps, getattr(experience, name))))
         archive.writestr(_TEXT, json.dumps(meta, allow_nan=False))
     return file
@@ -298,7 +298,9 @@ def _read_experience(archive: zipfile.ZipFile, experience: Experience) -> None:
         name: read_array(archive, name, held[name].values.dtype, held[name].values.ndim)
         for name in _ROWS
     }
-    objects, trials, heard = (_read_lines(archive, name) for name in ("objects", "trials", "heard"))
+    objects, trials, feedback_logs = (
+        _read_lines(archive, name) for name in ("objects", "trials", "feedback_logs")
+    )
     trials = [tuple(key) for key in trials]
     n, o, t = len(rows["instances"]), len(objects), len(trials)
     p, e = len(domain.attributes), len(domain.behaviors)
@@ -323,17 +325,17 @@ def _read_experience(archive: zipfile.ZipFile, experience: Experience) -> None:
         for column, limit in of_table.items()
     ]
     columns += [(name, rows[name], (-1, 64)) for name in ("levels", "detected")]
-    columns += [(name, rows[name], (-1, 2)) for name in ("labels", "known")]
+    columns += [(name, rows[name], (-1, 2)) for name in ("labels", "object_labels")]
     for name, values, (least, end) in columns:
         if ((values < least) | (values >= end)).any():
             raise ValueError(f"{name} names what there is not")
-    lengths = [len(rows[name]) for name in ("levels", "detected", "labels", "known")]
+    lengths = [len(rows[name]) for name in ("levels", "detected", "labels", "object_labels")]
     if lengths != [n, n, n, o]:
         raise ValueError("percepts or labels do not fit instances and objects")
     unique = len(set(objects)) == o and len(set(trials)) == t
-    if not unique or not all(isinstance(name, str) for name in [*objects, *heard]):
+    if not unique or not all(isinstance(name, str) for name in [*objects, *feedback_logs]):
         raise ValueError("objects or trials are named twice, or not by text")
-    experience.heard = dict.fromkeys(heard)
+    experience.feedback_logs = dict.fromkeys(feedback_logs)
     experience.objects = {name: number for number, name in enumerate(objects)}
     experience.trials = {key: number for number, key in enumerate(trials)}
     for name, values in rows.items():

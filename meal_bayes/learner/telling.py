@@ -12,7 +12,7 @@ from meal_bayes.display import warn_caller
 from meal_bayes.domain import unknown
 from meal_bayes.errors import LogError, SettingsError
 from meal_bayes.learner import views
-from meal_bayes.learner.columns import Labels, told
+from meal_bayes.learner.columns import Labels, key_of_name
 from meal_bayes.learner.experience import Experience
 from meal_bayes.seeds import Key
 from meal_bayes.trial_log.feedback import Feedback
@@ -29,7 +29,7 @@ class Telling(NamedTuple):
     name : str
         Of the object.
     key : Key
-        Of the trial; `told(name)` where the object was named.
+        Of the trial; `key_of_name(name)` where the object was named.
     before : Labels
         What `views.labels_touched` was before.
     recordings : bool
@@ -59,7 +59,7 @@ def log_told(experience: Experience, folder: Path, telling: Telling) -> None:
     domain = experience.domain
     labels = {domain.attributes[p]: int(after[0, p]) for p in changed}
     if labels or recordings:
-        feedback = Feedback(name, labels, None if key == told(name) else key, recordings)
+        feedback = Feedback(name, labels, None if key == key_of_name(name) else key, recordings)
         experience.unlogged.append((folder, feedback))
     header = {"config": {"command": "Learner.tell"}, "data": domain.data}
     for place, feedback in tuple(experience.unlogged):
@@ -70,7 +70,7 @@ def log_told(experience: Experience, folder: Path, telling: Telling) -> None:
                 f"{fault} What was told is learned; mend this, and it is logged when anything is "
                 "told, also the same again."
             ) from fault
-        experience.heard[log.name] = None
+        experience.feedback_logs[log.name] = None
         experience.unlogged.pop(0)
 
 
@@ -87,14 +87,14 @@ def tell_again(experience: Experience, entries: Iterable[tuple[str, Feedback]]) 
     domain = experience.domain
     late = set[str]()  # objects of which there is something to hear
     for file, feedback in entries:
-        key = feedback.key or told(feedback.object_name)
+        key = feedback.key or key_of_name(feedback.object_name)
         unknown = feedback.key is not None and key not in experience.trials
-        if file not in experience.heard and not unknown:
+        if file not in experience.feedback_logs and not unknown:
             late.add(feedback.object_name)
         if unknown or feedback.object_name not in late:
             continue
-        experience.heard[file] = None
-        labels = experience.nothing
+        experience.feedback_logs[file] = None
+        labels = experience.no_labels
         for name, label in feedback.labels.items():
             if name in domain.attributes:
                 labels[domain.columns([name])] = label
@@ -102,8 +102,8 @@ def tell_again(experience: Experience, entries: Iterable[tuple[str, Feedback]]) 
         if feedback.recordings:
             experience.forget(key, recordings=True)
         elif (labels >= 0).any():
-            experience.label(key, feedback.object_name, labels)
-        elif (experience.told_in(key) >= 0).any():
+            experience.add_labels(key, feedback.object_name, labels)
+        elif (experience.labels_of_trial(key) >= 0).any():
             experience.forget(key)
 
 
@@ -123,11 +123,11 @@ def warn_of_typo(experience: Experience, name: str) -> None:
 def nothing_told(experience: Experience, name: str, key: Key, *, recordings: bool) -> SettingsError:
     """Return what is raised where there is nothing to forget, with what there is."""
     what = "labels or recordings" if recordings else "labels"
-    if key != told(name):
+    if key != key_of_name(name):
         return SettingsError(f"The trial of {name!r} has no {what}.")
     if name not in experience.objects:
         return SettingsError(unknown("object", name, experience.objects))
-    in_trials = int((experience.trial_rows(experience.objects[name]) >= 0).sum())
+    in_trials = int((experience.labels_by_trial(experience.objects[name]) >= 0).sum())
     if not in_trials:
         return SettingsError(f"The object {name!r} has no {what}.")
     return SettingsError(

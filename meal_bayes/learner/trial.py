@@ -231,7 +231,7 @@ def session_of(
     with lock:
         momdp, policy = plan_of(fit, task, key, options, explore=learn)
         if learn:
-            fit.record.trial(task.key)  # it is the learner's own from now on
+            fit.record.trial_number(task.key)  # it is the learner's own from now on
     truth = options.truth
     if isinstance(truth, Mapping):
         truth = domain.labels(truth)[domain.columns(task.query.attributes)]

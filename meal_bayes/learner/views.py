@@ -13,7 +13,14 @@ from numpy.typing import NDArray
 
 from meal_bayes.datasets import Dataset, PerceptTable, TrainingSet
 from meal_bayes.domain import Query
-from meal_bayes.learner.columns import GIVEN, NONE, WITHDRAWN, Labels, nobody_named, told
+from meal_bayes.learner.columns import (
+    FROM_DATASET,
+    NONE,
+    WITHDRAWN,
+    Labels,
+    is_key_of_name,
+    nobody_named,
+)
 from meal_bayes.learner.experience import Experience
 from meal_bayes.seeds import Key
 from meal_bayes.trials import Step, Trial
@@ -30,7 +37,7 @@ def attempts(record: Experience) -> NDArray[np.float64]:
     """
     e = len(record.domain.behaviors)
     rows = record.executions.values
-    taught = np.array([key != told(str(key[-1])) for key in record.trials], bool)
+    taught = np.array([not is_key_of_name(key) for key in record.trials], bool)
     taught[rows["trial"][rows["success"] == WITHDRAWN]] = False
     since = taught.sum() - taught.cumsum()  # trials that began after each
     rows = rows[(rows["success"] == 0) | (rows["success"] == 1)]
@@ -64,7 +71,7 @@ def trials_before(record: Experience, trial: Key) -> int:
     """Count the trials that taught and began before one."""
     first = record.trials.get(trial, len(record.trials))
     began = list(record.trials)[:first]
-    return sum(key != told(str(key[-1])) for key in began)
+    return sum(not is_key_of_name(key) for key in began)
 
 
 def told_fraction(record: Experience) -> float:
@@ -82,15 +89,15 @@ def told_fraction(record: Experience) -> float:
 
 def labels_for(record: Experience, names: Iterable[str]) -> Labels:
     """Return the labels (O,P) of objects by name; -1 unknown."""
-    rows = np.vstack([record.known.values, record.nothing])
+    rows = np.vstack([record.object_labels.values, record.no_labels])
     return rows[[record.objects.get(name, NONE) for name in names]]
 
 
 def labels_touched(record: Experience, trial: Key, name: str) -> Labels:
     """Return labels (rows,P): what a trial says first, then its object and its instances."""
-    instances = record.gathered(record.objects.get(name, NONE))
+    instances = record.instances_of_object(record.objects.get(name, NONE))
     of_object = labels_for(record, [name])
-    return np.vstack([record.told_in(trial), of_object, record.labels.values[instances]])
+    return np.vstack([record.labels_of_trial(trial), of_object, record.labels.values[instances]])
 
 
 def labeled_table(record: Experience, table: PerceptTable) -> PerceptTable:
@@ -102,7 +109,7 @@ def labeled_table(record: Experience, table: PerceptTable) -> PerceptTable:
 def votes(record: Experience, query: Query, object_name: str) -> NDArray[np.int64] | None:
     """Count the trials that say yes less those that say no, (N,); None where none says anything."""
     o = record.objects.get(object_name, NONE)
-    rows = record.trial_rows(o)[:, record.domain.columns(query.attributes)]
+    rows = record.labels_by_trial(o)[:, record.domain.columns(query.attributes)]
     if not (rows >= 0).any():
         return None
     return np.asarray((rows == 1).sum(axis=0) - (rows == 0).sum(axis=0), np.int64)
@@ -112,7 +119,7 @@ def labels_of(record: Experience, *, memory: bool) -> Labels:
     """Return the labels (n,P) of all instances."""
     labels = record.labels.values
     if memory:
-        labels = record.known.values[record.instances.values["object"]]
+        labels = record.object_labels.values[record.instances.values["object"]]
     withdrawn = record.instances.values["origin"] == WITHDRAWN
     return np.where(withdrawn[:, None], -1, labels).astype(np.int8)
 
@@ -123,7 +130,7 @@ def labelled(record: Experience, *, memory: bool, given: bool = True) -> NDArray
     Those not gathered in trials count if `given`.
     """
     instances = record.instances.values
-    counted = given | (instances["origin"] != GIVEN)
+    counted = given | (instances["origin"] != FROM_DATASET)
     e = len(record.domain.behaviors)
     p = len(record.domain.attributes)
     counts = np.zeros((len(record.objects), e, p), int)
@@ -177,7 +184,7 @@ def in_order(record: Experience) -> list[str]:
     for o, *recording in rows[["object", "behavior", "digest"]][held].tolist():
         shown.setdefault(o, []).append((recording[0], recording[1]))
     forgotten = {*rows["object"][~held].tolist(), *record.feedback.values["object"].tolist()}
-    forgotten -= {*shown, *np.flatnonzero((record.known.values >= 0).any(axis=1)).tolist()}
+    forgotten -= {*shown, *np.flatnonzero((record.object_labels.values >= 0).any(axis=1)).tolist()}
     keys = {
         name: ("object", sorted(shown.get(o, ()))) if nobody_named(name) else (name, [])
         for name, o in record.objects.items()
@@ -231,7 +238,7 @@ def training(
         for row in np.flatnonzero(e == domain.behavior_index(context[0])):
             values[o[row], r[row]] = record.features[context][int(rows[row])]
         features[context] = values
-    object_labels = labels_for(record, objects) if objects else record.known.values[:0]
+    object_labels = labels_for(record, objects) if objects else record.object_labels.values[:0]
     dataset = Dataset(domain, objects, features, object_labels, partial=True)
     return dataset, rows, TrainingSet(o, e, r, labels[rows])
 

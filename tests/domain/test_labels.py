@@ -193,9 +193,9 @@ def test_forgetting_leaves_one_value_or_none():
         told = []
         for number in rng.permutation(6).tolist():
             values = {str(rng.choice(LAB.attributes)): bool(rng.integers(2))}
-            learner.experience.label((number,), "jar", LAB.labels({}))
+            learner.experience.add_labels((number,), "jar", LAB.labels({}))
             try:
-                learner.experience.label((number,), "jar", LAB.labels(values))
+                learner.experience.add_labels((number,), "jar", LAB.labels(values))
                 told.append(number)
             except QueryError:
                 continue

@@ -252,7 +252,7 @@ class TestPublishedVariants:
         run, judged = Run("iterative_morc", answers="joint"), 0
         for o in TRAIN.tolist():
             trial = run.train(task_of(o, "red", "heavy"))
-            known = run.learner.experience.known.values[o]
+            known = run.learner.experience.object_labels.values[o]
             assert known.tolist() == [int(DATASET.labels[o].all()) if trial.success else -1] * 2
             judged += trial.success
         assert judged

@@ -10,7 +10,7 @@ from meal_bayes.domain import load_domain
 from meal_bayes.errors import QueryError, SettingsError
 from meal_bayes.experiments.online_protocol import Recordings
 from meal_bayes.learner import Experience, Learner, implied
-from meal_bayes.learner.columns import told
+from meal_bayes.learner.columns import key_of_name
 from meal_bayes.learner.views import attempts, labelled, labels_for, labels_of, sizes, training
 from meal_bayes.robots import Outcome
 
@@ -26,7 +26,7 @@ def execute(experience, trial, o, e, r):
     """Record an execution that shows recording r, or fails."""
     instance = None if r is None else DATASET.instance(o, NAMES[e], r)
     levels = None if r is None else np.array([o % 2, r % 2], np.int8)
-    experience.execute(
+    experience.add_execution(
         (trial,), DATASET.objects[o], e, success=int(r is not None), instance=instance,
         levels=levels,
     )  # fmt: skip
@@ -48,7 +48,7 @@ def test_d_holds_what_was_shown_with_its_labels(trials, memory, forgotten):
             execute(experience, t, o, e, r)
             if r is not None:
                 shown.setdefault((o, e, r), []).append(t)
-        experience.label((t,), DATASET.objects[o], np.array(labels, np.int8))
+        experience.add_labels((t,), DATASET.objects[o], np.array(labels, np.int8))
         told[t] = {p: value for p, value in enumerate(labels) if value >= 0}
     for t in sorted(forgotten & {t for t, labels in told.items() if labels}):
         experience.forget((t,))
@@ -71,7 +71,7 @@ def test_d_holds_what_was_shown_with_its_labels(trials, memory, forgotten):
             expected[place].update(known[place[0]] if memory else told[t])
     assert held == expected
     for name, o in experience.objects.items():
-        labels = experience.known.values[o]
+        labels = experience.object_labels.values[o]
         of_object = {p: v for p, v in enumerate(labels.tolist()) if v >= 0}
         assert of_object == known.get(DATASET.objects.index(name), {})
     counts = labelled(experience, memory=memory)
@@ -86,7 +86,7 @@ def test_d_holds_what_was_shown_with_its_labels(trials, memory, forgotten):
 def test_what_was_given_is_given_once():
     experience = Experience(TOY)
     for _ in range(2):
-        experience.give(DATASET)
+        experience.add_dataset(DATASET)
     dataset, _, d = training(experience, labels_of(experience, memory=False), sizes(experience))
     for context, values in DATASET.features.items():
         np.testing.assert_array_equal(np.sort(dataset.features[context], 1), np.sort(values, 1))
@@ -99,7 +99,7 @@ def test_instances_of_a_robot_are_each_new():
     for number in range(3):
         instance = Instance(-1, "look", 0, DATASET.instance(0, "look", number).features)
         levels = np.array([0, 1], np.int8)
-        experience.execute(("t",), "cup", 0, success=1, instance=instance, levels=levels)
+        experience.add_execution(("t",), "cup", 0, success=1, instance=instance, levels=levels)
     assert experience.instances.values["recording"].tolist() == [-1] * 3
     assert len(experience.executions) == 3
 
@@ -107,7 +107,7 @@ def test_instances_of_a_robot_are_each_new():
 def test_attempts_count_what_is_known_to_have_failed_or_succeeded():
     experience = Experience(TOY)
     for success in (1, 0, -1, 1):
-        experience.execute(("t",), "cup", 1, success=success)
+        experience.add_execution(("t",), "cup", 1, success=success)
     assert attempts(experience).tolist() == [[0, 0], [1, 2], [0, 0]]
 
 
@@ -161,12 +161,12 @@ def test_no_label_leaves_a_group_without_a_value_or_with_two():
     for name in values[:-1]:
         learner.tell("jar", {name: False})
     last = learner.domain.attribute_index(values[-2])
-    assert learner.experience.told_in(told("jar"))[last] == 0
+    assert learner.experience.labels_of_trial(key_of_name("jar"))[last] == 0
     with pytest.raises(QueryError, match="'jar' would be none of 'content'"):
         learner.tell("jar", {values[-1]: False})
     experience = learner.experience
     for number, name in enumerate(values[:3]):
-        experience.label((number,), "can", learner.domain.labels({name: True}))
+        experience.add_labels((number,), "can", learner.domain.labels({name: True}))
     experience.forget((1,))  # by which the first value was not true
     columns = list(learner.domain.columns(values[:3]))
     assert labels_for(experience, ["can"])[0, columns].tolist() == [0, 0, 1]

@@ -258,7 +258,7 @@ class TestTheAgentCanBeChanged:
         fresh = make.learner(dataset, "morc")
         before = fresh.knowledge().posterior.counts.sum(axis=(2, 3))
         counts = learner.knowledge().posterior.counts.sum(axis=(2, 3))
-        shown = len(learner.experience.shown(trial.task.key))
+        shown = len(learner.experience.instances_of_trial(trial.task.key))
         assert (counts - before)[0].sum() == shown > 0
         with pytest.raises(SettingsError):
             learner.agent = "bayse"

@@ -23,7 +23,7 @@ def test_labels_reach_what_a_trial_shows_before_and_after_them(dataset, make):
     session.observe(Outcome(arm.start(), arm.execute("look").features))
     learner.tell(session.trial, {"red": True})
     session.observe(arm.execute("look"))
-    rows = learner.experience.shown(session.task.key)
+    rows = learner.experience.instances_of_trial(session.task.key)
     assert learner.experience.labels.values[rows, 0].tolist() == [1, 1]
     learner.tell("mug", {"full": True})  # by its name: all that it has shown
     assert learner.experience.labels.values[rows, 1].tolist() == [1, 1]

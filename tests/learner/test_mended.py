@@ -102,15 +102,15 @@ def test_what_was_broken_is_believed_again_by_and_by():
     record = Experience(domain)
     for trial in range(6):
         for _ in range(3):
-            record.execute((trial,), "cup", 0, success=0)
+            record.add_execution((trial,), "cup", 0, success=0)
 
     def believed():
         return learn_success(domain, views.attempts(record)).diagram.effects[0].probability
 
     rates = [believed()]
     for trial in range(6, 30):
-        record.trial((trial,))
-        record.trial(("told", f"cup {trial}"))  # no trial
+        record.trial_number((trial,))
+        record.trial_number(("told", f"cup {trial}"))  # no trial
         rates.append(believed())
     assert rates[0] < 0.12
     assert (np.diff(rates) > 0).all()

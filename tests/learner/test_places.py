@@ -70,7 +70,7 @@ def test_a_trial_and_its_labels_stay_together(dataset, make, tmp_path, elsewhere
     with elsewhere():
         heir.forget(trial)
     for key in (trial.task.key, named.task.key, ("told", "cup")):
-        told = [each.experience.told_in(key).tolist() for each in (learner, heir)]
+        told = [each.experience.labels_of_trial(key).tolist() for each in (learner, heir)]
         assert (told[0] == told[1]) == (key != trial.task.key)
     judged = {each.task.key: each.success for each in Logs(*places).trials()}
     assert all(success is not None for success in judged.values())

@@ -21,10 +21,10 @@ def test_tests_are_no_experience_and_their_labels_are_of_the_object(dataset, mak
     assert [trial.task.key for trial in recall(again, tmp_path)] == [taught.task.key]
     assert len(again.experience.executions) == len(taught.steps) - 1
     first.tell(test, {"red": True})
-    assert first.experience.told_in(("told", "mug"))[0] == 1
+    assert first.experience.labels_of_trial(("told", "mug"))[0] == 1
     assert len(first.experience.executions) == 1
     first.forget(test)
-    assert first.experience.told_in(("told", "mug"))[0] == -1
+    assert first.experience.labels_of_trial(("told", "mug"))[0] == -1
 
 
 def test_what_is_told_stands_in_the_logs(dataset, make, tmp_path):
@@ -100,7 +100,7 @@ def test_no_label_is_lost_with_what_was_not_saved(dataset, make, tmp_path_factor
         text = repr(heir)
         recall(heir, folder)  # again changes nothing
         assert repr(heir) == text
-        for name in ("labels", "known"):
+        for name in ("labels", "object_labels"):
             expected = getattr(first.experience, name).values
             np.testing.assert_array_equal(getattr(heir.experience, name).values, expected)
 
@@ -115,8 +115,8 @@ def test_labels_are_rebuilt_from_logs(dataset, make, tmp_path):
     first.tell("mug", {"full": False})
     recall(again, tmp_path)
     for key in (*(trial.task.key for trial in trials), ("told", "mug")):
-        expected = first.experience.told_in(key)
-        np.testing.assert_array_equal(again.experience.told_in(key), expected)
+        expected = first.experience.labels_of_trial(key)
+        np.testing.assert_array_equal(again.experience.labels_of_trial(key), expected)
     rows = first.experience.labels.values
     np.testing.assert_array_equal(again.experience.labels.values[: len(rows)], rows)
 
@@ -126,7 +126,7 @@ def test_a_trial_of_another_learner_keeps_its_own_percepts(dataset, make):
     mine = first.ask("red", make.arm(red=True, seed=1))
     second.ask("red", make.arm(red=False, seed=2))
     second.tell(mine, {"red": True})
-    (row,) = second.experience.shown(mine.task.key)
+    (row,) = second.experience.instances_of_trial(mine.task.key)
     assert second.experience.levels.values[row, 0] == mine.steps[0].observation[0]
     features = second.experience.features["look", "color"][row]  # not of its own trial
     np.testing.assert_array_equal(features, mine.steps[0].sensed.features["color"])
@@ -167,7 +167,7 @@ def test_a_replay_shows_recordings_that_were_given_and_adds_none(dataset, make, 
     assert len(given.experience.instances) == count
     executions = given.experience.executions.values
     assert (executions["instance"] >= 0).sum() == 3 * len({t.task.key for t in trials})
-    assert given.experience.told_in(trials[2].task.key)[1] == 0
+    assert given.experience.labels_of_trial(trials[2].task.key)[1] == 0
     assert len(empty.experience.instances) == 3 * len({t.task.key for t in trials})
 
 

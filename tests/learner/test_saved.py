@@ -55,7 +55,7 @@ def test_everything_comes_back(taught, saved, dataset, agent, make):
     again = Learner.load(saved, agent=agent, logs=None)
     same(again.knowledge(), learner.knowledge())
     assert (again.settings.seed, again.settings.reward, again._asked.lessons) == (5, 70.0, 3)
-    for name in ("instances", "levels", "labels", "executions", "feedback", "known"):
+    for name in ("instances", "levels", "labels", "executions", "feedback", "object_labels"):
         labels = (getattr(each.experience, name).values for each in (again, learner))
         np.testing.assert_array_equal(*labels)
     assert again.experience.trials == learner.experience.trials
@@ -67,7 +67,7 @@ def test_everything_comes_back(taught, saved, dataset, agent, make):
     again.forget(trials[2])
     again.refit()
     again.forget(trials[0])
-    assert [(again.experience.told_in(t.task.key) >= 0).any() for t in trials] == [
+    assert [(again.experience.labels_of_trial(t.task.key) >= 0).any() for t in trials] == [
         False,
         True,
         False,

@@ -311,7 +311,7 @@ def test_the_experience_is_rebuilt_from_logs(dataset, make, tmp_path):
         for number, trial in enumerate(told):
             learner.tell(trial, {"red": number % 2 == 0})
     before, after = first.experience, again.experience
-    for name in ("executions", "feedback", "known"):
+    for name in ("executions", "feedback", "object_labels"):
         np.testing.assert_array_equal(getattr(before, name).values, getattr(after, name).values)
     np.testing.assert_array_equal(attempts(before), attempts(after))
     np.testing.assert_array_equal(before.levels.values[:, 0], after.levels.values[:, 0])

@@ -30,7 +30,7 @@ def begun(dataset, make, folder):
 def red(learner):
     """Return what is held of each object's color."""
     names = learner.experience.objects
-    labels = {name: int(learner.experience.known.values[o, 0]) for name, o in names.items()}
+    labels = {name: int(learner.experience.object_labels.values[o, 0]) for name, o in names.items()}
     return {name: label for name, label in labels.items() if label >= 0}
 
 
@@ -194,7 +194,7 @@ def test_neither_a_clock_that_is_set_nor_a_full_disk_moves_a_label(
     recall(heir, folder)
     assert red(heir) == red(live)
     for trial in trials:
-        told = [each.experience.told_in(trial.task.key).tolist() for each in (live, heir)]
+        told = [each.experience.labels_of_trial(trial.task.key).tolist() for each in (live, heir)]
         assert told[0] == told[1]
 
 
@@ -241,5 +241,5 @@ def test_two_robots_that_recall_each_other_hold_the_same(dataset, make, tmp_path
     for robot in robots:
         assert red(robot) == red(heir)
         for key in (*(trial.task.key for trial in trials), ("told", "mug")):
-            told = [each.experience.told_in(key).tolist() for each in (robot, heir)]
+            told = [each.experience.labels_of_trial(key).tolist() for each in (robot, heir)]
             assert told[0] == told[1]
