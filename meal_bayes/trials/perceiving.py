@@ -1,15 +1,63 @@
-"""What is perceived of an outcome without features: a person's answers, or nothing."""
+"""What is perceived of an outcome: by its features, by a person's answers, or nothing."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from meal_bayes.domain.diagram import TransitionArrays
 from meal_bayes.momdp import MOMDP
+from meal_bayes.perception import Perceiver
 from meal_bayes.planners import History
-from meal_bayes.robots.robot import NO_PERCEPT
+from meal_bayes.robots.robot import NO_PERCEPT, Execution, OutcomeChecker
 from meal_bayes.trials.faults import CHANCE, nothing_came
+from meal_bayes.trials.record import Task
+
+
+@dataclass(frozen=True, slots=True)
+class PerceptReader:
+    """Reads the percepts of a trial from what its executions sensed.
+
+    Attributes
+    ----------
+    task : Task
+        What is asked, of which object.
+    momdp : MOMDP
+        The decision problem.
+    checker : OutcomeChecker
+        Of the robot; knows how often behaviors fail by the domain.
+    perceiver : Perceiver
+        Turns features into percept levels.
+    rng : np.random.Generator
+        Of the percepts that are drawn.
+    """
+
+    task: Task
+    momdp: MOMDP
+    checker: OutcomeChecker
+    perceiver: Perceiver
+    rng: np.random.Generator
+
+    def read(
+        self, execution: Execution, action: int, before: History
+    ) -> tuple[NDArray[np.int8] | None, str]:
+        """Return percept levels (N,), or None, and a warning; `before` ends before the action."""
+        query = self.task.query
+        warning = execution.warning
+        if execution.instance is not None:
+            levels = self.perceiver.observe(execution.instance, query, self.rng)
+            if levels is None and not warning:
+                behavior = execution.instance.behavior
+                warning = f"{NO_PERCEPT} of {behavior}: nothing of what was asked"
+            return levels, warning
+        if execution.answers is not None:
+            return answered(execution.answers, query.attributes, self.momdp.levels)
+        # A replay may have used up its recordings; a robot that senses nothing may be broken.
+        if self.task.object_index < 0 and not warning:
+            usual = self.checker.usual
+            warning = silence(self.momdp, usual, before, action, execution.next_x)
+        return None, warning
 
 
 def answered(

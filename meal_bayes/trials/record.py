@@ -223,6 +223,28 @@ def answer_reward(momdp: MOMDP, report: NDArray[np.bool_] | None, right: NDArray
     return momdp.reports.reward(report, right) if (right >= 0).all() else float("nan")
 
 
+def answer_step(
+    momdp: MOMDP, belief: Belief, decision: Decision, right: NDArray[np.int8], warning: str = ""
+) -> Step:
+    """Return the last step of a trial: a decision to answer, or to abstain, at a belief.
+
+    `right` is the right report, 1, 0, or -1 where it is not known; the warning says which limit
+    brought the answer.
+    """
+    report = momdp.reported(decision.action)
+    last_belief = belief.at(momdp.terminal)
+    return Step(
+        x=belief.x,
+        decision=decision,
+        next_x=last_belief.x,
+        observation=None,
+        cost=0.0,
+        reward=answer_reward(momdp, report, right),
+        belief=last_belief,
+        warning=warning,
+    )
+
+
 @checked
 def truth_of(query: Query, truth: Mapping[str, bool] | ArrayLike | None) -> NDArray[np.int8]:
     """Return the truth of the queried attributes, (N,): 1 true, 0 false, -1 not known.

@@ -12,6 +12,7 @@ from meal_bayes.errors import SettingsError
 from meal_bayes.kinds import checked
 from meal_bayes.planners import EMPTY, Decision, Prospect, Prospector, best_move
 from meal_bayes.robots.robot import Outcome, state_index
+from meal_bayes.trials.limits import Limits
 from meal_bayes.trials.one_caller import OneCaller, alone
 from meal_bayes.trials.record import Step
 from meal_bayes.trials.recorder import breaking, noted, otherwise
@@ -296,8 +297,8 @@ class SearchSession(OneCaller):
         """Return whether so many seconds may still be spent; else give the best answer."""
         search = self.search
         steps = sum(len(trial.steps) for trial in search.trials.values())
-        spent = self._rules.max_cost is not None and search.cost + cost > self._rules.max_cost
-        if steps < self._rules.max_steps and not spent:
+        limits = Limits(self._rules.max_steps, self._rules.max_cost)
+        if not limits.reached(steps, search.cost + cost):
             return True
         # At a limit: the object of the largest value, or none where that is worth more.
         claims = {name: prospect.claim_value for name, prospect in self._prospects.items()}

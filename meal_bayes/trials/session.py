@@ -11,18 +11,18 @@ from typing import Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from meal_bayes.arrays import check_seconds, check_whole
 from meal_bayes.errors import SettingsError
 from meal_bayes.kinds import checked
 from meal_bayes.momdp import MOMDP, Transition, best_answer, initial_belief, update_belief
 from meal_bayes.perception import Perceiver
 from meal_bayes.planners import Decision, History, Policy, unvalued
 from meal_bayes.planners.boundary import decide
-from meal_bayes.robots.robot import NO_PERCEPT, Execution, Outcome, OutcomeChecker
+from meal_bayes.robots.robot import Outcome, OutcomeChecker
 from meal_bayes.seeds import Key, Streams
+from meal_bayes.trials.limits import Limits
 from meal_bayes.trials.one_caller import OneCaller, alone
-from meal_bayes.trials.perceiving import answered, silence
-from meal_bayes.trials.record import Step, Task, answer_reward, truth_of
+from meal_bayes.trials.perceiving import PerceptReader
+from meal_bayes.trials.record import Step, Task, answer_step, truth_of
 from meal_bayes.trials.recorder import Recorder, breaking, noted, otherwise
 from meal_bayes.trials.trial import Trial
 
@@ -87,8 +87,6 @@ class Session(OneCaller):
         on_end: Callable[[Trial], None] | None = None,
     ) -> None:
         super().__init__()
-        check_whole("max_steps", max_steps)
-        check_seconds("max_cost", max_cost, or_none=True)
         self.task = task
         self.momdp = momdp
         self.agent = agent
@@ -96,20 +94,20 @@ class Session(OneCaller):
         self.history = History(self.belief)
         self.steps: list[Step] = []
         self.report: NDArray[np.bool_] | None = None
-        self.max_steps = max_steps
-        self.max_cost = max_cost
+        self.limits = Limits(max_steps, max_cost)
         self._policy = policy
         self._checker = checker
-        self._perceiver = perceiver
         self._counts = counts
         self.key = task.key if key is None else key
         self.streams = Streams(seed, self.key)
+        percept_rng = self.streams.of("percepts")  # the same for every agent
+        self._percepts = PerceptReader(task, momdp, checker, perceiver, rng=percept_rng)
         self._truth = truth_of(task.query, truth)
         self._on_step = on_step
         self._on_end = on_end
         self._recorder: Recorder | None = None
         self._decision: Decision | None = None  # whose outcome is waited for
-        self._at = "robot"  # which part runs, for `Trial.ended`
+        self._running_part = "robot"  # for `Trial.ended`, if it raises
         self._begun = False
         self._ended: str | None = None
 
@@ -148,9 +146,16 @@ class Session(OneCaller):
     def trial(self) -> Trial:
         """The trial so far."""
         return Trial(
-            self.task, self.agent, self.momdp, self._first, tuple(self.steps), self._truth,
-            self.report, self._ended or "", self._counts,
-        )  # fmt: skip
+            task=self.task,
+            agent=self.agent,
+            momdp=self.momdp,
+            first_belief=self._first,
+            steps=tuple(self.steps),
+            truth=self._truth,
+            report=self.report,
+            ended=self._ended or "",
+            counts=self._counts,
+        )
 
     @alone
     def start(self, state: str) -> Self:
@@ -192,21 +197,32 @@ class Session(OneCaller):
             raise SettingsError("No behavior is under way: the trial is over, or has not begun.")
         if step is not None and step != len(self.steps):
             raise SettingsError(f"It is of step {step}, not {len(self.steps)}: late or twice.")
-        self._at = "robot"
+        self._running_part = "robot"
         action = decision.action
         execution = self._checker.execute(action, outcome)
-        self._at = "perceiver"
+        self._running_part = "perceiver"
         x = self.belief.x
         # By the model nothing comes of a failure: a percept of it would have probability 0.
         if execution.next_x == x and not self.momdp.observation_probability[action, x, x]:
             execution = execution.failure()
-        percept, warning = self._perceive(action, execution)
+        percept, warning = self._percepts.read(execution, action, self.history)
         next_x = execution.next_x
         cost = self.momdp.charged(action, idle=next_x == x and percept is None)
-        after = update_belief(self.belief, self.momdp, Transition(action, next_x, percept))
+        belief = update_belief(self.belief, self.momdp, Transition(action, next_x, percept))
         self._decision = None
-        instance = execution.instance if self.task.object_index < 0 else None  # not in a data set
-        self._append(Step(x, decision, next_x, percept, cost, -cost, after, warning, instance))
+        step_taken = Step(
+            x=x,
+            decision=decision,
+            next_x=next_x,
+            observation=percept,
+            cost=cost,
+            reward=-cost,
+            belief=belief,
+            warning=warning,
+            # What a replay senses is in its data set.
+            sensed=execution.instance if self.task.object_index < 0 else None,
+        )
+        self._append(step_taken)
         self._decide()
 
     def fail(self, *, step: int | None = None) -> None:
@@ -259,30 +275,28 @@ class Session(OneCaller):
         """End the trial by an exception, unless it is over."""
         if not self.over:
             with noted(fault, self._recorder):
-                self._end(f"{self._at} error: {type(fault).__name__}: {fault}".removesuffix(": "))
+                text = f"{self._running_part} error: {type(fault).__name__}: {fault}"
+                self._end(text.removesuffix(": "))
 
     def _decide(self) -> None:
         """Let the policy choose the next behavior, or the report that ends the trial."""
         self._decision = None
-        self._at = "robot"
+        self._running_part = "robot"
         if self._policy is None or self.over:
             return
         with breaking(self._end_by):
-            self._at = "planner"
+            self._running_part = "planner"
             decision = decide(self._policy, self.history, self.streams.of("planner", self.agent))
             self._follow(*self._within(decision))
-            self._at = "robot"
+            self._running_part = "robot"
 
     def _within(self, decision: Decision) -> tuple[Decision, str]:
         """Return a decision, or the best answer where a limit is reached, with a warning."""
         if decision.action >= self.momdp.n_behaviors:
             return decision, ""
         cost = self.history.cost + self.momdp.charged(decision.action, idle=False)
-        if len(self.steps) >= self.max_steps:
-            limit = f"max_steps = {self.max_steps}"
-        elif self.max_cost is not None and cost > self.max_cost:
-            limit = f"max_cost = {self.max_cost:g} s"
-        else:
+        limit = self.limits.reached(len(self.steps), cost)
+        if not limit:
             return decision, ""
         answer = unvalued(self.momdp, best_answer(self.momdp, self.belief))
         return answer, f"the best answer when {limit} was reached"
@@ -295,30 +309,30 @@ class Session(OneCaller):
         if decision.action < momdp.n_behaviors:
             self._decision = decision
             return
-        report = momdp.reported(decision.action)
         # The truth is compared here alone; neither policy nor belief sees it.
         right = self.task.query.report_truth(self._truth)
-        reward = answer_reward(momdp, report, right)
-        last = self.belief.at(momdp.terminal)
-        self._append(Step(self.belief.x, decision, last.x, None, 0.0, reward, last, answer_warning))
+        self._append(answer_step(momdp, self.belief, decision, right, answer_warning))
 
     def _append(self, step: Step) -> None:
         """Record a step, and end the trial where it leads to `term`."""
         self.steps.append(step)
         self.belief = step.belief
-        came = step.observation is not None
         self.history = self.history.after(
-            step.belief, step.decision.action, came, step.cost, unread=step.unread
+            step.belief,
+            step.decision.action,
+            perceived=step.observation is not None,
+            cost=step.cost,
+            unread=step.unread,
         )
         if step.decision.action >= self.momdp.n_behaviors:
             self.report = self.momdp.reported(step.decision.action)
         # On the disk before the next behavior is named: a robot may go on after a crash.
         with breaking(self._end_by):
             if self._recorder is not None:
-                self._at = "log"
+                self._running_part = "log"
                 self._recorder.step(step)
             if self._on_step is not None:
-                self._at = "on_step"
+                self._running_part = "on_step"
                 self._on_step(step)
         if step.next_x == self.momdp.terminal:
             self._end("")
@@ -333,18 +347,3 @@ class Session(OneCaller):
         finally:  # what was executed is known, logged or not
             if self._on_end is not None:
                 self._on_end(trial)
-
-    def _perceive(self, action: int, execution: Execution) -> tuple[NDArray[np.int8] | None, str]:
-        """Return percept levels (N,), or None, and a warning."""
-        says = execution.warning
-        if execution.instance is not None:
-            luck = self.streams.of("percepts")  # the same for every agent
-            levels = self._perceiver.observe(execution.instance, self.task.query, luck)
-            if levels is None and not says:
-                says = f"{NO_PERCEPT} of {execution.instance.behavior}: nothing of what was asked"
-            return levels, says
-        if execution.answers is not None:
-            return answered(execution.answers, self.task.query.attributes, self.momdp.levels)
-        if self.task.object_index < 0 and not says:  # recordings of a replay may be used up
-            says = silence(self.momdp, self._checker.usual, self.history, action, execution.next_x)
-        return None, says
