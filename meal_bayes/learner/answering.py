@@ -288,7 +288,7 @@ class Answerer:
         """Return the task of a question, and the key of its random streams, by `key`."""
         name = question.object_name if isinstance(question, Task) else object_name
         if name is not None:
-            check_object_name(name, self.experience.objects)
+            check_object_name(name, self.experience.met)
         if key is None and self.table is None:
             key = self._asked.key(learn=learn)
         return task_of(self.domain, self.table, question, object_name, key)

@@ -90,16 +90,22 @@ class Experience:
     def __repr__(self) -> str:
         """Return how much there is."""
         recordings = int((self.instances.values["origin"] != WITHDRAWN).sum())
-        rows = [self.labels_by_trial(o) for o in range(len(self.objects))]
-        labels = sum(int((row >= 0).sum()) for by_trial in rows for row in by_trial)
-        against = sum(
-            int(((by_trial == 1).any(axis=0) & (by_trial == 0).any(axis=0)).sum())
-            for by_trial in rows
-        )
+        told = [self.labels_by_trial(o) for o in self.objects.values()]
+        labels = sum(int((rows >= 0).sum()) for rows in told)
+        both = [(rows == 1).any(axis=0) & (rows == 0).any(axis=0) for rows in told]
+        against = sum(int(attributes.sum()) for attributes in both)
         contradicted = f", {against} of them contradicted" if against else ""
-        return (
-            f"{recordings} recordings of {len(self.objects)} objects, {labels} labels{contradicted}"
-        )
+        return f"{recordings} recordings of {len(self.met)} objects, {labels} labels{contradicted}"
+
+    @property
+    def met(self) -> dict[str, int]:
+        """Objects with their numbers, but for those of which all was forgotten."""
+        rows = self.instances.values
+        withdrawn = rows["origin"] == WITHDRAWN
+        forgotten = {*rows["object"][withdrawn].tolist(), *self.feedback.values["object"].tolist()}
+        forgotten -= {*rows["object"][~withdrawn].tolist()}
+        forgotten -= {*np.flatnonzero((self.object_labels.values >= 0).any(axis=1)).tolist()}
+        return {name: o for name, o in self.objects.items() if o not in forgotten}
 
     def object_number(self, name: str) -> int:
         """Return the number of an object, a new one where it was not met before."""
@@ -275,6 +281,8 @@ class Experience:
             for by_instance in self.features.values():
                 by_instance.pop(i, None)
         rows["success"][rows["trial"] == trial] = WITHDRAWN
+        if trial not in rows["trial"]:  # it executed nothing: a row says that it is forgotten
+            self.executions.append(ExecutionRow(trial, 0, NONE, WITHDRAWN))
 
     def _objects_told_in(self, trial: int) -> NDArray[np.int64]:
         """Return the objects (l,) of all that was told in a trial, by their numbers."""

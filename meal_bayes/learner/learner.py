@@ -186,7 +186,7 @@ class Learner(Finder):
         if not (labels >= 0).any():
             return
         name = trial.task.object_name if isinstance(trial, Trial) else trial
-        check_object_name(name, self.experience.objects)
+        check_object_name(name, self.experience.met)
         with self._lock:
             if isinstance(trial, str) and self.table is None:
                 warn_of_typo(self.experience, name)
@@ -218,7 +218,8 @@ class Learner(Finder):
         trial : Trial or str
             Or the name of an object: labels that were told of it by name, as those of data are.
         recordings : bool
-            Forget what the trial recorded, and what failed, too; then all is learned anew.
+            Forget what the trial recorded, and what failed, too; then all is learned anew, as if it
+            had never been.
 
         Raises
         ------
@@ -231,14 +232,14 @@ class Learner(Finder):
             key_of_name(name) if isinstance(trial, str) or not trial.task.learn else trial.task.key
         )
         with self._lock:
-            executed = recordings and views.executed(self.experience, key)
-            if not executed and not (self.experience.labels_of_trial(key) >= 0).any():
+            whole = recordings and views.has_taught(self.experience, key)
+            if not whole and not (self.experience.labels_of_trial(key) >= 0).any():
                 raise nothing_told(self.experience, name, key, recordings=recordings)
             self._use()
             before = views.labels_touched(self.experience, key, name)
-            moved = self.experience.forget(key, recordings=executed)
-            self._fits.update(moved, refit=True, anew=executed)
-            self._log_told(trial, Telling(name, key, before, executed))
+            moved = self.experience.forget(key, recordings=whole)
+            self._fits.update(moved, refit=True, anew=whole)
+            self._log_told(trial, Telling(name, key, before, whole))
 
     def note_folders(self, folders: Mapping[Key, Path]) -> None:
         """Note in which folders the logs of trials lie: beside them labels are logged."""

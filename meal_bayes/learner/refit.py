@@ -126,7 +126,7 @@ def experienced(
     """Count labelled instances and objects, (2,P,E), and those that make one unit of Eq. 10."""
     labelled = views.labelled(record, memory=agent.memory)
     counted = views.labelled(record, memory=agent.memory, given=settings.count_given)
-    unit = settings.unit or max(1.0, float(counted.max(initial=0)) * len(counted))
+    unit = settings.unit or max(1.0, float(counted.max(initial=0)) * len(record.met))
     return np.stack([counted.sum(axis=0).T, (labelled > 0).sum(axis=0).T]), unit
 
 

@@ -109,7 +109,7 @@ def tell_again(experience: Experience, entries: Iterable[tuple[str, Feedback]]) 
 
 def warn_of_typo(experience: Experience, name: str) -> None:
     """Warn of a name that no object has, where one that is met looks much like it."""
-    names = [*experience.objects]
+    names = [*experience.met]
     # Names that are told apart by a number, as "cup 1" and "cup 2", are meant so.
     alike = [other for other in names if re.findall(r"\d+", other) == re.findall(r"\d+", name)]
     near = difflib.get_close_matches(name, alike, 1, _ALIKE)
@@ -125,8 +125,8 @@ def nothing_told(experience: Experience, name: str, key: Key, *, recordings: boo
     what = "labels or recordings" if recordings else "labels"
     if key != key_of_name(name):
         return SettingsError(f"The trial of {name!r} has no {what}.")
-    if name not in experience.objects:
-        return SettingsError(unknown("object", name, experience.objects))
+    if name not in experience.met:
+        return SettingsError(unknown("object", name, experience.met))
     in_trials = int((experience.labels_by_trial(experience.objects[name]) >= 0).sum())
     if not in_trials:
         return SettingsError(f"The object {name!r} has no {what}.")

@@ -37,9 +37,8 @@ def attempts(record: Experience) -> NDArray[np.float64]:
     """
     e = len(record.domain.behaviors)
     rows = record.executions.values
-    taught = np.array([not is_key_of_name(key) for key in record.trials], bool)
-    taught[rows["trial"][rows["success"] == WITHDRAWN]] = False
-    since = taught.sum() - taught.cumsum()  # trials that began after each
+    began = taught(record)
+    since = began.sum() - began.cumsum()  # trials that began after each
     rows = rows[(rows["success"] == 0) | (rows["success"] == 1)]
     cells = 2 * rows["behavior"] + rows["success"]
     weights = 0.5 ** (since[rows["trial"]] / HALVED)
@@ -48,16 +47,22 @@ def attempts(record: Experience) -> NDArray[np.float64]:
     return counts.reshape(e, 2)
 
 
+def taught(record: Experience) -> NDArray[np.bool_]:
+    """Return which trials (trials,) taught: a robot's, unless what it recorded was forgotten."""
+    rows = record.executions.values
+    of_robot = np.array([not is_key_of_name(key) for key in record.trials], bool)
+    of_robot[rows["trial"][rows["success"] == WITHDRAWN]] = False
+    return of_robot
+
+
 def rows(record: Experience) -> int:
     """Count the rows that trials, data sets and people have added."""
     return len(record.trials) + len(record.executions) + len(record.feedback)
 
 
-def executed(record: Experience, trial: Key) -> bool:
-    """Return whether a trial has executions that were not withdrawn."""
-    executions = record.executions.values
-    success = executions["success"][executions["trial"] == record.trials.get(trial, NONE)]
-    return bool((success != WITHDRAWN).any())
+def has_taught(record: Experience, trial: Key) -> bool:
+    """Return whether a trial is among those that taught."""
+    return trial in record.trials and bool(taught(record)[record.trials[trial]])
 
 
 def unrecorded(record: Experience, trial: Trial) -> list[Step]:
@@ -70,8 +75,7 @@ def unrecorded(record: Experience, trial: Trial) -> list[Step]:
 def trials_before(record: Experience, trial: Key) -> int:
     """Count the trials that taught and began before one."""
     first = record.trials.get(trial, len(record.trials))
-    began = list(record.trials)[:first]
-    return sum(not is_key_of_name(key) for key in began)
+    return int(taught(record)[:first].sum())
 
 
 def told_fraction(record: Experience) -> float:
@@ -183,12 +187,9 @@ def in_order(record: Experience) -> list[str]:
     shown: dict[int, list[tuple[int, int]]] = {}
     for o, *recording in rows[["object", "behavior", "digest"]][held].tolist():
         shown.setdefault(o, []).append((recording[0], recording[1]))
-    forgotten = {*rows["object"][~held].tolist(), *record.feedback.values["object"].tolist()}
-    forgotten -= {*shown, *np.flatnonzero((record.object_labels.values >= 0).any(axis=1)).tolist()}
     keys = {
         name: ("object", sorted(shown.get(o, ()))) if nobody_named(name) else (name, [])
-        for name, o in record.objects.items()
-        if o not in forgotten
+        for name, o in record.met.items()
     }
     return sorted(keys, key=keys.__getitem__)
 
