@@ -182,7 +182,7 @@ def test_a_trial_without_truth_or_report_is_shown(trial):
     unknown = dataclasses.replace(trial, truth=np.array([-1, 1]), report=None)
     assert "report  none" in repr(unknown)
     unknown = dataclasses.replace(trial, truth=np.array([-1, 1]))
-    assert "(truth not known)" in repr(unknown)
+    assert "(truth unknown)" in repr(unknown)
     row = trials_frame([unknown]).iloc[0]
     assert pd.isna(row["success"])
     assert pd.isna(row["truth"])

@@ -128,8 +128,9 @@ def print_answer(search: "Search", folder: Path, *, as_json: bool) -> None:
 
 def print_search(search: "Search") -> None:
     """Print what a search did with each object, and its answer."""
+    from meal_bayes.cli.narration import VERDICT_STYLES
     from meal_bayes.trials.search import EXPLORED, explored_rows, search_facts
 
     print_table(EXPLORED, explored_rows(search), left_aligned=EXPLORED[1:2])
-    colors = {True: "bold green", False: "bold red", None: ""}
-    print_facts(output(), search_facts(search), answer="bold", verdict=colors[search.success])
+    style = VERDICT_STYLES[search.success]
+    print_facts(output(), search_facts(search), answer="bold", verdict=style)

@@ -12,6 +12,7 @@ from meal_bayes.planners import RULE
 from meal_bayes.trials.percept_text import percept_labels
 from meal_bayes.trials.text import (
     belief_before,
+    believed,
     compared_actions,
     final_facts,
     gap_text,
@@ -22,8 +23,6 @@ from meal_bayes.trials.text import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from numpy.typing import NDArray
 
     from meal_bayes.domain import Query
@@ -32,6 +31,7 @@ if TYPE_CHECKING:
 
 _BAR = 30  # characters
 _OPTIONS = 4  # actions that are compared
+VERDICT_STYLES = {True: "bold green", False: "bold red", None: ""}  # by success
 
 
 def print_trial(console: Console, trial: "Trial") -> None:
@@ -41,7 +41,7 @@ def print_trial(console: Console, trial: "Trial") -> None:
     spent = 0.0
     headed = ""  # the heads that stand above the values of an earlier step
     console.print(Text("before any behavior", "bold"))
-    _print_belief(console, *_beliefs(trial, trial.first_belief))
+    _print_belief(console, trial, trial.first_belief)
     if together := together_text(momdp):
         print_facts(console, {"together": together})
     for number, step in enumerate(trial.steps, start=1):
@@ -60,7 +60,7 @@ def print_trial(console: Console, trial: "Trial") -> None:
             pairs = zip(query.questions, percepts, strict=True)
             outcome["percept"] = ", ".join(f"{name}: {word}" for (name, _), word in pairs)
         print_facts(console, outcome | facts, warning="yellow")
-        _print_belief(console, *_beliefs(trial, step.belief))
+        _print_belief(console, trial, step.belief)
         print_facts(console, {"cost": f"{step.cost:g} s, in all {spent:.1f} s"})
     console.print()
     _print_end(console, trial)
@@ -108,20 +108,11 @@ def _print_values(console: Console, trial: "Trial", number: int, headed: str) ->
     return headed
 
 
-def _beliefs(trial: "Trial", belief: "Belief") -> "tuple[Sequence[str], Sequence[float]]":
-    """Return names and probabilities: of yes, where it is asked, and of the attributes."""
-    names = trial.task.query.value_names
-    positive = belief.positive.tolist()
-    event = trial.momdp.reports.probability_now(belief)
-    if event is None:
-        return names, positive
-    return ("yes", *names), [event, *positive]
-
-
-def _print_belief(console: Console, names: "Sequence[str]", positive: "Sequence[float]") -> None:
-    width = max(map(len, names))
+def _print_belief(console: Console, trial: "Trial", belief: "Belief") -> None:
+    named = believed(trial, belief)
+    width = max(len(name) for name, _ in named)
     rows = []
-    for name, p in zip(names, positive, strict=True):
+    for name, p in named:
         full = round(p * _BAR)
         line = Text(f"{name:<{width}}  ")
         line.append("".ljust(full, "█"), "green" if p > 0.5 else "yellow")  # green is reported
@@ -142,8 +133,8 @@ def print_answer(console: Console, trial: "Trial") -> None:
 
 def _print_end(console: Console, trial: "Trial") -> None:
     """Print the report, whether it is right, and the cost of a trial."""
-    verdict = "bold green" if trial.success else "bold red"
-    print_facts(console, final_facts(trial), answer="bold", verdict=verdict)
+    style = VERDICT_STYLES[trial.success]
+    print_facts(console, final_facts(trial), answer="bold", verdict=style)
 
 
 def trial_json(trial: "Trial") -> dict[str, object]:

@@ -37,7 +37,7 @@ from meal_bayes.palette import reference_agent
 from meal_bayes.trial_log import Group, Logs
 from meal_bayes.trials import TrialOutcomes
 from meal_bayes.trials.outcomes import HOUR
-from meal_bayes.trials.text import outcome_facts
+from meal_bayes.trials.text import UNKNOWN, outcome_facts
 
 _SHORT = 0.1  # h, below which a time is shown in s
 
@@ -184,7 +184,7 @@ def _single(chosen: Chosen) -> dict[str, Any]:
     cards = {
         "answer": facts["answer"],
         "truth": facts["truth"] or "unknown",
-        "verdict": verdict_of(chosen) or "not known",
+        "verdict": verdict_of(chosen) or UNKNOWN,
         "seconds": f"{chosen.outcome.cost[0]:.1f}",
         "reward": "unknown" if math.isnan(reward) else f"{reward:.1f}",
     }

@@ -20,7 +20,7 @@ from meal_bayes.trial_log.searches import unfinished_text
 from meal_bayes.trials import Search, Trial, TrialOutcomes
 from meal_bayes.trials.percept_text import attribute_labels
 from meal_bayes.trials.search import EXPLORED, as_left, explored_rows, search_facts
-from meal_bayes.trials.text import last_label, outcome_facts
+from meal_bayes.trials.text import last_label, outcome_facts, verdict_word
 
 WORST = 3  # trials of each agent that are kept whole
 _OPENED = 3  # of a lab's trials
@@ -227,12 +227,12 @@ def _facts(chosen: Chosen) -> dict[str, str]:
 
 
 def verdict_of(chosen: Chosen) -> str:
-    """Return "right", "wrong", "abstained", or "" where that is not known."""
+    """Return whether a trial's answer is right, that it abstained, or "" where nobody knows."""
     if not chosen.outcome.answered[0]:
         return "" if chosen.outcome.ended[0] else "abstained"
     if not chosen.outcome.judged[0]:
         return ""
-    return "right" if chosen.outcome.success[0] else "wrong"
+    return verdict_word(bool(chosen.outcome.success[0]))
 
 
 def trial_section(chosen: Chosen) -> Section:
@@ -240,7 +240,8 @@ def trial_section(chosen: Chosen) -> Section:
     file, number, _, trial = chosen
     facts = _facts(chosen)
     title = "{question} {object}, {agent}: {answer}; {cost}".format(**facts)
-    section: Section = {"title": title, "verdict": verdict_of(chosen)}
+    right = chosen.outcome.success[0] == 1
+    section: Section = {"title": title, "verdict": verdict_of(chosen), "right": right}
     if trial is None:
         return section | {"text": f"trial {number} of {file}; truth: {facts['truth']}"}
     return section | trial_content(chosen, trial)

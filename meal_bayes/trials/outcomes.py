@@ -240,14 +240,12 @@ def _columns(trial: TrialRecord) -> _Part:
     empty = [step.decision.action for step in done if step.observation is None]
     query = task.query
     positive = trial.last_belief.positive
-    certainty = trial.last_belief.certainty
     truth = query.report_truth(trial.truth)
     report = np.full(len(truth), -1) if trial.report is None else trial.report
     asked = query.value_names
     if query.event is not None and trial.probability is not None:  # one question
         asked = (query.text.removesuffix("?"),)
         positive = np.array([trial.probability])
-        certainty = max(trial.probability, 1.0 - trial.probability)
     return names, {
         "agent": [trial.agent],
         "key": [task_key(task.key)],
@@ -259,7 +257,7 @@ def _columns(trial: TrialRecord) -> _Part:
         "positive": [positive],
         "cost": [trial.cost],
         "reward": [trial.reward],
-        "certainty": [certainty],
+        "certainty": [trial.certainty],
         "ended": [trial.ended],
         "steps": [len(trial.steps)],
         "executed": [np.bincount(actions, minlength=len(names))],

@@ -191,6 +191,13 @@ class TrialRecord(FrozenArrays):
         return self.momdp.reports.probability_now(self.last_belief)
 
     @property
+    def certainty(self) -> float:
+        """Pr(most probable values) when the trial ended; of an event, of the likelier answer."""
+        if self.task.query.event is None or self.probability is None:
+            return self.last_belief.certainty
+        return max(self.probability, 1.0 - self.probability)
+
+    @property
     def cost(self) -> float:
         """Cst of Eq. 6, s: the summed cost of the executed behaviors."""
         # In order: `sum` rounds otherwise from Python 3.12 on, and logs hold every bit.

@@ -11,7 +11,7 @@ from meal_bayes.display import facts_html, facts_repr, listed, percent
 from meal_bayes.kinds import checked
 from meal_bayes.robots import Outcome
 from meal_bayes.trials.session import MAX_STEPS
-from meal_bayes.trials.text import LEFT, UNFINISHED
+from meal_bayes.trials.text import LEFT, UNFINISHED, verdict_word
 from meal_bayes.trials.trial import Trial
 
 
@@ -90,7 +90,7 @@ class Search:
     _repr_html_ = facts_html
 
     def _facts(self) -> tuple[str, dict[str, str]]:
-        verdict = {True: " (right)", False: " (wrong)", None: ""}[self.success]
+        verdict = "" if self.success is None else f" ({verdict_word(self.success)})"
         return f"Search for {self.question}", {
             "answer": self.answer + verdict,
             "objects": listed(list(self.trials)),
@@ -140,11 +140,10 @@ class Search:
 
 def search_facts(search: Search) -> dict[str, str]:
     """Return the question of a search, its answer, whether that is right, its turns and cost."""
-    verdict = {True: "right", False: "wrong", None: "not known"}[search.success]
     return {
         "question": search.question,
         "answer": search.answer,
-        "verdict": verdict,
+        "verdict": verdict_word(search.success),
         "turns": ", ".join(search.turns) or "none",
         "cost": f"{search.cost:.1f} s",
     }

@@ -33,7 +33,7 @@ from meal_bayes.trials.placing import (
     top_of,
 )
 from meal_bayes.trials.record import TrialRecord
-from meal_bayes.trials.text import end_word, verdict_text
+from meal_bayes.trials.text import YES, came_to_nothing, end_word, verdict_text
 
 _ATTRIBUTES = 6  # that are drawn
 _DPI = 100
@@ -141,13 +141,11 @@ def _moments(trial: TrialRecord) -> Iterator[_Moment]:
             continue
         begin = seconds
         seconds = seconds + step.cost
-        senses = bool(momdp.observation_probability[action].max() > 0)
-        nothing_changed = step.x == step.next_x and step.observation is None
         words = [""] * len(trial.truth)
         if step.observation is not None:
             labels = attribute_labels(momdp, action, step.observation)
             words = ["" if label == SILENT else label for label in labels]
-        failed = step.observation is None and (senses or nothing_changed)
+        failed = came_to_nothing(momdp, step)
         name = momdp.behavior_names[action]
         yield _Moment(name, begin, seconds, failed, words, step.belief)
 
@@ -238,7 +236,7 @@ def _belief_lines(trial: TrialRecord, believed: Sequence[Belief], look: Look) ->
     if query.event is not None:
         values = np.array([trial.momdp.reports.probability(belief) for belief in believed])
         truth = int(query.report_truth(trial.truth)[0])
-        lines.append(_Line("yes", values, truth, look.ink, look.ink))
+        lines.append(_Line(YES, values, truth, look.ink, look.ink))
     return lines
 
 

@@ -18,7 +18,10 @@ from meal_bayes.planners import Decision
 from meal_bayes.trials.outcomes import TrialOutcomes, check_trials
 from meal_bayes.trials.record import Step, TrialRecord
 
+RIGHT = "right"
+WRONG = "wrong"
 UNKNOWN = "truth unknown"
+YES = "yes"  # what Pr(yes is right) stands beside, as an attribute's name beside its belief
 UNFINISHED = "the log ends here"  # why a trial, or a search, without an outcome was broken off
 LEFT = "the search left it"  # why the trial of an object that is not claimed ended
 _UNLIKE = 0.01  # difference of a joint prior from independence that is named,
@@ -42,6 +45,23 @@ class ComparedAction(NamedTuple):
     cost: float
     chosen: bool
     is_answer: bool
+
+
+def verdict_word(success: bool | None) -> str:
+    """Return what is said of an answer: that it is right, that it is wrong, or that nobody knows.
+
+    >>> verdict_word(True), verdict_word(None)
+    ('right', 'truth unknown')
+    """
+    return UNKNOWN if success is None else RIGHT if success else WRONG
+
+
+def believed(trial: TrialRecord, belief: Belief) -> list[tuple[str, float]]:
+    """Return Pr(yes), where that is asked, and of each attribute Pr(it is true), named."""
+    probability = trial.momdp.reports.probability_now(belief)
+    event = [] if probability is None else [(YES, probability)]
+    names = trial.task.query.value_names
+    return [*event, *zip(names, belief.positive.tolist(), strict=True)]
 
 
 def belief_before(trial: TrialRecord, number: int) -> Belief:
@@ -127,18 +147,29 @@ def truth_text(query: Query, truth: Sequence[int] | NDArray[np.int8]) -> str:
     return ", ".join([*names, "unknown"] if min(truth, default=0) < 0 else names)
 
 
+def came_to_nothing(momdp: MOMDP, step: Step) -> bool:
+    """Return whether a behavior yielded no percept; of one that only moves, whether it moved none.
+
+    So people are shown it, whatever the reason; when it is not counted on any more is told by
+    `trials.faults.nothing_came`, and what is learned of its success by
+    `learner.recording.record_step`.
+    """
+    senses = bool(momdp.observation_probability[step.decision.action].max() > 0)
+    return step.observation is None and (senses or step.x == step.next_x)
+
+
 def outcome_text(momdp: MOMDP, step: Step) -> str:
     """Return what a behavior led to: whether it succeeded, the states, and why nothing came."""
     action = step.decision.action
-    x = step.x
-    next_x = step.next_x
-    path = f"{momdp.state_label(x)} → {momdp.state_label(next_x)}"
+    path = f"{momdp.state_label(step.x)} → {momdp.state_label(step.next_x)}"
     if step.observation is not None:
         return f"succeeded, {path}"
     if step.warning:
         return f"{path}; no percept"
+    if not came_to_nothing(momdp, step):
+        return f"succeeded, {path}; it shows nothing"
     if momdp.observation_probability[action].max() <= 0:
-        return f"succeeded, {path}; it shows nothing" if x != next_x else f"failed, {path}"
+        return f"failed, {path}"
     if step.belief.percept_counts[0, action].sum() >= momdp.limit[action]:
         return f"{path}, but no recording is left to replay"
     return f"failed, {path}; nothing perceived"
@@ -164,8 +195,7 @@ def verdict_text(trial: TrialRecord) -> str:
         return f"no answer: {trial.ended}"
     if trial.report is None:
         return DO_NOT_KNOW
-    verdict = {True: "right", False: "wrong", None: UNKNOWN}[trial.success]
-    return f"{trial.task.query.report_name(trial.report)} ({verdict})"
+    return f"{trial.task.query.report_name(trial.report)} ({verdict_word(trial.success)})"
 
 
 def end_word(trial: TrialRecord) -> str:
@@ -207,7 +237,7 @@ def final_facts(trial: TrialRecord) -> dict[str, str]:
             sure = trial.probability if trial.report[0] else 1.0 - trial.probability
             facts["answer"] += f" ({percent(sure)})"
         if trial.success is not None:
-            facts["verdict"] = "right" if trial.success else "wrong"
+            facts["verdict"] = verdict_word(trial.success)
     return {**facts, "cost": cost_text(trial.cost, trial.reward)}
 
 
@@ -242,7 +272,6 @@ def trials_frame(trials: Iterable[TrialRecord]) -> Any:
     for trial in trials:
         query = trial.task.query
         right = query.report_truth(trial.truth)
-        p = trial.probability
         rows.append(
             {
                 "agent": trial.agent,
@@ -256,7 +285,7 @@ def trials_frame(trials: Iterable[TrialRecord]) -> Any:
                 "cost_s": trial.cost,
                 "reward": trial.reward,
                 "steps": len(trial.steps),
-                "certainty": trial.last_belief.certainty if p is None else max(p, 1.0 - p),
+                "certainty": trial.certainty,
                 "warnings": "; ".join(trial.warnings),
             }
         )

@@ -9,11 +9,10 @@ import numpy as np
 
 from meal_bayes.display import bar_html, best_options, facts_repr, listed, percent, table_html
 from meal_bayes.kinds import checked
-from meal_bayes.momdp import Belief
 from meal_bayes.planners import Decision
 from meal_bayes.trials.percept_text import percept_labels
 from meal_bayes.trials.record import TrialRecord
-from meal_bayes.trials.text import together_text
+from meal_bayes.trials.text import believed, cost_text, together_text, verdict_word
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -33,9 +32,8 @@ class Trial(TrialRecord):
         query = self.task.query
         report = "none"
         if self.report is not None:
-            verdict = {True: "right", False: "wrong", None: "truth not known"}[self.success]
-            report = f"{query.report_name(self.report)} ({verdict})"
-        beliefs = self._beliefs(self.last_belief)
+            report = f"{query.report_name(self.report)} ({verdict_word(self.success)})"
+        beliefs = believed(self, self.last_belief)
         together = together_text(self.momdp)
         actions = [self.momdp.action_name(step.decision.action) for step in self.steps]
         title = f"Trial of {self.agent or 'an agent'} with {self.task.object_name}: {query.text}"
@@ -44,17 +42,9 @@ class Trial(TrialRecord):
             "belief": ", ".join(f"{name} {percent(value)}" for name, value in beliefs),
             **({"together": together} if together else {}),
             "steps": listed(actions, 12) or "none",
-            "cost": f"{self.cost:.1f} s, reward "
-            + ("unknown" if np.isnan(self.reward) else f"{self.reward:.1f}"),
+            "cost": cost_text(self.cost, self.reward),
             **({"warnings": listed(self.warnings, 3)} if self.warnings else {}),
         }
-
-    def _beliefs(self, belief: Belief) -> list[tuple[str, float]]:
-        """Return Pr(yes), where that is asked, and of each attribute Pr(it is true), named."""
-        probability = self.momdp.reports.probability_now(belief)
-        event = [] if probability is None else [("yes", probability)]
-        names = self.task.query.value_names
-        return [*event, *zip(names, belief.positive.tolist(), strict=True)]
 
     def plot(self, *, dark: bool = False, narrow: bool = False) -> "Axes":
         """Draw the trial in one picture; see `meal_bayes.trials.strip.trial_strip`."""
@@ -64,7 +54,7 @@ class Trial(TrialRecord):
 
     def _repr_html_(self) -> str:
         """Return the picture, on light and on dark pages, and a table: a row a step."""
-        before = self._beliefs(self.first_belief)
+        before = believed(self, self.first_belief)
         header = ("", "action", "s", "percept", *(f"Pr({name})" for name, _ in before))
         rows = [("", "", "", "before", *(bar_html(p) for _, p in before))]
         for number, step in enumerate(self.steps, start=1):
@@ -74,7 +64,7 @@ class Trial(TrialRecord):
                 percept = ", ".join(percept_labels(self.momdp, action, step.observation))
             name = self.momdp.action_name(action)
             cells = (str(number), escape(name), f"{step.cost:.1f}", escape(percept))
-            rows.append((*cells, *(bar_html(p) for _, p in self._beliefs(step.belief))))
+            rows.append((*cells, *(bar_html(p) for _, p in believed(self, step.belief))))
         title, facts = self._facts()
         text = "; ".join(f"{escape(k)}: {escape(v)}" for k, v in facts.items() if k != "steps")
         picture = f"{self._picture_html(title)}<br>" if self.steps else ""

@@ -2,14 +2,14 @@
 
 from functools import lru_cache
 
-import numpy as np
-
 from meal_bayes.display import percent
 from meal_bayes.momdp import MOMDP, best_report, report_certainty
 from meal_bayes.planners import RULE, Decision
 from meal_bayes.trials import percept_labels
 from meal_bayes.trials.text import (
+    WRONG,
     belief_before,
+    believed,
     compared_actions,
     final_facts,
     gap_text,
@@ -46,7 +46,6 @@ def narrate(frame: TrialFrame) -> str:
     momdp = frame.trial.momdp
     step = frame.step
     query = trial.task.query
-    names = list(map(plain_text, query.value_names))
     about = f"{plain_text(trial.task.object_name)} · agent {plain_text(trial.agent)}"
     asked = " and ".join(plain_text(name) for name, _ in query.questions)
     if query.event is not None:
@@ -69,11 +68,10 @@ def narrate(frame: TrialFrame) -> str:
             for (_, places), word in zip(query.questions, words, strict=True):
                 percepts[places[0]] = word
     lines += ["", "|attribute|belief|percept|", "|---|---|---|"]
-    rows = list(zip(names, frame.belief.positive, percepts, strict=True))
-    probability = momdp.reports.probability_now(frame.belief)
-    if probability is not None:
-        rows.insert(0, ("yes", np.float64(probability), ""))
-    lines += [f"|{name}|{percent(p)}|{word}|" for name, p, word in rows[:_ATTRIBUTES]]
+    named = believed(trial, frame.belief)
+    words = [""] * (len(named) - len(percepts)) + percepts
+    rows = list(zip(named, words, strict=True))[:_ATTRIBUTES]
+    lines += [f"|{plain_text(name)}|{percent(p)}|{word}|" for (name, p), word in rows]
     if frame.number < len(trial.steps):
         report = momdp.reported(best_report(momdp, frame.belief))
         assert report is not None
@@ -81,7 +79,9 @@ def narrate(frame: TrialFrame) -> str:
         sure = percent(report_certainty(momdp, frame.belief, report))
         return "\n".join([*lines, "", f"now it would answer **{best}** ({sure} sure)"])
     facts = {name: plain_text(text) for name, text in final_facts(trial).items()}
-    verdict = {"right": "**right**; ", "wrong": "**WRONG**; "}.get(facts.get("verdict", ""), "")
+    verdict = facts.get("verdict", "")
+    if verdict:
+        verdict = f"**{verdict.upper() if verdict == WRONG else verdict}**; "
     end = [f"### answer: {facts['answer']}", f"{verdict}truth: {facts['truth']}", facts["cost"]]
     return "\n".join([*lines, "", *end])
 

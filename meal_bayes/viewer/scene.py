@@ -10,7 +10,7 @@ import rerun as rr
 
 from meal_bayes.robots.robot import BALL, SHELL, SOLID, Frame
 from meal_bayes.trials import Trial, percept_labels
-from meal_bayes.trials.text import last_label
+from meal_bayes.trials.text import YES, last_label
 from meal_bayes.viewer.drawings import (
     Diagram,
     Graph,
@@ -49,7 +49,6 @@ _OWN_LANES = ("action", "state")  # beside those of percepts
 ROBOT = "/robot"
 CAMERA = "/camera"
 _PERCEPTS = 6  # lanes
-_YES = "yes"  # the line of Pr(yes is right)
 _GAP = [float("nan")]
 _BOXES = {SOLID: f"{ROBOT}/arm", SHELL: f"{ROBOT}/object"}
 _BALLS = f"{ROBOT}/content"
@@ -101,7 +100,7 @@ class Scene:
             to.add(self._belief(name), rr.Scalars, time, scalars=[p])
         event = frame.trial.momdp.reports.probability_now(frame.belief)
         if event is not None:
-            to.add(self._belief(_YES), rr.Scalars, time, scalars=[event])
+            to.add(self._belief(YES), rr.Scalars, time, scalars=[event])
         if frame.step is not None:
             worth = frame.step.decision.going_on()
             fields = {"values": [worth.value], "variances": [worth.variance]}
@@ -126,7 +125,7 @@ class Scene:
         """End a trial in the free row behind it, where lines break and lanes end."""
         names = trial.task.query.value_names
         if trial.task.query.event is not None:
-            names = (*names, _YES)
+            names = (*names, YES)
         for entity in (*map(self._belief, names), ENTROPY, COST):
             self._to.add(entity, rr.Scalars, time, scalars=_GAP)
         self._to.add(f"{VALUES}/worth", rr.Measurements, time, values=_GAP, variances=[0.0])

@@ -1,7 +1,9 @@
 """Terminal, page, notebook and viewer tell the measures of an agent by the same texts."""
 
 import re
+from pathlib import Path
 
+import numpy as np
 import pytest
 
 from meal_bayes import display
@@ -9,11 +11,22 @@ from meal_bayes.cli.run import _print_summary
 from meal_bayes.evaluation import compare, summarize
 from meal_bayes.evaluation.report import write_report
 from meal_bayes.evaluation.summary import accuracy_text, reward_text
-from meal_bayes.evaluation.worst import worst_first
+from meal_bayes.evaluation.worst import chosen_rows, verdict_of, worst_first
 from meal_bayes.learner.api import ask
-from meal_bayes.trial_log import Logs, write_trials
+from meal_bayes.trial_log import Group, Logs, write_trials
 from meal_bayes.trials import TrialOutcomes
-from meal_bayes.viewer.recorder import Time
+from meal_bayes.trials.strip import _moments
+from meal_bayes.trials.text import (
+    RIGHT,
+    UNKNOWN,
+    WRONG,
+    came_to_nothing,
+    final_facts,
+    outcome_text,
+    verdict_text,
+)
+from meal_bayes.viewer.labels import narrate
+from meal_bayes.viewer.recorder import Clock, Time
 from meal_bayes.viewer.run_view import TABLE, RunView
 
 OBJECTS = ("heavy_blue_beans", "light_blue_rice", "medium_green_glass", "light_brown_screws")
@@ -108,3 +121,31 @@ def test_page_and_viewer_rank_the_worst_trials_alike(trials, surfaces):
         first = next(row for row in order.tolist() if outcomes.agent[row] == agent)
         told = re.search(rf"heavy, beans\? (\w+), {agent}:", page)
         assert told[1] == outcomes.object_name[first]
+
+
+@pytest.mark.parametrize(("success", "word"), [(True, RIGHT), (False, WRONG), (None, UNKNOWN)])
+def test_a_verdict_is_one_word_everywhere(trials, success, word):
+    trial = trials[0]
+    truth = {True: trial.report, False: ~trial.report, None: np.full(2, -1)}[success]
+    judged = trial.with_truth(np.asarray(truth, np.int8))
+    assert judged.success is success
+    (outcomes,) = chosen_rows(Group({}, Path("a.mcap"), [0], TrialOutcomes.of([judged]), ()), [0])
+    told = {
+        "Trial": repr(judged),
+        "the picture": verdict_text(judged),
+        "the report": verdict_of(outcomes) or UNKNOWN,
+        "the terminal": final_facts(judged).get("verdict", UNKNOWN),
+        "the viewer": narrate(list(Clock().frames(0, judged))[-1]).lower() + UNKNOWN,
+    }
+    for surface, text in told.items():
+        assert word in text, f"{surface} has a word of its own; use trials.text.verdict_word"
+
+
+def test_a_failed_behavior_is_said_and_drawn_as_one(trials):
+    """The picture hatches what the terminal calls failed, and nothing else."""
+    for trial in trials:
+        executed = trial.steps[: -1 if trial.report is not None else None]
+        for step, moment in zip(executed, _moments(trial), strict=True):
+            succeeded = outcome_text(trial.momdp, step).startswith("succeeded")
+            assert moment.failed is not succeeded
+            assert came_to_nothing(trial.momdp, step) is moment.failed
