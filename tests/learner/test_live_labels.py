@@ -135,7 +135,7 @@ def test_the_recordings_of_a_trial_can_be_forgotten(dataset, make):
     assert learner.knowledge().posterior.counts.sum() == fresh.sum() + 1
     learner.forget(trial, recordings=True)
     np.testing.assert_array_equal(learner.knowledge().posterior.counts, fresh)
-    assert repr(learner.experience).startswith("72 recordings of 13 objects, 24 labels")
+    assert repr(learner.experience).startswith("72 recordings of 12 objects, 24 labels")
     with pytest.raises(SettingsError, match="has no labels or recordings"):
         learner.forget(trial, recordings=True)
 
