@@ -27,7 +27,7 @@ from sklearn.metrics import roc_auc_score
 from meal_bayes.arrays import Floats, Ints
 from meal_bayes.datasets import Dataset, TrainingSet, load_dataset
 from meal_bayes.perception import DEFAULT
-from meal_bayes.perception.feature_spaces import dealt, gather, number_in_object
+from meal_bayes.perception.feature_spaces import assign_folds, gather, number_in_object
 from meal_bayes.perception.fitting import learned_widths, method_of
 from meal_bayes.seeds import stream
 
@@ -83,7 +83,7 @@ def logistic(objects: Ints, features: Floats, variant: Variant) -> Floats:
     folds = np.empty(len(variant.labels), np.int64)
     for label in (-1, 0, 1):
         (some,) = np.nonzero(variant.labels == label)
-        folds[some] = dealt(np.arange(len(some)), FOLDS)
+        folds[some] = assign_folds(np.arange(len(some)), FOLDS)
     fold_of = folds[objects]
     labels = variant.labels[objects]
     outputs = np.full(len(objects), np.nan)

@@ -55,8 +55,10 @@ def _solve_upper(factor, vector):
 @partial(_kernel, fastmath=True)
 def _objective(theta, features, target, weight, ridge, rate):
     """Return weighted logistic loss and ridge; write P(true) of each sample into `rate`."""
+    # sum_i w_i log(1 + exp(-y_i z_i)) + ridge / 2 sum_{m>0} theta_m^2
     total = 0.0
-    for i in range(len(rate)):  # z = theta_0 + sum_m theta_m x_m, in `rate` until it is P(true)
+    # z = theta_0 + sum_m theta_m x_m, in `rate` until it is P(true)
+    for i in range(len(rate)):
         rate[i] = theta[0]
     for m in range(features.shape[0]):
         total += 0.5 * ridge * theta[m + 1] * theta[m + 1]
@@ -65,7 +67,8 @@ def _objective(theta, features, target, weight, ridge, rate):
                 rate[i] += theta[m + 1] * features[m, i]
     for i in range(len(rate)):
         z = rate[i]
-        small = np.exp(-abs(z))  # log(1 + exp(-y z)) without overflow
+        # log(1 + exp(-y z)) = log(1 + exp(-|z|)) + (|z| if y z < 0), which never overflows
+        small = np.exp(-abs(z))
         rate[i] = 1.0 / (1.0 + small) if z > 0 else small / (1.0 + small)
         total += weight[i] * (np.log1p(small) + (abs(z) if z * target[i] < 0 else 0.0))
     return total
@@ -94,6 +97,7 @@ def _derivatives(theta, features, target, weight, ridge, rate, gradient, hessian
             second += scratch[1, i] * features[m, i]
         gradient[m + 1] = first + ridge * theta[m + 1]
         hessian[m + 1, 0] = second
+        # H_mk = sum_i w p (1 - p) x_m x_k, and the ridge on the diagonal
         for other in range(m + 1):
             second = 0.0
             for i in range(n):
@@ -144,6 +148,7 @@ def fit_stacker(
     step = np.empty(size)
     trial = np.empty(size)
     value = _objective(theta, features, target, weight, ridge, rate=rate)
+    # Far from the optimum a whole Newton step may overshoot; nearby it is taken as it is.
     for _ in range(_MAX_ITERATIONS):
         _derivatives(
             theta, features, target, weight, ridge, rate=rate, gradient=gradient, hessian=hessian
@@ -154,6 +159,7 @@ def fit_stacker(
         for _ in range(_MAX_ITERATIONS):  # halve until nothing is lost
             for j in range(size):
                 trial[j] = theta[j] + length * step[j]
+                # The projection: a slope that the step takes below 0 ends at 0.
                 if nonnegative and j > 0 and trial[j] < 0.0:
                     trial[j] = 0.0
             trial_value = _objective(trial, features, target, weight, ridge, rate=rate)
@@ -169,11 +175,13 @@ def fit_stacker(
 @_kernel
 def _weigh(target, base, balanced, weight):
     """Write `base`, times n/(2 n_c) of each class c, to `weight`; return if both classes remain."""
+    # n_c, the weight of each class
     positive = 0.0
     negative = 0.0
     for i in range(len(target)):
         positive += base[i] if target[i] > 0 else 0.0
         negative += base[i] if target[i] < 0 else 0.0
+    # Both classes then weigh n/2, so that the intercept says nothing of the base rate.
     for i in range(len(target)):
         class_weight = positive if target[i] > 0 else negative
         balance = (positive + negative) / (2.0 * class_weight) if balanced else 1.0
@@ -190,6 +198,7 @@ def _leave_set(inverse, dual, target, rows, held, across, whitened):
     L^-1 (C^-1 y)_S.
     """
     q, n = across.shape
+    # L L' = C^-1[S,S]
     factor = np.empty((q, q))
     for i in range(q):
         for j in range(i + 1):
@@ -232,7 +241,8 @@ def _score_others(inverse, dual, target, starts, out, across, whitened, decision
         for i in range(q):
             for c in range(dual.shape[1]):
                 decisions[p, c] -= whitened[p, i] * across[i, c]
-    for k in range(len(out)):  # its matrix: C^-1[k,k] - C^-1[k,S] C^-1[S,S]^-1 C^-1[S,k]
+    # k's matrix, the Schur complement: C^-1[k,k] - C^-1[k,S] C^-1[S,S]^-1 C^-1[S,k]
+    for k in range(len(out)):
         begin = starts[k]
         size = starts[k + 1] - starts[k]
         block = np.empty((size, size))
@@ -242,6 +252,7 @@ def _score_others(inverse, dual, target, starts, out, across, whitened, decision
                 total = inverse[begin + i, begin + j]
                 for s in range(q):
                     total -= across[s, begin + i] * across[s, begin + j]
+                # Of an object of S itself nothing is left to solve: the identity in its place.
                 block[i, j] = 1.0 * (i == j) if out[k] else total
         _factorize(block)
         for p in range(len(dual)):

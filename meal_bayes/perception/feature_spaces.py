@@ -23,7 +23,7 @@ _CONSTANT = 1e-9  # standard deviation, relative to the largest value, of a feat
 _FEWEST_STEPS = 4  # of single precision, that a standard deviation has at least
 _ENOUGH = 8  # recordings, of fewer a sensor of 0 and 1 may well have shown one of them alone
 _COMPARED = 2048  # recordings whose distances are compared for a median
-_SEED = 0  # of the order in which neighbors are dealt to folds
+_SEED = 0  # of the order in which neighbors go to folds
 
 
 @dataclass(frozen=True, slots=True)
@@ -205,14 +205,14 @@ class BehaviorRecordings(FrozenArrays):
             return kernels
         return np.concatenate([kernels, joint_kernel(kernels)[None]])
 
-    def parts(self) -> Iterator[tuple[Ints, "BehaviorRecordings"]]:
+    def by_known_labels(self) -> Iterator[tuple[Ints, "BehaviorRecordings"]]:
         """Yield attributes (a,) whose labels are known together, with their labels.
 
-        They share their classifiers; where all labels are known there is one part.
+        They share their classifiers; where all labels are known these are all attributes.
         """
-        patterns, part = np.unique(self.labels >= 0, axis=1, return_inverse=True)
+        patterns, pattern = np.unique(self.labels >= 0, axis=1, return_inverse=True)
         for index in np.flatnonzero(patterns.any(axis=0)):
-            attributes = np.flatnonzero(part.ravel() == index)
+            attributes = np.flatnonzero(pattern.ravel() == index)
             questions = tuple(self.questions[p] for p in attributes)
             yield attributes, replace(self, labels=self.labels[:, attributes], questions=questions)
 
@@ -226,13 +226,13 @@ def number_in_object(objects: Ints) -> Ints:
     return np.arange(len(objects)) - np.searchsorted(objects, objects)
 
 
-def dealt(names: NDArray[np.integer], folds: int) -> Ints:
-    """Return the fold of each name (n,), a number from 0.
+def assign_folds(names: NDArray[np.integer], folds: int) -> Ints:
+    """Assign a fold to each name (n,), a number from 0.
 
     As neighbors are alike, `folds` of them in a row are in as many folds; in which order is drawn,
     as a data set may repeat itself every so many objects.
 
-    >>> sorted(dealt(np.arange(20, 24), 4).tolist())
+    >>> sorted(assign_folds(np.arange(20, 24), 4).tolist())
     [0, 1, 2, 3]
     """
     top = int(names.max(initial=0)) // folds + 1
@@ -247,7 +247,7 @@ def groups_of(
     """Return what each object (O,) is left out with: itself, or a fold where there are many."""
     names = np.arange(objects)
     large = any(recordings.large for recordings in behaviors)
-    return dealt(names, settings.folds) if large else names
+    return assign_folds(names, settings.folds) if large else names
 
 
 def _coarse(features: Floats) -> bool:

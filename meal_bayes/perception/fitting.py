@@ -48,7 +48,7 @@ from meal_bayes.perception.feature_spaces import (
     groups_of,
     number_in_object,
 )
-from meal_bayes.perception.kernel_ridge import NOBODY, Problem, leave_out, parts
+from meal_bayes.perception.kernel_ridge import NOBODY, Problem, attribute_problems, leave_out
 from meal_bayes.perception.perceiver import BehaviorClassifier, Perception
 from meal_bayes.perception.settings import DEFAULT, NAMED, PerceptionSettings, with_classifier
 from meal_bayes.version import package_version
@@ -174,7 +174,8 @@ def _losses_of_widths(
     with threadpool_limits(1):  # sums of many threads differ in their last bit from those of one
         for w, width in enumerate(WIDTHS):
             wide = recordings.widened(width)
-            for part in parts(wide, wide.kernels(joint=settings.joint), settings, by_object=True):
+            kernels = wide.kernels(joint=settings.joint)
+            for part in attribute_problems(wide, kernels, settings, by_object=True):
                 problem = part.problem
                 everyone = leave_out(problem, NOBODY, settings)
                 (all_losses,) = (everyone.losses * _votes(problem, NOBODY)).sum(axis=1)
@@ -291,8 +292,8 @@ def _score_behavior(
         for width in np.unique(widths):
             left_out = np.flatnonzero(widths == width)
             rows = np.isin(groups[recordings.objects], names[left_out])
-            for attributes, part in recordings.widened(width).parts():
-                log_odds, training = method_of(settings).outputs(part, names[left_out], settings)
+            for attributes, subset in recordings.widened(width).by_known_labels():
+                log_odds, training = method_of(settings).outputs(subset, names[left_out], settings)
                 # On its own group's recordings a training-side output means nothing.
                 training[names[left_out][:, None] == groups[recordings.objects]] = np.nan
                 held_outputs[np.ix_(rows, attributes)] = round_log_odds(log_odds)[rows]

@@ -10,10 +10,8 @@ side. A class-balanced stacker with a nonnegative slope calibrates its decisions
 the clones never saw. So a classifier gains nothing by overfitting its objects or by preferring the
 larger class.
 
-The paper's method (Sect. 4.2): a support vector machine for each modality, pooled by Cohen's kappa.
-A machine's decision becomes a probability by a sigmoid; its weight is the kappa of these
-probabilities, negative ones 0; the output is the weighted mean, or 1/2 where all weights are 0.
-Percepts include the base rate; they are no likelihood ratios.
+The paper's method (Sect. 4.2): a support vector machine for each modality, pooled by Cohen's kappa
+(`kappa_pool.py`).
 """
 
 import os
@@ -26,14 +24,18 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import expit, logit
 from sklearn.base import clone
 from sklearn.svm import SVC
 
 from meal_bayes.arrays import Bools, Floats, Ints
-from meal_bayes.datasets.levels import THRESHOLD
-from meal_bayes.perception.compiled_stacking import fit_stacker, fit_stackers
-from meal_bayes.perception.feature_spaces import BehaviorRecordings, FeatureSpace, Rows, dealt
+from meal_bayes.perception.compiled_stacking import fit_stackers
+from meal_bayes.perception.feature_spaces import (
+    BehaviorRecordings,
+    FeatureSpace,
+    Rows,
+    assign_folds,
+)
+from meal_bayes.perception.kappa_pool import KappaPool
 from meal_bayes.perception.kernel_ridge import RIDGE, Stacker, object_weights
 from meal_bayes.perception.own_classifier import blamed, decisions_of, repeatable
 from meal_bayes.perception.settings import PerceptionSettings
@@ -42,7 +44,6 @@ Decisions = Mapping[frozenset[int], Floats]  # folds left out -> (n,M,P) of thei
 
 _BOX = 10.0  # C of the support vector machines
 _LOOSE = 1e-2  # decisions are calibrated, and a tighter fit takes up to forty times longer
-_SOFT = 1e-4  # ridge of the sigmoid's slope, for decisions that separate the classes
 
 
 class Machines(NamedTuple):
@@ -71,58 +72,6 @@ class Machines(NamedTuple):
                 with blamed(estimator, f"decide {self.questions[p]}"):
                     decisions[:, m, p] = decisions_of(estimator, features)
         return decisions
-
-
-class KappaPool(NamedTuple):
-    """Sigmoids (M,P,2), offset and slope on decisions, and their weights (M,P), Cohen's kappa."""
-
-    sigmoid: Floats
-    weights: Floats
-
-    @classmethod
-    def fitted(cls, decisions: Floats, truth: Bools, objects: Ints) -> "KappaPool":
-        """Fit sigmoids and weights to out-of-fold decisions (r,M,P)."""
-        sigmoid = np.zeros((*decisions.shape[1:], 2))
-        weights = np.zeros(decisions.shape[1:])
-        for m, p in np.ndindex(weights.shape):
-            labels = truth[:, p]
-            if labels.any() and not labels.all():
-                offset, slope = sigmoid[m, p] = fit_sigmoid(decisions[:, m, p], labels)
-                yes = offset + slope * decisions[:, m, p] > THRESHOLD
-                # Cohen's kappa: agreement beyond chance, of what chance leaves.
-                agree = (yes == labels).mean()
-                p_yes = yes.mean()
-                p_true = labels.mean()
-                chance = p_yes * p_true + (1 - p_yes) * (1 - p_true)
-                weights[m, p] = max((agree - chance) / (1 - chance), 0.0)
-        return cls(sigmoid, weights)
-
-    def log_odds(self, decisions: Floats) -> Floats:
-        """Return log-odds of the pooled probability, (B,P), from decisions (B,M,P).
-
-        Modalities whose decisions are NaN have no weight.
-        """
-        weights = np.where(np.isnan(decisions), 0.0, self.weights)
-        decided = np.nan_to_num(decisions)
-        probability = expit(self.sigmoid[..., 0] + self.sigmoid[..., 1] * decided)
-        total = weights.sum(axis=1)
-        pooled = np.einsum("bmp,bmp->bp", probability, weights)
-        pooled = np.where(total > 0, pooled / np.where(total > 0, total, 1.0), 0.5)
-        return np.asarray(logit(np.clip(pooled, 1e-9, 1 - 1e-9)))
-
-
-def fit_sigmoid(decisions: Floats, truth: Bools) -> Floats:
-    """Fit offset and slope of Pr(true | decision), with Platt's softened targets [Platt1999]."""
-    positive = int(truth.sum())
-    number = len(truth)
-    soft = np.where(truth, (positive + 1) / (positive + 2), 1 / (number - positive + 2))
-    theta = np.zeros(2)
-    features = np.concatenate([decisions, decisions])[None]
-    target = np.repeat([1.0, -1.0], number)
-    # Each decision counts twice: as true with the weight t, as false with 1 - t.
-    weight = np.concatenate([soft, 1 - soft])
-    fit_stacker(features, target, weight, ridge=_SOFT, nonnegative=False, theta=theta)
-    return theta
 
 
 @dataclass(frozen=True)
@@ -191,11 +140,11 @@ def _pool(
     """Fit a pool to decisions inside the folds that remain, each by who saw the others only."""
     remaining = [fold for fold in problem.names if fold not in left_out]
     rows = np.isin(problem.folds, remaining) & (len(remaining) > 1)  # else nothing is out of fold
-    inside = np.empty((len(rows), len(problem.inputs), problem.truth.shape[1]))
+    out_of_fold = np.empty((len(rows), len(problem.inputs), problem.truth.shape[1]))
     for fold in remaining:
         rows_of_fold = problem.folds == fold
-        inside[rows_of_fold] = decisions[left_out | {fold}][rows_of_fold]
-    return problem.fit_pool(inside[rows], problem.truth[rows], problem.objects[rows])
+        out_of_fold[rows_of_fold] = decisions[left_out | {fold}][rows_of_fold]
+    return problem.fit_pool(out_of_fold[rows], problem.truth[rows], problem.objects[rows])
 
 
 def _nested(
@@ -211,8 +160,8 @@ def _nested(
     return outputs
 
 
-class Part(NamedTuple):
-    """Attributes (a,) whose labels are known together, their machines and pool."""
+class AttributeMachines(NamedTuple):
+    """Machines and pool of attributes (a,) whose labels are known together."""
 
     attributes: Ints
     machines: Machines
@@ -220,9 +169,9 @@ class Part(NamedTuple):
 
 
 class ClassifierFit(NamedTuple):
-    """A behavior fitted by scikit-learn, perhaps by the paper's method; as `stacked.KernelFit`."""
+    """A behavior fitted by scikit-learn, perhaps by the paper's method; as `KernelFit`."""
 
-    parts: tuple[Part, ...]
+    parts: tuple[AttributeMachines, ...]
     paper: bool
     n_attributes: int
 
@@ -234,8 +183,8 @@ class ClassifierFit(NamedTuple):
         if self.paper:
             inputs = [None if v is None else space.similarity(v) for space, v in pairs]
         else:
-            parts = [np.zeros((n, len(s.varying))) if v is None else v for s, v in pairs]
-            inputs = [np.hstack(parts)]
+            features = [np.zeros((n, len(s.varying))) if v is None else v for s, v in pairs]
+            inputs = [np.hstack(features)]
         log_odds = np.zeros((n, self.n_attributes))
         for attributes, machines, pool in self.parts:
             log_odds[:, attributes] = pool.log_odds(machines.decide(inputs))
@@ -245,22 +194,23 @@ class ClassifierFit(NamedTuple):
 def fit(
     recordings: BehaviorRecordings, settings: PerceptionSettings
 ) -> tuple[ClassifierFit, Floats]:
-    """Fit one behavior; as `stacked.fit`, nested outputs by folds."""
+    """Fit one behavior; as `kernel_ridge.fit`, nested outputs by folds."""
     nested = np.full(recordings.labels.shape, np.nan)
     parts = []
-    for attributes, part in recordings.parts():
-        problem = _problem(part, settings)
+    for attributes, subset in recordings.by_known_labels():
+        problem = _problem(subset, settings)
         decisions = problem.decide_without(2)
         nested[:, attributes] = _nested(problem, decisions)
         pool = _pool(problem, decisions)
-        parts.append(Part(attributes, problem.train(problem.folds >= 0), pool))
+        machines = problem.train(problem.folds >= 0)
+        parts.append(AttributeMachines(attributes, machines, pool))
     return ClassifierFit(tuple(parts), settings.method == "paper", len(nested.T)), nested
 
 
 def outputs(
     recordings: BehaviorRecordings, held: Ints, settings: PerceptionSettings
 ) -> tuple[Floats, Floats]:
-    """Score one behavior for the percept tables; as `stacked.outputs`, by folds of objects.
+    """Score one behavior for the percept tables; as `kernel_ridge.outputs`, by folds of objects.
 
     All that is done for held-out o leaves o's whole fold out. But the paper's machine that scores
     o itself is trained anew on all other objects, where they are few.
@@ -270,13 +220,14 @@ def outputs(
     decisions = problem.decide_without(3)
     held_outputs = _nested(problem, decisions)
     training = np.tile(held_outputs, (len(held), 1, 1))
-    for h in problem.names:
-        side = _nested(problem, decisions, frozenset([h]))
-        inside = problem.folds == h  # o's fellows are scored without the fold, as is all else
-        side[inside] = held_outputs[inside]
-        training[np.isin(held, problem.held_groups[inside])] = side
+    for fold in problem.names:
+        outputs_without = _nested(problem, decisions, frozenset([fold]))
+        # The other objects of its fold are scored without the fold, as is all else.
+        of_fold = problem.folds == fold
+        outputs_without[of_fold] = held_outputs[of_fold]
+        training[np.isin(held, problem.held_groups[of_fold])] = outputs_without
     if settings.method == "paper" and not recordings.large:
-        pools = {h: _pool(problem, decisions, frozenset([h])) for h in problem.names}
+        pools = {fold: _pool(problem, decisions, frozenset([fold])) for fold in problem.names}
 
         def decide_anew(o: int) -> None:
             single = problem.objects == o
@@ -298,24 +249,36 @@ def _problem(recordings: BehaviorRecordings, settings: PerceptionSettings) -> Fo
     """
     objects = recordings.objects
     labelled = recordings.labels[:, 0] >= 0
-    held_groups = dealt(objects, settings.folds) if recordings.large else objects
+    held_groups = assign_folds(objects, settings.folds) if recordings.large else objects
     folds = np.where(labelled, held_groups, -1)
     if not recordings.large:
         _, object_of = np.unique(objects[labelled], return_inverse=True)
         folds[labelled] = object_of.ravel() % settings.folds
     truth = recordings.labels == 1
-    data = truth, objects, folds, held_groups, recordings.questions
+    fit_pool: Callable[[Floats, Bools, Ints], Stacker | KappaPool]
     if settings.method == "paper":
-        machine = SVC(C=_BOX, kernel="precomputed", tol=_LOOSE)
-        # Support vector machines train without the interpreter's lock; forests, below, set the
-        # process's warning filters.
+        inputs = recordings.kernels()
+        estimator = SVC(C=_BOX, kernel="precomputed", tol=_LOOSE)
+        fit_pool = KappaPool.fitted
+        # Support vector machines train without the interpreter's lock.
         threads = os.cpu_count() or 1
-        return FoldProblem(recordings.kernels(), *data, machine, KappaPool.fitted, threads)
-    features = np.hstack([space.rows for space in recordings.spaces])[None]
-    pool = partial(_fit_stacker, settings=settings)
-    with blamed(settings.classifier, "be copied"):
-        estimator = repeatable(settings.classifier)
-    return FoldProblem(features, *data, estimator, pool)
+    else:
+        inputs = np.hstack([space.rows for space in recordings.spaces])[None]
+        with blamed(settings.classifier, "be copied"):
+            estimator = repeatable(settings.classifier)
+        fit_pool = partial(_fit_stacker, settings=settings)
+        threads = 1  # forests set the process's warning filters
+    return FoldProblem(
+        inputs=inputs,
+        truth=truth,
+        objects=objects,
+        folds=folds,
+        held_groups=held_groups,
+        questions=recordings.questions,
+        estimator=estimator,
+        fit_pool=fit_pool,
+        threads=threads,
+    )
 
 
 def _fit_stacker(

@@ -26,7 +26,7 @@ from meal_bayes.perception.feature_spaces import (
     BehaviorRecordings,
     FeatureSpace,
     Rows,
-    dealt,
+    assign_folds,
     joint_kernel,
 )
 from meal_bayes.perception.settings import PerceptionSettings
@@ -115,10 +115,10 @@ def kernel_problem(grams: Floats, truth: Bools, groups: Ints, noise: float) -> P
     duals = targets @ inverses
 
     def score(left_out: Ints, rows: Ints, nested: bool) -> tuple[Floats, Floats]:
-        held, others = score_without(
+        decisions, others = score_without(
             left_out, rows, inverses, duals, targets, starts=starts, nested=nested
         )
-        return held, others
+        return decisions, others  # of a kernel mypy knows no type
 
     weights = object_weights(groups)
     return Problem(names, starts, weights, targets, duals=duals, score=score)
@@ -151,9 +151,9 @@ def landmark_problem(
         factor = np.linalg.cholesky(landmarks[i] + _JITTER * np.trace(landmarks[i]) * np.eye(m))
         features[i] = solve_triangular(factor, kernels[i].T, lower=True, check_finite=False).T
         for fold, (start, end) in enumerate(pairwise(starts), start=1):
-            part = features[i, start:end]
-            grams[i, fold] = part.T @ part
-            products[i, fold] = part.T @ targets[:, start:end].T
+            of_fold = features[i, start:end]
+            grams[i, fold] = of_fold.T @ of_fold
+            products[i, fold] = of_fold.T @ targets[:, start:end].T
         grams[i, 0] = grams[i].sum(axis=0) + noise * np.eye(m)
         products[i, 0] = products[i].sum(axis=0)
         (ridge_weights,) = _ridge_weights(grams[i : i + 1], products[i : i + 1], names[:0])
@@ -240,7 +240,7 @@ def each_group(
     return np.concatenate(leave_out(problem, sets, settings, warm).log_odds, axis=1).T
 
 
-class Part(NamedTuple):
+class AttributeProblem(NamedTuple):
     """Attributes (a,) whose labels are known together, and the problem of these recordings.
 
     Rows (r,) are the recordings, group by group; columns (c,) what the problem's duals weigh, of
@@ -253,9 +253,9 @@ class Part(NamedTuple):
     problem: Problem
 
 
-def parts(
+def attribute_problems(
     recordings: BehaviorRecordings, kernels: Floats, settings: PerceptionSettings, by_object: bool
-) -> Iterator[Part]:
+) -> Iterator[AttributeProblem]:
     """Yield the problems of one behavior, by which labels are known together.
 
     What is left out as one are objects, or folds of them where there are many; not `by_object`,
@@ -264,11 +264,11 @@ def parts(
     n = len(recordings.objects)
     landmarks = recordings.landmarks
     objects = recordings.objects if by_object else np.arange(n)
-    groups = objects if landmarks is None else dealt(objects, settings.folds)
-    for attributes, part in recordings.parts():
-        rows = np.flatnonzero(part.labels[:, 0] >= 0)
+    groups = objects if landmarks is None else assign_folds(objects, settings.folds)
+    for attributes, subset in recordings.by_known_labels():
+        rows = np.flatnonzero(subset.labels[:, 0] >= 0)
         rows = rows[np.argsort(groups[rows], kind="stable")]
-        truth = part.labels[rows] == 1
+        truth = subset.labels[rows] == 1
         columns = rows if landmarks is None else np.arange(len(landmarks))
         if landmarks is None:
             problem = kernel_problem(kernels[:, rows][:, :, rows], truth, groups[rows], NOISE)
@@ -277,7 +277,7 @@ def parts(
             problem = landmark_problem(
                 kernels[:, rows], kernels[:, landmarks], truth, folds_and_objects, NOISE
             )
-        yield Part(rows, attributes, columns, problem)
+        yield AttributeProblem(rows, attributes, columns, problem)
 
 
 def fit(recordings: BehaviorRecordings, settings: PerceptionSettings) -> tuple[KernelFit, Floats]:
@@ -292,7 +292,7 @@ def fit(recordings: BehaviorRecordings, settings: PerceptionSettings) -> tuple[K
     dual = np.zeros((n_kernels, n_attributes, m))
     weights = np.zeros((n_attributes, 1 + n_kernels))
     nested = np.full((n, n_attributes), np.nan)
-    for part in parts(recordings, kernels, settings, settings.by_object):
+    for part in attribute_problems(recordings, kernels, settings, settings.by_object):
         attributes = part.attributes
         problem = part.problem
         weights[attributes] = leave_out(problem, NOBODY, settings).weights[0]
@@ -306,12 +306,12 @@ def outputs(
 ) -> tuple[Floats, Floats]:
     """Score one behavior for the percept tables; of each object all labels are known, or none.
 
-    Held (H,) are objects, or folds of them where there are many (see `dealt`). Returns the outputs
-    (n,P) on what is held out, and for each of it those on the others, (H,n,P), NaN where none was
-    computed; on itself they mean nothing.
+    Held (H,) are objects, or folds of them where there are many (see `assign_folds`). Returns the
+    outputs (n,P) on what is held out, and for each of it those on the others, (H,n,P), NaN where
+    none was computed; on itself they mean nothing.
     """
     kernels = recordings.kernels(joint=settings.joint)
-    (part,) = parts(recordings, kernels, settings, by_object=True)
+    (part,) = attribute_problems(recordings, kernels, settings, by_object=True)
     problem = part.problem
     weights = leave_out(problem, NOBODY, settings).weights[0]
     held_outputs = np.full(recordings.labels.shape, np.nan)

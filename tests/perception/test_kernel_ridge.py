@@ -14,7 +14,7 @@ from meal_bayes.datasets.levels import BIN_EDGES, THRESHOLD, levels_of, round_lo
 from meal_bayes.perception import DEFAULT, build_percept_table, fit_and_validate, table_counts
 from meal_bayes.perception.compiled_stacking import fit_stacker
 from meal_bayes.perception.confusion import youden
-from meal_bayes.perception.feature_spaces import dealt
+from meal_bayes.perception.feature_spaces import assign_folds
 from meal_bayes.perception.kernel_ridge import (
     NOBODY,
     RIDGE,
@@ -158,10 +158,12 @@ ABOVE = {"exact_recordings": 30, "folds": FOLDS}
 
 
 def test_neighbors_are_in_different_folds_in_no_fixed_order():
-    folds = dealt(np.arange(60), 5).reshape(12, 5)
+    folds = assign_folds(np.arange(60), 5).reshape(12, 5)
     assert (np.sort(folds) == np.arange(5)).all()
     assert len(set(map(tuple, folds))) > 6
-    np.testing.assert_array_equal(dealt(np.array([3, 17, 44]), 5), folds.ravel()[[3, 17, 44]])
+    np.testing.assert_array_equal(
+        assign_folds(np.array([3, 17, 44]), 5), folds.ravel()[[3, 17, 44]]
+    )
 
 
 @pytest.mark.parametrize("nested", [True, False])

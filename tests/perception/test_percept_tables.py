@@ -23,7 +23,7 @@ from meal_bayes.perception import (
     table_counts,
     with_classifier,
 )
-from meal_bayes.perception.feature_spaces import dealt, gather
+from meal_bayes.perception.feature_spaces import assign_folds, gather
 from meal_bayes.perception.fitting import learned_widths
 from meal_bayes.perception.kernel_ridge import NOISE, each_group, kernel_problem
 
@@ -90,7 +90,9 @@ def test_labels_of_what_is_held_out_do_not_reach_its_table(make, relabel, settin
 def test_every_recording_of_the_others_is_counted_once(make, settings):
     table = build_percept_table(make(4, objects=14), perception=settings)
     many = settings.exact_objects == 6
-    np.testing.assert_array_equal(table.groups, dealt(np.arange(14), 4) if many else np.arange(14))
+    np.testing.assert_array_equal(
+        table.groups, assign_folds(np.arange(14), 4) if many else np.arange(14)
+    )
     total = table.training_bins.sum(axis=-1)  # (G,O,P,E)
     assert (total[:, :, :, 2:] == 0).all()  # reinit and ask
     others = np.arange(len(total))[:, None] != table.groups
