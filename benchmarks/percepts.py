@@ -28,7 +28,8 @@ from meal_bayes.arrays import Floats, Ints
 from meal_bayes.datasets import Dataset, TrainingSet, load_dataset
 from meal_bayes.perception import DEFAULT
 from meal_bayes.perception.feature_spaces import assign_folds, gather, number_in_object
-from meal_bayes.perception.fitting import learned_widths, method_of
+from meal_bayes.perception.fitting import method_of
+from meal_bayes.perception.kernel_widths import learned_widths
 from meal_bayes.seeds import stream
 
 LEFT = (3, 4, 6, 9)  # positive objects

@@ -25,7 +25,7 @@ class PerceptionSettings:
         "stacked"; "paper": support vector machines, weighted by Cohen's kappa; "classifier".
     width : float | None
         "stacked" only: w of the kernels exp(-d^2 / w^2), in median distances; None: learned, one of
-        `fitting.WIDTHS`.
+        `kernel_widths.WIDTHS`.
     joint : bool
         "stacked" only: one more kernel, of all modalities at once.
     levels : int
