@@ -18,7 +18,7 @@ from meal_bayes.momdp import MOMDP, Belief, answer_value, best_answer, best_repo
 from meal_bayes.momdp.belief import next_percept
 from meal_bayes.planners.momdp_arrays import dynamics_of
 from meal_bayes.planners.open_loop.candidates import diagram_of
-from meal_bayes.planners.open_loop.growth import Ways
+from meal_bayes.planners.open_loop.growth import ShortestPaths
 from meal_bayes.planners.solver import Decision, History, unvalued
 
 
@@ -151,28 +151,30 @@ def _likeliest(momdp: MOMDP, history: History, rng: np.random.Generator) -> Deci
 class Greedy:
     """Maximizes bits per second, one percept ahead; reports when a bit costs more than its value.
 
-    A behavior that is not legal at x is priced with the cheapest way to it. The value of a bit
+    A behavior that is not legal at x is priced with the cheapest path to it. The value of a bit
     is the expected cost of the present error, (r+ - r-) Pr(best report wrong), over the entropy.
     """
 
     def solve(self, momdp: MOMDP, rng: np.random.Generator) -> Baseline:
         """Return the policy."""
-        ways = diagram_of(dynamics_of(momdp)).ways
-        return Baseline(partial(_most_bits, momdp, ways), deterministic=True)
+        shortest = diagram_of(dynamics_of(momdp)).shortest
+        return Baseline(partial(_most_bits, momdp, shortest), deterministic=True)
 
 
-def _most_bits(momdp: MOMDP, ways: Ways, history: History, rng: np.random.Generator) -> Decision:
-    """Choose the first behavior on the way to the most bits per second."""
+def _most_bits(
+    momdp: MOMDP, shortest: ShortestPaths, history: History, rng: np.random.Generator
+) -> Decision:
+    """Choose the first behavior on the path to the most bits per second."""
     belief = history.belief
     stop = answer_value(momdp, belief)
     entropy = belief.entropy
     values = np.append(np.full(momdp.n_behaviors, np.nan), stop)
     # s a bit: what certainty would add to the answer, over the bits that are missing to it.
     bit_value = (momdp.correct - stop) / entropy if entropy > 0 else 0.0
-    # A percept that does not come, as the way to it got lost, tells nothing.
-    gain = information_gain(momdp, belief) * (1.0 - ways.lost[belief.x])
-    first = ways.hop[belief.x]
-    price = ways.cost[belief.x]
+    # A percept that does not come, as the path to it got lost, tells nothing.
+    gain = information_gain(momdp, belief) * (1.0 - shortest.lost[belief.x])
+    first = shortest.first_action[belief.x]
+    price = shortest.cost[belief.x]
     goal = (first >= 0) & (gain > 0)
     net = np.where(goal, gain * bit_value - price, -np.inf)
     np.fmax.at(values, first[goal], stop + net[goal])

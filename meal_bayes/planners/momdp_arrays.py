@@ -20,7 +20,7 @@ from meal_bayes.momdp.reports import Conjunction
 _INFORMATIVE = 3e-4  # bits: percepts with less information on the class are not planned with
 _ROUNDING = 1e-12
 _PRICE = 1e-4  # of r+ - r-: behaviors that cost less are planned with as if they cost this
-_DIAGRAMS = 16  # whose dynamics and ways are remembered
+_DIAGRAMS = 16  # whose dynamics and shortest paths are remembered
 
 V = TypeVar("V")
 

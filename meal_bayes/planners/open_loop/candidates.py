@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from meal_bayes.arrays import Bools, Floats, Ints
 from meal_bayes.planners.momdp_arrays import Dynamics, MOMDPArrays, remember
 from meal_bayes.planners.open_loop.detours import PlanSteps, plan_steps
-from meal_bayes.planners.open_loop.growth import Ways, find_ways
+from meal_bayes.planners.open_loop.growth import ShortestPaths, find_shortest_paths
 from meal_bayes.planners.open_loop.values import PLAN
 
 LENGTH = 96  # behaviors of a plan, at most
@@ -35,12 +35,12 @@ class Candidates(NamedTuple):
 
 
 @dataclass(frozen=True)
-class DiagramWays:
+class DiagramPaths:
     """What plans need of a diagram; made once for all MOMDPs that share it."""
 
     dynamics: Dynamics
     steps: PlanSteps
-    ways: Ways
+    shortest: ShortestPaths
 
     @cached_property
     def simple(self) -> Candidates:
@@ -48,36 +48,36 @@ class DiagramWays:
         legal = self.dynamics.step["legal"]
         paths = set[tuple[int, tuple[int, ...]]]((x, (a,)) for x, a in np.argwhere(legal).tolist())
         for x in range(len(legal)):
-            goals = np.flatnonzero(self.ways.hop[x] >= 0).tolist()
+            goals = np.flatnonzero(self.shortest.first_action[x] >= 0).tolist()
             for e, k, f, more in itertools.product(goals, (1, 2), goals, (0, 1, 2)):
                 path: tuple[int, ...] = ()
                 state = x
                 for goal in itertools.chain(itertools.repeat(e, k), itertools.repeat(f, more)):
-                    if self.ways.hop[state, goal] < 0:
-                        break  # there is no way back
-                    path = (*path, *self.ways.path(state, goal))
-                    state = int(self.ways.end[state, goal])
+                    if self.shortest.first_action[state, goal] < 0:
+                        break  # none leads back
+                    path = (*path, *self.shortest.path(state, goal))
+                    state = int(self.shortest.end[state, goal])
                 paths.add((x, path[:LENGTH]))
         return cheapest(sum_up_walks(self, sorted(paths)))
 
 
 _Number = TypeVar("_Number", np.int64, np.float64)
 
-_diagrams: dict[object, DiagramWays] = {}  # by the identity of dynamics that they hold
+_diagrams: dict[object, DiagramPaths] = {}  # by the identity of dynamics that they hold
 
 
-def diagram_of(dynamics: Dynamics) -> DiagramWays:
-    """Find the ways of a diagram, once."""
-    return remember(_diagrams, id(dynamics.step), lambda: _diagram_ways(dynamics))
+def diagram_of(dynamics: Dynamics) -> DiagramPaths:
+    """Find the shortest paths of a diagram, once."""
+    return remember(_diagrams, id(dynamics.step), lambda: _diagram_paths(dynamics))
 
 
-def _diagram_ways(dynamics: Dynamics) -> DiagramWays:
+def _diagram_paths(dynamics: Dynamics) -> DiagramPaths:
     steps = plan_steps(dynamics)
-    return DiagramWays(dynamics, steps, find_ways(steps, dynamics.step["legal"]))
+    return DiagramPaths(dynamics, steps, find_shortest_paths(steps, dynamics.step["legal"]))
 
 
-def sum_up(diagram: DiagramWays, start: Ints, path: Ints, ends: Bools) -> Candidates:
-    """Sum up the beginnings of paths (R,L) from start (R,) that stop behind the steps `ends`.
+def sum_up(diagram: DiagramPaths, start: Ints, path: Ints, ends: Bools) -> Candidates:
+    """Sum up the prefixes of paths (R,L) from start (R,) that stop behind the steps `ends`.
 
     cost = sum_k (prod_{j<k} g_j) c_k, discount = prod_k g_k, lost = sum_k (prod_{j<k} g_j) l_k
     """
@@ -86,8 +86,8 @@ def sum_up(diagram: DiagramWays, start: Ints, path: Ints, ends: Bools) -> Candid
     x = np.empty_like(path)
     x[:, 0] = start
     for t in range(length - 1):
-        x[:, t + 1] = diagram.ways.target[x[:, t], path[:, t]]
-    last = diagram.ways.target[x, path]
+        x[:, t + 1] = diagram.shortest.target[x[:, t], path[:, t]]
+    last = diagram.shortest.target[x, path]
     steps = diagram.steps
     discount = steps.discount[x, path].cumprod(axis=1)
     scale = np.hstack([np.ones((len(path), 1)), discount[:, :-1]])
@@ -103,7 +103,7 @@ def sum_up(diagram: DiagramWays, start: Ints, path: Ints, ends: Bools) -> Candid
     behavior = np.full((len(row), LENGTH), -1, np.int16)  # copying paths would take half the time
     inside = np.arange(length) <= end[:, None]
     behavior[:, :length] = np.where(inside, path.astype(np.int16)[row], -1)
-    senses = diagram.ways.senses[x, path].astype(np.int64)
+    senses = diagram.shortest.senses[x, path].astype(np.int64)
     paid = scale * steps.percepts[x, path]
     n_behaviors = diagram.dynamics.step.shape[1]
     return Candidates(
@@ -123,12 +123,12 @@ def _by_behavior(amount: NDArray[_Number], path: Ints, n_behaviors: int) -> NDAr
 
 
 def sum_up_walks(
-    diagram: DiagramWays, walks: Iterable[Walk], *, beginnings: bool = False
+    diagram: DiagramPaths, walks: Iterable[Walk], *, prefixes: bool = False
 ) -> Candidates:
-    """Sum up walks of any length, or all their beginnings."""
+    """Sum up walks of any length, or all their prefixes."""
     start, paths = zip(*walks, strict=True)
     path = np.array([*itertools.zip_longest(*paths, fillvalue=-1)]).T
-    if beginnings:
+    if prefixes:
         return sum_up(diagram, np.array(start), path, path >= 0)
     last = np.arange(path.shape[1]) == (path >= 0).sum(axis=1)[:, None] - 1
     return sum_up(diagram, np.array(start), path, last)
@@ -150,31 +150,31 @@ def distinct(rows: Ints) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     return np.unique(keys, return_index=True, return_inverse=True)[1:]
 
 
-def tours(model: MOMDPArrays, ways: Ways) -> Iterator[Walk]:
+def paid_tours(model: MOMDPArrays, shortest: ShortestPaths) -> Iterator[Walk]:
     """Build tours: after every first behavior, to the best-paid first percept while it pays."""
     pay = np.where(model.bonus_limit > 0, model.bonus.mean(axis=2).sum(axis=0), 0.0)
-    for x, first in np.argwhere(ways.hop >= 0).tolist():
+    for x, first in np.argwhere(shortest.first_action >= 0).tolist():
         path: tuple[int, ...] = ()
         state = x
         goal = first
         unpaid = np.ones(len(pay), np.bool_)
         while goal >= 0 and len(path) < LENGTH:
-            path = (*path, *ways.path(state, goal))
-            state = int(ways.end[state, goal])
+            path = (*path, *shortest.path(state, goal))
+            state = int(shortest.end[state, goal])
             unpaid[list(path)] = False
-            # What a way pays for first percepts on it, less what it costs.
-            gain = (ways.observation_counts[state] > 0) @ (pay * unpaid) - ways.cost[state]
-            gain = np.where(unpaid & (ways.hop[state] >= 0), gain, -np.inf)
+            # What a path pays for first percepts on it, less what it costs.
+            gain = (shortest.observation_counts[state] > 0) @ (pay * unpaid) - shortest.cost[state]
+            gain = np.where(unpaid & (shortest.first_action[state] >= 0), gain, -np.inf)
             goal = int(gain.argmax()) if gain.max() > 0 else -1
         yield x, path[:LENGTH]
 
 
-def remainders(plans: Candidates, ways: Ways) -> Iterator[Walk]:
-    """List plans, and what remains of them after each of their steps."""
+def plan_suffixes(plans: Candidates, shortest: ShortestPaths) -> Iterator[Walk]:
+    """Yield plans, and what remains of them after each of their steps."""
     for x, row in zip(plans.x.tolist(), plans.path, strict=True):
         state = x
         path = row[row >= 0].tolist()
         while path:
             yield state, path
-            state = int(ways.target[state, path[0]])
+            state = int(shortest.target[state, path[0]])
             path = path[1:]

@@ -14,24 +14,24 @@ from meal_bayes.planners.open_loop.detours import PlanSteps
 CELLS = 8  # of the seconds that may follow, when a bound looks ahead
 
 
-class Ways(NamedTuple):
-    """Cheapest way from each x to a percept of each behavior, along the likeliest outcomes.
+class ShortestPaths(NamedTuple):
+    """Cheapest path from each x to a percept of each behavior, along the likeliest outcomes.
 
     Cost, discount and the chance to get lost count the other outcomes; see `detours`.
     """
 
     target: Ints  # (X,E) where a behavior leads
     senses: NDArray[np.bool_]  # (X,E) does it perceive?
-    hop: Ints  # (X,E) first behavior of the way, -1 where there is none
+    first_action: Ints  # (X,E) first behavior of the path, -1 where there is none
     end: Ints  # (X,E) x afterwards
     cost: Floats  # (X,E) s, discounted
     discount: Floats  # (X,E) factor on what comes afterwards
-    lost: Floats  # (X,E) discounted Pr(the way ends on the way, with an answer)
-    observation_counts: Ints  # (X,E,E) percepts gathered on the way, the last included
+    lost: Floats  # (X,E) discounted Pr(the path is lost before its end, and answered)
+    observation_counts: Ints  # (X,E,E) percepts gathered on it, the last included
 
     def path(self, x: int, behavior: int) -> tuple[int, ...]:
-        """Return the behaviors from x to a percept of one of them; empty where there is no way."""
-        a = int(self.hop[x, behavior])
+        """Return the behaviors from x to a percept of one of them; empty where none leads there."""
+        a = int(self.first_action[x, behavior])
         if a < 0:
             return ()
         arrived = a == behavior and self.senses[x, a]
@@ -42,7 +42,7 @@ class Paths(NamedTuple):
     """Plans that are grown, from every x, at B beliefs, to every first percept."""
 
     behavior: Ints  # (X,B,E,L) executed, padded by -1
-    ends: NDArray[np.bool_]  # (X,B,E,L) does a beginning end here, with the percept gone for?
+    ends: NDArray[np.bool_]  # (X,B,E,L) does a prefix end here, with the percept gone for?
 
 
 class Origin(NamedTuple):
@@ -52,7 +52,7 @@ class Origin(NamedTuple):
     goal: Index  # behavior of its first percept
 
 
-class Place(NamedTuple):
+class PathEnd(NamedTuple):
     """Where a plan has come to."""
 
     x: Index
@@ -71,13 +71,13 @@ class Growth(NamedTuple):
     log_r: Floats  # (2,N) sum of the log coefficients, of the plan and of what may follow
 
 
-def find_ways(steps: PlanSteps, legal: Bools) -> Ways:
-    """Find the cheapest ways by Dijkstra's algorithm from every x."""
+def find_shortest_paths(steps: PlanSteps, legal: Bools) -> ShortestPaths:
+    """Find the cheapest paths by Dijkstra's algorithm from every x."""
     shape = legal.shape
-    ways = Ways(
+    shortest = ShortestPaths(
         target=steps.target,
         senses=steps.senses,
-        hop=np.full(shape, -1),
+        first_action=np.full(shape, -1),
         end=np.zeros(shape, np.int64),
         cost=np.zeros(shape),
         discount=np.ones(shape),
@@ -85,7 +85,7 @@ def find_ways(steps: PlanSteps, legal: Bools) -> Ways:
         observation_counts=np.zeros((*shape, shape[1]), np.int64),
     )
     for start in range(len(legal)):
-        # States are settled in order of cost: the first way to a percept is the cheapest.
+        # States are settled in order of cost: the first path to a percept is the cheapest.
         queue: list[tuple[float, int, tuple[int, ...]]] = [(0.0, start, ())]
         settled: set[int] = set()
         while queue:
@@ -94,28 +94,30 @@ def find_ways(steps: PlanSteps, legal: Bools) -> Ways:
                 continue
             settled.add(x)
             for a in np.flatnonzero(legal[x]).tolist():
-                if ways.senses[x, a] and ways.hop[start, a] < 0:
-                    _record_way(ways, steps, start, (*path, a))
+                if shortest.senses[x, a] and shortest.first_action[start, a] < 0:
+                    _record_path(shortest, steps, start, (*path, a))
                 after = cost + float(steps.cost[x, a])
-                heapq.heappush(queue, (after, int(ways.target[x, a]), (*path, a)))
-    return ways
+                heapq.heappush(queue, (after, int(shortest.target[x, a]), (*path, a)))
+    return shortest
 
 
-def _record_way(ways: Ways, steps: PlanSteps, start: int, path: tuple[int, ...]) -> None:
-    """Record the way along a path, which ends with a percept."""
+def _record_path(
+    shortest: ShortestPaths, steps: PlanSteps, start: int, path: tuple[int, ...]
+) -> None:
+    """Record a path, which ends with a percept."""
     goal = path[-1]
     x = start
     scale = 1.0
     for a in path:
-        ways.observation_counts[start, goal, a] += ways.senses[x, a]
+        shortest.observation_counts[start, goal, a] += shortest.senses[x, a]
         # cost += (prod of g so far) c
-        ways.cost[start, goal] += scale * steps.cost[x, a]
-        ways.lost[start, goal] += scale * steps.lost[x, a]
+        shortest.cost[start, goal] += scale * steps.cost[x, a]
+        shortest.lost[start, goal] += scale * steps.lost[x, a]
         scale *= steps.discount[x, a]
-        x = int(ways.target[x, a])
-    ways.hop[start, goal] = path[0]
-    ways.end[start, goal] = x
-    ways.discount[start, goal] = scale
+        x = int(shortest.target[x, a])
+    shortest.first_action[start, goal] = path[0]
+    shortest.end[start, goal] = x
+    shortest.discount[start, goal] = scale
 
 
 @kernel
@@ -142,7 +144,7 @@ def _right(log_r, rate, seconds, chance):
 
 
 @kernel
-def _next_percept(ways, growth, x, chance):
+def _next_percept(shortest, growth, x, chance):
     """Choose the percepts that add most log Pr(right) a second -> behavior, number."""
     log_affinity = growth.log_affinity
     counts = growth.counts
@@ -153,9 +155,9 @@ def _next_percept(ways, growth, x, chance):
     best_e = NO_BEHAVIOR
     best_k = 1
     for e in range(n):
-        if ways.hop[x, e] < 0:
+        if shortest.first_action[x, e] < 0:
             continue
-        end = ways.end[x, e]
+        end = shortest.end[x, e]
         # One percept more of the same behavior, as long as that raises the gain a second: where
         # rows are known or percepts weak, the second is worth what the first is.
         k = 1
@@ -164,20 +166,20 @@ def _next_percept(ways, growth, x, chance):
             for i in range(log_r.shape[1]):
                 log_r[1, i] = log_r[0, i]
                 for o in range(n):
-                    more = ways.observation_counts[x, e, o]
+                    more = shortest.observation_counts[x, e, o]
                     if more > 0 or o == e:
                         more += k - 1 if o == e else 0
                         log_r[1, i] += _log_affinity(log_affinity, i, o, counts[o] + more)
                         log_r[1, i] -= _log_affinity(log_affinity, i, o, counts[o])
-            # (ln Pr(right | k more) - ln Pr(right)) / (cost of the way and of k - 1 repeats)
-            price = ways.cost[x, e] + (k - 1) * ways.cost[end, e] + 1e-6
+            # (ln Pr(right | k more) - ln Pr(right)) / (cost of the path and of k - 1 repeats)
+            price = shortest.cost[x, e] + (k - 1) * shortest.cost[end, e] + 1e-6
             gain = np.log(_right(log_r[1], growth.rate, 0.0, chance) / right) / price
             if gain > best:
                 best = gain
                 best_e = e
                 best_k = k
             # Only what keeps its x can be repeated at once, for its own cost.
-            repeats = ways.end[end, e] == end and ways.hop[end, e] == e
+            repeats = shortest.end[end, e] == end and shortest.first_action[end, e] == e
             if gain <= last or not repeats:
                 break
             last = gain
@@ -192,7 +194,7 @@ def _best_ahead(growth, chance, base, reward, spare):
     `base` is its value with a wrong report, `reward` what a right one adds; more than `spare`
     seconds cannot pay. Within a cell of seconds, the first are paid and the last have been of use.
     """
-    # max over cells of base + reward Pr(right | end of the cell) - seconds at its beginning
+    # max over cells of base + reward Pr(right | end of the cell) - seconds at its start
     best = -np.inf
     for cell in range(CELLS):
         seconds = spare * (cell + 1) / CELLS
@@ -211,16 +213,16 @@ def _informs(growth, e):
 
 
 @kernel
-def _follow_way(ways, growth, path, place, goal):
-    """Append the way to a percept of a behavior, as far as the path has room; return its end."""
+def _follow_path(shortest, growth, path, end_so_far, goal):
+    """Append the shortest path to a percept of a behavior, while there is room; return the end."""
     counts = growth.counts
     log_r = growth.log_r[0]
-    state, filled = place
+    state, filled = end_so_far
     arrived = False
     while not arrived and filled < path.behavior.shape[0]:
-        a = ways.hop[state, goal]
-        arrived = a == goal and ways.senses[state, a]
-        if ways.senses[state, a]:
+        a = shortest.first_action[state, goal]
+        arrived = a == goal and shortest.senses[state, a]
+        if shortest.senses[state, a]:
             for i in range(log_r.shape[0]):
                 log_r[i] += _log_affinity(growth.log_affinity, i, a, counts[a] + 1)
                 log_r[i] -= _log_affinity(growth.log_affinity, i, a, counts[a])
@@ -228,18 +230,18 @@ def _follow_way(ways, growth, path, place, goal):
         path.behavior[filled] = a
         path.ends[filled] = arrived
         filled += 1
-        state = ways.target[state, a]
-    return Place(state, filled)
+        state = shortest.target[state, a]
+    return PathEnd(state, filled)
 
 
 @kernel
-def _grow_plan(ways, growth, chance, path, origin):
+def _grow_plan(shortest, growth, chance, path, origin):
     """Grow a plan from x, to the percept of a first behavior and on -> path; return its length."""
     x, goal = origin
     log_r = growth.log_r[0]
     growth.counts[:] = 0
     log_r[:] = 0.0
-    place = Place(x, np.int64(0))
+    end_so_far = PathEnd(x, np.int64(0))
     repeats = 1
     cost = 0.0
     scale = 1.0
@@ -247,12 +249,12 @@ def _grow_plan(ways, growth, chance, path, origin):
     # values are taken to be reported, too: it is sifting that goes by what yes and no earn.
     right = _right(log_r, growth.rate, 0.0, chance)
     best = mean_reward(growth.incorrect, growth.reward_range, right)
-    while goal >= 0 and place.length < path.behavior.shape[0]:
+    while goal >= 0 and end_so_far.length < path.behavior.shape[0]:
         # Go for the percepts chosen last: cost += scale c, scale *= g.
         for _ in range(repeats):
-            cost += scale * ways.cost[place.x, goal]
-            scale *= ways.discount[place.x, goal]
-            place = _follow_way(ways, growth, path, place, goal)
+            cost += scale * shortest.cost[end_so_far.x, goal]
+            scale *= shortest.discount[end_so_far.x, goal]
+            end_so_far = _follow_path(shortest, growth, path, end_so_far, goal)
         # V = g `mean_reward` - c, and stop where nothing that follows can pay.
         base = scale * growth.incorrect - cost
         reward = scale * growth.reward_range
@@ -261,23 +263,23 @@ def _grow_plan(ways, growth, chance, path, origin):
         spare = base + reward - best
         if spare <= 0.0 or _best_ahead(growth, chance, base, reward, spare) <= best:
             break
-        goal, repeats = _next_percept(ways, growth, place.x, chance)
-    return place.length
+        goal, repeats = _next_percept(shortest, growth, end_so_far.x, chance)
+    return end_so_far.length
 
 
 @entry_kernel
-def grow_plans(ways, growth, chance, paths):
+def grow_plans(shortest, growth, chance, paths):
     """Grow a plan for each x, belief (B,N) and first percept -> paths; return the longest's length.
 
-    To fix the first percept in turn keeps expensive beginnings in play. A plan is grown until
+    To fix the first percept in turn keeps expensive first steps in play. A plan is grown until
     nothing that could follow would pay, or it is full.
     """
     longest = 1
     for x in range(paths.behavior.shape[0]):
         for b in range(paths.behavior.shape[1]):
             for e in range(paths.behavior.shape[2]):
-                if _informs(growth, e) and ways.hop[x, e] >= 0:
+                if _informs(growth, e) and shortest.first_action[x, e] >= 0:
                     path = Paths(paths.behavior[x, b, e], paths.ends[x, b, e])
-                    length = _grow_plan(ways, growth, chance[b], path, Origin(x, e))
+                    length = _grow_plan(shortest, growth, chance[b], path, Origin(x, e))
                     longest = max(longest, length)
     return longest

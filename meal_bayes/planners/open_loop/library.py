@@ -34,14 +34,14 @@ from meal_bayes.planners.open_loop.affinity import estimate_values, log_affiniti
 from meal_bayes.planners.open_loop.candidates import (
     LENGTH,
     Candidates,
-    DiagramWays,
+    DiagramPaths,
     cheapest,
     diagram_of,
     distinct,
-    remainders,
+    paid_tours,
+    plan_suffixes,
     sum_up,
     sum_up_walks,
-    tours,
 )
 from meal_bayes.planners.open_loop.growth import Growth, Paths, grow_plans
 from meal_bayes.planners.open_loop.values import PLAN, Plans, make_evaluator
@@ -59,7 +59,7 @@ def plan_library(momdp: MOMDP, model: MOMDPArrays) -> Plans:
     """Build the plan library of a MOMDP.
 
     1. *Grow.* For the first few of a spread of beliefs, plans are grown from every x to every first
-       percept, and percept by percept from there. They, their beginnings, and simple plans are the
+       percept, and percept by percept from there. They, their prefixes, and simple plans are the
        candidates.
     2. *Sift.* By a cheap estimate of their value the most promising go on, at every belief.
     3. *Compete.* At all beliefs of the spread, and from every x, candidates are valued as planners
@@ -130,24 +130,24 @@ def _move_prior(momdp: MOMDP, model: MOMDPArrays, spread: Floats) -> Floats:
 
 
 def _grow(
-    model: MOMDPArrays, diagram: DiagramWays, probabilities: Floats, log_affinity: Floats
+    model: MOMDPArrays, diagram: DiagramPaths, probabilities: Floats, log_affinity: Floats
 ) -> Candidates:
     """Return plans grown at beliefs (B,N), simple ones, and tours where exploring is paid."""
     parts = [_grow_percepts(model, diagram, probabilities, log_affinity), diagram.simple]
-    if model.shaped and (diagram.ways.hop >= 0).any():
-        parts.append(sum_up_walks(diagram, tours(model, diagram.ways), beginnings=True))
+    if model.shaped and (diagram.shortest.first_action >= 0).any():
+        parts.append(sum_up_walks(diagram, paid_tours(model, diagram.shortest), prefixes=True))
     return cheapest(Candidates(*map(np.concatenate, zip(*parts, strict=True))))
 
 
 def _grow_percepts(
-    model: MOMDPArrays, diagram: DiagramWays, probabilities: Floats, log_affinity: Floats
+    model: MOMDPArrays, diagram: DiagramPaths, probabilities: Floats, log_affinity: Floats
 ) -> Candidates:
-    """Grow plans at beliefs (B,N) from every x to every first percept; with their beginnings."""
+    """Grow plans at beliefs (B,N) from every x to every first percept; with their prefixes."""
     legal = diagram.dynamics.step["legal"]
     n_states, n_behaviors = legal.shape
     shape = n_states, len(probabilities), n_behaviors, LENGTH
     paths = Paths(behavior=np.full(shape, -1), ends=np.zeros(shape, np.bool_))
-    cost = np.where(diagram.ways.senses & legal, diagram.steps.cost, np.inf).min(axis=0)
+    cost = np.where(diagram.shortest.senses & legal, diagram.steps.cost, np.inf).min(axis=0)
     growth = Growth(
         log_affinity=log_affinity,
         rate=(-log_affinity[..., 1] / cost).max(axis=1),  # nats a second, of its best behavior
@@ -158,7 +158,7 @@ def _grow_percepts(
         counts=np.zeros(n_behaviors, np.int64),
         log_r=np.zeros((2, len(log_affinity))),
     )
-    length = grow_plans(diagram.ways, growth, probabilities, paths)
+    length = grow_plans(diagram.shortest, growth, probabilities, paths)
     start = np.repeat(np.arange(n_states), len(probabilities) * n_behaviors)
     path = paths.behavior[..., :length].reshape(-1, length)
     return sum_up(diagram, start, path, paths.ends[..., :length].reshape(-1, length))
@@ -219,9 +219,9 @@ def _compete(model: MOMDPArrays, candidates: Candidates, beliefs: Floats) -> Can
     return candidates.select(np.flatnonzero(winner))
 
 
-def _complete(model: MOMDPArrays, diagram: DiagramWays, winners: Candidates) -> Plans:
+def _complete(model: MOMDPArrays, diagram: DiagramPaths, winners: Candidates) -> Plans:
     """Add what remains of the winners after each of their steps; tabulate all their errors."""
-    plans = cheapest(sum_up_walks(diagram, remainders(winners, diagram.ways)))
+    plans = cheapest(sum_up_walks(diagram, plan_suffixes(winners, diagram.shortest)))
     return _as_plans(model, plans, bayes_error.OUTCOMES)
 
 

@@ -218,17 +218,21 @@ def _certain(momdp: MOMDP, belief: Belief) -> Decision | None:
         return Decision.exact(*choose(momdp, belief, np.full(momdp.n_behaviors, -np.inf)))
     if len(legal) != 1 or momdp.bonus.any() or momdp.reports.event is not None:
         return None
-    ways = diagram_of(dynamics).ways
+    shortest = diagram_of(dynamics).shortest
     error = next_percept(momdp, belief).min(axis=2).sum(axis=2)  # (N,E) Bayes error of a percept
     available = belief.percept_counts[0].sum(axis=1) < momdp.limit
-    # Pr(right) >= prod_i (1 - min over percepts on the way of Bayes error_i); V = g V_end - c, and
-    # where the way gets lost it is answered at once.
-    on_way = (ways.observation_counts[belief.x] > 0) & available  # (goal,E)
-    least = np.where(on_way[:, None], error, 1.0 - belief.right[:, None]).min(axis=2)  # (goal,N)
+    # Pr(right) >= prod_i (1 - min over percepts on the path of Bayes error_i); V = g V_end - c, and
+    # where the path gets lost it is answered at once.
+    on_path = (shortest.observation_counts[belief.x] > 0) & available  # (goal,E)
+    least = np.where(on_path[:, None], error, 1.0 - belief.right[:, None]).min(axis=2)  # (goal,N)
     ending = answer_value(momdp, belief)
-    value = ways.discount[belief.x] * momdp.reports.of_right(1.0 - least) - ways.cost[belief.x]
-    value = value + ways.lost[belief.x] * ending
-    best = float(np.where(ways.hop[belief.x] >= 0, value, -np.inf).max(initial=-np.inf))
+    value = (
+        shortest.discount[belief.x] * momdp.reports.of_right(1.0 - least) - shortest.cost[belief.x]
+    )
+    value = value + shortest.lost[belief.x] * ending
+    best = float(
+        np.where(shortest.first_action[belief.x] >= 0, value, -np.inf).max(initial=-np.inf)
+    )
     if best <= ending:
         return None
     values = np.full(momdp.n_behaviors + 1, np.nan)
