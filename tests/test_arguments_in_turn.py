@@ -107,7 +107,7 @@ EXAMPLES = [  # of classes whose fields are their arguments
     BELIEF, momdp.flatten(PROBLEM), momdp.Objective(), momdp.Transition(0, BELIEF.x, None), HISTORY,
     momdp.build_momdp(TOY, EVENT, CONFUSION).reports, POLICY, SOLVER, planners.POMCP(),
     planners.Factored(), planners.Greedy(), planners.Random(), planners.RandomLegal(),
-    planners.Untouched(), planners.Predefined(("look",)), planners.Remembering(POLICY),
+    planners.Untouched(), planners.Predefined(("look",)), planners.MemoizedPolicy(POLICY),
     planners.EMPTY, planners.Move(0, 0, np.zeros(3)), planners.GoingOn(1.0, 0.0, 1.0),
     planners.TreeEdge(0, -1, 0, (), 1, 0.0), planners.Compiling("a", "b", 1, 2),
     planners.Prospect(np.arange(3.0), np.ones((3, 1)), 0.0), KNOWLEDGE, KNOWLEDGE.posterior,

@@ -34,7 +34,7 @@ from meal_bayes.learner.refit import (
 from meal_bayes.learner.settings import LearnerSettings
 from meal_bayes.momdp import MOMDP
 from meal_bayes.perception import Perceiver, Perception
-from meal_bayes.planners import POMCP, Policy, Remembering
+from meal_bayes.planners import POMCP, MemoizedPolicy, Policy
 from meal_bayes.planners.pomcp.policy import POMCPPolicy
 from meal_bayes.seeds import Key
 from meal_bayes.trials import Task
@@ -313,7 +313,7 @@ class Online:
         momdp = problem_of(self, task, limit)
         policy = solve(self, task, streams, momdp)
         if getattr(policy, "deterministic", False):
-            policy = Remembering(policy)  # until the posterior moves
+            policy = MemoizedPolicy(policy)  # until the posterior moves
             self.answering[key] = momdp, policy
         return momdp, policy
 

@@ -25,8 +25,8 @@ from meal_bayes.planners.solver import (
     Decision,
     GoingOn,
     History,
+    MemoizedPolicy,
     Policy,
-    Remembering,
     Solver,
     TreeEdge,
     unvalued,
@@ -34,8 +34,8 @@ from meal_bayes.planners.solver import (
 
 __all__ = [
     "EMPTY", "POMCP", "RULE", "Compiling", "Decision", "Factored", "GoingOn", "Greedy", "Hand",
-    "History", "Move", "OpenLoop", "OpenLoopPolicy", "Policy", "Predefined", "Prospect",
-    "Prospector", "Random", "RandomLegal", "Remembering", "SharedPlans", "Solver", "TreeEdge",
+    "History", "MemoizedPolicy", "Move", "OpenLoop", "OpenLoopPolicy", "Policy", "Predefined",
+    "Prospect", "Prospector", "Random", "RandomLegal", "SharedPlans", "Solver", "TreeEdge",
     "Untouched", "batched_value_iteration", "best_move", "unvalued", "warm_up",
     "watch_compilation", "ways_back",
 ]  # fmt: skip

@@ -21,14 +21,14 @@ from meal_bayes.planners.pomcp.search import Growing, TreeSearch, value_and_sear
 from meal_bayes.planners.pomcp.tree import EDGE, NODE, Sampled, Tree
 
 
-class _Lent(threading.local):
+class _KernelGenerator(threading.local):
     """One generator a thread for the kernels: numba keeps every one that it was ever given."""
 
     def __init__(self) -> None:
         self.generator = np.random.Generator(np.random.PCG64(0))
 
 
-_LENT = _Lent()
+_KERNEL = _KernelGenerator()
 _NO_BELIEFS = Beliefs(
     x=0,
     prob=np.empty((0, 0, 0)),
@@ -60,15 +60,15 @@ _NO_SEARCH = TreeSearch(
 
 
 @contextlib.contextmanager
-def lent_generator(rng: np.random.Generator) -> Iterator[np.random.Generator]:
-    """Lend a generator to the kernels that goes on where `rng` is, and `rng` where it ended."""
+def kernel_generator(rng: np.random.Generator) -> Iterator[np.random.Generator]:
+    """Return a generator for the kernels that goes on where `rng` is, and `rng` where it ended."""
     if not isinstance(rng.bit_generator, np.random.PCG64):
         yield rng
         return
-    lent = _LENT.generator
-    lent.bit_generator.state = rng.bit_generator.state
-    yield lent
-    rng.bit_generator.state = lent.bit_generator.state
+    generator = _KERNEL.generator
+    generator.bit_generator.state = rng.bit_generator.state
+    yield generator
+    rng.bit_generator.state = generator.bit_generator.state
 
 
 def grow_tree(
@@ -91,7 +91,7 @@ def best_plans(
     shape = len(beliefs), len(evaluator.scratch.value)
     best = BestPlans(value=np.empty(shape), plan=np.empty(shape, np.int64))
     asked = Beliefs(x, beliefs, drop_idle, best)
-    value_and_search(evaluator, asked, _NO_SEARCH, None, _LENT.generator)  # nothing is drawn
+    value_and_search(evaluator, asked, _NO_SEARCH, None, _KERNEL.generator)  # nothing is drawn
     return best
 
 

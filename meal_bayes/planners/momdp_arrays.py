@@ -20,7 +20,7 @@ from meal_bayes.momdp.reports import Conjunction
 _INFORMATIVE = 3e-4  # bits: percepts with less information on the class are not planned with
 _ROUNDING = 1e-12
 _PRICE = 1e-4  # of r+ - r-: behaviors that cost less are planned with as if they cost this
-_DIAGRAMS = 16  # whose dynamics and shortest paths are remembered
+_DIAGRAMS = 16  # whose dynamics and shortest paths are kept
 
 V = TypeVar("V")
 
@@ -106,11 +106,11 @@ def dynamics_of(momdp: MOMDP, price: float = _PRICE) -> Dynamics:
     cost = np.maximum(momdp.expected_cost(), price * (momdp.correct - momdp.incorrect))
     arrays = momdp.transition, momdp.observation_probability, momdp.legal, cost
     key = (*(array.tobytes() for array in arrays), momdp.discount, momdp.abstain)
-    return remember(_cache, key, lambda: _dynamics(momdp, cost))
+    return memoized(_cache, key, lambda: _dynamics(momdp, cost))
 
 
-def remember(cache: dict[object, V], key: object, make: Callable[[], V]) -> V:
-    """Make a value once a key; a few are remembered."""
+def memoized(cache: dict[object, V], key: object, make: Callable[[], V]) -> V:
+    """Return the value of a key, made once; a few are kept."""
     if key not in cache:
         if len(cache) >= _DIAGRAMS:
             cache.clear()

@@ -67,7 +67,7 @@ def simulate(
         How many, 2 or more.
     rng : np.random.Generator
         Every episode spawns its own streams of world and policy from it, so that policies are
-        paired: at equal states they meet the same objects and the same luck.
+        paired: at equal states they meet the same objects, failures and percepts.
     max_steps : int
         After which the best answer is given.
 
@@ -78,7 +78,8 @@ def simulate(
     """
     if episodes < 2:
         raise SettingsError(f"episodes is {episodes}; a standard error needs two or more.")
-    played = [_episode(momdp, policy, luck, max_steps) for luck in rng.spawn(episodes)]
+    streams = rng.spawn(episodes)
+    played = [_episode(momdp, policy, stream, max_steps) for stream in streams]
     return Rollouts(
         returns=np.array([episode.value for episode in played]),
         certainty=np.array([episode.certainty for episode in played]),

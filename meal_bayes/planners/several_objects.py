@@ -33,7 +33,7 @@ from meal_bayes.momdp import MOMDP, Belief, expected_reward
 from meal_bayes.momdp.model import ARRAYS
 from meal_bayes.planners.boundary import decide
 from meal_bayes.planners.returning import ways_back
-from meal_bayes.planners.solver import History, Policy, Remembering
+from meal_bayes.planners.solver import History, MemoizedPolicy, Policy
 
 POINTS = 17  # outside values
 _SETTLED = 1e-9  # of r+ - r-: an object is worth nothing more than L where it gains less
@@ -289,7 +289,7 @@ class SharedPlans:
 
     def __init__(self, solve: Solve) -> None:
         self._solve = solve
-        self._solved: dict[tuple[bytes, ...], dict[object, Remembering]] = {}
+        self._solved: dict[tuple[bytes, ...], dict[object, MemoizedPolicy]] = {}
 
     def __call__(self, momdp: MOMDP) -> Policy:
         """Return the policy of a problem."""
@@ -302,7 +302,7 @@ class SharedPlans:
             if policies:  # plans that are grown for one payoff are as good for the others
                 first = next(iter(policies.values()))
                 planner = getattr(first.policy, "sharing_plans", planner)
-            policies[answers] = Remembering(planner(momdp))
+            policies[answers] = MemoizedPolicy(planner(momdp))
         return policies[answers]
 
 

@@ -279,24 +279,24 @@ class Solver(Protocol):
 
 @checked
 @dataclass(slots=True)
-class Remembering:
-    """A deterministic policy whose decisions are kept by what they depend on: x and percept counts.
+class MemoizedPolicy:
+    """A deterministic policy that decides once for each x and percept counts, and keeps it.
 
-    Searches draw from a stream of that place, so that it does not matter which trial comes first.
+    A search draws from a stream of its own for each of them, whichever trial comes first.
     """
 
     policy: Policy
-    _made: dict[tuple[int, bytes], Decision] = field(default_factory=dict)
+    _decisions: dict[tuple[int, bytes], Decision] = field(default_factory=dict)
 
     def decide(self, history: History, rng: np.random.Generator) -> Decision:
-        """Choose the next action, as the last time in the same place."""
+        """Choose the next action, as the last time at the same belief."""
         belief = history.belief
         key = belief.x, belief.percept_counts.tobytes()
-        if key not in self._made:
-            place = hashlib.blake2b(key[1], digest_size=8).hexdigest()
-            luck = stream(0, "remembered decisions", belief.x, place)
-            self._made[key] = self.policy.decide(history, luck)
-        return self._made[key]
+        if key not in self._decisions:
+            counts = hashlib.blake2b(key[1], digest_size=8).hexdigest()
+            policy_rng = stream(0, "remembered decisions", belief.x, counts)
+            self._decisions[key] = self.policy.decide(history, policy_rng)
+        return self._decisions[key]
 
 
 @checked

@@ -12,7 +12,7 @@ from meal_bayes.domain import Query, load_domain
 from meal_bayes.errors import SettingsError
 from meal_bayes.momdp import Objective, Transition, build_momdp, initial_belief, update_belief
 from meal_bayes.momdp.observation import predictive
-from meal_bayes.planners import POMCP, Decision, History, Remembering
+from meal_bayes.planners import POMCP, Decision, History, MemoizedPolicy
 from meal_bayes.planners.jit import entry_kernel
 from meal_bayes.planners.momdp_arrays import arrays_of
 from meal_bayes.planners.pomcp.tree import KEPT, draw_percept, draw_root_object, make_sampled
@@ -126,7 +126,7 @@ def test_decisions_are_made_once_for_a_place_and_percepts(toy, beliefs):
             return Decision(self.calls, nothing, nothing, nothing)
 
     inner = Counting()
-    policy, (start, look, *_) = Remembering(inner), beliefs
+    policy, (start, look, *_) = MemoizedPolicy(inner), beliefs
     trial = [*beliefs, start, look]
     assert [policy.decide(History(b), None).action for b in trial] == [1, 2, 3, 4, 1, 2]
     assert inner.calls == 4
@@ -135,7 +135,7 @@ def test_decisions_are_made_once_for_a_place_and_percepts(toy, beliefs):
 def test_decisions_are_equal_whatever_trial_comes_first(toy, beliefs):
     made = set()
     for seed, order in enumerate(itertools.permutations(range(4))):
-        policy = Remembering(POMCP(20).solve(toy, np.random.default_rng(seed)))
+        policy = MemoizedPolicy(POMCP(20).solve(toy, np.random.default_rng(seed)))
         rng, decisions = np.random.default_rng(seed), [None] * 4
         for place in order:
             decision = policy.decide(History(beliefs[place]), rng)

@@ -16,9 +16,9 @@ from meal_bayes.planners import (
     POMCP,
     Hand,
     History,
+    MemoizedPolicy,
     Prospector,
     Random,
-    Remembering,
     SharedPlans,
     best_move,
     ways_back,
@@ -242,9 +242,9 @@ def test_one_object_is_the_question_of_yes_or_no():
     best = joint([chain], everywhere)
     assert joint([chain], everywhere, policy([chain], everywhere)) == pytest.approx(best, rel=0.005)
     rng = np.random.default_rng(0)
-    question = Remembering(POMCP(300).solve(momdp, rng))
+    question = MemoizedPolicy(POMCP(300).solve(momdp, rng))
     prospector = Prospector(
-        momdp, lambda other: Remembering(POMCP(300).solve(other, rng)), everywhere
+        momdp, lambda other: MemoizedPolicy(POMCP(300).solve(other, rng)), everywhere
     )
     for belief in chain.beliefs:
         asked = question.decide(History(belief), rng).action

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meal_bayes.arrays import Bools, Floats, Ints
-from meal_bayes.planners.momdp_arrays import Dynamics, MOMDPArrays, remember
+from meal_bayes.planners.momdp_arrays import Dynamics, MOMDPArrays, memoized
 from meal_bayes.planners.open_loop.detours import PlanSteps, plan_steps
 from meal_bayes.planners.open_loop.growth import ShortestPaths, find_shortest_paths
 from meal_bayes.planners.open_loop.values import PLAN
@@ -68,7 +68,7 @@ _diagrams: dict[object, DiagramPaths] = {}  # by the identity of dynamics that t
 
 def diagram_of(dynamics: Dynamics) -> DiagramPaths:
     """Find the shortest paths of a diagram, once."""
-    return remember(_diagrams, id(dynamics.step), lambda: _diagram_paths(dynamics))
+    return memoized(_diagrams, id(dynamics.step), lambda: _diagram_paths(dynamics))
 
 
 def _diagram_paths(dynamics: Dynamics) -> DiagramPaths:

@@ -27,7 +27,7 @@ from meal_bayes.kinds import checked
 from meal_bayes.momdp import MOMDP, Belief, answer_value
 from meal_bayes.momdp.belief import next_percept
 from meal_bayes.planners.factored.policy import Factored, FactoredPolicy
-from meal_bayes.planners.kernel_calls import grow_tree, lent_generator, plan_values
+from meal_bayes.planners.kernel_calls import grow_tree, kernel_generator, plan_values
 from meal_bayes.planners.momdp_arrays import MOMDPArrays, arrays_of, dynamics_of
 from meal_bayes.planners.open_loop.candidates import diagram_of
 from meal_bayes.planners.open_loop.library import plan_library, retabulate
@@ -180,11 +180,11 @@ class POMCPPolicy:
         # c is a fraction of r+ - r-, so that an agent need not know the scale of rewards.
         exploration = settings.exploration * model.reward_range if reader is None else 0.0
         averaged = settings.backup == "sampled"
-        with lent_generator(rng) as lent:
+        with kernel_generator(rng) as kernel_rng:
 
             def grow(simulations: int) -> int:
                 search = TreeSearch(tree, sampled, Growing(simulations, exploration, averaged))
-                return grow_tree(evaluator, search, reader, lent)
+                return grow_tree(evaluator, search, reader, kernel_rng)
 
             done = grow(settings.simulations) if end is None else _within(end, grow)
         root = tree.edge[0]
