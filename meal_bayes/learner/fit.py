@@ -4,15 +4,17 @@ Two implementations know it: `HeldOut` (Algorithm 1: a percept table without the
 and `Online` (Algorithm 2: the record of a robot that learns while it works).
 """
 
+from collections.abc import Callable
+from contextlib import AbstractContextManager
 from dataclasses import replace
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from meal_bayes.agents import Agent, Knowledge
 from meal_bayes.domain import Query
-from meal_bayes.learner.columns import Labels
+from meal_bayes.learner.columns import Context, Labels
 from meal_bayes.learner.experience import Experience
 from meal_bayes.learner.settings import LearnerSettings
 from meal_bayes.learner.views import votes
@@ -20,7 +22,9 @@ from meal_bayes.momdp import MOMDP
 from meal_bayes.perception import Perceiver, SampledPercepts
 from meal_bayes.planners import Policy, boundary
 from meal_bayes.seeds import Key, stream
-from meal_bayes.trials import Task
+from meal_bayes.trials import Step, Task
+
+OnStep = Callable[[Step], None] | None  # called after each step
 
 
 class Fit(Protocol):
@@ -42,8 +46,24 @@ class Fit(Protocol):
     def perceiver(self) -> Perceiver:
         """What turns sensor data into percept levels."""
 
+    @property
+    def teaches(self) -> bool:
+        """Whether trials become experience, as those with a robot do."""
+
+    @property
+    def expected_sizes(self) -> dict[Context, int]:
+        """Number of features of each context that a robot has to sense."""
+
+    def perceiving(
+        self, task: Task, momdp: MOMDP, lock: AbstractContextManager[Any], on_step: OnStep
+    ) -> tuple[Perceiver, OnStep]:
+        """Return what perceives a trial, and what is called after each of its steps."""
+
     def truth(self, query: Query) -> Labels | None:
         """Return the labels (N,) of an object that is replayed; None of a robot's object."""
+
+    def problem(self, task: Task, limit: ArrayLike) -> MOMDP:
+        """Return the MOMDP of a task that somebody commands, as a test has it."""
 
     def plan(
         self, task: Task, streams: Key, *, limit: ArrayLike, explore: bool

@@ -1,7 +1,9 @@
 """Algorithm 1: an object of a percept table is replayed, and left out of all that was learned."""
 
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -9,9 +11,9 @@ from numpy.typing import ArrayLike, NDArray
 from meal_bayes.agents import Agent, Knowledge, knowledge_without
 from meal_bayes.datasets import PerceptTable
 from meal_bayes.domain import Query
-from meal_bayes.learner.columns import Labels, Objects
+from meal_bayes.learner.columns import Context, Labels, Objects
 from meal_bayes.learner.experience import Experience
-from meal_bayes.learner.fit import problem_of, sampled, solve
+from meal_bayes.learner.fit import OnStep, problem_of, sampled, solve
 from meal_bayes.learner.settings import LearnerSettings
 from meal_bayes.learner.views import labeled_table
 from meal_bayes.momdp import MOMDP
@@ -77,8 +79,26 @@ class HeldOut:
         columns = self.record.domain.columns(query.attributes)
         return np.asarray(self.labeled.labels[self.object_index, columns])
 
-    def problem(self, task: Task) -> MOMDP:
+    @property
+    def teaches(self) -> bool:
+        """No: what a replay shows is recorded already."""
+        return False
+
+    @property
+    def expected_sizes(self) -> dict[Context, int]:
+        """Nothing: a percept table shows percepts, and no features."""
+        return {}
+
+    def perceiving(
+        self, task: Task, momdp: MOMDP, lock: AbstractContextManager[Any], on_step: OnStep
+    ) -> tuple[Perceiver, OnStep]:
+        """Return what perceives a trial; nothing of it is recorded."""
+        return self.perceiver, on_step
+
+    def problem(self, task: Task, limit: ArrayLike) -> MOMDP:
         """Return the MOMDP of a task, built once: who commands often comes back to a task."""
+        if not np.isinf(limit).all():
+            return problem_of(self, task, limit)
         key = task.query, task.query.group_names
         if key not in self._problems:
             self._problems[key] = problem_of(self, task)

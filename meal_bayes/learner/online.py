@@ -5,8 +5,9 @@ together. Between refits these are constant, and a label is a conjugate update b
 objects that no classifier has seen.
 """
 
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, replace
-from typing import Self, cast
+from typing import Any, NamedTuple, Self, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,20 +16,20 @@ from meal_bayes.agents import Agent, Horizon, ITRSBonus, Knowledge, NoBonus, Pro
 from meal_bayes.agents.knowledge import knowledge_of
 from meal_bayes.arrays import Rows
 from meal_bayes.datasets import Instance
-from meal_bayes.datasets.detections import detected_levels
-from meal_bayes.datasets.levels import classifier_levels
 from meal_bayes.domain import Query, learn_success
 from meal_bayes.learner import views
 from meal_bayes.learner.columns import Context, Labels
 from meal_bayes.learner.experience import Experience
-from meal_bayes.learner.fit import limits_of, problem_of, sampled, solve, votes_of
+from meal_bayes.learner.fit import OnStep, limits_of, problem_of, sampled, solve, votes_of
+from meal_bayes.learner.percept_levels import expected_sizes, levels_of, levels_since
+from meal_bayes.learner.recording import RecordingPerceiver
 from meal_bayes.learner.refit import (
     classify,
     count_detections,
-    experienced,
+    experience_of,
     fractions,
     labels_used,
-    pairs_seen,
+    trained_cells,
     warn_of_odd,
 )
 from meal_bayes.learner.settings import LearnerSettings
@@ -40,7 +41,13 @@ from meal_bayes.seeds import Key
 from meal_bayes.trials import Task
 
 _SAME = 0.05  # success probabilities that differ by less are not planned with anew
-Asked = tuple[Query, bytes]  # and the percepts that a trial can have
+
+
+class PlanKey(NamedTuple):
+    """What plans of equal questions have in common, beside what was learned."""
+
+    query: Query
+    limits: bytes  # (E,) percepts of each behavior that a trial can have
 
 
 @dataclass(eq=False)
@@ -52,22 +59,22 @@ class Online:
     settings: LearnerSettings
     perception: Perception
     knowledge: Knowledge  # now
-    refitted: Knowledge  # at the refit
+    knowledge_at_refit: Knowledge
     sizes: views.Sizes  # features of each context, at the refit
-    used: NDArray[np.int8]  # (n,P) labels of instances that the refit used; -1 none
-    seen: NDArray[np.bool_]  # (O,E,P) whether classifiers have seen an object
-    experienced: NDArray[np.int64]  # (2,P,E) labelled instances and objects, at the refit
-    unit: float  # labelled instances that make one unit of experience, then
-    trials: int  # that taught, then
-    told: float  # fraction of the labels beyond a first that people told, then
+    labels_at_refit: NDArray[np.int8]  # (n,P) labels of instances that the refit used; -1 none
+    trained_cells: NDArray[np.bool_]  # (O,E,P) whether a classifier has seen a label of the object
+    experience_at_refit: NDArray[np.int64]  # (2,P,E) labeled instances and objects
+    unit_at_refit: float  # labeled instances that make one unit of experience
+    trials_at_refit: int  # that taught
+    told_at_refit: float  # fraction of the labels beyond a first that people told
     percepts_at_refit: NDArray[np.float64]  # (P,E,2,2) of labeled objects, see `Progress`
     percepts: NDArray[np.float64]  # the same now
-    labeled: int  # labels of instances at the refit
+    n_labels_at_refit: int  # of instances, whether the refit used them or not
     levels: Rows  # (n,P) percepts of all instances; -1 unknown
-    counted: Rows  # (n,P) labels that were counted since the refit; -1 none
-    # Models and policies of queries, without and with a bonus: functions of what stands above.
-    answering: dict[Asked, tuple[MOMDP, Policy]] = field(default_factory=dict)
-    exploring: dict[Asked, POMCPPolicy] = field(default_factory=dict)
+    counted_labels: Rows  # (n,P) labels that were counted since the refit; -1 none
+    # Without a bonus, and with one: functions of what stands above, kept until that moves.
+    policies: dict[PlanKey, tuple[MOMDP, Policy]] = field(default_factory=dict)
+    plan_libraries: dict[PlanKey, POMCPPolicy] = field(default_factory=dict)
 
     @classmethod
     def refit(cls, record: Experience, agent: Agent, settings: LearnerSettings) -> Self:
@@ -77,7 +84,7 @@ class Online:
         warn_of_odd(record, sizes)
         detections = views.percepts_given(record, agent.levels)
         data, rows, perception, counts = classify(record, agent, settings, labels, sizes)
-        counted, unit = experienced(record, agent, settings)
+        experience, unit = experience_of(record, agent, settings)
         count_detections(record, counts, data.objects, labels, detections)
         percepts = fractions(record, perception, counts).sum(axis=0)
         object_labels = data.labels
@@ -96,19 +103,19 @@ class Online:
             settings,
             perception=perception,
             knowledge=knowledge,
-            refitted=knowledge,
+            knowledge_at_refit=knowledge,
             sizes=sizes,
-            used=labels_used(record, settings, labels, detections, rows),
-            seen=pairs_seen(record, settings, labels, detections, rows),
-            experienced=counted,
-            unit=unit,
-            trials=views.trials_before(record, ()),
-            told=views.told_fraction(record),
+            labels_at_refit=labels_used(record, settings, labels, detections, rows),
+            trained_cells=trained_cells(record, settings, labels, detections, rows),
+            experience_at_refit=experience,
+            unit_at_refit=unit,
+            trials_at_refit=views.trials_before(record, ()),
+            told_at_refit=views.told_fraction(record),
             percepts=percepts,
             percepts_at_refit=percepts,
-            labeled=int((labels >= 0).sum()),
+            n_labels_at_refit=int((labels >= 0).sum()),
             levels=Rows(np.int8, n_attributes),
-            counted=Rows(np.int8, n_attributes),
+            counted_labels=Rows(np.int8, n_attributes),
         )
         fit.update(np.arange(len(labels)))
         return fit
@@ -117,11 +124,12 @@ class Online:
     def due(self) -> bool:
         """Whether all is to be learned anew: labels have grown, or one that was used changed."""
         labels = views.labels_of(self.record, memory=self.agent.memory)
-        if ((self.used >= 0) & (labels[: len(self.used)] != self.used)).any():
+        used = self.labels_at_refit
+        if ((used >= 0) & (labels[: len(used)] != used)).any():
             return True
         every = self.settings.refit_every
-        grown = int((labels >= 0).sum()) - self.labeled
-        return every is not None and grown >= max(every * self.labeled, 1)
+        grown = int((labels >= 0).sum()) - self.n_labels_at_refit
+        return every is not None and grown >= max(every * self.n_labels_at_refit, 1)
 
     def update(self, rows: NDArray[np.intp]) -> None:
         """Count instances (k,) with the labels that they have now, conjugately."""
@@ -133,9 +141,10 @@ class Online:
         # Objects are the clusters of the posterior: of each that changed, its old counts are taken
         # out and its new ones put in.
         moved = np.zeros(len(domain.attributes), np.bool_)
-        for n in dict.fromkeys(o[(labels != self.counted.values[rows]).any(axis=1)].tolist()):
+        changed = (labels != self.counted_labels.values[rows]).any(axis=1)
+        for n in dict.fromkeys(o[changed].tolist()):
             before = self._counts(self.record.instances_of_object(n))
-            self.counted.values[rows[o == n]] = labels[o == n]
+            self.counted_labels.values[rows[o == n]] = labels[o == n]
             after = self._counts(self.record.instances_of_object(n))
             gained = fractions(self.record, self.perception, after)
             gained -= fractions(self.record, self.perception, before)
@@ -150,10 +159,10 @@ class Online:
         if self.agent.co_occurrence:
             moved |= self.knowledge.co_occurrence.moved(earlier.co_occurrence, len(moved))
         # Policies stay where nothing that they were solved with has moved.
-        self.answering = {
-            (query, limit): answer
-            for (query, limit), answer in self.answering.items()
-            if not moved[domain.columns(query.attributes)].any()
+        self.policies = {
+            key: plan
+            for key, plan in self.policies.items()
+            if not moved[domain.columns(key.query.attributes)].any()
         }
         self._succeed()
 
@@ -165,35 +174,20 @@ class Online:
         pairs = zip(domain.diagram.effects, self.knowledge.domain.diagram.effects, strict=True)
         if any(abs(now.probability - used.probability) > _SAME for now, used in pairs):
             self.knowledge = replace(self.knowledge, domain=domain)
-            self.answering = {}
-            self.exploring = {}
+            self.policies = {}
+            self.plan_libraries = {}
 
     def _perceive_new(self) -> None:
-        """Perceive the instances since the last time: those without features as they were shown."""
-        first = len(self.levels)
-        record = self.record
-        detections = views.percepts_given(record, self.agent.levels)
-        levels = detections.copy()
-        for e in record.domain.recorded:
-            name = record.domain.behavior_names[e]
-            rows = views.sensed(record, self.sizes, name)
-            rows = rows[rows >= first]
-            log_odds = np.zeros((len(rows), levels.shape[1]))
-            classifier = self.perception.classifiers.get(name)
-            if classifier is not None and len(rows):
-                features = {
-                    modality: np.stack([record.features[name, modality][i] for i in rows.tolist()])
-                    for modality in classifier.spaces
-                }
-                log_odds = classifier.log_odds(features)
-            percepts = classifier_levels(log_odds, self.agent.levels)
-            levels[rows] = np.where(detections[rows] >= 0, detections[rows], percepts)
-        self.levels.extend(levels[first:])
-        self.counted.extend(np.full_like(levels[first:], -1))
+        """Perceive the instances since the last time."""
+        levels = levels_since(
+            self.record, self.perception, self.sizes, self.agent.levels, first=len(self.levels)
+        )
+        self.levels.extend(levels)
+        self.counted_labels.extend(np.full_like(levels, -1))
 
     def _counts(self, rows: NDArray[np.intp]) -> NDArray[np.int64]:
         """Count the percepts of instances (k,) as they are labelled, (P,E,2,K)."""
-        labels = self.counted.values[rows]
+        labels = self.counted_labels.values[rows]
         levels = self.levels.values[rows]
         counts = np.zeros(self.knowledge.posterior.counts.shape, np.int64)
         k, p = np.nonzero(labels >= 0)
@@ -204,38 +198,29 @@ class Online:
     def _uncounted(self, rows: NDArray[np.intp]) -> NDArray[np.bool_]:
         """Return which labels of instances (k,) the refit used, or classifiers know too well."""
         instances = self.record.instances.values[rows]
-        nothing = np.zeros_like(self.seen, shape=(1, *self.seen.shape[1:]))  # of objects met since
-        o = np.minimum(instances["object"], len(self.seen))
-        seen = np.concatenate([self.seen, nothing])[o, instances["behavior"]]
-        seen &= views.percepts_given(self.record, self.agent.levels)[rows] < 0
-        used = np.vstack([self.used, np.full((1, self.used.shape[1]), -1)])
-        return np.asarray(seen | (used[np.minimum(rows, len(self.used))] >= 0))
+        # What the refit did not know yet stands at the end: no label used, no classifier trained.
+        new_object = np.zeros_like(self.trained_cells, shape=(1, *self.trained_cells.shape[1:]))
+        trained = np.concatenate([self.trained_cells, new_object])
+        new_instance = np.full((1, self.labels_at_refit.shape[1]), -1)
+        used = np.vstack([self.labels_at_refit, new_instance]) >= 0
+        o = np.minimum(instances["object"], len(self.trained_cells))
+        known = trained[o, instances["behavior"]]
+        known &= views.percepts_given(self.record, self.agent.levels)[rows] < 0
+        return np.asarray(known | used[np.minimum(rows, len(self.labels_at_refit))])
 
     def perceive(self, instance: Instance) -> Labels:
-        """Return the percept levels (P,) of what was sensed; -1 unknown.
+        """Return the percept levels (P,) of what was sensed; -1 unknown."""
+        return levels_of(self.record, self.perception, self.sizes, self.agent.levels, instance)
 
-        What a detector says holds; features of another size than learned from show nothing.
-        """
-        domain = self.record.domain
-        levels = self.record.no_labels
-        expected = self.expected_sizes
-        fitted = {
-            modality: values
-            for modality, values in (instance.features or {}).items()
-            if len(values) == expected.get((instance.behavior, modality), len(values))
-        }
-        if fitted:
-            of_all = Query(domain.attributes)
-            log_odds = self.perception.log_odds(replace(instance, features=fitted), of_all)
-            levels = classifier_levels(log_odds, self.agent.levels)
-        detected = detected_levels(instance.percepts, domain, self.agent.levels)
-        return np.where(detected >= 0, detected, levels).astype(np.int8)
+    @property
+    def teaches(self) -> bool:
+        """Yes: trials with a robot become experience."""
+        return True
 
     @property
     def expected_sizes(self) -> dict[Context, int]:
         """Number of features of each context of which there are classifiers."""
-        sizes = zip(self.record.domain.contexts, self.sizes.tolist(), strict=True)
-        return {context: n for context, n in sizes if context[0] in self.perception.classifiers}
+        return expected_sizes(self.record, self.perception, self.sizes)
 
     @property
     def limit(self) -> NDArray[np.float64]:
@@ -246,7 +231,18 @@ class Online:
     def perceiver(self) -> Perceiver:
         """The classifiers, or draws from the learned tables in place of what came."""
         drawn = self.settings.drawn
-        return self.perception if drawn is None else sampled(self.refitted, drawn)
+        return self.perception if drawn is None else sampled(self.knowledge_at_refit, drawn)
+
+    def perceiving(
+        self,
+        task: Task,
+        momdp: MOMDP,
+        lock: AbstractContextManager[Any],
+        on_step: OnStep,
+    ) -> tuple[Perceiver, OnStep]:
+        """Return what perceives a trial, and records its steps where it is to be learned from."""
+        recorder = RecordingPerceiver(self, task, momdp, lock, on_step)
+        return recorder, recorder.record if task.learn else on_step
 
     def truth(self, query: Query) -> None:
         """Return nothing: of a robot's object it is not known."""
@@ -256,24 +252,24 @@ class Online:
 
         At the refit the object is a new one.
         """
-        e, p = self.seen.shape[1:]
+        e, p = self.trained_cells.shape[1:]
         at_refit = Progress(
-            knowledge=replace(self.refitted, domain=self.knowledge.domain),
-            horizon=Horizon(self.trials, self.settings.horizon),
+            knowledge=replace(self.knowledge_at_refit, domain=self.knowledge.domain),
+            horizon=Horizon(self.trials_at_refit, self.settings.horizon),
             reward=self.settings.reward,
             discount=self.agent.discount,
             percepts=self.percepts_at_refit,
-            told=self.told,
-            unit=self.unit,
-            instances=self.experienced[0],
-            objects=self.experienced[1],
+            told=self.told_at_refit,
+            unit=self.unit_at_refit,
+            instances=self.experience_at_refit[0],
+            objects=self.experience_at_refit[1],
             fresh=np.ones((p, e), bool),
             labeled=np.zeros(p, bool),
         )
         if object_name is None:
             return at_refit
         record = self.record
-        (instances, objects), unit = experienced(record, self.agent, self.settings)
+        (instances, objects), unit = experience_of(record, self.agent, self.settings)
         now = replace(
             at_refit,
             knowledge=self.knowledge,
@@ -292,6 +288,10 @@ class Online:
             now, fresh=fresh, labeled=(record.object_labels.values[o] >= 0) & self.agent.memory
         )
 
+    def problem(self, task: Task, limit: ArrayLike) -> MOMDP:
+        """Return the MOMDP of a task that somebody commands."""
+        return problem_of(self, task, limit)
+
     def plan(
         self, task: Task, streams: Key, *, limit: ArrayLike, explore: bool
     ) -> tuple[MOMDP, Policy]:
@@ -307,14 +307,15 @@ class Online:
         if recognized:
             momdp = problem_of(self, task, limit)
             return momdp, solve(self, task, streams, momdp)
-        key = task.query, limits_of(self, limit).tobytes()
-        if key in self.answering:
-            return self.answering[key]
+        # A bonus moves with every trial; without one a plan holds until the posterior moves.
+        key = PlanKey(task.query, limits_of(self, limit).tobytes())
+        if key in self.policies:
+            return self.policies[key]
         momdp = problem_of(self, task, limit)
         policy = solve(self, task, streams, momdp)
         if getattr(policy, "deterministic", False):
-            policy = MemoizedPolicy(policy)  # until the posterior moves
-            self.answering[key] = momdp, policy
+            policy = MemoizedPolicy(policy)
+            self.policies[key] = momdp, policy
         return momdp, policy
 
     def _plan_shaped(
@@ -330,10 +331,10 @@ class Online:
         momdp = add_bonus(exploration, problem_of(self, task, limit), self.progress(task, name))
         if not explore or not isinstance(self.agent.planner(self.knowledge.domain, query), POMCP):
             return momdp, solve(self, task, streams, momdp)
-        key = query, limits_of(self, limit).tobytes()
-        if key not in self.exploring:
+        key = PlanKey(query, limits_of(self, limit).tobytes())
+        if key not in self.plan_libraries:
             refitted = replace(self, knowledge=self.progress(task).knowledge)
             usual = problem_of(refitted, task, limit, recognize=False)
             usual = add_bonus(exploration, usual, self.progress(task))
-            self.exploring[key] = cast(POMCPPolicy, solve(self, task, streams, usual))
-        return momdp, self.exploring[key].sharing_plans(momdp)
+            self.plan_libraries[key] = cast(POMCPPolicy, solve(self, task, streams, usual))
+        return momdp, self.plan_libraries[key].sharing_plans(momdp)

@@ -1,8 +1,8 @@
 """What a trial leaves in the record: executions, what was sensed and perceived of them."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import AbstractContextManager
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,11 +14,21 @@ from meal_bayes.datasets.levels import classifier_levels
 from meal_bayes.display import warn_caller
 from meal_bayes.domain import Query, unknown
 from meal_bayes.errors import SettingsError
-from meal_bayes.learner.columns import NONE
+from meal_bayes.learner.columns import NONE, Labels
 from meal_bayes.learner.experience import Experience
-from meal_bayes.learner.online import Online
+from meal_bayes.learner.fit import Fit, OnStep
 from meal_bayes.momdp import MOMDP
+from meal_bayes.perception import Perception
 from meal_bayes.trials import Step, Task, Trial
+
+
+class RobotFit(Fit, Protocol):
+    """What an agent knows that asks a robot: classifiers, for what its sensors say."""
+
+    perception: Perception
+
+    def perceive(self, instance: Instance) -> Labels:
+        """Return the percept levels (P,) of what was sensed; -1 unknown."""
 
 
 class RecordingPerceiver:
@@ -26,11 +36,11 @@ class RecordingPerceiver:
 
     def __init__(
         self,
-        fit: Online,
+        fit: RobotFit,
         task: Task,
         momdp: MOMDP,
         lock: AbstractContextManager[Any],
-        on_step: Callable[[Step], None] | None,
+        on_step: OnStep,
     ) -> None:
         self._fit = fit
         self._task = task
@@ -70,7 +80,8 @@ class RecordingPerceiver:
 
     def record(self, step: Step) -> None:
         """Record an executed step; what was recorded before a restart is not recorded again."""
-        last, self._last = self._last, None
+        last = self._last
+        self._last = None
         if last is None and step.sensed is not None:  # before a restart, by the same classifiers
             last = step.sensed, self._fit.perceive(step.sensed)
         if self._known:

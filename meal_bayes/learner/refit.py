@@ -98,7 +98,7 @@ def labels_used(
     return used.astype(np.int8)
 
 
-def pairs_seen(
+def trained_cells(
     record: Experience,
     settings: LearnerSettings,
     labels: Labels,
@@ -120,7 +120,7 @@ def pairs_seen(
     return seen
 
 
-def experienced(
+def experience_of(
     record: Experience, agent: Agent, settings: LearnerSettings
 ) -> tuple[NDArray[np.int64], float]:
     """Count labelled instances and objects, (2,P,E), and those that make one unit of Eq. 10."""

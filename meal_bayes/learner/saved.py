@@ -47,7 +47,7 @@ _ROWS = ("instances", "levels", "detected", "labels", "executions", "feedback", 
 _FITTED = tuple(
     field.name
     for field in fields(Online)
-    if field.name not in ("record", "agent", "settings", "answering", "exploring")
+    if field.name not in ("record", "agent", "settings", "policies", "plan_libraries")
 )
 
 
@@ -227,14 +227,20 @@ def _fitted(
     domain = experience.domain
     p, e = len(domain.attributes), len(domain.behaviors)
     shape = p, e, 2, agent.levels
-    if any(state[name].posterior.counts.shape != shape for name in ("knowledge", "refitted")):
+    if any(
+        state[name].posterior.counts.shape != shape for name in ("knowledge", "knowledge_at_refit")
+    ):
         raise ValueError("what was counted does not fit attributes, behaviors and levels")
     n = len(experience.instances)
-    for name in ("levels", "counted"):
+    for name in ("levels", "counted_labels"):
         values = state[name]
         state[name] = Rows(np.int8, p)
         state[name].extend(values)
-    arrays = ("used", (-1, 2)), ("levels", (-1, agent.levels)), ("counted", (-1, 2))
+    arrays = (
+        ("labels_at_refit", (-1, 2)),
+        ("levels", (-1, agent.levels)),
+        ("counted_labels", (-1, 2)),
+    )
     for name, (least, end) in arrays:
         values = state[name].values if isinstance(state[name], Rows) else state[name]
         if (
@@ -243,15 +249,20 @@ def _fitted(
             or ((values < least) | (values >= end)).any()
         ):
             raise ValueError(f"{name} does not fit the instances")
-    if state["seen"].shape[1:] != (e, p) or len(state["seen"]) > len(experience.objects):
-        raise ValueError("seen does not fit the objects")
+    if state["trained_cells"].shape[1:] != (e, p) or len(state["trained_cells"]) > len(
+        experience.objects
+    ):
+        raise ValueError("trained_cells does not fit the objects")
     percepts = np.stack([state["percepts"], state["percepts_at_refit"]])
     if percepts.shape != (2, p, e, 2, 2) or not (percepts >= 0).all():
         raise ValueError("percepts of labeled objects do not fit attributes and behaviors")
-    if state["experienced"].shape != (2, p, e) or state["sizes"].shape != (len(domain.contexts),):
+    if state["experience_at_refit"].shape != (2, p, e) or state["sizes"].shape != (
+        len(domain.contexts),
+    ):
         raise ValueError("what was experienced does not fit attributes and behaviors")
     if settings.classifier is not None:
-        used, sizes = state["used"], state["sizes"]
+        used = state["labels_at_refit"]
+        sizes = state["sizes"]
         state["perception"] = classify(experience, agent, settings, used, sizes)[2]
     return Online(experience, agent, settings, **state)
 

@@ -16,11 +16,8 @@ from meal_bayes.datasets import PerceptTable, object_index
 from meal_bayes.domain import TERMINAL, Domain, Query, read_query, read_question
 from meal_bayes.errors import LogError, SettingsError
 from meal_bayes.kinds import checked
-from meal_bayes.learner.columns import Context, unnamed
-from meal_bayes.learner.fit import Fit, problem_of, solve
-from meal_bayes.learner.held_out import HeldOut
-from meal_bayes.learner.online import Online
-from meal_bayes.learner.recording import RecordingPerceiver
+from meal_bayes.learner.columns import unnamed
+from meal_bayes.learner.fit import Fit, solve
 from meal_bayes.momdp import MOMDP
 from meal_bayes.planners import Policy
 from meal_bayes.robots import OutcomeChecker, Robot
@@ -225,8 +222,8 @@ def session_of(
 ) -> Session:
     """Return the session of a task whose random streams `key` names; replays teach nothing."""
     domain = fit.record.domain
-    learn = options.learn and isinstance(fit, Online)
-    if isinstance(fit, Online):
+    learn = options.learn and fit.teaches
+    if fit.teaches:
         task = replace(task, learn=learn)
     with lock:
         momdp, policy = plan_of(fit, task, key, options, explore=learn)
@@ -235,14 +232,8 @@ def session_of(
     truth = options.truth
     if isinstance(truth, Mapping):
         truth = domain.labels(truth)[domain.columns(task.query.attributes)]
-    perceiver = fit.perceiver
-    on_step = options.on_step
-    sizes: dict[Context, int] = {}
-    if isinstance(fit, Online):
-        perceiver = recorder = RecordingPerceiver(fit, task, momdp, lock, on_step)
-        on_step = recorder.record if learn else on_step
-        sizes = fit.expected_sizes
-    checker = OutcomeChecker(domain, object_index=task.object_index, sizes=sizes)
+    perceiver, on_step = fit.perceiving(task, momdp, lock, options.on_step)
+    checker = OutcomeChecker(domain, object_index=task.object_index, sizes=fit.expected_sizes)
     return Session(
         task,
         momdp,
@@ -266,10 +257,7 @@ def plan_of(
 ) -> tuple[MOMDP, Policy | None]:
     """Return the problem of a task and who decides; None where somebody commands."""
     if options.commanded:
-        if isinstance(fit, HeldOut) and np.isinf(options.limit).all():
-            momdp = fit.problem(task)
-        else:
-            momdp = problem_of(fit, task, options.limit)
+        momdp = fit.problem(task, options.limit)
         allows = options.abstain and not momdp.abstain
         return replace(momdp, abstain=True) if allows else momdp, None
     momdp, policy = fit.plan(task, key, limit=options.limit, explore=explore)

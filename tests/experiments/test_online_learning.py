@@ -97,7 +97,8 @@ def learned(trials, run):
     return {
         "trials": [facts(trial) for trial in trials],
         "experience": [
-            getattr(experience, name).values.tolist() for name in ("instances", "labels", "known")
+            getattr(experience, name).values.tolist()
+            for name in ("instances", "labels", "object_labels")
         ],
         "counts": knowledge.posterior.counts.tolist(),
         "tables": knowledge.posterior.concentration.tolist(),

@@ -239,11 +239,13 @@ HOSTILE = {
     "another class": state(lambda table: table["perception"].update({"class": "system"})),
     "no perception": state(lambda table: table.pop("perception")),
     "no classifiers": state(lambda table: table["perception"]["fields"].pop("classifiers")),
-    "text for counts": state(lambda table: table.update({"counted": "y"})),
-    "an array of objects": state(lambda table: table["seen"].update({"dtype": "|O"})),
-    "an array that is not there": state(lambda table: table["seen"].update({"array": "../x"})),
-    "labels for knowledge": state(lambda table: table.update({"knowledge": table["seen"]})),
-    "fewer percepts than instances": state(lambda table: table.update({"levels": table["seen"]})),
+    "text for counts": state(lambda table: table.update(counted_labels="y")),
+    "an array of objects": state(lambda table: table["trained_cells"].update(dtype="|O")),
+    "an array that is not there": state(lambda table: table["trained_cells"].update(array="../x")),
+    "labels for knowledge": state(lambda table: table.update(knowledge=table["trained_cells"])),
+    "fewer percepts than instances": state(
+        lambda table: table.update(levels=table["trained_cells"])
+    ),
     "nested": lambda members: members.update({"learner.json": b"[" * 100_000}),
     "no text": lambda members: members.pop("learner.json"),
     "not JSON": lambda members: members.update({"learner.json": b"\xff\xfe"}),
