@@ -29,6 +29,7 @@ ONCE = [  # how a rule is written, where alone, and what others call
     (r"2\.0 / sizes", "perception/kernel_ridge.py", "object_weights: what a recording weighs"),
     (r"\(mean \* \(1 - mean\) / |, 0\.99\)|1 \+ progress\.percepts",
      "agents/label_prices.py", "rate_moments, uncertain, Progress.beta: rates of a Beta"),
+    (r"idle=.* and ", "momdp/model.py", "MOMDP.charged_for: what failed, and cost so much"),
     (r"n't\"\)", "domain/words.py", "contracts_not"),
     (r"youden\(.*\) *(>|<)", "perception/confusion.py", "informative: which pairs tell anything"),
 ]  # fmt: skip

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meal_bayes.arrays import FrozenArrays, check_place
+from meal_bayes.domain import TERMINAL
 from meal_bayes.errors import SettingsError
 from meal_bayes.kinds import checked
 from meal_bayes.momdp.belief import initial_belief
@@ -19,9 +20,11 @@ _LARGEST = 1_000_000  # numbers in a file; as .pomdp some 60 MB, more than solve
 _DENSE = 20_000_000  # entries of O in dense arrays, 160 MB
 
 _SAME = 1e-9  # probabilities that differ by less are rounded alike
+NOTHING = "na"  # in files, the observation of all that shows no percept,
+DONE = "done"  # and, where x is not observed, of an x that has changed
 _RESERVED = {
     "T", "O", "R", "discount", "values", "reward", "cost", "states", "actions", "observations",
-    "start", "include", "exclude", "uniform", "identity", "reset", "term", "na", "done", "null",
+    "start", "include", "exclude", "uniform", "identity", "reset", "null", TERMINAL, NOTHING, DONE,
 }  # fmt: skip
 
 
@@ -188,7 +191,7 @@ def file_tables(momdp: MOMDP) -> FileTables:
     reached = transition > 0
     reached[:, -1] = reached[:, :, -1] = False  # in and into `term` nothing is perceived
     return FileTables(
-        x_names=(*_identifiers(momdp.x_names[:-1], ()), "term"),
+        x_names=(*_identifiers(momdp.x_names[:-1], ()), TERMINAL),
         y_names=y_names,
         action_names=(*_identifiers(momdp.behavior_names, answers), *answers),
         percept_names=tuple("p" + separator.join(map(str, index)) for index in levels),

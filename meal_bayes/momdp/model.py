@@ -21,6 +21,14 @@ ARRAYS = {  # of a MOMDP: N attributes, E behaviors, X states, C latent classes,
 }  # fmt: skip
 
 
+def nothing_happened(x: int, next_x: int, *, perceived: bool) -> bool:
+    """Return whether an execution failed as a model sees it: x stayed, and no percept came.
+
+    `MOMDP.idle` is how likely that is.
+    """
+    return x == next_x and not perceived
+
+
 @checked
 @dataclass(frozen=True, slots=True)
 class MOMDP:
@@ -279,6 +287,10 @@ class MOMDP:
     def charged(self, behavior: int, *, idle: bool) -> float:
         """Return what an execution costs, s; what fails, so that nothing happens, costs as much."""
         return float(self._outcome_costs()[int(idle)][behavior])
+
+    def charged_for(self, behavior: int, x: int, next_x: int, *, perceived: bool) -> float:
+        """Return what an execution cost that led from one x to the next, s."""
+        return self.charged(behavior, idle=nothing_happened(x, next_x, perceived=perceived))
 
     def expected_cost(self) -> NDArray[np.float64]:
         """Return what an execution costs before its outcome is known, (X,E), s."""

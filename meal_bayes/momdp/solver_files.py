@@ -16,10 +16,17 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from meal_bayes.domain import TERMINAL
 from meal_bayes.errors import SettingsError
 from meal_bayes.files import draft_of
 from meal_bayes.kinds import checked
-from meal_bayes.momdp.flat_pomdp import FileTables, file_tables, percept_probabilities
+from meal_bayes.momdp.flat_pomdp import (
+    DONE,
+    NOTHING,
+    FileTables,
+    file_tables,
+    percept_probabilities,
+)
 from meal_bayes.momdp.model import MOMDP
 
 
@@ -92,19 +99,19 @@ def _pomdp(momdp: MOMDP, tables: FileTables) -> Iterator[str]:
     yield f"# digits behind p, 1 true and 0 false: {_remark(', '.join(momdp.query.attributes))}"
     yield f"discount: {_number(momdp.discount)}"
     yield "values: reward"
-    yield f"states: {' '.join(map(' '.join, states))} term"
+    yield f"states: {' '.join(map(' '.join, states))} {TERMINAL}"
     yield f"actions: {' '.join(tables.action_names)}"
-    yield f"observations: {' '.join(percepts)} na done"
+    yield f"observations: {' '.join(percepts)} {NOTHING} {DONE}"
     yield f"start: {' '.join(map(_number, start.ravel()))} 0.0"
     for action, name in enumerate(tables.action_names):
-        yield f"T: {name} : * : term 1.0"
-        yield f"O: {name} : * : na 1.0"
+        yield f"T: {name} : * : {TERMINAL} 1.0"
+        yield f"O: {name} : * : {NOTHING} 1.0"
         if action < momdp.n_behaviors:
             yield from _behavior(momdp, tables, action, states)
         reward = tables.reward[:-1, :, action]
         base = _most_frequent(reward)
         yield f"R: {name} : * : * : * {_number(base)}"
-        yield f"R: {name} : term : * : * 0.0"
+        yield f"R: {name} : {TERMINAL} : * : * 0.0"
         for x, y in np.argwhere(reward != base):
             yield f"R: {name} : {states[x][y]} : * : * {_number(reward[x, y])}"
 
@@ -115,7 +122,7 @@ def _behavior(momdp: MOMDP, tables: FileTables, e: int, states: list[list[str]])
     for x in np.flatnonzero(tables.transition[e, :-1, -1] != 1):
         row = tables.transition[e, x]
         for y, state in enumerate(states[x]):
-            yield f"T: {name} : {state} : term {_number(row[-1])}"
+            yield f"T: {name} : {state} : {TERMINAL} {_number(row[-1])}"
             for target in np.flatnonzero(row[:-1]):
                 yield f"T: {name} : {state} : {states[target][y]} {_number(row[target])}"
     for x in np.flatnonzero(tables.comes[e] + tables.moves[e]):
@@ -123,9 +130,9 @@ def _behavior(momdp: MOMDP, tables: FileTables, e: int, states: list[list[str]])
         silent = 1 - tables.comes[e, x]
         moves = tables.moves[e, x]
         for state, row in zip(states[x], percept_probabilities(momdp, e), strict=True):
-            yield f"O: {name} : {state} : na {_number(0.0 if moves else silent)}"
+            yield f"O: {name} : {state} : {NOTHING} {_number(0.0 if moves else silent)}"
             if moves and silent > 0:
-                yield f"O: {name} : {state} : done {_number(silent)}"
+                yield f"O: {name} : {state} : {DONE} {_number(silent)}"
             for z in np.flatnonzero(comes * row):
                 yield f"O: {name} : {state} : {tables.percept_names[z]} {_number(comes * row[z])}"
 
@@ -146,7 +153,7 @@ def _pomdpx(momdp: MOMDP, tables: FileTables) -> Iterator[str]:
     yield "<Variable>"
     yield f'<StateVar vnamePrev="x0v" vnameCurr="x1v" fullyObs="true">{_values(states)}</StateVar>'
     yield f'<StateVar vnamePrev="y0v" vnameCurr="y1v">{_values(hidden)}</StateVar>'
-    yield f'<ObsVar vname="o">{_values((*tables.percept_names, "na"))}</ObsVar>'
+    yield f'<ObsVar vname="o">{_values((*tables.percept_names, NOTHING))}</ObsVar>'
     yield f'<ActionVar vname="a">{_values(actions)}</ActionVar>'
     yield '<RewardVar vname="r"/>'
     yield "</Variable>"

@@ -16,6 +16,7 @@ from meal_bayes.errors import SettingsError
 from meal_bayes.kinds import checked
 from meal_bayes.momdp import MOMDP, Belief, answer_value, best_answer, best_report
 from meal_bayes.momdp.belief import next_percept
+from meal_bayes.momdp.model import nothing_happened
 from meal_bayes.planners.momdp_arrays import dynamics_of
 from meal_bayes.planners.open_loop.candidates import diagram_of
 from meal_bayes.planners.open_loop.growth import ShortestPaths
@@ -123,8 +124,7 @@ class Predefined:
         position = 0
         x = momdp.start
         for perceived, next_x in zip(history.perceived, history.moved, strict=True):
-            # A failure leaves no trace: no percept, and the state as it was.
-            failed = not perceived and next_x == x
+            failed = nothing_happened(x, next_x, perceived=perceived)
             position += not (failed and self.persistent)
             x = next_x
         if position < len(self.sequence):

@@ -129,7 +129,7 @@ def _episode(world: MOMDP, policy: Policy, rng: np.random.Generator, max_steps: 
             break
         world.check_action(belief.x, action)
         x, percept = _execute(world, belief, action, rows, world_rng)
-        cost = world.charged(action, idle=x == belief.x and percept is None)
+        cost = world.charged_for(action, belief.x, x, perceived=percept is not None)
         value -= scale * cost
         scale *= world.discount
         after = update_belief(belief, world, Transition(action, x, percept))

@@ -259,7 +259,7 @@ def _executed(momdp: MOMDP, history: History, action: int, rng: np.random.Genera
         rows = np.einsum("nc,nck->nk", np.exp(belief.log_prob), momdp.confusion[:, action])
         percept = np.array([rng.choice(np.flatnonzero(row > 0)) for row in rows])
     after = update_belief(belief, momdp, Transition(action, x, percept))
-    cost = momdp.charged(action, idle=x == belief.x and percept is None)
+    cost = momdp.charged_for(action, belief.x, x, perceived=percept is not None)
     return history.after(after, action, percept is not None, cost)
 
 

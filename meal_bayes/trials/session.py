@@ -207,7 +207,7 @@ class Session(OneCaller):
             execution = execution.failure()
         percept, warning = self._percepts.read(execution, action, self.history)
         next_x = execution.next_x
-        cost = self.momdp.charged(action, idle=next_x == x and percept is None)
+        cost = self.momdp.charged_for(action, x, next_x, perceived=percept is not None)
         belief = update_belief(self.belief, self.momdp, Transition(action, next_x, percept))
         self._decision = None
         step_taken = Step(
