@@ -50,7 +50,10 @@ from meal_bayes.planners.open_loop.policy import OpenLoop
 from meal_bayes.planners.solver import Decision, History, choose
 
 _FINER = 8  # times `points` are those of the estimate, and of the bound of _MANY attributes
-_MANY = 5  # of fewer, the bound has points enough
+# Attributes that a table holds, at most: with a sixth the coarsest grid, of seven points or more an
+# axis, is larger than the default `points` (`_coarsest` refuses it). With fewer, the bound has
+# points enough.
+_MANY = 5
 _SWEEPS = 1_000  # at most; a table is a bound after any number of them
 _SETTLED = 0.05  # of the tolerance: a sweep that changes less is the last
 _SMOOTH_SWEEPS = 150  # the same of the estimate

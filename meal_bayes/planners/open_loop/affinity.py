@@ -11,7 +11,7 @@ import numpy as np
 from meal_bayes.arrays import Floats, yes_of
 from meal_bayes.momdp.observation import predictive
 from meal_bayes.momdp.reports import Conjunction, mean_reward
-from meal_bayes.planners.momdp_arrays import MOMDPArrays
+from meal_bayes.planners.momdp_arrays import MOMDPArrays, paid_share
 from meal_bayes.planners.open_loop.candidates import Candidates
 
 # Of 0 to 7 percepts of a behavior; of more, growth extrapolates and sifting takes those of 7.
@@ -52,7 +52,7 @@ def estimate_values(
         value += lost * _estimate_answers(model, probabilities, np.ones((len(affinity), 1)))
     if model.shaped:
         planned = candidates.observation_counts
-        fraction = np.minimum(1.0, model.bonus_limit / np.maximum(planned, 1)) * (planned > 0)
+        fraction = paid_share(model.bonus_limit, 0.0, planned) * (planned > 0)
         pay = model.bonus.mean(axis=2).sum(axis=0)
         value += (fraction * candidates.expected_percepts) @ pay
     return np.asarray(value)

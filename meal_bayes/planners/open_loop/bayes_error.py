@@ -28,6 +28,30 @@ predictive = kernel(observation_predictive)
 mean_reward = kernel(reward_formula)
 
 
+@kernel
+def log_odds(b):
+    """Compute the log-odds of a probability, finite at 0 and 1."""
+    return np.log((b + 1e-300) / (1.0 - b + 1e-300))
+
+
+@kernel
+def threshold_below(odds, thresholds):
+    """Return the threshold at or below log-odds, the last but one at most, as two are compared.
+
+    Thresholds are even in log-odds from -SPAN to SPAN, so that none is searched for; `_first_yes`
+    is the inverse, and tabulates by the same spacing.
+    """
+    g = int((odds + SPAN) * ((thresholds - 1) / (2.0 * SPAN)))
+    return min(max(g, 0), thresholds - 2)
+
+
+@kernel
+def _first_yes(log_ratio, thresholds):
+    """Return the threshold from which on an outcome speaks for yes; `thresholds` where none is."""
+    g = int(np.ceil((SPAN - log_ratio) * ((thresholds - 1) / (2.0 * SPAN))))
+    return min(max(g, 0), thresholds)
+
+
 class Evidence(NamedTuple):
     """The percepts of a trial so far: the state of a finite-precision belief, besides x."""
 
@@ -250,7 +274,6 @@ def tabulate_errors(percepts, counts, attribute, scratch, table):
     thresholds = table.shape[1]
     classes = table.shape[2]
     bins = scratch.bins
-    scale = (thresholds - 1) / (2.0 * SPAN)
     for t in range(table.shape[0]):
         i = attribute[t]
         scratch.outcomes[:, 0] = 1.0
@@ -259,8 +282,7 @@ def tabulate_errors(percepts, counts, attribute, scratch, table):
         # From threshold g on an outcome speaks for yes.
         bins[:, : thresholds + 1] = 0.0
         for a in range(m):
-            g = int(np.ceil((SPAN - _log_ratio(scratch.truths, a)) * scale))
-            g = min(max(g, 0), thresholds)
+            g = _first_yes(_log_ratio(scratch.truths, a), thresholds)
             for c in range(classes):
                 bins[c, g] += scratch.outcomes[c, a]
         # Pr(error | class) = Pr(false | class) Pr(yes | class) + Pr(true | class) Pr(no | class)

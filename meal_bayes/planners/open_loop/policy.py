@@ -17,7 +17,7 @@ from meal_bayes.momdp import MOMDP, Belief
 from meal_bayes.momdp.observation import predictive, sample_rows
 from meal_bayes.momdp.truths import truths_of
 from meal_bayes.planners.kernel_calls import plan_values
-from meal_bayes.planners.momdp_arrays import MOMDPArrays, arrays_of
+from meal_bayes.planners.momdp_arrays import MOMDPArrays, arrays_of, paid_share
 from meal_bayes.planners.open_loop.library import plan_library
 from meal_bayes.planners.open_loop.values import Plans
 from meal_bayes.planners.solver import Decision, History, choose
@@ -92,8 +92,7 @@ class OpenLoopPolicy:
         if model.shaped:
             truth = np.stack([1 - belief.positive, belief.positive], axis=1)  # (N,2)
             bonus = (model.bonus * truth[:, None]).sum(axis=(0, 2))  # (E,)
-            unpaid = np.maximum(model.bonus_limit - total, 0.0)
-            fraction = np.minimum(1.0, unpaid / np.maximum(planned, 1))
+            fraction = paid_share(model.bonus_limit, total, planned)
             pay = (self.plans.expected_percepts[from_x] * fraction * (coming > 0)) @ bonus
             value += pay
         best = np.full(momdp.n_behaviors, -np.inf)

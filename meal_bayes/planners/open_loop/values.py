@@ -14,15 +14,18 @@ from numpy.typing import NDArray
 
 from meal_bayes.arrays import Floats, Ints
 from meal_bayes.planners.jit import called_kernel, kernel
-from meal_bayes.planners.momdp_arrays import MOMDPArrays
+from meal_bayes.planners.momdp_arrays import MOMDPArrays, paid_share
 from meal_bayes.planners.open_loop.bayes_error import (
-    SPAN,
     Scratch,
+    log_odds,
     make_scratch,
     mean_reward,
     plan_error,
+    threshold_below,
 )
 from meal_bayes.planners.open_loop.yes_or_no import planned_yes_or_no, yes_or_no_value
+
+_paid_share = kernel(paid_share)
 
 COMPUTED = 6  # plans of a first behavior that are computed at one belief, at most
 
@@ -124,8 +127,7 @@ def _bonus(evaluator, j):
     for e in range(plans.observation_counts.shape[1]):
         counts = plans.observation_counts[j, e]
         if counts > 0:
-            # Of the plan's percepts, the first ones are paid: so many as the trial has to pay yet.
-            fraction = min(1.0, max(0.0, model.bonus_limit[e] - scratch.evidence.total[e]) / counts)
+            fraction = _paid_share(model.bonus_limit[e], scratch.evidence.total[e], counts)
             for i in range(scratch.chance.shape[0]):
                 b = scratch.chance[i]
                 mean = b * model.bonus[i, e, 1] + (1.0 - b) * model.bonus[i, e, 0]
@@ -235,12 +237,9 @@ def _locate(evaluator, prob):
     scratch = evaluator.scratch
     thresholds = evaluator.plans.table.shape[1]
     for i in range(prob.shape[0]):
-        # Thresholds are even in log-odds from -SPAN to SPAN, and so in reach without a search.
         b = true_chance(evaluator.model.percepts, prob, i)
-        odds = np.log((b + 1e-300) / (1.0 - b + 1e-300))
-        g = int((odds + SPAN) * ((thresholds - 1) / (2.0 * SPAN)))
         scratch.chance[i] = b
-        scratch.threshold[i] = min(max(g, 0), thresholds - 2)
+        scratch.threshold[i] = threshold_below(log_odds(b), thresholds)
 
 
 @kernel

@@ -11,7 +11,13 @@ time.
 import numpy as np
 
 from meal_bayes.planners.jit import kernel
-from meal_bayes.planners.open_loop.bayes_error import SPAN, mean_reward, plan_rates
+from meal_bayes.planners.open_loop.bayes_error import (
+    SPAN,
+    log_odds,
+    mean_reward,
+    plan_rates,
+    threshold_below,
+)
 
 _ROUNDS = 3  # in which the thresholds are improved
 
@@ -69,9 +75,8 @@ def _decide_literal(evaluator, t, prob, i, weights):
     if weights[1] > 0.0:
         # Yes where Pr(z | true) / Pr(z | false) times these odds exceeds 1.
         ratio = np.log((weights[1] + 1e-300) / (weights[0] + 1e-300))
-        odds = np.log((b + 1e-300) / (1.0 - b + 1e-300)) + (ratio if literal else -ratio)
-        g = int((min(max(odds, -SPAN), SPAN) + SPAN) * ((thresholds - 1) / (2.0 * SPAN)))
-        g = min(max(g, 0), thresholds - 2)
+        odds = log_odds(b) + (ratio if literal else -ratio)
+        g = threshold_below(min(max(odds, -SPAN), SPAN), thresholds)
         best = _score(evaluator, t, g, prob, i, weights)
         beside = _score(evaluator, t, g + 1, prob, i, weights)
         step = 1 if beside > best else -1
