@@ -25,15 +25,31 @@ class Look(NamedTuple):
     margins: tuple[float, float]  # left and right of the axis of seconds, of the width
     bands: tuple[float, float, float]  # heights
     dark: bool
+    narrow: bool  # for a phone
 
-    def color(self, place: int) -> str:
+    @property
+    def label_rows(self) -> int:
+        """Lines of a label at an end of a belief: its name and number, in two where narrow."""
+        return 2 if self.narrow else 1
+
+    @property
+    def title_lines(self) -> int:
+        """Lines of the answer in the title, at most."""
+        return 2 if self.narrow else 1
+
+    @property
+    def title_font(self) -> float:
+        """Size of the title, points."""
+        return self.font * (1.05 if self.narrow else 1.25)
+
+    def color(self, index: int) -> str:
         """Return the color of an attribute, which is lighter on a dark ground."""
-        color = attribute_color(place)
+        color = attribute_color(index)
         return lightened(color) if self.dark else color
 
-    def text_color(self, place: int) -> str:
+    def text_color(self, index: int) -> str:
         """Return the color in which text names an attribute."""
-        return readable(self.color(place), dark=self.dark)
+        return readable(self.color(index), dark=self.dark)
 
 
 def look_of(*, dark: bool, narrow: bool) -> Look:
@@ -41,14 +57,35 @@ def look_of(*, dark: bool, narrow: bool) -> Look:
     ink, soft, block = (
         ("#E8EBEF", "#A9B2BD", "#3A4450") if dark else ("#1C2430", "#5D6876", "#E4E8ED")
     )
-    if narrow:
-        return Look(4.0, 5.6, 9.0, ink, soft, block, (0.19, 0.2), (1.3, 2.5, 1.0), dark)
-    return Look(12.0, 4.8, 12.0, ink, soft, block, (0.125, 0.15), (1.05, 2.2, 1.0), dark)
+    wide = Look(
+        width=12.0,
+        height=4.8,
+        font=12.0,
+        ink=ink,
+        soft=soft,
+        block=block,
+        margins=(0.125, 0.15),
+        bands=(1.05, 2.2, 1.0),
+        dark=dark,
+        narrow=False,
+    )
+    if not narrow:
+        return wide
+    return wide._replace(
+        width=4.0,
+        height=5.6,
+        font=9.0,
+        margins=(0.19, 0.2),
+        bands=(1.3, 2.5, 1.0),
+        narrow=True,
+    )
 
 
 def top_of(look: Look) -> float:
     """Return where the bands end below the title, as a fraction of the height."""
-    return 1 - (5.4 if look.width < 6 else 4.1) * look.font * HEIGHT / 72 / look.height
+    # Question, answer and the caption of the first band, in lines of the font.
+    lines = 5.4 if look.narrow else 4.1
+    return 1 - lines * look.font * HEIGHT / 72 / look.height
 
 
 def bottom_of(look: Look) -> float:
@@ -67,21 +104,23 @@ class Words:
         self._boxes = list[tuple[float, float, float, float]]()
 
     def write(
-        self, word: str, at: tuple[float, float], room: float, color: str, *, up: bool
+        self, word: str, point: tuple[float, float], room: float, color: str, *, up: bool
     ) -> None:
         """Write a word over the block before its point, else behind it, above or below."""
+        x, y = point
         wide = LETTER * self._font * len(word) * self._across
         high = self._font * self._up
         gap = 5 * self._across
-        before = at[0] - wide - gap
-        behind = at[0] + gap
+        # The twelve places that are tried, in order; the first that is free is taken.
+        before = x - wide - gap
+        behind = x + gap
         lefts = [before, behind] if wide < room + 2 * gap and before >= 0 else [behind, before]
-        rise = [0.45 * high, -1.35 * high] if up else [-1.35 * high, 0.45 * high]
-        steps = [shift + extra for extra in (0.0, 1.2 * high, -1.2 * high) for shift in rise]
+        rises = [0.45 * high, -1.35 * high] if up else [-1.35 * high, 0.45 * high]
+        shifts = [rise + extra for extra in (0.0, 1.2 * high, -1.2 * high) for rise in rises]
         end = self._ax.get_xlim()[1]
-        for bottom in steps:
+        for shift in shifts:
             for left in lefts:
-                low = at[1] + bottom
+                low = y + shift
                 box = (left, low, left + wide, low + high)
                 inside = low >= -0.08 and low + high <= 1.14 and left >= 0 and box[2] <= end
                 if inside and not any(_overlap(box, other) for other in self._boxes):
