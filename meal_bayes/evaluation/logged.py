@@ -7,7 +7,7 @@ would be measures of nobody: of an agent that knew nothing and of what it became
 import dataclasses
 import json
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +23,31 @@ TRAINING = "train"  # parts of a batch, in the header of its log and at the end 
 TEST = "test"
 SEARCHED = "searched"  # an object that a search turned to, and may have left for another
 _NONE = -1  # repeat or batch of a trial whose log names none
+
+
+class LogPart(NamedTuple):
+    """Of which part of a run a log is: the repeat, the batch, and what its trials are for.
+
+    Numbers are -1, and the part is empty, where its header names none.
+    """
+
+    repeat: int = _NONE
+    batch: int = _NONE
+    part: str = ""
+
+    @classmethod
+    def of(cls, header: Mapping[str, Any]) -> "LogPart":
+        """Return the part that a log's header names."""
+        repeat = header.get("repeat")
+        batch = header.get("batch")
+        part = header.get("part")
+        if of_search(header):
+            return cls(part=SEARCHED)
+        if not isinstance(repeat, int):
+            repeat = _NONE
+        if part not in (TRAINING, TEST) or not isinstance(batch, int):
+            return cls(repeat)
+        return cls(repeat, batch, str(part))
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
@@ -60,14 +85,14 @@ class LoggedOutcomes:
         for group in logs.shown():
             if on_group is not None:
                 on_group(group)
-            repeat, batch, part = place_of(group.header)
+            log_part = LogPart.of(group.header)
             n = len(group.outcomes)
             columns.append(
                 (
-                    _keyed(group.outcomes, repeat, batch, part),
-                    np.full(n, repeat),
-                    np.full(n, batch),
-                    np.full(n, part, object),
+                    _keyed(group.outcomes, log_part),
+                    np.full(n, log_part.repeat),
+                    np.full(n, log_part.batch),
+                    np.full(n, log_part.part, object),
                 )
             )
         outcomes, repeats, batches, parts = zip(*columns, strict=True)
@@ -144,24 +169,9 @@ class LoggedOutcomes:
         return results
 
 
-def place_of(header: Mapping[str, Any]) -> tuple[int, int, str]:
-    """Return repeat, batch and part that a header names; -1 and "" where it names none."""
-    repeat = header.get("repeat")
-    batch = header.get("batch")
-    part = header.get("part")
-    if of_search(header):
-        return _NONE, _NONE, SEARCHED
-    in_batch = part in (TRAINING, TEST) and isinstance(batch, int)
-    return (
-        repeat if isinstance(repeat, int) else _NONE,
-        batch if in_batch and isinstance(batch, int) else _NONE,
-        str(part) if in_batch else "",
-    )
-
-
-def _keyed(outcomes: TrialOutcomes, repeat: int, batch: int, part: str) -> TrialOutcomes:
+def _keyed(outcomes: TrialOutcomes, log_part: LogPart) -> TrialOutcomes:
     """Return outcomes whose keys name repeat, batch and part, if there are any."""
-    if (repeat, batch, part) == (_NONE, _NONE, ""):
+    if log_part == LogPart():
         return outcomes
-    keys = [json.dumps([repeat, batch, part, key]) for key in outcomes.key]
+    keys = [json.dumps([*log_part, key]) for key in outcomes.key]
     return dataclasses.replace(outcomes, key=np.array(keys, object))

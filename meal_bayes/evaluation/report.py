@@ -1,11 +1,7 @@
-"""One page of a run: accuracy, cost, calibration, and the trials with the lowest reward.
-
-Sections are dictionaries, whose entries stand at the head of `templates/report.html`.
-"""
+"""One page of a run: accuracy, cost, calibration, and the trials with the lowest reward."""
 
 import base64
 import json
-import math
 import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -16,17 +12,18 @@ from jinja2 import Environment, PackageLoader
 from meal_bayes.canvas import render
 from meal_bayes.errors import SettingsError
 from meal_bayes.evaluation.logged import LoggedOutcomes
+from meal_bayes.evaluation.page import Section
 from meal_bayes.evaluation.sections import finding_of, sections_of
 from meal_bayes.evaluation.summary import mean_effect
 from meal_bayes.evaluation.worst import (
     WORST,
-    Chosen,
-    Place,
-    chosen_rows,
+    AgentPart,
+    ShownTrial,
     lab_sections,
     live_trials,
     search_finding,
     searches_section,
+    shown_rows,
     trial_content,
     verdict_of,
     worst_of,
@@ -37,11 +34,9 @@ from meal_bayes.palette import reference_agent
 from meal_bayes.trial_log import Group, Logs
 from meal_bayes.trials import TrialOutcomes
 from meal_bayes.trials.outcomes import HOUR
-from meal_bayes.trials.text import UNKNOWN, outcome_facts
+from meal_bayes.trials.text import UNKNOWN, outcome_facts, trial_reward_text
 
 _SHORT = 0.1  # h, below which a time is shown in s
-
-Section = dict[str, Any]
 
 
 def write_report(
@@ -99,16 +94,16 @@ class _Shown:
     """The trials that are shown by themselves: the worst, the first, those of a robot's lab."""
 
     def __init__(self) -> None:
-        self.worst: dict[Place, Sequence[Chosen]] = {}
-        self.live = list[Chosen]()
-        self.first: Chosen | None = None
+        self.worst: dict[AgentPart, Sequence[ShownTrial]] = {}
+        self.live = list[ShownTrial]()
+        self.first: ShownTrial | None = None
 
     def take(self, group: Group) -> None:
         """Choose from the trials of a group."""
         self.worst = worst_of(self.worst, group)
         self.live += live_trials(group)
         if self.first is None:
-            (self.first,) = chosen_rows(group, [0])
+            (self.first,) = shown_rows(group, [0])
 
 
 def _page(logged: LoggedOutcomes, trials: _Shown, logs: Logs, reference: str) -> str:
@@ -119,13 +114,14 @@ def _page(logged: LoggedOutcomes, trials: _Shown, logs: Logs, reference: str) ->
         says = (
             "Some of the logs are damaged or unfinished; this page shows what can be read of them."
         )
-        warning = {"title": "Warning", "says": says, "kind": "warning"}
-        sections.append({**warning, "problems": logs.problems})
+        sections.append(
+            {"title": "Warning", "says": says, "kind": "warning", "problems": logs.problems}
+        )
     if len(logged.outcomes) == 1 and trials.first is not None and not logged.searched:
         head = _single(trials.first)
         if trials.first.trial is not None:
             content = trial_content(trials.first, trials.first.trial)
-            sections.append({"title": "The trial", **content})
+            sections.append({**content, "title": "The trial"})
     else:
         head = _many(logged, logs)
         sections += lab_sections(trials.live) if trials.live else []
@@ -158,39 +154,37 @@ def _says_something(section: Section) -> bool:
 def _worst(logged: LoggedOutcomes, trials: _Shown) -> Section:
     """Return the worst of the trials that measure each agent, the best agent first."""
     measured = logged.measured()
-    chosen = []
+    by_agent = []
     for agent in measured.outcomes.agents:
         rows = measured.outcomes.agent == agent
-        places = {
-            (agent, batch, part)
-            for batch, part in zip(
-                measured.batch[rows].tolist(), measured.part[rows].tolist(), strict=True
-            )
-        }
-        entries = [entry for place in sorted(places) for entry in trials.worst.get(place, ())]
+        batches = measured.batch[rows].tolist()
+        parts = measured.part[rows].tolist()
+        keys = {AgentPart(agent, *pair) for pair in zip(batches, parts, strict=True)}
+        entries = [entry for key in sorted(keys) for entry in trials.worst.get(key, ())]
         if entries:
             reward = mean_effect(measured.outcomes.rows(rows), "reward").estimate
-            chosen.append((reward, agent, entries[:WORST]))
+            by_agent.append((reward, agent, entries[:WORST]))
     # Baselines lose many trials; what the best agent loses is what a reader can learn from.
-    best_first = sorted(chosen, key=lambda entry: -entry[0])
+    best_first = sorted(by_agent, key=lambda entry: -entry[0])
     return worst_section([(agent, entries) for _, agent, entries in best_first])
 
 
-def _single(chosen: Chosen) -> dict[str, Any]:
+def _single(shown_trial: ShownTrial) -> dict[str, Any]:
     """Return title, source and facts of a page about one trial."""
-    facts = outcome_facts(chosen.outcome, 0)
-    question = chosen.trial.task.question if chosen.trial is not None else facts["question"]
-    reward = float(chosen.outcome.reward[0])
+    facts = outcome_facts(shown_trial.outcome, 0)
+    question = (
+        shown_trial.trial.task.question if shown_trial.trial is not None else facts["question"]
+    )
     cards = {
         "answer": facts["answer"],
         "truth": facts["truth"] or "unknown",
-        "verdict": verdict_of(chosen) or UNKNOWN,
-        "seconds": f"{chosen.outcome.cost[0]:.1f}",
-        "reward": "unknown" if math.isnan(reward) else f"{reward:.1f}",
+        "verdict": verdict_of(shown_trial) or ("none" if shown_trial.outcome.ended[0] else UNKNOWN),
+        "seconds": f"{shown_trial.outcome.cost[0]:.1f}",
+        "reward": trial_reward_text(float(shown_trial.outcome.reward[0])),
     }
     return {
         "title": question,
-        "source": f"{facts['object']}, {facts['agent']}, from {chosen.file.name}",
+        "source": f"{facts['object']}, {facts['agent']}, from {shown_trial.file.name}",
         "facts": cards,
     }
 

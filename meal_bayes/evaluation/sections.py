@@ -1,14 +1,10 @@
-"""Sections of a page about many trials: agents, learning, calibration, attributes, behaviors.
-
-They are dictionaries, whose entries stand at the head of `templates/report.html`.
-"""
+"""Sections of a page about many trials: agents, learning, calibration, attributes, behaviors."""
 
 import dataclasses
 import math
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from statistics import fmean
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +15,7 @@ from meal_bayes.errors import SettingsError
 from meal_bayes.evaluation import plots
 from meal_bayes.evaluation.learning import POOLED
 from meal_bayes.evaluation.logged import LoggedOutcomes
+from meal_bayes.evaluation.page import Cell, Section, Table
 from meal_bayes.evaluation.statistics import MASS_TEXT, clustered
 from meal_bayes.evaluation.summary import (
     ACCURACY_DIGITS,
@@ -35,8 +32,6 @@ from meal_bayes.trials import BatchOutcomes, TrialOutcomes
 from meal_bayes.trials.text import UNKNOWN
 
 _FEW = 10  # trials, below which a bar is gray
-
-Section = dict[str, Any]
 
 
 def sections_of(logged: LoggedOutcomes, reference: str) -> list[Section]:
@@ -104,7 +99,7 @@ def _agents(
     reference: str,
 ) -> Section:
     head = ["agent", "trials", "accuracy", "cost, s (sd)", "reward", "NLL", "ECE", "abstained"]
-    cells: list[list[str | Section]] = [
+    texts = [
         [
             name,
             _counted(row, int((part.ended != "").sum())),
@@ -123,10 +118,11 @@ def _agents(
         "reward": best_of([round(row.reward, 1) for row in rows]),
         "NLL": best_of([-round(row.nll, 3) for row in rows]),
     }
-    for measure, places in best.items():
+    cells: list[list[Cell]] = [list(row_texts) for row_texts in texts]
+    for measure, best_rows in best.items():
         column = head.index(measure)
-        for place in places:
-            cells[place][column] = {"text": cells[place][column], "best": True}
+        for index in best_rows:
+            cells[index][column] = {"text": texts[index][column], "best": True}
     figures = []
     if max(map(len, agents.values())) > 1:
         points = {
@@ -161,7 +157,7 @@ def best_of(merits: Sequence[float]) -> set[int]:
 
 def _differences(
     rows: Sequence[SummaryRow], outcomes: TrialOutcomes, reference: str
-) -> Iterator[Section]:
+) -> Iterator[Table]:
     """Compare every agent with the reference, on the tasks they share."""
     cells = []
     notes = [f"Differences on the same tasks, with {MASS_TEXT} intervals:"]
@@ -248,7 +244,7 @@ def _attributes(agents: Mapping[str, TrialOutcomes]) -> Section:
     for attribute, columns in trials.items():
         numbers = sorted({len(right) for right, _ in columns if len(right)})
         counted = "-".join(f"{n:,}" for n in (numbers[0], numbers[-1])[: len(numbers)])
-        row: list[str | Section] = [attribute, counted]
+        row: list[Cell] = [attribute, counted]
         for right, objects in columns:
             if not len(right):
                 row.append("-")
@@ -285,7 +281,7 @@ def _behaviors(agents: Mapping[str, TrialOutcomes]) -> Section:
     counts = [(part.executed.sum(axis=0), part.failed.sum(axis=0)) for part in agents.values()]
     cells = []
     for column, behavior in enumerate(next(iter(agents.values())).behaviors):
-        row: list[str | Section] = [behavior]
+        row: list[Cell] = [behavior]
         for executed, failed in counts:
             done = executed[column]
             text = f"{done:,} ({failed[column] / max(done, 1):.0%})"

@@ -2,14 +2,15 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from meal_bayes.arrays import Floats, Ints
 from meal_bayes.display import percent
 from meal_bayes.evaluation import plots
-from meal_bayes.evaluation.logged import place_of
+from meal_bayes.evaluation.logged import LogPart
+from meal_bayes.evaluation.page import Section, Table
 from meal_bayes.evaluation.statistics import MASS_TEXT
 from meal_bayes.evaluation.summary import mean_effect
 from meal_bayes.files import command_line
@@ -28,11 +29,16 @@ _LISTED = 200  # trials of a lab in the table
 _BLOCK = 5  # least trials of a block of the curve
 _BLOCKS = 10  # of them at most
 
-Section = dict[str, Any]
-Place = tuple[str, int, str]  # agent, batch and part
+
+class AgentPart(NamedTuple):
+    """An agent's trials in one part of a batch, training or tests; `batch` is -1 of no batch."""
+
+    agent: str
+    batch: int
+    part: str
 
 
-class Chosen(NamedTuple):
+class ShownTrial(NamedTuple):
     """A trial that is shown, its number in its file, its outcome as one row.
 
     `trial` is None of a compact log.
@@ -65,42 +71,46 @@ def worst_first(outcomes: TrialOutcomes) -> Ints:
 
 
 def worst_of(
-    worst: Mapping[Place, Sequence[Chosen]], group: Group
-) -> dict[Place, Sequence[Chosen]]:
+    worst: Mapping[AgentPart, Sequence[ShownTrial]], group: Group
+) -> dict[AgentPart, Sequence[ShownTrial]]:
     """Return the worst trials of each agent, batch and part, of those so far and of a group."""
     ranking = dict(worst)
-    _, batch, part = place_of(group.header)
+    log_part = LogPart.of(group.header)
     outcomes = group.outcomes
     order = worst_first(outcomes)
     for agent in outcomes.agents:
         rows = order[outcomes.agent[order] == agent][:WORST].tolist()
-        entries = [*ranking.get((agent, batch, part), ()), *chosen_rows(group, rows)]
-        ranking[agent, batch, part] = sorted(entries, key=lambda entry: -entry.badness)[:WORST]
+        key = AgentPart(agent, log_part.batch, log_part.part)
+        entries = [*ranking.get(key, ()), *shown_rows(group, rows)]
+        ranking[key] = sorted(entries, key=lambda entry: -entry.badness)[:WORST]
     return ranking
 
 
-def live_trials(group: Group) -> list[Chosen]:
+def live_trials(group: Group) -> list[ShownTrial]:
     """Return the trials of a group of a robot's lab, in order; none of another run."""
     config = group.header.get("config")
     if not isinstance(config, dict) or config.get("command") != ASK:
         return []
-    return list(chosen_rows(group, range(len(group.outcomes))))
+    return list(shown_rows(group, range(len(group.outcomes))))
 
 
-def chosen_rows(group: Group, rows: Sequence[int]) -> Iterator[Chosen]:
+def shown_rows(group: Group, rows: Sequence[int]) -> Iterator[ShownTrial]:
     """Yield some trials of a group."""
     for row in rows:
         trial = group.trials[row] if group.trials else None
-        yield Chosen(group.file, group.places[row], group.outcomes.rows([row]), trial)
+        yield ShownTrial(group.file, group.places[row], group.outcomes.rows([row]), trial)
 
 
-def worst_section(worst: Sequence[tuple[str, Sequence[Chosen]]]) -> Section:
+def worst_section(worst: Sequence[tuple[str, Sequence[ShownTrial]]]) -> Section:
     """Return the worst trials of each agent, of which the first is not folded."""
-    parts = []
+    parts = list[Section]()
     compact = False
     for number, (agent, trials) in enumerate(worst):
-        compact |= any(chosen.trial is None for chosen in trials)
-        sections = [trial_section(chosen) | {"opened": i == 0} for i, chosen in enumerate(trials)]
+        compact |= any(shown_trial.trial is None for shown_trial in trials)
+        sections: list[Section] = [
+            {**trial_section(shown_trial), "opened": rank == 0}
+            for rank, shown_trial in enumerate(trials)
+        ]
         parts.append({"title": agent or "agent", "parts": sections, "opened": number == 0})
     section: Section = {
         "title": "The worst trials",
@@ -114,22 +124,24 @@ def worst_section(worst: Sequence[tuple[str, Sequence[Chosen]]]) -> Section:
     return section
 
 
-def lab_sections(trials: Sequence[Chosen]) -> Iterator[Section]:
+def lab_sections(trials: Sequence[ShownTrial]) -> Iterator[Section]:
     """Yield the trials of a lab, newest first, and how right and how long they were."""
     # Names of a lab's logs begin with the time, so that their order is that of the trials.
-    newest = sorted(trials, key=lambda chosen: (chosen.file.name, chosen.number), reverse=True)
+    newest = sorted(
+        trials, key=lambda shown_trial: (shown_trial.file.name, shown_trial.number), reverse=True
+    )
     rows = []
-    for chosen in newest[:_LISTED]:
-        facts = _facts(chosen)
-        belief = percent(float(chosen.outcome.certainty[0]))
+    for shown_trial in newest[:_LISTED]:
+        facts = _facts(shown_trial)
+        belief = percent(float(shown_trial.outcome.certainty[0]))
         rows.append(
             [
-                begun_text(chosen.file) or "-",
+                begun_text(shown_trial.file) or "-",
                 facts["object"],
                 facts["question"],
                 facts["answer"],
                 belief,
-                f"{chosen.outcome.cost[0]:.1f}",
+                f"{shown_trial.outcome.cost[0]:.1f}",
                 facts["truth"],
             ]
         )
@@ -137,10 +149,10 @@ def lab_sections(trials: Sequence[Chosen]) -> Iterator[Section]:
     note = "The truth is what was given with the question, or told since."
     if len(newest) > _LISTED:
         note = f"The newest {_LISTED} of {len(newest):,} trials. {note}"
-    table = {"head": head, "rows": rows, "texts": (1, 2, 3, 6), "note": note}
-    parts = [
-        trial_section(chosen) | {"opened": number < _OPENED}
-        for number, chosen in enumerate(newest[: 2 * _OPENED])
+    table: Table = {"head": head, "rows": rows, "texts": (1, 2, 3, 6), "note": note}
+    parts: list[Section] = [
+        {**trial_section(shown_trial), "opened": number < _OPENED}
+        for number, shown_trial in enumerate(newest[: 2 * _OPENED])
     ]
     yield {"title": "The trials", "tables": [table], "parts": parts}
     yield from _progress(newest[::-1])
@@ -149,7 +161,7 @@ def lab_sections(trials: Sequence[Chosen]) -> Iterator[Section]:
 def searches_section(searches: Sequence[tuple[Path, Search]]) -> Section:
     """Return the searches of a page, by folder: what each turned to, and claimed."""
     rows = []
-    parts = []
+    parts = list[Section]()
     for file, search in searches[-_LISTED:]:
         folder = file.parent
         facts = search_facts(search)
@@ -159,21 +171,21 @@ def searches_section(searches: Sequence[tuple[Path, Search]]) -> Section:
             turned += f"; not to {', '.join(unexplored)}"
         words = [facts[name] for name in ("question", "answer", "verdict")]
         rows.append([folder.name, *words, turned, f"{search.cost:.1f}"])
-        explored = []
+        explored = list[Section]()
         for number, name in enumerate(dict.fromkeys(search.turns)):
             trial = as_left(search.trials[name])
-            chosen = Chosen(folder, number, TrialOutcomes.of([trial]), trial)
-            verdict = verdict_of(chosen) if trial.report is not None else ""
-            explored.append(trial_section(chosen) | {"verdict": verdict})
-        objects = {
+            shown_trial = ShownTrial(folder, number, TrialOutcomes.of([trial]), trial)
+            verdict = verdict_of(shown_trial) if trial.report is not None else ""
+            explored.append({**trial_section(shown_trial), "verdict": verdict})
+        objects: Table = {
             "head": list(EXPLORED),
             "rows": list(map(list, explored_rows(search))),
             "texts": (1,),
             "note": "" if search.answered else f"{unfinished_text(folder)}.",
         }
-        part = {"title": f"{folder.name}: {search.question}", "parts": explored}
-        parts.append({**part, "tables": [objects]})
-    table = {
+        title = f"{folder.name}: {search.question}"
+        parts.append({"title": title, "parts": explored, "tables": [objects]})
+    table: Table = {
         "head": ["folder", "question", "answer", "verdict", "turned to", "cost, s"],
         "rows": rows,
         "texts": (1, 2, 3, 4),
@@ -181,8 +193,8 @@ def searches_section(searches: Sequence[tuple[Path, Search]]) -> Section:
         "explored has a trial; those that it left end without a report.",
     }
     command = command_line("meal-bayes log show", searches[-1][0].parent)
-    shown = parts[-_OPENED:]
-    return {"title": "Searches", "tables": [table], "command": command, "parts": shown}
+    newest = parts[-_OPENED:]
+    return {"title": "Searches", "tables": [table], "command": command, "parts": newest}
 
 
 def search_finding(searches: Sequence[tuple[Path, Search]]) -> str:
@@ -197,9 +209,9 @@ def search_finding(searches: Sequence[tuple[Path, Search]]) -> str:
     return f"{text}, at {cost:.1f} s a search{off}."
 
 
-def _progress(trials: Sequence[Chosen]) -> Iterator[Section]:
+def _progress(trials: Sequence[ShownTrial]) -> Iterator[Section]:
     """Yield accuracy over the number of the trial, in blocks, where enough truths are known."""
-    outcomes = TrialOutcomes.join([chosen.outcome for chosen in trials])
+    outcomes = TrialOutcomes.join([shown_trial.outcome for shown_trial in trials])
     judged = np.flatnonzero(outcomes.judged)
     blocks = min(len(judged) // _BLOCK, _BLOCKS)
     if blocks < 2:
@@ -219,35 +231,35 @@ def _progress(trials: Sequence[Chosen]) -> Iterator[Section]:
     yield {"title": "Trial by trial", "figures": [(drawn, text)]}
 
 
-def _facts(chosen: Chosen) -> dict[str, str]:
-    facts = outcome_facts(chosen.outcome, 0)
-    if chosen.trial is not None:
-        facts["question"] = chosen.trial.task.question
+def _facts(shown_trial: ShownTrial) -> dict[str, str]:
+    facts = outcome_facts(shown_trial.outcome, 0)
+    if shown_trial.trial is not None:
+        facts["question"] = shown_trial.trial.task.question
     return facts
 
 
-def verdict_of(chosen: Chosen) -> str:
+def verdict_of(shown_trial: ShownTrial) -> str:
     """Return whether a trial's answer is right, that it abstained, or "" where nobody knows."""
-    if not chosen.outcome.answered[0]:
-        return "" if chosen.outcome.ended[0] else "abstained"
-    if not chosen.outcome.judged[0]:
+    if not shown_trial.outcome.answered[0]:
+        return "" if shown_trial.outcome.ended[0] else "abstained"
+    if not shown_trial.outcome.judged[0]:
         return ""
-    return verdict_word(bool(chosen.outcome.success[0]))
+    return verdict_word(bool(shown_trial.outcome.success[0]))
 
 
-def trial_section(chosen: Chosen) -> Section:
+def trial_section(shown_trial: ShownTrial) -> Section:
     """Return a trial as a part of a section, its verdict before its title."""
-    file, number, _, trial = chosen
-    facts = _facts(chosen)
+    file, number, _, trial = shown_trial
+    facts = _facts(shown_trial)
     title = "{question} {object}, {agent}: {answer}; {cost}".format(**facts)
-    right = chosen.outcome.success[0] == 1
-    section: Section = {"title": title, "verdict": verdict_of(chosen), "right": right}
+    right = bool(shown_trial.outcome.success[0] == 1)
+    section: Section = {"title": title, "verdict": verdict_of(shown_trial), "right": right}
     if trial is None:
-        return section | {"text": f"trial {number} of {file}; truth: {facts['truth']}"}
-    return section | trial_content(chosen, trial)
+        return {**section, "text": f"trial {number} of {file}; truth: {facts['truth']}"}
+    return {**section, **trial_content(shown_trial, trial)}
 
 
-def trial_content(chosen: Chosen, trial: Trial) -> Section:
+def trial_content(shown_trial: ShownTrial, trial: Trial) -> Section:
     """Return the picture of a trial and the table of its steps."""
     caption = (
         "What it did and believed, and what going on was worth over answering now; circles are "
@@ -256,17 +268,19 @@ def trial_content(chosen: Chosen, trial: Trial) -> Section:
     gaps = any(step.decision.gap is not None for step in trial.steps)
     names = trial.task.query.value_names
     head = ["", "behavior", "s", *names, *(["gap"] if gaps else [])]
-    table = {
+    table: Table = {
         "head": head,
         "rows": list(_steps(trial, gaps=gaps)),
         "texts": (1, *range(3, 3 + len(names))),
         "note": "Of each attribute: what the percept said, and the belief after it."
         + (" A gap is the reward that the best action may be worth more, at most." if gaps else ""),
     }
-    facts = _facts(chosen)
+    facts = _facts(shown_trial)
     return {
         "text": f"truth: {facts['truth']}",
-        "command": command_line("meal-bayes view", chosen.file, "--trial", str(chosen.number)),
+        "command": command_line(
+            "meal-bayes view", shown_trial.file, "--trial", str(shown_trial.number)
+        ),
         "tables": [table],
         "figures": [(plots.trial_strip(trial), caption)] if trial.steps else [],
         "wide": True,

@@ -143,7 +143,7 @@ def search_facts(search: Search) -> dict[str, str]:
     return {
         "question": search.question,
         "answer": search.answer,
-        "verdict": verdict_word(search.success),
+        "verdict": "none" if search.ended else verdict_word(search.success),
         "turns": ", ".join(search.turns) or "none",
         "cost": f"{search.cost:.1f} s",
     }

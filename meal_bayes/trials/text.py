@@ -180,13 +180,18 @@ def gap_text(decision: Decision) -> str:
     return "" if decision.gap is None else f"at most {decision.gap:.1f} below the best"
 
 
+def trial_reward_text(reward: float) -> str:
+    """Return the reward of a trial, which is unknown where the truth is."""
+    return "unknown" if np.isnan(reward) else f"{reward:.1f}"
+
+
 def cost_text(cost: float, reward: float) -> str:
-    """Return cost and reward of a trial; the reward is unknown where the truth is.
+    """Return cost and reward of a trial.
 
     >>> cost_text(2.5, float("nan"))
     '2.5 s, reward unknown'
     """
-    return f"{cost:.1f} s, reward {'unknown' if np.isnan(reward) else f'{reward:.1f}'}"
+    return f"{cost:.1f} s, reward {trial_reward_text(reward)}"
 
 
 def verdict_text(trial: TrialRecord) -> str:

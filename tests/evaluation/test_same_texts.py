@@ -1,5 +1,7 @@
 """Terminal, page, notebook and viewer tell the measures of an agent by the same texts."""
 
+import dataclasses
+import math
 import re
 from pathlib import Path
 
@@ -11,10 +13,11 @@ from meal_bayes.cli.run import _print_summary
 from meal_bayes.evaluation import compare, summarize
 from meal_bayes.evaluation.report import write_report
 from meal_bayes.evaluation.summary import accuracy_text, reward_text
-from meal_bayes.evaluation.worst import chosen_rows, verdict_of, worst_first
+from meal_bayes.evaluation.worst import shown_rows, verdict_of, worst_first
 from meal_bayes.learner.api import ask
 from meal_bayes.trial_log import Group, Logs, write_trials
-from meal_bayes.trials import TrialOutcomes
+from meal_bayes.trials import Search, TrialOutcomes
+from meal_bayes.trials.search import search_facts
 from meal_bayes.trials.strip import _moments
 from meal_bayes.trials.text import (
     RIGHT,
@@ -23,6 +26,7 @@ from meal_bayes.trials.text import (
     came_to_nothing,
     final_facts,
     outcome_text,
+    trial_reward_text,
     verdict_text,
 )
 from meal_bayes.viewer.labels import narrate
@@ -129,7 +133,7 @@ def test_a_verdict_is_one_word_everywhere(trials, success, word):
     truth = {True: trial.report, False: ~trial.report, None: np.full(2, -1)}[success]
     judged = trial.with_truth(np.asarray(truth, np.int8))
     assert judged.success is success
-    (outcomes,) = chosen_rows(Group({}, Path("a.mcap"), [0], TrialOutcomes.of([judged]), ()), [0])
+    (outcomes,) = shown_rows(Group({}, Path("a.mcap"), [0], TrialOutcomes.of([judged]), ()), [0])
     told = {
         "Trial": repr(judged),
         "the picture": verdict_text(judged),
@@ -139,6 +143,31 @@ def test_a_verdict_is_one_word_everywhere(trials, success, word):
     }
     for surface, text in told.items():
         assert word in text, f"{surface} has a word of its own; use trials.text.verdict_word"
+
+
+def test_what_is_broken_off_has_no_verdict(trials, tmp_path):
+    """Whether its truth is known plays no part."""
+    trial = dataclasses.replace(trials[0], report=None, ended="robot error")
+    name = trial.task.object_name
+    search = Search("heavy", {name: trial}, (name,), claim=None, ended="robot error")
+    assert search_facts(search)["verdict"] == "none"
+    write_trials(tmp_path / "a.mcap", [trial], header={})
+    write_report(Logs(tmp_path), tmp_path / "report.html")
+    page = (tmp_path / "report.html").read_text()
+    assert "<b>none</b><span>verdict</span>" in page
+
+
+@pytest.mark.parametrize(("reward", "text"), [(483.24, "483.2"), (math.nan, "unknown")])
+def test_a_trial_s_reward_is_one_text_everywhere(trials, tmp_path, reward, text):
+    assert trial_reward_text(reward) == text
+    truth = trials[0].report if reward > 0 else np.full(2, -1)
+    trial = trials[0].with_truth(np.asarray(truth, np.int8))
+    text = trial_reward_text(trial.reward)
+    write_trials(tmp_path / "a.mcap", [trial], header={})
+    write_report(Logs(tmp_path), tmp_path / "report.html")
+    assert f"<b>{text}</b><span>reward</span>" in (tmp_path / "report.html").read_text()
+    assert f"reward {text}" in repr(trial)
+    assert f"reward {text}" in final_facts(trial)["cost"]
 
 
 def test_a_failed_behavior_is_said_and_drawn_as_one(trials):
