@@ -104,7 +104,7 @@ def draw_frames(path: Path) -> None:
     pictures = []
     for behavior in SHOWN:
         arm.execute(behavior)
-        pictures.append(take_picture(arm.scene, (240, 240)))
+        pictures.append(take_picture(arm.physics, (240, 240)))
     gap = np.ones((240, 6, 3))
     joined = np.hstack([part for picture in pictures for part in (picture, gap)][:-1])
     plt.imsave(path, joined, metadata={"Software": None})

@@ -18,7 +18,7 @@ from meal_bayes.datasets import percepts
 from meal_bayes.digests import digest_of
 from meal_bayes.domain import unknown
 from meal_bayes.errors import MealBayesError, SettingsError
-from meal_bayes.evaluation import Effect
+from meal_bayes.evaluation import Estimate
 from meal_bayes.files import write_whole
 from meal_bayes.trial_log import read_seconds
 from paper_repro import figures
@@ -31,7 +31,7 @@ _ZERO = 1e-9
 
 Choice = TypeVar("Choice")
 
-Cell = str | int | float | Effect | None  # None: not measured, or not printed
+Cell = str | int | float | Estimate | None  # None: not measured, or not printed
 
 
 class NotRun(MealBayesError):
@@ -263,7 +263,7 @@ def plain(value: Any) -> Any:
 
     An effect is its estimate and standard error, or of a fraction the ends of its 95 % interval.
     """
-    if isinstance(value, Effect):
+    if isinstance(value, Estimate):
         estimate, se, *ends = value.interval()
         return plain([estimate, *(ends if value.fraction else [se])])
     if isinstance(value, Mapping):

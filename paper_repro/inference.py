@@ -12,7 +12,7 @@ from scipy.special import ndtri, stdtr, stdtrit
 
 from meal_bayes.arrays import Floats
 from meal_bayes.evaluation import (
-    Effect,
+    Estimate,
     Interval,
     clustered,
     difference,
@@ -28,7 +28,7 @@ _POWER = 0.8  # with which further units are to decide
 _MOST = 10_000  # splits that anybody would run
 
 
-def level_above(effect: Effect, bound: float) -> float:
+def level_above(effect: Estimate, bound: float) -> float:
     """Return the smallest level at which an effect's two-sided interval lies above a bound.
 
     Above 1 is none: also where all values are equal, so that nothing tells how they would spread.
@@ -45,7 +45,7 @@ def level_above(effect: Effect, bound: float) -> float:
     return 2 * float(stdtr(max(effect.clusters - 1, 1), -distance / se))
 
 
-def level_below(effect: Effect, bound: float) -> float:
+def level_below(effect: Estimate, bound: float) -> float:
     """Return the smallest level at which an effect's two-sided interval lies below a bound."""
     if effect.fraction:
         return level_above(dataclasses.replace(effect, estimate=1 - effect.estimate), 1 - bound)
@@ -53,7 +53,7 @@ def level_below(effect: Effect, bound: float) -> float:
     return level_above(dataclasses.replace(effect, estimate=-effect.estimate, sides=sides), -bound)
 
 
-def needed(effect: Effect, bound: float, level: float) -> int | None:
+def needed(effect: Estimate, bound: float, level: float) -> int | None:
     """Return the splits that decide on which side of a bound an effect is, at 80 % power.
 
     A further split narrows the spread that splits have, whatever they have a mean of. None where no
@@ -109,7 +109,7 @@ def bootstrap_interval(
 def change_of_means(
     first: ArrayLike, first_clusters: ArrayLike, second: ArrayLike, second_clusters: ArrayLike,
     *, fraction: bool = False,
-) -> Effect:  # fmt: skip
+) -> Estimate:  # fmt: skip
     """Estimate the mean of first - second where the tasks differ; clusters in both are paired."""
     sides = []
     for values, clusters in ((first, first_clusters), (second, second_clusters)):
@@ -117,13 +117,13 @@ def change_of_means(
         sides.append({name: x[names == name].mean() for name in np.unique(names)})
     shared = sorted(set(sides[0]) & set(sides[1]))
     if not shared:
-        return Effect(math.nan, math.nan, 0)
+        return Estimate(math.nan, math.nan, 0)
     estimate = partial(clustered, clusters=shared)
     changes = [sides[0][name] - sides[1][name] for name in shared]
     return paired_fractions(changes, estimate) if fraction else estimate(changes)
 
 
-def drawn_mean(run: TrialOutcomes, measure: str) -> Effect:
+def drawn_mean(run: TrialOutcomes, measure: str) -> Estimate:
     """Estimate a mean where percepts are drawn: of the paper's objects, trials as units.
 
     These objects are then the whole population, each trial draws its object, its question and its
@@ -132,15 +132,15 @@ def drawn_mean(run: TrialOutcomes, measure: str) -> Effect:
     return _of_trials(mean_effect(_alone(run), measure))
 
 
-def drawn_difference(first: TrialOutcomes, second: TrialOutcomes, *, measure: str) -> Effect:
+def drawn_difference(first: TrialOutcomes, second: TrialOutcomes, *, measure: str) -> Estimate:
     """Estimate the mean of first - second where percepts are drawn, over the tasks of both."""
     return _of_trials(difference(_alone(first), _alone(second), measure=measure))
 
 
-def drawn_change(first: Effect, second: Effect) -> Effect:
+def drawn_change(first: Estimate, second: Estimate) -> Estimate:
     """Estimate first - second of two runs whose trials are drawn independently of each other."""
     both = first.fraction and second.fraction
-    return Effect(
+    return Estimate(
         first.estimate - second.estimate,
         math.hypot(first.se, second.se),
         min(first.clusters, second.clusters),
@@ -170,6 +170,6 @@ def _alone(run: TrialOutcomes) -> TrialOutcomes:
     return dataclasses.replace(run, object_name=run.key)
 
 
-def _of_trials(effect: Effect) -> Effect:
+def _of_trials(effect: Estimate) -> Estimate:
     method = effect.method.replace("clusters", "trials")
     return dataclasses.replace(effect, cluster="trials", method=method)

@@ -9,7 +9,7 @@ import numpy as np
 from meal_bayes.agents import load_agent
 from meal_bayes.arrays import Floats
 from meal_bayes.domain import load_domain
-from meal_bayes.evaluation import Effect, resampled
+from meal_bayes.evaluation import Estimate, resampled
 from meal_bayes.evaluation.logged import TRAINING
 from meal_bayes.experiments import OnlineConfig, run_online
 from meal_bayes.experiments.online import batch_log, repeat_folder
@@ -146,13 +146,13 @@ def at_hours(hours: Floats, values: Floats, when: float) -> Floats:
     ])  # fmt: skip
 
 
-def paired(first: Floats, second: Floats, ratio: float) -> Effect:
+def paired(first: Floats, second: Floats, ratio: float) -> Estimate:
     """Estimate first - second over the repeats (S,) that both have, splits of the same objects."""
     number = min(len(first), len(second))
     return mean_of(first[:number] - second[:number], ratio)
 
 
-def mean_of(values: Floats, ratio: float, *, fraction: bool = False) -> Effect:
+def mean_of(values: Floats, ratio: float, *, fraction: bool = False) -> Estimate:
     """Estimate a mean over the repeats (S,) that have one; of a fraction inside [0, 1].
 
     At a ratio of 0 the repeats are independent: splits drawn anew, of the objects that there are.

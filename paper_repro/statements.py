@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from meal_bayes.evaluation import Effect
+from meal_bayes.evaluation import Estimate
 from paper_repro.inference import LEVEL, holm, level_above, level_below, needed
 
 STANDS, FALLS, UNDECIDED, CONSTRUCTED = OUTCOMES = (
@@ -30,7 +30,7 @@ class Part(NamedTuple):
     """An effect that has to lie in a range."""
 
     of: str
-    effect: Effect
+    effect: Estimate
     low: float = -math.inf
     high: float = math.inf
 
@@ -83,7 +83,7 @@ class Evidence:
     parts: tuple[Part, ...] = ()
     outcome: str = UNDECIDED
     rule: str = ""
-    shown: Effect | None = None
+    shown: Estimate | None = None
     at: float = LEVEL
 
     @property
@@ -128,21 +128,21 @@ class Evidence:
         }
 
 
-def above(effect: Effect, bound: float, *, of: str = "it") -> Evidence:
+def above(effect: Estimate, bound: float, *, of: str = "it") -> Evidence:
     """State that a quantity exceeds a bound.
 
-    >>> above(Effect(2.0, 0.1, 10), 0).judge(0.05)["outcome"]
+    >>> above(Estimate(2.0, 0.1, 10), 0).judge(0.05)["outcome"]
     'stands'
     """
     return Evidence((Part(of, effect, low=bound),))
 
 
-def below(effect: Effect, bound: float, *, of: str = "it") -> Evidence:
+def below(effect: Estimate, bound: float, *, of: str = "it") -> Evidence:
     """State that a quantity is less than a bound."""
     return Evidence((Part(of, effect, high=bound),))
 
 
-def within(effect: Effect, low: float, high: float, *, of: str = "it") -> Evidence:
+def within(effect: Estimate, low: float, high: float, *, of: str = "it") -> Evidence:
     """State that a quantity lies in a range."""
     return Evidence((Part(of, effect, low, high),))
 
@@ -152,7 +152,7 @@ def every(statements: Sequence[Evidence]) -> Evidence:
     return Evidence(tuple(part for entry in statements for part in entry.parts))
 
 
-def best(differences: Mapping[str, Effect], *, of: str) -> Evidence:
+def best(differences: Mapping[str, Estimate], *, of: str) -> Evidence:
     """State that one is ahead of every other, from its differences by their names."""
     return every(
         [above(effect, 0, of=f"{of}: the lead over {n}") for n, effect in differences.items()]
@@ -188,7 +188,7 @@ def placed(
     x = np.asarray(values, float)
     x = x[~np.isnan(x)]
     spread = float(x.std(ddof=1)) * math.sqrt(1 + 1 / len(x)) if len(x) > 1 else math.nan
-    effect = Effect(float(x.mean()) if len(x) else math.nan, spread, len(x), cluster="splits",
+    effect = Estimate(float(x.mean()) if len(x) else math.nan, spread, len(x), cluster="splits",
                     method="prediction interval of one split")  # fmt: skip
     _, _, low, high = effect.interval(1 - level)
     outcome = FALLS if printed < low or (printed > high and not at_most) else UNDECIDED
@@ -282,7 +282,7 @@ def verdict(statements: Sequence[Mapping[str, Any]]) -> str:
     return f"{word} ({told})" if told else word
 
 
-def _told(effect: Effect | None, level: float) -> dict[str, Any]:
+def _told(effect: Estimate | None, level: float) -> dict[str, Any]:
     """Return what an interval is made of: of a fraction its cases, of a difference two sides."""
     if effect is None:
         return {"error": None, "cases": None, "sides": None}

@@ -150,7 +150,7 @@ def ask(
         question,
         seed,
         log=log,
-        on_frame=(lambda scene: frames.append(frame_of(scene))) if watched else None,
+        on_frame=(lambda physics: frames.append(frame_of(physics))) if watched else None,
     )
     if as_json:
         terminal.print_json({**trial_json(trial), "seed": seed, "log": str(log)})

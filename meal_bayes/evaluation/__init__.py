@@ -12,7 +12,7 @@ from meal_bayes.evaluation.calibration import (
 )
 from meal_bayes.evaluation.outcome_model import compare_outcomes
 from meal_bayes.evaluation.statistics import (
-    Effect,
+    Estimate,
     Interval,
     clustered,
     paired_fractions,
@@ -30,7 +30,7 @@ from meal_bayes.evaluation.summary import (
 
 __all__ = [
     "AnswerRates",
-    "Effect",
+    "Estimate",
     "Interval",
     "SummaryRow",
     "answer_rates",

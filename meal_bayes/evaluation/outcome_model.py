@@ -174,28 +174,28 @@ def compare_outcomes(
     if measure not in MARGINS:
         raise SettingsError(f"Unknown measure {measure!r}; expected {', '.join(MARGINS)}.")
     names = outcomes.agents
-    base = reference_agent(names) if reference is None and names else reference
-    if len(names) < 2 or base not in names:
+    reference_name = reference_agent(names) if reference is None and names else reference
+    if len(names) < 2 or reference_name not in names:
         raise SettingsError(
             f"Found the agents {', '.join(names) or 'none'}; expected two or more, and the "
-            f"reference {base!r} among them; give the logs of each."
+            f"reference {reference_name!r} among them; give the logs of each."
         )
     # Before the model is compiled, which takes a minute: tasks that do not pair are refused.
-    pairs = _paired(outcomes, repeats, base, measure)
+    pairs = _paired(outcomes, repeats, reference_name, measure)
     cells = Cells.of(outcomes, measure, repeats)
     means, queries, index = population_means(cells, sample(cells, draws=draws, seed=seed))
-    reach = MARGINS[measure] if margin is None else margin
-    subsets = {"": np.full(len(index), True)}
+    equivalence = MARGINS[measure] if margin is None else margin
+    masks = {"": np.full(len(index), True)}  # of cells, by the attributes that are asked
     if by_attributes:
         for number, query in enumerate(queries):
-            subsets[", ".join(np.array(cells.attributes)[query])] = index == number
-    reference_index = cells.agents.index(base)
+            masks[", ".join(np.array(cells.attributes)[query])] = index == number
+    reference_index = cells.agents.index(reference_name)
     rows = []
-    for asked, chosen in subsets.items():
-        weights = np.bincount(index[chosen], cells.trials[chosen], minlength=len(queries))
+    for attributes, mask in masks.items():
+        weights = np.bincount(index[mask], cells.trials[mask], minlength=len(queries))
         levels = np.average(means, axis=2, weights=weights)  # (draws, agents)
-        count = np.bincount(cells.terms["agent"][chosen], cells.trials[chosen], len(names))
-        for name in (name for name in names if name != base):
+        count = np.bincount(cells.terms["agent"][mask], cells.trials[mask], len(names))
+        for name in (name for name in names if name != reference_name):
             number = cells.agents.index(name)
             effect = levels[:, number] - levels[:, reference_index]
             low, high = np.quantile(effect, [LOW_QUANTILE, HIGH_QUANTILE])
@@ -203,17 +203,17 @@ def compare_outcomes(
             rows.append(
                 AgentEffect(
                     agent=name,
-                    reference=base,
+                    reference=reference_name,
                     measure=measure,
                     trials=int(count[number]),
-                    plain=pairs[name].get(asked, math.nan),
+                    plain=pairs[name].get(attributes, math.nan),
                     effect=float(effect.mean()),
                     low=float(low),
                     high=float(high),
                     ahead=float(better.mean()),
-                    equivalent=float((np.abs(effect) < reach).mean()),
-                    margin=reach,
-                    attributes=asked,
+                    equivalent=float((np.abs(effect) < equivalence).mean()),
+                    margin=equivalence,
+                    attributes=attributes,
                 )
             )
     return rows
@@ -230,17 +230,21 @@ def _paired(
         pairs = zip(np.asarray(repeats).tolist(), outcomes.key.tolist(), strict=True)
         keys = [json.dumps([str(repeat), key]) for repeat, key in pairs]
         outcomes = dataclasses.replace(outcomes, key=np.array(keys, object))
-    base = outcomes.of_agent(reference)
-    asked = np.array([", ".join(map(str, row)) for row in base.attribute.tolist()])
+    reference_trials = outcomes.of_agent(reference)
+    rows_of_names = reference_trials.attribute.tolist()
+    attributes = np.array([", ".join(map(str, names)) for names in rows_of_names])
     differences = dict[str, dict[str, float]]()
     for name in outcomes.agents:
         other = outcomes.of_agent(name)
-        rows, base_rows = paired_rows(other, base)
-        gain = measured(other, measure)[rows] - measured(base, measure)[base_rows]
-        mask = ~np.isnan(gain)
-        sets = {"": mask} | {text: mask & (asked[base_rows] == text) for text in set(asked)}
+        rows, reference_rows = paired_rows(other, reference_trials)
+        reference_values = measured(reference_trials, measure)[reference_rows]
+        gain = measured(other, measure)[rows] - reference_values
+        known = ~np.isnan(gain)
+        masks = {"": known}
+        for text in set(attributes):
+            masks[text] = known & (attributes[reference_rows] == text)
         differences[name] = {
-            text: float(gain[chosen].mean()) for text, chosen in sets.items() if chosen.any()
+            text: float(gain[mask].mean()) for text, mask in masks.items() if mask.any()
         }
     return differences
 

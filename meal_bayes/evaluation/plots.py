@@ -19,8 +19,8 @@ from meal_bayes.palette import LINE_GRAY, agent_style
 from meal_bayes.trials.strip import trial_strip
 
 __all__ = [
-    "Series", "accuracy_and_cost", "cost_distribution", "forest", "learning_curve", "lines",
-    "predictive", "reach", "reliability_diagram", "trial_strip",
+    "Series", "accuracy_and_cost", "cost_distribution", "error_lengths", "forest", "learning_curve",
+    "lines", "predictive", "reliability_diagram", "trial_strip",
 ]  # fmt: skip
 
 _MANY = 25  # points on a line, beyond which they get no markers
@@ -84,7 +84,7 @@ def reliability_diagram(
         to.errorbar(
             mean,
             hits[filled] / n[filled],
-            reach(intervals),
+            error_lengths(intervals),
             fmt="o",
             ms=4.5,
             color=agent_style(agent).color,
@@ -120,8 +120,8 @@ def accuracy_and_cost(points: Mapping[str, tuple[Interval, Interval]]) -> Axes:
             to.errorbar(
                 cost.estimate,
                 accuracy.estimate,
-                xerr=reach([cost]),
-                yerr=reach([accuracy]),
+                xerr=error_lengths([cost]),
+                yerr=error_lengths([accuracy]),
                 fmt=marker,
                 color=color,
                 ms=5.5,
@@ -244,7 +244,7 @@ def _scale_costs(ax: Axes, means: Sequence[float]) -> None:
     ax.set_xlim(left=0)
 
 
-def reach(intervals: Sequence[Interval]) -> NDArray[np.float64]:
+def error_lengths(intervals: Sequence[Interval]) -> NDArray[np.float64]:
     """Return how far intervals go below and above their estimates, (2,n); 0 where unknown."""
     middle, _, low, high = np.transpose(intervals)
     return np.asarray(np.nan_to_num(np.clip([middle - low, high - middle], 0, None)))

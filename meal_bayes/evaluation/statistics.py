@@ -57,7 +57,7 @@ class Measures:
 
 @checked
 @dataclasses.dataclass(frozen=True, slots=True)
-class Effect:
+class Estimate:
     """An estimate that has an interval at any level.
 
     Attributes
@@ -72,7 +72,7 @@ class Effect:
     fraction : bool
         Whether it is a probability: then its interval is Wilson's, on as many independent cases as
         have its standard error (on the clusters alone where all cases agree).
-    sides : tuple[Effect, Effect] | None
+    sides : tuple[Estimate, Estimate] | None
         Of a difference of fractions: gains and losses, whose intervals its own joins [Zou2008], so
         that it has a width where nobody gains or loses.
     cluster : str
@@ -88,7 +88,7 @@ class Effect:
     fraction: bool = False
     cluster: str = "objects"
     method: str = "Student's t over clusters"
-    sides: "tuple[Effect, Effect] | None" = None
+    sides: "tuple[Estimate, Estimate] | None" = None
 
     def interval(self, mass: float = MASS) -> Interval:
         """Return the two-sided interval of a mass."""
@@ -96,16 +96,13 @@ class Effect:
             gain, loss = (side.interval(mass) for side in self.sides)
             both = gain.se * loss.se  # as independent where one side has no error
             rho = (gain.se**2 + loss.se**2 - self.se**2) / (2 * both) if both > 0 else 0.0
-            reaches = (
-                (gain.estimate - gain.low, loss.high - loss.estimate),
-                (gain.high - gain.estimate, loss.estimate - loss.low),
-            )
-            down, up = (math.sqrt(max(a * a + b * b - 2 * rho * (a * b), 0.0)) for a, b in reaches)
+            down = _joined(gain.estimate - gain.low, loss.high - loss.estimate, rho)
+            up = _joined(gain.high - gain.estimate, loss.estimate - loss.low, rho)
             return Interval(self.estimate, self.se, self.estimate - down, self.estimate + up)
         t = float(stdtrit(max(self.clusters - 1, 1), 0.5 + mass / 2))
         if not self.fraction:
-            reach = self.se * t
-            return Interval(self.estimate, self.se, self.estimate - reach, self.estimate + reach)
+            half = self.se * t
+            return Interval(self.estimate, self.se, self.estimate - half, self.estimate + half)
         p = self.estimate
         n = self.cases
         middle = p + t * t / (2 * n)
@@ -120,8 +117,13 @@ class Effect:
         return p * (1 - p) / self.se**2 if self.se > 0 and 0 < p < 1 else max(self.clusters, 1.0)
 
 
+def _joined(gain: float, loss: float, rho: float) -> float:
+    """Return the half width of a difference, of those of its sides and their correlation."""
+    return math.sqrt(max(gain * gain + loss * loss - 2 * rho * (gain * loss), 0.0))
+
+
 @checked
-def clustered(values: ArrayLike, clusters: ArrayLike, *, fraction: bool = False) -> Effect:
+def clustered(values: ArrayLike, clusters: ArrayLike, *, fraction: bool = False) -> Estimate:
     """Estimate the mean of values; clusters, such as objects, are independent of each other.
 
     The standard error is NaN for a single cluster; with every value its own, it is the usual one.
@@ -153,7 +155,7 @@ def clustered(values: ArrayLike, clusters: ArrayLike, *, fraction: bool = False)
     n = len(sums)
     se = math.sqrt(n / (n - 1) * (sums**2).sum()) / len(x) if n > 1 else math.nan
     method = "Wilson's on clusters" if fraction else "Student's t over clusters"
-    return Effect(float(x.mean()), se, n, fraction=fraction, method=method)
+    return Estimate(float(x.mean()), se, n, fraction=fraction, method=method)
 
 
 def _numbered(clusters: ArrayLike) -> NDArray[np.intp]:
@@ -184,7 +186,10 @@ def running_means(values: ArrayLike, clusters: ArrayLike) -> tuple[Floats, Float
     size = np.zeros(len(x))  # n_c, values of each cluster so far
     total = np.zeros(len(x))  # S_c, their sum
     # With the mean m, sum_c (S_c - m n_c)^2 = sum S_c^2 - 2 m sum S_c n_c + m^2 sum n_c^2.
-    squares = products = sizes = whole = 0.0
+    squares = 0.0
+    products = 0.0
+    sizes = 0.0
+    whole = 0.0  # sum of the values
     n = 0  # clusters so far
     for i, (value, c) in enumerate(zip(x.tolist(), index.tolist(), strict=True)):
         squares += (total[c] + value) ** 2 - total[c] ** 2
@@ -194,7 +199,8 @@ def running_means(values: ArrayLike, clusters: ArrayLike) -> tuple[Floats, Float
         size[c] += 1
         total[c] += value
         whole += value
-        means[i] = m = whole / (i + 1)
+        m = whole / (i + 1)
+        means[i] = m
         if n > 1:
             deviations = max(squares - 2 * m * products + m * m * sizes, 0.0)
             errors[i] = math.sqrt(n / (n - 1) * deviations) / (i + 1)
@@ -202,7 +208,7 @@ def running_means(values: ArrayLike, clusters: ArrayLike) -> tuple[Floats, Float
 
 
 @checked
-def paired_fractions(values: ArrayLike, estimate: Callable[[Floats], Effect]) -> Effect:
+def paired_fractions(values: ArrayLike, estimate: Callable[[Floats], Estimate]) -> Estimate:
     """Estimate a difference of fractions from paired values in [-1, 1], by gains and losses.
 
     `estimate` is that of a mean, `clustered` or `resampled`.
@@ -221,7 +227,7 @@ def paired_fractions(values: ArrayLike, estimate: Callable[[Floats], Effect]) ->
 
 
 @checked
-def resampled(values: ArrayLike, ratio: float) -> Effect:
+def resampled(values: ArrayLike, ratio: float) -> Estimate:
     """Estimate a mean over splits of the same objects, with the corrected resampled variance.
 
     Splits share objects, so their spread alone is too small: J of them have the variance
@@ -236,9 +242,9 @@ def resampled(values: ArrayLike, ratio: float) -> Effect:
     if not ratio >= 0:
         raise SettingsError(f"ratio is {ratio!r:.60}; give a number, 0 or more.")
     if len(x) == 0:
-        return Effect(math.nan, math.nan, 0, cluster="splits", method="corrected resampled t")
+        return Estimate(math.nan, math.nan, 0, cluster="splits", method="corrected resampled t")
     variance = float(x.var(ddof=1)) if len(x) > 1 else math.nan
-    return Effect(
+    return Estimate(
         float(x.mean()),
         math.sqrt(variance * (1 / len(x) + ratio)),
         len(x),

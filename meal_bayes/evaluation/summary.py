@@ -18,7 +18,13 @@ from meal_bayes.evaluation.calibration import (
     expected_calibration_error,
     negative_log_likelihood,
 )
-from meal_bayes.evaluation.statistics import Effect, Interval, Measures, clustered, paired_fractions
+from meal_bayes.evaluation.statistics import (
+    Estimate,
+    Interval,
+    Measures,
+    clustered,
+    paired_fractions,
+)
 from meal_bayes.kinds import checked
 from meal_bayes.seeds import stream
 from meal_bayes.trials import TrialOutcomes, Trials
@@ -160,7 +166,7 @@ def summarize(trials: Trials, *, seconds: Mapping[str, float] | None = None) -> 
 
 
 @checked
-def mean_effect(outcomes: TrialOutcomes, measure: str) -> Effect:
+def mean_effect(outcomes: TrialOutcomes, measure: str) -> Estimate:
     """Estimate the mean of a measure, objects as clusters; NaN where no trial has it.
 
     The measure is "reward", "cost", or "success" or "abstained", whose intervals stay in [0, 1].
@@ -169,7 +175,7 @@ def mean_effect(outcomes: TrialOutcomes, measure: str) -> Effect:
     fraction = measure in _FRACTIONS
     mask = ~np.isnan(values)
     if not mask.any():
-        return Effect(math.nan, math.nan, 0)
+        return Estimate(math.nan, math.nan, 0)
     return clustered(values[mask], outcomes.object_name[mask], fraction=fraction)
 
 
@@ -198,7 +204,7 @@ def compare(trials: Trials, first: str, second: str, *, measure: str = "reward")
 
 
 @checked
-def difference(first: TrialOutcomes, second: TrialOutcomes, *, measure: str = "reward") -> Effect:
+def difference(first: TrialOutcomes, second: TrialOutcomes, *, measure: str = "reward") -> Estimate:
     """Estimate the mean of first - second, clustered by object, over the tasks that both have.
 
     Trials are paired by the keys of their tasks, in the order of these, so that
@@ -297,7 +303,10 @@ def _row(agent: str, outcomes: TrialOutcomes, seconds: float) -> SummaryRow:
     reward = mean_effect(outcomes, "reward")
     accuracy = mean_effect(outcomes, "success")
     positive, truth = outcomes.beliefs()
-    nll = squared = ece = calibrated = math.nan
+    nll = math.nan
+    squared = math.nan
+    ece = math.nan
+    calibrated = math.nan
     if len(truth):
         nll = float(negative_log_likelihood(positive, truth).mean())
         squared = float(brier(positive, truth).mean())

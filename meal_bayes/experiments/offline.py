@@ -77,7 +77,7 @@ class OfflineRun:
 
 
 @dataclass(frozen=True, slots=True)
-class _Unit:
+class _TrialBlock:
     """Up to 100 trials of one agent."""
 
     config: OfflineConfig  # with this agent alone
@@ -165,7 +165,7 @@ def run_offline(
     folder = run_folder(logs, name, config, ignore=ignore, table=source.fingerprint)
     absolute = folder.absolute()  # a cluster's workers live elsewhere
     units = [
-        _Unit(
+        _TrialBlock(
             dataclasses.replace(config, agents=(agent,)),
             absolute / file_name(agent.name, 200) / f"unit-{first // UNIT:04d}.mcap",
             tasks[first:][:UNIT],

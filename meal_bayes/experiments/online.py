@@ -42,7 +42,9 @@ class OnlineRun:
         """Yield the test results of every agent, repeat and batch, in order."""
         for agent in self.config.agents:
             for repeat in range(self.config.repeats):
-                unit = _Unit(dataclasses.replace(self.config, agents=(agent,)), repeat, self.folder)
+                unit = _AgentRepeat(
+                    dataclasses.replace(self.config, agents=(agent,)), repeat, self.folder
+                )
                 cost = 0.0
                 for batch in range(self.config.batches + 1):
                     if batch:
@@ -62,7 +64,7 @@ def batch_log(folder: Path, batch: int, part: str) -> Path:
 
 
 @dataclass(frozen=True, slots=True)
-class _Unit:
+class _AgentRepeat:
     """One agent in one repeat."""
 
     config: OnlineConfig
@@ -193,7 +195,7 @@ def run_online(
     folder = run_folder(logs, name, config, ignore=("repeats",), data=data)
     place = folder.absolute()  # a cluster's workers live elsewhere
     units = [
-        _Unit(dataclasses.replace(config, agents=(agent,)), repeat, place, fresh)
+        _AgentRepeat(dataclasses.replace(config, agents=(agent,)), repeat, place, fresh)
         for repeat in range(config.repeats)
         for agent in config.agents
     ]

@@ -14,7 +14,7 @@ from meal_bayes.kinds import checked
 from meal_bayes.robots.robot import Outcome
 from meal_bayes.seeds import stream
 from meal_bayes.simulated_arm.objects import ObjectParameters
-from meal_bayes.simulated_arm.physics import HIGH, OPEN, Motion, OnFrame, Scene
+from meal_bayes.simulated_arm.physics import HIGH, OPEN, ArmPhysics, Motion, OnFrame
 from meal_bayes.simulated_arm.sensors import features_of, picture_features
 
 READY = "ready"
@@ -86,7 +86,7 @@ class SimulatedArm:
     seed, path : int | str
         Name the random streams: where the object lies, and the noise of the sensors.
     on_frame : OnFrame | None
-        Called 30 times a simulated second, with the scene.
+        Called 30 times a simulated second, with the physics.
     """
 
     def __init__(
@@ -101,23 +101,23 @@ class SimulatedArm:
         self._path = path
         self._on_frame = on_frame
         self._starts = 0
-        self._scene: Scene | None = None
+        self._physics: ArmPhysics | None = None
         self._executed = Counter[str]()
 
     @property
-    def scene(self) -> Scene:
+    def physics(self) -> ArmPhysics:
         """The physics of this trial."""
-        if self._scene is None:
+        if self._physics is None:
             raise SettingsError("The robot has no object yet; call start() first.")
-        return self._scene
+        return self._physics
 
     def start(self) -> str:
         """Start a trial with the object at its place, and return the state."""
         placing = stream(self._seed, *self._path, "placing", self._starts)
-        self._scene = Scene(self._parameters, placing, self._on_frame)
+        self._physics = ArmPhysics(self._parameters, placing, self._on_frame)
         self._starts += 1
         self._executed.clear()
-        self._state = observe_state(self._scene)
+        self._state = observe_state(self._physics)
         return self._state
 
     def execute(self, behavior: str) -> Outcome:
@@ -130,33 +130,33 @@ class SimulatedArm:
         """
         if behavior not in BEHAVIORS:
             raise SettingsError(unknown("behavior", behavior, BEHAVIORS))
-        scene = self.scene
+        physics = self.physics
         if self._state not in LEGAL[behavior]:
             return Outcome(TERMINAL, None)
         self._executed[behavior] += 1
         count = self._executed[behavior]
         rng = stream(self._seed, *self._path, "sensors", self._starts, behavior, count)
-        pieces = [(motion, scene.move(motion)) for motion in BEHAVIORS[behavior]]
+        pieces = [(motion, physics.move(motion)) for motion in BEHAVIORS[behavior]]
         if behavior == "reinit":
-            scene.put_back()
-        self._state = observe_state(scene)
+            physics.put_back()
+        self._state = observe_state(physics)
         if (behavior, self._state) not in _SUCCEEDED:
             return Outcome(self._state, None)
         if behavior == "look":
-            return Outcome(self._state, picture_features(scene, rng))
+            return Outcome(self._state, picture_features(physics, rng))
         recorded = [channels for motion, channels in pieces if motion.recorded]
         features = features_of(behavior, np.concatenate(recorded), rng) if recorded else None
         return Outcome(self._state, features)
 
 
-def observe_state(scene: Scene) -> str:
+def observe_state(physics: ArmPhysics) -> str:
     """Return the state, by the fingertips' switches and the tracker of the object's pose."""
-    place = scene.object_place
-    home = scene.home
-    if scene.held():
+    place = physics.object_place
+    home = physics.home
+    if physics.held():
         return LIFTED if place[2] - home[2] > _OFF_TABLE else GRASPED
-    commanded, width = scene.opening
+    commanded, width = physics.opening
     if commanded - width > _JAMMED:
         raise RobotError(f"the gripper jams: {width:.3f} m open, commanded {commanded:.3f} m")
     near = (abs(place[:2]) < _AT_PLACE).all() and abs(place[2] - home[2]) < _OFF_TABLE
-    return READY if near and scene.upright > _UPRIGHT else MOVED
+    return READY if near and physics.upright > _UPRIGHT else MOVED

@@ -49,7 +49,7 @@ class Motion:
     wave: tuple[float, float] | None = None
 
 
-class Scene:
+class ArmPhysics:
     """One object on the table, and the arm; `on_frame` is called 30 times a simulated second.
 
     The generator draws where the object lies, and how it is turned.
@@ -183,4 +183,4 @@ class Scene:
             raise RobotError("the object came apart: its content is outside")
 
 
-OnFrame = Callable[[Scene], None]
+OnFrame = Callable[[ArmPhysics], None]

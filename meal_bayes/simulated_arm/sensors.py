@@ -11,7 +11,7 @@ import numpy as np
 from meal_bayes.arrays import Floats
 from meal_bayes.robots.robot import BALL, SHELL, SOLID, Frame
 from meal_bayes.simulated_arm.objects import SHELL_GROUP
-from meal_bayes.simulated_arm.physics import CHANNELS, Scene
+from meal_bayes.simulated_arm.physics import CHANNELS, ArmPhysics
 
 BINS = 10  # of a channel in time, each a feature
 
@@ -100,13 +100,15 @@ def features_of(behavior: str, channels: Floats, rng: np.random.Generator) -> di
     return {name: make(sensed) for name, make in MODALITIES[behavior].items()}
 
 
-def take_picture(scene: Scene, size: tuple[int, int] = SIZE, *, empty: bool = False) -> Floats:
+def take_picture(
+    physics: ArmPhysics, size: tuple[int, int] = SIZE, *, empty: bool = False
+) -> Floats:
     """Return the front camera's picture, (rows, columns, 3) in [0, 1], without noise.
 
     Of the `empty` table, as the robot remembers it, the object is left out.
     """
-    model = scene.model
-    data = scene.data
+    model = physics.model
+    data = physics.data
     camera = model.camera("front").id
     rows, columns = size
     half = np.tan(np.deg2rad(model.cam_fovy[camera]) / 2)
@@ -142,14 +144,14 @@ def take_picture(scene: Scene, size: tuple[int, int] = SIZE, *, empty: bool = Fa
     return np.asarray(np.clip(colors, 0.0, 1.0).reshape(rows, columns, 3))
 
 
-def picture_features(scene: Scene, rng: np.random.Generator) -> dict[str, Floats]:
+def picture_features(physics: ArmPhysics, rng: np.random.Generator) -> dict[str, Floats]:
     """Return the object's mean color, (3,), and its height, width and area in pixels, (3,).
 
     The object is where a noisy picture differs from the memory of the empty table.
     """
-    picture = take_picture(scene)
+    picture = take_picture(physics)
     picture += rng.normal(0.0, PIXEL_NOISE, picture.shape)
-    difference = np.abs(picture - take_picture(scene, empty=True)).max(axis=2)
+    difference = np.abs(picture - take_picture(physics, empty=True)).max(axis=2)
     mask = difference > _DIFFERENT
     rows = mask.sum(axis=1) > 1
     columns = mask.sum(axis=0) > 1
@@ -157,10 +159,10 @@ def picture_features(scene: Scene, rng: np.random.Generator) -> dict[str, Floats
     return {"color": color, "shape": np.array([rows.sum(), columns.sum(), mask.sum()], dtype=float)}
 
 
-def frame_of(scene: Scene) -> Frame:
+def frame_of(physics: ArmPhysics) -> Frame:
     """Return the present frame for the viewer: boxes and balls, contact forces, the picture."""
-    model = scene.model
-    data = scene.data
+    model = physics.model
+    data = physics.data
     ball = model.geom_type == mujoco.mjtGeom.mjGEOM_SPHERE
     shell = model.geom_group == SHELL_GROUP
     wrenches = np.empty((data.ncon, 6))
@@ -172,7 +174,7 @@ def frame_of(scene: Scene) -> Frame:
         mujoco.mju_mat2Quat(turn, matrix)  # w, x, y, z
     sizes = np.where(ball[:, None], model.geom_size[:, :1], model.geom_size)
     return Frame(
-        seconds=scene.seconds,
+        seconds=physics.seconds,
         centers=data.geom_xpos.astype(np.float32),
         half_sizes=sizes.astype(np.float32),
         quaternions=np.roll(turns, -1, axis=1).astype(np.float32),  # to x, y, z, w
@@ -180,5 +182,5 @@ def frame_of(scene: Scene) -> Frame:
         shapes=np.where(ball, BALL, np.where(shell, SHELL, SOLID)).astype(np.int8),
         contacts=data.contact.pos.astype(np.float32),
         forces=(wrenches[:, None, :3] @ axes)[:, 0].astype(np.float32),
-        picture=take_picture(scene).astype(np.float32),
+        picture=take_picture(physics).astype(np.float32),
     )

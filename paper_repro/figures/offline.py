@@ -7,7 +7,7 @@ from matplotlib.ticker import LogLocator
 
 from meal_bayes.canvas import Axes, axes_to_draw, legend, name_axes
 from meal_bayes.domain import load_domain
-from meal_bayes.evaluation.plots import reach
+from meal_bayes.evaluation.plots import error_lengths
 from meal_bayes.evaluation.statistics import Interval
 from meal_bayes.palette import agent_style
 from paper_repro.figures.read import Record, Row, interval_of, joined, leaders, rows_of
@@ -138,8 +138,8 @@ def eq7(record: Record) -> dict[str, Axes]:
                 spans = [interval_of(row[column]) for column in budgets]
                 style = agent_style(row["agent"])
                 y = [max(span.estimate, 0.5) for span in spans]  # none is below one
-                ax.errorbar(hours, y, reach(spans), fmt=style.marker + style.dash, ms=5, lw=1.5,
-                            color=style.color, capsize=2.5, elinewidth=1.1)  # fmt: skip
+                ax.errorbar(hours, y, error_lengths(spans), fmt=style.marker + style.dash, ms=5,
+                            lw=1.5, color=style.color, capsize=2.5, elinewidth=1.1)  # fmt: skip
                 ends[f"{row['agent']} {spans[-1].estimate:.0f}"] = (hours[-1], y[-1])
             ax.set(xscale="log", yscale="log")
             ax.set_xticks(hours, [f"{60 * h:.0f} min" for h in hours], minor=False)

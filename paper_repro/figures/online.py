@@ -7,7 +7,7 @@ import numpy as np
 
 from meal_bayes.canvas import Axes, axes_to_draw, name_axes
 from meal_bayes.evaluation.outcome_model import MARGINS
-from meal_bayes.evaluation.plots import reach
+from meal_bayes.evaluation.plots import error_lengths
 from meal_bayes.evaluation.statistics import Interval
 from meal_bayes.palette import LINE_GRAY, agent_style
 from paper_repro.figures.read import Record, Row, apart, interval_of, joined, rows_of
@@ -157,8 +157,8 @@ def _effects(record: Record, name: str, rows: Sequence[Row], reference: str) -> 
             style = agent_style(row["agent"])
             for span, marker, color, up in ((fitted, style.marker, style.color, _SIDES[0]),
                                             (design, "|", LINE_GRAY, _SIDES[1])):  # fmt: skip
-                ax.errorbar(span.estimate, at + up, xerr=reach([span]), fmt=marker, color=color,
-                            ms=4.5, elinewidth=1.3)  # fmt: skip
+                ax.errorbar(span.estimate, at + up, xerr=error_lengths([span]), fmt=marker,
+                            color=color, ms=4.5, elinewidth=1.3)  # fmt: skip
         names = [f"{row[''].split(': ', 1)[1]}: {row['agent']}" for row in rows]
         ax.set_yticks(place, names)
         ax.set_ylim(-0.7, len(rows) - 0.3)

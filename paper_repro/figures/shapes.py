@@ -13,7 +13,7 @@ from meal_bayes.canvas import Axes, axes_to_draw, drawn_in_style, legend, name_a
 from meal_bayes.display import level_names
 from meal_bayes.domain import TransitionDiagram
 from meal_bayes.domain.diagram import ANY_STATE
-from meal_bayes.evaluation.plots import reach
+from meal_bayes.evaluation.plots import error_lengths
 from meal_bayes.evaluation.statistics import Interval
 from meal_bayes.palette import LINE_GRAY, agent_style
 
@@ -106,7 +106,7 @@ def dots(
             styles.add(style)
             to.errorbar(
                 place + (number - (len(groups) - 1) / 2) * step,
-                [span.estimate for span in intervals], reach(intervals), fmt=style.marker,
+                [span.estimate for span in intervals], error_lengths(intervals), fmt=style.marker,
                 color=style.color, mfc=face, ms=5, elinewidth=1.3, capsize=2.5, label=agent,
             )  # fmt: skip
         for edge in place[1:]:

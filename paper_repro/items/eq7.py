@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes.evaluation import Effect
+from meal_bayes.evaluation import Estimate
 from meal_bayes.seeds import stream
 from meal_bayes.trials import TrialOutcomes
 from paper_repro.frame import Cell, Result, Setting, Table, asked
@@ -80,7 +80,7 @@ def run(setting: Setting) -> Result:
     )  # fmt: skip
 
 
-def within(run: TrialOutcomes, budget: float, *, drawn: bool) -> Effect:
+def within(run: TrialOutcomes, budget: float, *, drawn: bool) -> Estimate:
     """Estimate the successes within a budget; the error is that of units drawn again.
 
     Parameters
@@ -98,7 +98,7 @@ def within(run: TrialOutcomes, budget: float, *, drawn: bool) -> Effect:
     sides = np.stack([run.success, run.cost], axis=1)
     spread = bootstrap_interval(sides, units, stream(SEED, "eq7"), statistic=successes)
     count = repeated_successes(run.success, run.cost, budget)
-    return Effect(count, spread.se, len(np.unique(units)),
+    return Estimate(count, spread.se, len(np.unique(units)),
                   method=f"Student's t, bootstrap by stream({SEED}, 'eq7')")  # fmt: skip
 
 

@@ -6,7 +6,7 @@ from functools import partial
 import numpy as np
 
 from meal_bayes.datasets import load_dataset
-from meal_bayes.evaluation import Effect
+from meal_bayes.evaluation import Estimate
 from meal_bayes.evaluation.learning import mean_until
 from paper_repro.frame import Cell, Result, Setting, Table, asked, paper_values
 from paper_repro.online import (
@@ -123,7 +123,7 @@ def run(setting: Setting) -> Result:
     )  # fmt: skip
 
 
-def at_start(first: Curves, second: Curves) -> Effect:
+def at_start(first: Curves, second: Curves) -> Estimate:
     """Estimate by how much an agent is more accurate than another before both explore."""
     return paired(first.accuracy[:, 0], second.accuracy[:, 0], second.ratio)
 
@@ -203,7 +203,7 @@ def area(first: Curves, second: Curves, measure: str) -> tuple[np.ndarray, np.nd
     return lead, rival
 
 
-def lead_at(first: Curves, second: Curves, measure: str, h: float) -> Effect | None:
+def lead_at(first: Curves, second: Curves, measure: str, h: float) -> Estimate | None:
     """Estimate a lead at some hours; None where a repeat of either explored for less."""
     lead, rival = (
         at_hours(curves.hours, getattr(curves, measure), h) for curves in (first, second)

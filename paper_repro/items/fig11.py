@@ -5,7 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes.evaluation import Effect
+from meal_bayes.evaluation import Estimate
 from paper_repro.frame import Cell, Result, Setting, Table, paper_values
 from paper_repro.online import (
     ATTRIBUTES,
@@ -125,7 +125,7 @@ def hard_in_splits(protocol: str, scores: Scores) -> list[tuple[Cell, ...]]:
             for name in paper["hard"]]  # fmt: skip
 
 
-def lead_of(values: NDArray[np.float64], p: int, ratio: float) -> Effect:
+def lead_of(values: NDArray[np.float64], p: int, ratio: float) -> Estimate:
     """Estimate an attribute's accuracy, of (S,P), less the mean of those that are not easy."""
     plain = [q for q in range(len(NAMES)) if q not in EASY]
     accuracy = np.nan_to_num(values, nan=0.5)

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from meal_bayes.datasets import PerceptTable
 from meal_bayes.domain import load_domain
-from meal_bayes.evaluation import Effect
+from meal_bayes.evaluation import Estimate
 from meal_bayes.perception import TableSource
 from meal_bayes.seeds import stream
 from paper_repro.frame import Cell, Result, Setting, Table, paper_values
@@ -80,7 +80,7 @@ def judge(counts: Counts, order: list[str]) -> Evidence:
             counts, range(len(counts)), stream(0, "kappa", first, second),
             statistic=lambda x, p=p, q=q: kappa(x[:, p].sum(0)) - kappa(x[:, q].sum(0)),  # type: ignore[misc]
         )  # fmt: skip
-        effect = Effect(lead.estimate, lead.se, len(counts), method="t, bootstrap over objects")
+        effect = Estimate(lead.estimate, lead.se, len(counts), method="t, bootstrap over objects")
         parts.append(above(effect, 0, of=f"kappa of {first} less that of {second}"))
     return every(parts)
 

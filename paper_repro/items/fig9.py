@@ -4,7 +4,7 @@ from math import hypot
 
 import numpy as np
 
-from meal_bayes.evaluation import Effect, clustered, mean_effect
+from meal_bayes.evaluation import Estimate, clustered, mean_effect
 from meal_bayes.trials import TrialOutcomes
 from paper_repro.agents import ANSWERS, DECLINES
 from paper_repro.frame import Cell, Result, Setting, Table, paper_values
@@ -175,7 +175,7 @@ def judge_shape(runs: Runs, *, drawn: bool) -> dict[str, Evidence | None]:
     points = list(runs)
     first, step, last = (runs[points[place]] for place in (0, 1, -1))
 
-    def rise(after: TrialOutcomes, before: TrialOutcomes, name: str) -> Effect:
+    def rise(after: TrialOutcomes, before: TrialOutcomes, name: str) -> Estimate:
         if drawn:
             return drawn_change(*(drawn_mean(run, name) for run in (after, before)))
         values = [~run.answered if name == "abstained" else run.cost for run in (after, before)]
@@ -193,7 +193,7 @@ def judge_shape(runs: Runs, *, drawn: bool) -> dict[str, Evidence | None]:
     }  # fmt: skip
 
 
-def measure(run: TrialOutcomes, name: str, *, drawn: bool) -> Effect:
+def measure(run: TrialOutcomes, name: str, *, drawn: bool) -> Estimate:
     """Estimate a measure; accuracy is that of the relevant attributes alone."""
     if name != "success":
         return drawn_mean(run, name) if drawn else mean_effect(run, name)

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from meal_bayes.evaluation import Effect, compare_outcomes, difference, resampled
+from meal_bayes.evaluation import Estimate, compare_outcomes, difference, resampled
 from meal_bayes.evaluation.outcome_model import MARGINS, AgentEffect
 from meal_bayes.trials import TrialOutcomes
 from paper_repro.frame import Cell, Result, Setting, Table, asked, paper_values
@@ -36,7 +36,7 @@ SHOWS = """Colored dots and lines: effects by the model and their 95 % credible 
 lines below them: by design. Gray band: practical equivalence. Left of 0 the paper's agent is
 ahead."""
 
-Pairs = list[tuple[AgentEffect, Effect]]  # by the model, and by design
+Pairs = list[tuple[AgentEffect, Estimate]]  # by the model, and by design
 
 
 def run(setting: Setting) -> Result:
@@ -98,7 +98,7 @@ def run(setting: Setting) -> Result:
     )
 
 
-def agree(row: AgentEffect, plain: Effect) -> bool:
+def agree(row: AgentEffect, plain: Estimate) -> bool:
     """Return whether both intervals leave 0 out, or neither does.
 
     The model takes what an agent owes to the objects that taught it for luck drawn anew, and is

@@ -8,7 +8,7 @@ import numpy as np
 
 from meal_bayes import OfflineConfig, read_trials, run_offline
 from meal_bayes.datasets import PerceptTable, load_percepts
-from meal_bayes.evaluation import Effect, clustered, difference, mean_effect
+from meal_bayes.evaluation import Estimate, clustered, difference, mean_effect
 from meal_bayes.planners import Factored
 from paper_repro.frame import Cell, Result, Setting, Table, paper_values
 from paper_repro.halves import table_by_halves
@@ -51,9 +51,9 @@ class Gains(NamedTuple):
     data, plans, sensors : by objects without end, the best plan, and sensors that never err.
     """
 
-    data: Effect
-    plans: Effect
-    sensors: Effect
+    data: Estimate
+    plans: Estimate
+    sensors: Estimate
 
 
 def run(setting: Setting) -> Result:
@@ -71,11 +71,11 @@ def run(setting: Setting) -> Result:
         )
         ideal = reward - cheapest_percept(load_percepts(dataset))
         by_all = mean_effect(ours, "reward")
-        gap = planning_gap(setting, dataset, n, trials) if answer == "values" else Effect(0, 0, 1)
+        gap = planning_gap(setting, dataset, n, trials) if answer == "values" else Estimate(0, 0, 1)
         gains = split(by_all, difference(ours, half), gap, ideal)
         taught = _and(by_all, gains.data)
         heights = (mean_effect(morc, "reward"), mean_effect(half, "reward"), by_all, taught,
-                   _and(taught, gains.plans), Effect(ideal, 0.0, 1))  # fmt: skip
+                   _and(taught, gains.plans), Estimate(ideal, 0.0, 1))  # fmt: skip
         rows.append((dataset, n, answer, *heights[:3], difference(ours, half), *gains))
         for name, effect in zip(told, gains, strict=True):
             told[name].append(effect.estimate)
@@ -94,7 +94,7 @@ def run(setting: Setting) -> Result:
     )  # fmt: skip
 
 
-def split(by_all: Effect, doubled: Effect, gap: Effect, ideal: float) -> Gains:
+def split(by_all: Estimate, doubled: Estimate, gap: Estimate, ideal: float) -> Gains:
     """Divide what a reward lacks into data, plans and sensors; the three sum up to it.
 
     Parameters
@@ -116,13 +116,13 @@ def split(by_all: Effect, doubled: Effect, gap: Effect, ideal: float) -> Gains:
     )  # fmt: skip
 
 
-def _and(height: Effect, gain: Effect) -> Effect:
+def _and(height: Estimate, gain: Estimate) -> Estimate:
     """Stack a gain upon a reward."""
     return replace(height, estimate=height.estimate + gain.estimate,
                    se=float(np.hypot(height.se, gain.se)))  # fmt: skip
 
 
-def planning_gap(setting: Setting, dataset: str, n: int, trials: int) -> Effect:
+def planning_gap(setting: Setting, dataset: str, n: int, trials: int) -> Estimate:
     """Bound what planning could add to MORC's reward where its tables are the truth."""
     config = OfflineConfig(
         dataset, attributes=n, trials=min(trials, BOUNDED), agents=(AGAINST,), seed=setting.seed,

@@ -7,7 +7,7 @@ import numpy as np
 from meal_bayes.agents import knowledge_without
 from meal_bayes.arrays import Floats
 from meal_bayes.datasets import load_percepts
-from meal_bayes.evaluation import Effect
+from meal_bayes.evaluation import Estimate
 from meal_bayes.experiments.tasks import offline_tasks
 from paper_repro.agents import AGENTS, ASK
 from paper_repro.asking import ask_until_two_agree
@@ -63,7 +63,7 @@ def run(setting: Setting) -> Result:
     )  # fmt: skip
 
 
-def judge(first: Effect, last: Effect) -> dict[str, Evidence | None]:
+def judge(first: Estimate, last: Estimate) -> dict[str, Evidence | None]:
     """Judge both ends by lower bounds: they can stand above a number, and not below it."""
     printed = paper_values("fig9")
     low = printed["last_reward_below"]
@@ -96,8 +96,8 @@ def values_of(setting: Setting, irrelevant: int) -> Values:
     return Values(np.array(each), np.array(whole))
 
 
-def drawn(values: Floats) -> Effect:
+def drawn(values: Floats) -> Estimate:
     """Estimate the mean over questions, which are drawn."""
     se = float(values.std(ddof=1) / len(values) ** 0.5)
-    return Effect(float(values.mean()), se, len(values), cluster="trials",
+    return Estimate(float(values.mean()), se, len(values), cluster="trials",
                   method="Student's t over trials")  # fmt: skip

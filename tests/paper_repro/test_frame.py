@@ -13,7 +13,7 @@ from meal_bayes.agents import load_agent
 from meal_bayes.datasets import load_percepts
 from meal_bayes.domain import Query, load_domain
 from meal_bayes.errors import SettingsError
-from meal_bayes.evaluation import Effect, mean_effect
+from meal_bayes.evaluation import Estimate, mean_effect
 from meal_bayes.momdp import build_momdp
 from meal_bayes.perception import table_counts
 from paper_repro import frame, offline, online, pages, published
@@ -247,6 +247,6 @@ def test_a_mean_that_nobody_has_is_a_dash():
 def test_plain_values_are_json_of_six_digits():
     plain = frame.plain
     assert plain(1 / 3) == 0.333333
-    assert plain(Effect(2 / 3, nan, 3)) == [0.666667, None]
+    assert plain(Estimate(2 / 3, nan, 3)) == [0.666667, None]
     assert plain(inf) is None
     assert json.dumps([plain(nan), plain(None), plain("a"), plain(3)]) == '[null, null, "a", 3]'

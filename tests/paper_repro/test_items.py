@@ -8,7 +8,7 @@ import pytest
 
 from meal_bayes.datasets import load_percepts
 from meal_bayes.domain import Domain
-from meal_bayes.evaluation import Effect
+from meal_bayes.evaluation import Estimate
 from meal_bayes.trials import TrialOutcomes
 from paper_repro import frame, published
 from paper_repro.asking import Asked, ask_until_two_agree
@@ -264,12 +264,12 @@ def test_the_sixth_belief_of_table_5_follows_from_the_others():
 
 
 def test_what_a_reward_lacks_is_data_plans_and_sensors():
-    known, gap = Effect(300.0, 10.0, 30), Effect(-5.0, 8.0, 30)
+    known, gap = Estimate(300.0, 10.0, 30), Estimate(-5.0, 8.0, 30)
     for doubled in (-20.0, 50.0, 900.0):
-        gains = losses.split(known, Effect(doubled, 12.0, 30), gap, 499.5)
+        gains = losses.split(known, Estimate(doubled, 12.0, 30), gap, 499.5)
         assert sum(gain.estimate for gain in gains) == pytest.approx(199.5)
         assert min(gain.estimate for gain in gains) >= 0
-    assert losses.split(known, Effect(50.0, 12.0, 30), gap, 499.5).data.estimate == 50.0
+    assert losses.split(known, Estimate(50.0, 12.0, 30), gap, 499.5).data.estimate == 50.0
     assert losses.cheapest_percept(load_percepts("roc36")) == 0.5
 
 

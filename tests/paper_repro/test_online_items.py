@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from meal_bayes.evaluation import Effect
+from meal_bayes.evaluation import Estimate
 from meal_bayes.evaluation.outcome_model import AgentEffect
 from paper_repro import online
 from paper_repro.frame import Setting
@@ -230,9 +230,9 @@ def test_the_published_settings_have_twenty_splits():
 
 def test_the_model_s_probability_is_withheld_where_the_design_disagrees():
     effect = AgentEffect("bayes", "morc", "success", 9, 0.1, 0.08, 0.01, 0.2, 0.9, 0.1, 0.02, "red")
-    assert agree(effect, Effect(0.1, 0.01, 9))
-    assert not agree(effect, Effect(0.1, 0.1, 9))  # holds 0
-    assert agree(replace(effect, low=-0.1), Effect(0.1, 0.1, 9))
+    assert agree(effect, Estimate(0.1, 0.01, 9))
+    assert not agree(effect, Estimate(0.1, 0.1, 9))  # holds 0
+    assert agree(replace(effect, low=-0.1), Estimate(0.1, 0.1, 9))
 
 
 def test_repeats_are_units_where_the_objects_are_the_whole_population():

@@ -7,7 +7,7 @@ from functools import partial
 import numpy as np
 import pytest
 
-from meal_bayes.evaluation import Effect, clustered, paired_fractions, resampled
+from meal_bayes.evaluation import Estimate, clustered, paired_fractions, resampled
 from paper_repro import frame, inference, statements
 from paper_repro.inference import (
     bootstrap_interval,
@@ -44,7 +44,7 @@ KEYS = {"text", "where", "protocol", "central", "outcome", "rule", "method", "es
 
 
 def effect(mean, se=0.5, **options):
-    return Effect(mean, se, 20, **options)
+    return Estimate(mean, se, 20, **options)
 
 
 def outcome(evidence, level=0.05):
@@ -113,7 +113,9 @@ def test_no_effect_gives_few_false_outcomes_over_fig_10_s_family():
     rng, false = np.random.default_rng(0), 0
     for _ in range(400):
         drawn = rng.normal(0, 0.5, 30)
-        family = {f"{n}": above(Effect(estimate, 0.5, 200), 0) for n, estimate in enumerate(drawn)}
+        family = {
+            f"{n}": above(Estimate(estimate, 0.5, 200), 0) for n, estimate in enumerate(drawn)
+        }
         false += any(row["outcome"] != UNDECIDED for row in judged({RECORDED: family}, ["*"], ""))
     assert false / 400 <= 0.08  # 5 %, and three standard errors of 400 families
 

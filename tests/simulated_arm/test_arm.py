@@ -27,9 +27,9 @@ def test_a_behavior_takes_the_simulated_seconds_that_it_costs(sim, make_object):
     arm.start()
     costs = {kind.name: kind.cost for kind in load_domain("simulated_arm").behaviors}
     for behavior in ("look", "press", "grasp", "lift", "hold", "shake", "lower", "lift", "drop"):
-        before = arm.scene.seconds
+        before = arm.physics.seconds
         arm.execute(behavior)
-        assert arm.scene.seconds - before == pytest.approx(costs[behavior])
+        assert arm.physics.seconds - before == pytest.approx(costs[behavior])
     motions = sim.arm.BEHAVIORS
     seconds = {name: sum(motion.seconds for motion in motions[name]) for name in costs}
     assert seconds == pytest.approx(costs)
@@ -78,16 +78,16 @@ def test_the_kth_execution_has_its_own_noise_whatever_else_was_done(sim, make_ob
     assert (seen() != seen("look")).all()
 
 
-def _push_off_the_table(scene):
-    scene.data.joint("object").qpos[:3] = (0.5, 0.0, -0.3)
+def _push_off_the_table(physics):
+    physics.data.joint("object").qpos[:3] = (0.5, 0.0, -0.3)
 
 
-def _break_the_state(scene):
-    scene.data.joint("object").qvel[0] = np.nan
+def _break_the_state(physics):
+    physics.data.joint("object").qvel[0] = np.nan
 
 
-def _spill(scene):
-    scene.data.joint("ball_0").qpos[:3] = (0.1, 0.1, 1.8)
+def _spill(physics):
+    physics.data.joint("ball_0").qpos[:3] = (0.1, 0.1, 1.8)
 
 
 @pytest.mark.parametrize(
@@ -102,7 +102,7 @@ def test_a_fault_of_the_physics_is_a_robot_error(sim, make_object, meddle, said)
     balls = make_object(content="many small balls", n_balls=9, content_mass=0.1)
     arm = sim.SimulatedArm(balls, 0)
     arm.start()
-    meddle(arm.scene)
+    meddle(arm.physics)
     with pytest.raises(RobotError, match=said):
         arm.execute("look")
 
@@ -110,10 +110,10 @@ def test_a_fault_of_the_physics_is_a_robot_error(sim, make_object, meddle, said)
 def test_a_gripper_that_jams_is_a_robot_error(sim, make_object):
     arm = sim.SimulatedArm(make_object(), 0)
     arm.start()
-    arm.scene.model.actuator("grip").forcerange = (0.0, 0.0)  # no motor
-    arm.scene.model.joint("left").damping = 1e6
-    arm.scene.model.joint("right").damping = 1e6
-    arm.scene.data.joint("left").qpos[0] = arm.scene.data.joint("right").qpos[0] = 0.0
+    arm.physics.model.actuator("grip").forcerange = (0.0, 0.0)  # no motor
+    arm.physics.model.joint("left").damping = 1e6
+    arm.physics.model.joint("right").damping = 1e6
+    arm.physics.data.joint("left").qpos[0] = arm.physics.data.joint("right").qpos[0] = 0.0
     with pytest.raises(RobotError, match="gripper jams"):
         arm.execute("look")
 
@@ -122,7 +122,7 @@ def test_physics_warnings_leave_no_file_behind(sim, make_object, tmp_path, monke
     monkeypatch.chdir(tmp_path)
     arm = sim.SimulatedArm(make_object(), 0)
     arm.start()
-    _break_the_state(arm.scene)
+    _break_the_state(arm.physics)
     with pytest.raises(RobotError):
         arm.execute("look")
     assert list(tmp_path.iterdir()) == []
@@ -130,7 +130,9 @@ def test_physics_warnings_leave_no_file_behind(sim, make_object, tmp_path, monke
 
 def test_frames_come_thirty_times_a_second(sim, make_object):
     frames = []
-    arm = sim.SimulatedArm(make_object(), 0, on_frame=lambda scene: frames.append(scene.seconds))
+    arm = sim.SimulatedArm(
+        make_object(), 0, on_frame=lambda physics: frames.append(physics.seconds)
+    )
     arm.start()
     arm.execute("hold" if arm.execute("grasp").state == "lifted" else "lift")
     assert len(frames) == pytest.approx(30 * 4.0, abs=2)  # grasp 2.5 s, lift 1.5 s
