@@ -256,14 +256,14 @@ class Answerer:
         session = self._session(before.task, tuple(broken.header["streams"]), options)
         session.start(start)
         session.repeat(before.steps)
-        self.note_asked(session.key)
+        self.note_asked(broken.header)
         self._record(session, broken.path, broken.header, broken)
         return session
 
-    def note_asked(self, streams: Key) -> None:
-        """Count a question of before a restart, whose streams a log names, if it was not yet."""
+    def note_asked(self, header: Mapping[str, object]) -> None:
+        """Count the question of a log of before a restart, by its header, if it was not yet."""
         with self._lock:
-            self._asked.resumed(streams)
+            self._asked.resumed(header)
 
     def _fit(self, task: Task, *, learn: bool, beside: Objects = ()) -> Fit:
         """Return what is known for a trial, by who runs it: training may be another agent's."""
@@ -304,16 +304,17 @@ class Answerer:
     ) -> Session:
         """Return the session of a question, logged if there is a place, but not started yet."""
         place = self._logs.place(log)
+        asked: Mapping[str, object] = {}
         with self._lock:
             task, streams = self._task(question, object_name, key, learn=options.learn)
             if self.table is None and not isinstance(question, Task):
-                self._asked.count(learn=options.learn)
+                asked = self._asked.count(learn=options.learn, key=key)
         session = self._session(task, streams, options)
         if place is None:
             return session
         text = question.text if isinstance(question, Query) else str(question)
         config = {"command": ASK, "question": text, "agent": self.agent.name}
-        self._record(session, place, {"config": config, "begun": options.begun(state)})
+        self._record(session, place, {"config": config, "begun": options.begun(state), **asked})
         return session
 
     def _record(

@@ -1,7 +1,7 @@
 """`ask`: one question about one recorded object; `recall`: experience from logs."""
 
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from meal_bayes.datasets import PerceptTable, load_percepts
@@ -111,11 +111,9 @@ def recall(learner: Learner, *logs: str | Path) -> list[Trial]:
     experience = learner.experience
     recalled = list[Trial]()
     places = dict[Key, Path]()
-    asked = list[Key]()
+    asked = list[Mapping[str, object]]()
     for group in files.begun():
-        streams = group.header.get("streams")
-        if isinstance(streams, list):
-            asked.append(tuple(streams))
+        asked.append(group.header)
         for trial in group.trials:
             task = trial.task
             places[task.key] = lasting_path("The log", group.file.parent)
@@ -131,8 +129,8 @@ def recall(learner: Learner, *logs: str | Path) -> list[Trial]:
     for trial in recalled:
         learner.record(trial)
     learner.note_folders(places)
-    for streams in asked:
-        learner.note_asked(streams)
+    for header in asked:
+        learner.note_asked(header)
     entries = files.told()
     tell_again(experience, entries)
     learner.refit()

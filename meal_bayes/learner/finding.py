@@ -167,10 +167,12 @@ class Finder(Answerer):
             if name not in names:
                 raise SettingsError(f"truth is of {name!r:.60}, which is none of the objects.")
         folder = self._logs.search_folder(log)
+        asked: Mapping[str, object] = {}
         with self._lock:
             if self.table is None:
-                key = self._asked.key(learn=learn) if key is None else key
-                self._asked.count(learn=learn)
+                number = self._asked.key(learn=learn)
+                asked = self._asked.count(learn=learn, key=key)
+                key = number if key is None else key
         tasks = dict[str, tuple[Task, Key]]()
         for name in names:
             object_name = None if isinstance(objects, int) else name
@@ -186,7 +188,7 @@ class Finder(Answerer):
                 "command": FIND, "question": text, "agent": self.agent.name,
                 "objects": names,
             }  # fmt: skip
-            self._record_search(session, folder, {"config": config, "begun": begun})
+            self._record_search(session, folder, {"config": config, "begun": begun, **asked})
         return session
 
     def resume_find(self, log: str | Path | None = None) -> SearchSession:
@@ -229,8 +231,7 @@ class Finder(Answerer):
         options = TrialOptions(**begun)
         session = self._search(before.question, tasks, truth, options, turn_cost)
         session.repeat(before)
-        for trial_session in session.sessions.values():
-            self.note_asked(trial_session.key)
+        self.note_asked(header)
         self._record_search(session, broken.path.parent, header, broken)
         return session
 
@@ -244,7 +245,9 @@ class Finder(Answerer):
         """Log a search from now on, in a folder with the logs of the objects that it explores."""
 
         def explore(name: str, explored: Session, path: Path) -> None:
-            self._record(explored, path, {"config": {**header["config"], "object": name}})
+            config = {**header["config"], "object": name}
+            asked = {"asked": header["asked"]} if "asked" in header else {}
+            self._record(explored, path, {"config": config, **asked})
 
         streams = {
             name: list(trial_session.key) for name, trial_session in session.sessions.items()

@@ -82,17 +82,29 @@ class Asked:
         """Return what names the random streams of the next question."""
         return self.lessons if learn else f"test {self.tests}"
 
-    def count(self, *, learn: bool) -> None:
-        """Count a question."""
+    def count(self, *, learn: bool, key: str | int | None = None) -> dict[str, str | int]:
+        """Count a question, whose streams a person may name; return what its log says of it."""
+        number = self.key(learn=learn)
         if learn:
             self.lessons += 1
         else:
             self.tests += 1
+        if key is None:
+            return {}
+        self._skip(key)
+        return {"asked": number}
 
-    def resumed(self, streams: Key) -> None:
-        """Count a question that was asked before a restart, so that none repeats its streams."""
-        with_robot = len(streams) > 2 and streams[1] == _LIVE
-        counted = _COUNTED.match(str(streams[2])) if with_robot else None
+    def resumed(self, header: Mapping[str, object]) -> None:
+        """Count a question of before a restart, by its log, so that none repeats its streams."""
+        self._skip(header.get("asked"))
+        streams = header.get("streams")
+        for key in streams.values() if isinstance(streams, dict) else [streams]:
+            if isinstance(key, list) and len(key) > 2 and key[1] == _LIVE:
+                self._skip(key[2])
+
+    def _skip(self, key: object) -> None:
+        """Let no later question have a key, if it is one of those that are counted."""
+        counted = _COUNTED.match(str(key))
         if counted is None:
             return
         questions = int(counted["number"]) + 1

@@ -22,13 +22,13 @@ def killed(session):
             each._recorder._file.close()
 
 
-def begin(learner, how):
-    """Begin a trial of a kind."""
+def begin(learner, how, key=None):
+    """Begin a trial of a kind, about an object of a name; perhaps by streams of one's own."""
     if how == "find":
-        session = learner.begin_find("red", 2)
+        session = learner.begin_find("red", ["mug", "pot"], key=key)
         session.turned("table")
         return session
-    return learner.begin("red", learn=how == "lesson")
+    return learner.begin("red", "mug", learn=how == "lesson", key=key)
 
 
 def streams_of(session):
@@ -41,25 +41,37 @@ def resume(learner, how):
     return learner.resume_find() if how == "find" else learner.resume(state="table")
 
 
+KEYS = [None, "mine", 2, "test 2"]  # of which a person names all but one
+
+
 @pytest.mark.parametrize("between", [0, 2])
+@pytest.mark.parametrize("key", KEYS)
 @pytest.mark.parametrize("how", ["lesson", "test", "find"])
-def test_a_question_after_a_resumed_one_repeats_no_stream(dataset, make, tmp_path, how, between):
+def test_a_question_after_a_resumed_one_repeats_no_stream(
+    dataset, make, tmp_path, how, key, between
+):
     first = make.learner(dataset, "greedy", logs=tmp_path / "logs")
     first.save(tmp_path / "it.mind")
-    for _ in range(between):  # which the file does not know
-        begin(first, how).cancel()
-    session = begin(first, how)
+    before = [begin(first, how) for _ in range(between)]  # which the file does not know
+    asked = set().union(*map(streams_of, before))
+    for each in before:
+        each.cancel()
+    session = begin(first, how, key)
     began = streams_of(session)
     killed(session)
     again = Learner.load(tmp_path / "it.mind", logs=tmp_path / "logs")
     resumed = resume(again, how)
     assert streams_of(resumed) == began
-    later = begin(again, how)
-    assert not streams_of(later) & began
-    undisturbed = begin(first, how)
-    assert streams_of(later) == streams_of(undisturbed)  # as if its process had not died
-    for each in (resumed, later, undisturbed):
-        each.cancel()
+    for _ in range(3):
+        later, undisturbed = begin(again, how), begin(first, how)
+        assert streams_of(later) == streams_of(undisturbed)  # as if its process had not died
+        assert not streams_of(later) & (began | asked)
+        later.cancel()
+        undisturbed.cancel()
+    resumed.cancel()
+    recalled = make.learner(dataset, "greedy")
+    recall(recalled, tmp_path / "logs")
+    assert not streams_of(begin(recalled, how)) & (began | asked)
 
 
 @pytest.mark.parametrize("call", ["resume", "resume_find"])
@@ -127,5 +139,5 @@ def test_a_learner_that_recalls_its_logs_repeats_none_of_their_streams(dataset, 
 )
 def test_only_keys_that_were_counted_count(streams, lessons, tests):
     asked = Asked()
-    asked.resumed(streams)
+    asked.resumed({"streams": list(streams)})
     assert (asked.lessons, asked.tests) == (lessons, tests)
