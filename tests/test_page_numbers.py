@@ -1,25 +1,63 @@
 """Numbers that pages and docstrings repeat for their readers are those of the code."""
 
+import math
 from pathlib import Path
 
 import pytest
 
 from meal_bayes import untrusted
-from meal_bayes.agents import co_occurrence, exploration, progress
-from meal_bayes.datasets import percepts
-from meal_bayes.domain import success
+from meal_bayes.agents import (
+    AGENTS,
+    ITRSBonus,
+    agent,
+    co_occurrence,
+    exploration,
+    label_prices,
+    progress,
+)
+from meal_bayes.datasets import levels, percepts
+from meal_bayes.domain import Domain, query, success
+from meal_bayes.domain.labels import PRIOR_OBJECTS
 from meal_bayes.evaluation import calibration, outcome_model, statistics
 from meal_bayes.experiments import offline, online_protocol
 from meal_bayes.learner import views
-from meal_bayes.perception import feature_spaces
+from meal_bayes.momdp import flat_pomdp
+from meal_bayes.momdp.model import DISCOUNT
+from meal_bayes.perception import feature_spaces, own_classifier, settings
 from meal_bayes.perception.settings import DEFAULT
-from meal_bayes.posterior import grid
+from meal_bayes.planners import POMCP, momdp_arrays
+from meal_bayes.planners.factored import policy as table
+from meal_bayes.planners.pomcp import expansion
+from meal_bayes.posterior import grid, trait
 from meal_bayes.trial_log import container, reader, schema, writer
 from meal_bayes.trials import faults
 
 ROOT = Path(__file__).resolve().parents[1]
-WORDS = {2: "two", 3: "three", 4: "four", 5: "five", 8: "eight", 10: "ten", 20: "twenty"}
+WORDS = {
+    0.5: "half", 2: "two", 3: "three", 4: "four", 5: "five", 8: "eight", 10: "ten", 20: "twenty",
+}  # fmt: skip
+MINUS = "\N{MINUS SIGN}"
 TIMES = {1: "once", 2: "twice"}
+
+
+DOMAIN = Domain.__dataclass_fields__
+FOLDS = settings.FOLDS_TRAINED_ANEW
+LEVELS = AGENTS["bayes"].levels
+
+
+def point(number: float) -> str:
+    """Return a number without the zero before its point, as pages have it."""
+    return f"{number:g}".removeprefix("0")
+
+
+def brief(number: float) -> str:
+    """Return a power of ten, such as 1e-3."""
+    return f"{number:.0e}".replace("e-0", "e-")
+
+
+def millions(number: int) -> str:
+    """Return whole millions in words."""
+    return "a million" if number == 1_000_000 else f"{word(number / 1e6)} million"
 
 
 def size(amount: int) -> str:
@@ -32,7 +70,7 @@ def size(amount: int) -> str:
 
 def word(number: float) -> str:
     """Return a number in words, as a page has it in a sentence."""
-    return WORDS.get(int(number), f"{number:g}")
+    return WORDS.get(number, f"{number:g}")
 
 
 def times(number: int) -> str:
@@ -70,11 +108,29 @@ LIMITS = [
     f"leaves out {word(DEFAULT.folds)} folds of objects and compares recordings with "
     f"{DEFAULT.landmarks} landmarks",
 ]
+LIMITS.append(f"| {word(table._MANY)} attributes, Eq. 8;")
+BETA = ITRSBonus().beta
 LEARNING = [
+    f"no bonus is left ({ITRSBonus().alpha:g} {MINUS} {BETA:g} s)",
+    f"({ITRSBonus().alpha:g} {MINUS} {BETA:g} / 6 > 0)",
     f"paid for {word(exploration._PAID_BY_ITRS)} percepts of a behavior in a trial at most",
     f"as many as it was asked, and {progress._FIRST:g} more",
     f"weighed by $2^{{-m/{views.HALVED}}}$",
     f"and {word(views.HALVED)} trials halve what it is believed by",
+]
+PROBLEM = [
+    rf"$\gamma = {point(DISCOUNT)}$ acts",
+    f"`bayes` uses $K = {LEVELS}$",
+    f"$(n_k + {PRIOR_OBJECTS:g}) / (n + K)$ of $n$ objects",
+]
+PLANNING = [
+    f"for up to {word(table._MANY)} attributes (which share "
+    f"{table._FINER * POMCP().points:,} points",
+    f"priced at {momdp_arrays._PRICE:.4f} of",
+]
+OWN_DATA = [
+    f"{MINUS}r of a wrong one [{DOMAIN['report_reward'].default:g}]",
+    f"[{', '.join(f'{s:g}' for s in DOMAIN['legal_budget'].default)}]",
 ]
 PAGES = {
     "SECURITY.md": SECURITY,
@@ -83,18 +139,44 @@ PAGES = {
     "docs/concepts/problem.md": [
         f"are then {co_occurrence._BAYES_FACTOR:g} times as likely",
         f"(up to {co_occurrence.MOST_VALUES}, those of",
+        *PROBLEM,
     ],
-    "docs/log-format.md": [f"columns of {writer.ROWS} trials"],
+    "docs/concepts/observation-model.md": [
+        f"$(n^+ + {PRIOR_OBJECTS:g}) / (n + {2 * PRIOR_OBJECTS:g})$ of the training objects",
+    ],
+    "docs/concepts/perception.md": [
+        f"clipped at {word(feature_spaces._FAR)} standard deviations",
+    ],
+    "docs/concepts/planning.md": PLANNING,
+    "docs/concepts/words.md": [
+        f"One of the {word(len(levels.BIN_EDGES) + 1)} bins",
+        f"at most {offline.UNIT} trials of an agent",
+    ],
+    "docs/how-to/own-data.md": OWN_DATA,
+    "docs/how-to/posterior.md": [f"(`bayes` has {LEVELS}: `--levels {LEVELS}`)"],
+    "docs/log-format.md": [
+        f"columns of {writer.ROWS} trials",
+        f"more than {millions(schema.FEATURE_LIMIT)} features, and those beyond "
+        f"{millions(schema.TRIAL_FEATURES)} of a trial",
+    ],
     "docs/paper/departures.md": [
+        f"| discount in planning | {point(DISCOUNT)} |",
+        f"a total of {grid.PRIOR_WEIGHT:g} a row",
+        f"one tree search, {POMCP().simulations} simulations a decision",
         f"of {word(exploration._PAID_BY_ITRS)} percepts of a behavior in a trial at most",
     ],
     "docs/tutorials/own-robot.md": [
         f"yields nothing, at least {times(faults._LEAST)} in a row",
         f"whose features came {times(faults._LEAST)} and could not be read",
     ],
+    "meal_bayes/agents/agent.py": [f"each is right in {100 * agent._TRUST:g} of 100 cases"],
+    "meal_bayes/agents/label_prices.py": [
+        f"as Normal, up to {label_prices._Z[-1]:g} standard deviations",
+    ],
     "meal_bayes/agents/progress.py": [
         f"as many as it was asked so far, and {progress._FIRST:g} more",
     ],
+    "meal_bayes/domain/query.py": [f"at most 2^{query._TABLE_LIMIT.bit_length() - 1}."],
     "meal_bayes/domain/success.py": [
         f"The prior is worth {word(success._PRIOR)} executions",
     ],
@@ -114,10 +196,27 @@ PAGES = {
         f"each with {word(online_protocol._POSITIVES)} positives of every attribute",
         f"{online_protocol._TESTS} at most",
     ],
+    "meal_bayes/momdp/build.py": [f"discounted by {DISCOUNT:g} a step"],
+    "meal_bayes/momdp/solver_files.py": [
+        f"without a percept: `{flat_pomdp.NOTHING}`, nothing has happened",
+        f"`{flat_pomdp.DONE}`, x has changed",
+    ],
+    "meal_bayes/planners/factored/policy.py": [f"by the price ({brief(momdp_arrays._PRICE)} of"],
+    "meal_bayes/planners/pomcp/policy.py": [f"(drawn ones beyond {expansion.ENUMERATE})"],
     "meal_bayes/perception/feature_spaces.py": [
         f"clipped at {feature_spaces._FAR:g} standard deviations",
     ],
+    "meal_bayes/perception/fold_classifiers.py": [
+        f"with {word(FOLDS)}, {sum(math.comb(FOLDS, k) for k in (1, 2, 3))} trainings serve",
+    ],
+    "meal_bayes/perception/own_classifier.py": [
+        f"rows sum to 1 within {brief(own_classifier._SUM)}",
+    ],
+    "meal_bayes/perception/settings.py": [f"; {FOLDS} folds by default"],
     "meal_bayes/posterior/grid.py": [f"at the weight of {grid._GRADED:g} percepts"],
+    "meal_bayes/posterior/trait.py": [
+        f"Its precision is {word(trait._WITHIN)} of that given the truth",
+    ],
     "meal_bayes/trial_log/container.py": [
         f"The search ends after {size(container._SEARCHED * schema.RECORD_LIMIT)}:",
     ],
@@ -130,4 +229,5 @@ PAGES = {
 )
 def test_a_page_has_the_number_of_the_code(page: str, sentence: str) -> None:
     text = (ROOT / page).read_text(encoding="utf-8")
-    assert sentence in " ".join(text.split())
+    found = sentence in " ".join(text.split())
+    assert found, f"{page} says another number than the code; expected {sentence!r}"
