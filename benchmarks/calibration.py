@@ -173,9 +173,14 @@ def measure(name: str, attributes: str, prior: str) -> tuple[list[dict[str, Any]
 
 
 def beliefs(
-    table: PerceptTable, columns: list[int], fold: Fold, model: str, held_out: int,
-    sets: list[NDArray[np.int64]], kind: str,
-) -> tuple[Floats, NDArray[np.bool_]]:  # fmt: skip
+    table: PerceptTable,
+    columns: list[int],
+    fold: Fold,
+    model: str,
+    held_out: int,
+    sets: list[NDArray[np.int64]],
+    kind: str,
+) -> tuple[Floats, NDArray[np.bool_]]:
     """Beliefs (n,) in what a held-out object is, and its truth, after each set of recordings."""
     outputs = table.log_odds[held_out][..., columns].astype(float)  # (R,E,P)
     seen = table.levels_of(np.nan_to_num(outputs), LEVELS[model]).transpose(0, 2, 1)
@@ -217,7 +222,8 @@ def main() -> None:
     parser.add_argument("--prior", choices=("rates", "even"), default="rates")
     parser.add_argument("--attributes", choices=("all", "well", "weak"), default="all")
     options = parser.parse_args()
-    rows, seconds = [], {}
+    rows = []
+    seconds = {}
     for name in options.dataset:
         of_data, seconds[name] = measure(name, options.attributes, options.prior)
         rows += of_data

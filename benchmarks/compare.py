@@ -26,7 +26,10 @@ from meal_bayes.seeds import stream
 from meal_bayes.trials import TrialOutcomes
 from paper_repro.inference import holm, level_above, level_below
 
-OBJECTS, REPEATS, ATTRIBUTES, AGENTS = 60, 10, 6, 2
+OBJECTS = 60
+REPEATS = 10
+ATTRIBUTES = 6
+AGENTS = 2
 TESTED = OBJECTS // 3
 RATIO = TESTED / (OBJECTS - TESTED)
 RATIOS = (0.0, 0.05, 0.1, 0.2, RATIO)  # the last one is that of statements
@@ -34,7 +37,9 @@ FAMILY = 30  # statements of Fig. 10 in one column
 # standard deviations on the logistic scale, and of costs in s
 SPREAD = {"object": 0.4, "attribute": 0.7, "repeat": 0.25, "agent object": 0.05,
           "agent repeat": 0.15}  # fmt: skip
-LEAD, NOISE, SECONDS = 0.5, 6.0, 5.0  # of the second agent; of a cost; s a unit of the scale
+LEAD = 0.5  # of the second agent
+NOISE = 6.0  # of a cost
+SECONDS = 5.0  # a unit of the scale
 # An agent's luck in a repeat: in units of what was fitted, and whether the objects taught have it.
 # Any two repeats teach two thirds of the same objects, so that a third of such luck shows as spread
 # between repeats; the last world has the visible part that was fitted.
@@ -46,10 +51,14 @@ def simulate(
     rng: np.random.Generator, lead: float, *, luck: float = 1.0, taught: bool = False
 ) -> tuple[TrialOutcomes, np.ndarray, dict]:
     """Draw an online run's test outcomes, the repeat of each, and the true differences."""
-    draw = {name: sd * rng.normal(size=size) for (name, sd), size in zip(
-        SPREAD.items(),
-        (OBJECTS, ATTRIBUTES, REPEATS, (AGENTS, OBJECTS), (AGENTS, REPEATS)), strict=True,
-    )}  # fmt: skip
+    draw = {
+        name: sd * rng.normal(size=size)
+        for (name, sd), size in zip(
+            SPREAD.items(),
+            (OBJECTS, ATTRIBUTES, REPEATS, (AGENTS, OBJECTS), (AGENTS, REPEATS)),
+            strict=True,
+        )
+    }
     draw["agent repeat"] = luck * draw["agent repeat"]
     splits = np.array([rng.permutation(OBJECTS) for _ in range(REPEATS)])
     tests = splits[:, :TESTED]
@@ -57,22 +66,42 @@ def simulate(
         each = rng.normal(size=(AGENTS, OBJECTS)) / np.sqrt(OBJECTS - TESTED)
         shared = each[:, splits[:, TESTED:]].sum(axis=2)
         draw["agent repeat"] = luck * SPREAD["agent repeat"] * shared
-    rows = [(a, o, p, j) for a in range(AGENTS) for j, objects in enumerate(tests)
-            for o in objects for p in range(ATTRIBUTES)]  # fmt: skip
+    rows = [
+        (a, o, p, j)
+        for a in range(AGENTS)
+        for j, objects in enumerate(tests)
+        for o in objects
+        for p in range(ATTRIBUTES)
+    ]
     a, o, p, j = np.array(rows).T
-    eta = (1.0 + lead * a + draw["object"][o] + draw["attribute"][p] + draw["repeat"][j]
-           + draw["agent object"][a, o] + draw["agent repeat"][a, j])  # fmt: skip
+    eta = (
+        1.0
+        + lead * a
+        + draw["object"][o]
+        + draw["attribute"][p]
+        + draw["repeat"][j]
+        + draw["agent object"][a, o]
+        + draw["agent repeat"][a, j]
+    )
     right = rng.random(len(eta)) < 1 / (1 + np.exp(-eta))
     cost = 40.0 - SECONDS * eta + NOISE * rng.normal(size=len(eta))
     outcomes = TrialOutcomes(
-        behaviors=(), agent=np.array(["first", "second"], object)[a],
+        behaviors=(),
+        agent=np.array(["first", "second"], object)[a],
         key=np.array([f"{x} {y} {z}" for x, y, z in zip(o, p, j, strict=True)]),
-        object_index=o, object_name=o.astype(str), attribute=p.astype(str)[:, None],
-        truth=np.ones((len(eta), 1)), report=right[:, None],
-        positive=np.full((len(eta), 1), 0.5), cost=cost, reward=-cost,
-        ended=np.full(len(eta), ""), steps=np.zeros(len(eta)),
-        executed=np.zeros((len(eta), 0), int), failed=np.zeros((len(eta), 0), int),
-    )  # fmt: skip
+        object_index=o,
+        object_name=o.astype(str),
+        attribute=p.astype(str)[:, None],
+        truth=np.ones((len(eta), 1)),
+        report=right[:, None],
+        positive=np.full((len(eta), 1), 0.5),
+        cost=cost,
+        reward=-cost,
+        ended=np.full(len(eta), ""),
+        steps=np.zeros(len(eta)),
+        executed=np.zeros((len(eta), 0), int),
+        failed=np.zeros((len(eta), 0), int),
+    )
     spread = {**SPREAD, "agent repeat": luck * SPREAD["agent repeat"]}
     sd = np.sqrt(sum(sd**2 for name, sd in spread.items() if name != "attribute"))
     points, weights = np.polynomial.hermite_e.hermegauss(40)
@@ -102,10 +131,13 @@ def main() -> None:
     parser.add_argument("--measure", choices=["success", "cost"], help="one of both")
     options = parser.parse_args()
     warnings.simplefilter("ignore")
-    rows, measures = [], [options.measure] if options.measure else ["success", "cost"]
+    rows = []
+    measures = [options.measure] if options.measure else ["success", "cost"]
     for (world, (luck, taught)), measure in product(WORLDS.items(), measures):
-        runs = [simulate(stream(number, "compare"), LEAD, luck=luck, taught=taught)
-                for number in range(max(options.simulations, options.fits))]  # fmt: skip
+        runs = [
+            simulate(stream(number, "compare"), LEAD, luck=luck, taught=taught)
+            for number in range(max(options.simulations, options.fits))
+        ]
         truths = [truth[measure] for *_, truth in runs]
         leads = [paired(*run[:2], measure) for run in runs[: options.simulations]]
         methods: dict[str, list] = {
@@ -133,14 +165,25 @@ def main() -> None:
         false = []
         for number in range(options.simulations):
             effects = [
-                resampled(paired(*simulate(stream(number, "family", k), 0.0, luck=luck,
-                                           taught=taught)[:2], "success"), RATIO)
+                resampled(
+                    paired(
+                        *simulate(stream(number, "family", k), 0.0, luck=luck, taught=taught)[:2],
+                        "success",
+                    ),
+                    RATIO,
+                )
                 for k in range(FAMILY)
-            ]  # fmt: skip
+            ]
             levels = np.array([min(level_above(gap, 0), level_below(gap, 0)) for gap in effects])
             false.append(bool((levels <= holm(levels)).any()))
-        rows.append(_row(f"any of {FAMILY} is decided where nothing differs", world,
-                         f"corrected t, ratio {RATIO:g}", false))  # fmt: skip
+        rows.append(
+            _row(
+                f"any of {FAMILY} is decided where nothing differs",
+                world,
+                f"corrected t, ratio {RATIO:g}",
+                false,
+            )
+        )
     show(rows, rows if options.json else None)
 
 

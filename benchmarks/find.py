@@ -75,7 +75,8 @@ def asked(
     question = replace(query, payoffs=Payoffs(reward, -reward, 0.0, 0.0))
     cost = 0.0
     held = 0.0
-    best, claim = 0.5, -1
+    best = 0.5
+    claim = -1
     for place, name in enumerate(objects):
         task = learner.task(question, name)
         trial = learner.ask(task)
@@ -88,7 +89,8 @@ def asked(
             claim = place
             break
         if not until_yes and probability > best:
-            best, claim = probability, place
+            best = probability
+            claim = place
     return _result(reward, cost, claim, truth)
 
 

@@ -62,7 +62,8 @@ def drawn(rng: np.random.Generator, percepts: int, scale: float) -> list[Behavio
         cost = scale * float(rng.lognormal(1.1, 0.85))
         rates = None
         if rng.random() < telling:
-            apart, middle = rng.beta(2.0, 1.5), rng.uniform(0.15, 0.85)
+            apart = rng.beta(2.0, 1.5)
+            middle = rng.uniform(0.15, 0.85)
             rates = max(0.03, middle * (1 - apart)), min(0.97, middle + apart * (1 - middle))
         return Behavior(source, target, cost, float(rng.choice(success)), rates)
 
@@ -110,7 +111,8 @@ def chain_of(behaviors: list[Behavior], prior: float, held_from: int) -> Chain:
         for e, each in enumerate(behaviors):
             cost = each.cost / each.success + back[each.target]
             if cost < back[each.source]:
-                back[each.source], first[each.source] = cost, e
+                back[each.source] = cost
+                first[each.source] = e
     state = np.array([place[0] for place in places])
     true = np.array([probability(behaviors, prior, place[1]) for place in places])
     return Chain(

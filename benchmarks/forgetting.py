@@ -40,7 +40,8 @@ HALF_LIVES = (2.0, 5.0, 10.0, 20.0, math.inf)  # trials
 NOW = 5.0
 STATED = 0.95  # how often shaking succeeds, as the domain says
 BROKEN = 1e-6
-LEARNED, MET = 40, 20  # objects
+LEARNED = 40  # objects
+MET = 20  # objects
 COSTS = {"beside": {"shake": 3.0, "weigh": 12.0}, "alone": {"shake": 12.0}}
 
 
@@ -107,9 +108,12 @@ def measure(seeds: range, trials: int) -> Floats:
         w = 0
         for costs in COSTS.values():
             data = make_synthetic(
-                domain_of(costs, STATED), objects=LEARNED + MET, recordings=4,
-                rng=stream(seed, "forgetting"), signal=4.0,
-            )  # fmt: skip
+                domain_of(costs, STATED),
+                objects=LEARNED + MET,
+                recordings=4,
+                rng=stream(seed, "forgetting"),
+                signal=4.0,
+            )
             for world in WORLDS:
                 for h, half_life in enumerate(HALF_LIVES):
                     rewards[s, w, h] = earned(data, world, half_life, trials=trials, seed=seed)

@@ -76,7 +76,9 @@ PATIENCE = 5.0  # s of CPU
 MEMORY = 500.0  # MB
 EVERY = 10  # of so many inputs one goes through the command line too
 SHOWN = 20  # faults that are told
-OBJECTS, RECORDINGS, TRIALS = 6, 3, 6
+OBJECTS = 6
+RECORDINGS = 3
+TRIALS = 6
 TOKENS = [
     *(sign.encode() for sign in "\"'[]{},;:\n\r\t#=*<>&-. \0\u0663\ufeff"),
     *b"nan inf -inf 1e999 3_4 0x10 uniform \xff \x1b[31m".split(),
@@ -111,7 +113,8 @@ class Tally:
 
     def run(self, name: str, reading: Reading, path: Path) -> None:
         """Read a file under the clock; the other files of its folder must stay as they are."""
-        before, begin = digests(path.parent), time.process_time()
+        before = digests(path.parent)
+        begin = time.process_time()
         signal.setitimer(signal.ITIMER_PROF, PATIENCE)
         try:
             reading(path)
@@ -142,7 +145,8 @@ def make_sound(folder: Path) -> None:
     shipped = resources.files("meal_bayes") / "domain/tables/toy.toml"
     text = shipped.read_text(encoding="utf-8").replace('name = "toy"', 'name = "own"')
     (folder / FILES["toml"]).write_text(text, encoding="utf-8")
-    domain, rng = load_domain(folder / FILES["toml"]), np.random.default_rng(5)
+    domain = load_domain(folder / FILES["toml"])
+    rng = np.random.default_rng(5)
     dataset = make_synthetic(domain, objects=OBJECTS, recordings=RECORDINGS, rng=rng)
     save_csv_folder(dataset, folder)
     shape = (OBJECTS, RECORDINGS, len(domain.behaviors), len(domain.attributes))
@@ -152,7 +156,8 @@ def make_sound(folder: Path) -> None:
     save_percepts(percepts, folder / FILES["table"])
     learner = Learner("roc36", agent="greedy", logs=None).fit(load_percepts("roc36"))
     tasks = offline_tasks(load_percepts("roc36"), 2, TRIALS, 0)
-    trials, header = [learner.ask(task) for task in tasks], {"config": {"dataset": "roc36"}}
+    trials = [learner.ask(task) for task in tasks]
+    header = {"config": {"dataset": "roc36"}}
     write_trials(folder / FILES["log"], trials, header=header)
     write_trials(folder / FILES["outcomes"], [TrialOutcomes.of(trials)], header=header)
 
@@ -162,7 +167,8 @@ def damages(draw: st.DrawFn, data: bytes) -> bytes:
     """Draw a damaged copy: a bit, a cut, a hole, a block twice or left out, a token, a tail."""
     begin = draw(st.integers(0, len(data) - 1))
     end = min(len(data), begin + draw(st.sampled_from((1, 2, 5, 30, 300, 3000))))
-    span, rest = data[begin:end], data[end:]
+    span = data[begin:end]
+    rest = data[end:]
     kind = draw(st.sampled_from(("bit", "cut", "hole", "twice", "without", "token", "tail")))
     if kind == "bit":
         flipped = data[begin] ^ 1 << draw(st.integers(0, 7))
@@ -320,7 +326,8 @@ def main() -> int:
 
     signal.signal(signal.SIGPROF, ring)
     warnings.simplefilter("error")  # what a library mutters, nobody foresaw
-    rows, told = [], []
+    rows = []
+    told = []
     with tempfile.TemporaryDirectory() as name:
         os.chdir(name)
         make_sound(Path(name))

@@ -35,7 +35,8 @@ def measure(table: PerceptTable, group: str, agent: str) -> dict[str, Any]:
     learner = Learner(table.domain, agent=agent, logs=None).fit(table)
     members = table.domain.groups[group]
     asked = Query(members, (tuple(range(len(members))),))
-    gains, single = [], []
+    gains = []
+    single = []
     for o, name in enumerate(table.objects):
         trials = {
             query: learner.ask(Task(name, query, o, name, ("groups", group, name)), None)

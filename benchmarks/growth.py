@@ -34,7 +34,8 @@ TASKS = ("table", "fit")
 def domain_of(behaviors: int, attributes: int) -> Domain:
     """Return `toy` with so many attributes and sensing behaviors, further ones like its look."""
     toy = load_domain("toy")
-    look, effect = toy.behaviors[0], toy.diagram.effects[0]
+    look = toy.behaviors[0]
+    effect = toy.diagram.effects[0]
     names = [f"look_{k}" for k in range(behaviors - 2)]
     effects = (*toy.diagram.effects, *(replace(effect, behavior=name) for name in names))
     return replace(
@@ -66,7 +67,8 @@ def work(task: str, dataset: Dataset) -> None:
 def measure(task: str, sizes: dict[str, int]) -> dict[str, float]:
     """Return CPU seconds and peak megabytes of one size, in this process."""
     work(task, data_of({**sizes, "objects": 10, "recordings": 2}))
-    dataset, started = data_of(sizes), time.process_time()
+    dataset = data_of(sizes)
+    started = time.process_time()
     work(task, dataset)
     seconds = time.process_time() - started
     return {"cpu_seconds": round(seconds, 2), "peak_mb": round(peak_mb(), 1)}
@@ -89,7 +91,8 @@ def main() -> None:
     parser.add_argument("--task", choices=TASKS, action="append")
     parser.add_argument("--most", type=int, default=10**9, help="largest size")
     options = parser.parse_args()
-    rows, exponents = [], {}
+    rows = []
+    exponents = {}
     for task in options.task or TASKS:
         all_sizes = [{**START, options.axis: size} for size in AXES[options.axis]]
         mine = [

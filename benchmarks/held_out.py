@@ -19,7 +19,8 @@ def held_out_log_odds(dataset: Dataset, *, settings: PerceptionSettings = DEFAUL
     They are those of `build_percept_table`, without its training side, which takes most of the
     time. NaN for behaviors that do not sense and labels that are unknown.
     """
-    domain, n_objects = dataset.domain, len(dataset.objects)
+    domain = dataset.domain
+    n_objects = len(dataset.objects)
     shape = n_objects, dataset.recordings, len(domain.behaviors), len(domain.attributes)
     outputs = np.full(shape, np.nan)
     gathered = gather(dataset, TrainingSet.everything(dataset), settings)
@@ -55,7 +56,8 @@ def held_out_log_loss(
     truth = labels[:, None, None, :]
     scored = (truth >= 0) & np.isfinite(values)
     loss = np.logaddexp(0.0, np.where(scored, np.where(truth == 1, -values, values), -np.inf))
-    number, total = scored.sum(axis=(0, 1)), loss.sum(axis=(0, 1))
+    number = scored.sum(axis=(0, 1))
+    total = loss.sum(axis=(0, 1))
     return np.asarray(np.where(number > 0, total / np.maximum(number, 1), np.nan))
 
 
@@ -70,7 +72,8 @@ def cohens_kappa(table: NDArray[np.number]) -> Floats:
     number = table.sum(axis=-1)
     everything = np.maximum(number.sum(axis=-1), 1)
     agree = (table[..., 1, 1] + table[..., 0, 0]) / everything
-    p_yes, p_true = table[..., 1].sum(axis=-1) / everything, number[..., 1] / everything
+    p_yes = table[..., 1].sum(axis=-1) / everything
+    p_true = number[..., 1] / everything
     chance = p_yes * p_true + (1 - p_yes) * (1 - p_true)
     defined = (number.min(axis=-1) > 0) & (chance < 1)
     return np.where(defined, (agree - chance) / np.where(chance < 1, 1 - chance, 1), 0.0)

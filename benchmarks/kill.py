@@ -55,7 +55,8 @@ def main() -> None:
             begin = time.monotonic()
             expected = outcome(Path(name), start(words, name, number))
             seconds = time.monotonic() - begin
-    counts, moments = Counter[str](), random.Random(0)
+    counts = Counter[str]()
+    moments = random.Random(0)
     longest = 3.0 * seconds / (options.kills + 1)  # so that most kills find something to kill
     for number in range(1, options.rounds + 1):
         with tempfile.TemporaryDirectory() as name:
@@ -77,16 +78,29 @@ def main() -> None:
 def start(words: list[str], folder: str, number: int) -> Process:
     """Start a run on a folder of logs, with a round's number in its environment."""
     return subprocess.Popen(
-        [sys.executable, "-m", "meal_bayes", "run", *words, "--json", "--jobs", "2", "--logs",
-         folder],
-        env={**os.environ, MARK: str(number)}, text=True, stdout=subprocess.PIPE,
+        [
+            sys.executable,
+            "-m",
+            "meal_bayes",
+            "run",
+            *words,
+            "--json",
+            "--jobs",
+            "2",
+            "--logs",
+            folder,
+        ],
+        env={**os.environ, MARK: str(number)},
+        text=True,
+        stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
-    )  # fmt: skip
+    )
 
 
 def kill(group: list[Process], ends: list[float]) -> int:
     """Kill commands so many seconds from now; return how many were still running."""
-    begin, killed = time.monotonic(), 0
+    begin = time.monotonic()
+    killed = 0
     kinds = cycle((signal.SIGKILL, signal.SIGTERM))
     for process, end, kind in zip(group, ends, kinds, strict=False):
         with process:  # its pipes are closed when it has ended
@@ -117,7 +131,8 @@ def outcome(folder: Path, process: Process) -> Outcome:
 
 def remaining(number: int) -> int:
     """Count the processes of a round that still run when they have had their time."""
-    end, mark = time.monotonic() + PATIENCE, f"{MARK}={number}".encode()
+    end = time.monotonic() + PATIENCE
+    mark = f"{MARK}={number}".encode()
     while (count := running(mark)) and time.monotonic() < end:
         time.sleep(0.1)
     return count

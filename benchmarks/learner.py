@@ -28,7 +28,8 @@ from meal_bayes.seeds import stream
 
 WORDS = 30
 BAR = 5.0  # ms
-TRIALS, TESTS = 100, 100
+TRIALS = 100
+TESTS = 100
 REFITS = (0.001, 0.1, 0.2, 0.5)  # parts by which labeled recordings grew; first: every label
 
 
@@ -45,13 +46,18 @@ def measure(name: str) -> dict[str, object]:
     domain = dataset.domain
     sequence = domain.default_sequence
     agent = Agent(
-        "all behaviors", lambda domain, query: Predefined(sequence),
-        object_level=True, shared_trait=True, base_rates=True, levels=4,
-    )  # fmt: skip
+        "all behaviors",
+        lambda domain, query: Predefined(sequence),
+        object_level=True,
+        shared_trait=True,
+        base_rates=True,
+        levels=4,
+    )
     learner = Learner(domain, agent=agent, refit_every=None, logs=None)
     fit = milliseconds(lambda: learner.fit(dataset))
     before = learner.knowledge().posterior.concentration
-    trials, values = [], []
+    trials = []
+    values = []
     for n in range(WORDS):
         o = n % len(dataset.objects)
         known = np.flatnonzero(dataset.labels[o] >= 0)
@@ -90,7 +96,8 @@ def answers(truth: dict[str, bool], rng: np.random.Generator, accuracy: float) -
 def refits(name: str, seed: int, refit_every: float) -> dict[str, object]:
     """Measure a learner that begins with nothing and fits anew so often."""
     dataset = load_dataset(name)
-    domain, rng = dataset.domain, stream(seed, "refits", name)
+    domain = dataset.domain
+    rng = stream(seed, "refits", name)
     objects = rng.permutation(len(dataset.objects))
     tested = len(objects) // 3
     learner = Learner(domain, refit_every=refit_every, seed=seed, logs=None)
@@ -101,12 +108,17 @@ def refits(name: str, seed: int, refit_every: float) -> dict[str, object]:
         o = int(part[n % len(part)])
         p = int(rng.choice(np.flatnonzero(dataset.labels[o] >= 0)))
         value = bool(dataset.labels[o, p])
-        truth, learns = {domain.attributes[p]: value}, n < TRIALS
+        truth = {domain.attributes[p]: value}
+        learns = n < TRIALS
         luck = (stream(seed, "refits", n, part) for part in ("order", "failures"))
         robot = RecordedRobot(
-            domain, o, replayable(dataset)[o], *luck, dataset,
+            domain,
+            o,
+            replayable(dataset)[o],
+            *luck,
+            dataset,
             person=partial(answers, truth, stream(seed, "refits", n, "errors")),
-        )  # fmt: skip
+        )
         trial = learner.ask(
             list(truth), robot, truth=truth, object_name=dataset.objects[o], learn=learns
         )
@@ -115,7 +127,8 @@ def refits(name: str, seed: int, refit_every: float) -> dict[str, object]:
         if n == TRIALS - 1:
             seconds = time.process_time() - begin
         rewards.append((trial.reward, trial.success))
-    way, tests = np.array(rewards[:TRIALS], float), np.array(rewards[TRIALS:], float)
+    way = np.array(rewards[:TRIALS], float)
+    tests = np.array(rewards[TRIALS:], float)
     return {
         "dataset": name,
         "seed": seed,

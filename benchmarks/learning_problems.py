@@ -65,5 +65,6 @@ def drawn_problem(number: int, seed: int) -> Problem:
         return problem
     low = round(float(rng.uniform(0.05, 0.45)), 2)
     high = round(1 - low * float(rng.uniform(0.5, 1.5)), 2)
-    trials, weight = int(rng.integers(6, 25)), float(rng.choice([1.0, 2.0, 4.0]))
+    trials = int(rng.integers(6, 25))
+    weight = float(rng.choice([1.0, 2.0, 4.0]))
     return problem._replace(trials=trials, known=(low, high), weight=weight)

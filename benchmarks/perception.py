@@ -35,7 +35,8 @@ CURES = ("joint", "balanced", "nonnegative", "nested", "positive_youden_only")
 
 def asked(dataset: Dataset) -> np.ndarray:
     """Columns of the attributes that experiments ask."""
-    true, false = (dataset.labels == 1).sum(axis=0), (dataset.labels == 0).sum(axis=0)
+    true = (dataset.labels == 1).sum(axis=0)
+    false = (dataset.labels == 0).sum(axis=0)
     return np.flatnonzero(np.minimum(true, false) > dataset.domain.asked_minimum)
 
 
@@ -53,7 +54,8 @@ def measure(
     dataset = load_dataset(name, root=root)
     columns = asked(dataset)
     start = time.process_time()
-    log_odds, balanced = held_out_log_odds(dataset, settings=settings), method != "paper"
+    log_odds = held_out_log_odds(dataset, settings=settings)
+    balanced = method != "paper"
     decisions = time.process_time() - start
     start = time.process_time()
     build_percept_table(dataset, perception=settings)

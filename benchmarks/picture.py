@@ -22,7 +22,8 @@ from meal_bayes.trial_log import read_header, read_trials, write_trials
 from meal_bayes.viewer import take_picture, write_recording
 
 ROOT = Path(__file__).resolve().parents[1]
-LOG, VIEWER = ROOT / "logs" / "sample.mcap", ROOT / "docs" / "viewer.png"
+LOG = ROOT / "logs" / "sample.mcap"
+VIEWER = ROOT / "docs" / "viewer.png"
 PICTURES = ROOT / "docs" / "assets"
 QUESTIONS = (  # the first is the one that is shown
     ("Is it heavy, and does it hold beans?", "heavy_blue_beans"),

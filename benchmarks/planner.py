@@ -62,7 +62,8 @@ def play(piece: Piece) -> tuple[Rollouts, float]:
 @lru_cache(maxsize=1)
 def solved(model: str, planner: Planner, seed: int) -> tuple[Policy, float]:
     """Solve after a warm-up, and warm the policy up; CPU seconds of solving."""
-    momdp, solver = momdp_of(model), solver_of(planner, model)
+    momdp = momdp_of(model)
+    solver = solver_of(planner, model)
     rng = stream(seed, "solve", model, planner.name)
     if planner.policy != "sarsop":
         small = restrict(momdp, [0])
@@ -97,16 +98,19 @@ def pieces_of(model: str, planner: Planner, options: argparse.Namespace) -> list
     slow = planner.policy in PEERS
     episodes = min(options.episodes, SLOW_EPISODES) if slow else options.episodes
     return [
-        Piece(model, planner, options.seed, number,
-              max(2, min(PIECE, episodes - first)))
+        Piece(model, planner, options.seed, number, max(2, min(PIECE, episodes - first)))
         for number, first in enumerate(range(0, episodes, PIECE))
-    ]  # fmt: skip
+    ]
 
 
 def row_of(
-    model: str, planner: Planner, parts: Sequence[Rollouts], lower: float, bound: float,
+    model: str,
+    planner: Planner,
+    parts: Sequence[Rollouts],
+    lower: float,
+    bound: float,
     olfc: NDArray[np.float64] | None,
-) -> dict[str, Any]:  # fmt: skip
+) -> dict[str, Any]:
     """Sum a planner's episodes up, beside those of open-loop feedback control."""
 
     def every(name: str) -> NDArray[np.float64]:
@@ -115,8 +119,10 @@ def row_of(
     simulations, decisions = (
         sum(getattr(part, name) for part in parts) for name in ("simulations", "decisions")
     )
-    returns, cpu_s = every("returns"), sum(part.cpu_s for part in parts)
-    value, gain = float(returns.mean()), None
+    returns = every("returns")
+    cpu_s = sum(part.cpu_s for part in parts)
+    value = float(returns.mean())
+    gain = None
     if olfc is not None:
         n = min(len(returns), len(olfc))
         gain = returns[:n] - olfc[:n]
@@ -158,8 +164,10 @@ def measure(options: argparse.Namespace) -> Iterator[dict[str, Any]]:
             cut = [pieces_of(model, planner, options) for planner in planners]
             pieces = list(itertools.chain(*cut))
             results = pool.map(play, pieces) if options.jobs > 1 else map(play, pieces)
-            momdp, olfc = momdp_of(model), None
-            lower, bound = lower_bound(momdp), bound_of(momdp)
+            momdp = momdp_of(model)
+            olfc = None
+            lower = lower_bound(momdp)
+            bound = bound_of(momdp)
             for planner, mine in zip(planners, cut, strict=True):
                 parts, seconds = zip(*itertools.islice(results, len(mine)), strict=True)
                 yield row_of(model, planner, parts, lower, bound, olfc) | {"solve_s": seconds[0]}
@@ -178,9 +186,11 @@ def parse() -> argparse.Namespace:
     parser.add_argument("--random", metavar="1,2,...", help="seeds of random problems, N = 1 .. 5")
     parser.add_argument("--noisy", action="store_true", help="whose percepts say little")
     parser.add_argument(
-        "--policies", type=names_among([*names, *(planner.policy for planner in PLANNERS)]),
-        metavar="P,Q,...", help=", ".join(names),
-    )  # fmt: skip
+        "--policies",
+        type=names_among([*names, *(planner.policy for planner in PLANNERS)]),
+        metavar="P,Q,...",
+        help=", ".join(names),
+    )
     parser.add_argument("--episodes", type=int, help="of each row; 2000 by default")
     parser.add_argument("--jobs", type=int, default=2, help="processes; 2 by default")
     parser.add_argument("--seed", type=int, default=SEED)
@@ -214,7 +224,8 @@ def names_among(
 
 def main() -> None:
     """Measure, and print a table or JSON."""
-    options, rows = parse(), []
+    options = parse()
+    rows = []
     for row in measure(options):
         rows.append(row)
         print(f"{row['model']} {row['policy']}: {row['value']:.1f}", file=sys.stderr, flush=True)

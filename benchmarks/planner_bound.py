@@ -46,18 +46,22 @@ def upper_bound(
     """
     if size < 1:
         raise SettingsError(f"size is {size}; a subset has one attribute or more.")
-    solver, momdp = Factored(points, tolerance), _most_favorable(momdp)
+    solver = Factored(points, tolerance)
+    momdp = _most_favorable(momdp)
     moved = informative_pairs(momdp).any(axis=1)
-    still, moving = np.flatnonzero(~moved).tolist(), np.flatnonzero(moved).tolist()
+    still = np.flatnonzero(~moved).tolist()
+    moving = np.flatnonzero(moved).tolist()
     if not moving:
         return _value(momdp, solver)
     single = {i: _value(restrict(momdp, [*still, i]), solver) for i in moving}
     first, *rest = sorted(moving, key=lambda i: single[i])
-    subset, best = [*still, first], single[first]
+    subset = [*still, first]
+    best = single[first]
     for _ in range(min(size, len(moving)) - 1):
         larger = {i: _value(restrict(momdp, [*subset, i]), solver) for i in rest[:_CANDIDATES]}
         chosen = min(larger, key=lambda i: larger[i])
-        subset, best = [*subset, chosen], min(best, larger[chosen])
+        subset = [*subset, chosen]
+        best = min(best, larger[chosen])
         rest.remove(chosen)
     return best
 
@@ -69,7 +73,8 @@ def _value(momdp: MOMDP, solver: Factored) -> float:
 def restrict(momdp: MOMDP, attributes: list[int]) -> MOMDP:
     """Ask for some attributes only; shaping pays for the others what it could pay at most."""
     some = np.sort(attributes)
-    bonus, others = momdp.bonus[some], np.delete(momdp.bonus, some, axis=0)
+    bonus = momdp.bonus[some]
+    others = np.delete(momdp.bonus, some, axis=0)
     bonus[0] += others.max(axis=2).sum(axis=0)[:, None]
     return replace(
         momdp,

@@ -71,12 +71,16 @@ def _learned(dataset: str, asked: Sequence[str]) -> MOMDP:
     columns = table.domain.columns(asked)
     posterior = knowledge_without(table, 0, object_level=False).posterior
     confusion, precision = posterior.select(columns, exact=True)
-    domain, query = _unasked(table.domain), Query(tuple(asked))
+    domain = _unasked(table.domain)
+    query = Query(tuple(asked))
     behaviors = [table.domain.behavior_names.index(name) for name in domain.behavior_names]
     return build_momdp(
-        domain, query, confusion[:, behaviors], precision[:, behaviors],
+        domain,
+        query,
+        confusion[:, behaviors],
+        precision[:, behaviors],
         objective=Objective(correct=500, incorrect=-500, abstain=True),
-    )  # fmt: skip
+    )
 
 
 def _unasked(domain: Domain) -> Domain:
@@ -164,7 +168,8 @@ def _drawn(seed: int, noisy: bool) -> list[MOMDP]:
 
 def _rates(n: int, noisy: bool, rng: np.random.Generator) -> tuple[list[float], list[float]]:
     """Draw true and false positive rates (n,) of one behavior."""
-    true, false = [], []
+    true = []
+    false = []
     for _ in range(n):
         if rng.random() < 0.55:  # it says something of the attribute
             apart = rng.beta(1.2, 4.0 if noisy else 1.5)
@@ -180,7 +185,8 @@ def _rates(n: int, noisy: bool, rng: np.random.Generator) -> tuple[list[float], 
 
 def _problem(n: int, noisy: bool, rng: np.random.Generator) -> dict[str, Any]:
     """Draw one problem, in the words of the reference models."""
-    size, behaviors = int(rng.integers(4, 8)), list[dict[str, Any]]()
+    size = int(rng.integers(4, 8))
+    behaviors = list[dict[str, Any]]()
 
     def add(source: int, target: int, cost: float, success: float, senses: bool) -> None:
         true, false = _rates(n, noisy, rng) if senses else ([0.5] * n, [0.5] * n)
@@ -198,14 +204,16 @@ def _problem(n: int, noisy: bool, rng: np.random.Generator) -> dict[str, Any]:
         )
 
     for i in range(size - 1):
-        cost, success = rng.lognormal(1.0, 0.8), rng.choice([1.0, 0.95, 0.9, 0.8])
+        cost = rng.lognormal(1.0, 0.8)
+        success = rng.choice([1.0, 0.95, 0.9, 0.8])
         add(i, i + 1, cost, success, rng.random() < 0.8)
     for i in range(size):
         for _ in range(int(rng.integers(0, 3))):
             add(i, i, rng.lognormal(1.2, 0.9), rng.choice([1.0, 0.95]), True)
     for i in range(2, size):
         if rng.random() < 0.5:
-            target, cost = int(rng.integers(0, i)), rng.lognormal(1.3, 0.8)
+            target = int(rng.integers(0, i))
+            cost = rng.lognormal(1.3, 0.8)
             add(i, target, cost, rng.choice([1.0, 0.95]), rng.random() < 0.5)
     add(size - 1, 0, rng.lognormal(1.3, 0.8), 1.0, False)
     return {

@@ -55,7 +55,8 @@ PLANNERS = (  # those that others are compared with come first
 
 def planners_for(model: str) -> tuple[Planner, ...]:
     """List the planners that can be run on a model here."""
-    absent, small = set(), re.fullmatch(r"(?:(A|clean)|\w+-)([1-5])", model)
+    absent = set()
+    small = re.fullmatch(r"(?:(A|clean)|\w+-)([1-5])", model)
     if small is None or int(small[2]) > TABLED:
         absent |= {"factored", *PEERS}
     if small is not None and small[1] is None:

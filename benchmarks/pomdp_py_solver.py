@@ -53,7 +53,8 @@ class PomdpPyPolicy:
     def decide(self, history: History, rng: np.random.Generator) -> Decision:
         """Search from the present belief."""
         random.seed(int(rng.integers(2**63)))  # pomdp-py draws from Python's own generator
-        e, belief = self.momdp.n_behaviors, history.belief
+        e = self.momdp.n_behaviors
+        belief = history.belief
         start = _Belief(self.problem, belief)
         agent = pomdp_py.Agent(start, _Actions(self.problem), blackbox_model=self.problem)
         action = int(self.planner.plan(agent).number)
@@ -85,7 +86,8 @@ class _Numbered:
 class _State(_Numbered, pomdp_py.State):
     def __init__(self, number: int, x: int, y: int) -> None:
         super().__init__(number)
-        self.x, self.y = x, y
+        self.x = x
+        self.y = y
 
 
 class _Action(_Numbered, pomdp_py.Action):
@@ -101,7 +103,8 @@ class _Problem(pomdp_py.BlackboxModel):
 
     def __init__(self, momdp: MOMDP) -> None:
         self.tables = tables = PeerTables(momdp)
-        each_x, percepts = range(tables.end + 1), range(tables.none + 1)
+        each_x = range(tables.end + 1)
+        percepts = range(tables.none + 1)
         self.states = [
             [_State(x * tables.n_y + y, x, y) for y in range(tables.n_y)] for x in each_x
         ]
@@ -111,7 +114,8 @@ class _Problem(pomdp_py.BlackboxModel):
 
     def sample(self, state: _State, action: _Action) -> tuple[_State, _Observation, float, int]:
         """Draw one step."""
-        tables, number = self.tables, action.number
+        tables = self.tables
+        number = action.number
         x = tables.next_x(state.x, number)
         percept = tables.percept(x, state.y, number)
         steps = _DEPTH + 1 if x == tables.end else 1

@@ -79,7 +79,8 @@ class PomdpPlannersPolicy:
         """Search from the present belief."""
         random.seed(int(rng.integers(2**63)))  # the library draws from Python's own generator,
         np.random.seed(int(rng.integers(2**32)))  # noqa: NPY002  and from NumPy's
-        e, belief = self.momdp.n_behaviors, history.belief
+        e = self.momdp.n_behaviors
+        belief = history.belief
         (action,), _ = self.planner.action(_ExactBelief.at(belief.x, belief.joint))
         if action >= e:
             # It is spared choosing between answers by luck: ours knows the best one.

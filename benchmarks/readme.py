@@ -114,7 +114,8 @@ def main() -> int:
     if options.check:
         return check_demo()
     for name in [options.only] if options.only else MEASURED_BLOCKS:
-        new, page = content(name), PAGES[name]
+        new = content(name)
+        page = PAGES[name]
         text = page.read_text(encoding="utf-8")
         page.write_text(replaced(text, name, new), encoding="utf-8")
     return 0
@@ -196,8 +197,12 @@ def run(command: str) -> str:
     program = ["-P", "-m", "meal_bayes"] if name == "meal-bayes" else []
     done = subprocess.run(
         [sys.executable, *program, *arguments],
-        cwd=ROOT, env={**os.environ, **PLAIN}, stdout=subprocess.PIPE, encoding="utf-8", check=True,
-    )  # fmt: skip
+        cwd=ROOT,
+        env={**os.environ, **PLAIN},
+        stdout=subprocess.PIPE,
+        encoding="utf-8",
+        check=True,
+    )
     return done.stdout
 
 
@@ -233,7 +238,9 @@ def summary_block(tables: Mapping[str, list[dict[str, Any]]]) -> str:
 
 def finding(tables: Mapping[str, list[dict[str, Any]]]) -> str:
     """Say where our agent earns more than both of the paper's, by more than two standard errors."""
-    ahead, behind, near = [], [], []
+    ahead = []
+    behind = []
+    near = []
     for entry in RUNS:
         rows = {row["agent"]: row for row in tables[entry.command]}
         ours, best = rows[OURS], max(
@@ -270,15 +277,31 @@ def draw_results(tables: Mapping[str, list[dict[str, Any]]], *, dark: bool) -> A
                 )
                 y = place + 0.22 * (number - 1)
                 ax.errorbar(
-                    row["reward"], y, xerr=half, fmt=style.marker, color=color, ms=7,
-                    elinewidth=1.8, label=name if place == 0 else None,
-                )  # fmt: skip
-                ax.text(row["reward"] + half + 5, y, f"{row['reward']:.0f}", va="center", size=9,
-                        color=readable(color, dark=dark))  # fmt: skip
+                    row["reward"],
+                    y,
+                    xerr=half,
+                    fmt=style.marker,
+                    color=color,
+                    ms=7,
+                    elinewidth=1.8,
+                    label=name if place == 0 else None,
+                )
+                ax.text(
+                    row["reward"] + half + 5,
+                    y,
+                    f"{row['reward']:.0f}",
+                    va="center",
+                    size=9,
+                    color=readable(color, dark=dark),
+                )
         ax.set_yticks(range(len(RUNS)), [entry.title for entry in RUNS])
         ax.set(ylim=(len(RUNS) - 0.5, -0.5), xlim=(0, 545))
-        name_axes(ax, "mean reward of a trial (+500 or +300 right, -1 a second), 95 % interval", "",
-                  grid="x")  # fmt: skip
+        name_axes(
+            ax,
+            "mean reward of a trial (+500 or +300 right, -1 a second), 95 % interval",
+            "",
+            grid="x",
+        )
         ax.grid(axis="x", color="#38414C" if dark else "#E6E6E6", lw=0.7)
         legend(ax, len(SUMMARIZED), above=True)
         ax.patch.set_alpha(0)

@@ -53,7 +53,8 @@ def main() -> None:
     parser.add_argument("items", nargs="*", default=CHEAP, metavar="ITEM")
     parser.add_argument("--tolerance", type=float, default=0.001)
     options = parser.parse_args()
-    rows, failed = [], False
+    rows = []
+    failed = False
     for item in frame.named(options.items):
         with tempfile.TemporaryDirectory() as folder:
             try:

@@ -122,8 +122,9 @@ def closed(settings: argparse.Namespace) -> Iterator[Row]:
         for levels in (2, 4):
             prior = leaning(levels, 4.0, 4, behaviors)
             made = simulate(rng, prior, objects=20, recordings=5)
-            sample = draw_grid(made.counts, rng, **names(4, behaviors), prior=prior, chains=1,
-                               draws=499)  # fmt: skip
+            sample = draw_grid(
+                made.counts, rng, **names(4, behaviors), prior=prior, chains=1, draws=499
+            )
             mean, s, _ = rows_of(sample)
             kind = {2: "grid, exact"}.get(levels, f"grid, {levels} levels")
             yield judged(kind, "m", yes(made.mean)[0], yes(mean)[:, 0], rng)
@@ -144,13 +145,16 @@ def same(settings: argparse.Namespace) -> Iterator[Row]:
 
     behaviors = SIMULATIONS // 2
     for levels in (2, 4):
-        rng, start = stream(settings.seed, "sbc", "same", levels), time.perf_counter()
+        rng = stream(settings.seed, "sbc", "same", levels)
+        start = time.perf_counter()
         prior = leaning(levels, 4.0, 3, behaviors)
         made = simulate(rng, prior, objects=20, recordings=5)
         sample, of_chains = fit_hierarchical(
-            made.counts, **names(3, behaviors), prior=prior,
+            made.counts,
+            **names(3, behaviors),
+            prior=prior,
             sampling=Sampling(500, 500, 2, seed=settings.seed),
-        )  # fmt: skip
+        )
         mean, s, _ = rows_of(sample)
         lost = int(of_chains["diverging"].sum())
         extra = {"divergences": lost, "seconds": round(time.perf_counter() - start)}
@@ -181,16 +185,19 @@ def crossed(settings: argparse.Namespace) -> Iterator[Row]:
 
     import pymc as pm  # noqa: PLC0415 isort: skip
 
-    objects, recordings = 24, 3
+    objects = 24
+    recordings = 3
     template = np.zeros((objects, 2, 2, 2, 2), dtype=np.int64)
     template[: objects // 2, ..., 0, 0] = template[objects // 2 :, ..., 1, 0] = recordings
     model = build_model(template, **PAIRS, model="crossed")
     prior = pm.draw(
-        [model["mean"], model["dispersion"], model["misperception"]], settings.fits,
+        [model["mean"], model["dispersion"], model["misperception"]],
+        settings.fits,
         random_seed=int(stream(settings.seed, "sbc", "prior").integers(2**31)),
-    )  # fmt: skip
+    )
     before = draws_of(*PAIRS.values(), *(values[None] for values in prior))
-    rng, start = stream(settings.seed, "sbc", "crossed"), time.perf_counter()
+    rng = stream(settings.seed, "sbc", "crossed")
+    start = time.perf_counter()
     made = replicate(before, template, rng, size=settings.fits)
     fits: list[Fit] = []
     for fit in in_parallel(fit_crossed, enumerate(made), jobs=settings.jobs):
@@ -226,7 +233,8 @@ def agree(settings: argparse.Namespace) -> Iterator[Row]:
     from meal_bayes.posterior.idata import convergence, summary_of, to_idata  # noqa: PLC0415
 
     for dataset in ("roc36", "ispy32", "cy101"):
-        table, start = load_percepts(dataset), time.perf_counter()
+        table = load_percepts(dataset)
+        start = time.perf_counter()
         counts = table_counts(table, 0)[:, :4, :4]
         named = {
             "attributes": table.domain.attributes[:4],

@@ -51,7 +51,8 @@ def simulate(
     """
     alpha = np.asarray(prior, dtype=float)
     mean = draw_dirichlet(rng, alpha)
-    log_s, shape = np.log(DISPERSIONS), alpha.shape[1:3]
+    log_s = np.log(DISPERSIONS)
+    shape = alpha.shape[1:3]
     tau_weight = np.exp(-0.5 * TAUS**2)
     mu = rng.choice(log_s, size=shape)[..., None]
     tau = rng.choice(TAUS, size=shape, p=tau_weight / tau_weight.sum())[..., None]
@@ -75,10 +76,12 @@ def rank_statistics(
     truth: ArrayLike, draws: ArrayLike, rng: np.random.Generator
 ) -> NDArray[np.int64]:
     """Rank each true value (...) among its posterior draws (L,...): 0 .. L, ties at random."""
-    true, drawn = np.asarray(truth, float), np.asarray(draws, float)
+    true = np.asarray(truth, float)
+    drawn = np.asarray(draws, float)
     if drawn.shape[1:] != true.shape:
         raise SettingsError(f"Draws have shape {drawn.shape}; expected (L, *{true.shape}).")
-    below, equal = (drawn < true).sum(axis=0), (drawn == true).sum(axis=0)
+    below = (drawn < true).sum(axis=0)
+    equal = (drawn == true).sum(axis=0)
     return np.asarray(below + rng.integers(0, equal + 1))
 
 
@@ -100,7 +103,8 @@ def coverage(
     truth: ArrayLike, draws: ArrayLike, masses: Sequence[float] = (0.5, 0.8, 0.95)
 ) -> Floats:
     """Return the fraction of true values (...) in the equal-tailed intervals of draws (L,...)."""
-    true, drawn = np.asarray(truth, float), np.asarray(draws, float)
+    true = np.asarray(truth, float)
+    drawn = np.asarray(draws, float)
     tails = [(0.5 - mass / 2, 0.5 + mass / 2) for mass in masses]
     ends = [np.quantile(drawn, tail, axis=0) for tail in tails]
     return np.array([((low <= true) & (true <= high)).mean() for low, high in ends])

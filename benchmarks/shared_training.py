@@ -19,7 +19,9 @@ from meal_bayes.arrays import Floats
 from meal_bayes.evaluation import clustered
 from meal_bayes.seeds import stream
 
-FEATURES, RECORDINGS, WITHIN = 4, 5, 0.3  # sd of a recording about its object's own mean
+FEATURES = 4
+RECORDINGS = 5
+WITHIN = 0.3  # sd of a recording about its object's own mean
 DISTANCES = (0.25, 0.5, 1.0, 2.0)  # between the class means, in sd of objects
 NEW = 2000  # objects that stand for all
 POSITIVE = 0.5
@@ -49,15 +51,18 @@ def main() -> None:
     options = parser.parse_args()
     rows = []
     for distance in DISTANCES:
-        intervals, mine = [], []
+        intervals = []
+        mine = []
         for number in range(options.simulations):
             rng = stream(number, "held out", int(100 * distance))
             features, label = draw(rng, options.objects, distance)
             every = np.arange(options.objects)
-            values = np.concatenate([
-                right(features[every != o], label[every != o], features[[o]], label[[o]])
-                for o in every
-            ])  # fmt: skip
+            values = np.concatenate(
+                [
+                    right(features[every != o], label[every != o], features[[o]], label[[o]])
+                    for o in every
+                ]
+            )
             effect = clustered(values.ravel(), np.repeat(every, RECORDINGS), fraction=True)
             intervals.append(effect.interval()[2:])
             mine.append(float(right(features, label, *draw(rng, NEW, distance)).mean()))

@@ -41,7 +41,10 @@ from meal_bayes.simulated_arm.recordings import (
 AGENTS = ("bayes", "morc")
 CURVES = ("iterative_random_legal", "morc_itrs", "bayes")
 RECORDINGS = 2  # of each object of the population
-BATCHES, TRIALS, REPEATS = 5, 40, 2  # of its learning curves
+# Of its learning curves.
+BATCHES = 5
+TRIALS = 40
+REPEATS = 2
 TWINS = 30  # full boxes, and as many empty ones
 LAST = 50  # trials that are compared with a fit
 ORDER = ("look", "press", "push", "grasp", "lift", "hold", "shake", "lower", "drop")
@@ -133,9 +136,13 @@ def answers(options: argparse.Namespace) -> dict[str, Any]:
 def labels(options: argparse.Namespace) -> dict[str, Any]:
     """Ask a learner whose training labels were random about objects whose truth is random."""
     rows = ask_all(
-        options.objects, options.jobs, agent="bayes", seed=options.seed, asked=options.asked,
+        options.objects,
+        options.jobs,
+        agent="bayes",
+        seed=options.seed,
+        asked=options.asked,
         random_labels=True,
-    )  # fmt: skip
+    )
     facts = summary(rows)
     distance = abs(facts["accuracy"] - 0.5) / facts["accuracy_se"]
     return {**facts, "base_rate": 0.5, "standard_errors_from_base_rate": distance}
@@ -184,7 +191,9 @@ def content(options: argparse.Namespace) -> dict[str, Any]:
     told = {}
     for name in ORDER:
         said = table.log_odds[:, :, data.domain.behavior_index(name), column].astype(float)
-        known, yes = ~np.isnan(said), said > 0.004  # the yes/no threshold
+        # the yes/no threshold
+        known = ~np.isnan(said)
+        yes = said > 0.004
         counts = [
             [int((known & (truth[:, None] == t) & (yes == spoken)).sum()) for spoken in (0, 1)]
             for t in (0, 1)
@@ -243,20 +252,29 @@ def population(options: argparse.Namespace) -> dict[str, Any]:
     with tempfile.TemporaryDirectory() as folder:
         path = save_recordings(made, Path(folder) / "recordings")
         config = OnlineConfig(
-            str(path), root=str(path.parent), agents=CURVES, batches=BATCHES, trials=TRIALS,
-            repeats=REPEATS, seed=options.seed,
-        )  # fmt: skip
+            str(path),
+            root=str(path.parent),
+            agents=CURVES,
+            batches=BATCHES,
+            trials=TRIALS,
+            repeats=REPEATS,
+            seed=options.seed,
+        )
         done = run_online(config, logs=Path(folder) / "logs", jobs=options.jobs)
         rows = learning_rows(done.results())
     curves = {
         agent: [
-            {"trials": TRIALS * batch,
-             **{name: mean_of(rows, agent, batch, name)
-                for name in ("hours", "accuracy", "reward", "ece")}}
+            {
+                "trials": TRIALS * batch,
+                **{
+                    name: mean_of(rows, agent, batch, name)
+                    for name in ("hours", "accuracy", "reward", "ece")
+                },
+            }
             for batch in range(BATCHES + 1)
         ]
         for agent in CURVES
-    }  # fmt: skip
+    }
     return {
         "objects": len(made),
         "executions": sum(happened.values()),

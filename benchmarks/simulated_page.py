@@ -54,7 +54,8 @@ def measure() -> str:
 def page(results: dict[str, Any]) -> str:
     """Fill the page in."""
     told = results["content"]["behaviors"]
-    answers, difference = results["answers"], results["answers"]["reward_bayes_minus_morc"]
+    answers = results["answers"]
+    difference = results["answers"]["reward_bayes_minus_morc"]
     rows = [row(name, answers[name]) for name in ("bayes", "morc")]
     return TEMPLATE.read_text(encoding="utf-8").format(
         frames=", ".join(SHOWN),
@@ -92,7 +93,8 @@ def row(agent: str, summary: dict[str, float]) -> str:
 
 def learned(agent: str, curve: list[dict[str, float]]) -> str:
     """Write the row of an agent that learned from its own trials."""
-    last, rewards = curve[-1], ", ".join(f"{point['reward']:.1f}" for point in curve)
+    last = curve[-1]
+    rewards = ", ".join(f"{point['reward']:.1f}" for point in curve)
     ends = " | ".join((f"{last['accuracy']:.3f}", f"{last['ece']:.3f}", f"{last['hours']:.2f}"))
     return f"| {agent} | {rewards} | {ends} |"
 

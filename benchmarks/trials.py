@@ -30,7 +30,9 @@ from meal_bayes.viewer import write_recording
 DISTINCT = 200  # whole trials that are really computed
 AGENTS = ("iterative_random_legal", "iterative_morc", "morc_itrs", "bayes", "bayes_memory",
           "random")  # fmt: skip
-BATCHES, OBJECTS, ASKED = 10, 34, 2
+BATCHES = 10
+OBJECTS = 34
+ASKED = 2
 SIZE = 1000  # trials of a batch
 BARS = {  # of each form, by part: CPU seconds, megabytes, at so many trials
     "full": {"log info": (1.0, 1000.0), "recording": (60.0, 1000.0), "report": (30.0, np.inf)},
@@ -47,7 +49,8 @@ def synthetic(agent: str, repeat: int, batch: int, trials: int) -> TrialOutcomes
     o = rng.integers(OBJECTS, size=trials)
     names = np.array(domain.attributes, object)
     positive = rng.beta(0.5, 0.5, (trials, ASKED))
-    truth, report = rng.random(positive.shape) < positive, positive > 0.5
+    truth = rng.random(positive.shape) < positive
+    report = positive > 0.5
     executed = rng.poisson(0.7, (trials, len(behaviors)))
     cost = executed @ np.array([behavior.cost for behavior in domain.behaviors])
     right = (truth == report).all(axis=1)
@@ -101,7 +104,10 @@ def write_compact(folder: Path, trials: int) -> int:
 
 def part(name: str, folder: Path) -> dict[str, float]:
     """Run one part and return what it took."""
-    start, wall, log, written = time.process_time(), time.perf_counter(), folder / "all.mcap", 0
+    start = time.process_time()
+    wall = time.perf_counter()
+    log = folder / "all.mcap"
+    written = 0
     if name == "log info":
         log_info(log)
     elif name == "recording":
@@ -129,7 +135,8 @@ def main() -> None:
     form = "compact" if options.compact else "full"
     trials = max(options.trials or TRIALS[form], SIZE if options.compact else 1)
     with tempfile.TemporaryDirectory() as name:
-        folder, start = Path(name), time.process_time()
+        folder = Path(name)
+        start = time.process_time()
         if options.compact:
             counted = {"files": write_compact(folder, trials)}
         else:

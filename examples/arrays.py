@@ -26,7 +26,8 @@ LAB = {
 # 15 lines from arrays to an answer; here they are drawn, yours come from files
 rng = np.random.default_rng(0)
 cups = [f"cup {number}" for number in range(30)]
-heavy, fill = np.arange(30) % 2, np.arange(30) // 2 % 3
+heavy = np.arange(30) % 2
+fill = np.arange(30) // 2 % 3
 labels = np.column_stack([heavy, fill[:, None] == np.arange(3)])  # (objects, attributes)
 shape = 30, 5  # objects, recordings
 mass = (1.5 * heavy + 0.5 * fill)[:, None, None]

@@ -32,7 +32,9 @@ class CautiousPolicy:
     momdp: MOMDP
 
     def decide(self, history, rng):
-        planner, momdp, belief = self.planner, self.momdp, history.belief
+        planner = self.planner
+        momdp = self.momdp
+        belief = history.belief
         legal = [e for e in range(momdp.n_behaviors) if momdp.legal[belief.x, e]]
         tired = len(history.actions) >= planner.patience
         if belief.certainty >= planner.sure or tired or not legal:

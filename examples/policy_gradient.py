@@ -5,7 +5,8 @@ import sys
 import gymnasium
 import numpy as np
 
-BATCH, RATE = 50, 0.05
+BATCH = 50
+RATE = 0.05
 
 
 def features(seen, n_x):
@@ -16,16 +17,20 @@ def features(seen, n_x):
 
 def play(env, choose):
     """Play one episode; return its reward."""
-    (seen, info), total, ended = env.reset(), 0.0, False
+    (seen, info) = env.reset()
+    total = 0.0
+    ended = False
     while not ended:
         seen, reward, terminated, truncated, info = env.step(choose(seen, info["action_mask"]))
-        total, ended = total + reward, terminated or truncated
+        total = total + reward
+        ended = terminated or truncated
     return total
 
 
 def train(env, episodes, rng):
     """Maximize the reward by Adam on batches, each reward against the mean of its batch."""
-    n_x, n_a = env.observation_space["state"].n, env.action_space.n
+    n_x = env.observation_space["state"].n
+    n_a = env.action_space.n
     weights, mean, square, slope = np.zeros((4, len(features(env.reset(seed=0)[0], n_x)), n_a))
 
     def choose(seen, mask, *, best=False):
@@ -37,12 +42,15 @@ def train(env, episodes, rng):
         return action
 
     for step in range(1, episodes // BATCH + 1):
-        rewards, slopes = np.zeros(BATCH), np.zeros((BATCH, *weights.shape))
+        rewards = np.zeros(BATCH)
+        slopes = np.zeros((BATCH, *weights.shape))
         for i in range(BATCH):
             slope[:] = 0.0
-            rewards[i], slopes[i] = play(env, choose), slope
+            rewards[i] = play(env, choose)
+            slopes[i] = slope
         up = np.tensordot((rewards - rewards.mean()) / (rewards.std() + 1e-9), slopes, 1) / BATCH
-        mean, square = 0.9 * mean + 0.1 * up, 0.99 * square + 0.01 * up**2
+        mean = 0.9 * mean + 0.1 * up
+        square = 0.99 * square + 0.01 * up**2
         weights += RATE * mean / (1 - 0.9**step) / np.sqrt(square / (1 - 0.99**step) + 1e-9)
     return lambda seen, mask: choose(seen, mask, best=True)
 

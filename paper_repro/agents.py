@@ -136,7 +136,8 @@ def _declining(domain: Domain, query: Query) -> Solver:
 
 
 _MORC = load_agent("morc")
-DECLINES, ANSWERS = "morc_illegal", "morc_must_answer"
+DECLINES = "morc_illegal"
+ANSWERS = "morc_must_answer"
 WAYS = {  # in which MORC may end a trial; by itself it answers "I do not know" for nothing
     DECLINES: replace(_MORC, name=DECLINES, solver=_declining),
     ANSWERS: replace(_MORC, name=ANSWERS, abstain=False),

@@ -16,7 +16,8 @@ from paper_repro.statements import (
 )
 
 _SHORT = {STANDS: "stand", FALLS: "fall", None: "not run"}  # of several
-IN_PART, NOT_RUN = "in part", "not run yet"
+IN_PART = "in part"
+NOT_RUN = "not run yet"
 ACCURACIES = 2.0  # numbers below have three decimals, others one
 _SHOWN = 3  # statements whose effects are shown one by one; of more, what they come to
 
@@ -82,14 +83,18 @@ def outcome_of(outcomes: Sequence[str | None]) -> str:
 
 def sentence(rows: Sequence[Claim]) -> str:
     """Say in one sentence how many claims hold, for a reader to quote."""
-    number = {kind: [row.outcome for row in rows].count(kind)
-              for kind in (STANDS, IN_PART, FALLS, UNDECIDED, NOT_RUN)}  # fmt: skip
+    number = {
+        kind: [row.outcome for row in rows].count(kind)
+        for kind in (STANDS, IN_PART, FALLS, UNDECIDED, NOT_RUN)
+    }
     told = ", ".join(f"{n} {_counted(kind, n)}" for kind, n in number.items() if n)
     lead = next(row for row in rows if row.says.startswith("MORC is more accurate"))
     effect = "; ".join(lead.effects)
-    return (f"Of {len(rows)} claims of the paper, each judged in the column that can answer it, "
-            f"{told}. The main one, that planning is more accurate than a fixed sequence, "
-            f"{_counted(lead.outcome, 1)}" + (f": {effect}." if effect else "."))  # fmt: skip
+    return (
+        f"Of {len(rows)} claims of the paper, each judged in the column that can answer it, "
+        f"{told}. The main one, that planning is more accurate than a fixed sequence, "
+        f"{_counted(lead.outcome, 1)}" + (f": {effect}." if effect else ".")
+    )
 
 
 def _counted(kind: str, n: int) -> str:
@@ -110,13 +115,17 @@ def _claim(entry: Mapping[str, Any]) -> Claim:
         places |= {f"in *{column}* of {beside}": (beside, column) for column in (THEIRS, RECORDED)}
     told = {place: _counted_there(entry, *at) for place, at in places.items()}
     return Claim(
-        entry["says"], entry["where"], entry["item"], entry["column"], entry["because"],
+        entry["says"],
+        entry["where"],
+        entry["item"],
+        entry["column"],
+        entry["because"],
         outcome_of(outcomes),
         "; ".join(f"{place} {counts}" for place, counts in told.items() if counts),
         counted(outcomes) if len(set(outcomes)) > 1 else "",
         effects_of(rows),
         older=result is not None and entry["column"] in frame.older_columns(entry["item"]),
-    )  # fmt: skip
+    )
 
 
 def _counted_there(entry: Mapping[str, Any], item: str, column: str) -> str:
@@ -135,8 +144,10 @@ def counted(outcomes: Sequence[str | None]) -> str:
     number = {kind: outcomes.count(kind) for kind in (*OUTCOMES, None) if kind in outcomes}
     if set(number) <= {None}:
         return ""
-    return ", ".join(f"{n} {_SHORT.get(kind, kind) if n > 1 or kind is None else kind}"
-                     for kind, n in number.items())  # fmt: skip
+    return ", ".join(
+        f"{n} {_SHORT.get(kind, kind) if n > 1 or kind is None else kind}"
+        for kind, n in number.items()
+    )
 
 
 def effects_of(rows: Iterable[Mapping[str, Any]]) -> tuple[str, ...]:
@@ -158,11 +169,13 @@ def effects_of(rows: Iterable[Mapping[str, Any]]) -> tuple[str, ...]:
             for row, label, quantity in zip(run, names, quantities, strict=True)
         )
     if all(" is in [" in row["rule"] for row in run):
-        fallen = [f"{_shortened(row['text'])}: {_effect(row)}"
-                  for row in run if row["outcome"] == FALLS]  # fmt: skip
+        fallen = [
+            f"{_shortened(row['text'])}: {_effect(row)}" for row in run if row["outcome"] == FALLS
+        ]
         return (f"of {len(run)} printed numbers {len(fallen)} fall", *fallen)
-    groups = {name: [row for row in run if quantity_of(row) == name]
-              for name in dict.fromkeys(quantities)}  # fmt: skip
+    groups = {
+        name: [row for row in run if quantity_of(row) == name] for name in dict.fromkeys(quantities)
+    }
     decided = [row for row in run if row["outcome"] in {STANDS, FALLS}]
     shown = decided if len(decided) < len(run) and len(decided) <= _SHOWN else []
     return (
@@ -217,7 +230,8 @@ def _effect(row: Mapping[str, Any]) -> str:
     """Show the estimate with its interval at its level, or what a fact rests on."""
     if row["estimate"] is None:
         return str(row["rule"])
-    estimate, (low, high) = row["estimate"], row["interval"]
+    estimate = row["estimate"]
+    (low, high) = row["interval"]
     form, unit = _form([row])
     return f"{estimate:{form}} [{low:{form}}, {high:{form}}]{unit}"
 
@@ -230,8 +244,10 @@ def _range(quantity: str, rows: Sequence[Mapping[str, Any]]) -> str:
     estimates = [row["estimate"] for row in rows]
     halves = [(row["interval"][1] - row["interval"][0]) / 2 for row in rows]
     plain = form.removeprefix("+")
-    return (f"{quantity}: {min(estimates):{form}} to {max(estimates):{form}}{unit} (of {len(rows)},"
-            f" ± {min(halves):{plain}} to {max(halves):{plain}})")  # fmt: skip
+    return (
+        f"{quantity}: {min(estimates):{form}} to {max(estimates):{form}}{unit} (of {len(rows)},"
+        f" ± {min(halves):{plain}} to {max(halves):{plain}})"
+    )
 
 
 def _form(rows: Sequence[Mapping[str, Any]]) -> tuple[str, str]:

@@ -164,7 +164,8 @@ def reproduce(item: str, setting: Setting) -> dict[str, Any]:
 
 def run_item(item: str, setting: Setting, folder: Path) -> dict[str, Any]:
     """Run one item and write what came of it into a folder; returns the facts."""
-    begin, setting = time.perf_counter(), dataclasses.replace(setting, spent={})
+    begin = time.perf_counter()
+    setting = dataclasses.replace(setting, spent={})
     result: Result = import_module(f"paper_repro.items.{item}").run(setting)
     seconds = max(time.perf_counter() - begin, math.fsum(setting.spent.values()))
     record = write_record(folder, facts(item, result, setting))
@@ -204,8 +205,11 @@ def percept_tables() -> str:
 
 def blas_kernel() -> str:
     """Name the kernel of the linear algebra: last digits of what classifiers show go by it."""
-    kernels = (entry.get("architecture") or entry["internal_api"] for entry in threadpool_info()
-               if entry["user_api"] == "blas")  # fmt: skip
+    kernels = (
+        entry.get("architecture") or entry["internal_api"]
+        for entry in threadpool_info()
+        if entry["user_api"] == "blas"
+    )
     return ", ".join(sorted(set(kernels)))
 
 
@@ -249,7 +253,8 @@ def facts(item: str, result: Result, setting: Setting) -> dict[str, Any]:
 
 def command(item: str, setting: Setting) -> str:
     """Return the command behind a result."""
-    quick, code = " --quick" * setting.quick, " --as-published" * setting.as_published
+    quick = " --quick" * setting.quick
+    code = " --as-published" * setting.as_published
     most = "".join(
         f" --{name} {value}"
         for name, value in (("trials", setting.trials), ("repeats", setting.repeats))

@@ -17,7 +17,8 @@ from paper_repro.frame import Setting
 
 def table_by_halves(setting: Setting, name: str) -> str:
     """Write the percept table of a data set by halves, and return its path."""
-    dataset, whole = load_dataset(name), load_percepts(name)
+    dataset = load_dataset(name)
+    whole = load_percepts(name)
     order = stream(setting.seed, "halves", name).permutation(len(dataset.objects))
     middle = len(order) // 2
     parts = [np.sort(part) for part in (order[:middle], order[middle:])]

@@ -33,7 +33,8 @@ def level_above(effect: Estimate, bound: float) -> float:
 
     Above 1 is none: also where all values are equal, so that nothing tells how they would spread.
     """
-    distance, se = effect.estimate - bound, effect.se
+    distance = effect.estimate - bound
+    se = effect.se
     if effect.fraction and 0 < bound < 1:
         se = math.sqrt(bound * (1 - bound) / effect.cases)
     if math.isinf(bound):
@@ -60,7 +61,8 @@ def needed(effect: Estimate, bound: float, level: float) -> int | None:
     number below 10,000 would, as the difference is nothing or the fixed part is too much, and where
     only more objects would, which nobody can draw.
     """
-    p, distance = effect.estimate, abs(effect.estimate - bound)
+    p = effect.estimate
+    distance = abs(effect.estimate - bound)
     if effect.cluster != "splits" or not (effect.se > 0 and distance > 0):
         return None
     splits = np.arange(effect.clusters + 1, _MOST)
@@ -96,7 +98,8 @@ def bootstrap_interval(
     draws: int = 2000,
 ) -> Interval:
     """Compute the 95 % percentile interval of a statistic of (n, ...), drawing clusters again."""
-    x, index = np.asarray(values, float), np.unique(clusters, return_inverse=True)[1]
+    x = np.asarray(values, float)
+    index = np.unique(clusters, return_inverse=True)[1]
     members = [x[index == c] for c in range(index.max() + 1)]
     drawn = np.empty(draws)
     for i in range(draws):
@@ -107,13 +110,18 @@ def bootstrap_interval(
 
 
 def change_of_means(
-    first: ArrayLike, first_clusters: ArrayLike, second: ArrayLike, second_clusters: ArrayLike,
-    *, fraction: bool = False,
-) -> Estimate:  # fmt: skip
+    first: ArrayLike,
+    first_clusters: ArrayLike,
+    second: ArrayLike,
+    second_clusters: ArrayLike,
+    *,
+    fraction: bool = False,
+) -> Estimate:
     """Estimate the mean of first - second where the tasks differ; clusters in both are paired."""
     sides = []
     for values, clusters in ((first, first_clusters), (second, second_clusters)):
-        x, names = np.asarray(values, float), np.asarray(clusters)
+        x = np.asarray(values, float)
+        names = np.asarray(clusters)
         sides.append({name: x[names == name].mean() for name in np.unique(names)})
     shared = sorted(set(sides[0]) & set(sides[1]))
     if not shared:

@@ -15,7 +15,8 @@ from paper_repro import agents
 from paper_repro.frame import Cell, Setting, Table, paper_values
 from paper_repro.statements import OURS, THEIRS, Evidence, above
 
-AGAINST, OWN = "morc", "bayes"  # the paper's agent, which others are compared with; ours
+AGAINST = "morc"  # the paper's agent, which others are compared with
+OWN = "bayes"
 MEASURES = ("success", "cost", "reward")
 
 Runs = Mapping[str, TrialOutcomes]  # by agent
@@ -60,9 +61,12 @@ def run_agent(
         answer=answer,
     )
     done = run_offline(
-        config, logs=setting.logs, jobs=setting.jobs, cluster=setting.cluster,
+        config,
+        logs=setting.logs,
+        jobs=setting.jobs,
+        cluster=setting.cluster,
         on_progress=setting.progress_in("trials"),
-    )  # fmt: skip
+    )
     setting.spend(done.paths)
     outcomes = done.outcomes()
     return pay_for_declining(outcomes, done.paths) if agent == agents.DECLINES else outcomes
@@ -82,7 +86,8 @@ def pay_for_declining(outcomes: TrialOutcomes, paths: Iterable[Path]) -> TrialOu
 
 def our_lead(runs: Mapping[str, Runs], where: str) -> dict[str, Evidence]:
     """State that our agent earns more than the paper's, on the same tasks."""
-    first, second = runs[OURS][OWN], runs["recorded"][AGAINST]
+    first = runs[OURS][OWN]
+    second = runs["recorded"][AGAINST]
     text = f"our agent earns more reward than MORC: {where}"
     return {text: above(difference(first, second), 0, of="reward less its")}
 

@@ -110,16 +110,22 @@ def run_curves(
         **options,
     )
     run = run_online(
-        config, logs=setting.logs, jobs=setting.jobs, cluster=setting.cluster,
+        config,
+        logs=setting.logs,
+        jobs=setting.jobs,
+        cluster=setting.cluster,
         on_progress=setting.progress_in("batches"),
-    )  # fmt: skip
+    )
     names = ATTRIBUTES.get(dataset, ())
-    rows, tests = [], list[TrialOutcomes]()
+    rows = []
+    tests = list[TrialOutcomes]()
     for result in run.results():
         tests.append(outcomes := result.outcomes)
-        right, asked = outcomes.success.astype(float), outcomes.attribute[:, 0]
-        by_attribute = [right[asked == name].mean() if (asked == name).any() else np.nan
-                        for name in names]  # fmt: skip
+        right = outcomes.success.astype(float)
+        asked = outcomes.attribute[:, 0]
+        by_attribute = [
+            right[asked == name].mean() if (asked == name).any() else np.nan for name in names
+        ]
         rows.append((result.hours, right.mean(), outcomes.reward.mean(),
                      outcomes.cost.mean(), (~outcomes.answered).mean(), *by_attribute))  # fmt: skip
     table = np.array(rows).reshape(repeats, batches + 1, -1)
@@ -134,16 +140,14 @@ def run_curves(
     size = batches + 1
     by_split = tuple(tuple(tests[s * size : (s + 1) * size]) for s in range(repeats))
     hours, accuracy, reward, cost, abstained = np.moveaxis(table[..., :5], 2, 0)
-    return Curves(
-        hours, accuracy, reward, cost, abstained, table[..., 5:], logs, ratio, by_split
-    )  # fmt: skip
+    return Curves(hours, accuracy, reward, cost, abstained, table[..., 5:], logs, ratio, by_split)
 
 
 def at_hours(hours: Floats, values: Floats, when: float) -> Floats:
     """Read curves (S,B) at some hours, (S,); nan beyond the end of a curve."""
-    return np.array([
-        np.interp(when, x, y, right=np.nan) for x, y in zip(hours, values, strict=True)
-    ])  # fmt: skip
+    return np.array(
+        [np.interp(when, x, y, right=np.nan) for x, y in zip(hours, values, strict=True)]
+    )
 
 
 def paired(first: Floats, second: Floats, ratio: float) -> Estimate:

@@ -25,10 +25,17 @@ ANSWER_RIGHT = 0.85  # Pr(a person's whole answer is right), ROC36
 
 
 def table_path(
-    setting: Setting, dataset: str, *, name: str = "", domain: str = "", matrices: str = "",
-    costs: dict[str, float] | None = None, answer: float | None = None,
-    asked: tuple[str, ...] = (), **changes: Any,
-) -> str:  # fmt: skip
+    setting: Setting,
+    dataset: str,
+    *,
+    name: str = "",
+    domain: str = "",
+    matrices: str = "",
+    costs: dict[str, float] | None = None,
+    answer: float | None = None,
+    asked: tuple[str, ...] = (),
+    **changes: Any,
+) -> str:
     """Write a percept table under another domain, or with published matrices; return its path.
 
     Parameters
@@ -44,16 +51,28 @@ def table_path(
     changes : other fields of the domain.
     """
     return _written(
-        setting.logs / "tables" / f"{name}.npz", dataset, domain or dataset, matrices,
-        tuple((costs or {}).items()), answer, asked, (("name", name), *changes.items()),
-    )  # fmt: skip
+        setting.logs / "tables" / f"{name}.npz",
+        dataset,
+        domain or dataset,
+        matrices,
+        tuple((costs or {}).items()),
+        answer,
+        asked,
+        (("name", name), *changes.items()),
+    )
 
 
 @lru_cache(maxsize=32)
 def _written(
-    path: Path, dataset: str, domain: str, matrices: str, costs: tuple[tuple[str, float], ...],
-    answer: float | None, asked: tuple[str, ...], changes: tuple[tuple[str, Any], ...],
-) -> str:  # fmt: skip
+    path: Path,
+    dataset: str,
+    domain: str,
+    matrices: str,
+    costs: tuple[tuple[str, float], ...],
+    answer: float | None,
+    asked: tuple[str, ...],
+    changes: tuple[tuple[str, Any], ...],
+) -> str:
     """Write a table once for a program, as items share it and compressing it takes a second."""
     base = of_groups(load_domain(domain), asked) if asked else load_domain(domain)
     priced = dict(costs)
@@ -89,18 +108,27 @@ def published_roc36(setting: Setting, matrices: str, n: int, domain: str = SIMUL
     person's whole answer is right with .85 there: here each of N attributes is with .85^(1/N).
     """
     return table_path(
-        setting, "roc36", name=f"roc36_table3_{matrices}_{Path(domain).stem}_n{n}", domain=domain,
-        matrices=matrices, costs={"reinit": 0.0}, answer=ANSWER_RIGHT ** (1 / n),
+        setting,
+        "roc36",
+        name=f"roc36_table3_{matrices}_{Path(domain).stem}_n{n}",
+        domain=domain,
+        matrices=matrices,
+        costs={"reinit": 0.0},
+        answer=ANSWER_RIGHT ** (1 / n),
         asked=QUESTIONS[:n],
-    )  # fmt: skip
+    )
 
 
 def every_action_roc36(setting: Setting, matrices: str, n: int) -> str:
     """Return it with every action legal everywhere, for the published Random, Predefined Plus."""
     return table_path(
-        setting, "roc36", name=f"roc36_every_{matrices}_n{n}", domain=EVERY_ACTION,
-        matrices=matrices, asked=QUESTIONS[:n],
-    )  # fmt: skip
+        setting,
+        "roc36",
+        name=f"roc36_every_{matrices}_n{n}",
+        domain=EVERY_ACTION,
+        matrices=matrices,
+        asked=QUESTIONS[:n],
+    )
 
 
 def plotted_ispy32(setting: Setting) -> str:
@@ -110,10 +138,14 @@ def plotted_ispy32(setting: Setting) -> str:
     """
     paper = paper_values("plotted")
     return table_path(
-        setting, "ispy32", name="ispy32_plotted", domain="ispy32_published",
-        costs={ASK: paper["ask_cost"]}, answer=paper["ask_accuracy"],
+        setting,
+        "ispy32",
+        name="ispy32_plotted",
+        domain="ispy32_published",
+        costs={ASK: paper["ask_cost"]},
+        answer=paper["ask_accuracy"],
         legal_budget=(paper["budget"],),
-    )  # fmt: skip
+    )
 
 
 def published_counts(name: str, domain: Domain) -> NDArray[np.int64]:
@@ -143,7 +175,9 @@ def with_counts(table: PerceptTable, counts: NDArray[np.int64]) -> PerceptTable:
         bins[held_out, others, p] = share + (np.arange(len(others))[:, None, None] < remainder)
     rounds = -(-int(bins.sum(axis=-1).max()) // table.recordings)  # as many recordings as counts
     return replace(
-        table, log_odds=np.tile(table.log_odds, (1, rounds, 1, 1)), training_bins=bins,
+        table,
+        log_odds=np.tile(table.log_odds, (1, rounds, 1, 1)),
+        training_bins=bins,
         edges=table.edges[[len(table.edges) // 2]],
         recording_counts=table.recording_counts * rounds,
-    )  # fmt: skip
+    )

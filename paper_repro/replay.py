@@ -29,7 +29,8 @@ def replay(momdp: MOMDP, steps: Sequence[Mapping[str, Any]]) -> list[Belief]:
     """
     beliefs = [meal_bayes.initial_belief(momdp)]
     for step in steps:
-        action, last = momdp.behavior_names.index(step["behavior"]), beliefs[-1]
+        action = momdp.behavior_names.index(step["behavior"])
+        last = beliefs[-1]
         next_x = momdp.x_names.index(step["x"]) if "x" in step else last.x
         percept = np.array(step["percept"], np.int8) if "percept" in step else None
         beliefs.append(meal_bayes.update_belief(last, momdp, Transition(action, next_x, percept)))

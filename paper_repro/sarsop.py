@@ -130,10 +130,16 @@ def _run(command: Sequence[str], folder: Path, seconds: float) -> str:
     """Run a program to its end or the end of patience; return the end of its output, one line."""
     try:
         done = subprocess.run(
-            command, cwd=folder, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT, encoding="utf-8", errors="replace", timeout=seconds,
+            command,
+            cwd=folder,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            encoding="utf-8",
+            errors="replace",
+            timeout=seconds,
             check=False,
-        )  # fmt: skip
+        )
     except subprocess.TimeoutExpired as fault:
         raise SettingsError(
             f"{command[0]} had not ended after {seconds:g} s; ask fewer attributes, or give "
@@ -175,7 +181,8 @@ class AlphaVectorPolicy:
     action: NDArray[np.int64]
 
     def __post_init__(self) -> None:
-        momdp, n = self.momdp, len(self.momdp.query)
+        momdp = self.momdp
+        n = len(self.momdp.query)
         set_frozen(self, vectors=freeze(self.vectors))
         set_frozen(self, x=freeze(self.x, np.int64), action=freeze(self.action, np.int64))
         if self.vectors.shape[1] != 2**n:
@@ -203,7 +210,8 @@ class AlphaVectorPolicy:
 
     def decide(self, history: History, rng: np.random.Generator) -> Decision:
         """Choose the best plan, or the best answer."""
-        momdp, belief = self.momdp, history.belief
+        momdp = self.momdp
+        belief = history.belief
         vectors, actions = self._plans(belief.x)
         values = np.full(momdp.n_behaviors, -np.inf)
         np.maximum.at(values, actions, vectors @ belief.joint)
@@ -224,7 +232,8 @@ def read_policy(path: Path) -> Vectors:
         every = ElementTree.fromstring(path.read_text("ascii")).find("AlphaVector")
         if every is None:
             raise ValueError("it has no <AlphaVector>")  # noqa: TRY301
-        count, length = int(every.get("numVectors", "")), int(every.get("vectorLength", ""))
+        count = int(every.get("numVectors", ""))
+        length = int(every.get("vectorLength", ""))
         if len(every) != count or not count:
             raise ValueError(f"found {len(every)} vectors; it promises {count}")  # noqa: TRY301
         vectors = np.array([_values(element, length) for element in every])

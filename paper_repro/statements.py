@@ -107,7 +107,8 @@ class Evidence:
             )
             facts |= {"outcome": self.outcome, "rule": self.rule, "method": "a fact", "parts": 0}
             return facts | _told(self.shown, self.at)
-        inside, outside = self._inside, self._outside
+        inside = self._inside
+        outside = self._outside
         tested = {"parts": len(self.parts), "smallest": self.level}
         if outside <= level and outside < inside:
             part = min(self.parts, key=lambda part: part.outside)
@@ -188,8 +189,13 @@ def placed(
     x = np.asarray(values, float)
     x = x[~np.isnan(x)]
     spread = float(x.std(ddof=1)) * math.sqrt(1 + 1 / len(x)) if len(x) > 1 else math.nan
-    effect = Estimate(float(x.mean()) if len(x) else math.nan, spread, len(x), cluster="splits",
-                    method="prediction interval of one split")  # fmt: skip
+    effect = Estimate(
+        float(x.mean()) if len(x) else math.nan,
+        spread,
+        len(x),
+        cluster="splits",
+        method="prediction interval of one split",
+    )
     _, _, low, high = effect.interval(1 - level)
     outcome = FALLS if printed < low or (printed > high and not at_most) else UNDECIDED
     number = f"{printed:.3g} at most" if at_most else f"{printed:.3g}"
@@ -210,8 +216,10 @@ def placed_below(splits: Mapping[str, ArrayLike], printed: float, *, of: str) ->
     of : what they are, for the rule.
     """
     level = LEVEL / len(splits)
-    parts = [placed(values, printed, of=f"{name}'s {of}", at_most=True, level=level)
-             for name, values in splits.items()]  # fmt: skip
+    parts = [
+        placed(values, printed, of=f"{name}'s {of}", at_most=True, level=level)
+        for name, values in splits.items()
+    ]
     first = max(parts, key=lambda part: part.shown.interval(1 - level).low if part.shown else 0.0)
     return dataclasses.replace(first, rule=f"{first.rule}, and {len(parts) - 1} more")
 

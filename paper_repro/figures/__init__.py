@@ -34,7 +34,8 @@ def draw(record: Record) -> dict[str, canvas.Axes]:
 
 def draw_into(folder: Path, record: Record) -> list[str]:
     """Write the figures of an item's record and remove those it has no more; returns the names."""
-    drawn, item = draw(record), record["item"]
+    drawn = draw(record)
+    item = record["item"]
     for name, ax in drawn.items():
         canvas.save(ax, folder / name)
     for path in (*folder.glob(f"{item}.png"), *folder.glob(f"{item}_*.png")):

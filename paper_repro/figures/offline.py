@@ -31,8 +31,10 @@ _MEANS = "Lines reach two standard errors of a mean, or 95 % of a fraction."
 def fig4(record: Record) -> dict[str, Axes]:
     """Draw the confusion matrices of each source of classifiers."""
     table = record["tables"][0]
-    rows = [dict(zip(("attribute", "source", *"abcd", "kappa"), row, strict=True))
-            for row in table["rows"]]  # fmt: skip
+    rows = [
+        dict(zip(("attribute", "source", *"abcd", "kappa"), row, strict=True))
+        for row in table["rows"]
+    ]
     figures = {}
     for source in dict.fromkeys(row["source"] for row in rows):
         chosen = [row for row in rows if row["source"] == source]
@@ -40,8 +42,11 @@ def fig4(record: Record) -> dict[str, Axes]:
         matrices = np.array([[row[cell] for cell in "abcd"] for row in chosen]).reshape(-1, 2, 2)
         ax = confusion_matrices(matrices, names)
         kappas = joined([f"{row['kappa']:.2f} for {row['attribute']}" for row in chosen])
-        headline(ax, f"Cohen's kappa of shake is {kappas}",
-                 f"ROC36, {source} classifiers: Pr(percept | truth), a row each truth")  # fmt: skip
+        headline(
+            ax,
+            f"Cohen's kappa of shake is {kappas}",
+            f"ROC36, {source} classifiers: Pr(percept | truth), a row each truth",
+        )
         end = source.removeprefix("published, ")
         figures["" if end == "default" else f"_{end}"] = ax
     return figures
@@ -66,7 +71,8 @@ def fig5(record: Record) -> dict[str, Axes]:
 
 def fig8(record: Record) -> dict[str, Axes]:
     """Draw reward, cost and accuracy of each strategy over the number of attributes."""
-    rows, figures = rows_of(record["tables"][0]), {}
+    rows = rows_of(record["tables"][0])
+    figures = {}
     for percepts in dict.fromkeys(row["percepts"] for row in rows):
         chosen = [row for row in rows if row["percepts"] == percepts]
         numbers = list(dict.fromkeys(row["attributes"] for row in chosen))
@@ -74,12 +80,17 @@ def fig8(record: Record) -> dict[str, Axes]:
         for measure, column in _MEASURES.items():
             groups = _by_agent(chosen, column)
             ax = dots(groups, places, y_label=column, fraction=measure == "success")
-            by_number = {n: {agent: spans[i] for agent, spans in groups.items()}
-                         for i, n in enumerate(numbers)}  # fmt: skip
+            by_number = {
+                n: {agent: spans[i] for agent, spans in groups.items()}
+                for i, n in enumerate(numbers)
+            }
             word, least = ("Least", True) if measure == "cost" else ("Highest", False)
             told = leaders(by_number, least=least)
-            headline(ax, f"{word} {column.split(',')[0]} by number of attributes: {told}",
-                     f"ISPY32, percepts {percepts}. {record['size']} {_MEANS}")  # fmt: skip
+            headline(
+                ax,
+                f"{word} {column.split(',')[0]} by number of attributes: {told}",
+                f"ISPY32, percepts {percepts}. {record['size']} {_MEANS}",
+            )
             figures[f"_{measure}_{percepts}"] = ax
     return figures
 
@@ -97,7 +108,8 @@ def fig9(record: Record) -> dict[str, Axes]:
     kinds = list(dict.fromkeys(row["percepts"] for row in rows))
     figures = {}
     for measure, column in _SUPER.items():
-        told, ends = [], {}
+        told = []
+        ends = {}
         with axes_to_draw(None, width=6.4, height=3.4) as ax:
             for kind, (dash, marker) in zip(kinds, _SETTINGS, strict=False):
                 chosen = [row for row in rows if row["percepts"] == kind]
@@ -113,7 +125,8 @@ def fig9(record: Record) -> dict[str, Axes]:
                 told.append(f"{y[0]:.{digits}f} to {y[-1]:.{digits}f} ({kind})")
             name_axes(ax, "irrelevant attributes", column)
             name_ends(ax, ends)
-        word, caption = column.split(",")[0], _MEANS.replace("Lines", "Bands")
+        word = column.split(",")[0]
+        caption = _MEANS.replace("Lines", "Bands")
         headline(
             ax,
             f"From {x[0]} to {x[-1]} irrelevant attributes, {word} goes from {joined(told)}",
@@ -128,7 +141,8 @@ def eq7(record: Record) -> dict[str, Axes]:
     table = record["tables"][0]
     budgets = [column for column in table["columns"] if column.startswith("within ")]
     hours = [float(column.split()[1]) for column in budgets]
-    rows, figures = rows_of(table), {}
+    rows = rows_of(table)
+    figures = {}
     for title in dict.fromkeys(row[""] for row in rows):
         chosen = [row for row in rows if row[""] == title]
         last = {row["agent"]: interval_of(row[budgets[-1]]) for row in chosen}
@@ -138,8 +152,17 @@ def eq7(record: Record) -> dict[str, Axes]:
                 spans = [interval_of(row[column]) for column in budgets]
                 style = agent_style(row["agent"])
                 y = [max(span.estimate, 0.5) for span in spans]  # none is below one
-                ax.errorbar(hours, y, error_lengths(spans), fmt=style.marker + style.dash, ms=5,
-                            lw=1.5, color=style.color, capsize=2.5, elinewidth=1.1)  # fmt: skip
+                ax.errorbar(
+                    hours,
+                    y,
+                    error_lengths(spans),
+                    fmt=style.marker + style.dash,
+                    ms=5,
+                    lw=1.5,
+                    color=style.color,
+                    capsize=2.5,
+                    elinewidth=1.1,
+                )
                 ends[f"{row['agent']} {spans[-1].estimate:.0f}"] = (hours[-1], y[-1])
             ax.set(xscale="log", yscale="log")
             ax.set_xticks(hours, [f"{60 * h:.0f} min" for h in hours], minor=False)
@@ -157,7 +180,8 @@ def eq7(record: Record) -> dict[str, Axes]:
         drawn = any(isinstance(row[budgets[-1]], list) for row in chosen)
         errors = "Lines reach two standard errors (bootstrap). " * drawn
         headline(ax, finding, f"{title}. {record['size']} {errors}Trials run one after another.")
-        place, protocol = title.split(",")[0].lower(), title.rsplit(" ", 1)[1]
+        place = title.split(",")[0].lower()
+        protocol = title.rsplit(" ", 1)[1]
         figures[f"_{place}_{protocol}"] = ax
     return figures
 
@@ -179,8 +203,15 @@ def losses(record: Record) -> dict[str, Axes]:
             for at, (start, width) in enumerate(zip(starts, part, strict=True)):
                 if width > 0.06 * gaps.sum(axis=1).max():
                     ink = "white" if color == _PARTS[0][1] else "black"
-                    ax.text(start + width / 2, at, f"{width:.0f}", ha="center", va="center",
-                            fontsize=8, color=ink)  # fmt: skip
+                    ax.text(
+                        start + width / 2,
+                        at,
+                        f"{width:.0f}",
+                        ha="center",
+                        va="center",
+                        fontsize=8,
+                        color=ink,
+                    )
             starts = starts + part
         ax.set_yticks(place, [_question(row) for row in rows])
         ax.invert_yaxis()
@@ -189,9 +220,12 @@ def losses(record: Record) -> dict[str, Axes]:
         legend(ax, len(_PARTS), above=True)
     most = np.bincount(gaps.argmax(axis=1), minlength=len(_PARTS))
     named = [f"{name} in {n}" for (name, _), n in zip(_PARTS, most, strict=True) if n]
-    headline(ax, f"What would bring most, of {len(rows)} kinds of question: {joined(named)}",
-             f"Our agent; {record['size']} Parts are estimates; standard errors of the last are "
-             f"{min(errors):.0f} to {max(errors):.0f}, of all in the table.")  # fmt: skip
+    headline(
+        ax,
+        f"What would bring most, of {len(rows)} kinds of question: {joined(named)}",
+        f"Our agent; {record['size']} Parts are estimates; standard errors of the last are "
+        f"{min(errors):.0f} to {max(errors):.0f}, of all in the table.",
+    )
     return {"": ax}
 
 

@@ -13,7 +13,8 @@ from meal_bayes.palette import LINE_GRAY, agent_style
 from paper_repro.figures.read import Record, Row, apart, interval_of, joined, rows_of
 from paper_repro.figures.shapes import dots, headline, heat_map, panels, shared_legend
 
-_BASE, _BEST = "iterative_morc", "morc_itrs"
+_BASE = "iterative_morc"
+_BEST = "morc_itrs"
 _DRAWN = ("iterative_random_legal", _BEST, "bayes")
 _BUDGETS = (0.5, 1, 2, 4)  # hours at which the tables compare
 _ENDS = {"reward": "", "accuracy": "_accuracy"}  # of the names of the files
@@ -42,8 +43,9 @@ def _leads(record: Record, tables: Sequence[Mapping[str, Any]], measure: str) ->
         agents = {row["agent"]: row for row in rows_of(table)}
         for agent in (name for name in _DRAWN if name in agents):
             _difference(ax, agents[agent], agents[_BASE], measure)
-            area = interval_of(agents[agent][f"{measure} over H h, less its"],
-                               agents[agent]["repeats"])  # fmt: skip
+            area = interval_of(
+                agents[agent][f"{measure} over H h, less its"], agents[agent]["repeats"]
+            )
             told.setdefault(agent, []).append(_side(area))
         with axes_to_draw(ax):
             ax.axhline(0, color=LINE_GRAY, lw=1)
@@ -57,10 +59,12 @@ def _leads(record: Record, tables: Sequence[Mapping[str, Any]], measure: str) ->
         ax.remove()
     finding = "; ".join(f"{agent} is {_counts(sides)}" for agent, sides in told.items())
     shared_legend(axes[: len(tables)])
-    headline(axes[0],
-             f"{measure.capitalize()} less Iterative MORC's, number of panels: {finding}",
-             f"{record['size']} Bands: 95 % intervals over splits of the same objects "
-             "(Student's t). Lines end where either agent has explored no longer.")  # fmt: skip
+    headline(
+        axes[0],
+        f"{measure.capitalize()} less Iterative MORC's, number of panels: {finding}",
+        f"{record['size']} Bands: 95 % intervals over splits of the same objects "
+        "(Student's t). Lines end where either agent has explored no longer.",
+    )
     return axes[0]
 
 
@@ -74,8 +78,16 @@ def _difference(ax: Axes, row: Row, base: Row, measure: str) -> None:
         return
     y, _, low, high = np.transpose(spans)
     style = agent_style(row["agent"])
-    ax.plot(hours, y, style.dash, marker=style.marker, color=style.color, ms=4.5, lw=1.5,
-            label=row["agent"])  # fmt: skip
+    ax.plot(
+        hours,
+        y,
+        style.dash,
+        marker=style.marker,
+        color=style.color,
+        ms=4.5,
+        lw=1.5,
+        label=row["agent"],
+    )
     ax.fill_between(hours, low, high, color=style.color, alpha=0.15, lw=0)
 
 
@@ -89,7 +101,8 @@ def _counts(sides: Sequence[str]) -> str:
 
 def fig11(record: Record) -> dict[str, Axes]:
     """Draw the accuracy of each attribute, a dot an agent, ranked by MORC-ITRS."""
-    table, figures = record["tables"][0], {}
+    table = record["tables"][0]
+    figures = {}
     agents = table["columns"][2:]
     for protocol in dict.fromkeys(row[0] for row in table["rows"]):
         rows = [row for row in rows_of(table) if row["percepts"] == protocol]
@@ -101,10 +114,13 @@ def fig11(record: Record) -> dict[str, Axes]:
             all(apart(interval_of(row[_BEST]), interval_of(row[agent])) for agent in others)
             for row in rows
         )
-        headline(ax, f"MORC-ITRS has the highest estimate on {ahead} of {len(rows)} attributes; "
-                 f"its interval is apart from both others' on {clear}",
-                 f"CY101, percepts {protocol}. {record['size']} 95 % intervals over splits of the "
-                 "same objects.")  # fmt: skip
+        headline(
+            ax,
+            f"MORC-ITRS has the highest estimate on {ahead} of {len(rows)} attributes; "
+            f"its interval is apart from both others' on {clear}",
+            f"CY101, percepts {protocol}. {record['size']} 95 % intervals over splits of the "
+            "same objects.",
+        )
         figures[f"_{protocol}"] = ax
     return figures
 
@@ -115,21 +131,32 @@ def fig12(record: Record) -> dict[str, Axes]:
     rows = rows_of(table)
     alphas, betas = (list(dict.fromkeys(row[name] for row in rows)) for name in ("alpha", "beta"))
     moments = table["columns"][3:]
-    means = {moment: np.reshape([row[moment][0] for row in rows], (len(alphas), len(betas))).T
-             for moment in moments}  # fmt: skip
+    means = {
+        moment: np.reshape([row[moment][0] for row in rows], (len(alphas), len(betas))).T
+        for moment in moments
+    }
     everything = np.concatenate(list(means.values()))
     limits = (float(everything.min()), float(everything.max()))
     figures = {}
     for moment, values in means.items():
-        ax = heat_map(values, alphas, betas, labels=("alpha, s a bit", "beta, s", "accuracy"),
-                      digits=3, limits=limits)  # fmt: skip
+        ax = heat_map(
+            values,
+            alphas,
+            betas,
+            labels=("alpha, s a bit", "beta, s", "accuracy"),
+            digits=3,
+            limits=limits,
+        )
         best = max(rows, key=lambda row: row[moment][0])
         span = interval_of(best[moment])
         near = sum(not apart(span, interval_of(row[moment])) for row in rows) - 1
-        headline(ax, f"{moment.capitalize()}: best at alpha {best['alpha']}, beta {best['beta']} "
-                 f"({span.estimate:.3f} [{span.low:.3f}, {span.high:.3f}]), not told apart from "
-                 f"{near} of the other {len(rows) - 1} pairs",
-                 f"Accuracy of MORC-ITRS on CY101. {record['size']}")  # fmt: skip
+        headline(
+            ax,
+            f"{moment.capitalize()}: best at alpha {best['alpha']}, beta {best['beta']} "
+            f"({span.estimate:.3f} [{span.low:.3f}, {span.high:.3f}]), not told apart from "
+            f"{near} of the other {len(rows) - 1} pairs",
+            f"Accuracy of MORC-ITRS on CY101. {record['size']}",
+        )
         figures[f"_{moment}"] = ax
     return figures
 
@@ -157,8 +184,15 @@ def _effects(record: Record, name: str, rows: Sequence[Row], reference: str) -> 
             style = agent_style(row["agent"])
             for span, marker, color, up in ((fitted, style.marker, style.color, _SIDES[0]),
                                             (design, "|", LINE_GRAY, _SIDES[1])):  # fmt: skip
-                ax.errorbar(span.estimate, at + up, xerr=error_lengths([span]), fmt=marker,
-                            color=color, ms=4.5, elinewidth=1.3)  # fmt: skip
+                ax.errorbar(
+                    span.estimate,
+                    at + up,
+                    xerr=error_lengths([span]),
+                    fmt=marker,
+                    color=color,
+                    ms=4.5,
+                    elinewidth=1.3,
+                )
         names = [f"{row[''].split(': ', 1)[1]}: {row['agent']}" for row in rows]
         ax.set_yticks(place, names)
         ax.set_ylim(-0.7, len(rows) - 0.3)
@@ -167,10 +201,12 @@ def _effects(record: Record, name: str, rows: Sequence[Row], reference: str) -> 
         _side(fitted) if row["Pr(ahead)"] is not None else "not told apart"  # they disagree
         for fitted, row in zip(model, rows, strict=True)
     ]
-    headline(ax, f"{name}: of {len(rows)} differences from {reference}, "
-             f"{joined([f'{sides.count(side)} {side}' for side in dict.fromkeys(sides)])} by both "
-             "intervals",
-             "Colored: the hierarchical model's effect and 95 % credible interval. Gray below it: "
-             f"by design, two standard errors. Gray band: within {margin:g}. {record['size']}"
-             )  # fmt: skip
+    headline(
+        ax,
+        f"{name}: of {len(rows)} differences from {reference}, "
+        f"{joined([f'{sides.count(side)} {side}' for side in dict.fromkeys(sides)])} by both "
+        "intervals",
+        "Colored: the hierarchical model's effect and 95 % credible interval. Gray below it: "
+        f"by design, two standard errors. Gray band: within {margin:g}. {record['size']}",
+    )
     return ax

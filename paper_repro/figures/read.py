@@ -69,8 +69,9 @@ def leaders(groups: Mapping[object, Mapping[str, Interval]], *, least: bool = Fa
         measured = {name: span for name, span in intervals.items() if np.isfinite(span.estimate)}
         sign = -1 if least else 1
         best = max(measured, key=lambda name: sign * measured[name].estimate)
-        near = sum(name != best and not apart(measured[best], span)
-                   for name, span in measured.items())  # fmt: skip
+        near = sum(
+            name != best and not apart(measured[best], span) for name, span in measured.items()
+        )
         others = f" ({near} not told apart)" if near else ""
         told.setdefault(best, []).append(f"at {place}{others}")
     return "; ".join(f"{best} {', '.join(places)}" for best, places in told.items())

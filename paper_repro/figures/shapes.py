@@ -18,7 +18,9 @@ from meal_bayes.evaluation.statistics import Interval
 from meal_bayes.palette import LINE_GRAY, agent_style
 
 _LETTERS = 64  # that fit side by side below an axis
-_TITLE_LETTERS, _CAPTION_LETTERS = 12.0, 16.5  # an inch of a line
+# Letters an inch of a line.
+_TITLE_LETTERS = 12.0
+_CAPTION_LETTERS = 16.5
 _CLEAR = 0.07  # inches between a title or a caption and what is drawn
 _NAME_GAP = 0.075  # of the height of the axes, between two names
 _CELLS = 64  # of an image, beyond which its numbers are small
@@ -34,13 +36,19 @@ def headline(ax: Axes, finding: str, caption: str) -> Axes:
     figure.get_layout_engine().set(h_pad=_CLEAR)
     with drawn_in_style():
         figure.suptitle(
-            fill(finding, int(width * _TITLE_LETTERS)), x=0.01, ha="left", fontsize=10,
+            fill(finding, int(width * _TITLE_LETTERS)),
+            x=0.01,
+            ha="left",
+            fontsize=10,
             weight="bold",
-        )  # fmt: skip
+        )
         figure.supxlabel(
-            fill(caption, int(width * _CAPTION_LETTERS)), x=0.01, ha="left", fontsize=8,
+            fill(caption, int(width * _CAPTION_LETTERS)),
+            x=0.01,
+            ha="left",
+            fontsize=8,
             color="#555555",
-        )  # fmt: skip
+        )
     return ax
 
 
@@ -57,9 +65,15 @@ def name_ends(ax: Axes, ends: Mapping[str, tuple[float, float]]) -> None:
     places -= (places - heights).mean()
     for name, place in zip(order, (places - low) / (high - low), strict=True):
         ax.annotate(
-            name, (1, place), xytext=(4, 0), xycoords="axes fraction",
-            textcoords="offset points", va="center", fontsize=8, annotation_clip=False,
-        )  # fmt: skip
+            name,
+            (1, place),
+            xytext=(4, 0),
+            xycoords="axes fraction",
+            textcoords="offset points",
+            va="center",
+            fontsize=8,
+            annotation_clip=False,
+        )
     ax.set_xlim(right=x)
 
 
@@ -71,9 +85,7 @@ def shared_legend(axes: Sequence[Axes]) -> None:
         for handle, name in zip(*ax.get_legend_handles_labels(), strict=True)
     }
     with drawn_in_style():
-        axes[-1].figure.legend(
-            handles.values(), handles.keys(), loc="outside right center"
-        )  # fmt: skip
+        axes[-1].figure.legend(handles.values(), handles.keys(), loc="outside right center")
 
 
 def panels(rows: int, columns: int, *, width: float, height: float) -> list[Axes]:
@@ -106,9 +118,16 @@ def dots(
             styles.add(style)
             to.errorbar(
                 place + (number - (len(groups) - 1) / 2) * step,
-                [span.estimate for span in intervals], error_lengths(intervals), fmt=style.marker,
-                color=style.color, mfc=face, ms=5, elinewidth=1.3, capsize=2.5, label=agent,
-            )  # fmt: skip
+                [span.estimate for span in intervals],
+                error_lengths(intervals),
+                fmt=style.marker,
+                color=style.color,
+                mfc=face,
+                ms=5,
+                elinewidth=1.3,
+                capsize=2.5,
+                label=agent,
+            )
         for edge in place[1:]:
             to.axvline(edge - 0.5, color="#E6E6E6", lw=0.7)
         to.set_xticks(place, names, **turned if sum(map(len, names)) > _LETTERS else {})
@@ -141,12 +160,20 @@ def heat_map(
     with axes_to_draw(ax, height=height) as to:
         low, high = limits or (None, None)
         image = to.imshow(table, cmap="viridis", origin="lower", aspect="auto", vmin=low, vmax=high)
-        dark, small = image.get_clim(), 8 if table.size <= _CELLS else 7
+        dark = image.get_clim()
+        small = 8 if table.size <= _CELLS else 7
         for (row, column), value in np.ndenumerate(table):
             if np.isfinite(value):
                 light = value < dark[0] + 0.6 * (dark[1] - dark[0])
-                to.text(column, row, f"{value:.{digits}f}", ha="center", va="center",
-                        color="white" if light else "black", fontsize=small)  # fmt: skip
+                to.text(
+                    column,
+                    row,
+                    f"{value:.{digits}f}",
+                    ha="center",
+                    va="center",
+                    color="white" if light else "black",
+                    fontsize=small,
+                )
         to.set_xticks(range(len(x)), [str(name) for name in x])
         to.set_yticks(range(len(y)), [str(name) for name in y])
         to.set(xlabel=labels[0], ylabel=labels[1])
@@ -162,9 +189,14 @@ def confusion_matrices(
     n, _, k = table.shape
     names = [f"{word}{name}" for name in attributes for word in ("not ", "")]
     to = heat_map(
-        table.reshape(2 * n, k), level_names(k), names, labels=("percept", "truth", "probability"),
-        limits=(0.0, 1.0), height=1.2 + n, ax=ax,
-    )  # fmt: skip
+        table.reshape(2 * n, k),
+        level_names(k),
+        names,
+        labels=("percept", "truth", "probability"),
+        limits=(0.0, 1.0),
+        height=1.2 + n,
+        ax=ax,
+    )
     to.invert_yaxis()  # the first attribute above
     to.set_title(title)
     to.hlines(np.arange(1, n) * 2 - 0.5, -0.5, k - 0.5, color="white", lw=3)
@@ -181,7 +213,8 @@ def transition_diagram(diagram: TransitionDiagram, *, ax: Axes | None = None) ->
     place = _places(diagram)
     arrows: dict[tuple[str, str], list[str]] = defaultdict(list)
     for effect in diagram.effects:
-        source, target = effect.source, effect.target
+        source = effect.source
+        target = effect.target
         chance = "" if effect.probability == 1 else f" {effect.probability:.2g}"
         arrows[source, source if target == ANY_STATE else target].append(effect.behavior + chance)
     with axes_to_draw(ax, width=7.2, height=3.4) as to:
@@ -199,7 +232,8 @@ def transition_diagram(diagram: TransitionDiagram, *, ax: Axes | None = None) ->
             else:
                 _arrow(to, place[source], place[target], "\n".join(names))
         ends = np.array(list(place.values()))
-        low, high = ends.min(axis=0), ends.max(axis=0)
+        low = ends.min(axis=0)
+        high = ends.max(axis=0)
         to.set(xlim=(low[0] - 0.5, high[0] + 0.5), ylim=(low[1] - 0.7, high[1] + 1.0))
         to.set_axis_off()
         return to
@@ -207,7 +241,8 @@ def transition_diagram(diagram: TransitionDiagram, *, ax: Axes | None = None) ->
 
 def _places(diagram: TransitionDiagram) -> dict[str, tuple[float, float]]:
     """Compute the position of each state: its depth to the right, states of one depth apart."""
-    depth, frontier = {diagram.start: 0}, [diagram.start]
+    depth = {diagram.start: 0}
+    frontier = [diagram.start]
     while frontier:
         state = frontier.pop(0)
         for effect in diagram.effects:
@@ -229,7 +264,8 @@ def _places(diagram: TransitionDiagram) -> dict[str, tuple[float, float]]:
 
 def _arrow(ax: Axes, start: tuple[float, float], end: tuple[float, float], name: str) -> None:
     """Draw an arrow; one that goes back bends below all states."""
-    (x, y), (to_x, to_y) = start, end
+    (x, y) = start
+    (to_x, to_y) = end
     back = to_x < x
     bend = -0.35 if back else 0.0
     ax.annotate(
@@ -240,6 +276,11 @@ def _arrow(ax: Axes, start: tuple[float, float], end: tuple[float, float], name:
     length = float(np.hypot(to_x - x, to_y - y))
     drop = 0.5 * bend * length if back else 0.0
     ax.text(
-        (x + to_x) / 2, (y + to_y) / 2 + drop, name, ha="center", va="center", fontsize=8,
+        (x + to_x) / 2,
+        (y + to_y) / 2 + drop,
+        name,
+        ha="center",
+        va="center",
+        fontsize=8,
         bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.6},
-    )  # fmt: skip
+    )

@@ -44,7 +44,8 @@ def run(setting: Setting) -> Result:
     compared: dict[str, Runs] = {}
     for protocol in setting.protocols[:2]:
         for dataset, n in PLACES:
-            title, tables = f"{dataset.upper()}, {asked(n)}", dict.fromkeys(AGENTS, dataset)
+            title = f"{dataset.upper()}, {asked(n)}"
+            tables = dict.fromkeys(AGENTS, dataset)
             reward = None
             if protocol == THEIRS and dataset == "ispy32":
                 tables = dict.fromkeys(AGENTS, plotted_ispy32(setting))
@@ -71,13 +72,18 @@ def run(setting: Setting) -> Result:
     return Result(
         title="Successes within a budget of exploration (Eq. 7)",
         sentence=f"MORC's successes within {BUDGETS[2] / 3600:g} h are {'; '.join(told)}.",
-        tables=(Table("successes", ("", "agent", *(f"within {budget / 3600:.2g} h"
-                                                   for budget in BUDGETS)), tuple(rows)),),
+        tables=(
+            Table(
+                "successes",
+                ("", "agent", *(f"within {budget / 3600:.2g} h" for budget in BUDGETS)),
+                tuple(rows),
+            ),
+        ),
         evidence={},  # nobody is said to win
         size=f"{trials} trials an agent.",
         notes=(NOTE,),
         shows=SHOWS,
-    )  # fmt: skip
+    )
 
 
 def within(run: TrialOutcomes, budget: float, *, drawn: bool) -> Estimate:
@@ -98,8 +104,12 @@ def within(run: TrialOutcomes, budget: float, *, drawn: bool) -> Estimate:
     sides = np.stack([run.success, run.cost], axis=1)
     spread = bootstrap_interval(sides, units, stream(SEED, "eq7"), statistic=successes)
     count = repeated_successes(run.success, run.cost, budget)
-    return Estimate(count, spread.se, len(np.unique(units)),
-                  method=f"Student's t, bootstrap by stream({SEED}, 'eq7')")  # fmt: skip
+    return Estimate(
+        count,
+        spread.se,
+        len(np.unique(units)),
+        method=f"Student's t, bootstrap by stream({SEED}, 'eq7')",
+    )
 
 
 def repeated_successes(success: NDArray[Any], cost: NDArray[np.float64], budget: float) -> int:

@@ -8,7 +8,9 @@ from paper_repro.published import SIMULATOR_REWARD, published_roc36, table_path
 from paper_repro.statements import RECORDED, THEIRS
 
 TRIALS = 400
-ISPY32, ROC36, CODE = "ispy32", "roc36, train5", "roc36, train5, the simulator's diagram"
+ISPY32 = "ispy32"
+ROC36 = "roc36, train5"
+CODE = "roc36, train5, the simulator's diagram"
 CHANGES: dict[str, tuple[str, str, str, float | None]] = {
     # number in errata.toml: problem, what is changed, the changed problem, rewards of its own
     "1": (ISPY32, "percepts drawn from the learned tables", "ispy32, drawn", None),
@@ -25,7 +27,8 @@ def run(setting: Setting) -> Result:
     """Run MORC on the queries of Table 3 and Fig. 8, then with one departure at a time."""
     count = setting.trials_of(TRIALS, 8)
     rows: list[tuple[Cell, ...]] = []
-    effects, places = {}, problems(setting)
+    effects = {}
+    places = problems(setting)
     for number, (base, text, other, reward) in CHANGES.items():
         ours = run_agent(setting, *places[base], 2, AGAINST, count)
         changed = run_agent(setting, *places[other], 2, AGAINST, count, reward=reward)

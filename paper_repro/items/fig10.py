@@ -70,8 +70,12 @@ Panel = Mapping[str, Curves]
 def run(setting: Setting) -> Result:
     """Run every panel, of the data set that was published under the paper's settings too."""
     evidence: dict[str, dict[str, Evidence | None]] = {name: {} for name in setting.protocols}
-    tables, placed = list[Table](), list[Table]()
-    told, at_0, leads, carried = list[str](), list[str](), list[float](), list[str]()
+    tables = list[Table]()
+    placed = list[Table]()
+    told = list[str]()
+    at_0 = list[str]()
+    leads = list[float]()
+    carried = list[str]()
     for dataset, n in setting.choose(PANELS, PANELS[2:3]):
         title = f"{dataset.upper()}, {asked(n)}"
         for protocol in setting.protocols[:2]:
@@ -99,8 +103,10 @@ def run(setting: Setting) -> Result:
             if theirs:
                 start = at_start(panel[BEST], panel[BASE])
                 at_0.append(f"{start.estimate:+.3f} ± {start.se:.3f} ({title})")
-                told.append(f"{lead.estimate:+.3f} by the code's settings ({title}), after "
-                            f"{start.estimate:+.3f} before it explores")  # fmt: skip
+                told.append(
+                    f"{lead.estimate:+.3f} by the code's settings ({title}), after "
+                    f"{start.estimate:+.3f} before it explores"
+                )
             else:
                 leads.append(lead.estimate)
             if theirs and n == 1:
@@ -196,10 +202,19 @@ def judge(panel: Panel, title: str, *, one_agent: bool) -> dict[str, Evidence | 
 def area(first: Curves, second: Curves, measure: str) -> tuple[np.ndarray, np.ndarray]:
     """Return the means of two agents' curves until the second ends, each (S,)."""
     lead, rival = (
-        np.array([mean_until(*curve) for curve in zip(
-            curves.hours, getattr(curves, measure), second.hours[: len(first), -1], strict=False)])
+        np.array(
+            [
+                mean_until(*curve)
+                for curve in zip(
+                    curves.hours,
+                    getattr(curves, measure),
+                    second.hours[: len(first), -1],
+                    strict=False,
+                )
+            ]
+        )
         for curves in (first, second)
-    )  # fmt: skip
+    )
     return lead, rival
 
 
@@ -216,7 +231,8 @@ def lead_at(first: Curves, second: Curves, measure: str, h: float) -> Estimate |
 def compared(panel: Panel, title: str) -> Table:
     """Compare the agents of a panel with Iterative MORC: areas, and both measures at budgets."""
     rows: list[tuple[Cell, ...]] = []
-    base, measures = panel[BASE], ("reward", "accuracy")
+    base = panel[BASE]
+    measures = ("reward", "accuracy")
     points = {f"{m} at {h:g} h": (m, h) for m in measures for h in paper_values("budgets_h")}
     for name, curves in panel.items():
         at = [lead_at(curves, base, *point) for point in points.values()]

@@ -44,7 +44,8 @@ Scores = Mapping[str, NDArray[np.float64]]  # (S,P) by agent
 
 def run(setting: Setting) -> Result:
     """Read the curves of Fig. 10 at two hours, attribute by attribute."""
-    paper, size = paper_values("fig11"), []
+    paper = paper_values("fig11")
+    size = []
     evidence: dict[str, Mapping[str, Evidence | None]] = {}
     rows, counts, easier, lower = (list[tuple[Cell, ...]]() for _ in range(4))
     told = []
@@ -64,14 +65,17 @@ def run(setting: Setting) -> Result:
         }
         rows += [(protocol, NAMES[p], *(cells[a][i] for a in PAPERS)) for i, p in enumerate(order)]
         counts += counted(protocol, scores, paper["wins"])
-        easier += [(protocol, NAMES[p], *(lead_of(scores[a], p, ratio) for a in PAPERS))
-                   for p in EASY]  # fmt: skip
+        easier += [
+            (protocol, NAMES[p], *(lead_of(scores[a], p, ratio) for a in PAPERS)) for p in EASY
+        ]
         lower += hard_in_splits(protocol, scores)
         in_splits = wins(scores)
         by_mean = wins({agent: np.nanmean(score, axis=0)[None] for agent, score in scores.items()})
-        told.append(f"on {in_splits.mean():.1f} in a split ({in_splits.min():g} to "
-                    f"{in_splits.max():g}, ties as halves), by mean accuracy on {by_mean[0]:g} "
-                    f"({protocol})")  # fmt: skip
+        told.append(
+            f"on {in_splits.mean():.1f} in a split ({in_splits.min():g} to "
+            f"{in_splits.max():g}, ties as halves), by mean accuracy on {by_mean[0]:g} "
+            f"({protocol})"
+        )
     return Result(
         title=f"CY101, accuracy of each attribute at {paper['hours']:g} h of exploration",
         sentence=f"Of ten attributes MORC-ITRS is best {'; '.join(told)}; the paper shows "
@@ -79,16 +83,22 @@ def run(setting: Setting) -> Result:
         tables=(
             Table("accuracy, ranked by MORC-ITRS", ("percepts", "attribute", *PAPERS), tuple(rows)),
             Table("attributes of ten on which MORC-ITRS is best in a split", COUNTS, tuple(counts)),
-            Table(f"splits in which all three have {paper['hard_below']:g} at most",
-                  ("percepts", "attribute", "splits"), tuple(lower)),
-            Table("accuracy less the mean of the attributes that are not easy",
-                  ("percepts", "attribute", *PAPERS), tuple(easier)),
+            Table(
+                f"splits in which all three have {paper['hard_below']:g} at most",
+                ("percepts", "attribute", "splits"),
+                tuple(lower),
+            ),
+            Table(
+                "accuracy less the mean of the attributes that are not easy",
+                ("percepts", "attribute", *PAPERS),
+                tuple(easier),
+            ),
         ),
         evidence=evidence,
         size=f"{', '.join(size)}.",
         notes=(NOTE,),
         shows=SHOWS,
-    )  # fmt: skip
+    )
 
 
 def filled(scores: Scores) -> Scores:
@@ -121,8 +131,9 @@ def hard_in_splits(protocol: str, scores: Scores) -> list[tuple[Cell, ...]]:
     paper = paper_values("fig11")
     highest = np.max(list(filled(scores).values()), axis=0)  # (S,P)
     shown = (highest <= paper["hard_below"]).sum(axis=0)
-    return [(protocol, name, f"{shown[NAMES.index(name)]} of {len(highest)}")
-            for name in paper["hard"]]  # fmt: skip
+    return [
+        (protocol, name, f"{shown[NAMES.index(name)]} of {len(highest)}") for name in paper["hard"]
+    ]
 
 
 def lead_of(values: NDArray[np.float64], p: int, ratio: float) -> Estimate:
@@ -137,7 +148,8 @@ def judge(scores: Scores, ratio: float, *, printed: bool) -> dict[str, Evidence 
 
     What the paper shows of its one split is judged where `printed`, in the first column.
     """
-    paper, accuracy = paper_values("fig11"), filled(scores)
+    paper = paper_values("fig11")
+    accuracy = filled(scores)
     evidence: dict[str, Evidence | None] = {}
     if printed:
         best = placed(wins(scores), paper["wins"], of="number of attributes")
@@ -146,11 +158,16 @@ def judge(scores: Scores, ratio: float, *, printed: bool) -> dict[str, Evidence 
             bars = {agent: values[:, NAMES.index(name)] for agent, values in accuracy.items()}
             text = f"{name} is no more than {paper['hard_below']:g} for all three"
             evidence[text] = placed_below(bars, paper["hard_below"], of="accuracy")
-    evidence["Random Legal is relatively weak on the easy ones"] = every([
-        below(mean_of((accuracy[LEGAL] - accuracy[agent])[:, EASY].mean(axis=1), ratio), 0,
-              of=f"its accuracy less that of {agent}")
-        for agent in (BASE, BEST)
-    ])  # fmt: skip
+    evidence["Random Legal is relatively weak on the easy ones"] = every(
+        [
+            below(
+                mean_of((accuracy[LEGAL] - accuracy[agent])[:, EASY].mean(axis=1), ratio),
+                0,
+                of=f"its accuracy less that of {agent}",
+            )
+            for agent in (BASE, BEST)
+        ]
+    )
     return evidence
 
 

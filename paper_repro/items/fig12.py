@@ -11,7 +11,8 @@ from paper_repro.frame import Cell, Result, Setting, Table
 from paper_repro.online import BEST, Curves, mean_of, run_curves
 from paper_repro.statements import RECORDED, Evidence, above, below, every, judged
 
-ALPHAS, BETAS = (0, 3, 6, 12, 24), (0, 10, 30, 60, 120)
+ALPHAS = (0, 3, 6, 12, 24)
+BETAS = (0, 10, 30, 60, 120)
 MOMENTS = {"early": 1, "middle": 5, "late": 10}  # batches
 REPEATS = 5  # of each of 25 pairs, whose means are compared
 MIDDLE = "a beta in the middle is best"
@@ -29,7 +30,8 @@ Grid = Mapping[str, NDArray[np.float64]]  # accuracy (S,B) by "alpha, beta"
 
 def run(setting: Setting) -> Result:
     """Run the grid on recordings."""
-    alphas, betas = setting.choose(ALPHAS, (3, 24)), setting.choose(BETAS, (0, 30, 120))
+    alphas = setting.choose(ALPHAS, (3, 24))
+    betas = setting.choose(BETAS, (0, 30, 120))
     repeats = setting.repeats_of(REPEATS, column=RECORDED)
     pairs = {f"{a}, {b}": (a, b) for a, b in product(alphas, betas)}
     runs: dict[str, Curves] = {
@@ -48,13 +50,14 @@ def run(setting: Setting) -> Result:
     return Result(
         title="CY101, accuracy over alpha and beta: early, middle, late",
         sentence=_sentence(judged(evidence, [], ""), rises),
-        tables=(Table("accuracy of MORC-ITRS", ("alpha", "beta", "repeats", *MOMENTS),
-                      tuple(rows)),),
+        tables=(
+            Table("accuracy of MORC-ITRS", ("alpha", "beta", "repeats", *MOMENTS), tuple(rows)),
+        ),
         evidence=evidence,
         size=f"{repeats} repeats of each pair.",
         notes=(NOTE,),
         shows=SHOWS,
-    )  # fmt: skip
+    )
 
 
 def judge(grid: Grid, ratio: float) -> dict[str, Evidence | None]:
@@ -67,7 +70,8 @@ def judge(grid: Grid, ratio: float) -> dict[str, Evidence | None]:
 
     middle = over(1, BETAS[1:-1])[:, 1:].mean(axis=1)
     ends = {b: middle - over(1, (b,))[:, 1:].mean(axis=1) for b in (BETAS[0], BETAS[-1])}
-    small, large = _moments(over(0, ALPHAS[1:3])), _moments(over(0, ALPHAS[-1:]))
+    small = _moments(over(0, ALPHAS[1:3]))
+    large = _moments(over(0, ALPHAS[-1:]))
     rise = (small[2] - small[0]) - (large[2] - large[0])
     average = _moments(np.asarray(np.mean(list(grid.values()), axis=0)))
     return {
@@ -86,12 +90,16 @@ def _sentence(statements: Sequence[Mapping[str, Any]], rises: Sequence[float]) -
     """Say how much a middle beta brings, and how accuracy rises, over the grid and in each pair."""
     middle, mean = (
         f"{row['estimate']:+.3f} [{row['interval'][0]:+.3f}, {row['interval'][1]:+.3f}]"
-        for text in (MIDDLE, RISES) for row in statements if row["text"] == text
-    )  # fmt: skip
+        for text in (MIDDLE, RISES)
+        for row in statements
+        if row["text"] == text
+    )
     rising = sum(rise > 0 for rise in rises)
-    return (f"A beta in the middle differs from an end of the grid by {middle}; accuracy rises by "
-            f"{mean} on average, and the mean of the splits rises in {rising} of {len(rises)} "
-            f"pairs of weights (by {min(rises):+.3f} to {max(rises):+.3f}).")  # fmt: skip
+    return (
+        f"A beta in the middle differs from an end of the grid by {middle}; accuracy rises by "
+        f"{mean} on average, and the mean of the splits rises in {rising} of {len(rises)} "
+        f"pairs of weights (by {min(rises):+.3f} to {max(rises):+.3f})."
+    )
 
 
 def _moments(values: NDArray[np.float64]) -> list[NDArray[np.float64]]:

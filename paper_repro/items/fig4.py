@@ -77,9 +77,11 @@ def judge(counts: Counts, order: list[str]) -> Evidence:
     parts = []
     for (p, first), (q, second) in pairwise(enumerate(order)):
         lead = bootstrap_interval(
-            counts, range(len(counts)), stream(0, "kappa", first, second),
+            counts,
+            range(len(counts)),
+            stream(0, "kappa", first, second),
             statistic=lambda x, p=p, q=q: kappa(x[:, p].sum(0)) - kappa(x[:, q].sum(0)),  # type: ignore[misc]
-        )  # fmt: skip
+        )
         effect = Estimate(lead.estimate, lead.se, len(counts), method="t, bootstrap over objects")
         parts.append(above(effect, 0, of=f"kappa of {first} less that of {second}"))
     return every(parts)
@@ -102,10 +104,12 @@ def published_percepts(name: str, attributes: list[str]) -> Counts:
 
 def held_out_percepts(table: PerceptTable, attributes: list[str]) -> Counts:
     """Count each object's percepts, yes or no, by classifiers that never saw it."""
-    e, columns = table.domain.behavior_index(BEHAVIOR), table.domain.columns(attributes)
+    e = table.domain.behavior_index(BEHAVIOR)
+    columns = table.domain.columns(attributes)
     odds = table.log_odds[:, :, e][..., columns]  # (O,R,P)
     labels = table.labels[:, columns]
-    levels, recorded = table.levels_of(odds, 2), ~np.isnan(odds)
+    levels = table.levels_of(odds, 2)
+    recorded = ~np.isnan(odds)
     counts = np.zeros((*labels.shape, 2, 2))
     for truth in range(2):
         for level in range(2):

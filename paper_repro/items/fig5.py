@@ -18,7 +18,8 @@ def run(setting: Setting) -> Result:
     for name, numbers in NUMBERS.items():
         domain = load_domain(name)
         for n in numbers:
-            printed, states = paper[name].get(str(n)), states_of(domain, n)
+            printed = paper[name].get(str(n))
+            states = states_of(domain, n)
             rows.append((name, n, printed, states))
             if printed is not None:
                 text = f"{name}: {printed} states at {n} attributes"

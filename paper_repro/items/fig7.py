@@ -26,14 +26,16 @@ def run(setting: Setting) -> Result:
     momdp = momdp_of("ispy32", paper["fitted"])
     beliefs = replay(momdp, paper["steps"])
     report = momdp.action_name(best_report(momdp, beliefs[-1])).removeprefix("report ")
-    cost, ask = cost_of(momdp, paper["steps"]), cost_of(momdp, [{"behavior": "ask"}])
+    cost = cost_of(momdp, paper["steps"])
+    ask = cost_of(momdp, [{"behavior": "ask"}])
     low, high = twice(paper["steps"][1]["belief"])
     free = cost_of(momdp, [step for step in paper["steps"] if step["behavior"] != "reinit"])
     steps = [{"behavior": "(before)", "belief": paper["first_belief"]}, *paper["steps"]]
     rows: list[tuple[Cell, ...]] = []
     evidence: dict[str, Evidence | None] = {}
     for number, (step, belief) in enumerate(zip(steps, beliefs, strict=True)):
-        printed, ours = step.get("belief"), belief.joint.tolist()
+        printed = step.get("belief")
+        ours = belief.joint.tolist()
         failed = step["behavior"] != "reinit" and "percept" not in step and number > 0
         name = step["behavior"] + (" (failed)" if failed else "")
         rows.append((name, _vector(printed), _vector(ours)))
@@ -41,9 +43,13 @@ def run(setting: Setting) -> Result:
             last = number == len(steps) - 1
             rule = f"the third, its percepts once more: {_vector(low, 3)} to {_vector(high, 3)}"
             inside = (low - ROUNDING <= printed) & (printed <= high + ROUNDING)
-            judged = fact(bool(inside.all()), rule) if last else constructed(
-                "the prior is a setting" if number == 0 else "the rates were fitted to it"
-            )  # fmt: skip
+            judged = (
+                fact(bool(inside.all()), rule)
+                if last
+                else constructed(
+                    "the prior is a setting" if number == 0 else "the rates were fitted to it"
+                )
+            )
             evidence[f"belief {_vector(printed)} after {name}"] = judged
     evidence |= {
         f"the MOMDP has {paper['states']} states": constructed(f"it has {momdp.n_states}"),

@@ -44,7 +44,8 @@ STATEMENTS = 15  # of the column `theirs`
 # What needs most trials where percepts are drawn: the lead of one fixed sequence over the other. A
 # first run of 400 trials had this deviation of a pair; the margin is Table 3's. It was small, so
 # that the two sequences, which are quick, are run more often.
-PAIR_SD, HALF_WIDTH = 0.235, paper_values("table3")["margin"]["accuracy"] / 2
+PAIR_SD = 0.235
+HALF_WIDTH = paper_values("table3")["margin"]["accuracy"] / 2
 DRAWN = planned_trials(PAIR_SD, HALF_WIDTH, LEVEL / STATEMENTS)
 SEQUENCES = planned_trials(PAIR_SD, HALF_WIDTH / 2.5, LEVEL / STATEMENTS)
 LEVEL_COSTS = "the other baselines' cost is level"
@@ -109,10 +110,19 @@ def run(setting: Setting) -> Result:
         for n in numbers:
             evidence[OURS] |= our_lead(dict.fromkeys((RECORDED, OURS), runs[RECORDED][n]), asked(n))
     rows: list[tuple[Cell, ...]] = [
-        (protocol, n, agent, *((drawn_mean if protocol == THEIRS else mean_effect)(trials, m)
-                               for m in (*MEASURES, "abstained")))
-        for protocol, run in runs.items() for n in numbers for agent, trials in run[n].items()
-    ]  # fmt: skip
+        (
+            protocol,
+            n,
+            agent,
+            *(
+                (drawn_mean if protocol == THEIRS else mean_effect)(trials, m)
+                for m in (*MEASURES, "abstained")
+            ),
+        )
+        for protocol, run in runs.items()
+        for n in numbers
+        for agent, trials in run[n].items()
+    ]
     compared = {f"{p}, {asked(n)}": run[n] for n in numbers for p, run in runs.items()}
     return Result(
         title="Strategies on ISPY32",
@@ -150,8 +160,9 @@ def judge(runs: Mapping[int, Runs], *, drawn: bool) -> dict[str, Evidence | None
     for n, agents in runs.items():
         for measure, word in (("reward", "reward"), ("success", "accuracy")):
             for way, how in WAYS.items():
-                ahead = {name: compare(agents[way], agents[name], measure=measure)
-                         for name in BASELINES}  # fmt: skip
+                ahead = {
+                    name: compare(agents[way], agents[name], measure=measure) for name in BASELINES
+                }
                 evidence[f"MORC {how} is best in {word} at {asked(n)}"] = best(ahead, of=word)
     return evidence | judge_costs(runs, drawn=drawn)
 
@@ -163,7 +174,8 @@ def judge_costs(runs: Mapping[int, Runs], *, drawn: bool) -> dict[str, Evidence 
         LEVEL_COSTS: constructed("budgets and sequences are settings"),
     }
     for way, how in WAYS.items():
-        after, before = runs[max(runs)][way], runs[min(runs)][way]
+        after = runs[max(runs)][way]
+        before = runs[min(runs)][way]
         if drawn:
             rise = drawn_change(*(drawn_mean(run, "cost") for run in (after, before)))
         else:
@@ -194,8 +206,10 @@ def _sentence(runs: Mapping[str, Mapping[int, Runs]]) -> str:
                 f"{max(by[name].reward.mean() for name in BASELINES):.0f}" for by in run.values()
             )
             told.append(f"{protocol}, {how}: {rewards} (best baseline {rivals})")
-    return (f"MORC's reward with {', '.join(map(asked, next(iter(runs.values()))))} is, "
-            f"{'; '.join(told)}.")  # fmt: skip
+    return (
+        f"MORC's reward with {', '.join(map(asked, next(iter(runs.values()))))} is, "
+        f"{'; '.join(told)}."
+    )
 
 
 def _effects(runs: Mapping[str, Mapping[int, Runs]]) -> dict[str, str]:

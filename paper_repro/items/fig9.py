@@ -28,13 +28,15 @@ from paper_repro.statements import (
     every,
 )
 
-IRRELEVANT, RELEVANT = (0, 1, 2, 3, 4, 5), 2
+IRRELEVANT = (0, 1, 2, 3, 4, 5)
+RELEVANT = 2
 TRIALS = 60  # of what is not judged
 PUBLISHED = 200  # the paper's
 FORCED = 300  # of MORC that must answer, which is judged at both ends
 MEASURES = ("reward", "cost", "success")
 LABELS = {"reward": "reward", "cost": "cost, s", "success": "accuracy, relevant ones"}
-DRAWN, FORCES = "theirs", "theirs, must answer"
+DRAWN = "theirs"
+FORCES = "theirs, must answer"
 STATEMENTS = 6  # of the column `theirs` that trials decide
 SPREAD = {"first": 335.0, "last": 138.0, "cost": hypot(50.8, 75.4)}  # sd of a trial in a first run
 NOTE = """One super MOMDP has all attributes in its state and in its reports, whose reward is for
@@ -65,7 +67,8 @@ def plan() -> dict[int, int]:
     Those of the points that statements are about make an interval at the family's first level
     reach no farther than half of what `paper_values.toml` calls the margin.
     """
-    margin, level = paper_values("fig9")["margin"], LEVEL / STATEMENTS
+    margin = paper_values("fig9")["margin"]
+    level = LEVEL / STATEMENTS
     wanted = {name: planned_trials(sd, margin[name] / 2, level) for name, sd in SPREAD.items()}
     return {
         **dict.fromkeys(IRRELEVANT, TRIALS),
@@ -86,7 +89,8 @@ def plan_recorded() -> dict[int, int]:
 
 def run(setting: Setting) -> Result:
     """Run the super MOMDP with 0 to 5 irrelevant attributes."""
-    numbers, planned = setting.choose(IRRELEVANT, (0, 2)), plan()
+    numbers = setting.choose(IRRELEVANT, (0, 2))
+    planned = plan()
     ends = (numbers[0], numbers[-1])
 
     def drawn(k: int, agent: str, trials: int) -> TrialOutcomes:
@@ -104,35 +108,52 @@ def run(setting: Setting) -> Result:
     if RECORDED in setting.protocols:
         recorded = plan_recorded()
         runs[RECORDED] = {
-            str(k): run_agent(setting, RECORDED, "ispy32", RELEVANT + k, DECLINES,
-                              setting.trials_of(recorded[k], 4))
+            str(k): run_agent(
+                setting,
+                RECORDED,
+                "ispy32",
+                RELEVANT + k,
+                DECLINES,
+                setting.trials_of(recorded[k], 4),
+            )
             for k in numbers
-        }  # fmt: skip
+        }
         level = "with the relevant attributes alone reward is level"
         evidence[RECORDED] = {**judge_shape(runs[RECORDED], drawn=False),
                               level: constructed("irrelevant attributes never enter")}  # fmt: skip
     rows: list[tuple[Cell, ...]] = [
-        (kind, int(k), states(int(k)), len(outcomes),
-         *(measure(outcomes, m, drawn=kind != RECORDED) for m in (*MEASURES, "abstained")))
-        for kind, points in runs.items() for k, outcomes in points.items()
-    ]  # fmt: skip
+        (
+            kind,
+            int(k),
+            states(int(k)),
+            len(outcomes),
+            *(measure(outcomes, m, drawn=kind != RECORDED) for m in (*MEASURES, "abstained")),
+        )
+        for kind, points in runs.items()
+        for k, outcomes in points.items()
+    ]
     told = []
     for kind, points in runs.items():
         first, last = (points[str(k)] for k in ends)
-        told.append(f"{kind}: reward from {first.reward.mean():.0f} to {last.reward.mean():.0f}, "
-                    f"{(~last.answered).mean():.0%} given up")  # fmt: skip
+        told.append(
+            f"{kind}: reward from {first.reward.mean():.0f} to {last.reward.mean():.0f}, "
+            f"{(~last.answered).mean():.0%} given up"
+        )
     return Result(
         title="Two relevant attributes and more and more irrelevant ones, in one super MOMDP",
         sentence=f"With {ends[0]} to {ends[1]} irrelevant attributes, {'; '.join(told)}.",
         tables=(
-            Table("super MOMDPs", ("percepts", "irrelevant", "states", "trials",
-                                   *LABELS.values(), "abstained"), tuple(rows)),
+            Table(
+                "super MOMDPs",
+                ("percepts", "irrelevant", "states", "trials", *LABELS.values(), "abstained"),
+                tuple(rows),
+            ),
         ),
         evidence=evidence,
         size="The paper has 200 trials a row.",
         notes=(NOTE,),
         shows=SHOWS,
-    )  # fmt: skip
+    )
 
 
 def states(irrelevant: int) -> int:
@@ -142,9 +163,11 @@ def states(irrelevant: int) -> int:
 
 def judge(runs: Runs) -> dict[str, Evidence | None]:
     """Judge where the curve begins and ends, and its shape, where percepts are drawn."""
-    paper, points = paper_values("fig9"), list(runs)
+    paper = paper_values("fig9")
+    points = list(runs)
     first = drawn_mean(runs[points[0]], "reward")
-    high, low = paper["first_reward_above"], paper["last_reward_below"]
+    high = paper["first_reward_above"]
+    low = paper["last_reward_below"]
     return {
         f"reward starts above {high:g}": above(first, high, of="reward"),
         f"reward ends below {low:g}": ends_below(runs[points[-1]], low),
@@ -179,8 +202,13 @@ def judge_shape(runs: Runs, *, drawn: bool) -> dict[str, Evidence | None]:
         if drawn:
             return drawn_change(*(drawn_mean(run, name) for run in (after, before)))
         values = [~run.answered if name == "abstained" else run.cost for run in (after, before)]
-        return change_of_means(values[0], after.object_index, values[1], before.object_index,
-                               fraction=name == "abstained")  # fmt: skip
+        return change_of_means(
+            values[0],
+            after.object_index,
+            values[1],
+            before.object_index,
+            fraction=name == "abstained",
+        )
 
     return {
         "with more irrelevant attributes it explores more": above(

@@ -50,17 +50,19 @@ def run(setting: Setting) -> Result:
         runs = {
             agent: run_strategy(setting, RECORDED, n, agent, setting.trials_of(OFFLINE_TRIALS, 6))
             for agent in (*BASELINES, AGAINST, OWN)
-        }  # fmt: skip
+        }
         joined = TrialOutcomes.join(list(runs.values()))
         for row in compare_outcomes(joined, reference=AGAINST, draws=draws, seed=setting.seed):
             plain = difference(runs[row.agent], runs[AGAINST], measure="success")
             pairs["Fig. 8"].append((replace(row, attributes=asked(n)), plain))
     told = []
     for dataset, n in setting.choose(PANELS, PANELS[2:3]):
-        title, by_attributes = f"{dataset.upper()}, {asked(n)}", (dataset, n) == PANELS[0]
+        title = f"{dataset.upper()}, {asked(n)}"
+        by_attributes = (dataset, n) == PANELS[0]
         if setting.only not in title:
             continue
-        panel, ratio = {}, 0.0
+        panel = {}
+        ratio = 0.0
         for agent in (*PAPERS, OUR_AGENT):
             curves = run_curves(setting, dataset, n, agent, repeats)
             last = [np.searchsorted(explored, hours, side="right") - 1 for explored in curves.hours]
@@ -69,9 +71,13 @@ def run(setting: Setting) -> Result:
         outcomes = [tests for splits in panel.values() for tests in splits]
         splits = [s for parts in panel.values() for s, tests in enumerate(parts) for _ in tests.key]
         rows = compare_outcomes(
-            TrialOutcomes.join(outcomes), reference=BEST, repeats=splits, draws=draws,
-            by_attributes=by_attributes, seed=setting.seed,
-        )  # fmt: skip
+            TrialOutcomes.join(outcomes),
+            reference=BEST,
+            repeats=splits,
+            draws=draws,
+            by_attributes=by_attributes,
+            seed=setting.seed,
+        )
         for row in rows:
             if row.attributes and row.agent not in PAPERS:
                 continue
@@ -82,10 +88,20 @@ def run(setting: Setting) -> Result:
             if row.agent == BASE and not row.attributes:
                 told.append(f"{1 - row.ahead:.2f} ({title}; equivalent {row.equivalent:.2f})")
     cells: list[tuple[Cell, ...]] = [
-        (f"{figure}: {row.attributes}", row.agent, row.trials, plain, row.effect, row.low, row.high,
-         row.ahead if agree(row, plain) else None, row.equivalent)
-        for figure, group in pairs.items() for row, plain in group
-    ]  # fmt: skip
+        (
+            f"{figure}: {row.attributes}",
+            row.agent,
+            row.trials,
+            plain,
+            row.effect,
+            row.low,
+            row.high,
+            row.ahead if agree(row, plain) else None,
+            row.equivalent,
+        )
+        for figure, group in pairs.items()
+        for row, plain in group
+    ]
     return Result(
         title="Figs 8, 10 and 11 by one hierarchical model of outcomes",
         sentence=f"Pr(MORC-ITRS is more accurate than Iterative MORC after {hours:g} h) is, by the "
@@ -110,6 +126,7 @@ def agree(row: AgentEffect, plain: Estimate) -> bool:
 
 def accuracies(splits: Sequence[TrialOutcomes], attributes: str) -> np.ndarray:
     """Return the accuracy in each split, (S,), of the trials that ask an attribute, or of all."""
-    chosen = [tests.success[(tests.attribute[:, 0] == attributes) | (not attributes)]
-              for tests in splits]  # fmt: skip
+    chosen = [
+        tests.success[(tests.attribute[:, 0] == attributes) | (not attributes)] for tests in splits
+    ]
     return np.array([right.mean() if len(right) else np.nan for right in chosen])

@@ -18,7 +18,8 @@ from paper_repro.statements import RECORDED
 PANELS = tuple(
     (dataset, n, "values") for dataset in ("cy101", "roc36", "ispy32") for n in (1, 2, 3)
 ) + tuple((dataset, 2, "yes or no") for dataset in ("cy101", "roc36", "ispy32"))
-TRIALS, BOUNDED = 200, 50  # of these trials the best plan is bounded
+TRIALS = 200
+BOUNDED = 50  # of these trials the best plan is bounded
 BARS = {
     "MORC": "the paper's agent",
     "half the objects": "our agent, taught by half of the objects",
@@ -85,13 +86,14 @@ def run(setting: Setting) -> Result:
     return Result(
         title="Where the reward is lost, on three data sets",
         sentence=f"What is short of the reward of {reward:g}: {', '.join(ranges)}."
-        if rows else "It is not run here.",
+        if rows
+        else "It is not run here.",
         tables=(Table("reward", columns, tuple(rows)),) if rows else (),
         evidence={},
         size=f"{trials} trials a row.",
         notes=(NOTE.format(bounded=BOUNDED),),
         shows="; ".join(f"*{name}*: {text}" for name, text in BARS.items()) + ".",
-    )  # fmt: skip
+    )
 
 
 def split(by_all: Estimate, doubled: Estimate, gap: Estimate, ideal: float) -> Gains:
@@ -111,27 +113,36 @@ def split(by_all: Estimate, doubled: Estimate, gap: Estimate, ideal: float) -> G
     return Gains(
         replace(doubled, estimate=data),
         replace(gap, estimate=plans),
-        replace(by_all, estimate=sensors,
-                se=float(np.linalg.norm([by_all.se, doubled.se, gap.se]))),
-    )  # fmt: skip
+        replace(
+            by_all, estimate=sensors, se=float(np.linalg.norm([by_all.se, doubled.se, gap.se]))
+        ),
+    )
 
 
 def _and(height: Estimate, gain: Estimate) -> Estimate:
     """Stack a gain upon a reward."""
-    return replace(height, estimate=height.estimate + gain.estimate,
-                   se=float(np.hypot(height.se, gain.se)))  # fmt: skip
+    return replace(
+        height, estimate=height.estimate + gain.estimate, se=float(np.hypot(height.se, gain.se))
+    )
 
 
 def planning_gap(setting: Setting, dataset: str, n: int, trials: int) -> Estimate:
     """Bound what planning could add to MORC's reward where its tables are the truth."""
     config = OfflineConfig(
-        dataset, attributes=n, trials=min(trials, BOUNDED), agents=(AGAINST,), seed=setting.seed,
-        percepts="model", reward=paper_values("offline_reward"),
-    )  # fmt: skip
+        dataset,
+        attributes=n,
+        trials=min(trials, BOUNDED),
+        agents=(AGAINST,),
+        seed=setting.seed,
+        percepts="model",
+        reward=paper_values("offline_reward"),
+    )
     done = run_offline(config, logs=setting.logs, jobs=setting.jobs, cluster=setting.cluster)
     setting.spend(done.paths)
     bounds: dict[tuple[object, ...], float] = {}
-    rewards, tops, objects = [], [], []
+    rewards = []
+    tops = []
+    objects = []
     for trial in islice(
         (trial for path in done.paths for trial in read_trials(path)), config.trials
     ):

@@ -16,7 +16,8 @@ from paper_repro.published import SIMULATOR_REWARD, plotted_ispy32, published_ro
 from paper_repro.statements import THEIRS, Evidence, within
 
 AGENT = "sarsop"
-TRIALS, SHOWN = 200, 20  # a row; where no statement looks, as each query of an object takes 5 s
+TRIALS = 200  # a row
+SHOWN = 20  # where no statement looks, as each query of an object takes 5 s
 # Of Table 3's problems, where one policy a query serves all objects: as many tree search has, so
 # that the interval of an accuracy reaches no farther than half of its margin.
 PRINTED = 1600
@@ -44,19 +45,27 @@ def run(setting: Setting) -> Result:
     version = program_version()
     rows: list[tuple[Cell, ...]] = []
     evidence: dict[str, Evidence | None] = {}
-    paper, told = paper_values("table3"), list[str]()
+    paper = paper_values("table3")
+    told = list[str]()
     for matrices, n in product(("train5", "train12"), (2, 3)):
         judged = matrices == "train5"
         run = run_agent(
-            setting, THEIRS, published_roc36(setting, matrices, n), n, AGENT,
-            setting.trials_of(PRINTED if judged else SHOWN, 2), reward=SIMULATOR_REWARD,
-        )  # fmt: skip
+            setting,
+            THEIRS,
+            published_roc36(setting, matrices, n),
+            n,
+            AGENT,
+            setting.trials_of(PRINTED if judged else SHOWN, 2),
+            reward=SIMULATOR_REWARD,
+        )
         rows.append((f"Table 3, {matrices}", n, len(run), *_measured(run)))
         if not judged:
             continue
         printed = paper[str(n)]["morc"]
-        told.append(f"{run.success.mean():.3f} at {run.cost.mean():.1f} s ({asked(n)}; printed "
-                    f"{printed['accuracy']:.3f} at {printed['cost']:.1f} s)")  # fmt: skip
+        told.append(
+            f"{run.success.mean():.3f} at {run.cost.mean():.1f} s ({asked(n)}; printed "
+            f"{printed['accuracy']:.3f} at {printed['cost']:.1f} s)"
+        )
         for key, name in (("accuracy", "success"), ("cost", "cost")):
             value = printed[key]
             reach = paper["margin"][key] * (value if key == "cost" else 1.0)
@@ -64,27 +73,38 @@ def run(setting: Setting) -> Result:
                 drawn_mean(run, name), value - reach, value + reach, of=key
             )
     points = {
-        str(k): run_agent(setting, THEIRS, plotted_ispy32(setting), RELEVANT + k, AGENT,
-                          setting.trials_of(_trials(k), 2))
+        str(k): run_agent(
+            setting,
+            THEIRS,
+            plotted_ispy32(setting),
+            RELEVANT + k,
+            AGENT,
+            setting.trials_of(_trials(k), 2),
+        )
         for k in setting.choose(IRRELEVANT, (0, 2))
-    }  # fmt: skip
+    }
     rows += [("Fig. 9", RELEVANT + int(k), len(run), *_measured(run)) for k, run in points.items()]
     evidence |= judge(points)
     first, *_, last = points.values()
     return Result(
         title="The paper's solver, SARSOP with 5 s a query",
-        sentence=f"""With SARSOP and 5 s a query MORC has {'; '.join(told)} under Table 3's
+        sentence=f"""With SARSOP and 5 s a query MORC has {"; ".join(told)} under Table 3's
         simulator (train5), and Fig. 9's reward goes from {first.reward.mean():.0f} to
         {last.reward.mean():.0f}, and {(~last.answered).mean():.0%} of its last trials are given
         up.""",
-        tables=(Table("trials", ("problem", "attributes", "trials", "accuracy", "cost, s",
-                                 "reward", "abstained"), tuple(rows)),),
+        tables=(
+            Table(
+                "trials",
+                ("problem", "attributes", "trials", "accuracy", "cost, s", "reward", "abstained"),
+                tuple(rows),
+            ),
+        ),
         evidence={THEIRS: evidence},
         size=f"{setting.trials_of(PRINTED, 2)} trials a row of Table 3 that statements look at, "
         f"{setting.trials_of(TRIALS, 2)} of Fig. 9.",
         notes=(NOTE.format(version=version),),
         effects={"30": f"SARSOP with 5 s, x observed: {'; '.join(told)}"},
-    )  # fmt: skip
+    )
 
 
 def _trials(irrelevant: int) -> int:

@@ -6,7 +6,8 @@ from paper_repro.asking import Asked, ask_until_two_agree
 from paper_repro.frame import Result, Setting, Table, paper_values
 from paper_repro.statements import THEIRS, Evidence, fact
 
-IRRELEVANT, RELEVANT = (0, 1, 2, 3, 4, 5), 2
+IRRELEVANT = (0, 1, 2, 3, 4, 5)
+RELEVANT = 2
 NOTE = """In the published code a person's whole answer is right with .65, as the plotted files'
 names say, however many attributes are asked, and wrong answers are equally likely (errata, 25).
 Whoever asks until two answers agree, and reports these, earns what the table shows, ever more with
@@ -41,7 +42,8 @@ def run(setting: Setting) -> Result:
 
 def judge(asked: Mapping[int, Asked]) -> dict[str, Evidence | None]:
     """Judge the end of the curve by a bound of the optimum; one that is too low decides nothing."""
-    low, (k, last) = paper_values("fig9")["last_reward_below"], list(asked.items())[-1]
+    low = paper_values("fig9")["last_reward_below"]
+    (k, last) = list(asked.items())[-1]
     bound = reward_of(last)
     rule = f"asking until two answers agree earns {bound:.1f} with {k} irrelevant attributes"
     text = f"by the published code's `ask` a planner that has converged ends below {low:g}"

@@ -12,7 +12,8 @@ from paper_repro.statements import THEIRS, Evidence, above, below
 
 REWARDS = (100.0, 500.0, 2000.0)
 LARGE = REWARDS[-1]
-PLACE, N = "ispy32", 2
+PLACE = "ispy32"
+N = 2
 TRIALS = 400  # on recordings
 STATEMENTS = 3
 # Where percepts are drawn giving up is to be known to .05, were one pair in four to change.
@@ -31,8 +32,10 @@ our classifiers."""
 
 def run(setting: Setting) -> Result:
     """Run MORC on the same queries under rewards of several sizes, together and one alone."""
-    trials = {name: setting.trials_of(DRAWN if name == THEIRS else TRIALS, 6)
-              for name in setting.protocols[:2]}  # fmt: skip
+    trials = {
+        name: setting.trials_of(DRAWN if name == THEIRS else TRIALS, 6)
+        for name in setting.protocols[:2]
+    }
     usual = paper_values("offline_reward")
     alone = {
         f"bonus {LARGE:g}": weighing(LARGE, -usual),
@@ -50,17 +53,23 @@ def run(setting: Setting) -> Result:
             for name, (agent, size) in agents.items()
         }
     rows: list[tuple[Cell, ...]] = [
-        (protocol, name,
-         *((drawn_mean if protocol == THEIRS else mean_effect)(outcomes, m) for m in MEASURED))
-        for protocol, run in runs.items() for name, outcomes in run.items()
-    ]  # fmt: skip
+        (
+            protocol,
+            name,
+            *((drawn_mean if protocol == THEIRS else mean_effect)(outcomes, m) for m in MEASURED),
+        )
+        for protocol, run in runs.items()
+        for name, outcomes in run.items()
+    ]
     told = []
     for protocol, run in runs.items():
         low, high = (run[f"both {REWARDS[end]:g}"].cost.mean() for end in (0, -1))
         quits = [f"{(~run[name].answered).mean():.0%}" for name in (f"both {usual:g}", *alone)]
-        told.append(f"{protocol}, from {low:.0f} s to {high:.0f} s, and it gives up {quits[0]} of "
-                    f"its trials, with the large bonus alone {quits[1]}, with the large penalty "
-                    f"alone {quits[2]}")  # fmt: skip
+        told.append(
+            f"{protocol}, from {low:.0f} s to {high:.0f} s, and it gives up {quits[0]} of "
+            f"its trials, with the large bonus alone {quits[1]}, with the large penalty "
+            f"alone {quits[2]}"
+        )
     return Result(
         title=f"MORC on {PLACE.upper()}, {N} attributes, under rewards of several sizes",
         sentence=f"From rewards of {REWARDS[0]:g} to {REWARDS[-1]:g} MORC's exploration changes, "
@@ -74,10 +83,8 @@ def run(setting: Setting) -> Result:
 
 def judge(runs: Runs, *, drawn: bool) -> dict[str, Evidence | None]:
     """Judge exploring as both rewards grow, and giving up as one of them does."""
-    usual, compare = (
-        f"both {paper_values('offline_reward'):g}",
-        drawn_difference if drawn else difference,
-    )
+    usual = f"both {paper_values('offline_reward'):g}"
+    compare = drawn_difference if drawn else difference
     small = min(
         (name for name in runs if name.startswith("both ")), key=lambda name: float(name[5:])
     )

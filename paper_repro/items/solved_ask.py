@@ -44,10 +44,15 @@ def run(setting: Setting) -> Result:
     right = paper_values("plotted")["ask_accuracy"]
     costs = paper_values("plotted")["ask_cost"], paper_values("offline_reward")
     rows = tuple(
-        (k, len(both.each), drawn(both.each), drawn(both.whole),
-         ask_until_two_agree(RELEVANT + k, right).reward(*costs))
+        (
+            k,
+            len(both.each),
+            drawn(both.each),
+            drawn(both.whole),
+            ask_until_two_agree(RELEVANT + k, right).reward(*costs),
+        )
         for k, both in values.items()
-    )  # fmt: skip
+    )
     first, last = (values[k] for k in ENDS)
     return Result(
         title="What the paper's solver promises at Fig. 9's ends by the published `ask`",
@@ -55,12 +60,23 @@ def run(setting: Setting) -> Result:
         {first.whole.mean():.0f} without irrelevant attributes and {last.whole.mean():.0f} with
         {ENDS[-1]}; where each attribute is right on its own {first.each.mean():.0f} and
         {last.each.mean():.0f}.""",
-        tables=(Table("values of plans", ("irrelevant", "questions", "each attribute right",
-                                          "whole answer right", "asking until two agree"), rows),),
+        tables=(
+            Table(
+                "values of plans",
+                (
+                    "irrelevant",
+                    "questions",
+                    "each attribute right",
+                    "whole answer right",
+                    "asking until two agree",
+                ),
+                rows,
+            ),
+        ),
         evidence={THEIRS: judge(drawn(first.whole), drawn(last.whole))},
         size=f"{len(first.each)} questions at each end.",
         notes=(NOTE.format(version=version),),
-    )  # fmt: skip
+    )
 
 
 def judge(first: Estimate, last: Estimate) -> dict[str, Evidence | None]:
@@ -80,10 +96,12 @@ def values_of(setting: Setting, irrelevant: int) -> Values:
     table = load_percepts(plotted_ispy32(setting))
     count = setting.trials_of(QUESTIONS, 2)
     tasks = offline_tasks(table, RELEVANT + irrelevant, count, setting.seed)
-    agent, solver = AGENTS["sarsop"], Sarsop()
+    agent = AGENTS["sarsop"]
+    solver = Sarsop()
     right = paper_values("plotted")["ask_accuracy"]
     report = setting.progress_in("questions")
-    each, whole = [], []
+    each = []
+    whole = []
     for number, task in enumerate(tasks):
         knowledge = knowledge_without(table, task.object_index, object_level=False)
         momdp = agent.model(task.query, knowledge, reward=paper_values("offline_reward"))
@@ -99,5 +117,6 @@ def values_of(setting: Setting, irrelevant: int) -> Values:
 def drawn(values: Floats) -> Estimate:
     """Estimate the mean over questions, which are drawn."""
     se = float(values.std(ddof=1) / len(values) ** 0.5)
-    return Estimate(float(values.mean()), se, len(values), cluster="trials",
-                  method="Student's t over trials")  # fmt: skip
+    return Estimate(
+        float(values.mean()), se, len(values), cluster="trials", method="Student's t over trials"
+    )

@@ -21,7 +21,8 @@ judged with [table4](table4.md), from the robot's own work."""
 
 def run(setting: Setting) -> Result:
     """Sum the costs, and filter T2's percept with the rows that Table 4 prints."""
-    paper, late = paper_values("t1t2"), np.array(paper_values("table4")["late"])
+    paper = paper_values("t1t2")
+    late = np.array(paper_values("table4")["late"])
     momdp = momdp_of("cy101", {"soft": {PRESS: [late[1, 1], late[0, 1]]}})  # for its costs
     rows: list[tuple[Cell, ...]] = []
     evidence: dict[str, Evidence | None] = {}
@@ -33,15 +34,18 @@ def run(setting: Setting) -> Result:
             f"by the paper's table its behaviors cost {total:.1f} s"
         )
     grasp = np.array(paper["grasp"])
-    asked, printed_ratio = _ratio(paper["t1_before"], paper["t1_after"]), grasp[0, 0] / grasp[1, 0]
+    asked = _ratio(paper["t1_before"], paper["t1_after"])
+    printed_ratio = grasp[0, 0] / grasp[1, 0]
     evidence[f"T1's belief goes from {paper['t1_before']} to {paper['t1_after']}"] = constructed(
         f"after grasp, of which no early table is printed: a likelihood ratio of {asked:.2f}"
     )
-    before, after = paper["before"], paper["after"]
+    before = paper["before"]
+    after = paper["after"]
     posterior = np.array(before) * late[:, 0]
     posterior /= posterior.sum()
     off, no_off, yes_off = np.array(list(product((-0.005, 0.005), repeat=3))).T  # by rounding
-    no, yes = (before[0] + off) * (late[0, 0] + no_off), (before[1] - off) * (late[1, 0] + yes_off)
+    no = (before[0] + off) * (late[0, 0] + no_off)
+    yes = (before[1] - off) * (late[1, 0] + yes_off)
     low, high = (f(no / (no + yes)) for f in (np.min, np.max))
     shown, ours = (" ".join(f"{b:.2f}" for b in side) for side in (after, posterior))
     rows.append(("T2: (not soft, soft) after press says no", shown, ours))

@@ -24,7 +24,8 @@ def run(setting: Setting) -> Result:
                 (behavior, name if name == modality else f"{name} ({modality})", number, size)
             )
             if number is not None:
-                same, listed = same + (size == number), listed + 1
+                same = same + (size == number)
+                listed = listed + 1
     rule = f"read from the files: {same} of {listed}"
     return Result(
         title="Features of ISPY32's contexts",

@@ -26,7 +26,8 @@ from paper_repro.statements import (
     within,
 )
 
-PLUS, ALL = "predefined_plus", "predefined_plus, all eleven"  # through the diagram; the paper's
+PLUS = "predefined_plus"  # through the diagram
+ALL = "predefined_plus, all eleven"  # the paper's
 TRIALS = 400  # the paper's; of what is not judged, and of recordings
 NUMBERS = (2, 3)  # attributes
 STATEMENTS = 12  # of the column `theirs`, six at each number of attributes
@@ -124,7 +125,8 @@ def plan() -> dict[str, int]:
 
 def run_theirs(setting: Setting, n: int) -> dict[str, TrialOutcomes]:
     """Run each strategy under the published settings, MORC under each of `SETTINGS`."""
-    planned, runs = plan(), dict[str, TrialOutcomes]()
+    planned = plan()
+    runs = dict[str, TrialOutcomes]()
 
     def trials(name: str) -> int:
         return setting.trials_of(planned.get(name, 0) or TRIALS, 8)
@@ -138,10 +140,8 @@ def run_theirs(setting: Setting, n: int) -> dict[str, TrialOutcomes]:
             runs["random"] = run_agent(setting, THEIRS, every_action, n, "random", count)
     for matrices, diagram in SETTINGS:
         domain, reward = DIAGRAMS[diagram]
-        table, name = (
-            published_roc36(setting, matrices, n, domain),
-            f"{AGAINST} ({matrices}, {diagram})",
-        )
+        table = published_roc36(setting, matrices, n, domain)
+        name = f"{AGAINST} ({matrices}, {diagram})"
         runs[name] = run_agent(setting, THEIRS, table, n, AGAINST, trials(name), reward=reward)
     return runs
 
@@ -174,7 +174,8 @@ def judge_numbers(runs: Runs, n: int) -> dict[str, Evidence | None]:
 
 def judge_headline(runs: Runs, n: int) -> dict[str, Evidence | None]:
     """Judge that MORC is ahead of Predefined Plus by train5, on the same tasks."""
-    first, second = runs[THE_PAPERS], runs[f"{ALL} (train5)"]
+    first = runs[THE_PAPERS]
+    second = runs[f"{ALL} (train5)"]
     accuracy, cost = (drawn_difference(first, second, measure=m) for m in ("success", "cost"))
     more = above(accuracy, 0, of="accuracy less Predefined Plus'")
     less = below(cost, 0, of="cost less Predefined Plus', s")
@@ -213,14 +214,16 @@ def plan_table(published: dict[int, Runs]) -> Table:
             rows.append((f"{name}, {key}", n, spread, margin / 2, plan()[name], (high - low) / 2))
     columns = ("planned", "attributes", "printed sd of a trial", "half width wanted",
                "trials planned", "half width reached")  # fmt: skip
-    return Table(f"half widths at Holm's first level of {STATEMENTS} statements", columns,
-                 tuple(rows))  # fmt: skip
+    return Table(
+        f"half widths at Holm's first level of {STATEMENTS} statements", columns, tuple(rows)
+    )
 
 
 def _aim(name: str, n: int, key: str) -> tuple[float, float]:
     """Return the standard deviation of a trial by the paper's numbers, and the margin."""
     paper = paper_values("table3")
-    printed, margin = paper[str(n)][_paper_name(name)], paper["margin"][key]
+    printed = paper[str(n)][_paper_name(name)]
+    margin = paper["margin"][key]
     if key == "cost":
         return printed["sd"], margin * printed["cost"]
     p = printed["accuracy"]
@@ -246,24 +249,33 @@ def _row(
 
 
 def _sentence(published: dict[int, Runs], recorded: dict[str, Runs]) -> str:
-    paper, told = paper_values("table3"), list[str]()
+    paper = paper_values("table3")
+    told = list[str]()
     for n, runs in published.items():
-        first, second = runs[THE_PAPERS], runs[f"{ALL} (train5)"]
+        first = runs[THE_PAPERS]
+        second = runs[f"{ALL} (train5)"]
         accuracy, cost = (drawn_difference(first, second, measure=m) for m in ("success", "cost"))
         printed = paper[str(n)]
         wanted = printed[AGAINST]["accuracy"] - printed[PLUS]["accuracy"]
-        told.append(f"{accuracy.estimate:+.3f} more accurate than Predefined Plus (printed "
-                    f"{wanted:+.3f}) at {cost.estimate:+.1f} s ({asked(n)})")  # fmt: skip
+        told.append(
+            f"{accuracy.estimate:+.3f} more accurate than Predefined Plus (printed "
+            f"{wanted:+.3f}) at {cost.estimate:+.1f} s ({asked(n)})"
+        )
     sentence = f"By train5, which the published simulator loads, MORC is {' and '.join(told)}"
     for name, runs in recorded.items():
-        sentence += (f"; on recordings it has {runs[AGAINST].success.mean():.3f} ({name}) at "
-                     f"{runs[AGAINST].cost.mean():.1f} s")  # fmt: skip
+        sentence += (
+            f"; on recordings it has {runs[AGAINST].success.mean():.3f} ({name}) at "
+            f"{runs[AGAINST].cost.mean():.1f} s"
+        )
     return f"{sentence}."
 
 
 def _effects(published: dict[int, Runs], compared: dict[str, Runs]) -> dict[str, str]:
-    told = [f"{runs[THE_PAPERS].success.mean():.3f} at {runs[THE_PAPERS].cost.mean():.1f} s "
-            f"({asked(n)})" for n, runs in published.items()]  # fmt: skip
+    told = [
+        f"{runs[THE_PAPERS].success.mean():.3f} at {runs[THE_PAPERS].cost.mean():.1f} s "
+        f"({asked(n)})"
+        for n, runs in published.items()
+    ]
     effects = {"30": f"tree search, x observed: {'; '.join(told)}"}
     if not compared:
         return effects

@@ -12,9 +12,12 @@ from paper_repro.items.t1t2 import PRESS
 from paper_repro.online import BEST, mean_of, repeats_of, run_curves
 from paper_repro.statements import RECORDED, THEIRS, Evidence, fact, placed
 
-GRASP, ATTRIBUTE = "grasp", "soft"
+GRASP = "grasp"
+ATTRIBUTE = "soft"
 DELTA = {RECORDED: 5 * 33, THEIRS: 5 * 40}  # recordings of training's objects (Eq. 10)
-FIRST, EARLY, LATE = 1, 2, 9  # batches: before any training; where T1 lies; where T2 does
+FIRST = 1  # batch, before any training
+EARLY = 2  # batch where T1 lies
+LATE = 9  # batch where T2 lies
 RATES = ("0", "1")  # truths of SOFT
 NOTE = """Rows are those of the MOMDPs of training trials that ask for SOFT, means over repeats:
 early in the second batch, where the paper's T1 lies, late in the ninth, with T2. Not every batch of
@@ -35,7 +38,8 @@ def run(setting: Setting) -> Result:
     """Read tables, experience and choices off the training trials of Fig. 10's runs."""
     traits: dict[str, Traits] = {}
     ratios: dict[str, float] = {}
-    size, unchanged = list[str](), list[str]()
+    size = list[str]()
+    unchanged = list[str]()
     for protocol in setting.protocols[:2]:
         repeats = repeats_of(setting, protocol)
         curves = run_curves(setting, "cy101", 1, BEST, repeats, protocol)
@@ -45,35 +49,53 @@ def run(setting: Setting) -> Result:
         unchanged.append(f"{_unchanged(entry)} of {len(_rises(entry))} pairs ({protocol})")
     told = [
         f"{protocol}: {np.nanmean(youden(entry, 'early')):.2f} early and "
-        f"{np.nanmean(youden(entry, 'late')):.2f} late" for protocol, entry in traits.items()
-    ]  # fmt: skip
+        f"{np.nanmean(youden(entry, 'late')):.2f} late"
+        for protocol, entry in traits.items()
+    ]
     return Result(
         title="Observation model of (press, SOFT) on CY101, early and late",
         sentence=f"TPR - FPR of press, printed .18 and .63, is {'; '.join(told)}.",
         tables=(
-            Table("press, SOFT", ("truth", "Pr(percept soft): paper", *traits),
-                  shown_rates(traits, ratios)),
-            Table("TPR - FPR of SOFT: the paper's one split among ours",
-                  ("", "percepts", "paper", "mean", "sd", "least", "most"), places(traits)),
-            Table("training trials that ask for SOFT",
-                  ("", "the paper's trial", "percepts", "fraction that grasps",
-                   "fraction that presses"), choices(traits, ratios)),
+            Table(
+                "press, SOFT",
+                ("truth", "Pr(percept soft): paper", *traits),
+                shown_rates(traits, ratios),
+            ),
+            Table(
+                "TPR - FPR of SOFT: the paper's one split among ours",
+                ("", "percepts", "paper", "mean", "sd", "least", "most"),
+                places(traits),
+            ),
+            Table(
+                "training trials that ask for SOFT",
+                (
+                    "",
+                    "the paper's trial",
+                    "percepts",
+                    "fraction that grasps",
+                    "fraction that presses",
+                ),
+                choices(traits, ratios),
+            ),
         ),
         evidence={THEIRS: judge(traits[THEIRS])},
         size=f"{', '.join(size)}.",
         notes=(NOTE.format(unchanged=" and ".join(unchanged)),),
-    )  # fmt: skip
+    )
 
 
 def judge(traits: Traits) -> dict[str, Evidence | None]:
     """Judge what the paper prints from the traits (S,) of repeats; nan where SOFT was not asked."""
     early, late = (_youden(paper_values("table4")[when]) for when in ("early", "late"))
     printed = paper_values("t1t2")["experience"]
-    wanted, asked = printed * DELTA[THEIRS], float(traits["asked"].mean())
+    wanted = printed * DELTA[THEIRS]
+    asked = float(traits["asked"].mean())
     rule = f"labelled grasps in trials that ask for SOFT: it takes {wanted:.0f}"
     if asked:
-        rule += (f", {wanted / asked:.1f} in each of the {asked:.0f} that eight batches have on "
-                 "average; T1 grasps once, T2 never")  # fmt: skip
+        rule += (
+            f", {wanted / asked:.1f} in each of the {asked:.0f} that eight batches have on "
+            "average; T1 grasps once, T2 never"
+        )
     return {
         f"pressing is more informative of SOFT late than early, by {late - early:.2f}":
             placed(_rises(traits), late - early, of="rise of TPR - FPR"),
@@ -88,17 +110,25 @@ def shown_rates(
     """Show Pr(percept soft) by truth, printed and the mean over repeats."""
     paper = paper_values("table4")
     return tuple(
-        (f"{when}, {'' if truth else 'not '}{ATTRIBUTE}", paper[when][truth][1],
-         *(mean_of(entry[f"{when} {truth}"], ratios[protocol], fraction=True)
-           for protocol, entry in traits.items()))
-        for when in ("early", "late") for truth in range(len(RATES))
-    )  # fmt: skip
+        (
+            f"{when}, {'' if truth else 'not '}{ATTRIBUTE}",
+            paper[when][truth][1],
+            *(
+                mean_of(entry[f"{when} {truth}"], ratios[protocol], fraction=True)
+                for protocol, entry in traits.items()
+            ),
+        )
+        for when in ("early", "late")
+        for truth in range(len(RATES))
+    )
 
 
 def places(traits: Mapping[str, Traits]) -> tuple[tuple[Cell, ...], ...]:
     """Place what the paper prints among our splits: printed, mean, spread, least and most."""
-    paper, rows = paper_values("table4"), list[tuple[Cell, ...]]()
-    early, late = _youden(paper["early"]), _youden(paper["late"])
+    paper = paper_values("table4")
+    rows = list[tuple[Cell, ...]]()
+    early = _youden(paper["early"])
+    late = _youden(paper["late"])
     for protocol, entry in traits.items():
         for name, values, printed in (
             ("early, press", youden(entry, "early"), early),
@@ -108,7 +138,8 @@ def places(traits: Mapping[str, Traits]) -> tuple[tuple[Cell, ...], ...]:
         ):
             measured = values[~np.isnan(values)]
             if len(measured) > 1:
-                spread, ends = measured.std(ddof=1), (measured.min(), measured.max())
+                spread = measured.std(ddof=1)
+                ends = (measured.min(), measured.max())
                 rows.append((name, protocol, printed, float(measured.mean()), float(spread),
                              *map(float, ends)))  # fmt: skip
     return tuple(rows)
@@ -119,12 +150,18 @@ def choices(
 ) -> tuple[tuple[Cell, ...], ...]:
     """Show what trials that ask for SOFT execute, beside the paper's T1 and T2."""
     return tuple(
-        (when, trial, protocol,
-         *(mean_of(entry[f"{when} {name}"], ratios[protocol], fraction=True)
-           for name in ("grasps", "presses")))
+        (
+            when,
+            trial,
+            protocol,
+            *(
+                mean_of(entry[f"{when} {name}"], ratios[protocol], fraction=True)
+                for name in ("grasps", "presses")
+            ),
+        )
         for when, trial in (("early", "T1: grasps"), ("late", "T2: presses"))
         for protocol, entry in traits.items()
-    )  # fmt: skip
+    )
 
 
 def youden(traits: Traits, when: str) -> NDArray[np.float64]:
