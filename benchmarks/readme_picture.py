@@ -1,0 +1,88 @@
+"""The picture of results: three agents' mean rewards by question, on a light and a dark page."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from readme_tables import RUNS, SUMMARIZED
+from scipy.special import stdtrit
+
+from meal_bayes.canvas import Axes, axes_to_draw, legend, name_axes, save
+from meal_bayes.palette import agent_style, lightened, readable
+
+ASSETS = Path(__file__).resolve().parents[1] / "docs" / "assets"
+OBJECTS = {"ROC36": 36, "CY101": 101, "ISPY32": 32}  # clusters of standard errors
+
+
+def write_pictures(tables: Mapping[str, list[dict[str, Any]]]) -> None:
+    """Write the picture that the README shows, and the one for readers of dark pages."""
+    save(draw_results(tables, dark=False), ASSETS / "results.svg")
+    save(draw_results(tables, dark=True), ASSETS / "results-dark.svg")
+
+
+def draw_results(tables: Mapping[str, list[dict[str, Any]]], *, dark: bool) -> Axes:
+    """Draw the reward of three agents with 95 % intervals, a row a question."""
+    with axes_to_draw(None, width=8.4, height=2.9) as ax:
+        for number, agent in enumerate(SUMMARIZED):
+            for place, entry in enumerate(RUNS):
+                (row,) = (row for row in tables[entry.command] if row["agent"] == agent)
+                dataset, _, _ = entry.title.partition(",")
+                # Trials of one object are alike, so that objects are what is counted: Student's t
+                # of as many degrees of freedom as there are objects, less one.
+                half = row["reward_se"] * float(stdtrit(OBJECTS[dataset] - 1, 0.975))
+                label = agent if place == 0 else None
+                height = place + 0.22 * (number - 1)
+                _draw_reward(ax, row, half, height, label=label, dark=dark)
+        ax.set_yticks(range(len(RUNS)), [entry.title for entry in RUNS])
+        ax.set(ylim=(len(RUNS) - 0.5, -0.5), xlim=(0, 545))
+        reward = "mean reward of a trial (+500 or +300 right, -1 a second), 95 % interval"
+        name_axes(ax, reward, "", grid="x")
+        legend(ax, len(SUMMARIZED), above=True)
+        _color_for_page(ax, dark=dark)
+    return ax
+
+
+def _draw_reward(
+    ax: Axes,
+    row: Mapping[str, Any],
+    half: float,
+    height: float,
+    *,
+    label: str | None,
+    dark: bool,
+) -> None:
+    """Draw one agent's mean reward with its interval and, beside it, the number."""
+    style = agent_style(row["agent"])
+    color = lightened(style.color) if dark else style.color
+    ax.errorbar(
+        row["reward"],
+        height,
+        xerr=half,
+        fmt=style.marker,
+        color=color,
+        ms=7,
+        elinewidth=1.8,
+        label=label,
+    )
+    ax.text(
+        row["reward"] + half + 5,
+        height,
+        f"{row['reward']:.0f}",
+        va="center",
+        size=9,
+        color=readable(color, dark=dark),
+    )
+
+
+def _color_for_page(ax: Axes, *, dark: bool) -> None:
+    """Let the page show through, and write in its ink."""
+    ink = "#E8EBEF" if dark else "#1C2430"
+    ax.grid(axis="x", color="#38414C" if dark else "#E6E6E6", lw=0.7)
+    ax.patch.set_alpha(0)
+    ax.figure.patch.set_alpha(0)
+    ticks = (*ax.get_xticklabels(), *ax.get_yticklabels())
+    for text in (*ticks, ax.xaxis.label, *ax.get_legend().get_texts()):
+        text.set_color(ink)
+        text.set_size(10)
+    for side in ax.spines.values():
+        side.set_color(ink)
