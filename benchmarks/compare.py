@@ -12,6 +12,7 @@ how often any of the 30 statements of a family is decided where nothing differs 
     python benchmarks/compare.py [--json] [--simulations 200] [--fits 50] [--measure success]
 """
 
+import argparse
 import sys
 import warnings
 from itertools import product
@@ -34,9 +35,13 @@ TESTED = OBJECTS // 3
 RATIO = TESTED / (OBJECTS - TESTED)
 RATIOS = (0.0, 0.05, 0.1, 0.2, RATIO)  # the last one is that of statements
 FAMILY = 30  # statements of Fig. 10 in one column
-# standard deviations on the logistic scale, and of costs in s
-SPREAD = {"object": 0.4, "attribute": 0.7, "repeat": 0.25, "agent object": 0.05,
-          "agent repeat": 0.15}  # fmt: skip
+SPREAD = {  # standard deviations on the logistic scale
+    "object": 0.4,
+    "attribute": 0.7,
+    "repeat": 0.25,
+    "agent object": 0.05,
+    "agent repeat": 0.15,
+}
 LEAD = 0.5  # of the second agent
 NOISE = 6.0  # of a cost
 SECONDS = 5.0  # a unit of the scale
@@ -51,29 +56,29 @@ def simulate(
     rng: np.random.Generator, lead: float, *, luck: float = 1.0, taught: bool = False
 ) -> tuple[TrialOutcomes, np.ndarray, dict]:
     """Draw an online run's test outcomes, the repeat of each, and the true differences."""
-    draw = {
-        name: sd * rng.normal(size=size)
-        for (name, sd), size in zip(
-            SPREAD.items(),
-            (OBJECTS, ATTRIBUTES, REPEATS, (AGENTS, OBJECTS), (AGENTS, REPEATS)),
-            strict=True,
-        )
+    sizes = {
+        "object": OBJECTS,
+        "attribute": ATTRIBUTES,
+        "repeat": REPEATS,
+        "agent object": (AGENTS, OBJECTS),
+        "agent repeat": (AGENTS, REPEATS),
     }
+    draw = {name: SPREAD[name] * rng.normal(size=size) for name, size in sizes.items()}
     draw["agent repeat"] = luck * draw["agent repeat"]
     splits = np.array([rng.permutation(OBJECTS) for _ in range(REPEATS)])
     tests = splits[:, :TESTED]
-    if taught:  # of the same variance
+    if taught:  # a sum over the objects taught, of the same variance as luck drawn anew
         each = rng.normal(size=(AGENTS, OBJECTS)) / np.sqrt(OBJECTS - TESTED)
         shared = each[:, splits[:, TESTED:]].sum(axis=2)
         draw["agent repeat"] = luck * SPREAD["agent repeat"] * shared
-    rows = [
+    trials = [
         (a, o, p, j)
         for a in range(AGENTS)
         for j, objects in enumerate(tests)
         for o in objects
         for p in range(ATTRIBUTES)
     ]
-    a, o, p, j = np.array(rows).T
+    a, o, p, j = np.array(trials).T  # agent, object, attribute, repeat of each trial
     eta = (
         1.0
         + lead * a
@@ -102,22 +107,33 @@ def simulate(
         executed=np.zeros((len(eta), 0), int),
         failed=np.zeros((len(eta), 0), int),
     )
+    gain = true_gain(draw["attribute"], lead, luck)
+    return outcomes, j, {"success": gain, "cost": -SECONDS * lead}
+
+
+def true_gain(attributes: np.ndarray, lead: float, luck: float) -> float:
+    """Return the second agent's lead in accuracy over new objects and repeats.
+
+    The attributes stay the same six. All other terms are normal, so that accuracy is the mean of a
+    logistic over a normal, by Gauss and Hermite's 40 points.
+    """
     spread = {**SPREAD, "agent repeat": luck * SPREAD["agent repeat"]}
     sd = np.sqrt(sum(sd**2 for name, sd in spread.items() if name != "attribute"))
     points, weights = np.polynomial.hermite_e.hermegauss(40)
-    at = 1.0 + draw["attribute"][:, None] + sd * points
+    at = 1.0 + attributes[:, None] + sd * points
     mean = [((1 / (1 + np.exp(-at - x))) @ weights).mean() / weights.sum() for x in (0.0, lead)]
-    return outcomes, j, {"success": mean[1] - mean[0], "cost": -SECONDS * lead}
+    return mean[1] - mean[0]
 
 
 def paired(outcomes: TrialOutcomes, repeats: np.ndarray, measure: str) -> np.ndarray:
     """Return the second agent's mean less the first's in each repeat, (J,)."""
     values = measured(outcomes, measure)
-    first, second = (
-        [values[(outcomes.agent == name) & (repeats == j)].mean() for j in range(REPEATS)]
-        for name in ("first", "second")
-    )
-    return np.subtract(second, first)
+    second = outcomes.agent == "second"
+    lead = np.empty(REPEATS)
+    for j in range(REPEATS):
+        here = repeats == j
+        lead[j] = values[here & second].mean() - values[here & ~second].mean()
+    return lead
 
 
 def main() -> None:
@@ -133,63 +149,71 @@ def main() -> None:
     warnings.simplefilter("ignore")
     rows = []
     measures = [options.measure] if options.measure else ["success", "cost"]
-    for (world, (luck, taught)), measure in product(WORLDS.items(), measures):
-        runs = [
-            simulate(stream(number, "compare"), LEAD, luck=luck, taught=taught)
-            for number in range(max(options.simulations, options.fits))
-        ]
-        truths = [truth[measure] for *_, truth in runs]
-        leads = [paired(*run[:2], measure) for run in runs[: options.simulations]]
-        methods: dict[str, list] = {
-            f"corrected t, ratio {ratio:g}": [resampled(x, ratio).interval()[2:] for x in leads]
-            for ratio in RATIOS
-        }
-        if options.fits:
-            fits = methods["the model"] = []
-            for number, (outcomes, repeats, _) in enumerate(runs[: options.fits]):
-                (fit,) = compare_outcomes(
-                    outcomes, measure=measure, repeats=repeats, draws=options.draws, seed=number
-                )
-                fits.append((fit.low, fit.high))
-                inside = fit.low <= truths[number] <= fit.high
-                print(f"fit {number + 1} of {options.fits}: {inside}", file=sys.stderr, flush=True)
-        for method, intervals in methods.items():
-            hits = [
-                low <= truth <= high for truth, (low, high) in zip(truths, intervals, strict=False)
-            ]
-            width = float(np.mean([high - low for low, high in intervals]))
-            rows.append(
-                _row(f"{measure}: the interval contains the truth", world, method, hits, width)
-            )
-    for world, (luck, taught) in WORLDS.items():
-        false = []
-        for number in range(options.simulations):
-            effects = [
-                resampled(
-                    paired(
-                        *simulate(stream(number, "family", k), 0.0, luck=luck, taught=taught)[:2],
-                        "success",
-                    ),
-                    RATIO,
-                )
-                for k in range(FAMILY)
-            ]
-            levels = np.array([min(level_above(gap, 0), level_below(gap, 0)) for gap in effects])
-            false.append(bool((levels <= holm(levels)).any()))
-        rows.append(
-            _row(
-                f"any of {FAMILY} is decided where nothing differs",
-                world,
-                f"corrected t, ratio {RATIO:g}",
-                false,
-            )
-        )
+    for world, measure in product(WORLDS, measures):
+        rows += coverage(world, measure, options)
+    rows += [false_decisions(world, options.simulations) for world in WORLDS]
     show(rows, rows if options.json else None)
 
 
+def coverage(world: str, measure: str, options: argparse.Namespace) -> list[dict]:
+    """Measure how often intervals contain the truth: by the corrected t, and by the model."""
+    luck, taught = WORLDS[world]
+    runs = [
+        simulate(stream(number, "compare"), LEAD, luck=luck, taught=taught)
+        for number in range(max(options.simulations, options.fits))
+    ]
+    truths = [truth[measure] for *_, truth in runs]
+    leads = [
+        paired(outcomes, repeats, measure) for outcomes, repeats, _ in runs[: options.simulations]
+    ]
+    methods: dict[str, list] = {
+        f"corrected t, ratio {ratio:g}": [resampled(x, ratio).interval()[2:] for x in leads]
+        for ratio in RATIOS
+    }
+    if options.fits:
+        methods["the model"] = []
+    for number, (outcomes, repeats, _) in enumerate(runs[: options.fits]):
+        (fit,) = compare_outcomes(
+            outcomes, measure=measure, repeats=repeats, draws=options.draws, seed=number
+        )
+        methods["the model"].append((fit.low, fit.high))
+        inside = fit.low <= truths[number] <= fit.high
+        print(f"fit {number + 1} of {options.fits}: {inside}", file=sys.stderr, flush=True)
+    rows = []
+    for method, intervals in methods.items():
+        # Not strict: the model is fitted to the first simulations alone.
+        hits = [low <= truth <= high for truth, (low, high) in zip(truths, intervals, strict=False)]
+        width = float(np.mean([high - low for low, high in intervals]))
+        what = f"{measure}: the interval contains the truth"
+        rows.append(_row(what, world, method, hits, width))
+    return rows
+
+
+def false_decisions(world: str, simulations: int) -> dict:
+    """Measure how often Holm's levels decide any statement of a family where nothing differs."""
+    luck, taught = WORLDS[world]
+    false = []
+    for number in range(simulations):
+        levels = np.empty(FAMILY)
+        for k in range(FAMILY):
+            rng = stream(number, "family", k)
+            outcomes, repeats, _ = simulate(rng, 0.0, luck=luck, taught=taught)
+            lead = resampled(paired(outcomes, repeats, "success"), RATIO)
+            levels[k] = min(level_above(lead, 0), level_below(lead, 0))
+        false.append(bool((levels <= holm(levels)).any()))
+    what = f"any of {FAMILY} is decided where nothing differs"
+    return _row(what, world, f"corrected t, ratio {RATIO:g}", false)
+
+
 def _row(what: str, world: str, method: str, cases: list[bool], width: float | None = None) -> dict:
-    fraction = {"fraction": float(np.mean(cases)), "of": len(cases), "width": width}
-    return {"": what, "an agent's luck in a repeat is": world, "method": method, **fraction}
+    return {
+        "": what,
+        "an agent's luck in a repeat is": world,
+        "method": method,
+        "fraction": float(np.mean(cases)),
+        "of": len(cases),
+        "width": width,
+    }
 
 
 if __name__ == "__main__":

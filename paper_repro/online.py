@@ -1,5 +1,6 @@
 """Online runs of an item as arrays: learning curves of an agent, on recordings or as published."""
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -14,11 +15,15 @@ from meal_bayes.evaluation.logged import TRAINING
 from meal_bayes.experiments import OnlineConfig, run_online
 from meal_bayes.experiments.online import batch_log, repeat_folder
 from meal_bayes.trials import TrialOutcomes
+from meal_bayes.trials.outcomes import BatchOutcomes
 from paper_repro import agents
 from paper_repro.frame import Setting, paper_values
 from paper_repro.statements import THEIRS
 
-LEGAL, BASE, BEST = PAPERS = ("iterative_random_legal", "iterative_morc", "morc_itrs")
+LEGAL = "iterative_random_legal"
+BASE = "iterative_morc"
+BEST = "morc_itrs"
+PAPERS = (LEGAL, BASE, BEST)
 OUR_AGENT = "bayes"
 # Repeats split the same objects: J of them leave (1/J + .52) of the variance, as a third tests and
 # two thirds teach. 10 make the 95 % interval 13 % wider than 20 do, 5 nearly half as wide again.
@@ -74,6 +79,7 @@ def repeats_of(setting: Setting, protocol: str) -> int:
 def run_curves(
     setting: Setting,
     dataset: str,
+    *,
     n: int,
     agent: str,
     repeats: int,
@@ -95,13 +101,12 @@ def run_curves(
     """
     code = protocol == THEIRS
     split = split or setting.choose(PUBLISHED[n] if code else THIRDS, FEW_TESTED)
-    batches, trials = setting.choose((10, 40), (1, 4))
     config = OnlineConfig(
         f"{dataset}_published" if code else dataset,
         attributes=n,
         agents=(agents.online_agent(agent) if code else load_agent(agent),),
-        batches=batches,
-        trials=trials,
+        batches=setting.choose(10, 1),
+        trials=setting.choose(40, 4),
         repeats=repeats,
         seed=setting.seed,
         reward=paper_values("online_reward"),
@@ -116,31 +121,62 @@ def run_curves(
         cluster=setting.cluster,
         on_progress=setting.progress_in("batches"),
     )
-    names = ATTRIBUTES.get(dataset, ())
-    rows = []
-    tests = list[TrialOutcomes]()
-    for result in run.results():
-        tests.append(outcomes := result.outcomes)
-        right = outcomes.success.astype(float)
-        asked = outcomes.attribute[:, 0]
-        by_attribute = [
-            right[asked == name].mean() if (asked == name).any() else np.nan for name in names
-        ]
-        rows.append((result.hours, right.mean(), outcomes.reward.mean(),
-                     outcomes.cost.mean(), (~outcomes.answered).mean(), *by_attribute))  # fmt: skip
-    table = np.array(rows).reshape(repeats, batches + 1, -1)
     folders = [repeat_folder(run.folder, agent, s) for s in range(repeats)]
+    setting.spend(path for folder in folders for path in folder.glob("*.mcap"))
     logs = tuple(
-        tuple(batch_log(folder, batch, TRAINING) for batch in range(1, batches + 1))
+        tuple(batch_log(folder, batch, TRAINING) for batch in range(1, config.batches + 1))
         for folder in folders
     )
-    setting.spend(path for folder in folders for path in folder.glob("*.mcap"))
-    pretrained, trained, tested = (p if isinstance(p, int) else len(p) for p in split)
+    pretrained, trained, tested = (part if isinstance(part, int) else len(part) for part in split)
+    # Splits of few recorded objects share them, and their results are not independent. By the
+    # published settings the objects are the whole population, and a split is a fresh draw.
     ratio = 0.0 if code else tested / (pretrained + trained)
-    size = batches + 1
-    by_split = tuple(tuple(tests[s * size : (s + 1) * size]) for s in range(repeats))
-    hours, accuracy, reward, cost, abstained = np.moveaxis(table[..., :5], 2, 0)
-    return Curves(hours, accuracy, reward, cost, abstained, table[..., 5:], logs, ratio, by_split)
+    return curves_of(run.results(), repeats, ATTRIBUTES.get(dataset, ()), logs=logs, ratio=ratio)
+
+
+def curves_of(
+    results: Iterable[BatchOutcomes],
+    repeats: int,
+    attributes: Sequence[str],
+    *,
+    logs: tuple[tuple[Path, ...], ...],
+    ratio: float,
+) -> Curves:
+    """Lay out the tests of all batches, which come repeat by repeat, as curves."""
+    hours = list[float]()
+    tests = list[TrialOutcomes]()
+    for result in results:
+        hours.append(result.hours)
+        tests.append(result.outcomes)
+
+    size = len(tests) // repeats
+
+    def curve(values: Iterable[Any]) -> Floats:
+        """Lay out a value of each test, or P of them, as (S,B) or (S,B,P)."""
+        array = np.array(list(values), float)
+        return array.reshape(repeats, size, *array.shape[1:])
+
+    return Curves(
+        hours=curve(hours),
+        accuracy=curve(run.success.mean() for run in tests),
+        reward=curve(run.reward.mean() for run in tests),
+        cost=curve(run.cost.mean() for run in tests),
+        abstained=curve((~run.answered).mean() for run in tests),
+        by_attribute=curve(accuracy_by_attribute(run, attributes) for run in tests),
+        training=logs,
+        ratio=ratio,
+        tests=tuple(tuple(tests[s * size : (s + 1) * size]) for s in range(repeats)),
+    )
+
+
+def accuracy_by_attribute(run: TrialOutcomes, attributes: Sequence[str]) -> Floats:
+    """Return the accuracy of the trials whose first question is each attribute, (P,)."""
+    accuracy = np.full(len(attributes), np.nan)
+    for p, name in enumerate(attributes):
+        asks = run.attribute[:, 0] == name
+        if asks.any():
+            accuracy[p] = run.success[asks].mean()
+    return accuracy
 
 
 def at_hours(hours: Floats, values: Floats, when: float) -> Floats:

@@ -16,7 +16,8 @@ def run(setting: Setting) -> Result:
     """Run MORC-ITRS under both readings, on the same tasks."""
     repeats = setting.repeats_of(REPEATS, column=RECORDED)
     first, second = (
-        run_curves(setting, "cy101", 1, BEST, repeats, normalizer=name) for name in READINGS
+        run_curves(setting, "cy101", n=1, agent=BEST, repeats=repeats, normalizer=name)
+        for name in READINGS
     )
     lead = paired(*area(second, first, "reward"), first.ratio)
     rows: list[tuple[Cell, ...]] = []

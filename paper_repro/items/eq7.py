@@ -54,7 +54,9 @@ def run(setting: Setting) -> Result:
                 tables |= dict.fromkeys(ALL_ACTIONS, every_action_roc36(setting, "train5", n))
                 reward = SIMULATOR_REWARD
             runs = {
-                agent: run_agent(setting, protocol, table, n, agent, trials, reward=reward)
+                agent: run_agent(
+                    setting, protocol, table, n=n, agent=agent, trials=trials, reward=reward
+                )
                 for agent, table in tables.items()
             }
             compared[f"{title}, {protocol}"] = runs

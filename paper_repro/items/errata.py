@@ -30,8 +30,10 @@ def run(setting: Setting) -> Result:
     effects = {}
     places = problems(setting)
     for number, (base, text, other, reward) in CHANGES.items():
-        ours = run_agent(setting, *places[base], 2, AGAINST, count)
-        changed = run_agent(setting, *places[other], 2, AGAINST, count, reward=reward)
+        ours = run_agent(setting, *places[base], n=2, agent=AGAINST, trials=count)
+        changed = run_agent(
+            setting, *places[other], n=2, agent=AGAINST, trials=count, reward=reward
+        )
         before = ("–", base, "nothing", *(mean_effect(ours, m) for m in MEASURES), None)  # noqa: RUF001
         if before not in rows:
             rows.append(before)

@@ -1,7 +1,6 @@
 """Fig. 10: learning curves on three data sets, one and two attributes."""
 
 from collections.abc import Mapping
-from functools import partial
 
 import numpy as np
 
@@ -33,9 +32,17 @@ from paper_repro.statements import (
     every,
 )
 
-COLUMNS = ("agent", "repeats", "explored, h", "accuracy", "abstained", "reward",
-           "accuracy at 0 h, less its", "accuracy over H h, less its",
-           "reward over H h, less its")  # fmt: skip
+COLUMNS = (
+    "agent",
+    "repeats",
+    "explored, h",
+    "accuracy",
+    "abstained",
+    "reward",
+    "accuracy at 0 h, less its",
+    "accuracy over H h, less its",
+    "reward over H h, less its",
+)
 PANELS = tuple((dataset, n) for dataset in ("cy101", "roc36", "ispy32") for n in (1, 2))
 NOTE = """Curves are compared with Iterative MORC's ("its") by the paired difference of their means
 over the first H hours of exploration (the area between the curves), and at fixed budgets. H is
@@ -70,63 +77,55 @@ Panel = Mapping[str, Curves]
 def run(setting: Setting) -> Result:
     """Run every panel, of the data set that was published under the paper's settings too."""
     evidence: dict[str, dict[str, Evidence | None]] = {name: {} for name in setting.protocols}
-    tables = list[Table]()
+    panels: dict[tuple[str, str], Panel] = {}  # by title and column
     placed = list[Table]()
-    told = list[str]()
-    at_0 = list[str]()
-    leads = list[float]()
-    carried = list[str]()
     for dataset, n in setting.choose(PANELS, PANELS[2:3]):
         title = f"{dataset.upper()}, {asked(n)}"
         for protocol in setting.protocols[:2]:
-            theirs = protocol == THEIRS
-            if theirs and dataset != "cy101":
-                continue
+            if protocol == THEIRS and dataset != "cy101":
+                continue  # the published code has CY101 alone
             if setting.only not in title:
                 evidence[protocol] |= dict.fromkeys(texts(title))
                 continue
-            repeats = repeats_of(setting, protocol)
-            panel = {
-                agent: run_curves(setting, dataset, n, agent, repeats, protocol)
-                for agent in (PAPERS if theirs else (*PAPERS, OUR_AGENT))
-            }
-            evidence[protocol] |= judge(panel, title, one_agent=not theirs)
-            ratio = panel[BEST].ratio
-            if not theirs:
-                lead = paired(*area(panel[OUR_AGENT], panel[BEST], "reward"), ratio)
-                text = f"our agent earns more reward than MORC-ITRS over the hours: {title}"
-                evidence[OURS][text] = above(lead, 0, of="reward less its")
-            tables.append(compared(panel, f"{title}, {protocol}"))
-            ends = [panel[agent].hours[:, -1].mean() for agent in (BEST, LEGAL)]
-            carried.append(f"{title}, {protocol}, from {ends[0]:.1f} to {ends[1]:.1f} h")
-            lead = paired(*area(panel[BEST], panel[BASE], "accuracy"), ratio)
-            if theirs:
-                start = at_start(panel[BEST], panel[BASE])
-                at_0.append(f"{start.estimate:+.3f} ± {start.se:.3f} ({title})")
-                told.append(
-                    f"{lead.estimate:+.3f} by the code's settings ({title}), after "
-                    f"{start.estimate:+.3f} before it explores"
-                )
-            else:
-                leads.append(lead.estimate)
-            if theirs and n == 1:
+            panel = run_panel(setting, dataset, n, protocol)
+            panels[title, protocol] = panel
+            evidence[protocol] |= judge(panel, title, one_agent=protocol == RECORDED)
+            if protocol == RECORDED:
+                evidence[OURS] |= judge_ours(panel, title)
+            elif n == 1:
                 published, others = published_split_leads(setting, panel)
                 placed.append(place(title, published, others))
-    if leads:
-        recorded = f"{min(leads):+.3f} to {max(leads):+.3f} on recordings (panels: {len(leads)})"
-        told.insert(0, recorded)
+    tables = [compared(panel, f"{title}, {column}") for (title, column), panel in panels.items()]
+    carried = []
+    for (title, protocol), panel in panels.items():
+        own = panel[BEST].hours[:, -1].mean()
+        longest = panel[LEGAL].hours[:, -1].mean()
+        carried.append(f"{title}, {protocol}, from {own:.1f} to {longest:.1f} h")
     return Result(
         title="Learning curves, accuracy against hours of exploration",
-        sentence="Over the hours that Iterative MORC explores, MORC-ITRS's accuracy less its is "
-        f"{'; '.join(told)}." if told else "The learning curves are not run here.",
+        sentence=_sentence(panels),
         tables=(*tables, *placed),
         evidence=evidence,
         size=f"{repeats_of(setting, RECORDED)} repeats; theirs: {repeats_of(setting, THEIRS)}.",
         notes=(NOTE.format(carried="; ".join(carried)),) if tables else (),
         shows=SHOWS if tables else "",
-        effects={"10": "MORC-ITRS's accuracy less Iterative MORC's before both explore, when it "
-                       f"alone is tested with its bonus: {', '.join(at_0)}"} if at_0 else {},
-    )  # fmt: skip
+        effects=_effects(panels),
+    )
+
+
+def run_panel(setting: Setting, dataset: str, n: int, protocol: str) -> Panel:
+    """Run the paper's three agents, and ours on recordings, on the same splits and tasks."""
+    repeats = repeats_of(setting, protocol)
+    names = PAPERS if protocol == THEIRS else (*PAPERS, OUR_AGENT)
+    return {
+        agent: run_curves(setting, dataset, n=n, agent=agent, repeats=repeats, protocol=protocol)
+        for agent in names
+    }
+
+
+def lead_over_hours(panel: Panel) -> Estimate:
+    """Estimate MORC-ITRS's lead in accuracy over the hours that Iterative MORC explores."""
+    return paired(*area(panel[BEST], panel[BASE], "accuracy"), panel[BEST].ratio)
 
 
 def at_start(first: Curves, second: Curves) -> Estimate:
@@ -134,28 +133,83 @@ def at_start(first: Curves, second: Curves) -> Estimate:
     return paired(first.accuracy[:, 0], second.accuracy[:, 0], second.ratio)
 
 
+def _sentence(panels: Mapping[tuple[str, str], Panel]) -> str:
+    """Say by how much MORC-ITRS is ahead over the hours, in each column."""
+    if not panels:
+        return "The learning curves are not run here."
+    told = []
+    recorded = [
+        lead_over_hours(panel).estimate
+        for (_, protocol), panel in panels.items()
+        if protocol == RECORDED
+    ]
+    if recorded:
+        told.append(
+            f"{min(recorded):+.3f} to {max(recorded):+.3f} on recordings (panels: {len(recorded)})"
+        )
+    for (title, protocol), panel in panels.items():
+        if protocol == THEIRS:
+            lead = lead_over_hours(panel)
+            start = at_start(panel[BEST], panel[BASE])
+            told.append(
+                f"{lead.estimate:+.3f} by the code's settings ({title}), after "
+                f"{start.estimate:+.3f} before it explores"
+            )
+    return (
+        "Over the hours that Iterative MORC explores, MORC-ITRS's accuracy less its is "
+        f"{'; '.join(told)}."
+    )
+
+
+def _effects(panels: Mapping[tuple[str, str], Panel]) -> dict[str, str]:
+    """Return what testing with the bonus does before any learning, by the code's settings."""
+    told = []
+    for (title, protocol), panel in panels.items():
+        if protocol == THEIRS:
+            start = at_start(panel[BEST], panel[BASE])
+            told.append(f"{start.estimate:+.3f} ± {start.se:.3f} ({title})")
+    if not told:
+        return {}
+    return {
+        "10": "MORC-ITRS's accuracy less Iterative MORC's before both explore, when it alone is "
+        f"tested with its bonus: {', '.join(told)}"
+    }
+
+
 def published_split_leads(setting: Setting, panel: Panel) -> tuple[float, np.ndarray]:
     """Return MORC-ITRS's lead on the one split of the published code, and on those of a panel."""
     paper = paper_values("fig10")
-    parts = tuple(paper["pretraining"]), tuple(paper["training"])
-    tests = tuple(o for o in load_dataset("cy101").objects if o not in {*parts[0], *parts[1]})
+    pretraining = tuple(paper["pretraining"])
+    training = tuple(paper["training"])
+    taught = {*pretraining, *training}
+    tests = tuple(name for name in load_dataset("cy101").objects if name not in taught)
     one = {
-        name: run_curves(setting, "cy101", 1, name, 1, THEIRS, (*parts, tests))
-        for name in (BEST, BASE)
+        agent: run_curves(
+            setting,
+            "cy101",
+            n=1,
+            agent=agent,
+            repeats=1,
+            protocol=THEIRS,
+            split=(pretraining, training, tests),
+        )
+        for agent in (BEST, BASE)
     }
-    published, others = (
-        np.subtract(*area(curves[BEST], curves[BASE], "accuracy")) for curves in (one, panel)
-    )
+    published = np.subtract(*area(one[BEST], one[BASE], "accuracy"))
+    others = np.subtract(*area(panel[BEST], panel[BASE], "accuracy"))
     return float(published[0]), others
 
 
 def place(title: str, published: float, others: np.ndarray) -> Table:
     """Place the lead on the one split of the published code among those on our splits."""
     columns = ("lead in accuracy over H h", "splits", "lead", "sd", "least", "most", "below it")
-    ours = (float(f(others)) for f in (np.mean, partial(np.std, ddof=1), np.min, np.max))
-    lower = f"{(others < published).sum()} of {len(others)}"
-    rows = (("the published code's", 1, published, None, None, None, lower),
-            ("ours", len(others), *ours, None))  # fmt: skip
+    spread = float(np.std(others, ddof=1))
+    ours = (float(np.mean(others)), spread, float(np.min(others)), float(np.max(others)))
+    below_it = f"{(others < published).sum()} of {len(others)}"
+    rows: tuple[tuple[Cell, ...], ...] = (
+        ("the published code's", 1, published, None, None, None, below_it),
+        ("ours", len(others), *ours, None),
+    )
     return Table(f"{title}, on the published code's one split and on ours", columns, rows)
 
 
@@ -178,7 +232,9 @@ def judge(panel: Panel, title: str, *, one_agent: bool) -> dict[str, Evidence | 
     ----------
     one_agent : Iterative MORC and MORC-ITRS are one before training, tested without a bonus.
     """
-    best, base, legal = (panel[name] for name in (BEST, BASE, LEGAL))
+    best = panel[BEST]
+    base = panel[BASE]
+    legal = panel[LEGAL]
     ratio = best.ratio
     starts = [
         above(at_start(best, other), 0, of=f"accuracy before training less {name}'s")
@@ -199,30 +255,33 @@ def judge(panel: Panel, title: str, *, one_agent: bool) -> dict[str, Evidence | 
     return dict(zip(texts(title), outcomes, strict=True))
 
 
+def judge_ours(panel: Panel, title: str) -> dict[str, Evidence | None]:
+    """Judge that our agent earns more than MORC-ITRS until that one's curve ends."""
+    lead = paired(*area(panel[OUR_AGENT], panel[BEST], "reward"), panel[BEST].ratio)
+    text = f"our agent earns more reward than MORC-ITRS over the hours: {title}"
+    return {text: above(lead, 0, of="reward less its")}
+
+
 def area(first: Curves, second: Curves, measure: str) -> tuple[np.ndarray, np.ndarray]:
-    """Return the means of two agents' curves until the second ends, each (S,)."""
-    lead, rival = (
-        np.array(
-            [
-                mean_until(*curve)
-                for curve in zip(
-                    curves.hours,
-                    getattr(curves, measure),
-                    second.hours[: len(first), -1],
-                    strict=False,
-                )
-            ]
-        )
-        for curves in (first, second)
-    )
-    return lead, rival
+    """Return the means of two agents' curves until the second ends, each (S,).
+
+    Whoever explored for less keeps its last value until then: agents are compared at equal hours.
+    """
+    ends = second.hours[: len(first), -1]
+    return _means_until(first, measure, ends), _means_until(second, measure, ends)
+
+
+def _means_until(curves: Curves, measure: str, ends: np.ndarray) -> np.ndarray:
+    """Return the mean of each repeat's curve over the hours until its end, (S,)."""
+    values = getattr(curves, measure)
+    rows = zip(curves.hours, values, ends, strict=False)  # of the repeats that both have
+    return np.array([mean_until(hours, curve, end) for hours, curve, end in rows])
 
 
 def lead_at(first: Curves, second: Curves, measure: str, h: float) -> Estimate | None:
     """Estimate a lead at some hours; None where a repeat of either explored for less."""
-    lead, rival = (
-        at_hours(curves.hours, getattr(curves, measure), h) for curves in (first, second)
-    )
+    lead = at_hours(first.hours, getattr(first, measure), h)
+    rival = at_hours(second.hours, getattr(second, measure), h)
     number = min(len(lead), len(rival))
     explored = np.isfinite(lead[:number] + rival[:number]).all()
     return paired(lead, rival, second.ratio) if explored else None
@@ -232,17 +291,22 @@ def compared(panel: Panel, title: str) -> Table:
     """Compare the agents of a panel with Iterative MORC: areas, and both measures at budgets."""
     rows: list[tuple[Cell, ...]] = []
     base = panel[BASE]
+    ratio = base.ratio
     measures = ("reward", "accuracy")
     points = {f"{m} at {h:g} h": (m, h) for m in measures for h in paper_values("budgets_h")}
     for name, curves in panel.items():
-        at = [lead_at(curves, base, *point) for point in points.values()]
-        hours, right, none, reward = (
-            values[:, -1]
-            for values in (curves.hours, curves.accuracy, curves.abstained, curves.reward)
+        rows.append(
+            (
+                name,
+                len(curves),
+                mean_of(curves.hours[:, -1], ratio),
+                mean_of(curves.accuracy[:, -1], ratio, fraction=True),
+                mean_of(curves.abstained[:, -1], ratio, fraction=True),
+                mean_of(curves.reward[:, -1], ratio),
+                at_start(curves, base),
+                paired(*area(curves, base, "accuracy"), ratio),
+                paired(*area(curves, base, "reward"), ratio),
+                *(lead_at(curves, base, measure, h) for measure, h in points.values()),
+            )
         )
-        last = (mean_of(hours, base.ratio), mean_of(right, base.ratio, fraction=True),
-                mean_of(none, base.ratio, fraction=True),
-                mean_of(reward, base.ratio))  # fmt: skip
-        areas = [paired(*area(curves, base, m), base.ratio) for m in reversed(measures)]
-        rows.append((name, len(curves), *last, at_start(curves, base), *areas, *at))
     return Table(title, (*COLUMNS, *points), tuple(rows))

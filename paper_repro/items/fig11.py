@@ -53,7 +53,10 @@ def run(setting: Setting) -> Result:
         repeats = repeats_of(setting, protocol)
         size.append(f"{repeats} repeats ({protocol})")
         curves = {
-            agent: run_curves(setting, "cy101", 1, agent, repeats, protocol) for agent in PAPERS
+            agent: run_curves(
+                setting, "cy101", n=1, agent=agent, repeats=repeats, protocol=protocol
+            )
+            for agent in PAPERS
         }
         scores = {agent: at_two_hours(entry, paper["hours"]) for agent, entry in curves.items()}
         ratio = curves[BEST].ratio

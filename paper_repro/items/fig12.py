@@ -35,7 +35,9 @@ def run(setting: Setting) -> Result:
     repeats = setting.repeats_of(REPEATS, column=RECORDED)
     pairs = {f"{a}, {b}": (a, b) for a, b in product(alphas, betas)}
     runs: dict[str, Curves] = {
-        name: run_curves(setting, "cy101", 1, BEST, repeats, alpha=float(a), beta=float(b))
+        name: run_curves(
+            setting, "cy101", n=1, agent=BEST, repeats=repeats, alpha=float(a), beta=float(b)
+        )
         for name, (a, b) in pairs.items()
     }
     ratio = next(iter(runs.values())).ratio  # of the objects, the same in all

@@ -143,9 +143,11 @@ def run(setting: Setting) -> Result:
 def run_strategy(setting: Setting, protocol: str, n: int, agent: str, trials: int) -> TrialOutcomes:
     """Run a strategy: by the plotted settings where percepts are drawn, else on recordings."""
     if protocol == THEIRS:
-        return run_agent(setting, protocol, plotted_ispy32(setting), n, agent, trials)
+        return run_agent(
+            setting, protocol, plotted_ispy32(setting), n=n, agent=agent, trials=trials
+        )
     strategy = LEGAL if agent == LEGAL.name else agent
-    return run_agent(setting, protocol, "ispy32", n, strategy, trials)
+    return run_agent(setting, protocol, "ispy32", n=n, agent=strategy, trials=trials)
 
 
 def judge(runs: Mapping[int, Runs], *, drawn: bool) -> dict[str, Evidence | None]:

@@ -1,5 +1,6 @@
 """Fig. 9: two relevant attributes of ISPY32, and more and more irrelevant ones beside them."""
 
+from collections.abc import Mapping
 from math import hypot
 
 import numpy as np
@@ -90,51 +91,27 @@ def plan_recorded() -> dict[int, int]:
 def run(setting: Setting) -> Result:
     """Run the super MOMDP with 0 to 5 irrelevant attributes."""
     numbers = setting.choose(IRRELEVANT, (0, 2))
-    planned = plan()
     ends = (numbers[0], numbers[-1])
-
-    def drawn(k: int, agent: str, trials: int) -> TrialOutcomes:
-        n = RELEVANT + k
-        count = setting.trials_of(trials, 4)
-        return run_agent(setting, THEIRS, plotted_ispy32(setting), n, agent, count)
-
+    planned = plan()
     runs: dict[str, dict[str, TrialOutcomes]] = {
-        DRAWN: {str(k): drawn(k, DECLINES, planned[k]) for k in numbers},
-        FORCES: {str(k): drawn(k, ANSWERS, FORCED) for k in ends},
+        DRAWN: {str(k): run_drawn(setting, k, DECLINES, planned[k]) for k in numbers},
+        FORCES: {str(k): run_drawn(setting, k, ANSWERS, FORCED) for k in ends},
     }
     evidence: dict[str, dict[str, Evidence | None]] = {
         THEIRS: judge(runs[DRAWN]) | judge_forced(runs[FORCES])
     }
     if RECORDED in setting.protocols:
-        recorded = plan_recorded()
-        runs[RECORDED] = {
-            str(k): run_agent(
-                setting,
-                RECORDED,
-                "ispy32",
-                RELEVANT + k,
-                DECLINES,
-                setting.trials_of(recorded[k], 4),
-            )
-            for k in numbers
-        }
+        planned = plan_recorded()
+        runs[RECORDED] = {str(k): run_recorded(setting, k, planned[k]) for k in numbers}
         level = "with the relevant attributes alone reward is level"
-        evidence[RECORDED] = {**judge_shape(runs[RECORDED], drawn=False),
-                              level: constructed("irrelevant attributes never enter")}  # fmt: skip
-    rows: list[tuple[Cell, ...]] = [
-        (
-            kind,
-            int(k),
-            states(int(k)),
-            len(outcomes),
-            *(measure(outcomes, m, drawn=kind != RECORDED) for m in (*MEASURES, "abstained")),
-        )
-        for kind, points in runs.items()
-        for k, outcomes in points.items()
-    ]
+        evidence[RECORDED] = {
+            **judge_shape(runs[RECORDED], drawn=False),
+            level: constructed("irrelevant attributes never enter"),
+        }
     told = []
     for kind, points in runs.items():
-        first, last = (points[str(k)] for k in ends)
+        first = points[str(ends[0])]
+        last = points[str(ends[1])]
         told.append(
             f"{kind}: reward from {first.reward.mean():.0f} to {last.reward.mean():.0f}, "
             f"{(~last.answered).mean():.0%} given up"
@@ -142,18 +119,49 @@ def run(setting: Setting) -> Result:
     return Result(
         title="Two relevant attributes and more and more irrelevant ones, in one super MOMDP",
         sentence=f"With {ends[0]} to {ends[1]} irrelevant attributes, {'; '.join(told)}.",
-        tables=(
-            Table(
-                "super MOMDPs",
-                ("percepts", "irrelevant", "states", "trials", *LABELS.values(), "abstained"),
-                tuple(rows),
-            ),
-        ),
+        tables=(table_of(runs),),
         evidence=evidence,
         size="The paper has 200 trials a row.",
         notes=(NOTE,),
         shows=SHOWS,
     )
+
+
+def run_drawn(setting: Setting, irrelevant: int, agent: str, trials: int) -> TrialOutcomes:
+    """Run MORC in a super MOMDP by the plotted settings, percepts drawn."""
+    return run_agent(
+        setting,
+        THEIRS,
+        plotted_ispy32(setting),
+        n=RELEVANT + irrelevant,
+        agent=agent,
+        trials=setting.trials_of(trials, 4),
+    )
+
+
+def run_recorded(setting: Setting, irrelevant: int, trials: int) -> TrialOutcomes:
+    """Run MORC in a super MOMDP on recordings."""
+    return run_agent(
+        setting,
+        RECORDED,
+        "ispy32",
+        n=RELEVANT + irrelevant,
+        agent=DECLINES,
+        trials=setting.trials_of(trials, 4),
+    )
+
+
+def table_of(runs: Mapping[str, Runs]) -> Table:
+    """Make the table of measures, a row of each kind of run and number of irrelevant attributes."""
+    rows: list[tuple[Cell, ...]] = []
+    for kind, points in runs.items():
+        for k, outcomes in points.items():
+            measures = [
+                measure(outcomes, name, drawn=kind != RECORDED) for name in (*MEASURES, "abstained")
+            ]
+            rows.append((kind, int(k), states(int(k)), len(outcomes), *measures))
+    columns = ("percepts", "irrelevant", "states", "trials", *LABELS.values(), "abstained")
+    return Table("super MOMDPs", columns, tuple(rows))
 
 
 def states(irrelevant: int) -> int:

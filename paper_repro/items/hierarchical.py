@@ -1,6 +1,6 @@
 """Figs 8, 10 and 11 by one hierarchical model of outcomes, beside the design-based intervals."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -37,57 +37,110 @@ lines below them: by design. Gray band: practical equivalence. Left of 0 the pap
 ahead."""
 
 Pairs = list[tuple[AgentEffect, Estimate]]  # by the model, and by design
+Panel = Mapping[str, list[TrialOutcomes]]  # tests of each repeat, by agent
 
 
 def run(setting: Setting) -> Result:
     """Fit the model to the trials of Figs 8, 10 and 11, which the logs hold."""
-    hours, repeats = (
-        paper_values("fig11")["hours"], setting.repeats_of(REPEATS, column=RECORDED)
-    )  # fmt: skip
-    draws = setting.choose(DRAWS, 50)
+    hours = paper_values("fig11")["hours"]
+    repeats = setting.repeats_of(REPEATS, column=RECORDED)
     pairs: dict[str, Pairs] = {"Fig. 8": [], "Fig. 10": [], "Fig. 11": []}
     for n in setting.choose((1, 2, 3), (2,)):
-        runs = {
-            agent: run_strategy(setting, RECORDED, n, agent, setting.trials_of(OFFLINE_TRIALS, 6))
-            for agent in (*BASELINES, AGAINST, OWN)
-        }
-        joined = TrialOutcomes.join(list(runs.values()))
-        for row in compare_outcomes(joined, reference=AGAINST, draws=draws, seed=setting.seed):
-            plain = difference(runs[row.agent], runs[AGAINST], measure="success")
-            pairs["Fig. 8"].append((replace(row, attributes=asked(n)), plain))
+        pairs["Fig. 8"] += offline_pairs(setting, n)
     told = []
     for dataset, n in setting.choose(PANELS, PANELS[2:3]):
         title = f"{dataset.upper()}, {asked(n)}"
-        by_attributes = (dataset, n) == PANELS[0]
         if setting.only not in title:
             continue
-        panel = {}
-        ratio = 0.0
-        for agent in (*PAPERS, OUR_AGENT):
-            curves = run_curves(setting, dataset, n, agent, repeats)
-            last = [np.searchsorted(explored, hours, side="right") - 1 for explored in curves.hours]
-            panel[agent] = [tests[b] for tests, b in zip(curves.tests, last, strict=True)]
-            ratio = curves.ratio
-        outcomes = [tests for splits in panel.values() for tests in splits]
-        splits = [s for parts in panel.values() for s, tests in enumerate(parts) for _ in tests.key]
-        rows = compare_outcomes(
-            TrialOutcomes.join(outcomes),
-            reference=BEST,
-            repeats=splits,
-            draws=draws,
-            by_attributes=by_attributes,
-            seed=setting.seed,
-        )
-        for row in rows:
-            if row.attributes and row.agent not in PAPERS:
-                continue
-            accuracy, best = (accuracies(panel[name], row.attributes) for name in (row.agent, BEST))
-            plain = resampled((accuracy - best)[~np.isnan(accuracy - best)], ratio)
+        panel, ratio = online_panel(setting, dataset, n, repeats=repeats, hours=hours)
+        by_attributes = (dataset, n) == PANELS[0]  # Fig. 11 is of CY101's single attributes
+        for row, plain in online_pairs(setting, panel, ratio, by_attributes=by_attributes):
             figure = "Fig. 11" if row.attributes else "Fig. 10"
             pairs[figure].append((replace(row, attributes=row.attributes or title), plain))
             if row.agent == BASE and not row.attributes:
                 told.append(f"{1 - row.ahead:.2f} ({title}; equivalent {row.equivalent:.2f})")
-    cells: list[tuple[Cell, ...]] = [
+    return Result(
+        title="Figs 8, 10 and 11 by one hierarchical model of outcomes",
+        sentence=f"Pr(MORC-ITRS is more accurate than Iterative MORC after {hours:g} h) is, by the "
+        f"model, {', '.join(told) or 'not computed here'}.",
+        tables=(table_of(pairs),),
+        evidence={},
+        size=f"{setting.trials_of(OFFLINE_TRIALS, 6)} trials an agent offline, {repeats} repeats.",
+        notes=(NOTE.format(hours=hours, margin=MARGINS["success"]),),
+        shows=SHOWS,
+    )
+
+
+def draws_of(setting: Setting) -> int:
+    """Return the draws of the posterior in each chain."""
+    return setting.choose(DRAWS, 50)
+
+
+def offline_pairs(setting: Setting, n: int) -> Pairs:
+    """Compare Fig. 8's agents with MORC at a number of attributes, by the model and by design."""
+    trials = setting.trials_of(OFFLINE_TRIALS, 6)
+    agents = (*BASELINES, AGAINST, OWN)
+    runs = {agent: run_strategy(setting, RECORDED, n, agent, trials) for agent in agents}
+    rows = compare_outcomes(
+        TrialOutcomes.join(list(runs.values())),
+        reference=AGAINST,
+        draws=draws_of(setting),
+        seed=setting.seed,
+    )
+    pairs = []
+    for row in rows:
+        plain = difference(runs[row.agent], runs[AGAINST], measure="success")
+        pairs.append((replace(row, attributes=asked(n)), plain))
+    return pairs
+
+
+def online_panel(
+    setting: Setting, dataset: str, n: int, *, repeats: int, hours: float
+) -> tuple[Panel, float]:
+    """Return a panel's tests after some hours of exploration.
+
+    Returns
+    -------
+    panel : each agent's tests after the last batch that ended by then, S repeats.
+    ratio : of test objects to others, by which differences over repeats are corrected.
+    """
+    panel = {}
+    ratio = 0.0
+    for agent in (*PAPERS, OUR_AGENT):
+        curves = run_curves(setting, dataset, n=n, agent=agent, repeats=repeats)
+        last = [np.searchsorted(explored, hours, side="right") - 1 for explored in curves.hours]
+        panel[agent] = [tests[b] for tests, b in zip(curves.tests, last, strict=True)]
+        ratio = curves.ratio
+    return panel, ratio
+
+
+def online_pairs(setting: Setting, panel: Panel, ratio: float, *, by_attributes: bool) -> Pairs:
+    """Compare a panel's agents with MORC-ITRS; of single attributes, with the paper's agents."""
+    outcomes = [tests for splits in panel.values() for tests in splits]
+    # The repeat of each trial: agents of one repeat share its split of the objects.
+    repeats = [s for splits in panel.values() for s, tests in enumerate(splits) for _ in tests.key]
+    rows = compare_outcomes(
+        TrialOutcomes.join(outcomes),
+        reference=BEST,
+        repeats=repeats,
+        draws=draws_of(setting),
+        by_attributes=by_attributes,
+        seed=setting.seed,
+    )
+    pairs = []
+    for row in rows:
+        if row.attributes and row.agent not in PAPERS:
+            continue  # Fig. 11 has the paper's agents alone
+        lead = accuracies(panel[row.agent], row.attributes)
+        lead = lead - accuracies(panel[BEST], row.attributes)
+        # nan where a split's tests ask nothing of this attribute
+        pairs.append((row, resampled(lead[~np.isnan(lead)], ratio)))
+    return pairs
+
+
+def table_of(pairs: Mapping[str, Pairs]) -> Table:
+    """Make the table of both estimates, a row of each agent in each panel."""
+    rows: list[tuple[Cell, ...]] = [
         (
             f"{figure}: {row.attributes}",
             row.agent,
@@ -102,16 +155,7 @@ def run(setting: Setting) -> Result:
         for figure, group in pairs.items()
         for row, plain in group
     ]
-    return Result(
-        title="Figs 8, 10 and 11 by one hierarchical model of outcomes",
-        sentence=f"Pr(MORC-ITRS is more accurate than Iterative MORC after {hours:g} h) is, by the "
-        f"model, {', '.join(told) or 'not computed here'}.",
-        tables=(Table("accuracy on recordings", COLUMNS, tuple(cells)),),
-        evidence={},
-        size=f"{setting.trials_of(OFFLINE_TRIALS, 6)} trials an agent offline, {repeats} repeats.",
-        notes=(NOTE.format(hours=hours, margin=MARGINS["success"]),),
-        shows=SHOWS,
-    )
+    return Table("accuracy on recordings", COLUMNS, tuple(rows))
 
 
 def agree(row: AgentEffect, plain: Estimate) -> bool:
@@ -126,7 +170,10 @@ def agree(row: AgentEffect, plain: Estimate) -> bool:
 
 def accuracies(splits: Sequence[TrialOutcomes], attributes: str) -> np.ndarray:
     """Return the accuracy in each split, (S,), of the trials that ask an attribute, or of all."""
-    chosen = [
-        tests.success[(tests.attribute[:, 0] == attributes) | (not attributes)] for tests in splits
-    ]
-    return np.array([right.mean() if len(right) else np.nan for right in chosen])
+    means = np.full(len(splits), np.nan)
+    for s, tests in enumerate(splits):
+        asks = tests.attribute[:, 0] == attributes
+        right = tests.success[asks] if attributes else tests.success
+        if len(right):
+            means[s] = right.mean()
+    return means

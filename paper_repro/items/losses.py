@@ -67,7 +67,7 @@ def run(setting: Setting) -> Result:
     tables = {name: table_by_halves(setting, name) for name in {dataset for dataset, *_ in panels}}
     for dataset, n, answer in panels:
         morc, half, ours = (
-            run_agent(setting, RECORDED, place, n, agent, trials, answer=answer)
+            run_agent(setting, RECORDED, place, n=n, agent=agent, trials=trials, answer=answer)
             for place, agent in ((dataset, AGAINST), (tables[dataset], OWN), (dataset, OWN))
         )
         ideal = reward - cheapest_percept(load_percepts(dataset))

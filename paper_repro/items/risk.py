@@ -49,7 +49,7 @@ def run(setting: Setting) -> Result:
             **{name: (agent, usual) for name, agent in alone.items()},
         }
         runs[protocol] = {
-            name: run_agent(setting, protocol, table, N, agent, count, reward=size)
+            name: run_agent(setting, protocol, table, n=N, agent=agent, trials=count, reward=size)
             for name, (agent, size) in agents.items()
         }
     rows: list[tuple[Cell, ...]] = [

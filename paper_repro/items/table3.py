@@ -134,15 +134,19 @@ def run_theirs(setting: Setting, n: int) -> dict[str, TrialOutcomes]:
     for matrices in dict(SETTINGS):
         every_action = every_action_roc36(setting, matrices, n)
         name = f"{ALL} ({matrices})"
-        runs[name] = run_agent(setting, THEIRS, every_action, n, PLUS, trials(name))
+        runs[name] = run_agent(setting, THEIRS, every_action, n=n, agent=PLUS, trials=trials(name))
         if "random" not in runs:  # which sees no percepts
             count = trials("random")
-            runs["random"] = run_agent(setting, THEIRS, every_action, n, "random", count)
+            runs["random"] = run_agent(
+                setting, THEIRS, every_action, n=n, agent="random", trials=count
+            )
     for matrices, diagram in SETTINGS:
         domain, reward = DIAGRAMS[diagram]
         table = published_roc36(setting, matrices, n, domain)
         name = f"{AGAINST} ({matrices}, {diagram})"
-        runs[name] = run_agent(setting, THEIRS, table, n, AGAINST, trials(name), reward=reward)
+        runs[name] = run_agent(
+            setting, THEIRS, table, n=n, agent=AGAINST, trials=trials(name), reward=reward
+        )
     return runs
 
 
@@ -151,7 +155,9 @@ def run_recorded(setting: Setting, n: int) -> dict[str, TrialOutcomes]:
     trials = setting.trials_of(TRIALS, 8)
     places = {"random": "roc36", ALL: EVERY_ACTION, PLUS: "roc36", AGAINST: "roc36", OWN: "roc36"}
     return {
-        name: run_agent(setting, RECORDED, place, n, PLUS if name == ALL else name, trials)
+        name: run_agent(
+            setting, RECORDED, place, n=n, agent=PLUS if name == ALL else name, trials=trials
+        )
         for name, place in places.items()
     }
 

@@ -42,7 +42,7 @@ def run(setting: Setting) -> Result:
     unchanged = list[str]()
     for protocol in setting.protocols[:2]:
         repeats = repeats_of(setting, protocol)
-        curves = run_curves(setting, "cy101", 1, BEST, repeats, protocol)
+        curves = run_curves(setting, "cy101", n=1, agent=BEST, repeats=repeats, protocol=protocol)
         traits[protocol] = entry = traits_of(curves.training, DELTA[protocol])
         ratios[protocol] = curves.ratio
         size.append(f"{repeats} repeats ({protocol})")

@@ -43,7 +43,7 @@ def test_planning_weighs_giving_up_by_its_cost():
 def test_trials_without_a_report_pay_for_how_they_ended(tmp_path):
     """On the log a trial that is given up costs its behaviors; the illegal one comes on top."""
     setting = frame.Setting(quick=True, logs=tmp_path)
-    run = offline.run_agent(setting, RECORDED, "ispy32", 3, agents.DECLINES, 12)
+    run = offline.run_agent(setting, RECORDED, "ispy32", n=3, agent=agents.DECLINES, trials=12)
     logged = [trial for path in tmp_path.rglob("*.mcap") for trial in read_trials(path)]
     assert len(logged) == len(run) == 12
     fees = run.cost - np.array([trial.cost for trial in logged])
@@ -52,7 +52,7 @@ def test_trials_without_a_report_pay_for_how_they_ended(tmp_path):
     assert not fees[~given_up].any()
     assert np.isin(fees[given_up].round(9), (0.5, 1.0)).all()
     np.testing.assert_allclose(run.reward + fees, [trial.reward for trial in logged])
-    forced = offline.run_agent(setting, RECORDED, "ispy32", 3, agents.ANSWERS, 12)
+    forced = offline.run_agent(setting, RECORDED, "ispy32", n=3, agent=agents.ANSWERS, trials=12)
     assert forced.answered.all()
     assert (forced.key == run.key).all()  # on the same tasks
 

@@ -30,9 +30,14 @@ class Stop(Exception):
 RUNS = {
     "trials": (
         offline,
-        lambda setting: offline.run_agent(setting, RECORDED, "roc36", 1, "random", 5),
+        lambda setting: offline.run_agent(
+            setting, RECORDED, "roc36", n=1, agent="random", trials=5
+        ),
     ),
-    "batches": (online, lambda setting: online.run_curves(setting, "cy101", 1, online.BASE, 1)),
+    "batches": (
+        online,
+        lambda setting: online.run_curves(setting, "cy101", n=1, agent=online.BASE, repeats=1),
+    ),
 }
 
 
@@ -77,7 +82,10 @@ def test_a_full_run_again_gives_the_committed_files(elsewhere, tmp_path, item):
 
 def test_offline_trials_are_taken_from_the_logs(tmp_path):
     setting = frame.Setting(quick=True, logs=tmp_path)
-    once, again = (offline.run_agent(setting, RECORDED, "roc36", 2, "random", 5) for _ in range(2))
+    once, again = (
+        offline.run_agent(setting, RECORDED, "roc36", n=2, agent="random", trials=5)
+        for _ in range(2)
+    )
     (unit,) = tmp_path.rglob("*.mcap")
     assert len(once) == len(again) == 5
     ((path, seconds),) = setting.spent.items()  # once for both
@@ -86,7 +94,7 @@ def test_offline_trials_are_taken_from_the_logs(tmp_path):
     assert once.report.shape == (5, 2)
     assert (once.success == (once.report == once.truth).all(axis=1)).all()
     unit.with_name("unit-0000.timing.csv").unlink()
-    third = offline.run_agent(setting, RECORDED, "roc36", 2, "random", 5)
+    third = offline.run_agent(setting, RECORDED, "roc36", n=2, agent="random", trials=5)
     assert (third.cost == once.cost).all()
     assert setting.spent == {unit: 0.0}
 
@@ -95,8 +103,8 @@ def test_every_behavior_costs_what_the_paper_prints(tmp_path):
     setting = frame.Setting(quick=True, logs=tmp_path)
     for protocol in (RECORDED, THEIRS):
         run = offline.run_agent(
-            setting, protocol, published.EVERY_ACTION, 2, "predefined_plus", 5
-        )  # fmt: skip
+            setting, protocol, published.EVERY_ACTION, n=2, agent="predefined_plus", trials=5
+        )
         assert run.cost == pytest.approx(37.10, abs=1e-9)
         assert run.cost.std(ddof=1) == pytest.approx(0, abs=1e-9)
 
@@ -107,7 +115,9 @@ def test_every_behavior_costs_what_the_paper_prints(tmp_path):
 def test_the_published_random_pays_for_all_actions(tmp_path, n, cost, sd):
     """Costs of an independent simulation of the published code."""
     setting = frame.Setting(quick=True, logs=tmp_path)
-    run = offline.run_agent(setting, THEIRS, published.EVERY_ACTION, n, "random", 400)
+    run = offline.run_agent(
+        setting, THEIRS, published.EVERY_ACTION, n=n, agent="random", trials=400
+    )
     assert abs(run.cost.mean() - cost) <= 2 * mean_effect(run, "cost").se
     assert run.cost.std(ddof=1) == pytest.approx(sd, rel=0.25)
 
@@ -116,11 +126,13 @@ def test_the_published_random_pays_for_all_actions(tmp_path, n, cost, sd):
 def test_the_published_random_ends_a_trial_by_what_is_illegal_on_ispy32_alone(tmp_path):
     """At the start 2 of 10 behaviors are legal, so that 8 of 12 first draws end the trial."""
     setting = frame.Setting(quick=True, logs=tmp_path)
-    run = offline.run_agent(setting, THEIRS, "ispy32_published", 1, "random", 400)
+    run = offline.run_agent(setting, THEIRS, "ispy32_published", n=1, agent="random", trials=400)
     ended = (~run.answered) & (run.steps == 1)
     assert abs(ended.mean() - 8 / 12) < 4 * (8 / 12 * 4 / 12 / 400) ** 0.5
     assert (run.cost[ended] == 0).all()
-    every = offline.run_agent(setting, THEIRS, published.EVERY_ACTION, 2, "random", 20)
+    every = offline.run_agent(
+        setting, THEIRS, published.EVERY_ACTION, n=2, agent="random", trials=20
+    )
     assert every.answered.all()
 
 
@@ -128,7 +140,7 @@ def test_random_legal_asks_at_the_start_alone_as_published_and_never_on_recordin
     asks = {}
     for protocol in (RECORDED, THEIRS):
         setting = frame.Setting(quick=True, logs=tmp_path / protocol)
-        offline.run_agent(setting, protocol, "ispy32", 1, "random_legal", 30)
+        offline.run_agent(setting, protocol, "ispy32", n=1, agent="random_legal", trials=30)
         for path in setting.logs.rglob("*.mcap"):
             for trial in read_trials(path):
                 ask, start = trial.momdp.behavior_names.index("ask"), trial.momdp.start
@@ -183,7 +195,7 @@ def test_published_matrices_give_the_papers_predefined_plus(tmp_path, recordings
     table = published.table_path(
         setting, "roc36", name="roc36_every", domain=published.EVERY_ACTION, matrices="train5"
     )
-    run = offline.run_agent(setting, THEIRS, table, 2, "predefined_plus", 400)
+    run = offline.run_agent(setting, THEIRS, table, n=2, agent="predefined_plus", trials=400)
     assert abs(run.success.mean() - 0.583) < 0.05
 
 
