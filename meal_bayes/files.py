@@ -26,6 +26,7 @@ if sys.platform != "win32":
     import fcntl
 
 log = logging.getLogger("meal_bayes.files")
+LOGS = "logs"  # folder of the logs of trials and runs, by default
 _LOG_MAGIC = b"\x89MCAP0\r\n"
 
 

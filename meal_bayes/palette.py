@@ -63,7 +63,7 @@ _FAMILIES = {  # of variants, whose names begin like these
 }
 _OWN = (VIOLET, BLACK)  # of people's own agents
 _OWN_DASHES = ("-", "--", "-.", ":")
-_REFERENCES = ("morc", "iterative_morc")  # the paper's, which others are compared with
+REFERENCES = ("morc", "iterative_morc")  # the paper's, which others are compared with
 
 
 def agent_style(name: str) -> Style:
@@ -104,7 +104,7 @@ def reference_agent(names: Iterable[str]) -> str:
     ('morc', 'mine')
     """
     present = list(names)
-    return next((name for name in _REFERENCES if name in present), present[0])
+    return next((name for name in REFERENCES if name in present), present[0])
 
 
 def attribute_color(place: int) -> str:

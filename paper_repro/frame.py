@@ -19,7 +19,7 @@ from meal_bayes.digests import digest_of
 from meal_bayes.domain import unknown
 from meal_bayes.errors import MealBayesError, SettingsError
 from meal_bayes.evaluation import Estimate
-from meal_bayes.files import write_whole
+from meal_bayes.files import LOGS, write_whole
 from meal_bayes.trial_log import read_seconds
 from paper_repro import figures
 from paper_repro.statements import PROTOCOLS, THEIRS, Evidence, judged, verdict
@@ -45,7 +45,7 @@ class Setting:
     quick: bool = False
     seed: int = 0
     jobs: int = 1
-    logs: Path = Path("logs")
+    logs: Path = Path(LOGS)
     as_published: bool = False  # the paper's own settings alone
     cluster: str | None = None  # address of a Dask scheduler
     trials: int | None = None  # of an agent offline, at most

@@ -72,7 +72,7 @@ def demo(seed: int, logs: Path) -> None:
     console.print()
     trial, path = _answer(table, config, logs)
     print_trial(console, trial)
-    other = name.replace("heavy", "light") if "heavy" in name else "heavy_blue_beans"
+    other = name.replace("heavy", "light") if "heavy" in name else _OBJECT
     console.print()
     console.print(Text("what next", "bold"))
     many = "meal-bayes run offline --trials 100 --agent predefined_plus --agent bayes"
@@ -118,8 +118,8 @@ def ask(
     classifiers' outputs on the robot's recordings of it. The trial is logged. With --learn it
     keeps the labels that it gets of an object, in logs beside the others.
     """
-    from meal_bayes.cli.narration import print_answer, trial_json
-    from meal_bayes.learner.memory import LabelMemory
+    from meal_bayes.cli.narration import note_reasons, print_answer, trial_json
+    from meal_bayes.learner.memory import LabelMemory, Remembered
 
     dataset, table = opt.table_of(options["dataset"], root)
     config = {"command": "ask", **options, "dataset": dataset}
@@ -140,9 +140,10 @@ def ask(
             note("no labels were given, none are kept")
             return
         memory.add(options["object"], labels)
-        note(f"kept in {memory.folder}: {options['object']} is {_text(labels)}")
+        kept = Remembered(options["object"], labels)
+        note(f"kept in {memory.folder}: {kept.object} is {kept.text}")
     elif not as_json:
-        note(f"every decision and its reasons: {command_line('meal-bayes log show', path)}")
+        note_reasons(path)
 
 
 def _answer(
@@ -274,7 +275,7 @@ def show(dataset: str, root: Path | None, logs: Path, as_json: bool) -> None:
                 f"what a Learner in Python was told stands beside its trials, in {folder}: {shown}"
             )
         return
-    cells = ((entry.object, _text(entry.labels)) for entry in remembered)
+    cells = ((entry.object, entry.text) for entry in remembered)
     terminal.print_table(("object", "is"), cells, left_aligned=("is",))
 
 
@@ -288,7 +289,3 @@ def forget(name: str | None, dataset: str, root: Path | None, logs: Path) -> Non
 
     trials = LabelMemory(logs, domain_of(dataset).data).forget(name)
     note(f"forgot the labels in {trials} trials")
-
-
-def _text(labels: dict[str, bool]) -> str:
-    return ", ".join(name if value else f"not {name}" for name, value in labels.items())

@@ -8,12 +8,11 @@ import click
 
 from meal_bayes.cli import console as terminal
 from meal_bayes.cli import options as opt
-from meal_bayes.cli.program import Section
+from meal_bayes.cli.program import UNSOUND, Section
 
 if TYPE_CHECKING:
     from meal_bayes.datasets import Dataset, PerceptTable
 
-_UNSOUND = 1  # exit code of `verify` where a file is missing or changed
 _TOLERANCE = 1e-2  # log-odds by which a table made elsewhere may differ
 _LISTED = 5  # files
 _COUPLED = 6  # pairs of attributes
@@ -98,7 +97,7 @@ def verify(dataset: str) -> None:
     if bad:
         more = f"  and {len(bad) - _LISTED} more; " if len(bad) > _LISTED else "  "
         terminal.say(f"{more}get them with: meal-bayes data fetch {dataset}")
-        click.get_current_context().exit(_UNSOUND)
+        click.get_current_context().exit(UNSOUND)
 
 
 @data.command()
@@ -272,4 +271,4 @@ def _compare(table: "PerceptTable", name: str) -> None:
             f"({'within' if same else 'beyond'} {_TOLERANCE:g}), {bins:.2%} of the training counts"
         )
     if not same:
-        click.get_current_context().exit(_UNSOUND)
+        click.get_current_context().exit(UNSOUND)

@@ -99,7 +99,7 @@ def _broken_off(learner: "Learner", place: Path) -> "tuple[Path, SearchSession |
 
 def print_answer(search: "Search", folder: Path, *, as_json: bool) -> None:
     """Print a search that has ended, and where its logs are."""
-    from meal_bayes.cli.narration import trial_json
+    from meal_bayes.cli.narration import note_reasons, trial_json
 
     if as_json:
         print_json(
@@ -119,11 +119,10 @@ def print_answer(search: "Search", folder: Path, *, as_json: bool) -> None:
         )
         return
     print_search(search)
-    shown = command_line("meal-bayes log show", folder)
     if any(trial.steps for trial in search.trials.values()):
-        note(f"every decision and its reasons, by object: {shown} --trial 0")
+        note_reasons(folder)
     else:
-        note(f"it stands in {folder}: {shown}")
+        note(f"it stands in {folder}: {command_line('meal-bayes log show', folder)}")
 
 
 def print_search(search: "Search") -> None:

@@ -17,17 +17,14 @@ from meal_bayes.cli.console import (
     say,
     signed,
 )
-from meal_bayes.cli.options import FILE, MOST_TRIALS, FiniteRange, option, shared
-from meal_bayes.cli.program import Section
+from meal_bayes.cli.options import FILE, LARGEST_COUNT, FiniteRange, option, shared
+from meal_bayes.cli.program import UNREAD, UNSOUND, Section
 from meal_bayes.files import check_output, command_line
 
 if TYPE_CHECKING:
     from meal_bayes.trial_log import LogInfo
     from meal_bayes.trial_log.logs import Group
     from meal_bayes.trials import Search
-
-_UNREAD = 3  # exit code of `recover` where bytes were passed over
-_UNSOUND = 1  # exit code of `check` for a log with problems
 
 _file = click.argument("file", type=click.Path(path_type=Path))
 _logs = click.argument("logs", nargs=-1, required=True, type=click.Path(path_type=Path))
@@ -70,7 +67,7 @@ def info(file: Path, as_json: bool) -> None:
 @_file
 @option(
     "--trial number",
-    click.IntRange(0, MOST_TRIALS),
+    click.IntRange(0, LARGEST_COUNT),
     None,
     "N",
     "Which trial, counted from 0; the first by default.",
@@ -178,7 +175,7 @@ def check(file: Path, as_json: bool) -> None:
                     facts["repair"] = command_line("meal-bayes log recover", report.path)
             print_facts(output(), facts)
     if not all(report.whole for report in reports):
-        click.get_current_context().exit(_UNSOUND)
+        click.get_current_context().exit(UNSOUND)
 
 
 @log.command(short_help="Save the trials of a torn log into a new one.")
@@ -202,7 +199,7 @@ def recover(file: Path, out: Path | None, as_json: bool) -> None:
         say(f"{saved.path}: {saved.trials} trials saved")
     if torn.unread:
         note(f"{torn.unread:,} bytes of {torn.path} hold no whole record and were not read")
-        click.get_current_context().exit(_UNREAD)
+        click.get_current_context().exit(UNREAD)
 
 
 def _print_json(logs: "list[LogInfo]", path: Path) -> None:

@@ -6,8 +6,9 @@ from typing import TYPE_CHECKING, Any
 from rich.console import Console
 from rich.text import Text
 
-from meal_bayes.cli.console import print_facts, print_rows
+from meal_bayes.cli.console import note, print_facts, print_rows
 from meal_bayes.display import percent
+from meal_bayes.files import command_line
 from meal_bayes.planners import RULE
 from meal_bayes.trials.percept_text import percept_labels
 from meal_bayes.trials.text import (
@@ -23,6 +24,8 @@ from meal_bayes.trials.text import (
 )
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from numpy.typing import NDArray
 
     from meal_bayes.domain import Query
@@ -129,6 +132,13 @@ def print_answer(console: Console, trial: "Trial") -> None:
     done = {name: facts[name] for name in names if name in facts}
     print_facts(console, asked | done, warnings="yellow")
     _print_end(console, trial)
+
+
+def note_reasons(log: "Path") -> None:
+    """Say how a trial is shown again from its log, or the first of a search from its folder."""
+    first = ("--trial", "0") if log.is_dir() else ()
+    shown = command_line("meal-bayes log show", log, *first)
+    note(f"every decision and its reasons{', by object' if first else ''}: {shown}")
 
 
 def _print_end(console: Console, trial: "Trial") -> None:

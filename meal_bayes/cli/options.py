@@ -10,16 +10,18 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
+from meal_bayes.files import LOGS
+
 if TYPE_CHECKING:
     from meal_bayes.datasets import PerceptTable
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 
-# As `untrusted` has them, which loads NumPy: the command line starts without.
+# As `untrusted` has them, which loads NumPy: the command line starts without. Change both.
 LARGEST = 1e6
 NAME_LIMIT = 1000
-MOST_TRIALS = 10_000_000
-COUNT = click.IntRange(1, MOST_TRIALS)
+LARGEST_COUNT = 10_000_000  # that is read; `experiments.config.MOST_TRIALS` is what a run may have
+COUNT = click.IntRange(1, LARGEST_COUNT)
 
 
 class FiniteRange(click.FloatRange):
@@ -108,7 +110,7 @@ _SHARED = {
     "cluster": option(
         "--cluster", None, None, "ADDRESS", "Of a Dask scheduler, whose workers run it instead."
     ),
-    "logs": option("--logs", FOLDER, Path("logs"), None, "Folder of the trial logs."),
+    "logs": option("--logs", FOLDER, Path(LOGS), None, "Folder of the trial logs."),
     "fresh": click.option("--fresh", is_flag=True, help="Run again what is there already."),
     "json": click.option("--json", "as_json", is_flag=True, help="Print one JSON object."),
 }  # fmt: skip

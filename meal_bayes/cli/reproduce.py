@@ -26,7 +26,11 @@ _PACKAGE = "paper_repro"
 @opt.shared("seed", "jobs", "cluster", "logs")
 @opt.option("--trials", opt.COUNT, None, "T", "Of an agent offline, at most.")
 @opt.option(
-    "--repeats", click.IntRange(0, opt.MOST_TRIALS), None, "R", "Of online runs, at most; 0: none."
+    "--repeats",
+    click.IntRange(0, opt.LARGEST_COUNT),
+    None,
+    "R",
+    "Of online runs, at most; 0: none.",
 )
 @opt.option(
     "--only",

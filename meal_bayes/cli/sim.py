@@ -10,7 +10,7 @@ import click
 
 from meal_bayes.cli import console as terminal
 from meal_bayes.cli import options as opt
-from meal_bayes.cli.program import Section
+from meal_bayes.cli.program import ROBOT_FAULT, Section
 from meal_bayes.files import command_line
 
 if TYPE_CHECKING:
@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from meal_bayes.trials import Trial
 
 _BLOCK = 20  # trials of one point of the curve
-_FAULT = 1  # exit code of a trial that ended with a robot error
 
 SEVERAL = click.IntRange(min=2)
 SOME = click.IntRange(min=1)
@@ -108,6 +107,13 @@ def _trained(options: "_Asking") -> "Learner":
     return learner
 
 
+def _exit_by_fault(ended: str) -> None:
+    """Exit, where a fault of the robot ended a trial or a search, and say which."""
+    if ended:
+        terminal.note(ended)
+        click.get_current_context().exit(ROBOT_FAULT)
+
+
 def _log_name(question: str, learner: "Learner", options: "_Asking", **more: object) -> str:
     """Return the name of a log: other settings, other logs; equal ones make equal trials."""
     names = ("objects", "recordings", "agent", "seed")
@@ -132,7 +138,7 @@ def ask(
     object that nobody recorded: it decides, the arm executes, until it can report. The trial is
     logged step by step.
     """
-    from meal_bayes.cli.narration import print_answer, trial_json
+    from meal_bayes.cli.narration import note_reasons, print_answer, trial_json
     from meal_bayes.simulated_arm import ask_new
     from meal_bayes.simulated_arm.sensors import frame_of
     from meal_bayes.viewer import Viewer, write_recording
@@ -142,7 +148,7 @@ def ask(
     seed = options["seed"]
     learner = _trained(options)
     log = options["logs"] / f"{_log_name(question, learner, options)}.mcap"
-    # Frames are made only where somebody looks: a picture casts 3,072 rays.
+    # Frames are made only where somebody looks: a picture casts a ray a pixel.
     frames: list[Frame] = []
     watched = view or recording is not None
     trial = ask_new(
@@ -156,8 +162,7 @@ def ask(
         terminal.print_json({**trial_json(trial), "seed": seed, "log": str(log)})
     else:
         print_answer(terminal.output(), trial)
-        show = command_line("meal-bayes log show", log)
-        terminal.note(f"every decision and its reasons: {show}")
+        note_reasons(log)
     with TemporaryDirectory(prefix="meal_bayes-") as folder:
         if watched:
             path = recording or Path(folder, "sim.rrd")
@@ -166,9 +171,7 @@ def ask(
         if view:
             with Viewer([path]) as viewer:
                 viewer.wait()
-    if trial.ended:
-        terminal.note(trial.ended)
-        click.get_current_context().exit(_FAULT)
+    _exit_by_fault(trial.ended)
 
 
 @sim.command(short_help="Find one of several new boxes, or none.")
@@ -191,9 +194,7 @@ def find(question: str, boxes: int, as_json: bool, **options: Unpack[_Asking]) -
     log = free_folder(options["logs"] / _log_name(question, learner, options, boxes=boxes))
     search = find_new(learner, question, options["seed"], boxes, log=log)
     print_answer(search, log, as_json=as_json)
-    if search.ended:
-        terminal.note(search.ended)
-        click.get_current_context().exit(_FAULT)
+    _exit_by_fault(search.ended)
 
 
 @sim.command(short_help="Begin with nothing, and learn while answering.")

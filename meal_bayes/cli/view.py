@@ -8,7 +8,7 @@ import click
 
 from meal_bayes.cli.console import note, progress, say
 from meal_bayes.cli.log import numbered, search_at
-from meal_bayes.cli.options import FILE, MOST_TRIALS, option
+from meal_bayes.cli.options import FILE, LARGEST_COUNT, option
 from meal_bayes.files import check_output, draft_of, write_whole
 
 if TYPE_CHECKING:
@@ -26,7 +26,7 @@ _LARGE = 1_000_000  # bytes of logs, some 200 trials
 @click.argument("log", type=click.Path(path_type=Path))
 @option(
     "--trial number",
-    click.IntRange(0, MOST_TRIALS),
+    click.IntRange(0, LARGEST_COUNT),
     None,
     "N",
     "Show this trial step by step, counted from 0; the first by default.",

@@ -15,7 +15,7 @@ from meal_bayes.experiments.config import OfflineConfig
 from meal_bayes.experiments.store import is_whole, run_folder
 from meal_bayes.experiments.tasks import offline_tasks
 from meal_bayes.experiments.units import run_units, timed, warm_up
-from meal_bayes.files import file_name
+from meal_bayes.files import LOGS, file_name
 from meal_bayes.kinds import checked
 from meal_bayes.learner import Learner
 from meal_bayes.perception import TableSource
@@ -117,7 +117,7 @@ class _TrialBlock:
 def run_offline(
     config: OfflineConfig,
     *,
-    logs: str | Path = "logs",
+    logs: str | Path = LOGS,
     jobs: int = 1,
     cluster: str | None = None,
     fresh: bool = False,

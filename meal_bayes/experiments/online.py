@@ -19,7 +19,7 @@ from meal_bayes.experiments.online_protocol import (
 )
 from meal_bayes.experiments.store import is_whole, run_folder
 from meal_bayes.experiments.units import run_units, timed, warm_up
-from meal_bayes.files import file_name
+from meal_bayes.files import LOGS, file_name
 from meal_bayes.kinds import checked
 from meal_bayes.learner import Learner, LearnerSettings
 from meal_bayes.perception.table_source import fingerprint
@@ -163,7 +163,7 @@ class _AgentRepeat:
 def run_online(
     config: OnlineConfig,
     *,
-    logs: str | Path = "logs",
+    logs: str | Path = LOGS,
     jobs: int = 1,
     cluster: str | None = None,
     fresh: bool = False,

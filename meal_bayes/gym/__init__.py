@@ -24,7 +24,7 @@ from meal_bayes.datasets import PerceptTable, object_index
 from meal_bayes.domain import unknown
 from meal_bayes.errors import SettingsError
 from meal_bayes.experiments import offline_tasks
-from meal_bayes.files import checked_path
+from meal_bayes.files import LOGS, checked_path
 from meal_bayes.learner import Learner
 from meal_bayes.perception import TableSource
 from meal_bayes.planners import Policy, unvalued
@@ -32,12 +32,14 @@ from meal_bayes.planners.boundary import decide
 from meal_bayes.robots.recorded import RecordedRobot
 from meal_bayes.seeds import stream
 from meal_bayes.trials import Session, Trial
+from meal_bayes.trials.session import MAX_STEPS
 
 __all__ = ["ENVIRONMENTS", "MealEnv"]
 
 Observation = dict[str, Any]
 
 _SEEDS = 2**31  # of failures and recordings
+_HELD_OUT = 4  # one object of so many is a test's
 
 ENVIRONMENTS = {
     "meal_bayes/ROC36-v0": {"dataset": "roc36"},
@@ -104,8 +106,8 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
         trials: int = 400,
         objects: str | Sequence[str] = "all",
         scale: float = 1.0,
-        max_steps: int = 100,
-        logs: str | Path | None = "logs",
+        max_steps: int = MAX_STEPS,
+        logs: str | Path | None = LOGS,
         log_training: bool = False,
     ) -> None:
         if dataset is None:
@@ -271,9 +273,9 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
 def _chosen(table: PerceptTable, objects: str | Sequence[str]) -> set[str]:
     """Return the names of the objects that tasks are about."""
     if isinstance(objects, str):
-        # A quarter of the objects, the same in every environment, is held out.
+        # Some of the objects, the same in every environment, are held out.
         order = stream(0, "held-out objects", table.domain.data).permutation(len(table.objects))
-        held = {table.objects[i] for i in order[: -(-len(order) // 4)]}
+        held = {table.objects[i] for i in order[: -(-len(order) // _HELD_OUT)]}
         sets = {"all": set(table.objects), "train": set(table.objects) - held, "test": held}
         if objects not in sets:
             raise SettingsError(unknown("set of objects", objects, sets))

@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from meal_bayes.datasets import PerceptTable, load_percepts
-from meal_bayes.files import lasting_path
+from meal_bayes.files import LOGS, lasting_path
 from meal_bayes.kinds import checked
 from meal_bayes.learner import views
 from meal_bayes.learner.learner import Learner
@@ -30,7 +30,7 @@ def ask(
     reward: float | None = None,
     on_step: Callable[[Step], None] | None = None,
     log: str | Path | None = None,
-    logs: str | Path | None = "logs",
+    logs: str | Path | None = LOGS,
 ) -> Trial:
     """Answer a question about an object that was left out of everything the agent learned.
 

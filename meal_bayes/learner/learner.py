@@ -10,7 +10,7 @@ from meal_bayes.arrays import check_yes_no
 from meal_bayes.datasets import Dataset, PerceptTable, object_index
 from meal_bayes.domain import Domain, Query, load_domain
 from meal_bayes.errors import QueryError, SettingsError
-from meal_bayes.files import checked_path
+from meal_bayes.files import LOGS, checked_path
 from meal_bayes.learner import views
 from meal_bayes.learner.card import learned_html, next_html, table_knowledge
 from meal_bayes.learner.columns import key_of_name
@@ -19,6 +19,7 @@ from meal_bayes.learner.fit_cache import FitCache
 from meal_bayes.learner.recording import check_domain, record_steps
 from meal_bayes.learner.saved import SavedLearner, read_learner, write_learner
 from meal_bayes.learner.settings import (
+    REFIT_EVERY,
     LearnerSettings,
     check_data,
     check_object_name,
@@ -90,10 +91,10 @@ class Learner(Finder):
         reward: float | None = None,
         payoffs: Sequence[float] | None = None,
         percepts: str = "recorded",
-        refit_every: float | None = 0.2,
+        refit_every: float | None = REFIT_EVERY,
         learn_success: bool = True,
         horizon: float | None = None,
-        logs: str | Path | None = "logs",
+        logs: str | Path | None = LOGS,
         settings: LearnerSettings | None = None,
     ) -> None:
         domain = load_domain(domain)
@@ -303,7 +304,7 @@ class Learner(Finder):
         *,
         agent: object = None,
         classifier: object = None,
-        logs: str | Path | None = "logs",
+        logs: str | Path | None = LOGS,
     ) -> Self:
         """Read a learner from a file; only classifiers of one's own are fitted again.
 

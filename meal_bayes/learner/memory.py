@@ -27,6 +27,11 @@ class Remembered(NamedTuple):
     object: str
     labels: dict[str, bool]
 
+    @property
+    def text(self) -> str:
+        """The labels in words, such as "heavy, not beans"."""
+        return Feedback(self.object, self.labels).text
+
 
 class LabelMemory:
     """The labels that were given of one data set, the latest last."""

@@ -18,6 +18,7 @@ from meal_bayes.posterior import ConfusionPosterior
 from meal_bayes.trials import Trial
 from meal_bayes.untrusted import LARGEST, name_fault
 
+REFIT_EVERY = 0.2  # growth of the labeled instances after which all is learned anew, by default
 _PERCEPTS = ("recorded", "model")
 
 
@@ -47,7 +48,7 @@ class LearnerSettings:
     reward: float = 100.0
     payoffs: Payoffs | None = None
     horizon: float | None = None
-    refit_every: float | None = 0.2
+    refit_every: float | None = REFIT_EVERY
     learn_success: bool = True
     percepts: str = "recorded"
     classifier: object = None
