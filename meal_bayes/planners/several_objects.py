@@ -181,29 +181,65 @@ def best_move(prospects: Sequence[Prospect], front: int = -1, hand: Hand = EMPTY
     """
     if not len(prospects):
         raise SettingsError("There are no prospects; give one of each object.")
-    none = float(prospects[0].outside[0])
-    least = _SETTLED * float(prospects[0].outside[-1] - none)
+    hand_is_full = hand.behavior >= 0 or np.isinf(hand.cost)
+    if hand_is_full and front < 0:
+        raise SettingsError(f"{hand} holds an object, but none is in front; give its place.")
+    if hand_is_full:
+        return _go_on_or_put_down(prospects, front, hand)
+    return _turn_or_answer(prospects, front)
+
+
+class _Answer(NamedTuple):
+    """The best answer: the object that is claimed, -1 for none of them, and what that earns."""
+
+    object: int
+    value: float
+    margin: float  # by which a behavior must be worth more
+
+
+def _best_answer(prospects: Sequence[Prospect]) -> _Answer:
+    outside = prospects[0].outside
+    none = float(outside[0])
     claims = np.array([prospect.claim_value for prospect in prospects])
-    answer = int(claims.argmax()) if claims.max() > none else -1
-    answered = max(none, float(claims.max()))
+    return _Answer(
+        object=int(claims.argmax()) if claims.max() > none else -1,
+        value=max(none, float(claims.max())),
+        margin=_SETTLED * float(outside[-1] - none),
+    )
+
+
+def _go_on_or_put_down(prospects: Sequence[Prospect], front: int, hand: Hand) -> Move:
+    """Choose with an object in hand: explore it on, put it down, or answer."""
+    none = float(prospects[0].outside[0])
+    answer = _best_answer(prospects)
+    others = float(worth_of_others(prospects, none)[front])
+    values = values_beside(prospects[front], others)
+    # Left for the others it may still be claimed: they are worth more where its claim is.
+    best_claim_with_front = max(none, prospects[front].claim_value)
+    others_or_claim = worth_of_others(prospects, best_claim_with_front)[front]
+    leaving = hand.discount * others_or_claim - hand.cost
+    best = int(values.argmax())
+    if max(values[best], leaving) <= answer.value + answer.margin:
+        return Move(answer.object, -1, values)
+    # Both begin with a behavior of the object in front.
+    return Move(front, best if values[best] > leaving else hand.behavior, values)
+
+
+def _turn_or_answer(prospects: Sequence[Prospect], front: int) -> Move:
+    """Choose with an empty hand: explore any object, or answer."""
+    none = float(prospects[0].outside[0])
+    answer = _best_answer(prospects)
     others = worth_of_others(prospects, none)
-    values = {k: values_beside(prospects[k], float(others[k])) for k in range(len(prospects))}
-    held = hand.behavior >= 0 or np.isinf(hand.cost)
-    if held:
-        # Left for the others it may still be claimed; then both begin with one of its behaviors.
-        recalled = max(none, float(claims[front]))
-        leaving = hand.discount * worth_of_others(prospects, recalled)[front] - hand.cost
-        best = int(values[front].argmax())
-        if max(values[front][best], leaving) > answered + least:
-            goes_on = values[front][best] > leaving
-            return Move(front, best if goes_on else hand.behavior, values[front])
-        return Move(answer, -1, values[front])
-    move = Move(answer, -1, values[max(answer, 0)])
-    for k in sorted(values, key=lambda k: k != front):
+    values = [values_beside(prospects[k], float(others[k])) for k in range(len(prospects))]
+    move = Move(answer.object, -1, values[max(answer.object, 0)])
+    best_value = answer.value
+    # The object in front comes first, and keeps its place among equals.
+    for k in sorted(range(len(prospects)), key=lambda k: k != front):
         best = int(values[k].argmax())
-        if values[k][best] > max(answered, others[k]) + least:
+        # It must be worth more than to be left for the others, too.
+        if values[k][best] > max(best_value, others[k]) + answer.margin:
             move = Move(k, best, values[k])
-            answered = float(values[k][best])
+            best_value = float(values[k][best])
     return move
 
 

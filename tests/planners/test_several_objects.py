@@ -273,6 +273,12 @@ def test_values_beside_others_are_those_of_boxes():
     assert worth_of_others([one], 7.0).tolist() == [7.0]
 
 
+def test_a_full_hand_needs_the_object_that_it_holds():
+    prospect = Prospect(np.array([0.0, 1.0]), np.zeros((2, 1)), claim_value=0.0)
+    with pytest.raises(SettingsError, match="none is in front"):
+        best_move([prospect], hand=Hand(1.0, 0))
+
+
 def test_plans_are_shared_by_problems_that_differ_in_payoffs():
     solved = []
 

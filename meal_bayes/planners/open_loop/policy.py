@@ -70,37 +70,62 @@ class OpenLoopPolicy:
 
         The value is -inf where there is no plan.
         """
-        momdp = self.momdp
-        model = self.model
         from_x = slice(*self.plans.first[belief.x : belief.x + 2])
         plan = self.plans.plan[from_x]
         planned = self.plans.observation_counts[from_x]
         total = belief.percept_counts[0].sum(axis=1)
-        most = np.minimum(np.maximum(momdp.limit - total, 0), _PERCEPTS)
+        most = np.minimum(np.maximum(self.momdp.limit - total, 0), _PERCEPTS)
         coming = np.minimum(planned, most).astype(int)
-        # What "no" costs where a plan ends: most problems have one such cost, 0.
-        no_cost, costs = np.unique(momdp.no_cost[plan["end"]], return_inverse=True)
-        counts, row = np.unique(np.column_stack([coming, costs]), axis=0, return_inverse=True)
-        ending = _ending(momdp, belief, counts[:, :-1], no_cost[counts[:, -1]], rng)[row.ravel()]
+        ending = _ending_of_plans(self.momdp, belief, plan["end"], coming, rng)
         value = plan["discount"] * ending - plan["cost"]
-        lost = plan["lost"]
-        if lost.any():
-            # Then it is answered at once, without a percept, at worst where "no" costs most.
-            none = np.zeros((1, momdp.n_behaviors), int)
-            value += lost * _ending(momdp, belief, none, momdp.no_cost.max(keepdims=True), rng)
+        if plan["lost"].any():
+            value += plan["lost"] * _lost_ending(self.momdp, belief, rng)
         pay = np.zeros(len(plan))
-        if model.shaped:
-            truth = np.stack([1 - belief.positive, belief.positive], axis=1)  # (N,2)
-            bonus = (model.bonus * truth[:, None]).sum(axis=(0, 2))  # (E,)
-            fraction = paid_share(model.bonus_limit, total, planned)
-            pay = (self.plans.expected_percepts[from_x] * fraction * (coming > 0)) @ bonus
+        if self.model.shaped:
+            fraction = paid_share(self.model.bonus_limit, total, planned)
+            expected_percepts = self.plans.expected_percepts[from_x]
+            pay = (expected_percepts * fraction * (coming > 0)) @ _mean_bonus(self.model, belief)
             value += pay
-        best = np.full(momdp.n_behaviors, -np.inf)
-        np.maximum.at(best, plan["action"], value)
-        of_best = np.zeros(momdp.n_behaviors)
-        is_best = value == best[plan["action"]]
-        of_best[plan["action"][is_best]] = pay[is_best]
-        return best, of_best
+        return _best_by_first(value, pay, plan["action"], self.momdp.n_behaviors)
+
+
+def _mean_bonus(model: MOMDPArrays, belief: Belief) -> Floats:
+    """Compute what a percept of each behavior is paid, over the truths that are believed, (E,)."""
+    truth = np.stack([1 - belief.positive, belief.positive], axis=1)  # (N,2)
+    return np.asarray((model.bonus * truth[:, None]).sum(axis=(0, 2)))
+
+
+def _best_by_first(
+    value: Floats, pay: Floats, action: Ints, n_behaviors: int
+) -> tuple[Floats, Floats]:
+    """Return the value of the best plan of each first behavior, and what that one pays, (E,)."""
+    best = np.full(n_behaviors, -np.inf)
+    np.maximum.at(best, action, value)
+    pay_of_best = np.zeros(n_behaviors)
+    is_best = value == best[action]
+    pay_of_best[action[is_best]] = pay[is_best]
+    return best, pay_of_best
+
+
+def _ending_of_plans(
+    momdp: MOMDP, belief: Belief, end: Ints, coming: Ints, rng: np.random.Generator
+) -> Floats:
+    """Estimate the value of the best report where plans (J,) end, after their percepts (J,E).
+
+    Plans that end alike are valued once: with equal percepts, and where "no" costs the same.
+    """
+    # Most problems have one cost of "no", 0.
+    no_costs, cost_index = np.unique(momdp.no_cost[end], return_inverse=True)
+    distinct, row = np.unique(np.column_stack([coming, cost_index]), axis=0, return_inverse=True)
+    counts = distinct[:, :-1]
+    no_cost = no_costs[distinct[:, -1]]
+    return _ending(momdp, belief, counts, no_cost, rng)[row.ravel()]
+
+
+def _lost_ending(momdp: MOMDP, belief: Belief, rng: np.random.Generator) -> Floats:
+    """Value an answer at once, without a percept; at worst it is given where "no" costs most."""
+    no_percepts = np.zeros((1, momdp.n_behaviors), int)
+    return _ending(momdp, belief, no_percepts, momdp.no_cost.max(keepdims=True), rng)
 
 
 def _ending(
