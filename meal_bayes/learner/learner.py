@@ -49,8 +49,8 @@ class Learner(Finder):
     classifier : object
         Of scikit-learn, in place of ours: see `meal_bayes.perception.with_classifier`.
     posterior : str, Path, InferenceData, DataTree or ConfusionPosterior, optional
-        Of the confusion matrices, learned elsewhere (see `posterior.draws.posterior_from`) without
-        the objects that are asked about, in place of the one that `fit` would learn.
+        Of the confusion matrices, learned elsewhere (see `posterior.reading.posterior_from`)
+        without the objects that are asked about, in place of the one that `fit` would learn.
     reward : float, optional
         r+ = -r- of a report; the domain's by default.
     payoffs : Sequence[float], optional

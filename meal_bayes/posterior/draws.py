@@ -8,9 +8,6 @@ the same functions summarize them as a `ConfusionPosterior`, and predict new per
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import compress
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -20,8 +17,6 @@ from scipy.special import expit, gammaln, log_softmax, logsumexp, softmax
 
 from meal_bayes.arrays import Bools, Floats, Ints
 from meal_bayes.display import level_names
-from meal_bayes.domain import Domain, unknown
-from meal_bayes.errors import DataError
 from meal_bayes.posterior.dirichlet import ConfusionPosterior
 from meal_bayes.posterior.grid import (
     AS_INFINITE,
@@ -99,10 +94,13 @@ def summarize_draws(draws: xr.Dataset, counts: ArrayLike) -> ConfusionPosterior:
     m = m / m.sum(axis=-1, keepdims=True)
     alike = np.isinf(s)  # objects: their percepts differ as those of two objects do
     finite = np.where(alike, 1.0, s)
+    # Pr(a second percept differs from the first) = (1 - sum_k m_k^2) s / (s + 1)
     unlike = (1 - (m**2).sum(axis=-1)) * np.where(alike, 1.0, finite / (finite + 1))
+    # A fraction epsilon of the objects shows the row of the other truth.
     epsilon = misperceived[:, None, None, None]
     mean = (1 - epsilon[..., None]) * m + epsilon[..., None] * m[..., ::-1, :]
     unlike = (1 - epsilon) * unlike + epsilon * unlike[..., ::-1]
+    # Var(m) = sum_k m_k (1 - m_k) / (A + 1) of a Dirichlet distribution of concentration A
     center = mean.mean(axis=0)
     variance = mean.var(axis=0).sum(axis=-1)
     with np.errstate(divide="ignore"):  # draws that are equal: the row is known
@@ -116,82 +114,6 @@ def summarize_draws(draws: xr.Dataset, counts: ArrayLike) -> ConfusionPosterior:
     with np.errstate(divide="ignore"):  # to infinity
         dispersion[:, columns] = ratio / (1 - ratio)
     return ConfusionPosterior(whole.counts, concentration, dispersion)
-
-
-def posterior_from(idata: Any, domain: Domain) -> ConfusionPosterior:
-    """Summarize a posterior of NUTS or of the grid for agents, in the order of a domain.
-
-    Parameters
-    ----------
-    idata : str, Path, InferenceData or DataTree
-        The file posterior.nc of `meal-bayes posterior`, what ArviZ reads from it, or a model of
-        one's own: its group posterior has the variables named above, its observed data the percept
-        counts (object, attribute, behavior, truth, level). Truths are named "false" and "true",
-        levels as `level_names` has them; the order of dimensions and names is free.
-    domain : Domain
-        Every attribute of it must have been fitted.
-
-    Raises
-    ------
-    DataError
-        Draws or counts that are not there, mean nothing, or lack an attribute of the domain.
-    DomainError
-        A behavior that the domain does not have.
-    """
-    if isinstance(idata, str | Path):
-        from meal_bayes.posterior.idata import load_netcdf  # noqa: PLC0415  imports ArviZ
-
-        idata = load_netcdf(idata)
-    try:
-        group = idata["posterior"]
-        dims = ("chain", "draw", *ROW)
-        names = {"truth": list(TRUTHS), "level": list(level_names(group["mean"].sizes["level"]))}
-        mean = group["mean"].transpose(*dims, "level").sel(names)
-        along = {dim: mean[dim].values for dim in ROW}
-        dispersion = group["dispersion"].transpose(*dims).sel(along)
-        draws = xr.Dataset({"mean": mean, "dispersion": dispersion})
-        if "misperception" in group:
-            draws["misperception"] = group["misperception"].transpose("chain", "draw")
-    except Exception as fault:  # whatever xarray or pandas raise, such as of doubled names
-        raise DataError(
-            f"This holds no posterior of confusion matrices ({fault}); expected `mean` "
-            "(chain, draw, attribute, behavior, truth, level) and `dispersion` with truths "
-            "'false', 'true' and our names of levels; make one with `meal-bayes posterior`, or "
-            "fit_hierarchical and to_idata."
-        ) from None
-    epsilon = draws.get("misperception", np.zeros(1))
-    if not mean.size:
-        raise DataError("The posterior has no draws.")
-    if not ((mean >= 0).all() and np.allclose(mean.sum("level"), 1.0, atol=1e-6)):
-        raise DataError("Rows of `mean` must be probabilities that sum to 1 over the levels.")
-    if not (dispersion > 0).all():  # nor NaN
-        raise DataError("`dispersion` must be above 0 everywhere; inf: objects are alike.")
-    if not ((epsilon >= 0) & (epsilon <= 1)).all():
-        raise DataError("`misperception` must be a probability.")
-    fitted, sensors = (list(map(str, draws[dim].values)) for dim in ROW[:2])
-    for name in domain.attributes:
-        if name not in fitted:
-            raise DataError(f"The posterior: {unknown('attribute', name, fitted)}")
-    names["attribute"] = list(domain.attributes)
-    names["behavior"] = sorted(sensors, key=domain.behavior_index)
-    for group in ("observed_data", "constant_data"):
-        try:
-            percepts = idata[group]["counts"].transpose("object", *ROW, "level").sel(names)
-            break
-        except Exception as fault:  # whatever xarray or pandas raise
-            missing = fault
-    else:
-        raise DataError(
-            f"The posterior comes without the percepts it was drawn from ({missing}); give "
-            "to_idata the counts (object, attribute, behavior, truth, level) as observed_data."
-        )
-    if not percepts.any():
-        raise DataError("The percept counts are all 0; give those that the draws come from.")
-    if not ((percepts >= 0) & (percepts % 1 == 0)).all():
-        raise DataError("Percept counts must be whole numbers >= 0.")
-    counts = percepts.reindex(behavior=list(domain.behavior_names), fill_value=0).values.astype(int)
-    behaviors = list(compress(domain.behavior_names, sensing(counts)))
-    return summarize_draws(draws.sel(attribute=names["attribute"], behavior=behaviors), counts)
 
 
 def sensing(counts: ArrayLike) -> Bools:
@@ -251,11 +173,13 @@ def _two_levels(
     nodes, log_width = quadrature(rows)
     i = np.arange(rows.tails.shape[-1])
     t = np.linspace(-1.0, 1.0, nodes.shape[1])
+    # Between the grid's points ln p(m | s) is interpolated, and drawn from by its cumulative sum.
     fine = np.linspace(-1.0, 1.0, _FINER * (len(t) - 1) + 1)
     log_odds = CubicSpline(t, np.log(nodes[1]) - np.log(nodes[0]))(fine)
     mean = np.empty((len(steps), 2))
     for g in np.unique(steps):
         rising = np.log(DISPERSIONS[g] * nodes[:, None] + i[:, None])  # (2,I,M)
+        # ln p(m | s, percepts), in log-odds of m: Dirichlet prior, Polya likelihood
         score = log_width + alpha[r] @ np.log(nodes)
         score += np.einsum("ki,kim->m", rows.tails[r], rising)
         score = CubicSpline(t, score)(fine)
@@ -278,10 +202,11 @@ def draw_prior(
     attributes, behaviors = (draws[dim].values.tolist() for dim in ROW[:2])
     alpha = np.broadcast_to(prior, draws["mean"].shape[2:])
     prob, log_weight = hyperparameters()
+    # One (mu, tau) for all attributes of a behavior and truth, then ln s of each row given it.
     shape = size, 1, *alpha.shape[1:3]  # (S,1,E,2)
     hyper = rng.choice(len(prob), size=shape, p=softmax(log_weight))
-    place = rng.random((size, *alpha.shape[:3], 1))
-    steps = (place > prob.cumsum(axis=1)[hyper]).sum(axis=-1)
+    quantile = rng.random((size, *alpha.shape[:3], 1))
+    steps = (quantile > prob.cumsum(axis=1)[hyper]).sum(axis=-1)
     dispersion = DISPERSIONS[np.minimum(steps, len(DISPERSIONS) - 1)]
     mean = draw_dirichlet(rng, np.broadcast_to(alpha, (size, *alpha.shape)))
     return draws_of(attributes, behaviors, mean[None], dispersion[None])
@@ -297,6 +222,7 @@ def log_prior(draws: xr.Dataset, prior: ArrayLike) -> xr.Dataset:
     mean = np.maximum(draws["mean"].values, _FLOOR)
     rows = ((alpha - 1) * np.log(mean)).sum(axis=-1)
     rows += gammaln(alpha.sum(axis=-1)) - gammaln(alpha).sum(axis=-1)
+    # ln sum over (mu, tau) of Pr(mu, tau) prod over attributes of Pr(s | mu, tau)
     prob, log_weight = hyperparameters()
     steps = np.abs(np.log(draws["dispersion"].values)[..., None] - np.log(DISPERSIONS)).argmin(-1)
     by_hyper = np.log(prob.T + _FLOOR)[steps].sum(axis=2) + log_softmax(log_weight)  # (C,S,E,2,Q)

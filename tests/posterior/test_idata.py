@@ -13,11 +13,11 @@ from meal_bayes.posterior.draws import (
     draw_prior,
     draws_of,
     log_prior,
-    posterior_from,
     rows_of,
     summarize_draws,
 )
 from meal_bayes.posterior.grid import DISPERSIONS
+from meal_bayes.posterior.reading import posterior_from
 
 
 @pytest.fixture
