@@ -127,10 +127,8 @@ def _check_names(domain: Domain, folder: Path, contexts: Sequence[str]) -> None:
             f"behavior and modality of {domain.name}; rename it, or add the one that is missing."
         )
     if strangers:
-        log.warning(
-            "%s: not read, as %s has no such behavior and modality: %s",
-            folder, domain.name, listed(strangers),
-        )  # fmt: skip
+        reason = f"{domain.name} has no such behavior and modality"
+        log.warning("%s: not read, as %s: %s", folder, reason, listed(strangers))
 
 
 def _read_labels(path: Path, domain: Domain) -> tuple[tuple[str, ...], NDArray[np.int8]]:

@@ -44,6 +44,7 @@ def _bits(
     """Return the attributes' values (N,...) of a digit (...) for each variable."""
     bits = np.zeros((attributes, *np.shape(digits[0])), bool)
     for places, digit in zip(_variables(attributes, groups), digits, strict=True):
+        # The digit of a group is its true attribute's; of one alone 0 is false and 1 true.
         for number, place in enumerate(places, start=len(places) == 1):
             bits[place] = digit == number
     return bits
@@ -89,6 +90,7 @@ class Query:
         for name in self.attributes:
             if self.attributes.count(name) > 1:
                 raise QueryError(f"The query names {name!r} twice; name each attribute once.")
+        # Groups come in the order of their first attributes, and equal queries compare equal.
         named = zip_longest(map(tuple[int, ...], map(sorted, self.groups)), self.group_names)
         by_place = sorted((group or (), name or "") for group, name in named)
         object.__setattr__(self, "groups", tuple(group for group, _ in by_place))
@@ -165,6 +167,7 @@ class Query:
         places: dict[str, list[int]] = {}
         for place, (question, _, _) in enumerate(parts):
             places.setdefault(question, []).append(place)
+        # One name alone with a colon in it is an attribute's own.
         groups = {name: tuple(of) for name, of in places.items() if name and len(of) > 1}
         grouped = {place for group in groups.values() for place in group}
         attributes = (
@@ -236,6 +239,7 @@ class Query:
 
     def index_of(self, values: Sequence[bool] | NDArray[np.bool_]) -> int:
         """Return the row y of a value vector in `values`; any N."""
+        # y in mixed radix: a digit for each variable, the first most significant
         index = 0
         for places, size in zip(self.variables, self._sizes, strict=True):
             true = [number for number, place in enumerate(places) if values[place]]

@@ -174,7 +174,14 @@ def _belief(
     momdp: MOMDP, x: int, log_prob: NDArray[np.float64], percept_counts: NDArray[np.int64]
 ) -> Belief:
     odds, joint_table = truths_of(momdp, log_prob)
-    return Belief(x, log_prob, percept_counts, odds, momdp.query.groups, joint_table)
+    return Belief(
+        x=x,
+        log_prob=log_prob,
+        percept_counts=percept_counts,
+        log_odds=odds,
+        groups=momdp.query.groups,
+        joint_table=joint_table,
+    )
 
 
 @checked

@@ -47,6 +47,7 @@ def percept_probabilities(momdp: MOMDP, behavior: int) -> NDArray[np.float64]:
     """Compute Eq. 8, Pr(percept vector | y) when one comes: (Y,K^N), first attribute leading."""
     check_place("behavior", behavior, momdp.n_behaviors)
     truth = momdp.query.values.astype(int)  # (Y,N)
+    # Percepts of attributes are independent given y: the joint row is an outer product.
     joint = np.ones((len(truth), 1))
     for i, rows in enumerate(momdp.confusion[:, behavior]):  # (2,K)
         joint = (joint[:, :, None] * rows[truth[:, i], None]).reshape(len(truth), -1)
@@ -153,6 +154,7 @@ def flatten(momdp: MOMDP) -> FlatPOMDP:
         # y stays: Pr(x', y' | x, y) = Pr(x' | x) [y' = y]
         transition[e, :living, :living] = np.kron(moves[:, :end], np.eye(n_y))
         transition[e, :living, -1] = np.repeat(moves[:, end], n_y)
+        # Pr(z | x, y, x', y): a percept of y where one comes, "none" elsewhere.
         comes = momdp.observation_probability[e, :end, :end]
         block = observation[e, :living, :living].reshape(end, n_y, end, n_y, n_z).copy()
         for y, row in enumerate(percept_probabilities(momdp, e)):
@@ -162,16 +164,16 @@ def flatten(momdp: MOMDP) -> FlatPOMDP:
     start = np.zeros((end + 1, n_y))
     start[momdp.start] = initial_belief(momdp).joint
     levels = np.ndindex((momdp.levels,) * len(momdp.query))
-    values = momdp.query.report_names
+    states = (f"{x}, {values}" for x in momdp.x_names[:-1] for values in momdp.query.report_names)
     return FlatPOMDP(
-        (*(f"{x}, {v}" for x in momdp.x_names[:-1] for v in values), momdp.x_names[-1]),
-        tuple(momdp.action_name(a) for a in range(n_a)),
-        (*("-".join(map(str, index)) for index in levels), "none"),
-        transition,
-        observation,
-        _rewards(momdp).reshape(-1, n_a)[: momdp.n_states],
-        start.ravel()[: momdp.n_states],
-        momdp.discount,
+        state_names=(*states, momdp.x_names[-1]),
+        action_names=tuple(momdp.action_name(a) for a in range(n_a)),
+        observation_names=(*("-".join(map(str, index)) for index in levels), "none"),
+        transition=transition,
+        observation=observation,
+        reward=_rewards(momdp).reshape(-1, n_a)[: momdp.n_states],
+        start=start.ravel()[: momdp.n_states],
+        discount=momdp.discount,
     )
 
 

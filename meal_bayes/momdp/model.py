@@ -10,15 +10,17 @@ from meal_bayes.display import facts_html, facts_repr, listed
 from meal_bayes.domain import Payoffs, Query
 from meal_bayes.errors import SettingsError
 from meal_bayes.kinds import checked
+from meal_bayes.momdp.numbers import (
+    ARRAYS,
+    RANGES,
+    check_prior,
+    check_probabilities,
+    check_ranges,
+    check_shapes,
+)
 from meal_bayes.momdp.reports import ABSTAINED, Reports
 
 DISCOUNT = 0.99  # a step, in planning, where nothing else is said: the paper's
-
-ARRAYS = {  # of a MOMDP: N attributes, E behaviors, X states, C latent classes, K levels
-    "transition": "exx", "observation_probability": "exx", "legal": "xe", "confusion": "neck",
-    "precision": "nec", "prior": "n", "latent_classes": "n2c", "cost": "e", "bonus": "ne2",
-    "bonus_limit": "e", "limit": "e", "no_cost": "x",
-}  # fmt: skip
 
 
 def nothing_happened(x: int, next_x: int, *, perceived: bool) -> bool:
@@ -129,42 +131,14 @@ class MOMDP:
         set_frozen(self, log_truth=freeze(self._log_truth()))
 
     def _check(self) -> None:
-        if self.levels % 2:
-            raise SettingsError(f"Percepts have {self.levels} levels; expected an even number.")
         labels = len(self.x_labels)
         if labels not in (0, self.terminal):
             raise SettingsError(f"MOMDP.x_labels has {labels}; expected {self.terminal}, or none.")
-        size = {"n": len(self.query), "e": self.n_behaviors, "x": len(self.x_names), "2": 2}
-        size |= {"c": self.latent_classes.size // (2 * size["n"]), "k": self.levels}
-        for name, axes in ARRAYS.items():
-            shape = getattr(self, name).shape
-            expected = tuple(size[axis] for axis in axes)
-            if shape != expected:
-                raise SettingsError(f"MOMDP.{name} has shape {shape}; expected {expected}.")
-        for name in ("transition", "confusion", "latent_classes"):
-            rows = getattr(self, name)
-            if (rows < 0).any() or not np.allclose(rows.sum(axis=-1), 1.0, atol=1e-6):
-                raise SettingsError(f"Rows of MOMDP.{name} must be >= 0 and sum to 1.")
-        for group in self.query.groups:
-            if not np.isclose(self.prior[list(group)].sum(), 1.0):
-                raise SettingsError(f"MOMDP.prior of a group must sum to 1, found {self.prior}.")
-        self._check_joint()
-        tiny = np.nextafter(0.0, 1.0)
-        huge = np.finfo(float).max
-        for name, low, high, text in (
-            ("prior", 0.0, 1.0, "lie in [0, 1]"),
-            ("observation_probability", 0.0, 1.0, "lie in [0, 1]"),
-            ("precision", tiny, np.inf, "be above 0 (inf = rows known exactly)"),
-            ("limit", 0.0, np.inf, "be 0 or more"),
-            ("bonus_limit", 0.0, np.inf, "be 0 or more"),
-            ("cost", 0.0, huge, "be finite, and 0 or more"),
-            ("no_cost", 0.0, huge, "be finite, and 0 or more"),
-            *((name, -huge, huge, "be finite") for name in ("bonus", "correct", "incorrect")),
-            ("discount", tiny, 1.0, "be above 0, and 1 at most"),
-        ):
-            values = np.asarray(getattr(self, name))
-            if not ((values >= low) & (values <= high)).all():
-                raise SettingsError(f"MOMDP.{name} must {text}; found {values}.")
+        arrays = {name: getattr(self, name) for name in ARRAYS}
+        check_shapes(arrays, n=len(self.query), e=self.n_behaviors, x=len(self.x_names))
+        check_probabilities(arrays)
+        check_prior(self.query, self.prior, self.joint)
+        check_ranges({name: getattr(self, name) for name in RANGES})
         if not self.correct >= self.incorrect:
             raise SettingsError(f"Need correct >= incorrect: {self.correct}, {self.incorrect}.")
         if self.payoffs is not None:
@@ -174,26 +148,13 @@ class MOMDP:
             if (max(self.payoffs), min(self.payoffs)) != (self.correct, self.incorrect):
                 raise SettingsError(f"{self.payoffs} need correct and incorrect as their extremes.")
 
-    def _check_joint(self) -> None:
-        if self.joint is None:
-            return
-        if self.joint.shape != (self.query.n_values,):
-            expected = f"({self.query.n_values},)"
-            raise SettingsError(f"MOMDP.joint has shape {self.joint.shape}; expected {expected}.")
-        if not (self.joint >= 0.0).all() or not np.isclose(self.joint.sum(), 1.0):
-            raise SettingsError("MOMDP.joint must be >= 0 and sum to 1.")
-        if not np.allclose(self.joint @ self.query.values, self.prior, atol=1e-6):
-            raise SettingsError("MOMDP.prior must be the margins of MOMDP.joint.")
-
     def _log_truth(self) -> NDArray[np.float64]:
         """Compute ln Pr(truth | class) in logarithms, so that tiny probabilities stay exact."""
         chance = np.stack([1.0 - self.prior, self.prior], axis=1)[..., None]  # (N,2,1)
         with np.errstate(divide="ignore", invalid="ignore"):
             latent_classes = np.log(self.latent_classes)
-            believed, even = (
-                log_joint - np.logaddexp.reduce(log_joint, axis=1, keepdims=True)
-                for log_joint in (latent_classes + np.log(chance), latent_classes)
-            )
+            believed = _log_normalized(latent_classes + np.log(chance))
+            even = _log_normalized(latent_classes)
         # A class that the prior rules out never has probability; its truth is that at even odds.
         return np.where(np.isnan(believed), np.where(np.isnan(even), np.log(0.5), even), believed)
 
@@ -348,3 +309,8 @@ class MOMDP:
         if action < self.n_behaviors:
             return self.behavior_names[action]
         return "abstain" if action == self.abstention else "answer"
+
+
+def _log_normalized(log_joint: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return log-probabilities (N,2,C) that sum to 1 over the truths."""
+    return np.asarray(log_joint - np.logaddexp.reduce(log_joint, axis=1, keepdims=True))

@@ -64,12 +64,12 @@ def by_variable(
     positive: NDArray[np.float64], groups: tuple[tuple[int, ...], ...]
 ) -> list[NDArray[np.float64]]:
     """Return probabilities (...,V) of each variable's values, of Pr(attribute is true) (...,N)."""
-    places = {i: group for group in groups for i in group}
-    alone = np.stack([1.0 - positive, positive], axis=-1)  # (...,N,2)
+    group_of = {i: group for group in groups for i in group}
+    by_truth = np.stack([1.0 - positive, positive], axis=-1)  # (...,N,2)
     return [
-        positive[..., list(places[i])] if i in places else alone[..., i, :]
+        positive[..., list(group_of[i])] if i in group_of else by_truth[..., i, :]
         for i in range(positive.shape[-1])
-        if i == min(places.get(i, (i,)))
+        if i == min(group_of.get(i, (i,)))  # a group comes once, at its first attribute
     ]
 
 
@@ -110,8 +110,7 @@ def _coupled_truths(
     attributes = np.arange(len(momdp.query))
     log_joint = np.log(joint) + log_likelihood[..., attributes, truth].sum(axis=-1)  # (...,Y)
     log_joint -= np.logaddexp.reduce(log_joint, axis=-1, keepdims=True)
-    true, false = (
-        np.logaddexp.reduce(np.where(holds, log_joint[..., None], -np.inf), axis=-2)
-        for holds in (values, ~values)
-    )  # (...,N)
+    # ln of the sums over the values in which each attribute is true, and false, (...,N)
+    true = np.logaddexp.reduce(np.where(values, log_joint[..., None], -np.inf), axis=-2)
+    false = np.logaddexp.reduce(np.where(values, -np.inf, log_joint[..., None]), axis=-2)
     return Truths(true - false, np.exp(log_joint))

@@ -114,6 +114,7 @@ class TableSource:
             )
         public = domain.data in SOURCES
         content = fingerprint(name, root)
+        # What ships needs no recordings; every other table is computed from some.
         if root is None and public and perception == "default":
             return cls(name, perception, content, domain, shipped_path(domain))
         if root is None and not public:
@@ -122,6 +123,7 @@ class TableSource:
                 "folder of its CSV files, or a percept table (.npz)."
             )
         path = _computed_path(domain, perception, content)
+        # With recordings of one's own it is found again by its path, which needs no folder.
         found_by = name if root is None else str(path)
         recordings = name if is_own else domain.data
         return cls(found_by, perception, content, domain, path, _recordings=recordings, _root=root)
@@ -167,6 +169,7 @@ class TableSource:
             Called with a line that says that one is; logged by default.
         """
         if self._table is not None:
+            # Other processes of a run read it there.
             if not self.path.is_file():
                 save_percepts(self._table, self.path)
             return self._table
@@ -226,6 +229,7 @@ def _check_method(table: PerceptTable, perception: str, name: str) -> None:
 
 def _computed_path(domain: Domain, perception: str, content: str) -> Path:
     """Name the file of a table that is computed from recordings of this content."""
+    # With other code, or another version of the package, the percepts may be others.
     code = digest_of(Path(__file__).resolve().parent, Path(levels.__file__).resolve())[:8]
     parts = [file_name(domain.data), perception, package_version(), code, content[:12]]
     return _cached(f"{'-'.join(filter(None, parts))}.npz")

@@ -30,7 +30,7 @@ from meal_bayes.arrays import Floats, FrozenArrays
 from meal_bayes.errors import SettingsError
 from meal_bayes.kinds import checked
 from meal_bayes.momdp import MOMDP, Belief, expected_reward
-from meal_bayes.momdp.model import ARRAYS
+from meal_bayes.momdp.numbers import ARRAYS
 from meal_bayes.planners.boundary import decide
 from meal_bayes.planners.returning import ways_back
 from meal_bayes.planners.solver import History, MemoizedPolicy, Policy

@@ -11,7 +11,7 @@ from typing import Any
 from google.protobuf import descriptor_pb2, descriptor_pool, message_factory, timestamp_pb2
 
 from meal_bayes import untrusted
-from meal_bayes.momdp.model import ARRAYS
+from meal_bayes.momdp.numbers import ARRAYS
 
 FORMAT_VERSION = 5
 FULL = "full"  # the form of a log that holds whole trials

@@ -27,8 +27,8 @@ class Problems(NamedTuple):
     """What the kernel reads of B problems; priors are points of the grid."""
 
     rates: Floats  # (B,E,2)
-    at: Floats  # (B,)
-    worse: Bools  # (B,)
+    prior_position: Floats  # (B,) among the points of the grid
+    worse: Bools  # (B,) do the next ones start from its values?
     floor: Floats  # (G,) value of ending
     belief: Floats  # (G,)
     width: float  # between points of the grid
@@ -91,7 +91,7 @@ def batched_value_iteration(
     width = float(grid[1] - grid[0])
     problems = Problems(
         rates=np.ascontiguousarray(np.clip(rates, _LEAST, 1.0), np.float64),
-        at=(log_odds + _LARGEST) / width,
+        prior_position=(log_odds + _LARGEST) / width,
         worse=first != 0,
         floor=floor,
         belief=belief,
@@ -112,6 +112,7 @@ def _solve_each(step, branch, problems, scratch, values):
     start = problems.start
     points = len(floor)
     for b in range(len(values)):
+        # From below: to answer at once, or a problem of worse percepts, is worth no more.
         for x in range(len(value)):
             for g in range(points):
                 value[x, g] = floor[g] if problems.worse[b] else scratch.earlier_value[x, g]
@@ -125,8 +126,9 @@ def _solve_each(step, branch, problems, scratch, values):
                 if problems.worse[b]:
                     scratch.earlier_value[x, g] = value[x, g]
         # V at the prior, linear between the two points beside its log-odds.
-        low = min(int(problems.at[b]), points - 2)
-        fraction = problems.at[b] - low
+        position = problems.prior_position[b]
+        low = min(int(position), points - 2)
+        fraction = position - low
         values[b] = (1 - fraction) * value[start, low] + fraction * value[start, low + 1]
 
 
@@ -182,21 +184,22 @@ def _sweep(step, branch, floor, scratch):
 def _add_expected(p, value, e, scratch):
     """Add p E V(x', b') to each belief's value, by linear interpolation between its neighbors."""
     points = len(value)
+    # E V(x', b') = sum_z Pr(z | b) V(x', b_z), and b_z lies `fraction` between two points.
     for z in range(2):
         low = scratch.low[e, z]
         fraction = scratch.fraction[e, z]
         for g in range(points):
             below = g + low
             above = below + 1
-            part = fraction
+            upper_weight = fraction
             # Beyond the grid values are those of its ends.
             if below < 0:
                 below = 0
                 above = 0
-                part = 0.0
+                upper_weight = 0.0
             elif above > points - 1:
                 below = points - 1
                 above = points - 1
-                part = 0.0
-            expected = value[below] + part * (value[above] - value[below])
+                upper_weight = 0.0
+            expected = value[below] + upper_weight * (value[above] - value[below])
             scratch.raised[g] += p * scratch.prob[e, z, g] * expected
