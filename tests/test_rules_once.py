@@ -29,7 +29,7 @@ ONCE = [  # how a rule is written, where alone, and what others call
     (r"2\.0 / sizes", "perception/kernel_ridge.py", "object_weights: what a recording weighs"),
     (r"\(mean \* \(1 - mean\) / |, 0\.99\)|1 \+ progress\.percepts",
      "agents/label_prices.py", "rate_moments, uncertain, Progress.beta: rates of a Beta"),
-    (r"idle=.* and ", "momdp/model.py", "MOMDP.charged_for: what failed, and cost so much"),
+    (r"failed=.* and ", "momdp/model.py", "MOMDP.charged_for: what failed, and cost so much"),
     (r"thresholds - 1\) / ", "planners/open_loop/bayes_error.py",
      "threshold_below, _first_yes: how thresholds of error tables are spaced"),
     (r"(limit|unpaid)\b.*\) ?/ (counts|np.maximum\(planned)|model.bonus_limit / ",

@@ -205,7 +205,7 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
         self._steps += 1
         # An illegal behavior costs its seconds and changes nothing: learners try it all the time.
         if chosen < momdp.n_behaviors and not momdp.legal[running.belief.x, chosen]:
-            reward = -momdp.charged(chosen, idle=True)
+            reward = -momdp.charged(chosen, failed=True)
         else:
             running.command(unvalued(momdp, chosen))
             if running.behavior is not None:

@@ -26,7 +26,7 @@ DISCOUNT = 0.99  # a step, in planning, where nothing else is said: the paper's
 def nothing_happened(x: int, next_x: int, *, perceived: bool) -> bool:
     """Return whether an execution failed as a model sees it: x stayed, and no percept came.
 
-    `MOMDP.idle` is how likely that is.
+    `MOMDP.failure_probability` is how likely that is.
     """
     return x == next_x and not perceived
 
@@ -239,24 +239,24 @@ class MOMDP:
         return self.n_behaviors + self.query.n_reports
 
     @property
-    def idle(self) -> NDArray[np.float64]:
+    def failure_probability(self) -> NDArray[np.float64]:
         """Pr(nothing happens | x, behavior), (X,E): x stays, and no percept comes."""
         states = np.arange(len(self.x_names))
         silent = (self.transition * (1 - self.observation_probability))[:, states, states].T
         return np.where(self.legal, silent, 0.0)
 
-    def charged(self, behavior: int, *, idle: bool) -> float:
+    def charged(self, behavior: int, *, failed: bool) -> float:
         """Return what an execution costs, s; what fails, so that nothing happens, costs as much."""
-        return float(self._outcome_costs()[int(idle)][behavior])
+        return float(self._outcome_costs()[int(failed)][behavior])
 
     def charged_for(self, behavior: int, x: int, next_x: int, *, perceived: bool) -> float:
         """Return what an execution cost that led from one x to the next, s."""
-        return self.charged(behavior, idle=nothing_happened(x, next_x, perceived=perceived))
+        return self.charged(behavior, failed=nothing_happened(x, next_x, perceived=perceived))
 
     def expected_cost(self) -> NDArray[np.float64]:
         """Return what an execution costs before its outcome is known, (X,E), s."""
-        cost, idle_cost = self._outcome_costs()
-        return np.asarray(cost + self.idle * (idle_cost - cost))
+        cost, cost_of_failure = self._outcome_costs()
+        return np.asarray(cost + self.failure_probability * (cost_of_failure - cost))
 
     def _outcome_costs(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return costs (E,) of executions by which something happens, and nothing."""

@@ -32,7 +32,7 @@ _KERNEL = _KernelGenerator()
 _NO_BELIEFS = Beliefs(
     x=0,
     prob=np.empty((0, 0, 0)),
-    drop_idle=False,
+    drop_useless=False,
     best=BestPlans(value=np.empty((0, 0)), plan=np.empty((0, 0), np.int64)),
 )
 _NO_SEARCH = TreeSearch(
@@ -82,7 +82,7 @@ def grow_tree(
 
 
 def best_plans(
-    evaluator: Evaluator, x: int, beliefs: Floats, *, drop_idle: bool = False
+    evaluator: Evaluator, x: int, beliefs: Floats, *, drop_useless: bool = False
 ) -> BestPlans:
     """Value the best plan of each first behavior from x at beliefs (B,N,C).
 
@@ -90,7 +90,7 @@ def best_plans(
     """
     shape = len(beliefs), len(evaluator.scratch.value)
     best = BestPlans(value=np.empty(shape), plan=np.empty(shape, np.int64))
-    asked = Beliefs(x, beliefs, drop_idle, best)
+    asked = Beliefs(x, beliefs, drop_useless, best)
     value_and_search(evaluator, asked, _NO_SEARCH, None, _KERNEL.generator)  # nothing is drawn
     return best
 
@@ -101,5 +101,5 @@ def plan_values(model: MOMDPArrays, plans: Plans, belief: Belief) -> Evaluator:
     evidence = evaluator.scratch.evidence
     evidence.counts[:] = belief.percept_counts
     evidence.total[:] = belief.percept_counts[0].sum(axis=1)
-    best_plans(evaluator, belief.x, np.exp(belief.log_prob)[None], drop_idle=True)
+    best_plans(evaluator, belief.x, np.exp(belief.log_prob)[None], drop_useless=True)
     return evaluator

@@ -132,32 +132,32 @@ def memoized(cache: dict[object, V], key: object, make: Callable[[], V]) -> V:
 def _dynamics(momdp: MOMDP, cost: Floats) -> Dynamics:
     """Sum out the executions of a behavior that do nothing: it is tried until something happens.
 
-    Of each x and behavior, let i be the probability that x stays and nothing is perceived, c the
+    Of each x and behavior, let f be the probability that x stays and nothing is perceived, c the
     expected cost (X,E) of an execution, and g the discount. Something happens after a geometric
-    number of executions, so that the behavior costs c / (1 - g i), what follows is discounted by
-    g (1 - i) / (1 - g i), and the outcomes are those in which something happened, p / (1 - i).
+    number of executions, so that the behavior costs c / (1 - g f), what follows is discounted by
+    g (1 - f) / (1 - g f), and the outcomes are those in which something happened, p / (1 - f).
     """
     states = np.arange(len(momdp.x_names))
-    idle = momdp.idle  # (X,E)
-    happened = momdp.transition.transpose(1, 0, 2).copy()  # (X,E,X) Pr(next x, not idle)
-    happened[states, :, states] -= idle
+    failure = momdp.failure_probability  # (X,E)
+    happened = momdp.transition.transpose(1, 0, 2).copy()  # (X,E,X) Pr(next x, no failure)
+    happened[states, :, states] -= failure
     sensed = (momdp.transition * momdp.observation_probability).transpose(1, 0, 2)  # and a percept
     silent = np.clip(happened - sensed, 0.0, None)  # and none
-    step = np.zeros(idle.shape, STEP)
-    step["legal"] = momdp.legal & (idle < 1)  # what never does anything cannot be chosen
-    remaining = np.where(idle < 1, 1 - momdp.discount * idle, 1.0)  # 1 - g i
+    step = np.zeros(failure.shape, STEP)
+    step["legal"] = momdp.legal & (failure < 1)  # what never does anything cannot be chosen
+    remaining = np.where(failure < 1, 1 - momdp.discount * failure, 1.0)  # 1 - g f
     step["cost"] = cost / remaining
-    step["discount"] = momdp.discount * (1 - idle) / remaining
+    step["discount"] = momdp.discount * (1 - failure) / remaining
     step["percepts"] = sensed.sum(axis=2) / remaining
     # Outcomes (X,E,2X): each next x with a percept, then without.
-    mass = np.stack([sensed, silent], axis=3).reshape(*idle.shape, -1)
+    mass = np.stack([sensed, silent], axis=3).reshape(*failure.shape, -1)
     possible = mass > _ROUNDING
-    branch = np.zeros((*idle.shape, max(1, int(possible.sum(axis=2).max()))), BRANCH)
+    branch = np.zeros((*failure.shape, max(1, int(possible.sum(axis=2).max()))), BRANCH)
     x, e, k = np.nonzero(possible & step["legal"][..., None])
-    at = x, e, possible.cumsum(axis=2)[x, e, k] - 1
-    branch["p"][at] = mass[x, e, k] / np.where(1 - idle > 0, 1 - idle, 1.0)[x, e]
-    branch["x"][at] = k // 2
-    branch["senses"][at] = k % 2 == 0
+    index = x, e, possible.cumsum(axis=2)[x, e, k] - 1
+    branch["p"][index] = mass[x, e, k] / np.where(1 - failure > 0, 1 - failure, 1.0)[x, e]
+    branch["x"][index] = k // 2
+    branch["senses"][index] = k % 2 == 0
     step["moves"] = ((branch["p"] > 0) & (branch["x"] != states[:, None, None])).any(axis=2)
     return Dynamics(step, branch, momdp.exit_value)
 

@@ -91,11 +91,11 @@ def faults_of(
 def without(momdp: MOMDP, failing: NDArray[np.bool_], stuck: NDArray[np.bool_]) -> MOMDP:
     """Return the problem in which failing behaviors sense nothing, and stuck ones do nothing."""
     silent = failing[:, None, None]
-    idle = stuck[:, None, None]
+    fails = stuck[:, None, None]
     return replace(
         momdp,
         observation_probability=np.where(silent, 0.0, momdp.observation_probability),
-        transition=np.where(idle, np.eye(len(momdp.x_names)), momdp.transition),
+        transition=np.where(fails, np.eye(len(momdp.x_names)), momdp.transition),
         legal=momdp.legal & ~stuck,
     )
 

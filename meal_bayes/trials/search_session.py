@@ -289,7 +289,7 @@ class SearchSession(OneCaller):
     def _execute(self, action: int, values: Floats, claim_value: float) -> None:
         """Command a behavior of the object in front, unless a limit is reached."""
         session = self.sessions[self.object or ""]
-        if self._within_limits(session.momdp.charged(action, idle=False)):
+        if self._within_limits(session.momdp.charged(action, failed=False)):
             compared = np.where(np.isinf(values), np.nan, values)
             session.command(Decision.exact(action, np.append(compared, claim_value)))
 

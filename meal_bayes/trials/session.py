@@ -294,7 +294,7 @@ class Session(OneCaller):
         """Return a decision, or the best answer where a limit is reached, with a warning."""
         if decision.action >= self.momdp.n_behaviors:
             return decision, ""
-        cost = self.history.cost + self.momdp.charged(decision.action, idle=False)
+        cost = self.history.cost + self.momdp.charged(decision.action, failed=False)
         limit = self.limits.reached(len(self.steps), cost)
         if not limit:
             return decision, ""

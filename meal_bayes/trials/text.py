@@ -97,7 +97,7 @@ def compared_actions(
                 bonus=None if bonus is None else float(bonus[option]),
                 error=error_text(decision.value_se[option]),
                 visits=int(decision.visits[option]) if searched else None,
-                cost=0.0 if is_answer else momdp.charged(option, idle=False),
+                cost=0.0 if is_answer else momdp.charged(option, failed=False),
                 chosen=option == chosen,
                 is_answer=is_answer,
             )

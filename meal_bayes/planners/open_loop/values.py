@@ -70,7 +70,7 @@ class Beliefs(NamedTuple):
 
     x: int
     prob: Floats  # (B,N,C) Pr(latent class)
-    drop_idle: bool  # have behaviors that cannot help the value -inf? see `evaluate_plans`
+    drop_useless: bool  # have behaviors that cannot help the value -inf? see `evaluate_plans`
     best: BestPlans  # results
 
 
@@ -243,7 +243,7 @@ def _locate(evaluator, prob):
 
 
 @kernel
-def is_idle(model, x, a, total):
+def is_useless(model, x, a, total):
     """Test whether a behavior cannot help: no other x, no informative percept, no bonus."""
     if model.dynamics.step[x, a].moves or (model.shaped and total[a] < model.bonus_limit[a]):
         return False
@@ -266,7 +266,7 @@ def _most_promising(guess, count):
 
 
 @called_kernel
-def evaluate_plans(evaluator, x, prob, floor, drop_idle):
+def evaluate_plans(evaluator, x, prob, floor, drop_useless):
     """Value the best plan from x by first behavior -> `scratch.value`; return the best value.
 
     `scratch.best` holds the plans, `scratch.bonus` what of their values shaping pays;
@@ -279,8 +279,8 @@ def evaluate_plans(evaluator, x, prob, floor, drop_idle):
     place of the best of their first behavior, and errors computed before are used: an attribute's
     belief is the same after equal `scratch.column`.
 
-    With `drop_idle`, behaviors that cannot help have the value -inf. Their plans, computed in other
-    ways than what remains of them, may seem worth more; who followed them would go round for ever.
+    With `drop_useless`, behaviors that cannot help have the value -inf. Their plans, computed in
+    other ways than what remains of them, may seem worth more; a robot would follow them for ever.
     """
     plans = evaluator.plans
     scratch = evaluator.scratch
@@ -330,9 +330,9 @@ def evaluate_plans(evaluator, x, prob, floor, drop_idle):
         for a in range(out.shape[0]):
             if scratch.best[a] >= 0:
                 scratch.bonus[a] = _bonus(evaluator, scratch.best[a])
-    if drop_idle:
+    if drop_useless:
         for a in range(out.shape[0]):
-            if is_idle(evaluator.model, x, a, scratch.evidence.total):
+            if is_useless(evaluator.model, x, a, scratch.evidence.total):
                 out[a] = -np.inf
     return best
 
@@ -343,7 +343,7 @@ def value_plans(evaluator, beliefs):
     scratch = evaluator.scratch
     best = beliefs.best
     for b in range(beliefs.prob.shape[0]):
-        evaluate_plans(evaluator, beliefs.x, beliefs.prob[b], -np.inf, beliefs.drop_idle)
+        evaluate_plans(evaluator, beliefs.x, beliefs.prob[b], -np.inf, beliefs.drop_useless)
         for a in range(best.value.shape[1]):
             best.value[b, a] = scratch.value[a]
             best.plan[b, a] = scratch.best[a]

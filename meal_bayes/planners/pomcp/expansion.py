@@ -8,7 +8,7 @@ from meal_bayes.planners.factored.grid import value_after
 from meal_bayes.planners.jit import NO_BEHAVIOR, Index, kernel
 from meal_bayes.planners.open_loop.values import (
     evaluate_plans,
-    is_idle,
+    is_useless,
     stop_value,
     true_chance,
 )
@@ -150,7 +150,7 @@ def open_node(model, scratch, tree, reader, node):
             # Bellman, one step ahead of the table: Q(x, b, a) = R + g sum_k p_k E V(x_k, b').
             # There is no bonus where a table is read.
             value = -np.inf
-            if model.dynamics.step[x, a].legal and not is_idle(model, x, a, total):
+            if model.dynamics.step[x, a].legal and not is_useless(model, x, a, total):
                 mean = 0.0
                 for k in range(model.dynamics.branch.shape[2]):
                     branch = model.dynamics.branch[x, a, k]
