@@ -26,7 +26,7 @@ from meal_bayes.experiments import OnlineConfig, run_online
 from meal_bayes.experiments.online_protocol import restricted
 from meal_bayes.experiments.parallel import in_parallel
 from meal_bayes.learner import Learner
-from meal_bayes.learner.trial import Asked
+from meal_bayes.learner.trial import QuestionCounts
 from meal_bayes.perception import build_percept_table
 from meal_bayes.seeds import stream
 from meal_bayes.simulated_arm import ask_new, find_new, learn_live, training_recordings
@@ -81,7 +81,7 @@ def answers_about(
     for number in numbers:
         rng = stream(seed, "asked attributes", number)
         for attribute in rng.permutation(learner.domain.attributes)[:asked].tolist():
-            learner._asked = Asked()  # every agent meets the same streams
+            learner._questions = QuestionCounts()  # every agent meets the same streams
             start = time.process_time()
             trial = ask_new(learner, Query((attribute,)), seed, number)
             cpu = time.process_time() - start

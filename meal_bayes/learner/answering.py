@@ -19,8 +19,8 @@ from meal_bayes.learner.online import Online
 from meal_bayes.learner.settings import LearnerSettings, check_object_name, own_posterior
 from meal_bayes.learner.trial import (
     NO_CLASSIFIERS,
-    Asked,
     Question,
+    QuestionCounts,
     TrialOptions,
     question_of,
     robot_or_name,
@@ -56,7 +56,7 @@ class Answerer:
         self.table: PerceptTable | None = None  # that is replayed
         self._agent = agent
         self._fits = FitCache(self.experience, settings)
-        self._asked = Asked()
+        self._questions = QuestionCounts()
         self._logs = TrialLogs(logs, domain.name)
         self._lock = Lock()
 
@@ -256,14 +256,14 @@ class Answerer:
         session = self._session(before.task, tuple(broken.header["streams"]), options)
         session.start(start)
         session.repeat(before.steps)
-        self.note_asked(broken.header)
+        self.note_question(broken.header)
         self._record(session, broken.path, broken.header, broken)
         return session
 
-    def note_asked(self, header: Mapping[str, object]) -> None:
+    def note_question(self, header: Mapping[str, object]) -> None:
         """Count the question of a log of before a restart, by its header, if it was not yet."""
         with self._lock:
-            self._asked.resumed(header)
+            self._questions.count_resumed(header)
 
     def _fit(self, task: Task, *, learn: bool, beside: Objects = ()) -> Fit:
         """Return what is known for a trial, by who runs it: training may be another agent's."""
@@ -290,7 +290,7 @@ class Answerer:
         if name is not None:
             check_object_name(name, self.experience.met)
         if key is None and self.table is None:
-            key = self._asked.key(learn=learn)
+            key = self._questions.next_key(learn=learn)
         return task_of(self.domain, self.table, question, object_name, key)
 
     def _open(
@@ -308,7 +308,7 @@ class Answerer:
         with self._lock:
             task, streams = self._task(question, object_name, key, learn=options.learn)
             if self.table is None and not isinstance(question, Task):
-                asked = self._asked.count(learn=options.learn, key=key)
+                asked = self._questions.count(learn=options.learn, key=key)
         session = self._session(task, streams, options)
         if place is None:
             return session

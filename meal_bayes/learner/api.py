@@ -111,9 +111,9 @@ def recall(learner: Learner, *logs: str | Path) -> list[Trial]:
     experience = learner.experience
     recalled = list[Trial]()
     places = dict[Key, Path]()
-    asked = list[Mapping[str, object]]()
+    headers = list[Mapping[str, object]]()
     for group in files.begun():
-        asked.append(group.header)
+        headers.append(group.header)
         for trial in group.trials:
             task = trial.task
             places[task.key] = lasting_path("The log", group.file.parent)
@@ -129,8 +129,8 @@ def recall(learner: Learner, *logs: str | Path) -> list[Trial]:
     for trial in recalled:
         learner.record(trial)
     learner.note_folders(places)
-    for header in asked:
-        learner.note_asked(header)
+    for header in headers:
+        learner.note_question(header)
     entries = files.told()
     tell_again(experience, entries)
     learner.refit()

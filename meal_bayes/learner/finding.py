@@ -170,8 +170,8 @@ class Finder(Answerer):
         asked: Mapping[str, object] = {}
         with self._lock:
             if self.table is None:
-                number = self._asked.key(learn=learn)
-                asked = self._asked.count(learn=learn, key=key)
+                number = self._questions.next_key(learn=learn)
+                asked = self._questions.count(learn=learn, key=key)
                 key = number if key is None else key
         tasks = dict[str, tuple[Task, Key]]()
         for name in names:
@@ -231,7 +231,7 @@ class Finder(Answerer):
         options = TrialOptions(**begun)
         session = self._search(before.question, tasks, truth, options, turn_cost)
         session.repeat(before)
-        self.note_asked(header)
+        self.note_question(header)
         self._record_search(session, broken.path.parent, header, broken)
         return session
 

@@ -331,7 +331,7 @@ class Learner(Finder):
         learner = cls(domain, agent=saved.agent, settings=saved.settings, logs=logs)
         learner.experience = saved.experience
         learner.table = saved.table
-        learner._asked = saved.asked
+        learner._questions = saved.questions
         learner._file = saved.file
         learner._fits = FitCache(saved.experience, saved.settings)
         learner._fits.online = saved.fitted
@@ -345,6 +345,6 @@ class Learner(Finder):
             experience=self.experience,
             table=self.table,
             fitted=self._fits.online,
-            asked=self._asked,
+            questions=self._questions,
             file=self._file,
         )

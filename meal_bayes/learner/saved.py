@@ -40,7 +40,7 @@ from meal_bayes.learner.saved_experience import (
 )
 from meal_bayes.learner.saved_fit import fit_of, state_of
 from meal_bayes.learner.settings import LearnerSettings, check_data, own_posterior
-from meal_bayes.learner.trial import Asked
+from meal_bayes.learner.trial import QuestionCounts
 from meal_bayes.untrusted import UNREADABLE, read_array, read_member, read_meta, write_array
 
 _FORMAT = 15
@@ -56,7 +56,7 @@ class SavedLearner:
     experience: Experience
     table: PerceptTable | None
     fitted: list[Online]
-    asked: Asked
+    questions: QuestionCounts
     file: str  # id of the file
 
 
@@ -101,7 +101,7 @@ def write_learner(learner: SavedLearner, path: Path, *, overwrite: bool) -> str:
             "digest": agent_digest(learner.agent),
             "classifier": None if classifier is None else type(classifier).__name__,
             "settings": pack({**written, "classifier": None}, keep),
-            "asked": asdict(learner.asked),
+            "questions": asdict(learner.questions),
             "fitted": fitted,
             "table": pack(learner.table, keep),
             "features": write_features(experience, keep),
@@ -141,7 +141,7 @@ def read_learner(path: Path, *, agent: object, classifier: object) -> SavedLearn
                 experience=experience,
                 table=table,
                 fitted=fitted,
-                asked=Asked(**meta["asked"]),
+                questions=QuestionCounts(**meta["questions"]),
                 file=str(meta["file"]),
             )
     except SettingsError:

@@ -33,7 +33,7 @@ NO_CLASSIFIERS = (
     "name an object of the table."
 )
 _LIVE = "live"  # in the keys of trials with a robot
-# A key by `Asked.key`; of an object of a search that has no name, that follows.
+# A key by `QuestionCounts.next_key`; of an object of a search that has no name, that follows.
 _COUNTED = re.compile(r"(?P<test>test )?(?P<number>[0-9]{1,18})(, .*)?$", re.DOTALL)
 
 
@@ -72,19 +72,19 @@ class TrialOptions:
 
 
 @dataclass(slots=True)
-class Asked:
+class QuestionCounts:
     """How many questions with robots a learner was asked; tests move no stream of lessons."""
 
     lessons: int = 0
     tests: int = 0
 
-    def key(self, *, learn: bool) -> str | int:
+    def next_key(self, *, learn: bool) -> str | int:
         """Return what names the random streams of the next question."""
         return self.lessons if learn else f"test {self.tests}"
 
     def count(self, *, learn: bool, key: str | int | None = None) -> dict[str, str | int]:
         """Count a question, whose streams a person may name; return what its log says of it."""
-        number = self.key(learn=learn)
+        number = self.next_key(learn=learn)
         if learn:
             self.lessons += 1
         else:
@@ -94,7 +94,7 @@ class Asked:
         self._skip(key)
         return {"asked": number}
 
-    def resumed(self, header: Mapping[str, object]) -> None:
+    def count_resumed(self, header: Mapping[str, object]) -> None:
         """Count a question of before a restart, by its log, so that none repeats its streams."""
         self._skip(header.get("asked"))
         streams = header.get("streams")

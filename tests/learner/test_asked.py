@@ -7,7 +7,7 @@ import pytest
 from meal_bayes import Learner, Outcome
 from meal_bayes.errors import LogError
 from meal_bayes.learner import recall
-from meal_bayes.learner.trial import Asked
+from meal_bayes.learner.trial import QuestionCounts
 from meal_bayes.trial_log import Logs
 
 
@@ -106,9 +106,9 @@ def test_resuming_in_the_learner_that_began_it_counts_once(dataset, make, tmp_pa
     learner = make.learner(dataset, make.agent("look", "look"), logs=tmp_path)
     session = learner.begin("red")
     killed(session)
-    before = copy.copy(learner._asked)
+    before = copy.copy(learner._questions)
     learner.resume(state="table").cancel()
-    assert learner._asked == before
+    assert learner._questions == before
 
 
 def test_a_learner_that_recalls_its_logs_repeats_none_of_their_streams(dataset, make, tmp_path):
@@ -138,6 +138,6 @@ def test_a_learner_that_recalls_its_logs_repeats_none_of_their_streams(dataset, 
     ],
 )
 def test_only_keys_that_were_counted_count(streams, lessons, tests):
-    asked = Asked()
-    asked.resumed({"streams": list(streams)})
-    assert (asked.lessons, asked.tests) == (lessons, tests)
+    questions = QuestionCounts()
+    questions.count_resumed({"streams": list(streams)})
+    assert (questions.lessons, questions.tests) == (lessons, tests)

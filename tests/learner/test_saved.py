@@ -54,7 +54,7 @@ def test_everything_comes_back(taught, saved, dataset, agent, make):
     learner, trials = taught
     again = Learner.load(saved, agent=agent, logs=None)
     same(again.knowledge(), learner.knowledge())
-    assert (again.settings.seed, again.settings.reward, again._asked.lessons) == (5, 70.0, 3)
+    assert (again.settings.seed, again.settings.reward, again._questions.lessons) == (5, 70.0, 3)
     for name in ("instances", "levels", "labels", "executions", "feedback", "object_labels"):
         labels = (getattr(each.experience, name).values for each in (again, learner))
         np.testing.assert_array_equal(*labels)
