@@ -8,15 +8,19 @@ from typing import Any, Unpack
 
 import numpy as np
 
-from meal_bayes.arrays import check_seconds, is_number
+from meal_bayes.arrays import check_seconds
 from meal_bayes.datasets import object_index
 from meal_bayes.domain import Query, read_question
-from meal_bayes.domain.event import Payoffs
-from meal_bayes.errors import QueryError, SettingsError
+from meal_bayes.errors import SettingsError
 from meal_bayes.learner.answering import NO_TABLE, Answerer
 from meal_bayes.learner.columns import Objects
 from meal_bayes.learner.fit import solve
-from meal_bayes.learner.search_input import SearchOptions, check_others, checked_objects
+from meal_bayes.learner.search_input import (
+    SearchOptions,
+    check_others,
+    checked_objects,
+    claim_payoffs,
+)
 from meal_bayes.learner.trial import NO_CLASSIFIERS, TrialOptions
 from meal_bayes.learner.views import labeled_table
 from meal_bayes.momdp import MOMDP
@@ -158,7 +162,7 @@ class Finder(Answerer):
             A folder, for a log of each object; a new one in the folder of logs by default.
         """
         names = checked_objects(objects)
-        query = self._searched(question, payoffs, none)
+        query = self._query_of_each(question, payoffs, none)
         check_seconds("turn_cost", turn_cost, LARGEST)
         check_seconds("max_cost", max_cost, or_none=True)
         if not isinstance(truth, Mapping | None):
@@ -185,9 +189,11 @@ class Finder(Answerer):
         if folder is not None:
             begun = {"turn_cost": float(turn_cost), **options.begun(self.domain.diagram.start)}
             config = {
-                "command": FIND, "question": text, "agent": self.agent.name,
+                "command": FIND,
+                "question": text,
+                "agent": self.agent.name,
                 "objects": names,
-            }  # fmt: skip
+            }
             self._record_search(session, folder, {"config": config, "begun": begun, **asked})
         return session
 
@@ -271,6 +277,7 @@ class Finder(Answerer):
         leave = np.isin(diagram.states, self.domain.leave or (diagram.start,))
         shared: SharedPlans | None = None
         for name, (task, streams) in tasks.items():
+            # Each object has a trial; the search commands it by what its prospector values.
             beside = self._others(names, name)
             settled = replace(options, truth=truth.get(name), commanded=True, abstain=True)
             sessions[name] = session = self._session(task, streams, settled, beside)
@@ -294,35 +301,16 @@ class Finder(Answerer):
             return ()
         return tuple(object_index(self.table.objects, other) for other in names if other != name)
 
-    def _searched(self, question: Any, payoffs: Any, none: float) -> Query:
+    def _query_of_each(self, question: Any, payoffs: Any, none: float) -> Query:
         """Return the question of each object: claims earn as they do, and "no" what none earns."""
         query = question
         if not isinstance(question, Query):
             query = read_question(question, self.domain, "yes or no")
-        right, wrong = self.settings.reward, -self.settings.reward
+        reward = self.settings.reward
         usual = self.settings.payoffs or self.domain.payoffs
-        if usual is not None:
-            right, wrong = usual[:2]
-        if payoffs is not None:
-            if not isinstance(payoffs, Sequence) or isinstance(payoffs, str) or len(payoffs) != 2:
-                raise QueryError(
-                    f"payoffs are {payoffs!r:.60}; give two numbers: of a right and a wrong claim."
-                )
-            right, wrong = payoffs
-        numbers = (right, wrong, none)
-        if not all(is_number(value) and abs(value) <= LARGEST for value in numbers) or none < wrong:
-            earned = ", ".join(f"{value!r:.20}" for value in numbers)
-            raise QueryError(
-                f"A right claim, a wrong one and none of them earn {earned}; give numbers up to "
-                f"{LARGEST:g}, of which a wrong claim has the least."
-            )
-        if not none < right:
-            raise QueryError(
-                f"None of them earns {none:g}, a right claim {right:g}: nothing would be searched; "
-                "give `none` less."
-            )
-        four = Payoffs.of((right, wrong, none, none))
-        return Query(query.attributes, query.groups, query.group_names, query.event, four)
+        usual_claim = (reward, -reward) if usual is None else (usual.right_yes, usual.wrong_yes)
+        earned = claim_payoffs(usual_claim, payoffs, none)
+        return Query(query.attributes, query.groups, query.group_names, query.event, earned)
 
     def _planned(self, shared: SharedPlans, task: Task, momdp: MOMDP) -> Policy:
         """Return who values a problem of an object; of a robot's without behaviors that fail."""

@@ -1,4 +1,4 @@
-"""What a search is given, checked: its options, its objects, and who is left to learn from."""
+"""What a search is given, checked: options, objects, payoffs, and who is left to learn from."""
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -6,14 +6,15 @@ from typing import Any, TypedDict
 
 import numpy as np
 
+from meal_bayes.arrays import is_number
 from meal_bayes.datasets import PerceptTable, object_index
 from meal_bayes.display import warn_caller
-from meal_bayes.domain import Query
+from meal_bayes.domain import Payoffs, Query
 from meal_bayes.domain.words import doubled
-from meal_bayes.errors import SettingsError
+from meal_bayes.errors import QueryError, SettingsError
 from meal_bayes.trial_log.schema import MOST_OBJECTS
 from meal_bayes.trials import Step
-from meal_bayes.untrusted import name_fault
+from meal_bayes.untrusted import LARGEST, name_fault
 
 
 class SearchOptions(TypedDict, total=False):
@@ -48,6 +49,47 @@ def checked_objects(objects: Any) -> list[str]:
     if fault := doubled("object", objects):
         raise SettingsError(fault)
     return list(objects)
+
+
+def claim_payoffs(usual_claim: tuple[float, float], payoffs: Any, none: Any) -> Payoffs:
+    """Return what yes and no about an object earn: as a claim of it, and as none of them.
+
+    Parameters
+    ----------
+    usual_claim : tuple[float, float]
+        What a right and a wrong claim earn where nobody says it.
+    payoffs : Any
+        What they earn; None: as usual.
+    none : Any
+        What "none of them" earns.
+
+    Raises
+    ------
+    QueryError
+        What are no numbers, or by which nothing would be searched.
+    """
+    if payoffs is None:
+        right_claim, wrong_claim = usual_claim
+    elif isinstance(payoffs, Sequence) and not isinstance(payoffs, str) and len(payoffs) == 2:
+        right_claim, wrong_claim = payoffs
+    else:
+        raise QueryError(
+            f"payoffs are {payoffs!r:.60}; give two numbers: of a right and a wrong claim."
+        )
+    numbers = (right_claim, wrong_claim, none)
+    in_range = all(is_number(value) and abs(value) <= LARGEST for value in numbers)
+    if not in_range or none < wrong_claim:
+        earned = ", ".join(f"{value!r:.20}" for value in numbers)
+        raise QueryError(
+            f"A right claim, a wrong one and none of them earn {earned}; give numbers up to "
+            f"{LARGEST:g}, of which a wrong claim has the least."
+        )
+    if not none < right_claim:
+        raise QueryError(
+            f"None of them earns {none:g}, a right claim {right_claim:g}: nothing would be "
+            "searched; give `none` less."
+        )
+    return Payoffs.of((right_claim, wrong_claim, none, none))
 
 
 def check_others(table: PerceptTable, names: Sequence[str], query: Query) -> None:
