@@ -2,18 +2,26 @@
 
 from dataclasses import replace
 from html import escape
+from typing import NamedTuple
 
 from meal_bayes.agents import Agent, Knowledge
 from meal_bayes.agents.knowledge import knowledge_of
 from meal_bayes.datasets import PerceptTable
 from meal_bayes.display import percent, table_html
+from meal_bayes.learner import views
 from meal_bayes.learner.columns import Labels
+from meal_bayes.learner.experience import Experience
 from meal_bayes.learner.settings import LearnerSettings
 from meal_bayes.perception.confusion import percept_counts
 
 _HEADER = (
-    "attribute", "labels: yes, no", "base rate", "best behavior", "Youden's J", "percept right",
-)  # fmt: skip
+    "attribute",
+    "labels: yes, no",
+    "base rate",
+    "best behavior",
+    "Youden's J",
+    "percept right",
+)
 _READING = (
     "Percepts of an object that it has no label of: Youden's J is how often they say yes where "
     "that is true, less where it is not; right are those of all, at the base rate."
@@ -27,6 +35,21 @@ WITH_RECORDINGS = (
     "Tell what is true of an object: `learner.tell(trial, {{{name!r}: True}})`, or by the object's "
     "name."
 )
+
+
+class JoinedRecordings(NamedTuple):
+    """How many recordings of the last data set joined the experience."""
+
+    joined: int = 0
+    offered: int = 0
+    record_rows: int = 0  # `views.rows` then
+
+    def text(self, record: Experience) -> str:
+        """Return that as a clause; empty where more was recorded since."""
+        if not self.offered or self.record_rows != views.rows(record):
+            return ""
+        known = self.offered - self.joined
+        return f"; of the last data set {self.joined} joined, {known} were known"
 
 
 def next_html(attribute: str, recordings: int) -> str:

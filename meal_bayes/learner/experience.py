@@ -102,10 +102,10 @@ class Experience:
         """Objects with their numbers, but for those of which all was forgotten."""
         rows = self.instances.values
         withdrawn = rows["origin"] == WITHDRAWN
+        labeled = np.flatnonzero((self.object_labels.values >= 0).any(axis=1))
+        left = {*rows["object"][~withdrawn].tolist(), *labeled.tolist()}
         forgotten = {*rows["object"][withdrawn].tolist(), *self.feedback.values["object"].tolist()}
-        forgotten -= {*rows["object"][~withdrawn].tolist()}
-        forgotten -= {*np.flatnonzero((self.object_labels.values >= 0).any(axis=1)).tolist()}
-        return {name: o for name, o in self.objects.items() if o not in forgotten}
+        return {name: o for name, o in self.objects.items() if o in left or o not in forgotten}
 
     def object_number(self, name: str) -> int:
         """Return the number of an object, a new one where it was not met before."""

@@ -12,7 +12,7 @@ from meal_bayes.domain import Domain, Query, load_domain
 from meal_bayes.errors import QueryError, SettingsError
 from meal_bayes.files import LOGS, checked_path
 from meal_bayes.learner import views
-from meal_bayes.learner.card import learned_html, next_html, table_knowledge
+from meal_bayes.learner.card import JoinedRecordings, learned_html, next_html, table_knowledge
 from meal_bayes.learner.columns import key_of_name
 from meal_bayes.learner.finding import Finder
 from meal_bayes.learner.fit_cache import FitCache
@@ -112,14 +112,13 @@ class Learner(Finder):
         }
         settings = settings_of(settings, by_name, domain, chosen)
         super().__init__(domain, chosen, settings, logs)
-        self._joined = (0, 0, 0)  # of the last data set: what joined, all of it; `rows` then
+        self._joined = JoinedRecordings()
         self._file = ""  # id of the file that was read or written last
 
     def __repr__(self) -> str:
-        data = f"{self.experience!r}" if self.table is None else "a percept table"
-        joined, whole, recorded = self._joined
-        if whole and self.table is None and recorded == views.rows(self.experience):
-            data += f"; of the last data set {joined} joined, {whole - joined} were known"
+        data = "a percept table"
+        if self.table is None:
+            data = f"{self.experience!r}{self._joined.text(self.experience)}"
         return f"Learner({self.domain.name}, agent {self.agent.name}, {data})"
 
     def _repr_html_(self) -> str:
@@ -149,8 +148,8 @@ class Learner(Finder):
             self.table = data if isinstance(data, PerceptTable) else None
             if isinstance(data, Dataset):
                 joined = self.experience.add_dataset(data)
-                had = int(data.recording_counts[:, data.domain.recorded].sum())
-                self._joined = joined, had, views.rows(self.experience)
+                offered = int(data.recording_counts[:, data.domain.recorded].sum())
+                self._joined = JoinedRecordings(joined, offered, views.rows(self.experience))
             return self.refit()
 
     def refit(self) -> Self:

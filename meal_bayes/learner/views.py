@@ -183,15 +183,18 @@ def in_order(record: Experience) -> list[str]:
     The name of these is drawn, so that no order may come of it. What was forgotten is left out.
     """
     rows = record.instances.values
-    held = rows["origin"] != WITHDRAWN
-    shown: dict[int, list[tuple[int, int]]] = {}
-    for o, *recording in rows[["object", "behavior", "digest"]][held].tolist():
-        shown.setdefault(o, []).append((recording[0], recording[1]))
-    keys = {
-        name: ("object", sorted(shown.get(o, ()))) if nobody_named(name) else (name, [])
-        for name, o in record.met.items()
-    }
-    return sorted(keys, key=keys.__getitem__)
+    kept = rows["origin"] != WITHDRAWN
+    recordings_of: dict[int, list[tuple[int, int]]] = {}
+    for o, behavior, digest in rows[["object", "behavior", "digest"]][kept].tolist():
+        recordings_of.setdefault(o, []).append((behavior, digest))
+
+    def sort_key(name: str) -> tuple[str, list[tuple[int, int]]]:
+        if not nobody_named(name):
+            return name, []
+        # All of them by one name, so that only their recordings order them.
+        return "object", sorted(recordings_of.get(record.objects[name], ()))
+
+    return sorted(record.met, key=sort_key)
 
 
 def training(
@@ -223,13 +226,14 @@ def training(
     rows = np.concatenate([np.empty(0, np.intp), *fitting])
     rows = rows[rows < len(labels)]
     objects = tuple(in_order(record))
-    place = np.full(len(record.objects), NONE)
-    place[[record.objects[name] for name in objects]] = np.arange(len(objects))
+    position = np.full(len(record.objects), NONE)
+    position[[record.objects[name] for name in objects]] = np.arange(len(objects))
     instances = record.instances.values
     keys = [instances[name][rows] for name in ("copy", "digest", "behavior")]
-    rows = rows[np.lexsort([*keys, place[instances["object"][rows]]])]
-    o = place[instances["object"][rows]].astype(np.int32)
+    rows = rows[np.lexsort([*keys, position[instances["object"][rows]]])]
+    o = position[instances["object"][rows]].astype(np.int32)
     e = instances["behavior"][rows].astype(np.int32)
+    # Rows are sorted, so that those of one object and behavior are numbered from its first.
     pairs = o * len(domain.behaviors) + e
     r = (np.arange(len(rows)) - np.searchsorted(pairs, pairs)).astype(np.int32)
     most = int(r.max(initial=0)) + 1
