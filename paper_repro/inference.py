@@ -24,7 +24,7 @@ from meal_bayes.trials import TrialOutcomes
 
 LEVEL = 1 - MASS
 _TINY = 1e-9  # a level below all that are asked for, where Student's will do
-_POWER = 0.8  # with which further units are to decide
+POWER = 0.8  # with which further splits are to decide, in pages too
 _MOST = 10_000  # splits that anybody would run
 
 
@@ -69,7 +69,7 @@ def needed(effect: Estimate, bound: float, level: float) -> int | None:
     se = np.sqrt(effect.fixed + (effect.se**2 - effect.fixed) * effect.clusters / splits)
     # Wilson's interval of a fraction ends at the bound where the bound's own error reaches to it.
     error = math.sqrt(bound * (1 - bound) / (p * (1 - p))) if effect.fraction else 1.0
-    reach = (stdtrit(splits - 1, 1 - level / 2) * error + ndtri(_POWER)) * se
+    reach = (stdtrit(splits - 1, 1 - level / 2) * error + ndtri(POWER)) * se
     decided = np.flatnonzero(distance >= reach)
     return int(splits[decided[0]]) if len(decided) else None
 

@@ -4,8 +4,9 @@ import math
 from pathlib import Path
 
 import pytest
+from scipy.special import ndtri
 
-from meal_bayes import untrusted
+from meal_bayes import display, palette, untrusted
 from meal_bayes.agents import (
     AGENTS,
     ITRSBonus,
@@ -19,8 +20,10 @@ from meal_bayes.datasets import levels, percepts
 from meal_bayes.domain import Domain, query, success
 from meal_bayes.domain.labels import PRIOR_OBJECTS
 from meal_bayes.evaluation import calibration, outcome_model, statistics
-from meal_bayes.experiments import offline, online_protocol
+from meal_bayes.experiments import offline, online, online_protocol
+from meal_bayes.learner import online as learning
 from meal_bayes.learner import views
+from meal_bayes.learner.settings import REFIT_EVERY
 from meal_bayes.momdp import flat_pomdp
 from meal_bayes.momdp.model import DISCOUNT
 from meal_bayes.perception import feature_spaces, own_classifier, settings
@@ -29,14 +32,20 @@ from meal_bayes.planners import POMCP, momdp_arrays
 from meal_bayes.planners.factored import policy as table
 from meal_bayes.planners.pomcp import expansion
 from meal_bayes.posterior import grid, trait
+from meal_bayes.simulated_arm import physics
 from meal_bayes.trial_log import container, reader, schema, writer
 from meal_bayes.trials import faults
+from paper_repro import claims, inference, published
+from paper_repro import online as repeats
+from paper_repro.items import fig8, fig9, fig12, hierarchical, pomdpsol, table3
 
 ROOT = Path(__file__).resolve().parents[1]
+POWER = f"{100 * inference.POWER:g} %"
 WORDS = {
     0.5: "half", 2: "two", 3: "three", 4: "four", 5: "five", 8: "eight", 10: "ten", 20: "twenty",
 }  # fmt: skip
 MINUS = "\N{MINUS SIGN}"
+PARTS = {0.2: "a fifth", 0.25: "a quarter", 0.5: "a half"}
 TIMES = {1: "once", 2: "twice"}
 
 
@@ -116,6 +125,7 @@ LEARNING = [
     f"paid for {word(exploration._PAID_BY_ITRS)} percepts of a behavior in a trial at most",
     f"as many as it was asked, and {progress._FIRST:g} more",
     f"weighed by $2^{{-m/{views.HALVED}}}$",
+    f"when labeled recordings have grown by {PARTS[REFIT_EVERY]} (`refit_every`)",
     f"and {word(views.HALVED)} trials halve what it is believed by",
 ]
 PROBLEM = [
@@ -131,6 +141,18 @@ PLANNING = [
 OWN_DATA = [
     f"{MINUS}r of a wrong one [{DOMAIN['report_reward'].default:g}]",
     f"[{', '.join(f'{s:g}' for s in DOMAIN['legal_budget'].default)}]",
+]
+PAPER_PAGES = [
+    f"would decide an online statement at {POWER} power",
+    f"repeats are the units, by Student's t ({repeats.SPLITS}).",
+    f"{2 * repeats.REPEATS} repeats in place of {repeats.REPEATS} would narrow intervals",
+    f"A claim of more than {word(claims._SHOWN)} statements shows",
+    f"its points of Fig. 9 ({pomdpsol.TRIALS}), those of `fig9` from two irrelevant attributes to "
+    f"four ({fig9.TRIALS}) and MORC that must answer there ({fig9.FORCED}).",
+    f"In Fig. 8 there are {fig8.TRIALS:,}, as many as there are questions of one attribute",
+    f"planned ({table3.TRIALS}; in Fig. 9 Fig. 8's where its questions are the same, "
+    f"{fig9.PUBLISHED} at the end, else {fig9.TRIALS}).",
+    f"Fig. 12 has {fig12.REPEATS} at each of its {len(fig12.ALPHAS) * len(fig12.BETAS)} pairs of",
 ]
 PAGES = {
     "SECURITY.md": SECURITY,
@@ -180,7 +202,11 @@ PAGES = {
     "meal_bayes/domain/success.py": [
         f"The prior is worth {word(success._PRIOR)} executions",
     ],
-    "meal_bayes/evaluation/calibration.py": [f"over {word(calibration.BINS)} bins"],
+    "meal_bayes/display.py": [f"a value in at most {display._LONGEST} characters"],
+    "meal_bayes/evaluation/calibration.py": [
+        f"over {word(calibration.BINS)} bins",
+        "clipped to [{0}, 1 - {0}]".format(f"{calibration.CLIP:.0e}".replace("-0", "-")),
+    ],
     "meal_bayes/evaluation/outcome_model.py": [
         f"# of its {statistics.MASS:.0%} credible".replace("%", " %"),
         "{success} of accuracy, {cost:g} s of cost, {reward:g} of reward".format(
@@ -190,7 +216,13 @@ PAGES = {
     "meal_bayes/evaluation/summary.py": [
         f"# {statistics.MASS:.0%} interval".replace("%", " %"),
     ],
-    "meal_bayes/experiments/offline.py": [f"Up to {offline.UNIT} trials of one agent"],
+    "meal_bayes/experiments/config.py": [
+        f"by default {online._REWARD:g} on public data",
+    ],
+    "meal_bayes/experiments/offline.py": [
+        f"Up to {offline.UNIT} trials of one agent",
+        f"from a cluster after {offline.UNIT} trials.",
+    ],
     "meal_bayes/experiments/online_protocol.py": [
         f"the {word(online_protocol.ASKED)} attributes that are perceived best",
         f"each with {word(online_protocol._POSITIVES)} positives of every attribute",
@@ -203,6 +235,17 @@ PAGES = {
     ],
     "meal_bayes/planners/factored/policy.py": [f"by the price ({brief(momdp_arrays._PRICE)} of"],
     "meal_bayes/planners/pomcp/policy.py": [f"(drawn ones beyond {expansion.ENUMERATE})"],
+    "meal_bayes/learner/learner.py": [
+        f"in trials that taught it, and {progress._FIRST:g} more.",
+    ],
+    "meal_bayes/learner/online.py": [f"now another by more than 1 in {1 / learning._SAME:g}."],
+    "meal_bayes/palette.py": [f"with the page is at least {palette.READABLE:g} to 1,"],
+    "meal_bayes/simulated_arm/arm.py": [
+        f"Called {physics.FRAMES_PER_SECOND} times a simulated second",
+    ],
+    "meal_bayes/simulated_arm/physics.py": [
+        f"is called {physics.FRAMES_PER_SECOND} times a simulated second",
+    ],
     "meal_bayes/perception/feature_spaces.py": [
         f"clipped at {feature_spaces._FAR:g} standard deviations",
     ],
@@ -221,6 +264,27 @@ PAGES = {
         f"The search ends after {size(container._SEARCHED * schema.RECORD_LIMIT)}:",
     ],
     "meal_bayes/trial_log/writer.py": [f"{writer.ROWS} trials in a message"],
+    "docs/how-to/check-a-statement.md": [
+        f"splits that would decide it at {POWER} power",
+        f"(*t* of `level` + {ndtri(inference.POWER):.2f}) standard".replace("0.", "."),
+    ],
+    "paper_repro/inference.py": [
+        f"on which side of a bound an effect is, at {POWER} power.",
+        f"number below {inference._MOST:,} would",
+        f"the {statistics.MASS_TEXT} percentile interval",
+    ],
+    "paper_repro/items/hierarchical.py": [
+        f"the first {hierarchical.OFFLINE_TRIALS} of {fig8.TRIALS:,} trials",
+    ],
+    "paper_repro/pages.py": PAPER_PAGES,
+    "paper_repro/published.py": [
+        f"is right with {published.ANSWER_RIGHT:g} there".replace("0.", "."),
+    ],
+    "paper_repro/statements.py": [
+        f"that would decide it at {POWER} power;",
+        f"by the {statistics.MASS_TEXT} prediction interval of one more of ours.",
+        f"at its part of {100 * inference.LEVEL:g} %;",
+    ],
 }
 
 
