@@ -40,14 +40,15 @@ def printable(text: str) -> str:
     >>> printable("mug\x1b[2J") == "mug\N{SYMBOL FOR ESCAPE}[2J"
     True
     """
-    return "".join(
-        sign
-        if sign.isprintable() or sign == "\n"
-        else chr(_PICTURES + ord(sign))
-        if ord(sign) < _CONTROLS
-        else "\N{REPLACEMENT CHARACTER}"
-        for sign in text
-    )
+    return "".join(map(_printable_character, text))
+
+
+def _printable_character(character: str) -> str:
+    if character.isprintable() or character == "\n":
+        return character
+    if ord(character) < _CONTROLS:
+        return chr(_PICTURES + ord(character))
+    return "\N{REPLACEMENT CHARACTER}"
 
 
 def say(text: object) -> None:

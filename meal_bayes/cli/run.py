@@ -18,6 +18,7 @@ from meal_bayes.palette import REFERENCES
 if TYPE_CHECKING:
     from meal_bayes.evaluation import SummaryRow
     from meal_bayes.evaluation.learning import LearningRow, LearningSummary
+    from meal_bayes.evaluation.summary import Summary
 
 _AGAINST = REFERENCES[0]  # the paper's agent, which the others are compared with
 _MEASURE = "reward"
@@ -94,20 +95,11 @@ def offline(root: Path | None, agents: tuple[str, ...], as_json: bool, **setting
         how |= {"on_progress": advance, "on_note": terminal.note}
         finished = experiments.run_offline(config, **how)
     rows = summarize(finished)
-    agents = rows.outcomes.agents
-    paired: list[dict[str, object]] = [
-        {
-            "agent": name,
-            "against": _AGAINST,
-            "measure": _MEASURE,
-            **rows.compare(name, _AGAINST, measure=_MEASURE)._asdict(),
-        }
-        for name in agents
-        if _AGAINST in agents and name != _AGAINST
-    ]
+    paired = _paired(rows)
     rates = {}
     if config.answer != "values":
-        rates = {name: answer_rates(rows.outcomes.of_agent(name)) for name in agents}
+        outcomes = rows.outcomes
+        rates = {name: answer_rates(outcomes.of_agent(name)) for name in outcomes.agents}
     if as_json:
         facts: dict[str, Any] = {"rows": [row.as_dict() for row in rows], "paired": paired}
         facts |= {"rates": {name: rate._asdict() for name, rate in rates.items()}} if rates else {}
@@ -126,7 +118,28 @@ def _answer(yes_no: bool, balanced: bool) -> str:
     """Return how questions are answered, by the two options."""
     if yes_no and balanced:
         raise click.UsageError("--yes-no and --yes-no-balanced are two forms; give one.")
-    return "balanced" if balanced else "yes or no" if yes_no else "values"
+    if balanced:
+        return "balanced"
+    if yes_no:
+        return "yes or no"
+    return "values"
+
+
+def _paired(rows: "Summary") -> list[dict[str, object]]:
+    """Return the difference of each agent from the one that they are compared with, if it ran."""
+    compared_agents = rows.outcomes.agents
+    if _AGAINST not in compared_agents:
+        return []
+    return [
+        {
+            "agent": name,
+            "against": _AGAINST,
+            "measure": _MEASURE,
+            **rows.compare(name, _AGAINST, measure=_MEASURE)._asdict(),
+        }
+        for name in compared_agents
+        if name != _AGAINST
+    ]
 
 
 def _print_rates(rates: "dict[str, Any]") -> None:

@@ -107,11 +107,12 @@ class _Check:
         history = History(initial_belief(self.momdp))
         decided: list[tuple[History, int, Decision]] = []
         for step in range(steps):
-            luck = int(rng.integers(2**31))
-            decision = self.decide(policy, history, luck)
+            policy_seed = int(rng.integers(2**31))
+            decision = self.decide(policy, history, policy_seed)
             self.check(decision, history)
-            self.check_repeats(decision, self.decide(again, history, luck), "another policy of it")
-            decided.append((history, luck, decision))
+            repeated = self.decide(again, history, policy_seed)
+            self.check_repeats(decision, repeated, "another policy of it")
+            decided.append((history, policy_seed, decision))
             legal = np.flatnonzero(self.momdp.legal[history.belief.x])
             if not len(legal):
                 break
@@ -120,8 +121,8 @@ class _Check:
             if action >= self.momdp.n_behaviors or step % 3 == 2:
                 action = int(rng.choice(legal))
             history = _executed(self.momdp, history, action, rng)
-        for history, luck, decision in decided:  # as the next trial would
-            later = self.decide(policy, history, luck)
+        for history, policy_seed, decision in decided:  # as the next trial would
+            later = self.decide(policy, history, policy_seed)
             self.check_repeats(decision, later, "the same policy in a later trial")
         self.check_deterministic(policy, decided)
 
@@ -138,7 +139,7 @@ class _Check:
             )
         return policy
 
-    def decide(self, policy: Any, history: History, luck: int) -> Decision:
+    def decide(self, policy: Any, history: History, policy_seed: int) -> Decision:
         """Return the policy's decision, of which only the kind has been checked."""
         mend = "Histories, beliefs and MOMDPs are values: copy what you change."
         with (
@@ -148,7 +149,7 @@ class _Check:
             decision = self.call(
                 f"decide() after {len(history.actions)} steps, in "
                 f"{self.momdp.x_names[history.belief.x]!r}",
-                lambda: policy.decide(history, np.random.default_rng(luck)),
+                lambda: policy.decide(history, np.random.default_rng(policy_seed)),
             )
         if not isinstance(decision, Decision):
             raise self.fail(
@@ -237,9 +238,9 @@ class _Check:
         """Check of a policy that says so that its decisions depend on the belief alone."""
         if not getattr(policy, "deterministic", False):
             return
-        for history, luck, decision in decided:
+        for history, policy_seed, decision in decided:
             # The same belief, reached by nothing: what else it reads of a history is missing.
-            bare = self.decide(policy, History(history.belief), luck)
+            bare = self.decide(policy, History(history.belief), policy_seed)
             if bare.action != decision.action:
                 raise self.fail(
                     f"it says that it is deterministic, and decides for {bare.action} instead of "

@@ -303,7 +303,9 @@ def step_misfits(step: Step, momdp: MOMDP, index: int) -> Iterator[str]:
     decision = step.decision
     problems = list[str]()
     if not 0 <= decision.action < momdp.n_actions:
-        answers = f"2^{n}{' + 1' * momdp.abstain}"  # which may be a number of many digits
+        answers = f"2^{n}"  # which may be a number of many digits
+        if momdp.abstain:
+            answers += " + 1"
         problems += [f"action {decision.action}, expected a number below {e} + {answers}"]
     percepts = step.observation
     rows = decision.sampled_rows

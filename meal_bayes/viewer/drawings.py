@@ -13,6 +13,7 @@ from scipy.sparse.csgraph import shortest_path
 
 from meal_bayes.display import best_options, level_names, percent
 from meal_bayes.momdp import MOMDP
+from meal_bayes.planners import Decision
 from meal_bayes.trials import percept_labels
 from meal_bayes.trials.text import end_word
 from meal_bayes.viewer.labels import action_label, option_label, plain_text
@@ -121,50 +122,78 @@ def search_tree(frame: TrialFrame) -> Graph:
     if step is None:
         return Graph([Label("nothing is decided yet", GRAY, name="root")], [])
     decision = step.decision
-    chosen = min(step.decision.action, momdp.n_behaviors)
+    chosen = min(decision.action, momdp.n_behaviors)
     actions = best_options(decision.total, chosen, _ACTIONS)
     if not actions:
         return Graph([Label("no search: a fixed rule", GRAY, name="root")], [])
     count = f"{decision.simulations} simulations" if decision.simulations else "one step ahead"
-    root = f"{momdp.state_label(step.x)}\n{count}"
+    return _laid_out(
+        f"{momdp.state_label(step.x)}\n{count}",
+        _action_labels(momdp, decision, actions),
+        _percept_lines(momdp, decision, actions),
+        chosen,
+    )
+
+
+def _action_labels(momdp: MOMDP, decision: Decision, actions: Sequence[int]) -> dict[int, str]:
+    """Return the label of each action: its name, its value and bonus, how often it was tried."""
     labels = {}
     for action in actions:
         visits = f" · {decision.visits[action]}" if decision.visits[action] else ""
-        label = option_label(momdp, decision, action)
         paid = decision.total[action] - decision.values[action]
         bonus = f" + {paid:.1f}" if paid else ""
-        labels[action] = f"{label}\n{decision.values[action]:.1f}{bonus}{visits}"
-    left = box_size(root)[0] + _COLUMN_GAP
-    right = left + max(box_size(label)[0] for label in labels.values()) + _COLUMN_GAP
-    # The most visited second-level edges below the drawn actions.
-    first = {at: edge.action for at, edge in enumerate(decision.tree) if edge.level == 1}
-    second = [e for e in decision.tree if e.level > 1 and first.get(e.parent) in actions]
-    leaves = dict[int, list[str]]()
-    for edge in sorted(second, key=lambda e: -e.visits)[:_OUTCOMES]:
+        value = f"{decision.values[action]:.1f}{bonus}{visits}"
+        labels[action] = f"{option_label(momdp, decision, action)}\n{value}"
+    return labels
+
+
+def _percept_lines(
+    momdp: MOMDP, decision: Decision, actions: Sequence[int]
+) -> dict[int, list[str]]:
+    """Return by action what follows its percepts, a line each, the most visited first."""
+    first_actions = {
+        node: edge.action for node, edge in enumerate(decision.tree) if edge.level == 1
+    }
+    following = [
+        edge
+        for edge in decision.tree
+        if edge.level > 1 and first_actions.get(edge.parent) in actions
+    ]
+    lines = dict[int, list[str]]()
+    for edge in sorted(following, key=lambda edge: -edge.visits)[:_OUTCOMES]:
+        action = first_actions[edge.parent]
         percept = "nothing"
-        perceived = edge.observation
-        if perceived and all(0 <= level < momdp.levels for level in perceived):
-            labels_of = percept_labels(momdp, first[edge.parent], perceived)
-            percept = ", ".join(labels_of)
+        # Trees of other solvers may hold levels that the problem does not have.
+        if edge.observation and all(0 <= level < momdp.levels for level in edge.observation):
+            percept = ", ".join(percept_labels(momdp, action, edge.observation))
         worth = f"{edge.value:.1f} + {edge.bonus:.1f}" if edge.bonus else f"{edge.value:.1f}"
         text = f"{percept} → {action_label(momdp, edge.action)}  {worth} · {edge.visits}"
-        leaves.setdefault(first[edge.parent], []).append(text)
+        lines.setdefault(action, []).append(text)
+    return lines
+
+
+def _laid_out(root: str, labels: dict[int, str], lines: dict[int, list[str]], chosen: int) -> Graph:
+    """Return the tree as boxes in three columns: root, actions, and the lines of each."""
+    left = box_size(root)[0] + _COLUMN_GAP
+    right = left + max(box_size(label)[0] for label in labels.values()) + _COLUMN_GAP
     row = box_size("")[1] + _ROW_GAP
     y = 0.0
     nodes = list[Label]()
     edges = list[tuple[str, str]]()
     for action, label in labels.items():
-        below = leaves.get(action, [])
-        height = max(len(below) * row, box_size(label)[1] + _ROW_GAP)
-        top = y + (height - len(below) * row) / 2
-        for number, text in enumerate(below):
+        name = f"a{action}"
+        lines_of_action = lines.get(action, [])
+        # An action stands at the middle of its lines, which take at least its own height.
+        height = max(len(lines_of_action) * row, box_size(label)[1] + _ROW_GAP)
+        top = y + (height - len(lines_of_action) * row) / 2
+        for number, text in enumerate(lines_of_action):
             x = right + box_size(text)[0] / 2
-            nodes.append(Label(text, GRAY, x, top + (number + 0.5) * row, f"a{action}-{number}"))
-            edges.append((f"a{action}", f"a{action}-{number}"))
+            nodes.append(Label(text, GRAY, x, top + (number + 0.5) * row, f"{name}-{number}"))
+            edges.append((name, f"{name}-{number}"))
         x = left + box_size(label)[0] / 2
         color = ORANGE if action == chosen else SKY
-        nodes.append(Label(label, color, x, y + height / 2, f"a{action}"))
-        edges.append(("root", f"a{action}"))
+        nodes.append(Label(label, color, x, y + height / 2, name))
+        edges.append(("root", name))
         y += height
     nodes.append(Label(root, GRAY, box_size(root)[0] / 2, y / 2, "root"))
     return Graph(nodes, edges)

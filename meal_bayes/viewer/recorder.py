@@ -66,7 +66,14 @@ class Clock:
         for index, step in enumerate((None, *trial.steps)):
             time = Time(number, self.row + index, self.seconds + spent)
             spent += 0.0 if step is None else step.cost
-            frame = TrialFrame(time, trial, index, step, before, spent)
+            frame = TrialFrame(
+                time=time,
+                trial=trial,
+                number=index,
+                step=step,
+                before=before,
+                spent=spent,
+            )
             yield frame
             before = frame.belief.positive
         self.row += len(trial.steps) + 2
