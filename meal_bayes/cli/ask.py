@@ -192,17 +192,17 @@ def _ask_labels(trial: "Trial", labelled: set[str]) -> dict[str, bool]:
     labels: dict[str, bool] = {}
     right: bool | None = False
     if trial.report is not None:
-        said = query.report_name(trial.report.tolist())
-        right = _prompt(f"The answer was: {said}. Was that right?")
+        answer = query.report_name(trial.report.tolist())
+        right = _prompt(f"The answer was: {answer}. Was that right?")
         if right is not None:
-            told = implied(trial.report, right=right)
+            implied_labels = implied(trial.report, right=right)
             if query.event is not None:  # "no" to several literals says nothing of any
-                told = query.event.labels(bool(trial.report[0]) == right, query.variables)
-            pairs = zip(names, told.tolist(), strict=True)
+                implied_labels = query.event.labels(bool(trial.report[0]) == right, query.variables)
+            pairs = zip(names, implied_labels.tolist(), strict=True)
             labels = {name: label == 1 for name, label in pairs if label >= 0}
     if right is False:
-        for question, places in query.questions:
-            members = [names[place] for place in places]
+        for question, indices in query.questions:
+            members = [names[index] for index in indices]
             if {*members} & ({*labels} | labelled):
                 continue
             if len(members) > 1:

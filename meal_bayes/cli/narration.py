@@ -127,10 +127,10 @@ def _print_belief(console: Console, trial: "Trial", belief: "Belief") -> None:
 def print_answer(console: Console, trial: "Trial") -> None:
     """Print what a finished trial did and believed in the end, and its answer."""
     _, facts = trial._facts()
-    asked = {"question": trial.task.question, "object": trial.task.object_name}
+    task_facts = {"question": trial.task.question, "object": trial.task.object_name}
     names = ("together", "steps", "belief", "warnings")
-    done = {name: facts[name] for name in names if name in facts}
-    print_facts(console, asked | done, warnings="yellow")
+    trial_facts = {name: facts[name] for name in names if name in facts}
+    print_facts(console, task_facts | trial_facts, warnings="yellow")
     _print_end(console, trial)
 
 

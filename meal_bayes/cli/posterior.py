@@ -190,8 +190,8 @@ def export(file: Path, **options: Unpack[_Exporting]) -> None:
     from meal_bayes.perception.confusion import percept_counts
     from meal_bayes.posterior import ConfusionPosterior
 
-    kind = options["format"] or file.suffix.removeprefix(".")
-    if kind not in _FORMATS:
+    file_format = options["format"] or file.suffix.removeprefix(".")
+    if file_format not in _FORMATS:
         raise click.UsageError(f"{file} ends in neither .pomdp nor .pomdpx; give --format.")
     # Before the work, so that a name that cannot be written is told at once.
     check_output(file, inputs=[options["dataset"]])
@@ -202,9 +202,9 @@ def export(file: Path, **options: Unpack[_Exporting]) -> None:
     theta = ConfusionPosterior.from_counts(percept_counts(table, 2))
     rows, precision = theta.select(columns, exact=True)
     momdp = build_momdp(table.domain, query, rows, precision, objective=Objective(abstain=True))
-    write = write_pomdp if kind == "pomdp" else write_pomdpx
+    write = write_pomdp if file_format == "pomdp" else write_pomdpx
     write(momdp, file)
-    observations = momdp.levels ** len(momdp.query) + (2 if kind == "pomdp" else 1)
+    observations = momdp.levels ** len(momdp.query) + (2 if file_format == "pomdp" else 1)
     terminal.say(
         f"{file}: {momdp.n_states} states, {momdp.n_actions} actions, {observations} observations, "
         f"{file.stat().st_size:,} bytes"

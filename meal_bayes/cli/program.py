@@ -93,8 +93,8 @@ def _check_words(words: Sequence[str]) -> None:
     for before, word in itertools.pairwise(["", *words]):
         option = word.removesuffix("=") if word.startswith("--") and word.endswith("=") else ""
         if not word.strip() or option:
-            place = option or (f"what follows {before}" if before else "the first word")
-            raise click.UsageError(f"On the command line {place} is empty; give it a value.")
+            what = option or (f"what follows {before}" if before else "the first word")
+            raise click.UsageError(f"On the command line {what} is empty; give it a value.")
 
 
 def _hold_streams() -> None:

@@ -86,8 +86,8 @@ def offline(root: Path | None, agents: tuple[str, ...], as_json: bool, **setting
     settings["payoffs"] = settings["payoffs"] or None
     perception = settings["perception"]
     settings["dataset"], table = opt.table_of(settings["dataset"], root, perception)
-    chosen = tuple(map(opt.agent_value, opt.comma_list(*agents))) or experiments.DEFAULT_AGENTS
-    config = experiments.OfflineConfig(**settings, agents=chosen)
+    compared = tuple(map(opt.agent_value, opt.comma_list(*agents))) or experiments.DEFAULT_AGENTS
+    config = experiments.OfflineConfig(**settings, agents=compared)
     # Compiled before the bar of the trials, which would stand still meanwhile.
     with terminal.showing_compilation():
         experiments.warm_up(config, table.domain)
@@ -314,21 +314,20 @@ def _print_differences(summary: "list[LearningSummary]", repeats: int) -> None:
     from meal_bayes.evaluation.statistics import MASS_TEXT
 
     first = summary[0]
-    others = summary[1:]
+    compared = summary[1:]
     reached = [
         hours
         for hours in first.reward_difference_at
-        if not all(math.isnan(row.reward_difference_at[hours]) for row in others)
+        if not all(math.isnan(row.reward_difference_at[hours]) for row in compared)
     ]
     rows = []
-    for row in others:
+    for row in compared:
         area = row.area_reward_difference
         few = repeats < _LEAST_SPLITS or math.isnan(row.area_high)
         half = "" if few else f" ±{row.area_high - area:.1f}"
-        at = (terminal.signed(row.reward_difference_at[hours]) for hours in reached)
-        rows.append(
-            (row.agent, f"{area:+.1f}{half}", *at, terminal.signed(row.reward_after_difference))
-        )
+        differences = (terminal.signed(row.reward_difference_at[hours]) for hours in reached)
+        after = terminal.signed(row.reward_after_difference)
+        rows.append((row.agent, f"{area:+.1f}{half}", *differences, after))
     at_hours = (f"at {hours} h" for hours in reached)
     names = (
         f"reward less {first.agent}'s",

@@ -119,8 +119,8 @@ def _log_name(question: str, learner: "Learner", options: "_Asking", **more: obj
     names = ("objects", "recordings", "agent", "seed")
     config = dict(options)
     settings = opt.digest({**{n: config[n] for n in names}, "question": question, **more})
-    asked = "-".join(re.findall(r"\w+", question.lower()))[:50]
-    return f"sim-seed{options['seed']}-{asked}-{learner.agent.name}-{settings}"
+    words = "-".join(re.findall(r"\w+", question.lower()))[:50]
+    return f"sim-seed{options['seed']}-{words}-{learner.agent.name}-{settings}"
 
 
 @sim.command(short_help="Ask about a new object, which the arm then touches.")
@@ -212,27 +212,27 @@ def live(trials: int, agent: str, seed: int, logs: Path, as_json: bool) -> None:
     from meal_bayes.learner import Learner
     from meal_bayes.simulated_arm import learn_live
 
-    chosen = as_agent(opt.agent_value(agent))
+    chosen_agent = as_agent(opt.agent_value(agent))
     settings = opt.digest({"agent": agent, "trials": trials, "seed": seed})
-    folder = logs / f"sim-live-{chosen.name}-seed{seed}-{settings}"
-    learner = Learner("simulated_arm", agent=chosen, seed=seed, logs=None)
+    folder = logs / f"sim-live-{chosen_agent.name}-seed{seed}-{settings}"
+    learner = Learner("simulated_arm", agent=chosen_agent, seed=seed, logs=None)
     with terminal.showing_compilation():
-        chosen.warm_up(learner.domain, Query(("heavy",)))
-    done: list[Trial] = []
+        chosen_agent.warm_up(learner.domain, Query(("heavy",)))
+    finished: list[Trial] = []
     with terminal.progress("learning", "trials") as advance:
         for trial in learn_live(learner, trials, seed, logs=folder):
-            done.append(trial)
-            advance(len(done), trials)
+            finished.append(trial)
+            advance(len(finished), trials)
     if as_json:
         rows = [
             {"number": number, "asked": trial.task.query.attributes[0], "fault": trial.ended}
             | trial_json(trial)
-            for number, trial in enumerate(done, start=1)
+            for number, trial in enumerate(finished, start=1)
         ]
         terminal.print_json({"trials": rows, "log": str(folder)})
         return
     names = "trials", "agent", "accuracy", "s a trial", "robot errors"
-    points = (_point(done, start) for start in range(0, len(done), _BLOCK))
+    points = (_point(finished, start) for start in range(0, len(finished), _BLOCK))
     terminal.print_table(names, points, left_aligned=("agent",))
     terminal.note(f"every trial: {command_line('meal-bayes log show', folder)}")
 
@@ -241,8 +241,8 @@ def _point(done: "list[Trial]", start: int) -> list[str]:
     """Return accuracy and cost of a block of trials, a row of the curve."""
     block = done[start : start + _BLOCK]
     whole = [trial for trial in block if not trial.ended]
-    right = sum(bool(trial.success) for trial in whole) / max(len(whole), 1)
+    accuracy = sum(bool(trial.success) for trial in whole) / max(len(whole), 1)
     cost = sum(trial.cost for trial in whole) / max(len(whole), 1)
-    place = f"{start + 1}-{start + len(block)}"
+    numbers = f"{start + 1}-{start + len(block)}"
     faults = len(block) - len(whole)
-    return [place, block[0].agent, f"{right:.2f}", f"{cost:.1f}", str(faults)]
+    return [numbers, block[0].agent, f"{accuracy:.2f}", f"{cost:.1f}", str(faults)]

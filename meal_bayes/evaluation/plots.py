@@ -156,13 +156,14 @@ def forest(
     pairs = sorted(np.ndindex(gap.shape), key=lambda pair: -gap[pair])[:most]
     pairs.sort(key=lambda pair: (pair[0], -gap[pair]))
     p, e = np.transpose(pairs)
+    # Rows are 1 apart, and below the name of the next attribute 0.9 more.
     heads = np.unique(p, return_index=True)[1]
-    place = np.arange(len(pairs)) + 0.9 * np.searchsorted(heads, np.arange(len(pairs)), "right")
-    with axes_to_draw(None, height=1.1 + _ROW * (place[-1] + 1)) as to:
+    height = np.arange(len(pairs)) + 0.9 * np.searchsorted(heads, np.arange(len(pairs)), "right")
+    with axes_to_draw(None, height=1.1 + _ROW * (height[-1] + 1)) as to:
         for truth, (name, marker) in enumerate(_TRUTHS):
             to.errorbar(
                 center[p, e, truth],
-                place + (-0.14 if truth else 0.14),
+                height + (-0.14 if truth else 0.14),
                 xerr=ends[:, p, e, truth],
                 fmt=marker,
                 ms=3.5,
@@ -170,11 +171,11 @@ def forest(
                 elinewidth=1.3,
                 label=f"of {name} objects",
             )
-        to.set_yticks(place, [behaviors[i] for i in e])
+        to.set_yticks(height, [behaviors[i] for i in e])
         for head in heads:
             to.text(
                 -0.01,
-                place[head] - 0.9,
+                height[head] - 0.9,
                 attributes[p[head]],
                 weight="bold",
                 ha="right",
@@ -182,7 +183,7 @@ def forest(
                 fontsize=8,
                 transform=to.get_yaxis_transform(),
             )
-        to.set(xlim=(-0.02, 1.02), ylim=(place[-1] + 0.7, place[0] - 1.3))
+        to.set(xlim=(-0.02, 1.02), ylim=(height[-1] + 0.7, height[0] - 1.3))
         label = f'probability of "yes", with {MASS_TEXT} interval'
         rest = gap.size - len(pairs)
         if rest:
@@ -206,6 +207,7 @@ def predictive(observed: ArrayLike, predicted: ArrayLike) -> Axes:
         for truth, (name, marker) in enumerate(_TRUTHS):
             color = COLORS[1 - truth]
             shift = 0.2 if truth else -0.2
+            # Replicates have as many cases as were observed, so one total scales both.
             total = max(counts[truth].sum(), 1.0)
             to.bar(
                 x + shift,
@@ -247,4 +249,5 @@ def _scale_costs(ax: Axes, means: Sequence[float]) -> None:
 def error_lengths(intervals: Sequence[Interval]) -> NDArray[np.float64]:
     """Return how far intervals go below and above their estimates, (2,n); 0 where unknown."""
     middle, _, low, high = np.transpose(intervals)
+    # An interval of a fraction may leave its estimate out by rounding; lengths are never negative.
     return np.asarray(np.nan_to_num(np.clip([middle - low, high - middle], 0, None)))

@@ -233,12 +233,12 @@ def _calibration(rows: Sequence[SummaryRow], logged: LoggedOutcomes) -> Section:
 
 
 def _attributes(agents: Mapping[str, TrialOutcomes]) -> Section:
-    asked = Counter[str]()
+    counts = Counter[str]()
     for outcomes in agents.values():
-        asked.update(outcomes.attribute[_answerable(outcomes)].tolist())
+        counts.update(outcomes.attribute[_answerable(outcomes)].tolist())
     trials = {
         attribute: [_right(outcomes, attribute) for outcomes in agents.values()]
-        for attribute in sorted(asked, key=lambda name: (-asked[name], name))
+        for attribute in sorted(counts, key=lambda name: (-counts[name], name))
     }
     cells = []
     for attribute, columns in trials.items():
@@ -271,22 +271,24 @@ def _answerable(outcomes: TrialOutcomes) -> Bools:
 
 def _right(outcomes: TrialOutcomes, attribute: str) -> tuple[Bools, NDArray[np.object_]]:
     """Return whether an attribute was answered rightly in each trial, and the objects, (M,)."""
-    asked = _answerable(outcomes) & (outcomes.attribute == attribute)
-    right = (outcomes.report == outcomes.truth) & asked
-    trials = asked.any(axis=1)
+    answerable = _answerable(outcomes) & (outcomes.attribute == attribute)
+    right = (outcomes.report == outcomes.truth) & answerable
+    trials = answerable.any(axis=1)
     return right.any(axis=1)[trials], outcomes.object_name[trials]
 
 
 def _behaviors(agents: Mapping[str, TrialOutcomes]) -> Section:
-    counts = [(part.executed.sum(axis=0), part.failed.sum(axis=0)) for part in agents.values()]
+    counts = [
+        (outcomes.executed.sum(axis=0), outcomes.failed.sum(axis=0)) for outcomes in agents.values()
+    ]
     cells = []
     for column, behavior in enumerate(next(iter(agents.values())).behaviors):
         row: list[Cell] = [behavior]
         for executed, failed in counts:
-            done = executed[column]
-            text = f"{done:,} ({failed[column] / max(done, 1):.0%})"
-            share = done / max(executed.sum(), 1)
-            row.append({"text": text, "bar": share} if done else "-")
+            n = executed[column]
+            text = f"{n:,} ({failed[column] / max(n, 1):.0%})"
+            fraction = n / max(executed.sum(), 1)
+            row.append({"text": text, "bar": fraction} if n else "-")
         cells.append(row)
     return {
         "title": "Behaviors",

@@ -198,9 +198,9 @@ def compare(trials: Trials, first: str, second: str, *, measure: str = "reward")
         Of the mean of first - second, in units of the measure: s, or a fraction of trials.
     """
     outcomes = TrialOutcomes.of(trials)
-    rows = outcomes.of_agent(first)
-    others = outcomes.of_agent(second)
-    return difference(rows, others, measure=measure).interval()
+    outcomes_of_first = outcomes.of_agent(first)
+    outcomes_of_second = outcomes.of_agent(second)
+    return difference(outcomes_of_first, outcomes_of_second, measure=measure).interval()
 
 
 @checked
@@ -216,14 +216,14 @@ def difference(first: TrialOutcomes, second: TrialOutcomes, *, measure: str = "r
         No task in common; a task that one of them has twice, as in tests after several batches; or
         a task that is another object's, or another question, in the other.
     """
-    rows, others = paired_rows(first, second)
-    gain = measured(first, measure)[rows] - measured(second, measure)[others]
+    first_rows, second_rows = paired_rows(first, second)
+    gain = measured(first, measure)[first_rows] - measured(second, measure)[second_rows]
     mask = ~np.isnan(gain)
     if not mask.any():
         raise SettingsError(
             f"{_named(first, second)} share no task with a {measure}; run both under the same seed."
         )
-    objects = first.object_name[rows][mask]
+    objects = first.object_name[first_rows][mask]
     if measure in _FRACTIONS:
         return paired_fractions(gain[mask], partial(clustered, clusters=objects))
     return clustered(gain[mask], objects)
@@ -264,12 +264,12 @@ def paired_rows(first: TrialOutcomes, second: TrialOutcomes) -> tuple[Ints, Ints
     row_of_second = _row_of_task(second)
     # In the order of keys, sums of (first - second) and of (second - first) differ in sign alone.
     shared = sorted(row_of_first.keys() & row_of_second.keys())
-    rows = np.array([row_of_first[key] for key in shared], int)
-    others = np.array([row_of_second[key] for key in shared], int)
-    for key, row, other in zip(shared, rows.tolist(), others.tolist(), strict=True):
+    first_rows = np.array([row_of_first[key] for key in shared], int)
+    second_rows = np.array([row_of_second[key] for key in shared], int)
+    for key, row, other in zip(shared, first_rows.tolist(), second_rows.tolist(), strict=True):
         tasks = [
-            (part.object_name[n], *filter(None, part.attribute[n]))
-            for part, n in ((first, row), (second, other))
+            (outcomes.object_name[n], *filter(None, outcomes.attribute[n]))
+            for outcomes, n in ((first, row), (second, other))
         ]
         if tasks[0] != tasks[1]:
             raise SettingsError(
@@ -277,7 +277,7 @@ def paired_rows(first: TrialOutcomes, second: TrialOutcomes) -> tuple[Ints, Ints
                 f"{', '.join(tasks[1])} in the other of {_named(first, second)}; give trials of "
                 "one run."
             )
-    return rows, others
+    return first_rows, second_rows
 
 
 def _row_of_task(outcomes: TrialOutcomes) -> dict[str, int]:

@@ -238,14 +238,14 @@ def _checked(agents: Any, seed: int, reward: float | None) -> tuple[Agent, ...]:
     if reward is not None:
         LearnerSettings(reward=reward)
     alone = isinstance(agents, str) or not isinstance(agents, Iterable)
-    named = tuple(as_agent(value) for value in ((agents,) if alone else agents))
-    names = [agent.name for agent in named]
+    agents_of_values = tuple(as_agent(value) for value in ((agents,) if alone else agents))
+    names = [agent.name for agent in agents_of_values]
     for name in names:
         if names.count(name) > 1:
             raise SettingsError(
                 f"Agent {name!r} is named twice; name each once. Two planners of one class are "
                 "told apart by an attribute `name`."
             )
-    if not named:
+    if not agents_of_values:
         raise SettingsError("No agent named; name at least one.")
-    return named
+    return agents_of_values

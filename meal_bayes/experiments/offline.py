@@ -109,8 +109,8 @@ class _TrialBlock:
         ).fit(table)
         header = {"config": config.as_dict(), "seed": config.seed}
         with TrialWriter(self.path, header) as log:
-            for trial, taken in timed(learner.ask, self.tasks, advance):
-                log.write(trial, seconds=taken)
+            for trial, seconds in timed(learner.ask, self.tasks, advance):
+                log.write(trial, seconds=seconds)
 
 
 @checked

@@ -155,8 +155,8 @@ class _AgentRepeat:
             write_trials(path, [TrialOutcomes.of(logged)], header=header, seconds=seconds)
             return
         with TrialWriter(path, header) as log:
-            for trial, taken in trials:
-                log.write(trial, seconds=taken)
+            for trial, seconds_of_trial in trials:
+                log.write(trial, seconds=seconds_of_trial)
 
 
 @checked
@@ -193,9 +193,9 @@ def run_online(
     name = f"online-{domain.name}-n{config.attributes}"
     data = fingerprint(config.dataset, config.root)
     folder = run_folder(logs, name, config, ignore=("repeats",), data=data)
-    place = folder.absolute()  # a cluster's workers live elsewhere
+    absolute = folder.absolute()  # a cluster's workers live elsewhere
     units = [
-        _AgentRepeat(dataclasses.replace(config, agents=(agent,)), repeat, place, fresh)
+        _AgentRepeat(dataclasses.replace(config, agents=(agent,)), repeat, absolute, fresh)
         for repeat in range(config.repeats)
         for agent in config.agents
     ]

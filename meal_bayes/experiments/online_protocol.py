@@ -15,7 +15,7 @@ from meal_bayes.learner import Learner, implied
 from meal_bayes.perception.perceiver import answer
 from meal_bayes.robots import OutcomeChecker
 from meal_bayes.robots.recorded import Order, RecordedRobot, replayable
-from meal_bayes.seeds import Key, stream
+from meal_bayes.seeds import stream
 from meal_bayes.trials import Task, Trial
 
 ASKED = 10  # attributes of an online run
@@ -53,8 +53,10 @@ def restricted(dataset: Dataset, attributes: tuple[str, ...]) -> Dataset:
 
 def restricted_domain(domain: Domain, attributes: tuple[str, ...]) -> Domain:
     """Keep some of the attributes, and groups and synonyms of these alone."""
-    groups = {k: v for k, v in domain.groups.items() if set(v) <= set(attributes)}
-    synonyms = {a: b for a, b in domain.synonyms.items() if b in attributes}
+    groups = {
+        name: members for name, members in domain.groups.items() if set(members) <= set(attributes)
+    }
+    synonyms = {word: name for word, name in domain.synonyms.items() if name in attributes}
     return replace(domain, attributes=attributes, groups=groups, synonyms=synonyms)
 
 
@@ -66,25 +68,23 @@ class Recordings:
 
     def __init__(self, dataset: Dataset, rng: np.random.Generator) -> None:
         self.counts = replayable(dataset)  # (O,E)
-        o, e = self.counts.shape
-        r = dataset.recordings
         # Sorting random numbers gives a random order; absent recordings come last, at infinity.
-        absent = np.arange(r) >= self.counts[..., None]
-        self._order = np.where(absent, np.inf, rng.random((o, e, r))).argsort(axis=-1)
-        self._used = np.zeros((o, e), np.int64)
+        absent = np.arange(dataset.recordings) >= self.counts[..., None]
+        self._order = np.where(absent, np.inf, rng.random(absent.shape)).argsort(axis=-1)
+        self._used = np.zeros(self.counts.shape, np.int64)
         self._senses = dataset.domain.recorded
 
-    def supply(self, o: int) -> Order:
+    def supply(self, index: int) -> Order:
         """Return the recordings of an object yet to come, (E,) lists, the next one last."""
-        rows = zip(self._order[o], self.counts[o], self._used[o], strict=True)
+        rows = zip(self._order[index], self.counts[index], self._used[index], strict=True)
         return [np.roll(order[:count], -used)[::-1].tolist() for order, count, used in rows]
 
     def use(self, trial: Trial) -> None:
         """Count the recordings that a trial was shown."""
         for step in trial.steps:
-            e = step.decision.action
-            if step.observation is not None and e in self._senses:
-                self._used[trial.task.object_index, e] += 1
+            action = step.decision.action
+            if step.observation is not None and action in self._senses:
+                self._used[trial.task.object_index, action] += 1
 
 
 class ObjectSplit(NamedTuple):
@@ -169,7 +169,7 @@ class Protocol:
     @property
     def pretrained(self) -> list[str]:
         """Names of the objects for pretraining."""
-        return [self.dataset.objects[o] for o in self.split.pre]
+        return [self.dataset.objects[index] for index in self.split.pre]
 
     def pretraining(self) -> Dataset:
         """Return recording 1 of each behavior, and all labels, of the objects known before."""
@@ -202,19 +202,24 @@ class Protocol:
         names = self.dataset.domain.attributes
         labelled = self.dataset.labels >= 0
         queries = list(itertools.combinations(range(len(names)), self.attributes))
-        return [
-            (o, tuple(names[p] for p in query))
-            for o in objects.tolist()
-            for query in queries
-            if labelled[o, list(query)].all()
-        ]
+        pairs = list[tuple[int, tuple[str, ...]]]()
+        for index in objects.tolist():
+            for columns in queries:
+                if labelled[index, list(columns)].all():
+                    pairs.append((index, tuple(names[column] for column in columns)))
+        return pairs
 
     def _task(self, part: str, batch: int, index: int, pair: tuple[int, tuple[str, ...]]) -> Task:
-        o, attributes = pair
+        index_of_object, attributes = pair
         data = self.dataset.domain.data
-        name = self.dataset.objects[o]
-        key: Key = (data, part, self.repeat, batch, index, name, *attributes)
-        return Task(f"{part} {batch:02d} {index:03d} {name}", Query(attributes), o, name, key)
+        name = self.dataset.objects[index_of_object]
+        return Task(
+            name=f"{part} {batch:02d} {index:03d} {name}",
+            query=Query(attributes),
+            object_index=index_of_object,
+            object_name=name,
+            key=(data, part, self.repeat, batch, index, name, *attributes),
+        )
 
 
 class Environment:
@@ -247,10 +252,10 @@ class Environment:
         robot.start()
         steps = list(trial.steps)
         for number, step in enumerate(steps):
-            e = step.decision.action
-            if e < trial.momdp.n_behaviors:
-                outcome = robot.execute(domain.behavior_names[e])
-                steps[number] = replace(step, sensed=checker.execute(e, outcome).instance)
+            action = step.decision.action
+            if action < trial.momdp.n_behaviors:
+                outcome = robot.execute(domain.behavior_names[action])
+                steps[number] = replace(step, sensed=checker.execute(action, outcome).instance)
         learner.record(replace(trial, steps=tuple(steps)))
         self._tell(learner, trial)
 
@@ -266,19 +271,19 @@ class Environment:
 
     def _robot(self, task: Task, *, learn: bool) -> RecordedRobot:
         seed = self._config.seed
-        o = task.object_index
+        index = task.object_index
         columns = self._data.domain.columns(task.query.attributes)
         # In training, recordings of an object are used up; a test has all of them.
-        order = self._recordings.supply(o) if learn else None
+        order = self._recordings.supply(index) if learn else None
         rng = stream(seed, "percepts", *task.key)
 
         def person(accuracy: float) -> dict[str, bool]:
-            said = answer(self._data.labels[o, columns], accuracy, 2, rng)
-            return dict(zip(task.query.attributes, (said == 1).tolist(), strict=True))
+            answers = answer(self._data.labels[index, columns], accuracy, 2, rng)
+            return dict(zip(task.query.attributes, (answers == 1).tolist(), strict=True))
 
         return RecordedRobot.of(
             self._data,
-            o,
+            index,
             seed=seed,
             key=task.key,
             order=order,

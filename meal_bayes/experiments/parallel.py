@@ -159,12 +159,12 @@ def _on_cluster(calls: list[bytes], address: str, meanwhile: Callable[[], None])
 
 def _other_code(machine: str, versions: dict[str, str], expected: dict[str, str]) -> SettingsError:
     """Return the error that names what a worker has in other versions than this process."""
-    others = ", ".join(
+    differing = ", ".join(
         f"{name} {versions.get(name, 'missing')} (here {expected.get(name, 'missing')})"
         for name in expected | versions
         if versions.get(name) != expected.get(name)
     )
     return SettingsError(
-        f"A worker on {machine} has other code: {others}; "
+        f"A worker on {machine} has other code: {differing}; "
         "install the same versions on all machines of the cluster."
     )

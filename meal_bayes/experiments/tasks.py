@@ -108,9 +108,9 @@ def _check_labelled(
     if not conjunctions:
         return
     variables: dict[tuple[str, ...], list[int]] = {}
-    for place, name in enumerate(names):
-        variables.setdefault(table.domain.group_of(name) or (name,), []).append(place)
-    together = np.stack([labelled[:, places].any(axis=1) for places in variables.values()])
+    for index, name in enumerate(names):
+        variables.setdefault(table.domain.group_of(name) or (name,), []).append(index)
+    together = np.stack([labelled[:, indices].any(axis=1) for indices in variables.values()])
     most = int(together.sum(axis=0).max())
     if n_attributes > most:
         raise SettingsError(
@@ -129,9 +129,9 @@ def _of_yes_or_no(
     domain's groups leave open.
     """
     rng = stream(seed, "literals", table.domain.data, len(tasks))
-    right = rng.permutation(np.arange(len(tasks)) % 2 == 0)
-    asked = []
-    for task, holds in zip(tasks, right.tolist(), strict=True):
+    halves = rng.permutation(np.arange(len(tasks)) % 2 == 0)
+    new_tasks = []
+    for task, holds in zip(tasks, halves.tolist(), strict=True):
         n = len(task.query)
         literals = np.ones(n, bool)
         if balanced:
@@ -142,8 +142,8 @@ def _of_yes_or_no(
         query = task.query
         if n > 1 or not literals.all():  # else it is the value of one attribute
             query = dataclasses.replace(query, event=Event(tuple(literals.tolist())))
-        asked.append(dataclasses.replace(task, query=query))
-    return asked
+        new_tasks.append(dataclasses.replace(task, query=query))
+    return new_tasks
 
 
 def _others(

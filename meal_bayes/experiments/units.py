@@ -66,8 +66,8 @@ def warm_up(config: OfflineConfig | OnlineConfig, domain: Domain) -> None:
         about_event = dataclasses.replace(query, event=event)
         # Whether one attribute holds is its value; that it does not hold is an event.
         queries = [query, about_event] if len(query) == 1 else [about_event]
-    for agent, asked in itertools.product(config.agents, queries):
-        agent.warm_up(domain, asked)
+    for agent, query_to_plan in itertools.product(config.agents, queries):
+        agent.warm_up(domain, query_to_plan)
 
 
 def run_units(

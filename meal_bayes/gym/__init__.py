@@ -118,8 +118,8 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
         check_amount("scale", scale)
         check_yes_no("log_training", log_training)
         table = TableSource.of(dataset).load()
-        chosen = as_agent(agent)
-        names = _chosen(table, objects)
+        chosen_agent = as_agent(agent)
+        names = _task_objects(table, objects)
         # The tasks of `run offline`, so that results of both can be compared.
         every = offline_tasks(table, attributes, trials, seed, answer=answer)
         self.tasks = [task for task in every if task.object_name in names]
@@ -129,7 +129,7 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
         self._scale = scale
         place = None if logs is None else checked_path("logs", logs)
         folder = place if log_training or objects == "test" else None
-        self._learner = Learner(table.domain, agent=chosen, seed=seed, logs=folder).fit(table)
+        self._learner = Learner(table.domain, agent=chosen_agent, seed=seed, logs=folder).fit(table)
         self._begun: tuple[Session, RecordedRobot] | None = None
         self._policy: Policy | None = None
         self._steps = 0
@@ -139,7 +139,7 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
         p = len(table.domain.attributes)
         dearest = max(behavior.cost for behavior in table.domain.behaviors)
         reports = 2**n if answer == "values" else 2
-        answers = reports + (chosen.abstain and table.domain.diagram.abstain)
+        answers = reports + (chosen_agent.abstain and table.domain.diagram.abstain)
         self._actions = e + answers
         self._answers = np.ones(answers, bool)  # always legal
         self.action_space = spaces.Discrete(self._actions)
@@ -147,7 +147,7 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
             {
                 "state": spaces.Discrete(x),
                 "asked": spaces.MultiDiscrete(np.full(n, p)),
-                "percepts": spaces.Box(0, max_steps + 1, (n, e, chosen.levels), np.int64),
+                "percepts": spaces.Box(0, max_steps + 1, (n, e, chosen_agent.levels), np.int64),
                 "belief": spaces.Box(0.0, 1.0, (n,), np.float64),
                 "cost": spaces.Box(0.0, dearest * (max_steps + 1), (1,), np.float64),
             }
@@ -162,10 +162,10 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
         by default both are new, by the seed of this or of an earlier call.
         """
         super().reset(seed=seed)
-        chosen: Any = {} if options is None else options  # users give anything
-        if not isinstance(chosen, dict) or set(chosen) - {"task"}:
+        given_options: Any = {} if options is None else options  # users give anything
+        if not isinstance(given_options, dict) or set(given_options) - {"task"}:
             raise SettingsError(f"options are {options!r:.60}; expected {{'task': i}}, or none.")
-        index = chosen.get("task")
+        index = given_options.get("task")
         seed_of_task = self._learner.settings.seed
         if index is None:
             index = int(self.np_random.integers(len(self.tasks)))
@@ -196,18 +196,18 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
             raise SettingsError("The episode is over; call reset() first.")
         momdp = running.momdp
         try:
-            chosen = operator.index(action)  # 2.7 or "3" is no action
+            index = operator.index(action)  # 2.7 or "3" is no action
         except TypeError:
             message = f"The action is {action!r:.60}; give a whole number of {self.action_space}."
             raise SettingsError(message) from None
-        if not 0 <= chosen < self._actions:
-            raise SettingsError(f"The action is {chosen!s:.60}; give one of {self.action_space}.")
+        if not 0 <= index < self._actions:
+            raise SettingsError(f"The action is {index!s:.60}; give one of {self.action_space}.")
         self._steps += 1
         # An illegal behavior costs its seconds and changes nothing: learners try it all the time.
-        if chosen < momdp.n_behaviors and not momdp.legal[running.belief.x, chosen]:
-            reward = -momdp.charged(chosen, failed=True)
+        if index < momdp.n_behaviors and not momdp.legal[running.belief.x, index]:
+            reward = -momdp.charged(index, failed=True)
         else:
-            running.command(unvalued(momdp, chosen))
+            running.command(unvalued(momdp, index))
             if running.behavior is not None:
                 running.observe(robot.execute(running.behavior))
             reward = float(running.steps[-1].reward)
@@ -270,13 +270,13 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
         return np.concatenate([running.momdp.legal[running.belief.x], self._answers])
 
 
-def _chosen(table: PerceptTable, objects: str | Sequence[str]) -> set[str]:
+def _task_objects(table: PerceptTable, objects: str | Sequence[str]) -> set[str]:
     """Return the names of the objects that tasks are about."""
     if isinstance(objects, str):
         # Some of the objects, the same in every environment, are held out.
         order = stream(0, "held-out objects", table.domain.data).permutation(len(table.objects))
-        held = {table.objects[i] for i in order[: -(-len(order) // _HELD_OUT)]}
-        sets = {"all": set(table.objects), "train": set(table.objects) - held, "test": held}
+        held_out = {table.objects[i] for i in order[: -(-len(order) // _HELD_OUT)]}
+        sets = {"all": set(table.objects), "train": set(table.objects) - held_out, "test": held_out}
         if objects not in sets:
             raise SettingsError(unknown("set of objects", objects, sets))
         return sets[objects]

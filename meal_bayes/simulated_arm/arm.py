@@ -151,12 +151,12 @@ class SimulatedArm:
 
 def observe_state(physics: ArmPhysics) -> str:
     """Return the state, by the fingertips' switches and the tracker of the object's pose."""
-    place = physics.object_place
+    position = physics.object_place
     home = physics.home
     if physics.held():
-        return LIFTED if place[2] - home[2] > _OFF_TABLE else GRASPED
+        return LIFTED if position[2] - home[2] > _OFF_TABLE else GRASPED
     commanded, width = physics.opening
     if commanded - width > _JAMMED:
         raise RobotError(f"the gripper jams: {width:.3f} m open, commanded {commanded:.3f} m")
-    near = (abs(place[:2]) < _AT_PLACE).all() and abs(place[2] - home[2]) < _OFF_TABLE
+    near = (abs(position[:2]) < _AT_PLACE).all() and abs(position[2] - home[2]) < _OFF_TABLE
     return READY if near and physics.upright > _UPRIGHT else MOVED

@@ -110,11 +110,11 @@ class ArmPhysics:
         spin = np.array([np.cos(turn / 2), 0.0, 0.0, np.sin(turn / 2)])
         for joint in range(self.model.njnt):
             if self.model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_FREE:
-                at = self.model.jnt_qposadr[joint]
-                x, y = self.data.qpos[at : at + 2]
-                self.data.qpos[at : at + 2] = cos * x - sin * y, sin * x + cos * y
-                self.data.qpos[at : at + 2] += shift
-                self.data.qpos[at + 3 : at + 7] = spin
+                address = self.model.jnt_qposadr[joint]
+                x, y = self.data.qpos[address : address + 2]
+                self.data.qpos[address : address + 2] = cos * x - sin * y, sin * x + cos * y
+                self.data.qpos[address : address + 2] += shift
+                self.data.qpos[address + 3 : address + 7] = spin
 
     def held(self) -> bool:
         """Return whether the fingers are apart and both fingertips touch the object."""

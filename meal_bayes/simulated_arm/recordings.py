@@ -114,11 +114,11 @@ def record_objects(
     work = partial(
         record_object, recordings=recordings, seed=seed, population=population, alter=alter
     )
-    done = []
+    finished = []
     for recorded in in_parallel(work, range(objects), jobs=jobs):
-        done.append(recorded)
-        progress(len(done), objects)
-    return sorted(done, key=lambda recorded: recorded.name)  # processes end in any order
+        finished.append(recorded)
+        progress(len(finished), objects)
+    return sorted(finished, key=lambda recorded: recorded.name)  # processes end in any order
 
 
 def to_dataset(domain: Domain, recorded: Sequence[Recorded]) -> Dataset:

@@ -55,10 +55,10 @@ def _check_on(classifier: Any, features: int, rng: np.random.Generator, name: st
     new = np.arange(_RECORDINGS) % 2
     unseen = _recordings(new, features, rng)
     decisions, opposite = _decide(classifier, rows, labels, unseen)
-    right = ((decisions > np.median(decisions)) == new).mean()
-    if right < _RIGHT:
+    accuracy = ((decisions > np.median(decisions)) == new).mean()
+    if accuracy < _RIGHT:
         raise ConformanceError(
-            f"{name} is right about {right:.0%} of recordings that lie {_SIGNAL:.0f} standard "
+            f"{name} is right about {accuracy:.0%} of recordings that lie {_SIGNAL:.0f} standard "
             f"deviations apart ({features} features); expected {_RIGHT:.0%} at least. Let "
             "decision_function rise with the probability of the class 1, and predict_proba have "
             "the columns of classes_; if copies share what they learned, let fit() set it anew."

@@ -197,8 +197,8 @@ class _Check:
                     f"features that were returned ({where}) have changed since.",
                     "Return a copy of a buffer that is written again.",
                 )
-        for name, percepts, said in self.detected:
-            if dict(percepts) != said:
+        for name, percepts, percepts_then in self.detected:
+            if dict(percepts) != percepts_then:
                 raise self.fail(
                     f"percepts that were returned ({name}) have changed since.",
                     "Return a new dictionary each time.",

@@ -61,8 +61,8 @@ def write_archive(folder: str | Path, out: str | Path, others: Sequence[str | Pa
         raise LogError(f"{folder} is no folder; give that of a run, with its logs.")
     _check_over(all_logs(folder))
     files = dict[str, Path]()
-    for place in (folder, *map(Path, others)):
-        for name, path in _files_of(place):
+    for source_path in (folder, *map(Path, others)):
+        for name, path in _files_of(source_path):
             if name in files and not path.samefile(files[name]):
                 raise LogError(f"{files[name]} and {path} would both be {name}; rename one.")
             files[name] = path
@@ -96,16 +96,16 @@ def _check_over(logs: Sequence[Path]) -> None:
     log.warning("Left out of the archive: %s", text)
 
 
-def _files_of(place: Path) -> Iterator[tuple[str, Path]]:
+def _files_of(root: Path) -> Iterator[tuple[str, Path]]:
     """Yield the name in the archive and the path of each file of a place."""
-    if place.is_file():
-        yield place.name, place
-    elif place.is_dir():
-        for path in sorted(place.rglob("*")):
+    if root.is_file():
+        yield root.name, root
+    elif root.is_dir():
+        for path in sorted(root.rglob("*")):
             if path.is_file() and not path.name.endswith(ACTIVE):
-                yield (Path(place.resolve().name) / path.relative_to(place)).as_posix(), path
+                yield (Path(root.resolve().name) / path.relative_to(root)).as_posix(), path
     else:
-        raise LogError(f"There is no {place}; name a file or a folder.")
+        raise LogError(f"There is no {root}; name a file or a folder.")
 
 
 def _trials_of(path: Path) -> int:

@@ -77,9 +77,9 @@ def _momdp(trial: Trial) -> Any:
 
 def encode_outcomes(outcomes: TrialOutcomes, first: int) -> bytes:
     """Pack outcomes; `first` is the number of their first trial in the file."""
-    places: dict[str, int] = {}
+    numbers: dict[str, int] = {}
     columns: dict[str, Any] = {
-        name: [places.setdefault(text, len(places)) for text in getattr(outcomes, name).flat]
+        name: [numbers.setdefault(text, len(numbers)) for text in getattr(outcomes, name).flat]
         for name in TEXTS
     }
     columns |= {name: _values(getattr(outcomes, name)) for name in INTEGERS | REALS}
@@ -88,7 +88,7 @@ def encode_outcomes(outcomes: TrialOutcomes, first: int) -> bytes:
             first=first,
             trials=len(outcomes),
             queried=outcomes.attribute.shape[1],
-            texts=list(places),
+            texts=list(numbers),
             behaviors=outcomes.behaviors,
             **columns,
         )

@@ -64,8 +64,8 @@ class Feedback:
     def text(self) -> str:
         """The labels in words, such as "heavy, not beans, full taken back"."""
         words = {_WITHDRAWN: "{} taken back", 0: "not {}", 1: "{}"}
-        said = [words[int(label)].format(name) for name, label in self.labels.items()]
-        return ", ".join([*said, "recordings forgotten"] if self.recordings else said)
+        labels = [words[int(label)].format(name) for name, label in self.labels.items()]
+        return ", ".join([*labels, "recordings forgotten"] if self.recordings else labels)
 
     def packed(self) -> bytes:
         """Return the message."""
@@ -135,8 +135,8 @@ class FeedbackIndex:
         """
         labels = self.truth(trial)
         truth = trial.truth.copy()
-        for place, name in enumerate(trial.task.query.attributes):
-            truth[place] = labels.get(name, truth[place])
+        for index, name in enumerate(trial.task.query.attributes):
+            truth[index] = labels.get(name, truth[index])
         if np.array_equal(truth, trial.truth):
             return trial
         return trial.with_truth(truth_of(trial.task.query, truth))

@@ -267,25 +267,25 @@ def _log_of(file: Path) -> Path:
 
 def _furthest(file: Path, kind: type[Broken]) -> Broken:
     """Return what any of a log's drafts holds most of; each resumption has one."""
-    held = list[Broken]()
+    readable = list[Broken]()
     faults = list[LogError]()
     for draft in names.drafts_of(_log_of(file)) or [file]:
         try:
-            held.append(kind(draft))
+            readable.append(kind(draft))
         except LogError as fault:
             faults.append(fault)
-    held.sort(key=lambda broken: broken.length)
+    readable.sort(key=lambda broken: broken.length)
     elsewhere = [fault for fault in faults if isinstance(fault, NotBrokenOff)]
-    for broken in held if elsewhere else held[:-1]:
+    for broken in readable if elsewhere else readable[:-1]:
         broken.release()
-    if elsewhere or not held:
+    if elsewhere or not readable:
         raise (elsewhere or faults)[0]
-    return held[-1]
+    return readable[-1]
 
 
-def _ended_last(place: Path, kind: type[BrokenOff]) -> str:
+def _ended_last(folder: Path, kind: type[BrokenOff]) -> str:
     """Say of the latest log of a folder that it was ended by a fault, and goes on by name."""
-    logs = [log for log in place.rglob(f"*{SUFFIX}") if names.named_form(log) == kind.form]
+    logs = [log for log in folder.rglob(f"*{SUFFIX}") if names.named_form(log) == kind.form]
     for latest in sorted(logs, key=lambda log: log.stat().st_mtime)[-1:]:
         with contextlib.suppress(LogError):
             broken = kind(latest)

@@ -152,13 +152,13 @@ class Logs:
         empty = True
         for file, header in self._distinct():
             scan = Scan(file, tolerant=True)
-            place = 0
+            next_number = 0
             for outcomes, trials in grouped(scan, unfinished=begun and of_learner(header)):
                 empty = False
-                first = place
-                place = place + len(outcomes)
-                places = range(first, place)
-                yield self._judged(Group(header, scan.path, places, outcomes, trials))
+                first_number = next_number
+                next_number = next_number + len(outcomes)
+                numbers = range(first_number, next_number)
+                yield self._judged(Group(header, scan.path, numbers, outcomes, trials))
             if scan.path.name.endswith(ACTIVE):
                 self._note_draft(scan.path, header, scan.problems)
             elif scan.foreign is not None:
@@ -225,13 +225,13 @@ class Logs:
         files = {file.resolve(): file for file in feedback_logs}.values()
         entries = list[tuple[str, Feedback]]()
         for file in sorted(files, key=lambda file: file.name):  # which begins with the time
-            said = readable_feedback([file], self.problems.append)
-            entries += [(file.name, feedback) for feedback in said]
+            feedback_of_file = readable_feedback([file], self.problems.append)
+            entries += [(file.name, feedback) for feedback in feedback_of_file]
         return entries
 
     def _distinct(self) -> list[tuple[Path, dict[str, object]]]:
         """Return the files but for copies; check that they are of one data set, and of one run."""
-        first = dict[str, Path]()
+        data_files = dict[str, Path]()
         units = dict[tuple[str, str, str], Path]()
         files = []
         for file, header in zip(self.files, self._headers, strict=True):
@@ -253,10 +253,12 @@ class Logs:
             # Objects are known by their numbers in a data set, so trials of two do not mix.
             name = config.get("dataset") or header.get("data")
             if isinstance(name, str):
-                first.setdefault(name, file)
-        if len(first) > 1 and len(set(map(_content, first))) > 1:
-            named = ", ".join(f"{name} (such as {file})" for name, file in first.items())
-            raise LogError(f"These logs are of {len(first)} data sets: {named}; name one's logs.")
+                data_files.setdefault(name, file)
+        if len(data_files) > 1 and len(set(map(_content, data_files))) > 1:
+            listing = ", ".join(f"{name} (such as {file})" for name, file in data_files.items())
+            raise LogError(
+                f"These logs are of {len(data_files)} data sets: {listing}; name one's logs."
+            )
         return files
 
 
@@ -323,16 +325,16 @@ class _Tail:
         self.name = path.with_name(f"{stem_of(path)}{SUFFIX}")  # the one that is meant
         self.builder = TrialBuilder()
         self.file = path.open("rb")
-        self._at = 0  # behind the last whole record
+        self._offset = 0  # behind the last whole record
 
     def poll(self) -> Iterator[Trial]:
         """Yield the trials of the records that are whole by now."""
         if self.file.closed:
             return
-        self.file.seek(self._at)
+        self.file.seek(self._offset)
         try:
-            for record in read_records(self.file, begin=self._at):
-                self._at = self.file.tell()
+            for record in read_records(self.file, begin=self._offset):
+                self._offset = self.file.tell()
                 for entry in self.builder.records(record):
                     if isinstance(entry, Trial):
                         yield entry

@@ -127,9 +127,9 @@ def feedback_name(folder: Path, name: str) -> Path:
 
     It is later than all that are read with it.
     """
-    place = folder / _FEEDBACK_FOLDER
-    begun = dated_name(name, place, folder.parent / _FEEDBACK_FOLDER)
-    return place / f"{begun}{FEEDBACK}{SUFFIX}"
+    own_folder = folder / _FEEDBACK_FOLDER
+    begun = dated_name(name, own_folder, folder.parent / _FEEDBACK_FOLDER)
+    return own_folder / f"{begun}{FEEDBACK}{SUFFIX}"
 
 
 def timing_of(path: Path) -> Path:

@@ -185,7 +185,7 @@ class Scan:
             size = os.fstat(file.fileno()).st_size
             begin = 0
             while True:
-                at = begin  # behind the last whole record
+                offset = begin  # behind the last whole record
                 file.seek(begin)
                 # A small file may claim to unpack to gigabytes: zeros compress a thousandfold.
                 builder = TrialBuilder(limit=_FREE_BYTES + _UNPACKING * size)
@@ -193,9 +193,9 @@ class Scan:
                 with self._noting():
                     check_size(self.path, size)
                     for record in read_records(file):
-                        at = file.tell()
+                        offset = file.tell()
                         if isinstance(record, Footer):
-                            at = min(at + len(MCAP0_MAGIC), size)  # ends the log, if not torn
+                            offset = min(offset + len(MCAP0_MAGIC), size)  # ends it, if not torn
                         with self._noting():
                             yield from self._counted(builder.records(record))
                 with self._noting():
@@ -204,8 +204,8 @@ class Scan:
                 if unfinished:
                     with self._noting():
                         yield from filter(None, [builder.unfinished()])
-                begin = next_log(file, max(at, begin + 1)) if self._tolerant else size
-                self.unread += begin - at
+                begin = next_log(file, max(offset, begin + 1)) if self._tolerant else size
+                self.unread += begin - offset
                 if begin >= size:
                     return
 

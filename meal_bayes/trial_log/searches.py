@@ -83,8 +83,8 @@ def searches_in(place: Path, on_fault: Callable[[str], object]) -> Iterator[tupl
     for file in search_files(place):
         try:
             search = read_search(file)
-            told = FeedbackIndex(readable_feedback(feedback_of(file.parent), on_fault))
-            trials = {name: told.judged(trial) for name, trial in search.trials.items()}
+            feedback = FeedbackIndex(readable_feedback(feedback_of(file.parent), on_fault))
+            trials = {name: feedback.judged(trial) for name, trial in search.trials.items()}
         except (LogError, QueryError) as fault:
             on_fault(str(fault))
         else:

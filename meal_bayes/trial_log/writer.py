@@ -120,7 +120,7 @@ class TrialWriter:
                     self._mcap.add_attachment(0, 0, schema.END, "application/json", end)
                     self._mcap.finish()
             if whole:
-                rows = [f"{number},{taken:.6f}\n" for number, taken in self._seconds.items()]
+                rows = [f"{number},{seconds:.6f}\n" for number, seconds in self._seconds.items()]
                 if rows:
                     table = "".join(["trial,seconds\n", *rows])
                     write_whole(timing_of(self.path), table, expected=True)
@@ -155,8 +155,8 @@ class TrialWriter:
             yield
         except OSError as fault:
             draft = f" ({trials} trials are kept in {self.active_path})" if trials else ""
-            why = fault.strerror or fault
-            raise LogError(f"{self.path} cannot be written: {why}{draft}.") from fault
+            reason = fault.strerror or fault
+            raise LogError(f"{self.path} cannot be written: {reason}{draft}.") from fault
         except OutputError as fault:  # of the folder
             raise LogError(str(fault)) from fault
         except (SettingsError, TypeError, ValueError, OverflowError) as fault:
@@ -258,9 +258,9 @@ def write_feedback(folder: Path, feedback: Feedback, *, header: Mapping[str, obj
 @checked
 def read_seconds(path: str | Path) -> list[float]:
     """Read the wall-clock seconds of a log's trials; none where no whole table is beside it."""
-    place = checked_path("The log", path)
+    log = checked_path("The log", path)
     try:
-        rows = timing_of(place).read_text(encoding="utf-8").splitlines()[1:]
+        rows = timing_of(log).read_text(encoding="utf-8").splitlines()[1:]
         return [float(row.split(",")[1]) for row in rows]
     except (FileNotFoundError, IndexError, ValueError):
         return []

@@ -56,7 +56,7 @@ def nothing_came(momdp: MOMDP, history: History, usual: TransitionArrays) -> Not
     unread = set(history.unread)
     x = momdp.start
     executed = zip(history.actions, history.perceived, history.moved, strict=True)
-    for place, (e, perceived, after) in enumerate(executed):
+    for index, (e, perceived, after) in enumerate(executed):
         shows = usual.observation_probability[e, x] * (momdp.observation_probability[e, x] > 0)
         percept = float(usual.transition[e, x] @ shows)
         if perceived or (percept == 0 and after != x):
@@ -68,7 +68,7 @@ def nothing_came(momdp: MOMDP, history: History, usual: TransitionArrays) -> Not
         elif remaining[e] > 0 or percept == 0:
             nothing.chance[e] *= 1.0 - percept if percept else usual.transition[e, x, x]
             nothing.number[e] += 1
-            nothing.unread[e] += place in unread
+            nothing.unread[e] += index in unread
             nothing.still[e] &= after == x
         x = after
     return nothing

@@ -168,8 +168,8 @@ class TrialOutcomes:
             whole[name] = np.full((n, q if shape == "nq" else len(behaviors)), fill)
             row = 0
             for (names, columns), (rows, width) in zip(parts, sizes, strict=True):
-                chosen = [behaviors.index(b) for b in names] if shape == "ne" else slice(width)
-                whole[name][row : row + rows, chosen] = columns[name]
+                target = [behaviors.index(b) for b in names] if shape == "ne" else slice(width)
+                whole[name][row : row + rows, target] = columns[name]
                 row += rows
         return cls(behaviors=behaviors, **whole)
 
@@ -235,23 +235,23 @@ def _columns(trial: TrialRecord) -> _Part:
     check_kind("trial", trial, TrialRecord)
     task = trial.task
     names = trial.momdp.behavior_names
-    done = [step for step in trial.steps if step.decision.action < len(names)]
-    actions = [step.decision.action for step in done]
-    empty = [step.decision.action for step in done if step.observation is None]
+    executed = [step for step in trial.steps if step.decision.action < len(names)]
+    actions = [step.decision.action for step in executed]
+    empty = [step.decision.action for step in executed if step.observation is None]
     query = task.query
     positive = trial.last_belief.positive
     truth = query.report_truth(trial.truth)
     report = np.full(len(truth), -1) if trial.report is None else trial.report
-    asked = query.value_names
+    attributes = query.value_names
     if query.event is not None and trial.probability is not None:  # one question
-        asked = (query.text.removesuffix("?"),)
+        attributes = (query.text.removesuffix("?"),)
         positive = np.array([trial.probability])
     return names, {
         "agent": [trial.agent],
         "key": [task_key(task.key)],
         "object_index": [task.object_index],
         "object_name": [task.object_name],
-        "attribute": [asked],
+        "attribute": [attributes],
         "truth": [truth],
         "report": [report],
         "positive": [positive],

@@ -37,15 +37,15 @@ def percept_labels(momdp: MOMDP, behavior: int, observation: ArrayLike) -> list[
     rows = momdp.rows[:, behavior]  # (N,2,K)
     informed = np.abs(rows[:, 1] - rows[:, 0]).max(axis=-1) > _SAME
     labels = []
-    for _, places in momdp.query.questions:
-        telling = [place for place in places if informed[place]]
-        levels = [percept[place] for place in telling]
-        if not telling:
+    for _, indices in momdp.query.questions:
+        informative = [i for i in indices if informed[i]]
+        levels = [percept[i] for i in informative]
+        if not informative:
             labels.append(SILENT)
-        elif len(places) == 1:
+        elif len(indices) == 1:
             labels.append(names[levels[0]])
         else:
-            members = [momdp.query.attributes[place] for place in telling]
+            members = [momdp.query.attributes[i] for i in informative]
             labels.append(_spoken_for(names, members, levels))
     return labels
 
@@ -54,9 +54,9 @@ def attribute_labels(momdp: MOMDP, behavior: int, observation: ArrayLike) -> lis
     """Return the percept of each attribute by name, (N,); all of a group have the group's."""
     labels = [""] * len(momdp.query)
     words = percept_labels(momdp, behavior, observation)
-    for (_, places), word in zip(momdp.query.questions, words, strict=True):
-        for place in places:
-            labels[place] = word
+    for (_, indices), word in zip(momdp.query.questions, words, strict=True):
+        for i in indices:
+            labels[i] = word
     return labels
 
 

@@ -270,11 +270,11 @@ def truth_of(query: Query, truth: Mapping[str, bool] | ArrayLike | None) -> NDAr
     """
     if truth is None:
         return np.full(len(query), -1, np.int8)
-    asked = truth  # what is not asked plays no part
+    queried = truth  # what is not asked plays no part
     if isinstance(truth, Mapping):
-        asked = [truth.get(name) for name in query.attributes]  # type: ignore[assignment]  # None
+        queried = [truth.get(name) for name in query.attributes]  # type: ignore[assignment]  # None
     try:
-        values = label_values(asked)
+        values = label_values(queried)
     except DataError as fault:
         raise QueryError(f"truth of {list(query.attributes)}: {fault}") from None
     if values.shape != (len(query),):
@@ -283,7 +283,7 @@ def truth_of(query: Query, truth: Mapping[str, bool] | ArrayLike | None) -> NDAr
             "{attribute: True or False}."
         )
     values = values.copy()
-    for name, places in zip(query.group_names, map(list, query.groups), strict=True):
-        members = [query.attributes[place] for place in places]
-        values[places] = one_value(values[places], name, members)
+    for name, indices in zip(query.group_names, map(list, query.groups), strict=True):
+        members = [query.attributes[i] for i in indices]
+        values[indices] = one_value(values[indices], name, members)
     return values

@@ -119,15 +119,15 @@ class Search:
         """Whether the claim is right, or rightly none was; None where that is not known."""
         if self.ended:
             return None
-        right = {
+        right_claims = {  # 1: yes, this object; 0: no; -1: not known
             name: int(trial.task.query.report_truth(trial.truth)[0])
             for name, trial in self.trials.items()
         }
         if self.claim is not None:
-            return None if right[self.claim] < 0 else right[self.claim] == 1
-        if 1 in right.values():
+            return None if right_claims[self.claim] < 0 else right_claims[self.claim] == 1
+        if 1 in right_claims.values():
             return False
-        return None if -1 in right.values() else True
+        return None if -1 in right_claims.values() else True
 
     @property
     def reward(self) -> float:
@@ -172,6 +172,6 @@ def explored_rows(search: Search) -> list[tuple[str, str, str, str]]:
             for step in trial.steps
             if step.decision.action < trial.momdp.n_behaviors
         ]
-        done = ", ".join(behaviors) or "nothing"
-        rows.append((name, done, f"{trial.cost:.1f}", percent(probability)))
+        executed = ", ".join(behaviors) or "nothing"
+        rows.append((name, executed, f"{trial.cost:.1f}", percent(probability)))
     return rows

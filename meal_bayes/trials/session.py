@@ -227,8 +227,8 @@ class Session(OneCaller):
 
     def fail(self, *, step: int | None = None) -> None:
         """Note that `behavior` failed: the state is as it was, and nothing was perceived."""
-        named = len(self.steps) if step is None else step  # before the state: no later one's
-        self.observe(Outcome(self.momdp.x_names[self.belief.x]), step=named)
+        index = len(self.steps) if step is None else step  # before the state: no later one's
+        self.observe(Outcome(self.momdp.x_names[self.belief.x]), step=index)
 
     @alone
     def cancel(self, why: str = "cancelled") -> None:

@@ -1,7 +1,7 @@
 """Trials as text: truths, outcomes and verdicts by name; and as a data frame."""
 
 from collections.abc import Iterable, Sequence
-from itertools import combinations
+from itertools import combinations, product
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -113,17 +113,18 @@ def together_text(momdp: MOMDP) -> str:
     if momdp.joint is None:
         return ""
     query = momdp.query
-    apart = [
-        (i, j) for first, second in combinations(query.variables, 2) for i in first for j in second
-    ]
-    both = {pair: float(momdp.joint @ query.values[:, pair].all(axis=1)) for pair in apart}
-    alone = {pair: float(momdp.prior[list(pair)].prod()) for pair in apart}
-    unlike = sorted(apart, key=lambda pair: -abs(both[pair] - alone[pair]))
+    # Attributes of one variable exclude each other by definition: pairs are of two variables.
+    pairs = list[tuple[int, int]]()
+    for variable, other in combinations(query.variables, 2):
+        pairs += product(variable, other)
+    joint = {pair: float(momdp.joint @ query.values[:, pair].all(axis=1)) for pair in pairs}
+    independent = {pair: float(momdp.prior[list(pair)].prod()) for pair in pairs}
+    unlike = sorted(pairs, key=lambda pair: -abs(joint[pair] - independent[pair]))
     return "; ".join(
-        f"both {query.attributes[i]} and {query.attributes[j]} {percent(both[i, j])}, "
-        f"if independent {percent(alone[i, j])}"
+        f"both {query.attributes[i]} and {query.attributes[j]} {percent(joint[i, j])}, "
+        f"if independent {percent(independent[i, j])}"
         for i, j in unlike[:_PAIRS]
-        if abs(both[i, j] - alone[i, j]) >= _UNLIKE
+        if abs(joint[i, j] - independent[i, j]) >= _UNLIKE
     )
 
 
@@ -136,14 +137,16 @@ def truth_text(query: Query, truth: Sequence[int] | NDArray[np.int8]) -> str:
     truth = label_values(truth)
     if truth.shape != (len(query),):
         raise QueryError(f"truth is {truth}; give 1, 0 or -1 for each of {list(query.attributes)}.")
-    attributes = query.attributes
-    groups = query.groups
-    implied = {i for group in groups for i in group if any(truth[k] == 1 for k in group)}
-    names = [
-        name if value == 1 else f"not {name}"
-        for i, (name, value) in enumerate(zip(attributes, truth, strict=True))
-        if value == 1 or (value == 0 and i not in implied)
-    ]
+    implied = set[int]()  # members of a group whose true value is known
+    for group in query.groups:
+        if any(truth[i] == 1 for i in group):
+            implied.update(group)
+    names = list[str]()
+    for i, (name, value) in enumerate(zip(query.attributes, truth, strict=True)):
+        if value == 1:
+            names.append(name)
+        elif value == 0 and i not in implied:
+            names.append(f"not {name}")
     return ", ".join([*names, "unknown"] if min(truth, default=0) < 0 else names)
 
 

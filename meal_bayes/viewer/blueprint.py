@@ -76,10 +76,10 @@ def _trial(*, single: bool, crowded: bool, robot: bool) -> rrb.Horizontal:
         rrb.StateTimelineView(origin=scene.LANES, name="action, state, percepts", time_view=over),
         rrb.Spatial2DView(origin=scene.CONFUSION, name="confusion matrices of this behavior"),
     )
-    right = rrb.Vertical(upper, graphs, lower, row_shares=[4, 3, 3])
+    of_trial = rrb.Vertical(upper, graphs, lower, row_shares=[4, 3, 3])
     if robot:
-        return rrb.Horizontal(text, _robot(), right, column_shares=[2, 3, 5], name="the trial")
-    return rrb.Horizontal(text, right, column_shares=[1, 4], name="the trial")
+        return rrb.Horizontal(text, _robot(), of_trial, column_shares=[2, 3, 5], name="the trial")
+    return rrb.Horizontal(text, of_trial, column_shares=[1, 4], name="the trial")
 
 
 def _robot() -> rrb.Vertical:

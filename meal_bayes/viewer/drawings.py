@@ -91,8 +91,8 @@ class Diagram:
             boxes.append(Label(momdp.state_label(x), GRAY, 2 * column[x], name=f"x{x}"))
         for (source, target), names in labels.items():
             box = f"{source}-{target}"
-            place = column[source] + column[target]
-            boxes.append(Label("\n".join(names), DIM, place, name=box))
+            position = column[source] + column[target]
+            boxes.append(Label("\n".join(names), DIM, position, name=box))
             self._edges += [(f"x{source}", box), (box, f"x{target}")]
         boxes.append(Label("end: abstained", GRAY, 2 * max(column), name=f"x{momdp.terminal}"))
         self._nodes = _stacked(boxes)

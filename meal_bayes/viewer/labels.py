@@ -47,10 +47,10 @@ def narrate(frame: TrialFrame) -> str:
     step = frame.step
     query = trial.task.query
     about = f"{plain_text(trial.task.object_name)} · agent {plain_text(trial.agent)}"
-    asked = " and ".join(plain_text(name) for name, _ in query.questions)
+    question = " and ".join(plain_text(name) for name, _ in query.questions)
     if query.event is not None:
-        asked = plain_text(query.text.removesuffix("?"))
-    lines = [f"### {asked}?", about, ""]
+        question = plain_text(query.text.removesuffix("?"))
+    lines = [f"### {question}?", about, ""]
     percepts = [""] * len(query)
     if step is None:
         lines.append(f"**trial {frame.time.trial}, before any behavior**")
@@ -65,8 +65,8 @@ def narrate(frame: TrialFrame) -> str:
         lines += [f"**{plain_text(step.warning)}**"] if step.warning else []
         if step.observation is not None:
             words = percept_labels(momdp, action, step.observation)
-            for (_, places), word in zip(query.questions, words, strict=True):
-                percepts[places[0]] = word
+            for (_, indices), word in zip(query.questions, words, strict=True):
+                percepts[indices[0]] = word
     lines += ["", "|attribute|belief|percept|", "|---|---|---|"]
     named = believed(trial, frame.belief)
     words = [""] * (len(named) - len(percepts)) + percepts

@@ -11,7 +11,7 @@ def rgba(color: str) -> Color:
     >>> rgba("#0072B2")
     (0, 114, 178, 255)
     """
-    red, green, blue = (int(color[at : at + 2], 16) for at in (1, 3, 5))
+    red, green, blue = (int(color[start : start + 2], 16) for start in (1, 3, 5))
     return red, green, blue, 255
 
 
@@ -31,9 +31,9 @@ def agent_color(name: str) -> Color:
     return GRAY if color == palette.BLACK else rgba(color)
 
 
-def attribute_color(place: int) -> Color:
+def attribute_color(index: int) -> Color:
     """Return the color of an attribute by its place in a question."""
-    return rgba(palette.attribute_color(place))
+    return rgba(palette.attribute_color(index))
 
 
 def level_color(level: int, levels: int) -> Color:

@@ -105,6 +105,7 @@ class Scene:
             worth = frame.step.decision.going_on()
             fields = {"values": [worth.value], "variances": [worth.variance]}
             to.add(f"{VALUES}/worth", rr.Measurements, time, **fields)
+            # The line of later gains begins where an agent first explores; others have none.
             if frame.step.decision.explores:
                 if not self._explores:
                     to.add_line(f"{VALUES}/later", "with what later questions gain", ORANGE)
@@ -112,6 +113,7 @@ class Scene:
                 to.add(f"{VALUES}/later", rr.Scalars, time, scalars=[worth.value + worth.bonus])
             to.add(f"{VALUES}/zero", rr.Scalars, time, scalars=[0.0])
         self._picture(BARS, belief_bars(frame), time)
+        # Trials in a row often share a problem, whose diagram and matrices are drawn once.
         momdp = frame.trial.momdp
         if self._diagram is None or self._diagram.momdp is not momdp:
             self._diagram = Diagram(momdp)
@@ -220,9 +222,10 @@ def add_robot(to: Recorder, trial: Trial, frames: Sequence[Frame], start: Time) 
     _add_static(to, frames[0])
     ends = np.cumsum([step.cost for step in trial.steps])
     for frame in frames:
+        # A frame belongs to the step during which it was taken; the first, at 0 s, to none yet.
         row = int(np.searchsorted(ends, frame.seconds - 1e-6)) + (frame.seconds > 0)
-        place = start.step + min(row, len(ends))
-        time = Time(start.trial, place, start.sim_time + frame.seconds)
+        step_of_row = start.step + min(row, len(ends))
+        time = Time(start.trial, step_of_row, start.sim_time + frame.seconds)
         for shape, entity in _BOXES.items():
             mask = frame.shapes == shape
             centers = frame.centers[mask].tolist()

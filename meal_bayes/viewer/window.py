@@ -105,16 +105,16 @@ class Viewer:
             return
         self._errors.seek(0)
         text = " ".join(self._errors.read().decode(errors="replace").split())
-        why = f"The viewer ended with an error ({text[-300:] or 'no message'});"
+        reason = f"The viewer ended with an error ({text[-300:] or 'no message'});"
         if "adapter" in text or "render context" in text:
             driver = "mesa-vulkan-drivers has one in software, for machines without a screen too"
-            why = f"The viewer finds no graphics driver (Vulkan); install one ({driver}), or"
+            reason = f"The viewer finds no graphics driver (Vulkan); install one ({driver}), or"
         elif sys.platform == "linux" and not any(
             map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY"))
         ):
-            why = "The viewer cannot open a window, as there is no display;"
+            reason = "The viewer cannot open a window, as there is no display;"
         way = "give --web for a page in the browser, or --save FILE.rrd for another machine"
-        raise ViewerError(f"{why} {way}.")
+        raise ViewerError(f"{reason} {way}.")
 
     def wait_until_ready(self) -> None:
         """Wait until it listens; raises as `wait` does."""
@@ -153,11 +153,11 @@ def take_picture(recording: str | Path, *, row: int = 0) -> bytes:
     A `ViewerError` is raised where the viewer does not start (no Vulkan driver), or its picture
     never settles.
     """
-    place = checked_path("The recording", recording).resolve()
+    path = checked_path("The recording", recording).resolve()
     with Viewer(headless=True) as viewer:
         client = viewer.client()
         try:
-            client.open(str(place))
+            client.open(str(path))
             client.set_time("step", sequence=row, play_state="paused")
             return _stable_picture(client, _NOTICE)
         except ConnectionError as fault:
