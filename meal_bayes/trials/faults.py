@@ -42,8 +42,9 @@ def nothing_came(momdp: MOMDP, history: History, usual: TransitionArrays) -> Not
     """Return what yielded nothing of late, and how likely that is where behaviors fail as `usual`.
 
     An execution of a behavior that senses yields nothing where no percept comes; of one that only
-    moves, where x stays. How often they fail is what the domain says, not what was learned: that
-    a behavior failed in trials before does not explain that it fails.
+    moves, as one does whose recordings are used up, where x stays. How often they fail is what the
+    domain says, not what was learned: that a behavior failed in trials before does not explain that
+    it fails.
     """
     size = momdp.n_behaviors
     nothing = Nothing(
@@ -58,14 +59,14 @@ def nothing_came(momdp: MOMDP, history: History, usual: TransitionArrays) -> Not
     executed = zip(history.actions, history.perceived, history.moved, strict=True)
     for index, (e, perceived, after) in enumerate(executed):
         shows = usual.observation_probability[e, x] * (momdp.observation_probability[e, x] > 0)
-        percept = float(usual.transition[e, x] @ shows)
+        percept = float(usual.transition[e, x] @ shows) if remaining[e] > 0 else 0.0
         if perceived or (percept == 0 and after != x):
             nothing.chance[e] = 1.0
             nothing.number[e] = 0
             nothing.unread[e] = 0
             nothing.still[e] = True
             remaining[e] -= perceived
-        elif remaining[e] > 0 or percept == 0:
+        else:
             nothing.chance[e] *= 1.0 - percept if percept else usual.transition[e, x, x]
             nothing.number[e] += 1
             nothing.unread[e] += index in unread

@@ -13,7 +13,7 @@ from meal_bayes.momdp import Objective, build_momdp, initial_belief
 from meal_bayes.planners import History
 from meal_bayes.robots import Outcome, OutcomeChecker
 from meal_bayes.trials import FaultTolerant, Session, Task, run_trial
-from meal_bayes.trials.faults import faults_of
+from meal_bayes.trials.faults import CHANCE, faults_of
 
 DOMAIN = load_domain("ispy32")
 USUAL = DOMAIN.diagram.compile(DOMAIN.behavior_names)
@@ -106,12 +106,23 @@ def test_what_only_moves_is_warned_of_as_moving_nothing():
     assert not any("yielded nothing" in str(warning.message) for warning in caught)
 
 
-def test_a_robot_whose_recordings_run_out_is_sound():
+@pytest.mark.parametrize("moves", [False, True])
+@pytest.mark.parametrize("behavior", DOMAIN.behavior_names)
+def test_a_behavior_whose_recordings_are_used_up_is_one_that_moves_alone(behavior, moves):
+    """It fails where it does not move though it should, and not where it moves, or never did."""
+    e = DOMAIN.behavior_index(behavior)
+    back = DOMAIN.behavior_index("look" if behavior == "ask" else "ask")
     momdp = replace(momdp_of("look"), limit=np.ones(len(DOMAIN.behaviors)))
-    history, look = History(initial_belief(momdp)), DOMAIN.behavior_index("look")
-    for perceived in (True, False, False, False):
-        history = history.after(history.belief, look, perceived, 1.0)
-    assert not faults_of(momdp, history, USUAL)[0].any()
+    for x in np.flatnonzero(momdp.legal[:, e]).tolist():
+        after = int(USUAL.transition[e, x].argmax()) if moves else x
+        history = History(initial_belief(momdp))
+        history = history.after(history.belief.at(x), e, True, 1.0)
+        for _ in range(3):
+            history = history.after(history.belief.at(after), e, False, 1.0)
+            history = history.after(history.belief.at(x), back, True, 1.0)
+        failing, stuck = faults_of(momdp, history, USUAL)
+        unlikely = USUAL.transition[e, x, x] ** 3 <= CHANCE
+        assert failing[e] == stuck[e] == (after == x and unlikely)
 
 
 def test_failures_that_chance_explains_are_repeated():
