@@ -10,14 +10,13 @@ from meal_bayes.planners.jit import Compiling, watch_compilation
 from meal_bayes.planners.open_loop.policy import OpenLoop, OpenLoopPolicy
 from meal_bayes.planners.pomcp.policy import POMCP
 from meal_bayes.planners.precompile import warm_up
+from meal_bayes.planners.prospector import Prospector, SharedPlans
 from meal_bayes.planners.returning import ways_back
 from meal_bayes.planners.several_objects import (
     EMPTY,
     Hand,
     Move,
     Prospect,
-    Prospector,
-    SharedPlans,
     best_move,
 )
 from meal_bayes.planners.solver import (
