@@ -56,11 +56,11 @@ class CoOccurrence(FrozenArrays):
     def moved(self, before: "CoOccurrence", attributes: int) -> NDArray[np.bool_]:
         """Return of which attributes (P,) a pair is not what it was."""
         changed = self._rows() ^ before._rows()
-        places = [int(place) for row in changed for place in row[:2]]
-        return np.isin(np.arange(attributes), places)
+        moved = [int(attribute) for row in changed for attribute in row[:2]]
+        return np.isin(np.arange(attributes), moved)
 
     def _rows(self) -> set[tuple[float, ...]]:
-        """Return each pair's places and probabilities."""
+        """Return each pair's attributes and probabilities."""
         rows = zip(self.pairs.tolist(), self.probability.tolist(), strict=True)
         return {(*pair, *probability) for pair, probability in rows}
 
@@ -130,10 +130,10 @@ def joint_prior(
     if not len(coupled) or query.n_values > MOST_VALUES:
         return None
     values = query.values
-    place = {column: number for number, column in enumerate(columns)}
+    index_of = {column: index for index, column in enumerate(columns)}
     pairs = []
     for number in coupled.tolist():
-        first, second = (place[column] for column in co_occurrence.pairs[number].tolist())
+        first, second = map(index_of.__getitem__, co_occurrence.pairs[number].tolist())
         cell = 2 * values[:, first].astype(np.int64) + values[:, second]
         pairs.append(_Margin(cell, co_occurrence.probability[number]))
     singles = [_single(values, i, float(rate)) for i, rate in enumerate(rates)]

@@ -67,27 +67,27 @@ class Knowledge(FrozenArrays):
 
         names = ("base_rate", "behavior", "youden", "right")
         rows = []
-        for place, rate in enumerate(self.base_rates.tolist()):
-            best = self.most_telling(place)
+        for attribute, rate in enumerate(self.base_rates.tolist()):
+            best = self.most_telling(attribute)
             rows.append((rate, *(best or (None, np.nan, np.nan))))
         index = pd.Index(self.domain.attributes, name="attribute")
         return pd.DataFrame(rows, index=index, columns=list(names))
 
-    def most_telling(self, place: int) -> tuple[str, float, float] | None:
+    def most_telling(self, attribute: int) -> tuple[str, float, float] | None:
         """Return the behavior that tells most of an attribute, Youden's J, and Pr(right).
 
         None where no behavior tells anything.
         """
-        informative = self.posterior.informative[place]
+        informative = self.posterior.informative[attribute]
         if not informative.any():
             return None
-        youden = np.where(informative, self.posterior.youden[place], -np.inf)
+        youden = np.where(informative, self.posterior.youden[attribute], -np.inf)
         best = int(youden.argmax())
-        rows = self.posterior.mean[place, best]  # (2,K) [truth, level]
+        rows = self.posterior.mean[attribute, best]  # (2,K) [truth, level]
         said = no_and_yes_of(rows)  # (2,2) [truth, no and yes]
-        rate = float(self.base_rates[place])
-        right = float(rate * said[1, 1] + (1.0 - rate) * said[0, 0])
-        return self.domain.behavior_names[best], float(youden[best]), right
+        rate = float(self.base_rates[attribute])
+        accuracy = float(rate * said[1, 1] + (1.0 - rate) * said[0, 0])
+        return self.domain.behavior_names[best], float(youden[best]), accuracy
 
     def with_labels(self, labels: NDArray[np.int8]) -> "Knowledge":
         """Return the same knowledge with the priors that labels (O,P) tell: alone, and jointly."""

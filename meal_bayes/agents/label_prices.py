@@ -88,7 +88,7 @@ def prices(gain: Floats, variance_explained: Floats, questions: Floats, costs: F
     leads = np.take_along_axis(alone - costs, lead, axis=1) > 0
     # What the leader's gain will be, once it is learned as far as questions allow.
     explained_in_the_end = np.sqrt(variance_explained[..., -1])[..., None]
-    lead_gain = _at(gain, explained_in_the_end * _Z)
+    lead_gain = _interpolated(gain, explained_in_the_end * _Z)
     lead_gain = np.take_along_axis(lead_gain, lead[..., None], axis=1)[:, 0]  # (R,Z)
     # E max(gain, the leader's) less E of the leader's: what is added to it.
     best_gain = np.maximum(gain[..., None], lead_gain[:, None, None]) @ _NORMAL  # (R,E,Z)
@@ -97,12 +97,13 @@ def prices(gain: Floats, variance_explained: Floats, questions: Floats, costs: F
     return np.where(leads & (np.arange(e) != lead), beside, alone)
 
 
-def _at(values: Floats, z: Floats) -> Floats:
+def _interpolated(values: Floats, z: Floats) -> Floats:
     """Interpolate values (...,Z) at z (...,J)."""
-    at = np.clip((z - _Z[0]) / (_Z[1] - _Z[0]), 0.0, len(_Z) - 1)
-    low = np.minimum(at.astype(np.intp), len(_Z) - 2)
-    below, above = (np.take_along_axis(values, i, axis=-1) for i in (low, low + 1))
-    return np.asarray(below + (at - low) * (above - below))
+    position = np.clip((z - _Z[0]) / (_Z[1] - _Z[0]), 0.0, len(_Z) - 1)
+    low = np.minimum(position.astype(np.intp), len(_Z) - 2)
+    below = np.take_along_axis(values, low, axis=-1)
+    above = np.take_along_axis(values, low + 1, axis=-1)
+    return np.asarray(below + (position - low) * (above - below))
 
 
 def _transitions(variance_explained: Floats) -> Floats:

@@ -96,8 +96,8 @@ def learning_prices(progress: Progress, asked: int) -> Floats:
     believed = knowledge.posterior.informative  # (P,E)
     value, now = values_ahead(knowledge, ahead, believed, progress)
     # A better table of one attribute counts where the answers on all others are right.
-    right = np.clip((1 + now.mean() / progress.reward) / 2, 0.0, 1.0)
-    questions = share * progress.horizon.after(pace * AHEAD) * right ** (asked - 1)
+    prob_right = np.clip((1 + now.mean() / progress.reward) / 2, 0.0, 1.0)
+    questions = share * progress.horizon.after(pace * AHEAD) * prob_right ** (asked - 1)
     costs = np.array([behavior.cost for behavior in knowledge.domain.behaviors])
     variance_explained = explained(alpha, knowledge.base_rates[:, None])
     price = prices(value - now[:, None, None], variance_explained, questions, costs)

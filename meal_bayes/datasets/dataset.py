@@ -253,9 +253,11 @@ class Dataset:
 
 def check_positions(positions: Iterable[object], count: int, what: str) -> None:
     """Refuse what is no place in a list: a negative one would silently count from its end."""
-    for place in positions:
-        if not is_whole(place) or not 0 <= place < count:
-            raise DataError(f"Found {place!r:.60}; expected a place among {count} {what}, from 0.")
+    for position in positions:
+        if not is_whole(position) or not 0 <= position < count:
+            raise DataError(
+                f"Found {position!r:.60}; expected a place among {count} {what}, from 0."
+            )
 
 
 def complete_labels(

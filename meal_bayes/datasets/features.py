@@ -56,8 +56,8 @@ def checked_features(
     if absent:
         valid |= np.isnan(features).all(axis=-1)
     if not valid.all():
-        place = np.argwhere(~valid)[0] + 1
-        row = "".join(f", {axis[:-1]} {number}" for axis, number in zip(axes, place, strict=False))
+        index = np.argwhere(~valid)[0] + 1
+        row = "".join(f", {axis[:-1]} {number}" for axis, number in zip(axes, index, strict=False))
         raise DataError(f"found NaN or infinity{row}; expected finite numbers")
     return features
 

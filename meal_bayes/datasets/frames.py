@@ -81,21 +81,21 @@ def _rows(values: Any, objects: Sequence[str], context: Context) -> FeatureRows:
                 f"{source}: found those of {len(values)} objects; expected {len(objects)}, in "
                 "the order of `objects`."
             )
-        parts = {
-            name: _numbers(part, f"{source} of {name}", absent=True)
-            for name, part in zip(objects, values, strict=True)
+        by_object = {
+            name: _numbers(rows, f"{source} of {name}", absent=True)
+            for name, rows in zip(objects, values, strict=True)
         }
-        parts = {name: part[~np.isnan(part).any(axis=1)] for name, part in parts.items()}
+        by_object = {name: rows[~np.isnan(rows).any(axis=1)] for name, rows in by_object.items()}
     else:
-        parts = {
-            name: _numbers(part, f"{source} of {name}")
-            for name, part in _named_once(values, source).items()
+        by_object = {
+            name: _numbers(rows, f"{source} of {name}")
+            for name, rows in _named_once(values, source).items()
         }
-    keys = [(name, str(r)) for name, part in parts.items() for r in range(1, len(part) + 1)]
-    sizes = {part.shape[1] for part in parts.values() if len(part)}
+    keys = [(name, str(r)) for name, rows in by_object.items() for r in range(1, len(rows) + 1)]
+    sizes = {rows.shape[1] for rows in by_object.values() if len(rows)}
     if len(sizes) > 1:
         raise DataError(f"{source}: found recordings of {sorted(sizes)} features; give one size.")
-    table = np.concatenate([np.empty((0, *(sizes or {1}))), *filter(len, parts.values())])
+    table = np.concatenate([np.empty((0, *(sizes or {1}))), *filter(len, by_object.values())])
     return FeatureRows(source, _places(source, len(keys)), keys, table)
 
 
@@ -252,10 +252,10 @@ def _row_of(rows: FeatureRows, objects: Mapping[str, int]) -> dict[Context, int]
             raise fault(rows.places[row], content, expected, f"{_RECORDING[2]} or remove the row")
         if (name, recording) in row_of:
             first = row_of[name, recording]
-            before = rows.places[first].removeprefix(f"{rows.source}, ")
+            earlier = rows.places[first].removeprefix(f"{rows.source}, ")
             other = rows.keys[first][1]
             alike = "" if other == text else f" (there as {other!r:.60}, here as {text!r:.60})"
-            content = f"recording {recording} of {name} again, after {before}{alike}"
+            content = f"recording {recording} of {name} again, after {earlier}{alike}"
             raise fault(rows.places[row], content, "each recording once", "remove one of the rows")
         row_of[name, recording] = row
     return row_of

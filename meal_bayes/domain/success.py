@@ -29,8 +29,8 @@ def learn_success(domain: Domain, attempts: NDArray[np.float64]) -> Domain:
     for effect in diagram.effects:
         failed, succeeded = attempts[domain.behavior_index(effect.behavior)]
         arrow = effect.source, effect.behavior
-        before = sum(e.probability for e in diagram.effects if (e.source, e.behavior) == arrow)
-        after = float((_PRIOR * before + succeeded) / (_PRIOR + failed + succeeded))
-        changed = replace(effect, probability=effect.probability * after / before)
-        effects.append(effect if after == before else changed)
+        stated = sum(e.probability for e in diagram.effects if (e.source, e.behavior) == arrow)
+        learned = float((_PRIOR * stated + succeeded) / (_PRIOR + failed + succeeded))
+        changed = replace(effect, probability=effect.probability * learned / stated)
+        effects.append(effect if learned == stated else changed)
     return replace(domain, diagram=replace(diagram, effects=tuple(effects)))

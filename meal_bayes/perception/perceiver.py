@@ -42,9 +42,9 @@ def answer(
     coin.
     """
     # Both are drawn always, so that the stream stands at one place whatever is known.
-    right = rng.random(len(labels)) < accuracy
+    is_right = rng.random(len(labels)) < accuracy
     coin = rng.random(len(labels)) < 0.5
-    yes = np.where(labels < 0, coin, (labels == 1) == right)
+    yes = np.where(labels < 0, coin, (labels == 1) == is_right)
     return np.where(yes, levels - 1, 0).astype(np.int8)
 
 

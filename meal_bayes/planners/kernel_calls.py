@@ -90,8 +90,8 @@ def best_plans(
     """
     shape = len(beliefs), len(evaluator.scratch.value)
     best = BestPlans(value=np.empty(shape), plan=np.empty(shape, np.int64))
-    asked = Beliefs(x, beliefs, drop_useless, best)
-    value_and_search(evaluator, asked, _NO_SEARCH, None, _KERNEL.generator)  # nothing is drawn
+    at_beliefs = Beliefs(x, beliefs, drop_useless, best)
+    value_and_search(evaluator, at_beliefs, _NO_SEARCH, None, _KERNEL.generator)  # nothing is drawn
     return best
 
 

@@ -119,9 +119,9 @@ def _episode(world: MOMDP, policy: Policy, rng: np.random.Generator, max_steps: 
         belief = history.belief
         action = best_answer(world, belief)
         if step < max_steps:
-            before = time.process_time()
+            started = time.process_time()
             decision = decide(policy, history, policy_rng)
-            cpu_s += time.process_time() - before
+            cpu_s += time.process_time() - started
             action = decision.action
             simulations += decision.simulations
         if action >= world.n_behaviors:
@@ -143,11 +143,11 @@ def _episode(world: MOMDP, policy: Policy, rng: np.random.Generator, max_steps: 
         certainty = report_certainty(world, history.belief, report)
     elif action == world.abstention:
         value += scale * ABSTAINED
-    right = world.query.report_truth(true.astype(np.int8))
+    true_report = world.query.report_truth(true.astype(np.int8))
     return _Episode(
         value=value,
         certainty=certainty,
-        success=report is not None and bool((report == right).all()),
+        success=report is not None and bool((report == true_report).all()),
         cost=history.cost,
         abstained=report is None,
         decisions=step + 1,

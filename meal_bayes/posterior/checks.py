@@ -162,10 +162,10 @@ def pointwise_log_likelihood(draws: xr.Dataset, cases: Cases) -> xr.Dataset:
             weight = s[:, None, attribute, e]
             scores = log_likelihood(vectors[:, None].astype(float), rows, weight)  # (C*S,V,2)
             evidence[:, members] += scores[:, vector_of.ravel()]
-    number = np.arange(len(cases.names))
-    right = evidence[:, number, cases.truth]
-    wrong = evidence[:, number, 1 - cases.truth]
-    return _by_case(_misperceived(right, wrong, epsilon[:, None]), draws, cases)
+    case = np.arange(len(cases.names))
+    of_truth = evidence[:, case, cases.truth]
+    of_other = evidence[:, case, 1 - cases.truth]
+    return _by_case(_misperceived(of_truth, of_other, epsilon[:, None]), draws, cases)
 
 
 def predict_yes(draws: xr.Dataset, cases: Cases, rng: np.random.Generator) -> xr.Dataset:

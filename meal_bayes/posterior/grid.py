@@ -156,8 +156,8 @@ def quadrature(rows: RowStatistics) -> tuple[Floats, Floats]:
     """
     most = max(float(rows.totals.sum(axis=(1, 2)).max()), 1.0)
     step = np.clip(3.0 / (_CENTER * np.sqrt(most)), 0.01, 0.2)
-    reach = np.arcsinh(80.0 / _CENTER)
-    t = np.linspace(-reach, reach, 2 * int(np.ceil(reach / step)) + 1)
+    last = np.arcsinh(80.0 / _CENTER)
+    t = np.linspace(-last, last, 2 * int(np.ceil(last / step)) + 1)
     log_odds = _CENTER * np.sinh(t)
     return expit(np.stack([-log_odds, log_odds])), np.log(np.cosh(t))
 

@@ -154,10 +154,10 @@ def _same(counts: Ints, prior: ArrayLike | None) -> tuple[Any, Any]:
     # mu moves them together, and the sampler meets no funnel. The width is no part of the model:
     # it has a law of its own, about the tau that the rows speak for, which leaves theirs as it is.
     width = pm.Flat("width_standard", dims=("behavior", "truth"))  # log
-    place = pm.math.logit((mu - _LOW) / (_HIGH - _LOW))
-    place = place + pt.exp(width) * pm.Flat("log_s_standard", dims=ROW)
-    log_s = _LOW + (_HIGH - _LOW) * pm.math.sigmoid(place)
-    jacobian = (width - pt.softplus(place) - pt.softplus(-place)).sum()
+    middle = pm.math.logit((mu - _LOW) / (_HIGH - _LOW))
+    log_odds = middle + pt.exp(width) * pm.Flat("log_s_standard", dims=ROW)
+    log_s = _LOW + (_HIGH - _LOW) * pm.math.sigmoid(log_odds)
+    jacobian = (width - pt.softplus(log_odds) - pt.softplus(-log_odds)).sum()
     center = mu[..., None]
     tau = TAUS  # (T,)
     inside = pt.log(
@@ -248,9 +248,9 @@ def _shared_class(counts: Ints, pattern_of: Ints, scores: Any, epsilon: Any) -> 
     padded = pt.concatenate([scores, pt.zeros((1, 2))])
     evidence = padded[pattern_of[o, p]].sum(axis=1)  # (n,2)
     pair = np.arange(len(o))
-    right = evidence[pair, truth]
-    wrong = evidence[pair, 1 - truth]
-    return pt.logaddexp(pt.log1p(-epsilon) + right, pt.log(epsilon) + wrong).sum()
+    of_truth = evidence[pair, truth]
+    of_other = evidence[pair, 1 - truth]
+    return pt.logaddexp(pt.log1p(-epsilon) + of_truth, pt.log(epsilon) + of_other).sum()
 
 
 def sample(

@@ -69,7 +69,7 @@ def batched_value_iteration(
     """
     prior = real_vector("prior", prior)
     rates = shaped_array("rates", rates, len(prior), momdp.n_behaviors, 2)
-    first = np.ones(len(prior)) if worse is None else shaped_array("worse", worse, len(prior))
+    starts_anew = np.ones(len(prior)) if worse is None else shaped_array("worse", worse, len(prior))
     dynamics = dynamics_of(momdp)
     grid = np.linspace(-_LARGEST, _LARGEST, _POINTS)
     belief = 1 / (1 + np.exp(-grid))
@@ -92,7 +92,7 @@ def batched_value_iteration(
     problems = Problems(
         rates=np.ascontiguousarray(np.clip(rates, _LEAST, 1.0), np.float64),
         prior_position=(log_odds + _LARGEST) / width,
-        worse=first != 0,
+        worse=starts_anew != 0,
         floor=floor,
         belief=belief,
         width=width,

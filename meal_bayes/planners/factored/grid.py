@@ -33,8 +33,8 @@ class Table(NamedTuple):
     def combined(self, parts: Iterable[Floats], combine: np.ufunc) -> Floats:
         """Combine numbers (..,G) of each axis's points into one a point of the grid, (..,B)."""
         product, *others = parts
-        for part in others:
-            pairs = combine(product[..., None], part[..., None, :])
+        for of_axis in others:
+            pairs = combine(product[..., None], of_axis[..., None, :])
             product = pairs.reshape(*product.shape[:-1], -1)
         return product
 
@@ -99,9 +99,9 @@ def make_axis(momdp: MOMDP, attribute: int, level: int) -> Floats:
     points too.
     """
     ratio = (momdp.correct - momdp.incorrect) / max(float(momdp.cost.min()), 1e-9)
-    reach = float(np.clip(np.log(max(ratio, 1.0)), _WIDEST / 2, _WIDEST))
-    even = np.linspace(0.0, reach / 2, 2**level + 1)
-    sparse = np.linspace(reach / 2, reach, max(2**level // 2, 1) + 1)
+    half_width = float(np.clip(np.log(max(ratio, 1.0)), _WIDEST / 2, _WIDEST))
+    even = np.linspace(0.0, half_width / 2, 2**level + 1)
+    sparse = np.linspace(half_width / 2, half_width, max(2**level // 2, 1) + 1)
     half = np.concatenate([even, sparse[1:]])
     # A percept adds ln Pr(z | true) / Pr(z | false) to the log-odds: even steps fit all of them.
     odds = momdp.prior[attribute] / (1 - momdp.prior[attribute])
@@ -120,9 +120,9 @@ def even_axis(momdp: MOMDP, attribute: int, inner: int) -> Floats:
     # E |ln Pr(z | true) / Pr(z | false)| at even odds: how far a percept moves the log-odds.
     shift = (0.5 * (false + true) * np.abs(np.log(true / false))).sum(axis=1)  # (E,)
     shift = np.where(informative_pairs(momdp)[attribute], shift, 0.0)
-    reach = float(np.clip(_PERCEPTS * shift.max(), _NEAREST + _INNER_STEP * inner, _WIDEST))
+    half_width = float(np.clip(_PERCEPTS * shift.max(), _NEAREST + _INNER_STEP * inner, _WIDEST))
     odds = momdp.prior[attribute] / (1 - momdp.prior[attribute])
-    log_odds = np.log(odds) + np.linspace(-reach, reach, inner)
+    log_odds = np.log(odds) + np.linspace(-half_width, half_width, inner)
     return np.concatenate([[0.0], 1 / (1 + np.exp(-log_odds)), [1.0]])
 
 

@@ -326,8 +326,8 @@ class _ValueIteration:
     def _at_start(self, table: Table) -> float:
         """Return the bound at the start, which is a point of the grid."""
         axes = zip(table.axes, self.momdp.prior, strict=True)
-        place = [int(axis.searchsorted(p)) for axis, p in axes]
-        point = np.ravel_multi_index(place, tuple(table.size))
+        indices = [int(axis.searchsorted(p)) for axis, p in axes]
+        point = np.ravel_multi_index(indices, tuple(table.size))
         return float(table.value[self.momdp.start, point])
 
 

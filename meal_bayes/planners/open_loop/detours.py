@@ -93,9 +93,9 @@ def detours_to(dynamics: Dynamics, target: Ints, goal: int) -> Detours:
             continue
         settled[x] = True
         behavior[x] = first
-        for before, a in np.argwhere(step["legal"] & (target == x)).tolist():
-            if not settled[before]:
-                heapq.heappush(queue, (distance + float(step["cost"][before, a]), before, a))
+        for source, a in np.argwhere(step["legal"] & (target == x)).tolist():
+            if not settled[source]:
+                heapq.heappush(queue, (distance + float(step["cost"][source, a]), source, a))
     on_way = np.flatnonzero(settled & (np.arange(n_states) != goal))
     moves = np.zeros((n_states, n_states))  # g P of the policy; rows of its ends stay 0
     cost = np.zeros(n_states)

@@ -186,7 +186,7 @@ class POMCPPolicy:
                 search = TreeSearch(tree, sampled, Growing(simulations, exploration, averaged))
                 return grow_tree(evaluator, search, reader, kernel_rng)
 
-            done = grow(settings.simulations) if end is None else _within(end, grow)
+            simulated = grow(settings.simulations) if end is None else _within(end, grow)
         root = tree.edge[0]
         action, values, bonus = choose(momdp, belief, root["value"], root["bonus"])
         visits = root["visits"]
@@ -199,7 +199,7 @@ class POMCPPolicy:
             value_se=no_errors(values) + np.append(standard_errors(tree), 0.0),
             visits=np.append(visits, tree.node["visits"][0] - visits.sum()),
             tree=top_edges(tree),
-            simulations=done,
+            simulations=simulated,
             sampled_rows=rows,
             bonus=bonus,
         )
@@ -260,14 +260,14 @@ def _settled(
 def _within(end: float, grow: Callable[[int], int]) -> int:
     """Grow a tree until this thread's CPU clock shows `end`, s; return the simulations made."""
     begin = time.thread_time()
-    done = 0
+    total = 0
     chunk = _CHUNK
     while True:
         simulations = grow(chunk)
-        done += simulations
+        total += simulations
         now = time.thread_time()
         # As many as fit the time left at the pace so far; a tenth is kept for the decision.
-        fitting = int(0.9 * (end - now) * done / max(now - begin, 1e-9))
+        fitting = int(0.9 * (end - now) * total / max(now - begin, 1e-9))
         if simulations < chunk or fitting < 1:
-            return done
+            return total
         chunk = min(fitting, 4 * chunk)
