@@ -16,7 +16,7 @@ from meal_bayes.evaluation import (
     Interval,
     clustered,
     difference,
-    mean_effect,
+    estimate_mean,
     paired_fractions,
 )
 from meal_bayes.evaluation.statistics import MASS
@@ -137,7 +137,7 @@ def drawn_mean(run: TrialOutcomes, measure: str) -> Estimate:
     These objects are then the whole population, each trial draws its object, its question and its
     percepts, and more trials narrow the interval without end.
     """
-    return _of_trials(mean_effect(_alone(run), measure))
+    return _of_trials(estimate_mean(_alone(run), measure))
 
 
 def drawn_difference(first: TrialOutcomes, second: TrialOutcomes, *, measure: str) -> Estimate:

@@ -24,7 +24,7 @@ from meal_bayes.evaluation.summary import (
     answer_rates,
     compare,
     difference,
-    mean_effect,
+    estimate_mean,
     summarize,
 )
 
@@ -40,8 +40,8 @@ __all__ = [
     "compare",
     "compare_outcomes",
     "difference",
+    "estimate_mean",
     "expected_calibration_error",
-    "mean_effect",
     "negative_log_likelihood",
     "paired_fractions",
     "resampled",

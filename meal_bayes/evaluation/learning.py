@@ -16,7 +16,7 @@ from scipy.integrate import trapezoid
 from meal_bayes.arrays import Floats
 from meal_bayes.evaluation.calibration import calibration_error, negative_log_likelihood
 from meal_bayes.evaluation.statistics import MASS, Interval, Measures, resampled, spent
-from meal_bayes.evaluation.summary import mean_effect
+from meal_bayes.evaluation.summary import estimate_mean
 from meal_bayes.trials import BatchOutcomes
 
 Curves = Mapping[int, Floats]  # hours and mean test rewards (2,B) by repeat
@@ -67,7 +67,7 @@ def learning_rows(results: Iterable[BatchOutcomes]) -> list[LearningRow]:
     rows = []
     for agent, repeat, batch, hours, outcomes in results:
         positive, truth = outcomes.beliefs()
-        accuracy = mean_effect(outcomes, "success")
+        accuracy = estimate_mean(outcomes, "success")
         rows.append(
             LearningRow(
                 agent,

@@ -14,7 +14,7 @@ from meal_bayes.errors import SettingsError
 from meal_bayes.evaluation.logged import LoggedOutcomes
 from meal_bayes.evaluation.page import Section
 from meal_bayes.evaluation.sections import finding_of, sections_of
-from meal_bayes.evaluation.summary import mean_effect
+from meal_bayes.evaluation.summary import estimate_mean
 from meal_bayes.evaluation.worst import (
     WORST,
     AgentPart,
@@ -162,7 +162,7 @@ def _worst(logged: LoggedOutcomes, trials: _Shown) -> Section:
         keys = {AgentPart(agent, *pair) for pair in zip(batches, parts, strict=True)}
         entries = [entry for key in sorted(keys) for entry in trials.worst.get(key, ())]
         if entries:
-            reward = mean_effect(measured.outcomes.rows(rows), "reward").estimate
+            reward = estimate_mean(measured.outcomes.rows(rows), "reward").estimate
             by_agent.append((reward, agent, entries[:WORST]))
     # Baselines lose many trials; what the best agent loses is what a reader can learn from.
     best_first = sorted(by_agent, key=lambda entry: -entry[0])

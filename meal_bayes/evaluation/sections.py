@@ -22,7 +22,7 @@ from meal_bayes.evaluation.summary import (
     SummaryRow,
     accuracy_text,
     compare,
-    mean_effect,
+    estimate_mean,
     no_better_than_prior,
     reward_text,
     summarize,
@@ -126,7 +126,10 @@ def _agents(
     figures = []
     if max(map(len, agents.values())) > 1:
         points = {
-            name: (mean_effect(part, "success").interval(), mean_effect(part, "cost").interval())
+            name: (
+                estimate_mean(part, "success").interval(),
+                estimate_mean(part, "cost").interval(),
+            )
             for name, part in agents.items()
             if part.judged.any()
         }
@@ -199,7 +202,7 @@ def _learning(results: Sequence[BatchOutcomes]) -> Iterator[Section]:
             tests = [result for result in of_agent if result.batch == batch]
             joined = TrialOutcomes.join([result.outcomes for result in tests])
             if joined.judged.any():
-                accuracy = mean_effect(joined, "success").interval()
+                accuracy = estimate_mean(joined, "success").interval()
                 hours = fmean(result.hours for result in tests)
                 points.append((hours, accuracy.estimate, accuracy.low, accuracy.high))
         if len(points) > 1:

@@ -166,7 +166,7 @@ def summarize(trials: Trials, *, seconds: Mapping[str, float] | None = None) -> 
 
 
 @checked
-def mean_effect(outcomes: TrialOutcomes, measure: str) -> Estimate:
+def estimate_mean(outcomes: TrialOutcomes, measure: str) -> Estimate:
     """Estimate the mean of a measure, objects as clusters; NaN where no trial has it.
 
     The measure is "reward", "cost", or "success" or "abstained", whose intervals stay in [0, 1].
@@ -190,7 +190,7 @@ def compare(trials: Trials, first: str, second: str, *, measure: str = "reward")
     first, second : str
         Their names.
     measure : str
-        One of `mean_effect`.
+        One of `estimate_mean`.
 
     Returns
     -------
@@ -208,7 +208,7 @@ def difference(first: TrialOutcomes, second: TrialOutcomes, *, measure: str = "r
     """Estimate the mean of first - second, clustered by object, over the tasks that both have.
 
     Trials are paired by the keys of their tasks, in the order of these, so that
-    `difference(b, a)` is exactly -`difference(a, b)`; measures are those of `mean_effect`.
+    `difference(b, a)` is exactly -`difference(a, b)`; measures are those of `estimate_mean`.
 
     Raises
     ------
@@ -300,8 +300,8 @@ def _named(*parts: TrialOutcomes) -> str:
 def _row(agent: str, outcomes: TrialOutcomes, seconds: float) -> SummaryRow:
     answered = outcomes.judged & outcomes.answered
     cost = outcomes.cost[outcomes.ended == ""]
-    reward = mean_effect(outcomes, "reward")
-    accuracy = mean_effect(outcomes, "success")
+    reward = estimate_mean(outcomes, "reward")
+    accuracy = estimate_mean(outcomes, "success")
     positive, truth = outcomes.beliefs()
     nll = math.nan
     squared = math.nan
@@ -325,7 +325,7 @@ def _row(agent: str, outcomes: TrialOutcomes, seconds: float) -> SummaryRow:
         brier=squared,
         ece=ece,
         ece_calibrated=calibrated,
-        abstained=mean_effect(outcomes, "abstained").estimate,
+        abstained=estimate_mean(outcomes, "abstained").estimate,
         answered_accuracy=float(outcomes.success[answered].mean()) if answered.any() else math.nan,
         seconds=seconds,
     )

@@ -12,7 +12,7 @@ from meal_bayes.evaluation import plots
 from meal_bayes.evaluation.logged import LogPart
 from meal_bayes.evaluation.page import Section, Table
 from meal_bayes.evaluation.statistics import MASS_TEXT
-from meal_bayes.evaluation.summary import mean_effect
+from meal_bayes.evaluation.summary import estimate_mean
 from meal_bayes.files import command_line
 from meal_bayes.trial_log import Group
 from meal_bayes.trial_log.names import begun_text
@@ -219,7 +219,7 @@ def _progress(trials: Sequence[ShownTrial]) -> Iterator[Section]:
     points = []
     # Blocks follow each other and do not overlap: their errors are independent but for objects.
     for rows in np.array_split(judged, blocks):
-        accuracy = mean_effect(outcomes.rows(rows), "success").interval()
+        accuracy = estimate_mean(outcomes.rows(rows), "success").interval()
         points.append((rows.mean() + 1, accuracy.estimate, accuracy.low, accuracy.high))
     series = plots.Series(outcomes.agents[-1] or "agent", *np.transpose(points))
     drawn = plots.lines([series], x_label="trial", y_label="accuracy")

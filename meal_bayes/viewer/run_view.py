@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from meal_bayes.arrays import Bools, Floats, Ints
 from meal_bayes.display import estimate_text
 from meal_bayes.evaluation.statistics import MASS_TEXT, clustered, running_means
-from meal_bayes.evaluation.summary import ACCURACY_DIGITS, mean_effect
+from meal_bayes.evaluation.summary import ACCURACY_DIGITS, estimate_mean
 from meal_bayes.evaluation.worst import worst_first
 from meal_bayes.trials import TrialOutcomes
 from meal_bayes.trials.text import UNKNOWN, outcome_facts
@@ -86,7 +86,7 @@ class RunView:
         accuracy = UNKNOWN
         reward = UNKNOWN
         if outcomes.judged.any():
-            accuracy = mean_effect(outcomes, "success").interval().text(ACCURACY_DIGITS)
+            accuracy = estimate_mean(outcomes, "success").interval().text(ACCURACY_DIGITS)
             reward = f"{outcomes.reward[outcomes.judged].mean():.1f}"
         cost = clustered(outcomes.cost, outcomes.object_name)
         abstained = len(rows) - int(outcomes.answered.sum())

@@ -1,6 +1,6 @@
 """Effects of the published code's departures on MORC, one at a time, in offline runs."""
 
-from meal_bayes.evaluation import difference, mean_effect
+from meal_bayes.evaluation import difference, estimate_mean
 from paper_repro.agents import ASK
 from paper_repro.frame import Cell, Result, Setting, Table
 from paper_repro.offline import AGAINST, MEASURES, run_agent
@@ -34,11 +34,11 @@ def run(setting: Setting) -> Result:
         changed = run_agent(
             setting, *places[other], n=2, agent=AGAINST, trials=count, reward=reward
         )
-        before = ("–", base, "nothing", *(mean_effect(ours, m) for m in MEASURES), None)  # noqa: RUF001
+        before = ("–", base, "nothing", *(estimate_mean(ours, m) for m in MEASURES), None)  # noqa: RUF001
         if before not in rows:
             rows.append(before)
         change = difference(changed, ours)
-        rows.append((number, base, text, *(mean_effect(changed, m) for m in MEASURES), change))
+        rows.append((number, base, text, *(estimate_mean(changed, m) for m in MEASURES), change))
         effects[number] = (
             f"MORC on {base.replace('roc', 'ROC').replace('ispy', 'ISPY')}, 2 attributes, {text}: "
             f"accuracy {changed.success.mean():.3f} against {ours.success.mean():.3f}, cost "

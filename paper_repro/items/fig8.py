@@ -5,7 +5,7 @@ from dataclasses import replace
 
 from meal_bayes.agents import load_agent
 from meal_bayes.domain import Domain, Query
-from meal_bayes.evaluation import difference, mean_effect
+from meal_bayes.evaluation import difference, estimate_mean
 from meal_bayes.planners import RandomLegal, Solver
 from meal_bayes.trials import TrialOutcomes
 from paper_repro.agents import ANSWERS, ASK, DECLINES
@@ -115,7 +115,7 @@ def run(setting: Setting) -> Result:
             n,
             agent,
             *(
-                (drawn_mean if protocol == THEIRS else mean_effect)(trials, m)
+                (drawn_mean if protocol == THEIRS else estimate_mean)(trials, m)
                 for m in (*MEASURES, "abstained")
             ),
         )
@@ -216,7 +216,7 @@ def _sentence(runs: Mapping[str, Mapping[int, Runs]]) -> str:
 
 def _effects(runs: Mapping[str, Mapping[int, Runs]]) -> dict[str, str]:
     legal = {protocol: run[min(run)]["random_legal"] for protocol, run in runs.items()}
-    rewards = drawn_mean(legal[THEIRS], "reward"), mean_effect(legal[RECORDED], "reward")
+    rewards = drawn_mean(legal[THEIRS], "reward"), estimate_mean(legal[RECORDED], "reward")
     theirs, ours = (f"{effect.estimate:.1f} ± {effect.se:.1f}" for effect in rewards)
     return {"21": f"Random Legal's reward on ISPY32, 1 attribute: {theirs}; exploring only, on "
                   f"recordings, {ours}"}  # fmt: skip

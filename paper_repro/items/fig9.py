@@ -5,7 +5,7 @@ from math import hypot
 
 import numpy as np
 
-from meal_bayes.evaluation import Estimate, clustered, mean_effect
+from meal_bayes.evaluation import Estimate, clustered, estimate_mean
 from meal_bayes.trials import TrialOutcomes
 from paper_repro.agents import ANSWERS, DECLINES
 from paper_repro.frame import Cell, Result, Setting, Table, paper_values
@@ -232,6 +232,6 @@ def judge_shape(runs: Runs, *, drawn: bool) -> dict[str, Evidence | None]:
 def measure(run: TrialOutcomes, name: str, *, drawn: bool) -> Estimate:
     """Estimate a measure; accuracy is that of the relevant attributes alone."""
     if name != "success":
-        return drawn_mean(run, name) if drawn else mean_effect(run, name)
+        return drawn_mean(run, name) if drawn else estimate_mean(run, name)
     right = (run.report == run.truth)[:, :RELEVANT].all(axis=1)
     return clustered(right, run.key if drawn else run.object_index, fraction=True)

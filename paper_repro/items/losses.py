@@ -8,7 +8,7 @@ import numpy as np
 
 from meal_bayes import OfflineConfig, read_trials, run_offline
 from meal_bayes.datasets import PerceptTable, load_percepts
-from meal_bayes.evaluation import Estimate, clustered, difference, mean_effect
+from meal_bayes.evaluation import Estimate, clustered, difference, estimate_mean
 from meal_bayes.planners import Factored
 from paper_repro.frame import Cell, Result, Setting, Table, paper_values
 from paper_repro.halves import table_by_halves
@@ -71,11 +71,11 @@ def run(setting: Setting) -> Result:
             for place, agent in ((dataset, AGAINST), (tables[dataset], OWN), (dataset, OWN))
         )
         ideal = reward - cheapest_percept(load_percepts(dataset))
-        by_all = mean_effect(ours, "reward")
+        by_all = estimate_mean(ours, "reward")
         gap = planning_gap(setting, dataset, n, trials) if answer == "values" else Estimate(0, 0, 1)
         gains = split(by_all, difference(ours, half), gap, ideal)
         taught = _and(by_all, gains.data)
-        heights = (mean_effect(morc, "reward"), mean_effect(half, "reward"), by_all, taught,
+        heights = (estimate_mean(morc, "reward"), estimate_mean(half, "reward"), by_all, taught,
                    _and(taught, gains.plans), Estimate(ideal, 0.0, 1))  # fmt: skip
         rows.append((dataset, n, answer, *heights[:3], difference(ours, half), *gains))
         for name, effect in zip(told, gains, strict=True):

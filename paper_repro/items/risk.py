@@ -1,7 +1,7 @@
 """Sect. 7.1: what the bonus of success and the penalty of failure do to exploring and giving up."""
 
 from meal_bayes.agents import Agent
-from meal_bayes.evaluation import difference, mean_effect
+from meal_bayes.evaluation import difference, estimate_mean
 from meal_bayes.trials import TrialOutcomes
 from paper_repro.agents import weighing
 from paper_repro.frame import Cell, Result, Setting, Table, paper_values
@@ -56,7 +56,7 @@ def run(setting: Setting) -> Result:
         (
             protocol,
             name,
-            *((drawn_mean if protocol == THEIRS else mean_effect)(outcomes, m) for m in MEASURED),
+            *((drawn_mean if protocol == THEIRS else estimate_mean)(outcomes, m) for m in MEASURED),
         )
         for protocol, run in runs.items()
         for name, outcomes in run.items()

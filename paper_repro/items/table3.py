@@ -3,7 +3,7 @@
 import math
 from itertools import product
 
-from meal_bayes.evaluation import difference, mean_effect
+from meal_bayes.evaluation import difference, estimate_mean
 from meal_bayes.trials import TrialOutcomes
 from paper_repro.frame import Cell, Result, Setting, Table, asked, paper_values
 from paper_repro.inference import LEVEL, drawn_difference, drawn_mean, planned_trials
@@ -249,7 +249,7 @@ def _printed(n: int, agent: str) -> tuple[Cell, ...]:
 def _row(
     n: int, name: str, percepts: str, run: TrialOutcomes, *, drawn: bool = False
 ) -> tuple[Cell, ...]:
-    mean = drawn_mean if drawn else mean_effect
+    mean = drawn_mean if drawn else estimate_mean
     spread = float(run.cost.std(ddof=1)) if len(run) > 1 else None
     return n, name, percepts, mean(run, "success"), mean(run, "cost"), spread
 
@@ -285,7 +285,7 @@ def _effects(published: dict[int, Runs], compared: dict[str, Runs]) -> dict[str,
     effects = {"30": f"tree search, x observed: {'; '.join(told)}"}
     if not compared:
         return effects
-    cost = mean_effect(compared[asked(2)]["random"], "cost")
+    cost = estimate_mean(compared[asked(2)]["random"], "cost")
     return effects | {"20": "Random on ROC36, 2 attributes, among legal behaviors alone: "
                             f"{cost.estimate:.1f} ± {cost.se:.1f} s; the paper prints 17.6 s"
                       }  # fmt: skip

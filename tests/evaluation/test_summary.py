@@ -9,7 +9,7 @@ import pytest
 
 from meal_bayes.domain import Query, load_domain
 from meal_bayes.errors import SettingsError
-from meal_bayes.evaluation import compare, mean_effect, summarize
+from meal_bayes.evaluation import compare, estimate_mean, summarize
 from meal_bayes.evaluation.outcome_model import Cells, compare_outcomes
 from meal_bayes.evaluation.summary import no_better_than_prior
 from meal_bayes.momdp import belief_of, build_momdp, initial_belief
@@ -72,7 +72,7 @@ def test_trials_broken_off_enter_no_measure():
     row, without = (summarize([TRIALS[0], TRIALS[2], *more])[0] for more in ([broken], []))
     assert (row.trials, without.trials) == (3, 2)
     assert row.as_dict() | {"trials": 2} == without.as_dict()
-    assert math.isnan(mean_effect(TrialOutcomes.of([broken]), "cost").estimate)
+    assert math.isnan(estimate_mean(TrialOutcomes.of([broken]), "cost").estimate)
 
 
 def test_agents_that_earn_no_more_than_the_prior_are_named():
@@ -109,14 +109,14 @@ def test_what_cannot_be_compared_is_refused():
     with pytest.raises(SettingsError, match="'bayes' share no task with a reward"):
         compare(TRIALS, "bayes", "greedy")
     with pytest.raises(SettingsError, match="Unknown measure 'speed'"):
-        mean_effect(TrialOutcomes.of(TRIALS), "speed")
+        estimate_mean(TrialOutcomes.of(TRIALS), "speed")
 
 
 def test_outcomes_are_summarized_and_compared_as_their_trials_are():
     outcomes = TrialOutcomes.of(TRIALS)
     rows = [[row.as_dict() for row in summarize(each)] for each in (outcomes, TRIALS)]
     assert rows[0] == rows[1]  # nan is None there
-    assert mean_effect(outcomes, "abstained").estimate == 0.25
+    assert estimate_mean(outcomes, "abstained").estimate == 0.25
     for measure in ("reward", "cost", "success", "abstained"):
         difference = compare(outcomes, "bayes", "morc", measure=measure)
         assert difference == compare(TRIALS, "bayes", "morc", measure=measure)

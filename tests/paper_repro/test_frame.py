@@ -13,7 +13,7 @@ from meal_bayes.agents import load_agent
 from meal_bayes.datasets import load_percepts
 from meal_bayes.domain import Query, load_domain
 from meal_bayes.errors import SettingsError
-from meal_bayes.evaluation import Estimate, mean_effect
+from meal_bayes.evaluation import Estimate, estimate_mean
 from meal_bayes.momdp import build_momdp
 from meal_bayes.perception import table_counts
 from paper_repro import frame, offline, online, pages, published
@@ -118,7 +118,7 @@ def test_the_published_random_pays_for_all_actions(tmp_path, n, cost, sd):
     run = offline.run_agent(
         setting, THEIRS, published.EVERY_ACTION, n=n, agent="random", trials=400
     )
-    assert abs(run.cost.mean() - cost) <= 2 * mean_effect(run, "cost").se
+    assert abs(run.cost.mean() - cost) <= 2 * estimate_mean(run, "cost").se
     assert run.cost.std(ddof=1) == pytest.approx(sd, rel=0.25)
 
 
