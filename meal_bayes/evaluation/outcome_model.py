@@ -124,10 +124,10 @@ def _crossed(cells: Index, sizes: dict[str, int]) -> dict[str, Index]:
     A crossed term has a level for every pair: agent * levels of the other + the other's. Its number
     of levels is added to `sizes`; where the other has one level only, nothing is crossed.
     """
-    agent, thing, repeat = cells[:, :3].T
-    others = {"object": thing, "repeat": repeat, "attribute": cells[:, 3:]}
-    terms = {"agent": agent, **others}
-    for name, index in others.items():
+    agent, object_index, repeat = cells[:, :3].T
+    crossed_with = {"object": object_index, "repeat": repeat, "attribute": cells[:, 3:]}
+    terms = {"agent": agent, **crossed_with}
+    for name, index in crossed_with.items():
         if sizes[name] > 1 or name == "object":
             terms[f"agent {name}"] = (agent * sizes[name] + index.T).T
             sizes[f"agent {name}"] = sizes["agent"] * sizes[name]
@@ -294,8 +294,8 @@ def population_means(cells: Cells, posterior: dict[str, Floats]) -> tuple[Floats
     form, to a hundredth (probit approximation).
     """
     eta = (posterior["mean"][:, None] + posterior["agent"])[:, :, None]
-    asked = cells.terms.get("attribute", np.zeros((len(cells.trials), 1), int))
-    queries, index = np.unique(asked, axis=0, return_inverse=True)
+    attributes_of_cells = cells.terms.get("attribute", np.zeros((len(cells.trials), 1), int))
+    queries, index = np.unique(attributes_of_cells, axis=0, return_inverse=True)
     if "attribute" in cells.terms:
         interaction = posterior["agent attribute"].reshape(*eta.shape[:2], -1)
         eta = eta + (posterior["attribute"][:, None] + interaction)[:, :, queries].mean(axis=3)

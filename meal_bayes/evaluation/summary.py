@@ -301,7 +301,7 @@ def _row(agent: str, outcomes: TrialOutcomes, seconds: float) -> SummaryRow:
     answered = outcomes.judged & outcomes.answered
     cost = outcomes.cost[outcomes.ended == ""]
     reward = estimate_mean(outcomes, "reward")
-    accuracy = estimate_mean(outcomes, "success")
+    accuracy = estimate_mean(outcomes, "success").interval()
     positive, truth = outcomes.beliefs()
     nll = math.nan
     squared = math.nan
@@ -313,10 +313,13 @@ def _row(agent: str, outcomes: TrialOutcomes, seconds: float) -> SummaryRow:
         ece = calibration_error(positive, truth)
         calibrated = expected_calibration_error(positive, stream(0, "calibrated belief"))
     return SummaryRow(
-        agent,
-        len(outcomes),
-        int(outcomes.judged.sum()),
-        *accuracy.interval(),
+        agent=agent,
+        trials=len(outcomes),
+        judged=int(outcomes.judged.sum()),
+        accuracy=accuracy.estimate,
+        accuracy_se=accuracy.se,
+        accuracy_low=accuracy.low,
+        accuracy_high=accuracy.high,
         cost_s=float(cost.mean()) if len(cost) else math.nan,
         cost_sd=float(cost.std(ddof=1)) if len(cost) > 1 else math.nan,
         reward=reward.estimate,

@@ -296,9 +296,9 @@ def _ended_last(folder: Path, kind: type[BrokenOff]) -> str:
 
 
 @contextlib.contextmanager
-def resuming(place: Path, kind: type[Broken]) -> Iterator[Broken]:
+def resuming(path: Path, kind: type[Broken]) -> Iterator[Broken]:
     """Hold what `interrupted` returns, and let others have it where resuming fails."""
-    broken = interrupted(place, kind)
+    broken = interrupted(path, kind)
     try:
         yield broken
     except BaseException:
@@ -306,7 +306,7 @@ def resuming(place: Path, kind: type[Broken]) -> Iterator[Broken]:
         raise
 
 
-def interrupted(place: Path, kind: type[Broken]) -> Broken:
+def interrupted(path: Path, kind: type[Broken]) -> Broken:
     """Return the trial, or the search, that a killed process left of a log, or alone in a folder.
 
     Any of its drafts names the log.
@@ -316,12 +316,12 @@ def interrupted(place: Path, kind: type[Broken]) -> Broken:
     LogError
         There is none, or there are several in the folder; another process drives it.
     """
-    if place.is_file() and not place.name.endswith(ACTIVE):
-        return kind(place)
-    if not place.is_dir():
-        return _furthest(place, kind)
+    if path.is_file() and not path.name.endswith(ACTIVE):
+        return kind(path)
+    if not path.is_dir():
+        return _furthest(path, kind)
     drafts = list[Broken]()
-    logs = {_log_of(draft) for draft in place.rglob(f"*{ACTIVE}")}
+    logs = {_log_of(draft) for draft in path.rglob(f"*{ACTIVE}")}
     for log in sorted(log for log in logs if names.named_form(log) == kind.form):
         with contextlib.suppress(LogError):  # it is under way, or over, or holds no trial
             drafts.append(_furthest(log, kind))
@@ -332,12 +332,12 @@ def interrupted(place: Path, kind: type[Broken]) -> Broken:
     if not drafts:
         search = not kind.form and any(map(names.named_form, logs))
         raise LogError(
-            f"{place} holds no {kind.noun} that was broken off; there is nothing to resume."
+            f"{path} holds no {kind.noun} that was broken off; there is nothing to resume."
             + (" A search goes on by Learner.resume_find()." if search else "")
-            + _ended_last(place, kind)
+            + _ended_last(path, kind)
             + " A learner's file does not keep where its logs are: name their folder if it is "
             "another."
         )
     call = "resume_find" if kind.form else "resume"
     listed = "; ".join(f"{draft.text}: {call}({str(draft.path)!r})" for draft in drafts)
-    raise LogError(f"{place} holds {len(drafts)} {kind.nouns} that were broken off: {listed}.")
+    raise LogError(f"{path} holds {len(drafts)} {kind.nouns} that were broken off: {listed}.")

@@ -17,9 +17,9 @@ from meal_bayes.trials import Search, Trial
 from meal_bayes.trials.text import UNFINISHED
 
 
-def search_of(place: str | Path) -> Path | None:
+def search_of(path: str | Path) -> Path | None:
     """Return the log of a search, by its name or as the one of its folder; None of what is none."""
-    files = search_files(checked_path("The log", place), below=False)
+    files = search_files(checked_path("The log", path), below=False)
     return files[0] if files else None
 
 
@@ -78,9 +78,9 @@ def _furthest(log: Path) -> Iterator[Trial]:
             yield from (trial for trial in salvage(file) if isinstance(trial, Trial))
 
 
-def searches_in(place: Path, on_fault: Callable[[str], object]) -> Iterator[tuple[Path, Search]]:
+def searches_in(path: Path, on_fault: Callable[[str], object]) -> Iterator[tuple[Path, Search]]:
     """Yield the searches of a file or folder, with the truth that was told since; note faults."""
-    for file in search_files(place):
+    for file in search_files(path):
         try:
             search = read_search(file)
             feedback = FeedbackIndex(readable_feedback(feedback_of(file.parent), on_fault))

@@ -230,16 +230,16 @@ def draw_advantage(ax: Axes, trial: TrialRecord, look: Look) -> None:
 
 
 def _draw_number(
-    ax: Axes, number: str, point: tuple[float, float], taken: float, look: Look
+    ax: Axes, number: str, point: tuple[float, float], occupied: float, look: Look
 ) -> float:
     """Write a number over its bar, or behind the numbers before it; return where it ends, s.
 
-    `point` is the middle of its lower edge; up to `taken`, s, numbers stand already.
+    `point` is the middle of its lower edge; up to `occupied`, s, numbers stand already.
     """
     middle, bottom = point
     width = LETTER * look.font * len(number) / points_a_second(ax)
     # Two numbers are 0.18 of a width apart; the first begins within the band.
-    middle = max(middle, taken + 0.68 * width, 0.5 * width)
+    middle = max(middle, occupied + 0.68 * width, 0.5 * width)
     ax.text(
         middle,
         bottom,

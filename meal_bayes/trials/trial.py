@@ -122,10 +122,10 @@ class Trial(TrialRecord):
 def _value_columns(decision: Decision) -> dict[str, float | None]:
     """Return the values of the chosen and of the next best action of a decision."""
     chosen = min(decision.action, len(decision.values) - 1)
-    others = best_options(decision.total, chosen, len(decision.values))
-    others = [option for option in others if option != chosen]
+    alternatives = best_options(decision.total, chosen, len(decision.values))
+    alternatives = [option for option in alternatives if option != chosen]
     columns: dict[str, float | None] = {}
-    for name, option in (("", chosen), ("next_", others[0] if others else None)):
+    for name, option in (("", chosen), ("next_", alternatives[0] if alternatives else None)):
         columns[f"{name}value"] = columns[f"{name}bonus"] = None
         if option is None or np.isnan(decision.values[option]):
             continue

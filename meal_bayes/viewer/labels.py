@@ -68,9 +68,9 @@ def narrate(frame: TrialFrame) -> str:
             for (_, indices), word in zip(query.questions, words, strict=True):
                 percepts[indices[0]] = word
     lines += ["", "|attribute|belief|percept|", "|---|---|---|"]
-    named = believed(trial, frame.belief)
-    words = [""] * (len(named) - len(percepts)) + percepts
-    rows = list(zip(named, words, strict=True))[:_ATTRIBUTES]
+    beliefs = believed(trial, frame.belief)
+    words = [""] * (len(beliefs) - len(percepts)) + percepts
+    rows = list(zip(beliefs, words, strict=True))[:_ATTRIBUTES]
     lines += [f"|{plain_text(name)}|{percent(p)}|{word}|" for (name, p), word in rows]
     if frame.number < len(trial.steps):
         report = momdp.reported(best_report(momdp, frame.belief))

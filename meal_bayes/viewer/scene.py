@@ -194,9 +194,9 @@ class Scene:
             if percept is None:
                 self._lane(lane, time)
             else:
-                _, places = trial.task.query.questions[i]
+                _, indices = trial.task.query.questions[i]
                 text = plain_text(names[i])
-                level = max(int(percept[place]) for place in places)
+                level = max(int(percept[index]) for index in indices)
                 self._lane(lane, time, text, level_color(level, momdp.levels))
 
     def _lane(self, lane: str, time: Time, state: str = "", color: Color = GRAY) -> None:
