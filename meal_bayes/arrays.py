@@ -69,20 +69,27 @@ def _array_fields(kind: type[Any]) -> list[tuple[str, Any]]:
     return arrays
 
 
+def lowest_yes(levels: int) -> int:
+    """Return the lowest of K levels of a percept that says yes: their upper half does.
+
+    Tables, beliefs, posteriors, detectors, texts and, compiled, planners ask here.
+    """
+    return levels // 2
+
+
 def yes_of(levels: NDArray[Any]) -> NDArray[Any]:
     """Sum counts or probabilities of a percept's levels (...,K) over those that say yes, (...).
-
-    They are the upper half, here and for all: in tables, beliefs, posteriors and planners.
 
     >>> yes_of(np.array([0.1, 0.2, 0.3, 0.4])).round(3).item()
     0.7
     """
-    return np.asarray(levels[..., levels.shape[-1] // 2 :].sum(axis=-1))
+    return np.asarray(levels[..., lowest_yes(levels.shape[-1]) :].sum(axis=-1))
 
 
 def no_and_yes_of(levels: NDArray[Any]) -> NDArray[Any]:
     """Sum counts or probabilities of levels (...,K) over those that say no, and yes, (...,2)."""
-    return np.stack([levels[..., : levels.shape[-1] // 2].sum(axis=-1), yes_of(levels)], axis=-1)
+    no = levels[..., : lowest_yes(levels.shape[-1])].sum(axis=-1)
+    return np.stack([no, yes_of(levels)], axis=-1)
 
 
 class FrozenArrays:

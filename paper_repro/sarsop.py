@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from meal_bayes.arrays import freeze, set_frozen
 from meal_bayes.errors import DataError, SettingsError
 from meal_bayes.momdp import MOMDP, answer_value, initial_belief, write_pomdpx
+from meal_bayes.momdp.model import DISCOUNT
 from meal_bayes.planners import Decision, History
 from meal_bayes.planners.solver import choose
 
@@ -71,7 +72,7 @@ class Sarsop:
 def problem_file(momdp: MOMDP) -> bytes:
     """Return a MOMDP as .pomdpx."""
     if momdp.discount >= 1:
-        raise SettingsError("SARSOP needs a discount below 1; the paper's is 0.99.")
+        raise SettingsError(f"SARSOP needs a discount below 1; the paper's is {DISCOUNT:g}.")
     with TemporaryDirectory(prefix="meal_bayes-") as name:
         path = Path(name) / "problem.pomdpx"
         write_pomdpx(momdp, path)

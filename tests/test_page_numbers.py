@@ -17,7 +17,7 @@ from meal_bayes.agents import (
     progress,
 )
 from meal_bayes.datasets import levels, percepts
-from meal_bayes.domain import Domain, query, success
+from meal_bayes.domain import Domain, TransitionDiagram, query, success
 from meal_bayes.domain.labels import PRIOR_OBJECTS
 from meal_bayes.evaluation import calibration, outcome_model, statistics
 from meal_bayes.experiments import offline, online, online_protocol
@@ -50,6 +50,7 @@ TIMES = {1: "once", 2: "twice"}
 
 
 DOMAIN = Domain.__dataclass_fields__
+DIAGRAM = TransitionDiagram.__dataclass_fields__
 FOLDS = settings.FOLDS_TRAINED_ANEW
 LEVELS = AGENTS["bayes"].levels
 
@@ -124,6 +125,7 @@ LEARNING = [
     f"({ITRSBonus().alpha:g} {MINUS} {BETA:g} / 6 > 0)",
     f"paid for {word(exploration._PAID_BY_ITRS)} percepts of a behavior in a trial at most",
     f"as many as it was asked, and {progress._FIRST:g} more",
+    rf"p = \frac{{{success._PRIOR:g}\,p_0 + S}}{{{success._PRIOR:g} + S + F}}",
     f"weighed by $2^{{-m/{views.HALVED}}}$",
     f"when labeled recordings have grown by {PARTS[REFIT_EVERY]} (`refit_every`)",
     f"and {word(views.HALVED)} trials halve what it is believed by",
@@ -141,6 +143,7 @@ PLANNING = [
 OWN_DATA = [
     f"{MINUS}r of a wrong one [{DOMAIN['report_reward'].default:g}]",
     f"[{', '.join(f'{s:g}' for s in DOMAIN['legal_budget'].default)}]",
+    f'`illegal` ["{DIAGRAM["illegal"].default}"; or',
 ]
 PAPER_PAGES = [
     f"would decide an online statement at {POWER} power",
@@ -199,6 +202,7 @@ PAGES = {
         f"as many as it was asked so far, and {progress._FIRST:g} more",
     ],
     "meal_bayes/domain/query.py": [f"at most 2^{query._TABLE_LIMIT.bit_length() - 1}."],
+    "meal_bayes/domain/tables.py": [f'illegal ["{DIAGRAM["illegal"].default}", or'],
     "meal_bayes/domain/success.py": [
         f"The prior is worth {word(success._PRIOR)} executions",
     ],

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from meal_bayes.arrays import _array_fields, no_and_yes_of, yes_of
+from meal_bayes.arrays import _array_fields, lowest_yes, no_and_yes_of, yes_of
 from meal_bayes.cli.posterior import posterior as posterior_command
 from meal_bayes.datasets.detections import detected_levels
 from meal_bayes.datasets.levels import BIN_COUNT, BIN_EDGES, STORED
@@ -20,9 +20,8 @@ from meal_bayes.posterior.draws import Sampling
 
 PACKAGE = Path(__file__).resolve().parents[1] / "meal_bayes"
 ONCE = [  # how a rule is written, where alone, and what others call
-    (r"(shape\[-?\w+\]|levels) // 2",
-     "arrays.py datasets/detections.py planners/open_loop/bayes_error.py",
-     "yes_of: which levels of a percept say yes (two that cannot call it are held below)"),
+    (r"(shape\[-?\w+\]|levels|len\(names\)) // 2", "arrays.py",
+     "lowest_yes: which levels of a percept say yes"),
     (r"discount.* = 0\.\d", "momdp/model.py", "DISCOUNT: of agents and problems alike"),
     (r"\b(taus?|TAUS)\*\*2", "posterior/grid.py", "LOG_TAU_PRIOR: the prior of tau"),
     (r"\b1e9\b", "posterior/grid.py experiments/config.py", "AS_INFINITE: for inf"),
@@ -34,6 +33,8 @@ ONCE = [  # how a rule is written, where alone, and what others call
      "threshold_below, _first_yes: how thresholds of error tables are spaced"),
     (r"(limit|unpaid)\b.*\) ?/ (counts|np.maximum\(planned)|model.bonus_limit / ",
      "planners/momdp_arrays.py", "paid_share: of how many percepts exploring is paid"),
+    (r"""f"not \{|"not ["']""", "domain/words.py", "denied: how it is said that one is false"),
+    (r"max_steps: int = \d", "planners/solver.py", "MAX_STEPS: of a trial, played or simulated"),
     (r"n't\"\)", "domain/words.py", "contracts_not"),
     (r"youden\(.*\) *(>|<)", "perception/confusion.py", "informative: which pairs tell anything"),
 ]  # fmt: skip
@@ -93,15 +94,14 @@ def test_all_take_the_same_levels_for_yes(levels, monkeypatch) -> None:
     rows = rng.dirichlet(np.ones(levels))
     # The kernel of plans, in Python: Pr(one percept says yes).
     monkeypatch.setattr(bayes_error, "predictive", observation.predictive)
+    monkeypatch.setattr(bayes_error, "_lowest_yes", lowest_yes)
     percepts = SimpleNamespace(rows=rows[None, None, None], precision=np.full((1, 1, 1), np.inf))
     evidence = bayes_error.Evidence(np.zeros((1, 1, levels)), np.zeros(1))
     scratch = SimpleNamespace(evidence=evidence, bins=np.zeros((1, 2)))
     bayes_error._count_yes.py_func(percepts, (0, 0, 0), 1, scratch)
-    both = "change arrays.yes_of and planners/open_loop/bayes_error.py, _count_yes, together"
-    np.testing.assert_allclose(scratch.bins[0], no_and_yes_of(rows), err_msg=both)
+    np.testing.assert_allclose(scratch.bins[0], no_and_yes_of(rows))
     # What a detector says in words.
     toy = load_domain("toy")
-    both = "change arrays.yes_of and datasets/detections.py, detected_levels, together"
     for sure in (-1.0, -0.5, 0.5, 1.0):
         level = detected_levels({toy.attributes[0]: sure}, toy, levels)[0]
-        assert yes_of(np.eye(levels)[level]) == (sure > 0), both
+        assert yes_of(np.eye(levels)[level]) == (sure > 0)

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes.arrays import label_values
+from meal_bayes.arrays import label_values, lowest_yes
 from meal_bayes.domain import Domain, unknown
 from meal_bayes.errors import DataError
 
@@ -79,7 +79,7 @@ def detected_levels(
     """
     percept = np.full(len(domain.attributes), -1, np.int8)
     for name, sure in (percepts or {}).items():
-        middle = levels // 2 - (sure < 0)  # the upper half says yes, as in `arrays.yes_of`
+        middle = lowest_yes(levels) - (sure < 0)
         extreme = levels - 1 if sure > 0 else 0
         percept[domain.attribute_index(name)] = extreme if abs(sure) == 1 else middle
     return percept

@@ -36,6 +36,10 @@ from meal_bayes.kinds import checked
 log = logging.getLogger("meal_bayes.datasets")
 
 _WITHOUT = "the embedded percepts (`load_percepts`) need no download"
+# Subfolders of feature files, as readers and the registry (SHA256SUMS) name them.
+_ROC36 = "sensorimotor_features"
+_ISPY32 = "corl_features"
+_CY101 = "normalized_data_without_noobject"
 _OVERFLOW = 2.0**31  # a 32-bit count whose sign bit is set lies this much too low
 
 
@@ -82,7 +86,7 @@ def load_roc36(domain: Domain, folder: Path) -> Dataset:
         numbers: dict[str, Iterator[int]] = defaultdict(lambda: count(1))
         return rows._replace(keys=[(name, str(next(numbers[name]))) for (name,) in rows.keys])
 
-    files = folder / "sensorimotor_features/{}-{}.txt"
+    files = folder / _ROC36 / "{}-{}.txt"
     features = _features(domain, list(words), files, ["object"], recordings=10, keyed=numbered)
     return Dataset(domain, tuple(words), features, _labels(domain, words, "ROC36"))
 
@@ -110,7 +114,7 @@ def load_ispy32(domain: Domain, folder: Path) -> Dataset:
         keys = [(names.get(number, number), trial) for number, trial in rows.keys]
         return rows._replace(keys=keys)
 
-    files = folder / "corl_features/{}_{}.txt"
+    files = folder / _ISPY32 / "{}_{}.txt"
     features = _features(domain, objects, files, ["object", "trial"], recordings=5, keyed=named)
     table = load_percepts("ispy32", domain=domain)
     for name in objects:
@@ -164,7 +168,7 @@ def load_cy101(domain: Domain, folder: Path) -> Dataset:
         values = np.where(low, rows.values + _OVERFLOW, rows.values)
         return rows._replace(keys=keys, values=values)
 
-    files = folder / "normalized_data_without_noobject/{}_{}.txt"
+    files = folder / _CY101 / "{}_{}.txt"
     features = _features(domain, objects, files, ["object_t<k>"], recordings=5, keyed=corrected)
     return Dataset(domain, objects, features, labels)
 
@@ -198,9 +202,9 @@ def _labels(domain: Domain, words: Mapping[str, Collection[str]], name: str) -> 
 _POMDP = ("shiqizhang6/perception_pomdp", "4ab4abf1a47ce184f0327d3c143533d482c2604c")
 _LEARNING = ("keke-220/Predicate_Learning", "62b9e1efa8b4cf990a68c3526a9ae872d8a6b1ad")
 SOURCES = {
-    "roc36": Source(*_POMDP, "data/icra2014", "sensorimotor_features", load_roc36),
-    "ispy32": Source(*_POMDP, "data/ijcai2016", "corl_features", load_ispy32),
-    "cy101": Source(*_LEARNING, "data/cy101", "normalized_data_without_noobject", load_cy101),
+    "roc36": Source(*_POMDP, "data/icra2014", _ROC36, load_roc36),
+    "ispy32": Source(*_POMDP, "data/ijcai2016", _ISPY32, load_ispy32),
+    "cy101": Source(*_LEARNING, "data/cy101", _CY101, load_cy101),
 }
 
 

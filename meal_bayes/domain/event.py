@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meal_bayes.arrays import Floats
+from meal_bayes.domain.words import denied
 from meal_bayes.errors import QueryError
 from meal_bayes.kinds import checked
 from meal_bayes.untrusted import LARGEST
@@ -146,9 +147,9 @@ class Event:
             names = [attributes[p] for p in places if self.allowed[p] != self.complement]
             others = [attributes[p] for p in places if self.allowed[p] == self.complement]
             if len(places) == 1:
-                words += names or [f"not {others[0]}"]
+                words += names or [denied(others[0])]
             elif len(names) == 1 or self.complement:
                 words += names
             else:
-                words += [f"not {name}" for name in others]
+                words += map(denied, others)
         return (" or " if self.complement else " and ").join(words)

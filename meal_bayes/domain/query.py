@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from meal_bayes.arrays import freeze
 from meal_bayes.domain.event import Event, Payoffs
+from meal_bayes.domain.words import denied
 from meal_bayes.errors import QueryError
 from meal_bayes.kinds import checked
 
@@ -265,7 +266,7 @@ class Query:
             return "yes" if values[0] else "no"
         grouped = {place for group in self.groups for place in group}
         return ", ".join(
-            name if value else f"not {name}"
+            name if value else denied(name)
             for place, (name, value) in enumerate(zip(self.attributes, values, strict=True))
             if value or place not in grouped
         )

@@ -17,6 +17,11 @@ _SHOWN = 24  # names that a message lists at most; of more, the nearest
 _LONGEST = 60  # letters of an unknown name that a message repeats
 
 
+def denied(name: str) -> str:
+    """Return what is said of an attribute that is false, in questions, answers and labels."""
+    return f"not {name}"
+
+
 def contracts_not(word: str) -> bool:
     """Return whether a folded word ends in a contracted "not", as "isn't" does."""
     return word.endswith("n't")

@@ -29,10 +29,10 @@ from meal_bayes.learner import Learner
 from meal_bayes.perception import TableSource
 from meal_bayes.planners import Policy, unvalued
 from meal_bayes.planners.boundary import decide
+from meal_bayes.planners.solver import MAX_STEPS
 from meal_bayes.robots.recorded import RecordedRobot
 from meal_bayes.seeds import stream
 from meal_bayes.trials import Session, Trial
-from meal_bayes.trials.session import MAX_STEPS
 
 __all__ = ["ENVIRONMENTS", "MealEnv"]
 

@@ -31,6 +31,7 @@ from meal_bayes.learner.trial import (
 from meal_bayes.learner.trial_logs import TrialLogs
 from meal_bayes.momdp import MOMDP
 from meal_bayes.planners import Policy
+from meal_bayes.planners.solver import MAX_STEPS
 from meal_bayes.processes import Lock
 from meal_bayes.robots import Robot
 from meal_bayes.robots.recorded import RecordedRobot
@@ -39,7 +40,6 @@ from meal_bayes.seeds import Key
 from meal_bayes.trial_log.live import Interrupted, LiveLog, resuming
 from meal_bayes.trial_log.schema import ASK
 from meal_bayes.trials import Session, Step, Task, Trial, run_trial
-from meal_bayes.trials.session import MAX_STEPS
 
 NO_TABLE = "Give a robot, or fit a percept table (build_percept_table) to replay its objects."
 

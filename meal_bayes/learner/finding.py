@@ -25,6 +25,7 @@ from meal_bayes.learner.trial import NO_CLASSIFIERS, TrialOptions
 from meal_bayes.learner.views import labeled_table
 from meal_bayes.momdp import MOMDP
 from meal_bayes.planners import Policy, Prospector, SharedPlans
+from meal_bayes.planners.solver import MAX_STEPS
 from meal_bayes.robots.several import RobotPerObject
 from meal_bayes.seeds import Key, stream
 from meal_bayes.trial_log.live import InterruptedSearch, SearchLog, resuming
@@ -41,7 +42,6 @@ from meal_bayes.trials import (
     Task,
     run_search,
 )
-from meal_bayes.trials.session import MAX_STEPS
 from meal_bayes.untrusted import LARGEST
 
 

@@ -10,7 +10,7 @@ from meal_bayes.arrays import is_number
 from meal_bayes.datasets import PerceptTable, object_index
 from meal_bayes.display import warn_caller
 from meal_bayes.domain import Payoffs, Query
-from meal_bayes.domain.words import doubled
+from meal_bayes.domain.words import denied, doubled
 from meal_bayes.errors import QueryError, SettingsError
 from meal_bayes.trial_log.schema import MOST_OBJECTS
 from meal_bayes.trials import Step
@@ -106,8 +106,8 @@ def check_others(table: PerceptTable, names: Sequence[str], query: Query) -> Non
                 f"{lacking} of which it is known whether it is {name}: nobody is left to "
                 "learn from. Search fewer of its objects."
             )
-        for value, word in ((1, ""), (0, "not ")):
+        for value, such in ((1, name), (0, denied(name))):
             if not (labels[:, column] == value).any():
                 warn_caller(
-                    f"{lacking} that is {word}{name}: how such an object is perceived is a guess."
+                    f"{lacking} that is {such}: how such an object is perceived is a guess."
                 )

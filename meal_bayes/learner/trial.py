@@ -20,11 +20,11 @@ from meal_bayes.learner.columns import unnamed
 from meal_bayes.learner.fit import Fit, solve
 from meal_bayes.momdp import MOMDP
 from meal_bayes.planners import Policy
+from meal_bayes.planners.solver import MAX_STEPS
 from meal_bayes.robots import OutcomeChecker, Robot
 from meal_bayes.robots.robot import state_index
 from meal_bayes.seeds import Key
 from meal_bayes.trials import FaultTolerant, Session, Step, Task, Trial
-from meal_bayes.trials.session import MAX_STEPS
 from meal_bayes.untrusted import name_fault
 
 Question = str | Sequence[str] | Query | Task

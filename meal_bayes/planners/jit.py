@@ -128,8 +128,11 @@ def _without_machine_code(library: Any, function: Any, environment: Any) -> Any:
 
 
 _OPTIONS = {"nogil": True, "error_model": "numpy", "_nrt": False, "no_cfunc_wrapper": True}
-_MOMDP = Path(__file__).parents[1] / "momdp"
-_SHARED = _MOMDP / "observation.py", _MOMDP / "reports.py"  # functions of theirs are compiled
+_PACKAGE = Path(__file__).parents[1]
+_SHARED = (  # functions of theirs are compiled
+    *(_PACKAGE / "momdp" / name for name in ("observation.py", "reports.py")),
+    _PACKAGE / "arrays.py",
+)
 _DIGEST = hashlib.blake2b(digest_size=8)
 for _path in (*sorted(Path(__file__).parent.rglob("*.py")), *_SHARED):
     _DIGEST.update(_path.read_bytes())

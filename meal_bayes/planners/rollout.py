@@ -22,7 +22,7 @@ from meal_bayes.momdp import (
 from meal_bayes.momdp.observation import sample_rows
 from meal_bayes.momdp.reports import ABSTAINED
 from meal_bayes.planners.boundary import decide
-from meal_bayes.planners.solver import History, Policy
+from meal_bayes.planners.solver import MAX_STEPS, History, Policy
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +50,12 @@ class Rollouts:
 
 
 def simulate(
-    momdp: MOMDP, policy: Policy, episodes: int, rng: np.random.Generator, *, max_steps: int = 100
+    momdp: MOMDP,
+    policy: Policy,
+    episodes: int,
+    rng: np.random.Generator,
+    *,
+    max_steps: int = MAX_STEPS,
 ) -> Rollouts:
     """Simulate episodes; truths, objects' rows and failures are drawn from the MOMDP.
 

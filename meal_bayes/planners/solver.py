@@ -18,6 +18,7 @@ from meal_bayes.momdp import MOMDP, Belief, answer_value, best_answer
 from meal_bayes.seeds import stream
 
 RULE = "this agent follows a rule and compares nothing"
+MAX_STEPS = 100  # of a trial, by default, also of one that is simulated
 _PRINTED = 6  # actions of a decision that is printed; an HTML table has all
 
 

@@ -5,8 +5,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from meal_bayes.arrays import check_place, whole_array
+from meal_bayes.arrays import check_place, lowest_yes, whole_array
 from meal_bayes.display import level_names
+from meal_bayes.domain.words import denied
 from meal_bayes.kinds import checked
 from meal_bayes.momdp import MOMDP
 
@@ -64,11 +65,11 @@ def _spoken_for(names: Sequence[str], members: Sequence[str], levels: Sequence[i
     """Return what percept levels of a group's members say, as in "surely half"."""
     top = max(levels)
     likeliest = " or ".join(m for m, z in zip(members, levels, strict=True) if z == top)
-    if top >= len(names) // 2:
+    if top >= lowest_yes(len(names)):
         return _said(likeliest, names[top], "yes")
     least = min(levels)
-    denied = " or ".join(m for m, z in zip(members, levels, strict=True) if z == least < top)
-    return _said(f"not {denied}", names[least], "no") if denied else "none of them"
+    ruled_out = " or ".join(m for m, z in zip(members, levels, strict=True) if z == least < top)
+    return _said(denied(ruled_out), names[least], "no") if ruled_out else "none of them"
 
 
 def _said(value: str, level: str, word: str) -> str:

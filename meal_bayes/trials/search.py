@@ -9,8 +9,8 @@ from typing import NamedTuple, Protocol, runtime_checkable
 
 from meal_bayes.display import facts_html, facts_repr, listed, percent
 from meal_bayes.kinds import checked
+from meal_bayes.planners.solver import MAX_STEPS
 from meal_bayes.robots import Outcome
-from meal_bayes.trials.session import MAX_STEPS
 from meal_bayes.trials.text import LEFT, UNFINISHED, verdict_word
 from meal_bayes.trials.trial import Trial
 

@@ -17,6 +17,7 @@ from meal_bayes.momdp import MOMDP, Transition, best_answer, initial_belief, upd
 from meal_bayes.perception import Perceiver
 from meal_bayes.planners import Decision, History, Policy, unvalued
 from meal_bayes.planners.boundary import decide
+from meal_bayes.planners.solver import MAX_STEPS
 from meal_bayes.robots.robot import Outcome, OutcomeChecker
 from meal_bayes.seeds import Key, Streams
 from meal_bayes.trials.limits import Limits
@@ -25,8 +26,6 @@ from meal_bayes.trials.perceiving import PerceptReader
 from meal_bayes.trials.record import Step, Task, answer_step, truth_of
 from meal_bayes.trials.recorder import Recorder, breaking, noted, otherwise
 from meal_bayes.trials.trial import Trial
-
-MAX_STEPS = 100
 
 
 @checked

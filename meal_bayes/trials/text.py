@@ -11,6 +11,7 @@ from meal_bayes.arrays import label_values
 from meal_bayes.display import best_options, error_text, percent
 from meal_bayes.domain import Query
 from meal_bayes.domain.query import DO_NOT_KNOW
+from meal_bayes.domain.words import denied
 from meal_bayes.errors import QueryError
 from meal_bayes.kinds import checked
 from meal_bayes.momdp import MOMDP, Belief, best_answer
@@ -146,7 +147,7 @@ def truth_text(query: Query, truth: Sequence[int] | NDArray[np.int8]) -> str:
         if value == 1:
             names.append(name)
         elif value == 0 and i not in implied:
-            names.append(f"not {name}")
+            names.append(denied(name))
     return ", ".join([*names, "unknown"] if min(truth, default=0) < 0 else names)
 
 

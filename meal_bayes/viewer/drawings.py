@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from scipy.sparse.csgraph import shortest_path
 
 from meal_bayes.display import best_options, level_names, percent
+from meal_bayes.domain.words import denied
 from meal_bayes.momdp import MOMDP
 from meal_bayes.planners import Decision
 from meal_bayes.trials import percept_labels
@@ -255,9 +256,9 @@ def matrices(momdp: MOMDP, counts: NDArray[np.float64] | None, action: int) -> P
         point = np.where(total > 0, counts[:, action] / np.maximum(total, 1), np.nan)
         blocks.append(("paper: counts only", point, 1.0))
     labels = [
-        Label(f"{prefix}{plain_text(name)}", TEXT, -5.0, (2 * i + t + _MIDDLE) * _CELL_HIGH)
+        Label(plain_text(said), TEXT, -5.0, (2 * i + t + _MIDDLE) * _CELL_HIGH)
         for i, name in enumerate(momdp.query.attributes[:n])
-        for t, prefix in enumerate(("not ", ""))
+        for t, said in enumerate((denied(name), name))
     ]
     parts = list[NDArray[np.uint8]]()
     gap = ((0, 0), (0, _GAP), (0, 0))

@@ -11,8 +11,8 @@ from meal_bayes.agents import ITRSBonus, LearningBonus, load_agent
 from meal_bayes.domain import Query, domain_from_table
 from meal_bayes.learner import Learner
 from meal_bayes.planners import POMCP, Greedy, OpenLoop
+from meal_bayes.planners.solver import MAX_STEPS
 from meal_bayes.robots import Outcome
-from meal_bayes.trials.session import MAX_STEPS
 
 BONUSES = {
     "learning": LearningBonus(),

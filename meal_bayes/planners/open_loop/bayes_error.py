@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from meal_bayes.arrays import Floats, Ints
+from meal_bayes.arrays import Floats, Ints, lowest_yes
 from meal_bayes.momdp.observation import predictive as observation_predictive
 from meal_bayes.momdp.reports import mean_reward as reward_formula
 from meal_bayes.planners.jit import entry_kernel, kernel
@@ -26,6 +26,7 @@ THRESHOLDS = 65  # thresholds of a table, even in log-odds
 # Of the problem itself: the model of percepts, and what a report earns.
 predictive = kernel(observation_predictive)
 mean_reward = kernel(reward_formula)
+_lowest_yes = kernel(lowest_yes)
 
 
 @kernel
@@ -123,10 +124,10 @@ def _count_yes(percepts, row, k, scratch):
     levels = percepts.rows.shape[3]
     evidence = scratch.evidence
     out = scratch.bins
-    # The levels that say yes, as in `arrays.yes_of`: with their mean and count a row is a Beta.
+    # With the mean and the count of the levels that say yes a row is a Beta.
     mean = 0.0
     yes = 0.0
-    for z in range(levels // 2, levels):
+    for z in range(_lowest_yes(levels), levels):
         mean += percepts.rows[i, e, c, z]
         yes += evidence.counts[i, e, z]
     s = percepts.precision[i, e, c]
