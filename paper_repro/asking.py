@@ -35,14 +35,18 @@ def ask_until_two_agree(attributes: int, right: float) -> Asked:
     """
     others = 2**attributes - 1
     wrong = (1 - right) / others
-    with_right = without = Asked(
-        0.0, 0.0
-    )  # what follows, the right answer among those so far or not
+    # What follows, where the right answer is among those so far, and where it is not; from the end
+    # backwards: when all wrong answers have come, one of those so far comes again.
+    with_right = Asked(asks=0.0, accuracy=0.0)
+    without = Asked(asks=0.0, accuracy=0.0)
     for heard in range(others, -1, -1):  # wrong ones so far; one of them again ends it as well
-        new = (others - heard) * wrong
-        with_right = Asked(1 + new * with_right.asks, right + new * with_right.accuracy)
+        new = (others - heard) * wrong  # Pr(a wrong answer that has not come yet)
+        with_right = Asked(
+            asks=1 + new * with_right.asks,
+            accuracy=right + new * with_right.accuracy,
+        )
         without = Asked(
-            1 + new * without.asks + right * with_right.asks,
-            new * without.accuracy + right * with_right.accuracy,
+            asks=1 + new * without.asks + right * with_right.asks,
+            accuracy=new * without.accuracy + right * with_right.accuracy,
         )
     return without

@@ -19,6 +19,13 @@ _SHORT = {STANDS: "stand", FALLS: "fall", None: "not run"}  # of several
 IN_PART = "in part"
 NOT_RUN = "not run yet"
 ACCURACIES = 2.0  # numbers below have three decimals, others one
+_WORDS = {  # of an outcome, for one claim and for several
+    STANDS: ("stands", "stand"),
+    IN_PART: ("stands in part", "stand in part"),
+    FALLS: ("falls", "fall"),
+    UNDECIDED: ("is undecided", "are undecided"),
+    NOT_RUN: ("is not run yet", "are not run yet"),
+}
 _SHOWN = 3  # statements whose effects are shown one by one; of more, what they come to
 
 
@@ -78,34 +85,34 @@ def outcome_of(outcomes: Sequence[str | None]) -> str:
         return NOT_RUN if None in outcomes or not outcomes else CONSTRUCTED
     if len(kinds) == 1 and None not in outcomes:
         return str(next(iter(kinds)))
-    return IN_PART if STANDS in kinds else FALLS if FALLS in kinds else UNDECIDED
+    if STANDS in kinds:
+        return IN_PART
+    return FALLS if FALLS in kinds else UNDECIDED
 
 
 def sentence(rows: Sequence[Claim]) -> str:
     """Say in one sentence how many claims hold, for a reader to quote."""
-    number = {
-        kind: [row.outcome for row in rows].count(kind)
-        for kind in (STANDS, IN_PART, FALLS, UNDECIDED, NOT_RUN)
-    }
+    outcomes = [row.outcome for row in rows]
+    number = {kind: outcomes.count(kind) for kind in _WORDS}
     told = ", ".join(f"{n} {_counted(kind, n)}" for kind, n in number.items() if n)
     lead = next(row for row in rows if row.says.startswith("MORC is more accurate"))
     effect = "; ".join(lead.effects)
-    return (
+    text = (
         f"Of {len(rows)} claims of the paper, each judged in the column that can answer it, "
         f"{told}. The main one, that planning is more accurate than a fixed sequence, "
-        f"{_counted(lead.outcome, 1)}" + (f": {effect}." if effect else ".")
+        f"{_counted(lead.outcome, 1)}"
     )
+    return f"{text}: {effect}." if effect else f"{text}."
 
 
 def _counted(kind: str, n: int) -> str:
-    one = {STANDS: "stands", IN_PART: "stands in part", FALLS: "falls",
-           UNDECIDED: "is undecided", NOT_RUN: "is not run yet"}  # fmt: skip
-    many = {STANDS: "stand", IN_PART: "stand in part", FALLS: "fall",
-            UNDECIDED: "are undecided", NOT_RUN: "are not run yet"}  # fmt: skip
-    return (one if n == 1 else many)[kind]
+    """Return the words for one claim of an outcome, or for several."""
+    one, several = _WORDS[kind]
+    return one if n == 1 else several
 
 
 def _claim(entry: Mapping[str, Any]) -> Claim:
+    """Read a claim off the statements that answer it, and count the same ones elsewhere."""
     result = frame.read_result(entry["item"])
     rows = chosen(entry, result["statements"]) if result else []
     outcomes = [row["outcome"] for row in rows]
@@ -115,15 +122,15 @@ def _claim(entry: Mapping[str, Any]) -> Claim:
         places |= {f"in *{column}* of {beside}": (beside, column) for column in (THEIRS, RECORDED)}
     told = {place: _counted_there(entry, *at) for place, at in places.items()}
     return Claim(
-        entry["says"],
-        entry["where"],
-        entry["item"],
-        entry["column"],
-        entry["because"],
-        outcome_of(outcomes),
-        "; ".join(f"{place} {counts}" for place, counts in told.items() if counts),
-        counted(outcomes) if len(set(outcomes)) > 1 else "",
-        effects_of(rows),
+        says=entry["says"],
+        where=entry["where"],
+        item=entry["item"],
+        column=entry["column"],
+        because=entry["because"],
+        outcome=outcome_of(outcomes),
+        elsewhere="; ".join(f"{place} {counts}" for place, counts in told.items() if counts),
+        counts=counted(outcomes) if len(set(outcomes)) > 1 else "",
+        effects=effects_of(rows),
         older=result is not None and entry["column"] in frame.older_columns(entry["item"]),
     )
 
@@ -144,10 +151,11 @@ def counted(outcomes: Sequence[str | None]) -> str:
     number = {kind: outcomes.count(kind) for kind in (*OUTCOMES, None) if kind in outcomes}
     if set(number) <= {None}:
         return ""
-    return ", ".join(
-        f"{n} {_SHORT.get(kind, kind) if n > 1 or kind is None else kind}"
-        for kind, n in number.items()
-    )
+    told = []
+    for kind, n in number.items():
+        several = n > 1 or kind is None
+        told.append(f"{n} {_SHORT.get(kind, kind) if several else kind}")
+    return ", ".join(told)
 
 
 def effects_of(rows: Iterable[Mapping[str, Any]]) -> tuple[str, ...]:
@@ -162,26 +170,32 @@ def effects_of(rows: Iterable[Mapping[str, Any]]) -> tuple[str, ...]:
     if len(run) == 1 and run[0]["estimate"] is not None:
         return (f"{quantities[0]}: {_effect(run[0])}",)
     if len(run) <= _SHOWN:
-        names = labels([row["text"] for row in run])
-        mixed = len(set(quantities)) > 1
-        return tuple(
-            label + f"{quantity} " * mixed + _effect(row)
-            for row, label, quantity in zip(run, names, quantities, strict=True)
-        )
+        return _one_by_one(run, quantities)
     if all(" is in [" in row["rule"] for row in run):
         fallen = [
             f"{_shortened(row['text'])}: {_effect(row)}" for row in run if row["outcome"] == FALLS
         ]
         return (f"of {len(run)} printed numbers {len(fallen)} fall", *fallen)
-    groups = {
-        name: [row for row in run if quantity_of(row) == name] for name in dict.fromkeys(quantities)
-    }
+    ranges = [
+        _range(name, [row for row in run if quantity_of(row) == name])
+        for name in dict.fromkeys(quantities)
+    ]
     decided = [row for row in run if row["outcome"] in {STANDS, FALLS}]
+    # Where a few of many are decided, a reader wants to know which.
     shown = decided if len(decided) < len(run) and len(decided) <= _SHOWN else []
-    return (
-        *(_range(name, group) for name, group in groups.items()),
-        *(f"{row['outcome']}: {_shortened(row['text'])} {_effect(row)}" for row in shown),
-    )
+    named = [f"{row['outcome']}: {_shortened(row['text'])} {_effect(row)}" for row in shown]
+    return (*ranges, *named)
+
+
+def _one_by_one(rows: Sequence[Mapping[str, Any]], quantities: Sequence[str]) -> tuple[str, ...]:
+    """Show the effect of each statement, with what it measures where that differs."""
+    mixed = len(set(quantities)) > 1
+    told = []
+    names = labels([row["text"] for row in rows])
+    for row, label, quantity in zip(rows, names, quantities, strict=True):
+        measured = f"{quantity} " if mixed else ""
+        told.append(f"{label}{measured}{_effect(row)}")
+    return tuple(told)
 
 
 def quantity_of(row: Mapping[str, Any]) -> str:
@@ -231,7 +245,7 @@ def _effect(row: Mapping[str, Any]) -> str:
     if row["estimate"] is None:
         return str(row["rule"])
     estimate = row["estimate"]
-    (low, high) = row["interval"]
+    low, high = row["interval"]
     form, unit = _form([row])
     return f"{estimate:{form}} [{low:{form}}, {high:{form}}]{unit}"
 

@@ -57,7 +57,9 @@ class Setting:
     def progress_in(self, noun: str) -> Callable[[float, int], None] | None:
         """Return what a run of such units calls with (done, in all)."""
         report = self.on_progress
-        return None if report is None else lambda done, total: report(done, total, noun)
+        if report is None:
+            return None
+        return lambda done, total: report(done, total, noun)
 
     def spend(self, logs: Iterable[Path]) -> None:
         """Note the seconds that the trials of some logs took to compute."""
@@ -126,7 +128,7 @@ def asked(n: int) -> str:
     >>> asked(1), asked(2)
     ('1 attribute', '2 attributes')
     """
-    return f"{n} attribute{'s' if n != 1 else ''}"
+    return "1 attribute" if n == 1 else f"{n} attributes"
 
 
 @lru_cache(maxsize=4)
@@ -158,7 +160,8 @@ def named(words: Iterable[str]) -> tuple[str, ...]:
 
 def reproduce(item: str, setting: Setting) -> dict[str, Any]:
     """Run one item and write what came of it; returns the facts that were written."""
-    committed = not (setting.quick or setting.as_published)  # what git keeps
+    # Git keeps what comes of full runs alone: numbers of a few trials would hide those of many.
+    committed = not (setting.quick or setting.as_published)
     return run_item(item, setting, RESULTS if committed else setting.logs / "paper_repro")
 
 
@@ -167,6 +170,7 @@ def run_item(item: str, setting: Setting, folder: Path) -> dict[str, Any]:
     begin = time.perf_counter()
     setting = dataclasses.replace(setting, spent={})
     result: Result = import_module(f"paper_repro.items.{item}").run(setting)
+    # Trials that the logs hold already took their time in an earlier run, which counts as well.
     seconds = max(time.perf_counter() - begin, math.fsum(setting.spent.values()))
     record = write_record(folder, facts(item, result, setting))
     timing = folder / "timing.json"
@@ -253,14 +257,19 @@ def facts(item: str, result: Result, setting: Setting) -> dict[str, Any]:
 
 def command(item: str, setting: Setting) -> str:
     """Return the command behind a result."""
-    quick = " --quick" * setting.quick
-    code = " --as-published" * setting.as_published
-    most = "".join(
-        f" --{name} {value}"
-        for name, value in (("trials", setting.trials), ("repeats", setting.repeats))
-        if value is not None
-    ) + (f' --only "{setting.only}"' if setting.only else "")
-    return f"meal-bayes reproduce {item}{quick}{code}{most} --seed {setting.seed}"
+    words = [f"meal-bayes reproduce {item}"]
+    if setting.quick:
+        words.append("--quick")
+    if setting.as_published:
+        words.append("--as-published")
+    if setting.trials is not None:
+        words.append(f"--trials {setting.trials}")
+    if setting.repeats is not None:
+        words.append(f"--repeats {setting.repeats}")
+    if setting.only:
+        words.append(f'--only "{setting.only}"')
+    words.append(f"--seed {setting.seed}")
+    return " ".join(words)
 
 
 def plain(value: Any) -> Any:
@@ -269,13 +278,19 @@ def plain(value: Any) -> Any:
     An effect is its estimate and standard error, or of a fraction the ends of its 95 % interval.
     """
     if isinstance(value, Estimate):
-        estimate, se, *ends = value.interval()
-        return plain([estimate, *(ends if value.fraction else [se])])
+        estimate, se, low, high = value.interval()
+        return plain([estimate, low, high] if value.fraction else [estimate, se])
     if isinstance(value, Mapping):
         return {name: plain(part) for name, part in value.items()}
     if isinstance(value, list | tuple):
         return [plain(part) for part in value]
-    if isinstance(value, float):
-        nothing = abs(value) < _ZERO  # what rounding leaves over
-        return None if not math.isfinite(value) else 0.0 if nothing else float(f"{value:.6g}")
-    return value
+    return _six_digits(value) if isinstance(value, float) else value
+
+
+def _six_digits(value: float) -> float | None:
+    """Round to six digits; None where it is not finite, as JSON has no word for that."""
+    if not math.isfinite(value):
+        return None
+    if abs(value) < _ZERO:  # what rounding leaves over
+        return 0.0
+    return float(f"{value:.6g}")

@@ -36,9 +36,11 @@ def level_above(effect: Estimate, bound: float) -> float:
     distance = effect.estimate - bound
     se = effect.se
     if effect.fraction and 0 < bound < 1:
+        # Wilson's interval ends where the bound's own binomial error reaches to the estimate.
         se = math.sqrt(bound * (1 - bound) / effect.cases)
     if math.isinf(bound):
         return 0.0 if bound < 0 else 2.0
+    # An interval that joins two of Wilson's has no formula for its level: it is searched for.
     if effect.sides is not None and distance > 0 and effect.interval(1 - _TINY).low <= bound:
         return float(brentq(lambda level: effect.interval(1 - level).low - bound, _TINY, 1.0))
     if not se > 0:
@@ -66,6 +68,7 @@ def needed(effect: Estimate, bound: float, level: float) -> int | None:
     if effect.cluster != "splits" or not (effect.se > 0 and distance > 0):
         return None
     splits = np.arange(effect.clusters + 1, _MOST)
+    # Splits share their objects: of J of them the variance is a fixed part and one that falls by J.
     se = np.sqrt(effect.fixed + (effect.se**2 - effect.fixed) * effect.clusters / splits)
     # Wilson's interval of a fraction ends at the bound where the bound's own error reaches to it.
     error = math.sqrt(bound * (1 - bound) / (p * (1 - p))) if effect.fraction else 1.0
@@ -82,6 +85,7 @@ def holm(levels: ArrayLike, level: float = LEVEL) -> Floats:
     """
     p = np.asarray(levels, float)
     order = np.argsort(p, kind="stable")
+    # The smallest of m levels is compared with level / m, the next one with level / (m - 1), ...
     adjusted = level / np.arange(len(p), 0, -1)  # by rank
     failed = np.flatnonzero(p[order] > adjusted)
     if len(failed):  # no test behind the first that fails has a level of its own
@@ -101,6 +105,7 @@ def bootstrap_interval(
     x = np.asarray(values, float)
     index = np.unique(clusters, return_inverse=True)[1]
     members = [x[index == c] for c in range(index.max() + 1)]
+    # Trials of one cluster come along together, so that how alike they are stays in the spread.
     drawn = np.empty(draws)
     for i in range(draws):
         chosen = rng.integers(len(members), size=len(members))
@@ -118,7 +123,7 @@ def change_of_means(
     fraction: bool = False,
 ) -> Estimate:
     """Estimate the mean of first - second where the tasks differ; clusters in both are paired."""
-    sides = []
+    sides = []  # mean of each cluster, on either side
     for values, clusters in ((first, first_clusters), (second, second_clusters)):
         x = np.asarray(values, float)
         names = np.asarray(clusters)

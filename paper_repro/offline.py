@@ -13,7 +13,7 @@ from meal_bayes.trials import TrialOutcomes
 from meal_bayes.trials.outcomes import task_key
 from paper_repro import agents
 from paper_repro.frame import Cell, Setting, Table, paper_values
-from paper_repro.statements import OURS, THEIRS, Evidence, above
+from paper_repro.statements import OURS, RECORDED, THEIRS, Evidence, above
 
 AGAINST = "morc"  # the paper's agent, which others are compared with
 OWN = "bayes"
@@ -48,12 +48,15 @@ def run_agent(
     answer : what queries ask for, see `OfflineConfig`.
     """
     theirs = protocol == THEIRS
+    # Names may be agents of ours: MORC that ends a trial otherwise, and where percepts are drawn
+    # the published baselines, of which Random draws from illegal actions, too.
     named = agents.WAYS | (agents.AGENTS if theirs else {})
+    chosen = named.get(agent, agent) if isinstance(agent, str) else agent
     config = OfflineConfig(
         dataset,
         attributes=n,
         trials=trials,
-        agents=(named.get(agent, agent) if isinstance(agent, str) else agent,),
+        agents=(chosen,),
         seed=setting.seed,
         percepts="model" if theirs else "recorded",
         perception=perception,
@@ -69,11 +72,14 @@ def run_agent(
     )
     setting.spend(done.paths)
     outcomes = done.outcomes()
-    return pay_for_declining(outcomes, done.paths) if agent == agents.DECLINES else outcomes
+    if agent == agents.DECLINES:
+        return pay_for_declining(outcomes, done.paths)
+    return outcomes
 
 
 def pay_for_declining(outcomes: TrialOutcomes, paths: Iterable[Path]) -> TrialOutcomes:
     """Charge trials without a report for the cheapest illegal behavior, where they ended."""
+    # In the log such a trial ends for nothing; the paper's MORC executes an illegal behavior.
     fees = {
         task_key(trial.task.key): float(agents.decline_costs(trial.momdp)[trial.steps[-1].x])
         for path in paths
@@ -85,11 +91,10 @@ def pay_for_declining(outcomes: TrialOutcomes, paths: Iterable[Path]) -> TrialOu
 
 
 def our_lead(runs: Mapping[str, Runs], where: str) -> dict[str, Evidence]:
-    """State that our agent earns more than the paper's, on the same tasks."""
-    first = runs[OURS][OWN]
-    second = runs["recorded"][AGAINST]
+    """State that our agent earns more than the paper's, on the same tasks (paired)."""
+    lead = difference(runs[OURS][OWN], runs[RECORDED][AGAINST])
     text = f"our agent earns more reward than MORC: {where}"
-    return {text: above(difference(first, second), 0, of="reward less its")}
+    return {text: above(lead, 0, of="reward less its")}
 
 
 def paired_table(

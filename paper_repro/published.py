@@ -51,14 +51,14 @@ def table_path(
     changes : other fields of the domain.
     """
     return _written(
-        setting.logs / "tables" / f"{name}.npz",
-        dataset,
-        domain or dataset,
-        matrices,
-        tuple((costs or {}).items()),
-        answer,
-        asked,
-        (("name", name), *changes.items()),
+        path=setting.logs / "tables" / f"{name}.npz",
+        dataset=dataset,
+        domain=domain or dataset,
+        matrices=matrices,
+        costs=tuple((costs or {}).items()),
+        answer=answer,
+        asked=asked,
+        changes=(("name", name), *changes.items()),
     )
 
 
@@ -74,18 +74,17 @@ def _written(
     changes: tuple[tuple[str, Any], ...],
 ) -> str:
     """Write a table once for a program, as items share it and compressing it takes a second."""
-    base = of_groups(load_domain(domain), asked) if asked else load_domain(domain)
+    base = load_domain(domain)
+    if asked:
+        base = of_groups(base, asked)
     priced = dict(costs)
-    behaviors = [
-        replace(
-            behavior,
-            cost=priced.get(behavior.name, behavior.cost),
-            answer_accuracy=behavior.answer_accuracy
-            if behavior.name != ASK
-            else answer or behavior.answer_accuracy,
-        )
-        for behavior in base.behaviors
-    ]
+    behaviors = []
+    for behavior in base.behaviors:
+        right = behavior.answer_accuracy
+        if behavior.name == ASK and answer is not None:
+            right = answer
+        cost = priced.get(behavior.name, behavior.cost)
+        behaviors.append(replace(behavior, cost=cost, answer_accuracy=right))
     base = replace(base, behaviors=tuple(behaviors), **dict(changes))
     table = load_percepts(dataset, domain=base)
     if matrices:
@@ -171,6 +170,7 @@ def with_counts(table: PerceptTable, counts: NDArray[np.int64]) -> PerceptTable:
     bins = np.zeros((objects, objects, *counts.shape[:2], 2), np.uint8)
     for held_out, p, truth in product(range(objects), range(len(counts)), range(2)):
         others = np.flatnonzero((table.labels[:, p] == truth) & (np.arange(objects) != held_out))
+        # Each of the others has an equal part of every count, the first ones have one more.
         share, remainder = np.divmod(counts[p, :, truth], len(others))  # (E,2)
         bins[held_out, others, p] = share + (np.arange(len(others))[:, None, None] < remainder)
     rounds = -(-int(bins.sum(axis=-1).max()) // table.recordings)  # as many recordings as counts

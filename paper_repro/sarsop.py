@@ -91,7 +91,7 @@ def with_whole_answers(problem: bytes, behavior: str, right: float) -> bytes:
             continue
         table = entry.find("ProbTable")
         assert table is not None
-        *percepts, silent = map(float, (table.text or "").split())
+        *percepts, silent = map(float, (table.text or "").split())  # the last is "none"
         rows = np.full(len(percepts), (1 - right) / (len(percepts) - 1))
         rows[np.argmax(percepts)] = right
         shown = [*((1 - silent) * rows), silent]
@@ -105,10 +105,9 @@ def _vectors(problem: bytes, program: str, settings: Sarsop) -> Vectors:
     with TemporaryDirectory(prefix="meal_bayes-") as name:
         folder = Path(name)
         (folder / "problem.pomdpx").write_bytes(problem)
-        command = [
-            program, "--timeout", f"{settings.seconds:g}", "--precision",
-            f"{settings.precision:g}", "--output", "out.policy", "problem.pomdpx",
-        ]  # fmt: skip
+        # SARSOP ends when its bounds are near, or else when its time is over, with what it has.
+        limits = ["--timeout", f"{settings.seconds:g}", "--precision", f"{settings.precision:g}"]
+        command = [program, *limits, "--output", "out.policy", "problem.pomdpx"]
         output = _run(command, folder, settings.seconds + settings.patience)
         if not (folder / "out.policy").is_file():
             raise SettingsError(f"{program} wrote no policy; its output ends: {output}")
@@ -207,6 +206,7 @@ class AlphaVectorPolicy:
         belief = initial_belief(self.momdp)
         vectors, _ = self._plans(belief.x)
         planned = float((vectors @ belief.joint).max(initial=-np.inf))
+        # To answer at once has no vector, and is worth what the belief says.
         return max(planned, answer_value(self.momdp, belief))
 
     def decide(self, history: History, rng: np.random.Generator) -> Decision:
@@ -216,6 +216,8 @@ class AlphaVectorPolicy:
         vectors, actions = self._plans(belief.x)
         values = np.full(momdp.n_behaviors, -np.inf)
         np.maximum.at(values, actions, vectors @ belief.joint)
+        # A recording is not used twice in a trial: where all have been, a behavior that keeps x
+        # shows nothing new, which the problem file cannot say.
         used_up = belief.percept_counts[0].sum(axis=1) >= momdp.limit
         values[used_up & (momdp.transition[:, belief.x, belief.x] == 1)] = -np.inf
         return Decision.exact(*choose(momdp, belief, values))

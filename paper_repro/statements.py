@@ -17,13 +17,15 @@ from numpy.typing import ArrayLike
 from meal_bayes.evaluation import Estimate
 from paper_repro.inference import LEVEL, holm, level_above, level_below, needed
 
-STANDS, FALLS, UNDECIDED, CONSTRUCTED = OUTCOMES = (
-    "stands",
-    "falls",
-    "undecided",
-    "by construction",
-)
-THEIRS, RECORDED, OURS = PROTOCOLS = ("theirs", "recorded", "ours")
+STANDS = "stands"
+FALLS = "falls"
+UNDECIDED = "undecided"
+CONSTRUCTED = "by construction"
+OUTCOMES = (STANDS, FALLS, UNDECIDED, CONSTRUCTED)
+THEIRS = "theirs"
+RECORDED = "recorded"
+OURS = "ours"
+PROTOCOLS = (THEIRS, RECORDED, OURS)
 
 
 class Part(NamedTuple):
@@ -93,10 +95,12 @@ class Evidence:
 
     @property
     def _inside(self) -> float:
+        # All have to hold: an intersection-union test, which needs no correction for their number.
         return max(part.inside for part in self.parts)
 
     @property
     def _outside(self) -> float:
+        # Any one may fail: the chance of a false one grows with their number (Bonferroni).
         return len(self.parts) * min(part.outside for part in self.parts)
 
     def judge(self, level: float) -> dict[str, Any]:
@@ -114,10 +118,13 @@ class Evidence:
             part = min(self.parts, key=lambda part: part.outside)
             told = _told(part.effect, level / len(self.parts))
             return {"outcome": FALLS, "rule": part.rule, **told, **tested, "needed": None}
-        part = max(self.parts, key=lambda part: (part.inside, -part.room))  # levels of 0 are equal
+        # The weakest part is shown; by its room, where several are inside at a level of 0.
+        part = max(self.parts, key=lambda part: (part.inside, -part.room))
         if part.outside <= level:  # a statement of many parts falls at a part's own level alone
             level /= len(self.parts)
-        rule = part.rule + (f", and {len(self.parts) - 1} more" if len(self.parts) > 1 else "")
+        rule = part.rule
+        if len(self.parts) > 1:
+            rule += f", and {len(self.parts) - 1} more"
         stands = inside <= level
         units = None if stands else part.needed(level)
         return {
@@ -188,9 +195,11 @@ def placed(
     """
     x = np.asarray(values, float)
     x = x[~np.isnan(x)]
+    mean = float(x.mean()) if len(x) else math.nan
+    # One more split differs from the mean of these by its own spread and by the mean's error.
     spread = float(x.std(ddof=1)) * math.sqrt(1 + 1 / len(x)) if len(x) > 1 else math.nan
     effect = Estimate(
-        float(x.mean()) if len(x) else math.nan,
+        mean,
         spread,
         len(x),
         cluster="splits",
@@ -215,7 +224,7 @@ def placed_below(splits: Mapping[str, ArrayLike], printed: float, *, of: str) ->
     printed : what none exceeds in the paper.
     of : what they are, for the rule.
     """
-    level = LEVEL / len(splits)
+    level = LEVEL / len(splits)  # Bonferroni: any one of them contradicts
     parts = [
         placed(values, printed, of=f"{name}'s {of}", at_most=True, level=level)
         for name, values in splits.items()
@@ -237,17 +246,24 @@ def judged(
     """
     rows = []
     for protocol, statements in evidence.items():
+        # A family of Holm's: the statements of one column that an interval decides.
         tested = [entry.level for entry in statements.values() if entry is not None and entry.parts]
-        levels = iter(holm(tested)) if tested else iter(())
+        levels = iter(holm(tested))
         for text, entry in statements.items():
-            facts: dict[str, Any] = {"outcome": None}
-            if entry is not None:
-                facts = entry.judge(float(next(levels)) if entry.parts else 0.0)
-            rows.append({
-                "text": text, "where": where, "protocol": protocol,
-                "central": protocol != OURS and any(fnmatch(text, name) for name in central),
-                **facts,
-            })  # fmt: skip
+            if entry is None:
+                facts: dict[str, Any] = {"outcome": None}
+            elif entry.parts:
+                facts = entry.judge(float(next(levels)))
+            else:
+                facts = entry.judge(LEVEL)  # a fact, or by construction: no level enters
+            matches = any(fnmatch(text, pattern) for pattern in central)
+            row = {
+                "text": text,
+                "where": where,
+                "protocol": protocol,
+                "central": protocol != OURS and matches,
+            }
+            rows.append(row | facts)
     return rows
 
 
@@ -269,25 +285,29 @@ def verdict(statements: Sequence[Mapping[str, Any]]) -> str:
     ]
     deciding = [row["outcome"] for row in central]
     number = {outcome: deciding.count(outcome) for outcome in OUTCOMES}
-    told = ", ".join(_counted(n, outcome) for outcome, n in number.items() if n)
+    told = ", ".join(f"{n} {_counted(n, outcome)}" for outcome, n in number.items() if n)
     if told and None in deciding:
         told += f", {deciding.count(None)} not run"
     if not deciding:
         theirs = any(row["protocol"] != OURS for row in statements)
         return "nothing central" if theirs else "nothing to judge"
-    if number[FALLS]:
-        word = "not reproduced" if not number[STANDS] else "reproduced in part"
-    elif None in deciding:
-        word = "run in part" if told else "not run"
-    elif number[UNDECIDED]:
-        word = "undecided" if not number[STANDS] else "reproduced in part"
-    else:
-        word = "reproduced" if number[STANDS] else CONSTRUCTED
+    word = _verdict_word(number, complete=None not in deciding)
     tested = [row for row in central if row["outcome"] not in {CONSTRUCTED, None}]
     checked = [row["method"] == "a fact" for row in tested]
     if checked and all(checked):  # arithmetic on printed numbers, no run of anybody's
         word = {"reproduced": "consistent", "not reproduced": "not consistent"}.get(word, word)
     return f"{word} ({told})" if told else word
+
+
+def _verdict_word(number: Mapping[str, int], *, complete: bool) -> str:
+    """Return the word for an item of so many central statements of each outcome."""
+    if number[FALLS]:
+        return "reproduced in part" if number[STANDS] else "not reproduced"
+    if not complete:
+        return "run in part" if any(number.values()) else "not run"
+    if number[UNDECIDED]:
+        return "reproduced in part" if number[STANDS] else "undecided"
+    return "reproduced" if number[STANDS] else CONSTRUCTED
 
 
 def _told(effect: Estimate | None, level: float) -> dict[str, Any]:
@@ -296,13 +316,18 @@ def _told(effect: Estimate | None, level: float) -> dict[str, Any]:
         return {"error": None, "cases": None, "sides": None}
     _, _, low, high = effect.interval(1 - level)
     return {
-        "method": effect.method, "estimate": effect.estimate, "interval": [low, high],
-        "units": f"{effect.clusters} {effect.cluster}", "level": level, "error": effect.se,
+        "method": effect.method,
+        "estimate": effect.estimate,
+        "interval": [low, high],
+        "units": f"{effect.clusters} {effect.cluster}",
+        "level": level,
+        "error": effect.se,
         "cases": effect.cases if effect.fraction else None,
         "sides": [[side.estimate, side.cases] for side in effect.sides] if effect.sides else None,
-    }  # fmt: skip
+    }
 
 
 def _counted(number: int, outcome: str) -> str:
-    plural = {STANDS: "stand", FALLS: "fall"}
-    return f"{number} {plural.get(outcome, outcome) if number > 1 else outcome}"
+    if number == 1:
+        return outcome
+    return {STANDS: "stand", FALLS: "fall"}.get(outcome, outcome)
