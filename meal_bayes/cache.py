@@ -25,6 +25,11 @@ log = logging.getLogger("meal_bayes.cache")
 _WARNED = "MEAL_BAYES_CACHE_WARNED"  # set with the warning, so that workers do not repeat it
 
 
+def cache_root() -> Path:
+    """Return the folder of all compiled code, which need not be there."""
+    return user_cache_path("meal_bayes", appauthor=False)
+
+
 @functools.cache
 def private_folder(name: str) -> Path | None:
     """Return the folder of one kind of compiled code, or None where none is safe and writable.
@@ -32,7 +37,7 @@ def private_folder(name: str) -> Path | None:
     The folder is `meal_bayes/NAME` in the system's cache folder (on Linux `$XDG_CACHE_HOME` or
     `~/.cache`). Why there is none is logged as a warning, once for a program and its workers.
     """
-    folder = user_cache_path("meal_bayes", appauthor=False) / name
+    folder = cache_root() / name
     try:
         _prepare(folder)
     except (OSError, RuntimeError) as fault:  # no home folder is a RuntimeError

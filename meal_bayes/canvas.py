@@ -1,6 +1,6 @@
 """Axes in one style, their legend, and files of them; what all figures are drawn on.
 
-Colors are Okabe and Ito's, which color-blind readers can distinguish. No pyplot, no global state.
+Colors are those of `palette.py`. No pyplot, no global state.
 """
 
 import contextlib
@@ -17,9 +17,7 @@ from meal_bayes.errors import SettingsError
 from meal_bayes.files import checked_path, write_whole
 
 Axes = axes.Axes
-COLORS = (
-    "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#B7A500"
-)  # fmt: skip
+_ONE_COLUMN = 8  # entries, from which on a legend in the axes has two
 _WITHOUT_DATE = {"png": {"Software": None}, "pdf": {"CreationDate": None}, "svg": {"Date": None}}
 _STYLE: Any = {  # names of matplotlib's settings
     "text.parse_math": False,  # names are data: a dollar sign in them is a dollar sign
@@ -63,7 +61,7 @@ def legend(ax: Axes, count: int, *, above: bool = False) -> None:
         columns = -(-count // rows)  # so that rows are of like length
         ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=columns, columnspacing=1.0)
     elif count > 1:
-        ax.legend(loc="best", ncols=1 if count < len(COLORS) else 2)
+        ax.legend(loc="best", ncols=1 if count < _ONE_COLUMN else 2)
 
 
 def save(ax: Axes, path: str | Path) -> Path:

@@ -1,9 +1,10 @@
-"""A default that several places name is one: of functions, classes, options, help texts."""
+"""Defaults and options that several places name are the same: of functions, classes, commands."""
 
 import inspect
 import re
 from collections import defaultdict
 from collections.abc import Callable, Iterator
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +25,7 @@ from meal_bayes.experiments import (
     run_online,
 )
 from meal_bayes.learner import Learner, LearnerSettings, ask
+from meal_bayes.learner.search_input import SearchOptions
 from meal_bayes.learner.trial import TrialOptions
 from meal_bayes.planners.rollout import simulate
 from meal_bayes.posterior.draws import Sampling
@@ -158,3 +160,16 @@ def test_the_page_has_a_row_of_each_exit_code() -> None:
 def test_a_trial_ends_after_as_many_steps_wherever_it_is_run() -> None:
     steps = {place_of(callee): dict(defaults(callee)).get("max_steps") for callee in EVERYWHERE}
     assert {*filter(None, steps.values())} == {MAX_STEPS}, steps
+
+
+def test_find_takes_the_options_of_begin_find() -> None:
+    given = inspect.signature(Learner.begin_find).parameters.values()
+    options_of = {entry.name for entry in given if entry.kind is inspect.Parameter.KEYWORD_ONLY}
+    assert {*SearchOptions.__annotations__} == options_of, "change SearchOptions and begin_find"
+
+
+def test_a_log_says_of_a_trial_what_whoever_resumes_it_needs() -> None:
+    named = {entry.name for entry in fields(TrialOptions)}
+    unsaid = {"truth", "limit", "on_step", "abstain"}  # in the trial, or of what runs it now
+    written = {*TrialOptions().begun("table")} - {"state"}
+    assert written == named - unsaid, "add an option to TrialOptions.begun, or say why not here"

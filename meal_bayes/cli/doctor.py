@@ -8,9 +8,9 @@ from importlib import metadata
 from pathlib import Path
 
 import click
-from platformdirs import user_cache_path
 
 import meal_bayes
+from meal_bayes.cache import cache_root
 from meal_bayes.cli.console import output, print_facts, print_json
 from meal_bayes.cli.options import shared
 
@@ -32,7 +32,7 @@ def doctor(as_json: bool) -> None:
         "package": lambda: f"meal-bayes {meal_bayes.__version__} in {meal_bayes.__path__[0]}",
         "system": _system,
         "versions": lambda: ", ".join(f"{name} {_version(name)}" for name in _LIBRARIES),
-        "cache": lambda: _folder(user_cache_path("meal_bayes", appauthor=False)),
+        "cache": lambda: _folder(cache_root()),
         "data": _data,
         "viewer": _viewer,
     }

@@ -130,6 +130,6 @@ def print_search(search: "Search") -> None:
     from meal_bayes.cli.narration import VERDICT_STYLES
     from meal_bayes.trials.search import EXPLORED, explored_rows, search_facts
 
-    print_table(EXPLORED, explored_rows(search), left_aligned=EXPLORED[1:2])
+    print_table(EXPLORED, explored_rows(search), left_aligned=(EXPLORED.behaviors,))
     style = VERDICT_STYLES[search.success]
     print_facts(output(), search_facts(search), answer="bold", verdict=style)

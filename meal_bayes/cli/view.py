@@ -134,7 +134,7 @@ def _record(log: Path, logs: "Logs", to: "Target", number: int | None) -> int:
     header = logs.header
     search = search_at(log)
     if search is not None:
-        believed = {name: sure for name, _, _, sure in explored_rows(search)}
+        believed = {row.name: row.probability for row in explored_rows(search)}
         header = {"search": {**search_facts(search), "believed": believed}, **header}
     with progress("reading", "files") as advance:
         trials = send_recording(entries(), to, header, name=log.resolve().name, only=number)

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from meal_bayes.canvas import COLORS, Axes, axes_to_draw, legend, name_axes
+from meal_bayes.canvas import Axes, axes_to_draw, legend, name_axes
 from meal_bayes.evaluation.calibration import BINS, bins_of, checked_cases
 from meal_bayes.evaluation.statistics import (
     HIGH_QUANTILE,
@@ -15,7 +15,7 @@ from meal_bayes.evaluation.statistics import (
     Interval,
     wilson_interval,
 )
-from meal_bayes.palette import LINE_GRAY, agent_style
+from meal_bayes.palette import BLUE, LINE_GRAY, VERMILION, agent_style
 from meal_bayes.trials.strip import trial_strip
 
 __all__ = [
@@ -25,7 +25,7 @@ __all__ = [
 
 _MANY = 25  # points on a line, beyond which they get no markers
 _LINES_BESIDE_LEGEND = 3  # lines that leave room for a legend between them
-_TRUTHS = (("false", "s"), ("true", "o"))  # and their markers
+_TRUTHS = (("false", "s", VERMILION), ("true", "o", BLUE))  # with markers and colors
 _ROW = 0.19  # inches of a row of a forest, of which 40 fit a page
 _WIDE = 4.0  # costs with a larger ratio of the largest to the median are drawn on a log scale
 
@@ -160,14 +160,14 @@ def forest(
     heads = np.unique(p, return_index=True)[1]
     height = np.arange(len(pairs)) + 0.9 * np.searchsorted(heads, np.arange(len(pairs)), "right")
     with axes_to_draw(None, height=1.1 + _ROW * (height[-1] + 1)) as to:
-        for truth, (name, marker) in enumerate(_TRUTHS):
+        for truth, (name, marker, color) in enumerate(_TRUTHS):
             to.errorbar(
                 center[p, e, truth],
                 height + (-0.14 if truth else 0.14),
                 xerr=ends[:, p, e, truth],
                 fmt=marker,
                 ms=3.5,
-                color=COLORS[1 - truth],
+                color=color,
                 elinewidth=1.3,
                 label=f"of {name} objects",
             )
@@ -204,8 +204,7 @@ def predictive(observed: ArrayLike, predicted: ArrayLike) -> Axes:
     drawn = np.asarray(predicted, float)
     x = np.arange(counts.shape[1])
     with axes_to_draw(None) as to:
-        for truth, (name, marker) in enumerate(_TRUTHS):
-            color = COLORS[1 - truth]
+        for truth, (name, marker, color) in enumerate(_TRUTHS):
             shift = 0.2 if truth else -0.2
             # Replicates have as many cases as were observed, so one total scales both.
             total = max(counts[truth].sum(), 1.0)

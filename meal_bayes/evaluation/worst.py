@@ -180,7 +180,7 @@ def searches_section(searches: Sequence[tuple[Path, Search]]) -> Section:
         objects: Table = {
             "head": list(EXPLORED),
             "rows": list(map(list, explored_rows(search))),
-            "texts": (1,),
+            "texts": (EXPLORED.index(EXPLORED.behaviors),),
             "note": "" if search.answered else f"{unfinished_text(folder)}.",
         }
         title = f"{folder.name}: {search.question}"

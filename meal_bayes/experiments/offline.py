@@ -12,10 +12,10 @@ from meal_bayes.datasets import PerceptTable
 from meal_bayes.display import short_repr
 from meal_bayes.evaluation import summarize
 from meal_bayes.experiments.config import OfflineConfig
-from meal_bayes.experiments.store import is_whole, run_folder
+from meal_bayes.experiments.store import agent_folder, is_whole, run_folder
 from meal_bayes.experiments.tasks import offline_tasks
 from meal_bayes.experiments.units import run_units, timed, warm_up
-from meal_bayes.files import LOGS, file_name
+from meal_bayes.files import LOGS
 from meal_bayes.kinds import checked
 from meal_bayes.learner import Learner
 from meal_bayes.perception import TableSource
@@ -167,7 +167,7 @@ def run_offline(
     units = [
         _TrialBlock(
             dataclasses.replace(config, agents=(agent,)),
-            absolute / file_name(agent.name, 200) / f"unit-{first // UNIT:04d}.mcap",
+            agent_folder(absolute, agent.name) / f"unit-{first // UNIT:04d}.mcap",
             tasks[first:][:UNIT],
             fresh,
         )

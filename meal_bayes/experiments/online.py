@@ -17,9 +17,9 @@ from meal_bayes.experiments.online_protocol import (
     learnable,
     restricted,
 )
-from meal_bayes.experiments.store import is_whole, run_folder
+from meal_bayes.experiments.store import agent_folder, is_whole, run_folder
 from meal_bayes.experiments.units import run_units, timed, warm_up
-from meal_bayes.files import LOGS, file_name
+from meal_bayes.files import LOGS
 from meal_bayes.kinds import checked
 from meal_bayes.learner import Learner, LearnerSettings
 from meal_bayes.perception.table_source import fingerprint
@@ -55,7 +55,7 @@ class OnlineRun:
 
 def repeat_folder(folder: Path, agent: str, repeat: int) -> Path:
     """Return where the logs of an agent's repeat lie in the folder of a run."""
-    return folder / file_name(agent, 200) / f"repeat-{repeat:03d}"
+    return agent_folder(folder, agent) / f"repeat-{repeat:03d}"
 
 
 def batch_log(folder: Path, batch: int, part: str) -> Path:

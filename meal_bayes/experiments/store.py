@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 log = logging.getLogger("meal_bayes.experiments")
 
 _INSTALLED = {"site-packages", "dist-packages"}  # folders of pip's and of the system's
+_LONGEST = 200  # bytes of a folder's name
 _PLAIN = (bool, int, float, complex, str, bytes)
 _LIBRARIES = ("numpy", "scipy", "numba", "scikit-learn")  # whose versions may change a number
 
@@ -53,7 +54,12 @@ def run_folder(
     sources = {name: digest for name, digest in sources.items() if digest}
     settings = {name: value for name, value in config.as_dict().items() if name not in ignore}
     digest = digest_of({**settings, "agents": sources, **facts}, environment())
-    return Path(root) / f"{file_name(name, 200)}-{digest[:8]}"
+    return Path(root) / f"{file_name(name, _LONGEST)}-{digest[:8]}"
+
+
+def agent_folder(folder: Path, agent: str) -> Path:
+    """Return where the logs of an agent lie in the folder of a run."""
+    return folder / file_name(agent, _LONGEST)
 
 
 def is_whole(path: Path) -> bool:

@@ -78,7 +78,7 @@ def read_experience(archive: zipfile.ZipFile, domain: Domain) -> Experience:
 
 
 def _column_limits(sizes: _Sizes) -> dict[str, dict[str, Limits]]:
-    """Return the limits of each column of the record's tables."""
+    """Return the limits of each column of the record's tables (`columns.py`)."""
     n, o, t, e, p = sizes
     return {
         "instances": {
@@ -110,8 +110,8 @@ def _column_limits(sizes: _Sizes) -> dict[str, dict[str, Limits]]:
 def _check_tables(tables: Tables, sizes: _Sizes) -> None:
     """Raise a `ValueError` where a table names what there is not, or has another length."""
     for name, limits in _column_limits(sizes).items():
-        for column, limit in limits.items():
-            check_limits(name, tables[name][column], limit)
+        for column in tables[name].dtype.names or ():
+            check_limits(name, tables[name][column], limits[column])
     for name in ("levels", "detected"):
         check_limits(name, tables[name], (-1, _MOST_LEVELS))
     for name in ("labels", "object_labels"):

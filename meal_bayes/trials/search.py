@@ -159,11 +159,20 @@ def as_left(trial: Trial) -> Trial:
     return replace(trial, ended=LEFT)
 
 
-EXPLORED = ("object", "explored by", "s", "Pr(yes)")  # heads of `explored_rows`
+class Explored(NamedTuple):
+    """An object of a search as text: its name, what was done with it, the seconds, Pr(yes)."""
+
+    name: str
+    behaviors: str
+    seconds: str
+    probability: str
 
 
-def explored_rows(search: Search) -> list[tuple[str, str, str, str]]:
-    """Return of each object of a search its name, what was done with it, the seconds, Pr(yes)."""
+EXPLORED = Explored("object", "explored by", "s", "Pr(yes)")  # heads of `explored_rows`
+
+
+def explored_rows(search: Search) -> list[Explored]:
+    """Return the objects of a search, as its tables show them."""
     rows = []
     for name, trial in search.trials.items():
         probability = float(trial.momdp.reports.probability(trial.last_belief))
@@ -173,5 +182,5 @@ def explored_rows(search: Search) -> list[tuple[str, str, str, str]]:
             if step.decision.action < trial.momdp.n_behaviors
         ]
         executed = ", ".join(behaviors) or "nothing"
-        rows.append((name, executed, f"{trial.cost:.1f}", percent(probability)))
+        rows.append(Explored(name, executed, f"{trial.cost:.1f}", percent(probability)))
     return rows
