@@ -43,6 +43,7 @@ def calibration_error(positive: ArrayLike, truth: ArrayLike) -> float:
     """
     b, v = checked_cases(positive, truth)
     _check_beliefs(b)
+    # Of a bin of n_k cases, n_k |mean belief - fraction true| is |sum of (belief - truth)|.
     return float(np.abs(np.bincount(bins_of(b), b - v)).sum() / len(b))
 
 

@@ -106,25 +106,31 @@ def summarize_learning(
     """
     agents = tuple(dict.fromkeys(result.agent for result in results))
     curves = {agent: curves_of(results, agent) for agent in agents}
-    base = curves[agents[0]]
+    reference = curves[agents[0]]
     rows = list[LearningSummary]()
     for agent, curve in curves.items():
-        end = float(np.mean([base[repeat][0, -1] for repeat in sorted(curve.keys() & base.keys())]))
-        area = _difference(curve, base, partial(mean_until, end=end), mass)
-        after = _difference(curve, base, lambda hours, reward: reward[-1])
+        end = float(
+            np.mean(
+                [reference[repeat][0, -1] for repeat in sorted(curve.keys() & reference.keys())]
+            )
+        )
+        area = _difference(curve, reference, partial(mean_until, end=end), mass)
+        after = _difference(curve, reference, lambda hours, reward: reward[-1])
         batches = [result for result in results if result.agent == agent]
         last = max(result.batch for result in batches)
         final = [result.outcomes for result in batches if result.batch == last]
         beliefs = [result.outcomes.beliefs() for result in batches if result.batch > last - POOLED]
-        at = {f"{hours:g}": difference_at(curve, base, hours).estimate for hours in BUDGETS}
+        gains_at = {
+            f"{hours:g}": difference_at(curve, reference, hours).estimate for hours in BUDGETS
+        }
         rows.append(
             LearningSummary(
-                agent,
-                end,
-                area.estimate,
-                area.low,
-                area.high,
-                reward_difference_at=at,
+                agent=agent,
+                area_hours=end,
+                area_reward_difference=area.estimate,
+                area_low=area.low,
+                area_high=area.high,
+                reward_difference_at=gains_at,
                 reward_after=float(np.mean([reward[-1] for _, reward in curve.values()])),
                 reward_after_difference=after.estimate,
                 accuracy_after=float(np.mean([test.success[test.judged].mean() for test in final])),
@@ -145,17 +151,17 @@ def decided(results: Sequence[BatchOutcomes], first_look: int) -> bool:
     return all(row.area_low > 0 or row.area_high < 0 for row in rows)
 
 
-def difference_at(curves: Curves, base: Curves, budget: float) -> Interval:
+def difference_at(curves: Curves, reference: Curves, budget: float) -> Interval:
     """Compare rewards after some hours of exploration, linear between batches.
 
     It is NaN where a curve of a repeat that both have ends earlier: nothing is extrapolated.
     """
-    shared = curves.keys() & base.keys()
+    shared = curves.keys() & reference.keys()
     # One curve that ends earlier would be compared by a value that it never had.
-    ends = [some[repeat][0, -1] for some in (curves, base) for repeat in shared]
+    ends = [some[repeat][0, -1] for some in (curves, reference) for repeat in shared]
     if not ends or budget > min(ends):
         return Interval(math.nan, math.nan, math.nan, math.nan)
-    return _difference(curves, base, lambda x, y: float(np.interp(budget, x, y)))
+    return _difference(curves, reference, lambda x, y: float(np.interp(budget, x, y)))
 
 
 def mean_until(hours: Floats, values: Floats, end: float) -> float:
@@ -167,9 +173,9 @@ def mean_until(hours: Floats, values: Floats, end: float) -> float:
 
 
 def _difference(
-    curves: Curves, base: Curves, of: Callable[[Floats, Floats], float], mass: float = MASS
+    curves: Curves, reference: Curves, of: Callable[[Floats, Floats], float], mass: float = MASS
 ) -> Interval:
     """Compare a number of hours (B,) and rewards (B,), paired by repeat."""
-    shared = sorted(curves.keys() & base.keys())
-    gains = [of(*curves[repeat]) - of(*base[repeat]) for repeat in shared]
+    shared = sorted(curves.keys() & reference.keys())
+    gains = [of(*curves[repeat]) - of(*reference[repeat]) for repeat in shared]
     return resampled(gains, RATIO).interval(mass)

@@ -94,7 +94,9 @@ class Estimate:
         """Return the two-sided interval of a mass."""
         if self.sides is not None:
             gain, loss = (side.interval(mass) for side in self.sides)
-            both = gain.se * loss.se  # as independent where one side has no error
+            # Var(gain - loss) = se_g^2 + se_l^2 - 2 rho se_g se_l, solved for the correlation; they
+            # count as independent where one side has no error.
+            both = gain.se * loss.se
             rho = (gain.se**2 + loss.se**2 - self.se**2) / (2 * both) if both > 0 else 0.0
             down = _joined(gain.estimate - gain.low, loss.high - loss.estimate, rho)
             up = _joined(gain.high - gain.estimate, loss.estimate - loss.low, rho)
@@ -103,6 +105,7 @@ class Estimate:
         if not self.fraction:
             half = self.se * t
             return Interval(self.estimate, self.se, self.estimate - half, self.estimate + half)
+        # Wilson: the p' with |p - p'| <= t sqrt(p' (1 - p') / n), a quadratic in p'.
         p = self.estimate
         n = self.cases
         middle = p + t * t / (2 * n)
@@ -118,7 +121,10 @@ class Estimate:
 
 
 def _joined(gain: float, loss: float, rho: float) -> float:
-    """Return the half width of a difference, of those of its sides and their correlation."""
+    """Return the half width of a difference, of those of its sides and their correlation.
+
+    By [Zou2008] it is sqrt(g^2 + l^2 - 2 rho g l), as for standard errors.
+    """
     return math.sqrt(max(gain * gain + loss * loss - 2 * rho * (gain * loss), 0.0))
 
 
@@ -151,6 +157,8 @@ def clustered(values: ArrayLike, clusters: ArrayLike, *, fraction: bool = False)
     index = _numbered(clusters)
     if len(x) != len(index) or len(x) == 0:
         raise SettingsError(f"{len(x)} values and {len(index)} cluster names; give one for each.")
+    # The cluster-robust (sandwich) variance: n / (n - 1) times the sum over clusters of squared
+    # sums of deviations, over the number of values squared.
     sums = np.bincount(index, x - x.mean())
     n = len(sums)
     se = math.sqrt(n / (n - 1) * (sums**2).sum()) / len(x) if n > 1 else math.nan
@@ -244,6 +252,7 @@ def resampled(values: ArrayLike, ratio: float) -> Estimate:
     if len(x) == 0:
         return Estimate(math.nan, math.nan, 0, cluster="splits", method="corrected resampled t")
     variance = float(x.var(ddof=1)) if len(x) > 1 else math.nan
+    # (1/J + ratio) s^2; of these ratio s^2 stays, however many splits there are.
     return Estimate(
         float(x.mean()),
         math.sqrt(variance * (1 / len(x) + ratio)),
