@@ -1,4 +1,4 @@
-"""What a learner does when it is asked: its tasks, their problems and policies, their sessions."""
+"""What a learner does when it is asked: a session for each question, logged as it happens."""
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -6,33 +6,20 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
-from meal_bayes.agents import Agent, Knowledge, as_agent
-from meal_bayes.datasets import PerceptTable, object_index
-from meal_bayes.domain import Domain, Query
+from meal_bayes.domain import Query
 from meal_bayes.errors import SettingsError
 from meal_bayes.learner.columns import Objects
-from meal_bayes.learner.experience import Experience
-from meal_bayes.learner.fit import Fit, problem_of, training_agent
-from meal_bayes.learner.fit_cache import FitCache
-from meal_bayes.learner.held_out import replay
-from meal_bayes.learner.online import Online
-from meal_bayes.learner.settings import LearnerSettings, check_object_name, own_posterior
+from meal_bayes.learner.experienced_agent import NO_TABLE, ExperiencedAgent
 from meal_bayes.learner.trial import (
     NO_CLASSIFIERS,
     Question,
-    QuestionCounts,
     TrialOptions,
     question_of,
     robot_or_name,
     session_of,
     start_of,
-    task_of,
 )
-from meal_bayes.learner.trial_logs import TrialLogs
-from meal_bayes.momdp import MOMDP
-from meal_bayes.planners import Policy
 from meal_bayes.planners.solver import MAX_STEPS
-from meal_bayes.processes import Lock
 from meal_bayes.robots import Robot
 from meal_bayes.robots.recorded import RecordedRobot
 from meal_bayes.robots.robot import state_index
@@ -41,80 +28,9 @@ from meal_bayes.trial_log.live import Interrupted, LiveLog, resuming
 from meal_bayes.trial_log.schema import ASK
 from meal_bayes.trials import Session, Step, Task, Trial, run_trial
 
-NO_TABLE = "Give a robot, or fit a percept table (build_percept_table) to replay its objects."
 
-
-class Answerer:
-    """Answers questions: an agent with what it has experienced, or with a percept table."""
-
-    def __init__(
-        self, domain: Domain, agent: Agent, settings: LearnerSettings, logs: str | Path | None
-    ) -> None:
-        self.domain = domain
-        self.settings = settings
-        self.experience = Experience(domain)
-        self.table: PerceptTable | None = None  # that is replayed
-        self._agent = agent
-        self._fits = FitCache(self.experience, settings)
-        self._questions = QuestionCounts()
-        self._logs = TrialLogs(logs, domain.name)
-        self._lock = Lock()
-
-    @property
-    def agent(self) -> Agent:
-        """Who decides; another agent learns from the same experience."""
-        return self._agent
-
-    @agent.setter
-    def agent(self, agent: object) -> None:
-        chosen = as_agent(agent)
-        own_posterior(self.settings.posterior, self.domain, chosen)
-        with self._lock:
-            self._agent = chosen
-
-    def knowledge(self, object_name: str | None = None) -> Knowledge:
-        """Return what was learned; from a percept table, without one of its objects."""
-        if self.table is None:
-            return self.fitted(self.agent).knowledge
-        if object_name is None:
-            raise SettingsError("A percept table holds only what is known without an object of it.")
-        with self._lock:
-            o = object_index(self.table.objects, object_name)
-            return self._fits.held_out(self.table, self.agent, o).knowledge
-
-    def fitted(self, agent: Agent) -> Online:
-        """Return what an agent makes of the experience; learned when it is first needed."""
-        with self._lock:
-            return self._fits.of(agent)
-
-    def task(self, question: Question, object_name: str | None = None) -> Task:
-        """Return the task that a question would be; an object without a name gets one."""
-        return self._task(question, object_name)[0]
-
-    def problem(self, question: Question, object_name: str | None = None) -> MOMDP:
-        """Return the decision problem of a question, as a test of it would have it."""
-        task = self.task(question, object_name)
-        with self._lock:
-            return problem_of(self._fit(task, learn=False), task)
-
-    def policy(self, question: Question, object_name: str | None = None) -> Policy:
-        """Return who decides about a question, as in a test of it."""
-        task, streams = self._task(question, object_name)
-        with self._lock:
-            return self._fit(task, learn=False).plan(task, streams, limit=np.inf, explore=False)[1]
-
-    def replay(
-        self, question: Question, object_name: str | None = None, *, seed: int | None = None
-    ) -> RecordedRobot:
-        """Return the robot that replays an object of the percept table.
-
-        The seed, by default the learner's, draws what fails and the order of recordings.
-        """
-        if self.table is None:
-            raise SettingsError(NO_TABLE)
-        seed = self.settings.seed if seed is None else seed
-        repeats = self.settings.percepts == "model"
-        return replay(self.table, self.task(question, object_name), seed, repeats=repeats)
+class Answerer(ExperiencedAgent):
+    """Answers questions, one trial each."""
 
     def ask(
         self,
@@ -174,9 +90,16 @@ class Answerer:
         if (robot is None) == (self.table is None):
             raise SettingsError(NO_TABLE if robot is None else NO_CLASSIFIERS)
         limit = robot.limit if isinstance(robot, RecordedRobot) else np.inf
-        options = TrialOptions(truth, learn, limit, max_steps, max_cost, on_step)
+        options = TrialOptions(
+            truth=truth,
+            learn=learn,
+            limit=limit,
+            max_steps=max_steps,
+            max_cost=max_cost,
+            on_step=on_step,
+        )
         question = question_of(question, self.domain, answer, payoffs)
-        session = self._open(question, object_name, key, log, options, state=None)
+        session = self._open(question, object_name, options, key=key, log=log)
         return run_trial(session, self.replay(session.task) if robot is None else robot)
 
     def begin(
@@ -217,11 +140,17 @@ class Answerer:
         state = diagram.start if state is None else state
         state_index(diagram.states, state, "begin(state=)")  # before there is a log of it
         options = TrialOptions(
-            truth, learn, max_steps=max_steps, max_cost=max_cost, on_step=on_step,
-            commanded=commanded, seed=seed,
-        )  # fmt: skip
+            truth=truth,
+            learn=learn,
+            max_steps=max_steps,
+            max_cost=max_cost,
+            on_step=on_step,
+            commanded=commanded,
+            seed=seed,
+        )
         question = question_of(question, self.domain, answer, payoffs)
-        return self._open(question, object_name, key, log, options, state).start(state)
+        session = self._open(question, object_name, options, key=key, log=log, state=state)
+        return session.start(state)
 
     def resume(self, log: str | Path | None = None, *, state: str | None = None) -> Session:
         """Go on with a trial whose process ended in the middle of it, from its log.
@@ -243,8 +172,8 @@ class Answerer:
             There is no trial that was broken off, or several; it is another learner's, another
             process drives the robot, or that is elsewhere.
         """
-        place = self._logs.interrupted(log, "give resume() the trial's log")
-        with resuming(place, Interrupted) as broken:
+        path = self._logs.interrupted(log, "give resume() the trial's log")
+        with resuming(path, Interrupted) as broken:
             return self._resumed(broken, state)
 
     def _resumed(self, broken: Interrupted, state: str | None) -> Session:
@@ -260,73 +189,41 @@ class Answerer:
         self._record(session, broken.path, broken.header, broken)
         return session
 
-    def note_question(self, header: Mapping[str, object]) -> None:
-        """Count the question of a log of before a restart, by its header, if it was not yet."""
-        with self._lock:
-            self._questions.count_resumed(header)
-
-    def _fit(self, task: Task, *, learn: bool, beside: Objects = ()) -> Fit:
-        """Return what is known for a trial, by who runs it: training may be another agent's."""
-        if self.table is not None:
-            return self._fits.held_out(self.table, self.agent, task.object_index, beside)
-        return self._fits.of(training_agent(self.agent) if learn else self.agent)
-
-    def _use(self) -> None:
-        """Let the agents learn from the record before it changes, if they have not."""
-        if self.table is None:
-            for agent in (self.agent, training_agent(self.agent)):
-                self._fits.of(agent)
-
-    def _task(
-        self,
-        question: Question,
-        object_name: str | None,
-        key: str | int | None = None,
-        *,
-        learn: bool = False,
-    ) -> tuple[Task, Key]:
-        """Return the task of a question, and the key of its random streams, by `key`."""
-        name = question.object_name if isinstance(question, Task) else object_name
-        if name is not None:
-            check_object_name(name, self.experience.met)
-        if key is None and self.table is None:
-            key = self._questions.next_key(learn=learn)
-        return task_of(self.domain, self.table, question, object_name, key)
-
     def _open(
         self,
         question: Question,
         object_name: str | None,
+        options: TrialOptions,
+        *,
         key: str | int | None,
         log: str | Path | None,
-        options: TrialOptions,
-        state: str | None,
+        state: str | None = None,
     ) -> Session:
-        """Return the session of a question, logged if there is a place, but not started yet."""
-        place = self._logs.place(log)
+        """Return the session of a question, logged if the learner logs, but not started yet."""
+        path = self._logs.log_path(log)
         asked: Mapping[str, object] = {}
         with self._lock:
             task, streams = self._task(question, object_name, key, learn=options.learn)
             if self.table is None and not isinstance(question, Task):
                 asked = self._questions.count(learn=options.learn, key=key)
         session = self._session(task, streams, options)
-        if place is None:
+        if path is None:
             return session
         text = question.text if isinstance(question, Query) else str(question)
         config = {"command": ASK, "question": text, "agent": self.agent.name}
-        self._record(session, place, {"config": config, "begun": options.begun(state), **asked})
+        self._record(session, path, {"config": config, "begun": options.begun(state), **asked})
         return session
 
     def _record(
         self,
         session: Session,
-        place: Path,
+        path: Path,
         header: Mapping[str, object],
         resumed: Interrupted | None = None,
     ) -> None:
         """Log a session from now on, with a header that says how it came about."""
         drawn = {"seed": self.settings.seed, "streams": list(session.key), "data": self.domain.data}
-        log = LiveLog(place, {**drawn, **header}, session.task.object_name, resumed=resumed)
+        log = LiveLog(path, {**drawn, **header}, session.task.object_name, resumed=resumed)
         self._logs.note({session.task.key: log.path.parent})
         session.record(log)
 

@@ -12,8 +12,9 @@ from meal_bayes.arrays import check_seconds
 from meal_bayes.datasets import object_index
 from meal_bayes.domain import Query, read_question
 from meal_bayes.errors import SettingsError
-from meal_bayes.learner.answering import NO_TABLE, Answerer
+from meal_bayes.learner.answering import Answerer
 from meal_bayes.learner.columns import Objects
+from meal_bayes.learner.experienced_agent import NO_TABLE
 from meal_bayes.learner.fit import solve
 from meal_bayes.learner.search_input import (
     SearchOptions,
@@ -217,9 +218,9 @@ class Finder(Answerer):
             There is no search that was broken off, or several; it is another learner's, or another
             process drives the robot.
         """
-        place = self._logs.interrupted(log, "give resume_find() the search's folder")
-        log_file = search_of(place)
-        with resuming(place if log_file is None else log_file, InterruptedSearch) as broken:
+        path = self._logs.interrupted(log, "give resume_find() the search's folder")
+        log_file = search_of(path)
+        with resuming(path if log_file is None else log_file, InterruptedSearch) as broken:
             return self._resumed_search(broken)
 
     def _resumed_search(self, broken: InterruptedSearch) -> SearchSession:

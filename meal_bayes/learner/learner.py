@@ -243,7 +243,7 @@ class Learner(Finder):
 
     def note_folders(self, folders: Mapping[Key, Path]) -> None:
         """Note in which folders the logs of trials lie: beside them labels are logged."""
-        if self._logs.place(None) is not None:
+        if self._logs.log_path(None) is not None:
             self._logs.note(folders)
 
     def _log_told(self, trial: Trial | str, telling: Telling) -> None:

@@ -28,7 +28,7 @@ class TrialLogs:
         self._folder = None if logs is None else lasting_path("logs", logs) / file_name(name)
         self._folder_of_trial: dict[Key, Path] = {}
 
-    def place(self, log: str | Path | None) -> Path | None:
+    def log_path(self, log: str | Path | None) -> Path | None:
         """Return the log or folder that a caller names, or else the learner's folder."""
         return self._folder if log is None else lasting_path("log", log)
 
@@ -42,22 +42,22 @@ class TrialLogs:
         remedy : str
             "give resume() the trial's log".
         """
-        place = self.place(log)
-        if place is None:
+        path = self.log_path(log)
+        if path is None:
             raise SettingsError(f"This learner logs nothing; {remedy}.")
-        return place
+        return path
 
     def search_folder(self, log: str | Path | None) -> Path | None:
         """Return the folder of a search to come; `SettingsError` where it cannot be one."""
-        place = self.place(log)
-        if place is None:
+        path = self.log_path(log)
+        if path is None:
             return None
         if log is None:
-            return place / dated_name("find", place)
-        if place.suffix == SUFFIX or place.is_file():
-            raise SettingsError(f"A search has a log an object; give a folder, not {place}.")
-        check_alone(place)  # before it is planned for a minute
-        return place
+            return path / dated_name("find", path)
+        if path.suffix == SUFFIX or path.is_file():
+            raise SettingsError(f"A search has a log an object; give a folder, not {path}.")
+        check_alone(path)  # before it is planned for a minute
+        return path
 
     def note(self, folders: Mapping[Key, Path]) -> None:
         """Note the folders in which the logs of some trials lie, by the trials' keys."""
