@@ -178,13 +178,13 @@ class Answerer(ExperiencedAgent):
 
     def _resumed(self, broken: Interrupted, state: str | None) -> Session:
         """Return the session of a trial that was broken off, where it was."""
-        before = broken.trial
+        trial = broken.trial
         begun = dict(broken.header["begun"])
-        start = start_of(before, begun.pop("state", None) or self.domain.diagram.start, state)
-        options = TrialOptions(truth=before.truth, **begun)
-        session = self._session(before.task, tuple(broken.header["streams"]), options)
+        start = start_of(trial, begun.pop("state", None) or self.domain.diagram.start, state)
+        options = TrialOptions(truth=trial.truth, **begun)
+        session = self._session(trial.task, tuple(broken.header["streams"]), options)
         session.start(start)
-        session.repeat(before.steps)
+        session.repeat(trial.steps)
         self.note_question(broken.header)
         self._record(session, broken.path, broken.header, broken)
         return session

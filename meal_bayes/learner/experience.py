@@ -20,6 +20,7 @@ from meal_bayes.arrays import Rows
 from meal_bayes.datasets import Dataset, Instance
 from meal_bayes.domain import Domain
 from meal_bayes.kinds import checked
+from meal_bayes.learner import label_history
 from meal_bayes.learner.columns import (
     EXECUTION,
     FEEDBACK,
@@ -37,7 +38,6 @@ from meal_bayes.learner.columns import (
     is_key_of_name,
     key_of_name,
 )
-from meal_bayes.learner.label_history import LabelCall, calls_that_hold, fold, no_labels
 from meal_bayes.seeds import Key
 from meal_bayes.trial_log.feedback import Feedback
 
@@ -121,7 +121,7 @@ class Experience:
     @property
     def no_labels(self) -> Labels:
         """Labels (P,) of which none is known."""
-        return no_labels(self.domain)
+        return label_history.no_labels(self.domain)
 
     def instances_of_object(self, o: int) -> NDArray[np.intp]:
         """Return the instances (k,) of an object, by its number."""
@@ -147,19 +147,22 @@ class Experience:
         rows = self.instances.values
         present = set(rows[names][rows["origin"] != WITHDRAWN].tolist())
         n_before = len(self.instances)
+        recorded = dataset.domain.recorded
         for o, name in enumerate(dataset.objects):
             number = self.object_number(name)
             copies = Counter[tuple[int, int]]()
-            for e in dataset.domain.recorded:
-                behavior = dataset.domain.behavior_names[e]
-                for r in range(int(dataset.recording_counts[o, e])):
-                    features = dataset.instance(o, behavior, r).features
-                    digest = features_digest(features)
-                    copy = copies[e, digest]
-                    copies[e, digest] += 1
-                    if (number, e, digest, copy) not in present:
-                        row = InstanceRow(number, e, digest, copy, r, FROM_DATASET, scale=0)
-                        self._add_instance(row, features, self.no_labels, self.no_labels)
+            recordings = [(e, r) for e in recorded for r in range(dataset.recording_counts[o, e])]
+            for e, r in recordings:
+                features = dataset.instance(o, dataset.domain.behavior_names[e], r).features
+                digest = features_digest(features)
+                copy = copies[e, digest]
+                copies[e, digest] += 1
+                if (number, e, digest, copy) in present:
+                    continue
+                row = InstanceRow(
+                    number, e, digest, copy, recording=r, origin=FROM_DATASET, scale=0
+                )
+                self._add_instance(row, features, self.no_labels, self.no_labels)
             labels = dataset.labels[o]
             key = key_of_name(name)
             if ((labels >= 0) & (labels != self.labels_of_trial(key))).any():
@@ -249,7 +252,8 @@ class Experience:
         o = self.object_number(object_name)
         call = len(self.feedback)
         for p in np.flatnonzero(labels >= 0):
-            self.feedback.append(FeedbackRow(number, call, o, int(p), int(labels[p]), given))
+            value = int(labels[p])
+            self.feedback.append(FeedbackRow(number, call, o, int(p), value=value, given=given))
         self._relabel(self.instances_of_trial(trial), [o])
         return self.instances_of_object(o)
 
@@ -295,20 +299,16 @@ class Experience:
         number = self.trials.get(trial, NONE)
         objects = self._objects_told_in(number)
         calls = self._calls(int(objects[0])) if len(objects) else []
-        return fold(self.domain, (call.labels for call in calls if call.trial == number))
+        return label_history.fold(self.domain, (call for call in calls if call.trial == number))
 
     def labels_by_trial(self, o: int) -> Labels:
         """Return what each trial says of an object, (trials,P); -1 nothing."""
-        by_trial: dict[int, list[Labels]] = {}
-        for call in self._calls(o):
-            by_trial.setdefault(call.trial, []).append(call.labels)
-        rows = [fold(self.domain, told) for told in by_trial.values()]
-        return np.array(rows, np.int8).reshape(-1, len(self.domain.attributes))
+        return label_history.fold_by_trial(self.domain, self._calls(o))
 
-    def _calls(self, o: int) -> list[LabelCall]:
+    def _calls(self, o: int) -> list[label_history.LabelCall]:
         """Return what was told of an object and holds, in order."""
         rows = self.feedback.values
-        return calls_that_hold(self.domain, rows[rows["object"] == o])
+        return label_history.calls_that_hold(self.domain, rows[rows["object"] == o])
 
     def _relabel(self, instances: ArrayLike, objects: Iterable[int] = ()) -> None:
         """Fold all that was told of instances (k,), and of objects, into their labels."""
@@ -321,10 +321,10 @@ class Experience:
             trials = {*executions["trial"][executions["instance"] == i].tolist()}
             # What was told of its object by name holds for it, too, whatever trial showed it.
             trials.add(self.trials.get(key_of_name(names[o]), NONE))
-            told = (call.labels for call in calls[o] if call.trial in trials)
-            self.labels.values[i] = fold(self.domain, told)
+            told = (call for call in calls[o] if call.trial in trials)
+            self.labels.values[i] = label_history.fold(self.domain, told)
         for o in objects:
-            self.object_labels.values[o] = fold(self.domain, (call.labels for call in calls[o]))
+            self.object_labels.values[o] = label_history.fold(self.domain, calls[o])
 
     def _add_instance(
         self,

@@ -225,19 +225,19 @@ class Finder(Answerer):
 
     def _resumed_search(self, broken: InterruptedSearch) -> SearchSession:
         """Return the session of a search that was broken off, where it was."""
-        before = broken.search
+        search = broken.search
         header = broken.header
         begun = dict(header["begun"])
         turn_cost = begun.pop("turn_cost")
         begun.pop("state")
         tasks = {
             name: (trial.task, tuple(header["streams"][name]))
-            for name, trial in before.trials.items()
+            for name, trial in search.trials.items()
         }
-        truth = {name: trial.truth for name, trial in before.trials.items()}
+        truth = {name: trial.truth for name, trial in search.trials.items()}
         options = TrialOptions(**begun)
-        session = self._search(before.question, tasks, truth, options, turn_cost)
-        session.repeat(before)
+        session = self._search(search.question, tasks, truth, options, turn_cost)
+        session.repeat(search)
         self.note_question(header)
         self._record_search(session, broken.path.parent, header, broken)
         return session

@@ -34,16 +34,18 @@ class FitCache:
         for fit in self.online:
             if fit.agent == agent:
                 return fit
-        self.online.append(Online.refit(self.record, agent, self.settings))
-        return self.online[-1]
+        fit = Online.refit(self.record, agent, self.settings)
+        self.online.append(fit)
+        return fit
 
     def held_out(self, table: PerceptTable, agent: Agent, o: int, beside: Objects = ()) -> HeldOut:
         """Return what an agent makes of the objects of a table but one, and those beside it."""
         for fit in self._held_out:
             if (fit.object_index, fit.beside) == (o, beside) and fit.agent == agent:
                 return fit
-        self._held_out.append(HeldOut(self.record, agent, self.settings, table, o, beside))
-        return self._held_out[-1]
+        fit = HeldOut(self.record, agent, self.settings, table=table, object_index=o, beside=beside)
+        self._held_out.append(fit)
+        return fit
 
     def clear(self) -> None:
         """Forget what agents made of the record."""

@@ -43,14 +43,14 @@ def calls_that_hold(domain: Domain, feedback: NDArray[Any]) -> list[LabelCall]:
     return list(calls.values())
 
 
-def fold(domain: Domain, told: Iterable[Labels]) -> Labels:
-    """Return the labels (P,) after others (P,) were told, in order.
+def fold(domain: Domain, calls: Iterable[LabelCall]) -> Labels:
+    """Return the labels (P,) after calls, in order.
 
     Where what a denial referred to was withdrawn, so that none of a group is left, it holds
     alone.
     """
     folded = no_labels(domain)
-    for labels in told:
+    for _, labels in calls:
         try:
             folded = domain.replace(folded, labels)
         except QueryError:
@@ -60,3 +60,12 @@ def fold(domain: Domain, told: Iterable[Labels]) -> Labels:
             rest[[p for columns in denied for p in columns]] = -1
             folded = domain.replace(rest, labels)
     return folded
+
+
+def fold_by_trial(domain: Domain, calls: Iterable[LabelCall]) -> Labels:
+    """Return the labels (trials,P) of each trial after its calls, in order."""
+    calls_of: dict[int, list[LabelCall]] = {}
+    for call in calls:
+        calls_of.setdefault(call.trial, []).append(call)
+    rows = [fold(domain, of_trial) for of_trial in calls_of.values()]
+    return np.array(rows, np.int8).reshape(-1, len(domain.attributes))

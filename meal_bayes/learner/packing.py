@@ -23,9 +23,19 @@ from meal_bayes.posterior import ConfusionPosterior
 from meal_bayes.posterior.trait import SharedTrait
 
 _KINDS: tuple[type[Any], ...] = (
-    Perception, BehaviorClassifier, KernelFit, FeatureSpace, Whitening, Stacker, Knowledge,
-    CoOccurrence, ConfusionPosterior, SharedTrait, PerceptTable, Payoffs,
-)  # fmt: skip
+    Perception,
+    BehaviorClassifier,
+    KernelFit,
+    FeatureSpace,
+    Whitening,
+    Stacker,
+    Knowledge,
+    CoOccurrence,
+    ConfusionPosterior,
+    SharedTrait,
+    PerceptTable,
+    Payoffs,
+)
 _CLASSES = {kind.__name__: kind for kind in _KINDS}
 
 Json = Any
