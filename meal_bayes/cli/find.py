@@ -62,11 +62,11 @@ def find(root: Path | None, logs: Path, as_json: bool, **options: Unpack[_Search
     config = {"command": "find", **options, "dataset": dataset}
     agent = opt.agent_value(options["agent"])
     learner = Learner(table.domain, agent=agent, seed=options["seed"], logs=None).fit(table)
-    place = logs / f"find-{opt.digest(config)}"
+    first_folder = logs / f"find-{opt.digest(config)}"
     with terminal.showing_compilation():
-        folder, session = _broken_off(learner, place)
+        folder, session = _broken_off(learner, first_folder)
         if session is None:
-            folder = free_folder(place)
+            folder = free_folder(first_folder)
             session = learner.begin_find(
                 options["question"],
                 opt.comma_list(options["objects"]),
@@ -79,12 +79,12 @@ def find(root: Path | None, logs: Path, as_json: bool, **options: Unpack[_Search
     print_answer(search, folder, as_json=as_json)
 
 
-def _broken_off(learner: "Learner", place: Path) -> "tuple[Path, SearchSession | None]":
+def _broken_off(learner: "Learner", first_folder: Path) -> "tuple[Path, SearchSession | None]":
     """Return the folder and session of the search of these settings that was killed, if any."""
     from meal_bayes.errors import LogError
     from meal_bayes.trial_log.schema import ACTIVE
 
-    for folder in sorted(place.parent.glob(f"{place.name}*")):
+    for folder in sorted(first_folder.parent.glob(f"{first_folder.name}*")):
         if not any(folder.glob(f"*{ACTIVE}")):
             continue
         try:
@@ -94,7 +94,7 @@ def _broken_off(learner: "Learner", place: Path) -> "tuple[Path, SearchSession |
         else:
             note(f"a search of these settings was broken off; going on with {folder}")
             return folder, session
-    return place, None
+    return first_folder, None
 
 
 def print_answer(search: "Search", folder: Path, *, as_json: bool) -> None:

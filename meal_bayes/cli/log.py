@@ -114,12 +114,12 @@ def show(file: Path, number: int | None, picture: Path | None, dark: bool, narro
         note(going_on_text(group.file, group.header))
 
 
-def search_at(place: Path) -> "Search | None":
+def search_at(path: Path) -> "Search | None":
     """Return the search whose folder or log this is, with what was told since; None of others."""
     from meal_bayes.trial_log import read_search
     from meal_bayes.trial_log.searches import search_of, searches_in
 
-    file = search_of(place)
+    file = search_of(path)
     if file is None:
         return None
     told_of = dict(searches_in(file, note))

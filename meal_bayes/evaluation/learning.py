@@ -109,11 +109,8 @@ def summarize_learning(
     reference = curves[agents[0]]
     rows = list[LearningSummary]()
     for agent, curve in curves.items():
-        end = float(
-            np.mean(
-                [reference[repeat][0, -1] for repeat in sorted(curve.keys() & reference.keys())]
-            )
-        )
+        shared = sorted(curve.keys() & reference.keys())
+        end = float(np.mean([reference[repeat][0, -1] for repeat in shared]))
         area = _difference(curve, reference, partial(mean_until, end=end), mass)
         after = _difference(curve, reference, lambda hours, reward: reward[-1])
         batches = [result for result in results if result.agent == agent]

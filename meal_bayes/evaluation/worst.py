@@ -98,7 +98,7 @@ def shown_rows(group: Group, rows: Sequence[int]) -> Iterator[ShownTrial]:
     """Yield some trials of a group."""
     for row in rows:
         trial = group.trials[row] if group.trials else None
-        yield ShownTrial(group.file, group.places[row], group.outcomes.rows([row]), trial)
+        yield ShownTrial(group.file, group.numbers[row], group.outcomes.rows([row]), trial)
 
 
 def worst_section(worst: Sequence[tuple[str, Sequence[ShownTrial]]]) -> Section:

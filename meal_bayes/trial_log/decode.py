@@ -223,10 +223,10 @@ def decode_outcomes(data: bytes) -> tuple[int, TrialOutcomes]:
     columns = _arrays(message, shapes, size)
     texts = np.array(message.texts, object)
     for name in TEXTS:
-        places = columns[name].astype(int)
-        if places.size and not 0 <= places.min() <= places.max() < len(texts):
+        numbers = columns[name].astype(int)
+        if numbers.size and not 0 <= numbers.min() <= numbers.max() < len(texts):
             raise LogCorruptError(f"outcomes name a text that is not there ({name})")
-        columns[name] = texts[places]
+        columns[name] = texts[numbers]
     return message.first, TrialOutcomes(tuple(message.behaviors), **columns)
 
 

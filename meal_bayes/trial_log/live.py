@@ -50,15 +50,15 @@ class LiveLog(_Live):
 
     def __init__(
         self,
-        place: Path,
+        path: Path,
         header: Mapping[str, object],
         name: str = "",
         *,
         resumed: "Interrupted | None" = None,
     ) -> None:
-        if place.suffix != SUFFIX:
-            place /= f"{names.dated_name(name, place)}{SUFFIX}"
-        super().__init__(place, header, schema.FULL, resumed)
+        if path.suffix != SUFFIX:
+            path /= f"{names.dated_name(name, path)}{SUFFIX}"
+        super().__init__(path, header, schema.FULL, resumed)
         self.__enter__()
 
     def end(self, trial: Trial) -> None:

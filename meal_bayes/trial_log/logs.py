@@ -38,7 +38,7 @@ class Group(NamedTuple):
 
     header: dict[str, object]
     file: Path
-    places: Sequence[int]  # of each trial in the file
+    numbers: Sequence[int]  # of each trial in the file
     outcomes: TrialOutcomes
     trials: tuple[Trial, ...]  # none of a compact log
 
@@ -201,7 +201,7 @@ class Logs:
         """Return a group with the truth that was told of its trials when they were over."""
         feedback = self.feedback_in(group.file.parent)
         trials = list[Trial]()
-        for number, trial in zip(group.places, group.trials, strict=False):
+        for number, trial in zip(group.numbers, group.trials, strict=False):
             try:
                 trials.append(feedback.judged(trial))
             except QueryError as fault:

@@ -68,8 +68,8 @@ def read_trials(path: str | Path) -> Iterator[Trial]:
     LogVersionError
         The file has another format version.
     """
-    place = checked_path("The log", path)
-    files = log_files(place) if place.is_dir() else [place]
+    log = checked_path("The log", path)
+    files = log_files(log) if log.is_dir() else [log]
     return itertools.chain.from_iterable([_trials(Scan(file)) for file in files])
 
 
@@ -95,8 +95,8 @@ def read_feedback(path: str | Path) -> list[Feedback]:
 
     Errors are those of `read_trials`; a folder may hold none.
     """
-    place = checked_path("The log", path)
-    files = feedback_files(place) if place.is_dir() else [place]
+    log = checked_path("The log", path)
+    files = feedback_files(log) if log.is_dir() else [log]
     entries = list[Feedback]()
     for file in files:
         scan = Scan(file)

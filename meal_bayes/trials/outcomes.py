@@ -128,8 +128,8 @@ class TrialOutcomes:
             "failed": self.failed < 0,
             "object_index": self.object_index < -1,
         }
-        for name, places in wrong.items():
-            for row in np.argwhere(places)[:1, 0]:
+        for name, misfits in wrong.items():
+            for row in np.argwhere(misfits)[:1, 0]:
                 raise SettingsError(f"{name} of row {row} is {getattr(self, name)[row]}.")
 
     def __len__(self) -> int:

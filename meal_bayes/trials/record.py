@@ -154,9 +154,9 @@ class TrialRecord(FrozenArrays):
             return {self.task.query.text.removesuffix("?"): bool(self.report[0])}
         names = self.task.query.attributes
         values = dict[str, bool | str]()
-        for name, places in self.task.query.questions:
-            true = [names[place] for place in places if self.report[place]]
-            if len(places) > 1:
+        for name, indices in self.task.query.questions:
+            true = [names[index] for index in indices if self.report[index]]
+            if len(indices) > 1:
                 values[name] = true[0]
             else:
                 values[name] = bool(true)

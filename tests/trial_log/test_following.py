@@ -41,7 +41,7 @@ def test_the_logs_of_a_folder_in_order(make, tmp_path):
         (problem,) = logs.problems
         assert "not finished by its writer" in problem
     groups = Logs(tmp_path / "run").groups()
-    places = [(group.header["unit"], tuple(group.places)) for group in groups]
+    places = [(group.header["unit"], tuple(group.numbers)) for group in groups]
     assert places == [(0, (0, 1)), (1, (0, 1)), (2, (0, 1))]
 
 
