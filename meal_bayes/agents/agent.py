@@ -135,17 +135,19 @@ class Agent:
         observation = self.observation_model or self._observation
         confusion, precision, latent_classes = observation(knowledge, columns)
         prior = knowledge.base_rates[columns] if self.base_rates else np.full(len(query), 0.5)
-        told = np.full(len(query), np.nan) if votes is None else _told(votes)
+        by_votes = np.full(len(query), np.nan)
+        if votes is not None:
+            by_votes = _prior_by_votes(votes)
         joint = None
         if self.base_rates and self.co_occurrence:
-            joint = joint_prior(query, prior, knowledge.co_occurrence, columns, told)
+            joint = joint_prior(query, prior, knowledge.co_occurrence, columns, by_votes)
         loss = None if reward is None else -reward
         momdp = build_momdp(
             domain,
             query,
             confusion,
             precision,
-            prior=np.where(np.isnan(told), prior, told),
+            prior=np.where(np.isnan(by_votes), prior, by_votes),
             limit=limit,
             latent_classes=latent_classes,
             objective=Objective(reward, loss, self.discount, self.abstain, payoffs),
@@ -162,8 +164,9 @@ class Agent:
         return rows, weight, np.tile(classes, (len(columns), 1, 1))  # (N,2,M)
 
 
-def _told(votes: NDArray[np.int64]) -> NDArray[np.float64]:
+def _prior_by_votes(votes: NDArray[np.int64]) -> NDArray[np.float64]:
     """Return Pr(attribute is true) (N,) by trials for it less those against it; NaN at 0."""
     weight = np.minimum(np.abs(votes), _MOST_VOTES)
-    right = _TRUST**weight / (_TRUST**weight + (1.0 - _TRUST) ** weight)
-    return np.where(votes == 0, np.nan, np.where(votes > 0, right, 1.0 - right))
+    # Votes are independent, each right with _TRUST: p^n / (p^n + (1 - p)^n).
+    prob_right = _TRUST**weight / (_TRUST**weight + (1.0 - _TRUST) ** weight)
+    return np.where(votes == 0, np.nan, np.where(votes > 0, prob_right, 1.0 - prob_right))

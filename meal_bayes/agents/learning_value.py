@@ -42,11 +42,11 @@ def first_percept_value(progress: Progress, columns: list[int]) -> Floats:
     p = len(progress.labeled)
     certain = progress.labeled.copy()
     certain[columns] = True
-    if progress.told <= 0.5 and len(columns) < p:  # mostly, only what was asked is told
+    if progress.told_fraction <= 0.5 and len(columns) < p:  # mostly, only what was asked is told
         value = deviation_value(progress, len(columns)) * certain[:, None]
     else:
         value = learning_prices(progress, len(columns))
-        value *= np.where(certain, 1.0, progress.told)[:, None]
+        value *= np.where(certain, 1.0, progress.told_fraction)[:, None]
     return np.asarray((value * progress.fresh).sum(axis=0))
 
 
@@ -90,7 +90,7 @@ def learning_prices(progress: Progress, asked: int) -> Floats:
     """
     knowledge = progress.knowledge
     share = asked / len(progress.labeled)  # of the questions are about an attribute
-    pace = 1 / (share + (1 - share) * progress.told)  # trials until an object is labeled
+    pace = 1 / (share + (1 - share) * progress.told_fraction)  # trials until an object is labeled
     alpha = progress.beta  # (P,E,2,2)
     ahead = rates_ahead(alpha)  # (P,E,Z,2)
     believed = knowledge.posterior.informative  # (P,E)

@@ -63,7 +63,7 @@ class Progress:
     percepts : NDArray[np.float64]
         (P,E,2,2) labeled objects by truth and percept, no and yes; repeats share the one of their
         object, and what a classifier shows that cannot tell yet is half of each.
-    told : float
+    told_fraction : float
         Fraction of the labels beyond one that people have told of an object, by Laplace's rule.
     unit : float
         Labeled instances that make one unit of experience, delta of Eq. 10.
@@ -82,7 +82,7 @@ class Progress:
     reward: float
     discount: float
     percepts: NDArray[np.float64]
-    told: float
+    told_fraction: float
     unit: float
     instances: NDArray[np.int64]
     objects: NDArray[np.int64]

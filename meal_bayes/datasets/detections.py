@@ -67,7 +67,9 @@ def _sureness(name: str, value: object) -> dict[str, float]:
         raise DataError(
             f"the percept of {name!r} is {value!r:.60}; expected True or False, or one of {names}"
         ) from None
-    return {} if label < 0 else {name: 1.0 if label else -1.0}
+    if label < 0:
+        return {}
+    return {name: 1.0 if label else -1.0}
 
 
 def detected_levels(

@@ -78,11 +78,11 @@ def _check_observable(momdp: MOMDP, tables: FileTables) -> None:
     signs = np.stack([tables.comes > 0, silent & tables.moves, silent & ~tables.moves], axis=2)
     reached = tables.transition[:, :-1] > 0
     alike = reached.astype(int) @ signs.astype(int)  # (E,X-1,3) x' that look the same
-    for e, x, sign in np.argwhere(alike > 1):
-        targets = np.flatnonzero(reached[e, x] & signs[e, :, sign])[:2]
+    for behavior, x, sign in np.argwhere(alike > 1):
+        targets = np.flatnonzero(reached[behavior, x] & signs[behavior, :, sign])[:2]
         states = " or ".join(repr(momdp.x_names[i]) for i in targets)
         raise SettingsError(
-            f"{momdp.behavior_names[e]!r} in {momdp.x_names[x]!r} leads to {states} "
+            f"{momdp.behavior_names[behavior]!r} in {momdp.x_names[x]!r} leads to {states} "
             "with the same observation, and .pomdp has no observed x; write .pomdpx instead."
         )
 
@@ -116,20 +116,22 @@ def _pomdp(momdp: MOMDP, tables: FileTables) -> Iterator[str]:
             yield f"R: {name} : {states[x][y]} : * : * {_number(reward[x, y])}"
 
 
-def _behavior(momdp: MOMDP, tables: FileTables, e: int, states: list[list[str]]) -> Iterator[str]:
+def _behavior(
+    momdp: MOMDP, tables: FileTables, behavior: int, states: list[list[str]]
+) -> Iterator[str]:
     """Yield what a behavior leads to and shows, where it is not "ends, and shows nothing"."""
-    name = tables.action_names[e]
-    for x in np.flatnonzero(tables.transition[e, :-1, -1] != 1):
-        row = tables.transition[e, x]
+    name = tables.action_names[behavior]
+    for x in np.flatnonzero(tables.transition[behavior, :-1, -1] != 1):
+        row = tables.transition[behavior, x]
         for y, state in enumerate(states[x]):
             yield f"T: {name} : {state} : {TERMINAL} {_number(row[-1])}"
             for target in np.flatnonzero(row[:-1]):
                 yield f"T: {name} : {state} : {states[target][y]} {_number(row[target])}"
-    for x in np.flatnonzero(tables.comes[e] + tables.moves[e]):
-        comes = tables.comes[e, x]
-        silent = 1 - tables.comes[e, x]
-        moves = tables.moves[e, x]
-        for state, row in zip(states[x], percept_probabilities(momdp, e), strict=True):
+    for x in np.flatnonzero(tables.comes[behavior] + tables.moves[behavior]):
+        comes = tables.comes[behavior, x]
+        silent = 1 - tables.comes[behavior, x]
+        moves = tables.moves[behavior, x]
+        for state, row in zip(states[x], percept_probabilities(momdp, behavior), strict=True):
             yield f"O: {name} : {state} : {NOTHING} {_number(0.0 if moves else silent)}"
             if moves and silent > 0:
                 yield f"O: {name} : {state} : {DONE} {_number(silent)}"
@@ -188,16 +190,17 @@ def _table(tag: str, variable: str, parents: str, entries: Iterable[str]) -> Ite
 
 def _transitions(tables: FileTables) -> Iterator[str]:
     yield _entry("* * -", np.eye(len(tables.x_names))[-1])
-    for e, x in np.argwhere(tables.transition[:, :, -1] != 1):
-        yield _entry(f"{tables.action_names[e]} {tables.x_names[x]} -", tables.transition[e, x])
+    for behavior, x in np.argwhere(tables.transition[:, :, -1] != 1):
+        instance = f"{tables.action_names[behavior]} {tables.x_names[x]} -"
+        yield _entry(instance, tables.transition[behavior, x])
 
 
 def _percepts(momdp: MOMDP, tables: FileTables) -> Iterator[str]:
     yield _entry("* * * -", np.eye(len(tables.percept_names) + 1)[-1])
-    for e, name in enumerate(tables.action_names[: momdp.n_behaviors]):
-        percepts = percept_probabilities(momdp, e)  # (Y,Z-1)
-        for x in np.flatnonzero(tables.comes[e]):
-            comes = tables.comes[e, x]
+    for behavior, name in enumerate(tables.action_names[: momdp.n_behaviors]):
+        percepts = percept_probabilities(momdp, behavior)  # (Y,Z-1)
+        for x in np.flatnonzero(tables.comes[behavior]):
+            comes = tables.comes[behavior, x]
             for y, row in zip(tables.y_names, percepts, strict=True):
                 yield _entry(f"{name} {tables.x_names[x]} y{y} -", [*(comes * row), 1 - comes])
 

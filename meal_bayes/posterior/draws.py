@@ -199,7 +199,8 @@ def draw_prior(
     ln s ~ Normal(mu, tau) on the grid, mu uniform and tau by its prior (`grid.hyperparameters`),
     both shared by the attributes of a behavior and truth; m ~ Dirichlet(prior), (P,E,2,K).
     """
-    attributes, behaviors = (draws[dim].values.tolist() for dim in ROW[:2])
+    attributes = draws["attribute"].values.tolist()
+    behaviors = draws["behavior"].values.tolist()
     alpha = np.broadcast_to(prior, draws["mean"].shape[2:])
     prob, log_weight = hyperparameters()
     # One (mu, tau) for all attributes of a behavior and truth, then ln s of each row given it.

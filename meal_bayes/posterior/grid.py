@@ -182,8 +182,10 @@ def pool(log_evidence: Floats, votes: Bools) -> Floats:
 def hyperparameters() -> tuple[Floats, Floats]:
     """Return Pr(s | mu, tau) (Q,G) of every mu and tau, and ln of their prior (Q,) + a constant."""
     log_s = np.log(DISPERSIONS)
-    mus, taus = (a.ravel() for a in np.meshgrid(log_s, TAUS, indexing="ij"))
-    density = np.exp(-0.5 * ((log_s - mus[:, None]) / taus[:, None]) ** 2)
+    # Every mu with every tau, tau varying fastest: mu is any step of the grid.
+    mu = np.repeat(log_s, len(TAUS))
+    tau = np.tile(TAUS, len(log_s))
+    density = np.exp(-0.5 * ((log_s - mu[:, None]) / tau[:, None]) ** 2)
     return density / density.sum(axis=1, keepdims=True), np.tile(LOG_TAU_PRIOR, len(log_s))
 
 

@@ -179,10 +179,8 @@ class _Evidence:
         prior = (np.log(base_rates) - np.log1p(-base_rates)).astype(np.float32)
         sign = np.where(truth == 1, 1, -1).T.astype(np.float32)
         balance = (base_rates * (1 - base_rates))[:, None]
-        by_behavior, joint = (
-            weight / max(weight.sum(), _TINY)
-            for weight in (balance[attribute] * labelled, balance[present] * perceived)
-        )
+        by_behavior = _normalized(balance[attribute] * labelled)
+        joint = _normalized(balance[present] * perceived)
         # All recordings together, then each draw of single ones; the draws share one weight.
         joint = np.concatenate([joint, *(joint / _DRAWS for _ in range(_DRAWS))], axis=1)
         self.by_behavior = prior[attribute], sign[attribute], by_behavior
@@ -240,3 +238,8 @@ def truth_evidence(log_likelihood: Floating, log_classes: Floating) -> Floating:
     marginal = np.exp(log_likelihood - peak) @ np.exp(log_classes).T  # (...,2)
     log_marginal = np.log(np.maximum(marginal, np.finfo(marginal.dtype).tiny))
     return np.asarray(log_marginal[..., 1] - log_marginal[..., 0])
+
+
+def _normalized(weight: Floats) -> Floats:
+    """Return weights that sum to 1, or to 0 where all are 0."""
+    return np.asarray(weight / max(weight.sum(), _TINY))

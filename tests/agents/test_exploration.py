@@ -34,7 +34,8 @@ def progress(percepts=NEW, **options):
     objects = percepts.sum(axis=(2, 3)).astype(int)
     known = {
         "knowledge": knowledge_of(percepts), "horizon": Horizon(expected=100.0), "reward": 100.0,
-        "discount": 1.0, "percepts": percepts, "told": 0.99, "unit": 12.0, "instances": objects,
+        "discount": 1.0, "percepts": percepts, "told_fraction": 0.99, "unit": 12.0,
+        "instances": objects,
         "objects": objects, "fresh": np.ones((P, E), bool), "labeled": np.zeros(P, bool),
     }  # fmt: skip
     return Progress(**{**known, **options})
@@ -155,12 +156,12 @@ class TestBonus:
         assert paid[1] > 0
 
     def test_others_attributes_are_paid_as_often_as_they_are_told(self):
-        known = progress(told=0.8)
+        known = progress(told_fraction=0.8)
         each = learning_prices(known, 1)
         np.testing.assert_allclose(first_percept_value(known, [0]), each[0] + 0.8 * each[1])
 
     def test_where_the_asked_label_alone_is_told_others_are_worth_nothing(self):
-        shy = progress(told=0.1)
+        shy = progress(told_fraction=0.1)
         np.testing.assert_allclose(
             first_percept_value(shy, [0]) + first_percept_value(shy, [1]),
             first_percept_value(replace(shy, labeled=np.array([True, True])), [0]),
