@@ -129,8 +129,8 @@ class TransitionDiagram:
         reached = closure(self.start, lambda state: (to for x, to in arrows if x == state))
         lost = [repr(state) for state in states if state not in reached]
         if lost:
-            ways = f"No behavior ever leads from {self.start!r} to {', '.join(lost)}"
-            yield f"{ways}; add an effect that does, or remove the state."
+            message = f"No behavior ever leads from {self.start!r} to {', '.join(lost)}"
+            yield f"{message}; add an effect that does, or remove the state."
 
     def _expand(self, effect: Effect) -> list[tuple[str, str]]:
         sources = self.states[:-1] if effect.source == ANY_STATE else (effect.source,)
@@ -160,15 +160,15 @@ class TransitionDiagram:
         state = self.start
         sequence = list[str]()
 
-        def lost_by(way: Way) -> int:
-            """Count the wanted behaviors that can no longer be reached after a way."""
-            return len(missing - {way.behaviors[-1]} - reachable[way.state])
+        def lost_by(path: BehaviorPath) -> int:
+            """Count the wanted behaviors that can no longer be reached after a path."""
+            return len(missing - {path.behaviors[-1]} - reachable[path.state])
 
-        while ways := list(_ways(after, state, missing, cost)):
-            way = min(ways, key=lost_by)  # the cheapest of those that lose least
-            sequence += way.behaviors
-            state = way.state
-            missing.discard(way.behaviors[-1])
+        while paths := list(_cheapest_paths(after, state, missing, cost)):
+            path = min(paths, key=lost_by)  # the cheapest of those that lose least
+            sequence += path.behaviors
+            state = path.state
+            missing.discard(path.behaviors[-1])
         return tuple(sequence)
 
     @property
@@ -225,17 +225,17 @@ def closure(start: str, follow: Callable[[str], Iterable[str]]) -> set[str]:
     return reached
 
 
-class Way(NamedTuple):
+class BehaviorPath(NamedTuple):
     """Behaviors one after another, and the likeliest state after them."""
 
     behaviors: tuple[str, ...]
     state: str
 
 
-def _ways(
+def _cheapest_paths(
     after: Mapping[str, Mapping[str, str]], start: str, wanted: Set[str], cost: Mapping[str, float]
-) -> Iterator[Way]:
-    """Yield the ways that end with a wanted behavior, cheapest first (Dijkstra's algorithm)."""
+) -> Iterator[BehaviorPath]:
+    """Yield the paths that end with a wanted behavior, cheapest first (Dijkstra's algorithm)."""
     waiting: list[tuple[float, tuple[str, ...], str]] = [(0.0, (), start)]
     reached = set[str]()
     ended = set[str]()
@@ -244,7 +244,7 @@ def _ways(
         if names and names[-1] in wanted:
             if names[-1] not in ended:
                 ended.add(names[-1])
-                yield Way(names, state)
+                yield BehaviorPath(names, state)
         elif state not in reached:
             reached.add(state)
             for name, target in after[state].items():

@@ -13,7 +13,7 @@ from meal_bayes.errors import QueryError
 from meal_bayes.kinds import checked
 from meal_bayes.untrusted import LARGEST
 
-Variables = Sequence[tuple[int, ...]]  # places of each variable's attributes
+Variables = Sequence[tuple[int, ...]]  # indices of each variable's attributes
 
 
 @checked
@@ -83,10 +83,10 @@ class Event:
         """Refuse an event of other attributes, or one that always or never holds."""
         if len(self.allowed) != len(attributes):
             raise QueryError(f"The event has {len(self.allowed)} values of {len(attributes)}.")
-        for places in variables:
-            members = [self.allowed[place] for place in places]
-            if len(places) > 1 and (all(members) or not any(members)):
-                names = " and ".join(attributes[place] for place in places)
+        for indices in variables:
+            members = [self.allowed[index] for index in indices]
+            if len(indices) > 1 and (all(members) or not any(members)):
+                names = " and ".join(attributes[index] for index in indices)
                 raise QueryError(
                     f"Of {names} exactly one is true, so the answer is known; ask something else."
                 )
@@ -94,11 +94,11 @@ class Event:
     def literals(self, positive: Floats, variables: Variables) -> list[Floats]:
         """Return Pr(literal) of each variable, of Pr(attribute is true) (...,N)."""
         probabilities = []
-        for places in variables:
-            allowed = np.array([self.allowed[place] for place in places])
-            p = positive[..., list(places)]
+        for indices in variables:
+            allowed = np.array([self.allowed[index] for index in indices])
+            p = positive[..., list(indices)]
             single = p[..., 0] if allowed[0] else 1.0 - p[..., 0]
-            probabilities.append(single if len(places) == 1 else (p * allowed).sum(axis=-1))
+            probabilities.append(single if len(indices) == 1 else (p * allowed).sum(axis=-1))
         return probabilities
 
     def probability(self, positive: Floats, variables: Variables) -> Floats:
@@ -111,14 +111,14 @@ class Event:
     def holds(self, truth: NDArray[np.int8], variables: Variables) -> int:
         """Return whether the event holds, of truths (N,): 1, 0, or -1 where it is not known."""
         literals = []
-        for places in variables:
-            if len(places) == 1:
-                value = int(truth[places[0]])
-                literals.append(-1 if value < 0 else int(value == self.allowed[places[0]]))
+        for indices in variables:
+            if len(indices) == 1:
+                value = int(truth[indices[0]])
+                literals.append(-1 if value < 0 else int(value == self.allowed[indices[0]]))
                 continue
-            true = [place for place in places if truth[place] == 1]
-            candidates = true or [place for place in places if truth[place] != 0]
-            possible = {self.allowed[place] for place in candidates}
+            true = [index for index in indices if truth[index] == 1]
+            candidates = true or [index for index in indices if truth[index] != 0]
+            possible = {self.allowed[index] for index in candidates}
             literals.append(int(possible.pop()) if len(possible) == 1 else -1)
         conjunction = 0 if 0 in literals else min(literals)
         return 1 - conjunction if self.complement and conjunction >= 0 else conjunction
@@ -130,11 +130,11 @@ class Event:
         """
         labels = np.full(len(self.allowed), -1, np.int8)
         holds = answer != self.complement
-        for places in variables if holds or len(variables) == 1 else ():
-            excluded = [place for place in places if self.allowed[place] != holds]
-            possible = [place for place in places if self.allowed[place] == holds]
-            if len(places) == 1:
-                labels[places[0]] = self.allowed[places[0]] == holds
+        for indices in variables if holds or len(variables) == 1 else ():
+            excluded = [index for index in indices if self.allowed[index] != holds]
+            possible = [index for index in indices if self.allowed[index] == holds]
+            if len(indices) == 1:
+                labels[indices[0]] = self.allowed[indices[0]] == holds
             else:
                 labels[excluded] = 0
                 labels[possible if len(possible) == 1 else []] = 1
@@ -143,10 +143,10 @@ class Event:
     def text(self, attributes: Sequence[str], variables: Variables) -> str:
         """Return the event in words, as in "red and not empty"."""
         words = []
-        for places in variables:
-            names = [attributes[p] for p in places if self.allowed[p] != self.complement]
-            others = [attributes[p] for p in places if self.allowed[p] == self.complement]
-            if len(places) == 1:
+        for indices in variables:
+            names = [attributes[p] for p in indices if self.allowed[p] != self.complement]
+            others = [attributes[p] for p in indices if self.allowed[p] == self.complement]
+            if len(indices) == 1:
                 words += names or [denied(others[0])]
             elif len(names) == 1 or self.complement:
                 words += names

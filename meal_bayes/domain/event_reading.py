@@ -170,16 +170,16 @@ def _of_literals(
     asked = query_of(list(literals), domain)
     if literals == {asked.attributes[0]: True}:
         return Query(asked.attributes, payoffs=payoffs)
-    grouped = {place for group in asked.groups for place in group}
-    allowed = [place in grouped for place in range(len(asked))]
+    grouped = {index for group in asked.groups for index in group}
+    allowed = [index in grouped for index in range(len(asked))]
     for name, positive in literals.items():
-        place = asked.attributes.index(name)
+        index = asked.attributes.index(name)
         needed = positive != disjunction  # by De Morgan
-        members = next((group for group in asked.groups if place in group), (place,))
+        members = next((group for group in asked.groups if index in group), (index,))
         if len(members) > 1 and needed:
             for other in members:
-                allowed[other] = allowed[other] and other == place
+                allowed[other] = allowed[other] and other == index
         else:
-            allowed[place] = needed
+            allowed[index] = needed
     event = Event(tuple(allowed), disjunction)
     return Query(asked.attributes, asked.groups, asked.group_names, event, payoffs)

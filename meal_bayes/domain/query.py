@@ -22,14 +22,14 @@ _TABLE_LIMIT = 2**20  # value vectors in a table; more would not fit in memory
 
 @lru_cache(maxsize=256)  # every step of a trial asks
 def _variables(attributes: int, groups: tuple[tuple[int, ...], ...]) -> tuple[tuple[int, ...], ...]:
-    grouped = {place for group in groups for place in group}
-    alone = ((place,) for place in range(attributes) if place not in grouped)
+    grouped = {index for group in groups for index in group}
+    alone = ((index,) for index in range(attributes) if index not in grouped)
     return tuple(sorted((*groups, *alone)))
 
 
 @lru_cache(maxsize=256)
 def _sizes(attributes: int, groups: tuple[tuple[int, ...], ...]) -> tuple[int, ...]:
-    return tuple(max(2, len(places)) for places in _variables(attributes, groups))
+    return tuple(max(2, len(indices)) for indices in _variables(attributes, groups))
 
 
 def value_table(attributes: int, groups: tuple[tuple[int, ...], ...]) -> NDArray[np.bool_]:
@@ -44,10 +44,10 @@ def _bits(
 ) -> NDArray[np.bool_]:
     """Return the attributes' values (N,...) of a digit (...) for each variable."""
     bits = np.zeros((attributes, *np.shape(digits[0])), bool)
-    for places, digit in zip(_variables(attributes, groups), digits, strict=True):
+    for indices, digit in zip(_variables(attributes, groups), digits, strict=True):
         # The digit of a group is its true attribute's; of one alone 0 is false and 1 true.
-        for number, place in enumerate(places, start=len(places) == 1):
-            bits[place] = digit == number
+        for number, index in enumerate(indices, start=len(indices) == 1):
+            bits[index] = digit == number
     return bits
 
 
@@ -61,7 +61,7 @@ class Query:
     attributes : tuple[str, ...]
         (N,) names.
     groups : tuple[tuple[int, ...], ...]
-        Places of attributes of which exactly one is true: the values of a group. An attribute
+        Indices of attributes of which exactly one is true: the values of a group. An attribute
         outside is a variable of its own, true or false.
     group_names : tuple[str, ...]
         What each group is called; by default by its values, "empty, half or full".
@@ -93,16 +93,16 @@ class Query:
                 raise QueryError(f"The query names {name!r} twice; name each attribute once.")
         # Groups come in the order of their first attributes, and equal queries compare equal.
         named = zip_longest(map(tuple[int, ...], map(sorted, self.groups)), self.group_names)
-        by_place = sorted((group or (), name or "") for group, name in named)
-        object.__setattr__(self, "groups", tuple(group for group, _ in by_place))
-        places = [place for group in self.groups for place in group]
-        distinct = len(set(places)) == len(places) and set(places) <= set(range(len(self)))
+        by_index = sorted((group or (), name or "") for group, name in named)
+        object.__setattr__(self, "groups", tuple(group for group, _ in by_index))
+        indices = [index for group in self.groups for index in group]
+        distinct = len(set(indices)) == len(indices) and set(indices) <= set(range(len(self)))
         if not distinct or not all(len(group) > 1 for group in self.groups):
             raise QueryError(
-                f"Groups are {self.groups}; expected two or more places below {len(self)} in each, "
-                "none of them twice."
+                f"Groups are {self.groups}; expected two or more indices below {len(self)} in "
+                "each, none of them twice."
             )
-        names = tuple(name or self._alternatives(group) for group, name in by_place)
+        names = tuple(name or self._alternatives(group) for group, name in by_index)
         object.__setattr__(self, "group_names", names)
         if self.event is not None:
             self.event.check(self.attributes, self.variables)
@@ -112,9 +112,9 @@ class Query:
                 "or no, or one attribute."
             )
 
-    def _alternatives(self, places: Iterable[int]) -> str:
+    def _alternatives(self, indices: Iterable[int]) -> str:
         """Name a group by its values."""
-        *first, last = (self.attributes[place] for place in places)
+        *first, last = (self.attributes[index] for index in indices)
         return f"{', '.join(first)} or {last}"
 
     def __len__(self) -> int:
@@ -123,18 +123,20 @@ class Query:
 
     @property
     def variables(self) -> tuple[tuple[int, ...], ...]:
-        """Places of each variable's attributes: a group, or an attribute alone; by first place."""
+        """Indices of each variable's attributes: a group, or an attribute alone; by first index."""
         return _variables(len(self), self.groups)
 
     @property
     def questions(self) -> tuple[tuple[str, tuple[int, ...]], ...]:
-        """Name and places of each thing asked: of a group, or of an attribute alone.
+        """Name and indices of each thing asked: of a group, or of an attribute alone.
 
         >>> Query(("metal", "empty", "half"), ((1, 2),), ("fill",)).questions
         (('metal', (0,)), ('fill', (1, 2)))
         """
         names = dict(zip(self.groups, self.group_names, strict=True))
-        return tuple((names.get(p, self.attributes[p[0]]), p) for p in self.variables)
+        return tuple(
+            (names.get(indices, self.attributes[indices[0]]), indices) for indices in self.variables
+        )
 
     @property
     def yes_or_no(self) -> bool:
@@ -152,9 +154,9 @@ class Query:
     def value_names(self) -> tuple[str, ...]:
         """Names of the attributes (N,), with their groups, as in "fill: half"."""
         names = list(self.attributes)
-        for question, places in zip(self.group_names, self.groups, strict=True):
-            for place in places:
-                names[place] = f"{question}: {names[place]}"
+        for question, indices in zip(self.group_names, self.groups, strict=True):
+            for index in indices:
+                names[index] = f"{question}: {names[index]}"
         return tuple(names)
 
     @classmethod
@@ -165,14 +167,14 @@ class Query:
         'metal, fill?'
         """
         parts = [name.rpartition(": ") for name in value_names]
-        places: dict[str, list[int]] = {}
-        for place, (question, _, _) in enumerate(parts):
-            places.setdefault(question, []).append(place)
+        indices_of: dict[str, list[int]] = {}
+        for index, (question, _, _) in enumerate(parts):
+            indices_of.setdefault(question, []).append(index)
         # One name alone with a colon in it is an attribute's own.
-        groups = {name: tuple(of) for name, of in places.items() if name and len(of) > 1}
-        grouped = {place for group in groups.values() for place in group}
+        groups = {name: tuple(of) for name, of in indices_of.items() if name and len(of) > 1}
+        grouped = {index for group in groups.values() for index in group}
         attributes = (
-            parts[place][2] if place in grouped else name for place, name in enumerate(value_names)
+            parts[index][2] if index in grouped else name for index, name in enumerate(value_names)
         )
         return cls(tuple(attributes), tuple(groups.values()), tuple(groups))
 
@@ -182,10 +184,10 @@ class Query:
         Of truth values, which one of the group is true; None where that is not known.
         """
         answers: dict[str, Any] = {}
-        for question, places in self.questions:
-            row = [values[place] for place in places]
-            names = [self.attributes[place] for place in places]
-            if len(places) == 1:
+        for question, indices in self.questions:
+            row = [values[index] for index in indices]
+            names = [self.attributes[index] for index in indices]
+            if len(indices) == 1:
                 answers[question] = row[0]
             elif all(value is None or isinstance(value, bool) for value in row):
                 answers[question] = next((n for n, v in zip(names, row, strict=True) if v), None)
@@ -241,14 +243,14 @@ class Query:
     def index_of(self, values: Sequence[bool] | NDArray[np.bool_]) -> int:
         """Return the row y of a value vector in `values`; any N."""
         # y in mixed radix: a digit for each variable, the first most significant
-        index = 0
-        for places, size in zip(self.variables, self._sizes, strict=True):
-            true = [number for number, place in enumerate(places) if values[place]]
-            if len(places) > 1 and len(true) != 1:
-                names = [self.attributes[place] for place in places]
+        row = 0
+        for indices, size in zip(self.variables, self._sizes, strict=True):
+            true = [number for number, index in enumerate(indices) if values[index]]
+            if len(indices) > 1 and len(true) != 1:
+                names = [self.attributes[index] for index in indices]
                 raise QueryError(f"{len(true)} of {names} are true; exactly one value is.")
-            index = size * index + (true[0] if len(places) > 1 else len(true))
-        return index
+            row = size * row + (true[0] if len(indices) > 1 else len(true))
+        return row
 
     def values_of(self, index: int) -> NDArray[np.bool_]:
         """Return the value vector of row y, (N,); any N."""
@@ -264,11 +266,11 @@ class Query:
             return DO_NOT_KNOW
         if self.event is not None:
             return "yes" if values[0] else "no"
-        grouped = {place for group in self.groups for place in group}
+        grouped = {index for group in self.groups for index in group}
         return ", ".join(
             name if value else denied(name)
-            for place, (name, value) in enumerate(zip(self.attributes, values, strict=True))
-            if value or place not in grouped
+            for index, (name, value) in enumerate(zip(self.attributes, values, strict=True))
+            if value or index not in grouped
         )
 
     @property

@@ -52,7 +52,7 @@ class Belief(FrozenArrays):
     log_odds : NDArray[np.float64]
         (N,) of the truth, see `belief_of`.
     groups : tuple[tuple[int, ...], ...]
-        Places of attributes of which exactly one is true, as in the query.
+        Indices of attributes of which exactly one is true, as in the query.
     joint_table : NDArray[np.float64] | None
         (Y,) Pr(values) where the prior is a joint one; `log_odds` are of its margins.
     """

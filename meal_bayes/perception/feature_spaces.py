@@ -314,9 +314,9 @@ def gather(
     for e, behavior in enumerate(dataset.domain.behaviors):
         rows = np.flatnonzero(training_set.behavior == e)  # they are sorted by object
         objects = training_set.object[rows].astype(np.int64)
-        places = objects * dataset.recordings + training_set.recording[rows]
+        rows_in_space = objects * dataset.recordings + training_set.recording[rows]
         modalities = tuple(
-            space.at(places) for (name, _), space in spaces.items() if name == behavior.name
+            space.at(rows_in_space) for (name, _), space in spaces.items() if name == behavior.name
         )
         if len(rows) and modalities:
             labels = training_set.labels[rows]

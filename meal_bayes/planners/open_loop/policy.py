@@ -177,9 +177,9 @@ def _sampled_truths(momdp: MOMDP, belief: Belief, rng: np.random.Generator) -> I
         values = momdp.query.values.astype(int)
         return np.asarray(values[number.clip(max=len(cumulative) - 1)])
     truth = np.zeros((_SAMPLES, len(momdp.query)), int)
-    for places, prob in zip(momdp.query.variables, belief.marginals, strict=True):
+    for indices, prob in zip(momdp.query.variables, belief.marginals, strict=True):
         value = rng.choice(len(prob), _SAMPLES, p=prob / prob.sum())
-        truth[:, places] = (value[:, None] == np.arange(len(prob)))[:, -len(places) :]
+        truth[:, indices] = (value[:, None] == np.arange(len(prob)))[:, -len(indices) :]
     return truth
 
 
@@ -200,13 +200,13 @@ def _sampled_evidence(momdp: MOMDP, belief: Belief, most: int, rng: np.random.Ge
     rows = sample_rows(means, precisions, belief.percept_counts, rng)  # (S,N,E,K)
     # Percepts of these rows, one after the other, and what each says of every class.
     counts = np.tile(belief.percept_counts, (_SAMPLES, 1, 1, 1))
-    sample, place, behavior = np.ogrid[:_SAMPLES, :n, :e]
+    sample, attribute, behavior = np.ogrid[:_SAMPLES, :n, :e]
     evidence = np.zeros((most + 1, e, _SAMPLES, n, momdp.n_classes))
     for u in range(most):
         z = (rows.cumsum(axis=3) <= rng.random((_SAMPLES, n, e, 1))).sum(axis=3).clip(max=k - 1)
-        mean = momdp.confusion[place, behavior, :, z]
-        count = counts[sample, place, behavior, z, None]
+        mean = momdp.confusion[attribute, behavior, :, z]
+        count = counts[sample, attribute, behavior, z, None]
         prob = predictive(mean, momdp.precision, count, counts.sum(axis=3)[..., None])
         evidence[u + 1] = evidence[u] + np.log(prob.clip(1e-300)).transpose(2, 0, 1, 3)
-        counts[sample, place, behavior, z] += 1
+        counts[sample, attribute, behavior, z] += 1
     return evidence
