@@ -23,7 +23,7 @@ from meal_bayes.datasets.frames import (
     add_once,
     fault,
     join_features,
-    labelled,
+    labeled,
 )
 from meal_bayes.display import listed
 from meal_bayes.domain import Domain, unknown
@@ -138,7 +138,7 @@ def _read_labels(path: Path, domain: Domain) -> tuple[tuple[str, ...], NDArray[n
         content = f"the header {header[0][:40]!r}"
         raise fault(where, content, expected, _write_so(header))
     names = [name for name in (*domain.attributes, *domain.groups) if name in header[1:]]
-    present = labelled(domain, names)
+    present = labeled(domain, names)
     for name in (*domain.attributes, *domain.groups):
         count = header.count(name)
         if count > 1 or (name in domain.attributes and name not in present):

@@ -156,7 +156,7 @@ def _labels(
         frame = labels.set_index("object") if "object" in labels.columns else labels
         columns = [name for name in (*domain.attributes, *domain.groups) if name in frame.columns]
         for attribute in domain.attributes:
-            if attribute not in labelled(domain, columns):
+            if attribute not in labeled(domain, columns):
                 raise DataError(f"Labels: {unknown('column', attribute, map(str, frame.columns))}")
         if frame.index.has_duplicates:
             raise DataError("An object has two rows of labels; give each one.")
@@ -183,7 +183,7 @@ def _labels(
     return names, table
 
 
-def labelled(domain: Domain, columns: Iterable[str]) -> set[str]:
+def labeled(domain: Domain, columns: Iterable[str]) -> set[str]:
     """Return the attributes of which some columns, of attributes and groups, hold labels."""
     return {member for name in columns for member in (name, *domain.groups.get(name, ()))}
 

@@ -224,7 +224,7 @@ def add_itrs_bonus(
     momdp : MOMDP
         The unshaped MOMDP of the query.
     experience : ArrayLike
-        (N,E) IE of Eq. 10, labelled instances in units of delta.
+        (N,E) IE of Eq. 10, labeled instances in units of delta.
     alpha, beta : float
         Reward for a bit of percept entropy, and subtracted for a unit of experience, s.
     domain : Domain

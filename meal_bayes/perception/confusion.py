@@ -1,7 +1,7 @@
 """Confusion counts (O,P,E,2,K): how often each object showed each percept level, by its truth.
 
 They are kept object by object, as percepts of one object are not independent (see the posterior's
-dispersion). One labelled instance is one count.
+dispersion). One labeled instance is one count.
 """
 
 from typing import Any

@@ -75,7 +75,7 @@ def fit_and_validate(
     Cross-validation is nested over objects: for object o' both the classifiers and the rule that
     pools them are trained without o', and that rule learns only from decisions on objects that the
     classifiers behind them never saw. Above the settings' exact sizes, folds of objects take the
-    place of objects. Each labelled instance is one count, at even odds where the other objects
+    place of objects. Each labeled instance is one count, at even odds where the other objects
     hold one class only.
 
     Parameters

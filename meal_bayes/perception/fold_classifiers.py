@@ -216,7 +216,7 @@ def outputs(
     o itself is trained anew on all other objects, where they are few.
     """
     problem = _problem(recordings, settings)
-    labelled = problem.folds >= 0
+    labeled = problem.folds >= 0
     decisions = problem.decide_without(3)
     held_outputs = _nested(problem, decisions)
     training = np.tile(held_outputs, (len(held), 1, 1))
@@ -231,14 +231,14 @@ def outputs(
 
         def decide_anew(o: int) -> None:
             single = problem.objects == o
-            fresh = problem.decide(labelled & ~single, single)
+            fresh = problem.decide(labeled & ~single, single)
             held_outputs[single] = pools[int(problem.folds[single][0])].log_odds(fresh)
 
         with ThreadPoolExecutor(problem.threads) as workers:
-            list(workers.map(decide_anew, np.intersect1d(held, problem.objects[labelled])))
-    if not labelled.all():
-        decided = problem.decide(labelled, ~labelled)
-        held_outputs[~labelled] = _pool(problem, decisions).log_odds(decided)
+            list(workers.map(decide_anew, np.intersect1d(held, problem.objects[labeled])))
+    if not labeled.all():
+        decided = problem.decide(labeled, ~labeled)
+        held_outputs[~labeled] = _pool(problem, decisions).log_odds(decided)
     return held_outputs, training
 
 
@@ -248,12 +248,12 @@ def _problem(recordings: BehaviorRecordings, settings: PerceptionSettings) -> Fo
     Neighbors are in different folds. Many objects have the same folds for every behavior.
     """
     objects = recordings.objects
-    labelled = recordings.labels[:, 0] >= 0
+    labeled = recordings.labels[:, 0] >= 0
     held_groups = assign_folds(objects, settings.folds) if recordings.large else objects
-    folds = np.where(labelled, held_groups, -1)
+    folds = np.where(labeled, held_groups, -1)
     if not recordings.large:
-        _, object_of = np.unique(objects[labelled], return_inverse=True)
-        folds[labelled] = object_of.ravel() % settings.folds
+        _, object_of = np.unique(objects[labeled], return_inverse=True)
+        folds[labeled] = object_of.ravel() % settings.folds
     truth = recordings.labels == 1
     fit_pool: Callable[[Floats, Bools, Ints], Stacker | KappaPool]
     if settings.method == "paper":

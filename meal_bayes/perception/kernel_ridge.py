@@ -327,8 +327,8 @@ def outputs(
         of_first, of_second = np.split(scores.T, [len(rows[first])])
         training[np.ix_(held == problem.groups[first], rows[second])] = of_second
         training[np.ix_(held == problem.groups[second], rows[first])] = of_first
-    unlabelled = np.setdiff1d(np.arange(len(held_outputs)), part.rows)
-    across = kernels[:, unlabelled][:, :, part.columns]
+    unlabeled = np.setdiff1d(np.arange(len(held_outputs)), part.rows)
+    across = kernels[:, unlabeled][:, :, part.columns]
     decisions = np.einsum("mbn,mpn->bmp", across, problem.duals)
-    held_outputs[unlabelled] = Stacker(weights).log_odds(decisions)
+    held_outputs[unlabeled] = Stacker(weights).log_odds(decisions)
     return held_outputs, training

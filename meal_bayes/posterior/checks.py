@@ -86,15 +86,15 @@ def beliefs_without_itself(draws: xr.Dataset, counts: ArrayLike, *, size: int = 
     smoothed = by_truth.sum(axis=0) - by_truth + PRIOR_OBJECTS  # (O,P,2)
     prior_log_odds = np.log(smoothed[..., 1] / smoothed[..., 0])
     truth = by_truth[..., 1]
-    labelled = np.asarray(by_truth.any(axis=-1))  # (O,P)
-    perceived = labelled[..., None] & (percepts.sum(axis=-1) > 0)  # (O,P,E)
+    labeled = np.asarray(by_truth.any(axis=-1))  # (O,P)
+    perceived = labeled[..., None] & (percepts.sum(axis=-1) > 0)  # (O,P,E)
     truths = np.broadcast_to(truth[..., None], perceived.shape)
     # Behaviors are independent given the truth and the draw, so their log-likelihoods add up.
     together = prior_log_odds + _log_ratio(scores.sum(axis=-1), truth, epsilon[picked])
     single = prior_log_odds[..., None] + _log_ratio(scores, truths, epsilon[picked])
     return {
         "each": (expit(single[perceived]), truths[perceived]),
-        "together": (expit(together[labelled]), truth[labelled]),
+        "together": (expit(together[labeled]), truth[labeled]),
     }
 
 

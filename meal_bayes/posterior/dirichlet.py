@@ -28,7 +28,7 @@ class ConfusionPosterior:
     Attributes
     ----------
     counts : NDArray[np.float64]
-        (P,E,2,K) percepts of labelled instances, as they were counted.
+        (P,E,2,K) percepts of labeled instances, as they were counted.
     concentration : NDArray[np.float64]
         (P,E,2,K) Dirichlet parameters of the mean row, A x mean.
     dispersion : NDArray[np.float64]

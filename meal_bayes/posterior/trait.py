@@ -158,28 +158,28 @@ class _Evidence:
         self.precision = precision[attribute, behavior]  # (V,2)
         percepts = counts[:, attribute, behavior]  # (O,V,K)
         total = percepts.sum(axis=-1)  # (O,V)
-        labelled = ((truth >= 0)[:, attribute] & (total > 0)).T  # (V,O)
+        labeled = ((truth >= 0)[:, attribute] & (total > 0)).T  # (V,O)
         present = np.unique(attribute)  # (A,)
         pairs_of_attribute = present[:, None] == attribute  # (A,V)
-        perceived = pairs_of_attribute @ labelled  # (A,O)
+        perceived = pairs_of_attribute @ labeled  # (A,O)
         self.pairs_of_attribute = pairs_of_attribute.astype(np.float32)
         self.n_perceived = int(perceived.sum())
         self.most_percepts = int(total.max(initial=0))
         # One-hot counts: one matrix product sums a table of log factors over all levels.
         one_hot = percepts[..., None] == np.arange(self.most_percepts + 1)  # (O,V,K,top+1)
-        one_hot &= labelled.T[..., None, None]
+        one_hot &= labeled.T[..., None, None]
         self.one_hot_counts = _by_pair(one_hot)  # (V,K(top+1),O)
         # Single recordings: of each object and pair one percept, drawn in proportion to its counts.
         rng = stream(0, "shared degree")
         cumulative = percepts.cumsum(axis=-1)
         pick = rng.random((_DRAWS, *total.shape)) * np.maximum(total, 1)
         level = (pick[..., None] >= cumulative).sum(axis=-1)[..., None]  # (D,O,V,1)
-        single = (level == np.arange(percepts.shape[-1])) & labelled.T[..., None]
+        single = (level == np.arange(percepts.shape[-1])) & labeled.T[..., None]
         self.single_recordings = _by_pair(single.reshape(-1, *percepts.shape[1:]))  # (V,K,D x O)
         prior = (np.log(base_rates) - np.log1p(-base_rates)).astype(np.float32)
         sign = np.where(truth == 1, 1, -1).T.astype(np.float32)
         balance = (base_rates * (1 - base_rates))[:, None]
-        by_behavior = _normalized(balance[attribute] * labelled)
+        by_behavior = _normalized(balance[attribute] * labeled)
         joint = _normalized(balance[present] * perceived)
         # All recordings together, then each draw of single ones; the draws share one weight.
         joint = np.concatenate([joint, *(joint / _DRAWS for _ in range(_DRAWS))], axis=1)
