@@ -83,12 +83,14 @@ def learn_co_occurrence(domain: Domain, labels: NDArray[np.int8], rates: Floats)
     first, second = _pairs_apart(domain)
     true = (labels == 1).astype(float)
     false = (labels == 0).astype(float)
+    # Objects (M,4) by both labels: neither, the second alone, the first alone, both.
     counts = np.stack(
         [(a.T @ b)[first, second] for a in (false, true) for b in (false, true)], axis=1
     )
     p = rates[first]
     q = rates[second]
     product = np.stack([(1 - p) * (1 - q), (1 - p) * q, p * (1 - q), p * q], axis=1)  # (M,4)
+    # Coupled: a Dirichlet about independence, of several strengths; else independence itself.
     evidence = _log_evidence(counts, _STRENGTHS[:, None, None] * product)  # (S,M)
     gain = evidence.max(axis=0) - (counts * np.log(product)).sum(axis=1)
     coupled = np.flatnonzero(gain > np.log(_BAYES_FACTOR))
@@ -191,6 +193,7 @@ def _fitted(joint: Floats, margins: Iterable[_Margin]) -> Floats:
     margins = list(margins)
     for _ in range(_SWEEPS):
         last_joint = joint
+        # Iterative proportional fitting: each margin in turn is scaled to its sums.
         for cell, sums in margins:
             joint = joint * (sums / np.bincount(cell, joint, len(sums)))[cell]
         if np.abs(joint - last_joint).max() < _FITTED:

@@ -101,6 +101,7 @@ class Belief(FrozenArrays):
         """Pr(y) of every value vector, (Y,); small N only."""
         if self.joint_table is not None:
             return self.joint_table
+        # Variables are independent; the first is the most significant digit of y.
         joint = np.ones(1)
         for row in self.marginals:
             joint = np.concatenate([joint[:, None] * p for p in row], 1).ravel()
@@ -240,6 +241,7 @@ def update_belief(belief: Belief, momdp: MOMDP, transition: Transition) -> Belie
     with np.errstate(divide="ignore", invalid="ignore"):  # nan where no class is possible
         log_prob = belief.log_prob + np.log(predictive(mean, precision, counts, total[:, None]))
         log_prob -= np.logaddexp.reduce(log_prob, axis=-1, keepdims=True)
+    # The next percept of this behavior is predicted by this one, too.
     counted = belief.percept_counts.copy()
     counted[attributes, e, levels] += 1
     after = _belief(momdp, next_x, log_prob, counted)
@@ -264,7 +266,9 @@ def next_percept(momdp: MOMDP, belief: Belief) -> NDArray[np.float64]:
     total = counts.sum(axis=3, keepdims=True)
     precision = momdp.precision[..., None]
     rows = predictive(momdp.confusion, precision, counts, total)  # (N,E,C,K)
+    # Pr(truth, z) = sum_c Pr(c) Pr(truth | c) Pr(z | c), given the percepts so far
     prob = np.exp(belief.log_prob[:, None] + momdp.log_truth)  # (N,2,C) Pr(truth, class)
+    # Where attributes are coupled, percepts of the others move Pr(truth), but not Pr(c | truth).
     if momdp.coupled:
         truth = np.stack([1.0 - belief.positive, belief.positive], axis=1)
         prob *= (truth / prob.sum(axis=2).clip(1e-300))[..., None]

@@ -101,7 +101,8 @@ class Reports:
         right_assertion, wrong_assertion, right_denial, wrong_denial = self.payoffs
         assertion_cost = np.zeros_like(self.no_cost)
         denial_cost = self.no_cost.copy()
-        if event.complement:  # "no" asserts that the conjunction holds
+        # By De Morgan "no" asserts a conjunction where "yes" asserts a disjunction.
+        if event.complement:
             right_denial, wrong_denial, right_assertion, wrong_assertion = self.payoffs
             assertion_cost = self.no_cost.copy()
             denial_cost = np.zeros_like(self.no_cost)

@@ -138,6 +138,7 @@ def _pool(
     problem: FoldProblem, decisions: Decisions, left_out: frozenset[int] = frozenset()
 ) -> Stacker | KappaPool:
     """Fit a pool to decisions inside the folds that remain, each by who saw the others only."""
+    # Decisions on a fold are those without it, and without what is left out of all.
     remaining = [fold for fold in problem.names if fold not in left_out]
     rows = np.isin(problem.folds, remaining) & (len(remaining) > 1)  # else nothing is out of fold
     out_of_fold = np.empty((len(rows), len(problem.inputs), problem.truth.shape[1]))

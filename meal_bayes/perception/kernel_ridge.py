@@ -110,6 +110,7 @@ def kernel_problem(grams: Floats, truth: Bools, groups: Ints, noise: float) -> P
     names, starts = np.unique(groups, return_index=True)
     starts = np.append(starts, len(groups))
     targets = np.ascontiguousarray(np.where(truth, 1.0, -1.0).T)
+    # C^-1 of C = K + lambda I, symmetric to the last bit; its products C^-1 y with the targets
     inverses = np.linalg.inv(grams + noise * np.eye(len(groups)))
     inverses = (inverses + inverses.transpose(0, 2, 1)) / 2
     duals = targets @ inverses
@@ -178,6 +179,7 @@ def _ridge_weights(grams: Floats, products: Floats, left_out: Ints) -> Floats:
     """Solve the normal equations of each kernel without some folds, (M,m,P)."""
     weights = np.empty((len(grams), *products.shape[2:]))
     for i, (gram, product) in enumerate(zip(grams, products, strict=True)):
+        # (sum over the other folds of F'F + lambda I) w = sum over the other folds of F'y
         matrix = gram[0].copy()
         for fold in left_out:
             matrix -= gram[1 + fold]
@@ -227,6 +229,7 @@ def leave_out(
             weights=weights[index],  # written
             losses=losses[index],  # written
         )
+        # log-odds on what is left out: intercept, and a slope for each kernel's decision
         slopes = np.einsum("mpq,pm->pq", held, weights[index, :, 1:])
         log_odds.append(weights[index, :, :1] + slopes)
     return LeftOut(weights, log_odds, losses)

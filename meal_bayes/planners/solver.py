@@ -128,6 +128,7 @@ class Decision(FrozenArrays):
             return GoingOn(np.nan, 0.0, 0.0)
         best = int(np.nanargmax(total[:-1]))
         value = float(self.values[best] - self.values[-1])
+        # Var(Q(best) - Q(answer)) of independent estimates
         errors = np.nan_to_num(self.value_se[[best, -1]])
         return GoingOn(
             value=value,

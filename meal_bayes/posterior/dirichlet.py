@@ -146,6 +146,7 @@ class ConfusionPosterior:
         before : ArrayLike, optional
             (P,E,2,K) those of them that have been counted; none of a new object.
         """
+        # What the object's percepts are worth now replaces what they were worth before.
         final = np.asarray(counts, dtype=float)
         counted = np.zeros(self.counts.shape) if before is None else np.asarray(before, dtype=float)
         concentration = self.concentration + (self._effective(final) - self._effective(counted))
@@ -181,7 +182,8 @@ class ConfusionPosterior:
         informative = self.informative[picked]
         pooled = np.broadcast_to(alpha.sum(axis=2, keepdims=True), alpha.shape)
         alpha = np.where(informative[..., None, None], alpha, pooled)
-        shared = precision.min(axis=2, keepdims=True)  # unequal ones would inform on repeats
+        # Rows of unequal precision would inform by how repeats agree.
+        shared = precision.min(axis=2, keepdims=True)
         precision = np.where(informative[..., None], precision, shared)
         if exact:
             precision = np.full_like(precision, np.inf)

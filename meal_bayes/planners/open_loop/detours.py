@@ -58,6 +58,7 @@ def plan_steps(dynamics: Dynamics) -> PlanSteps:
         lost=np.zeros(step.shape),
         percepts=step["percepts"].copy(),
     )
+    # Where one outcome is certain a step is what it was.
     several = step["legal"] & (np.count_nonzero(branch["p"], axis=2) > 1)
     for x in np.flatnonzero(several.any(axis=1)).tolist():
         back = detours_to(dynamics, target, x)
@@ -96,6 +97,7 @@ def detours_to(dynamics: Dynamics, target: Ints, goal: int) -> Detours:
         for source, a in np.argwhere(step["legal"] & (target == x)).tolist():
             if not settled[source]:
                 heapq.heappush(queue, (distance + float(step["cost"][source, a]), source, a))
+    # (I - g P) (C, D, L) = what each x adds: its cost, at the goal 1, where no path leads back 1
     on_way = np.flatnonzero(settled & (np.arange(n_states) != goal))
     moves = np.zeros((n_states, n_states))  # g P of the policy; rows of its ends stay 0
     cost = np.zeros(n_states)
