@@ -201,7 +201,7 @@ def by_find(chains: list[Chain]) -> np.ndarray:
         hand = Hand(float(chain.put_down[places[front]]), int(chain.way[places[front]]))
         here = [each[s] for each, s in zip(prospects, places, strict=True)]
         move = best_move(here, front, hand)
-        return 1 + move.place if move.behavior < 0 else _behavior(chains, *move[:2])
+        return 1 + move.object if move.behavior < 0 else _behavior(chains, *move[:2])
 
     return _options(chains, option)
 

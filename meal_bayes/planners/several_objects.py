@@ -102,15 +102,15 @@ class Move(NamedTuple):
 
     Attributes
     ----------
-    place : int
-        Of the object; -1: none of them is claimed.
+    object : int
+        Its number, from 0; -1: none of them is claimed.
     behavior : int
         To execute on it; -1: it is claimed.
     values : NDArray[np.float64]
         (E,) what its behaviors are worth beside the other objects; -inf where not valued.
     """
 
-    place: int
+    object: int
     behavior: int
     values: Floats
 
@@ -143,9 +143,9 @@ def between(outside: Floats, values: Floats, at: Floats | float) -> Floats:
 def worth_of_others(prospects: Sequence[Prospect], none: float) -> Floats:
     """Compute what all objects but each are worth, (n,): W of them, and `none` without any."""
     worth = np.full(len(prospects), none)
-    for place in np.argsort([prospect.index for prospect in prospects]):
-        others = np.arange(len(prospects)) != place
-        prospect = prospects[place]
+    for number in np.argsort([prospect.index for prospect in prospects]):
+        others = np.arange(len(prospects)) != number
+        prospect = prospects[number]
         worth[others] = between(prospect.outside, prospect.value, worth[others])
     return worth
 
@@ -175,7 +175,7 @@ def best_move(prospects: Sequence[Prospect], front: int = -1, hand: Hand = EMPTY
         raise SettingsError("There are no prospects; give one of each object.")
     hand_is_full = hand.behavior >= 0 or np.isinf(hand.cost)
     if hand_is_full and front < 0:
-        raise SettingsError(f"{hand} holds an object, but none is in front; give its place.")
+        raise SettingsError(f"{hand} holds an object, but none is in front; give its number.")
     if hand_is_full:
         return _go_on_or_put_down(prospects, front, hand)
     return _turn_or_answer(prospects, front)

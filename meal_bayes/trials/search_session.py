@@ -280,11 +280,11 @@ class SearchSession(OneCaller):
             hand = self._prospectors[self.object].hand(self.sessions[self.object].belief)
         move = best_move(prospects, front, hand)
         if move.behavior < 0:
-            self._answer(names[move.place] if move.place >= 0 else None)
-        elif move.place == front:
+            self._answer(names[move.object] if move.object >= 0 else None)
+        elif move.object == front:
             self._execute(move.behavior, move.values, prospects[front].claim_value)
         elif self._within_limits(turning):
-            self.turn = names[move.place]
+            self.turn = names[move.object]
 
     def _execute(self, action: int, values: Floats, claim_value: float) -> None:
         """Command a behavior of the object in front, unless a limit is reached."""

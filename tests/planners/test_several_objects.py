@@ -144,9 +144,9 @@ def moves(chains, prospects, hands):
         here = [prospects[k][s] for k, s in enumerate(place)]
         for front in range(len(chains)):
             move = best_move(here, front, hands[front][place[front]])
-            action = 1 + move.place
+            action = 1 + move.object
             if move.behavior >= 0:
-                action = 1 + len(chains) + move.place * behaviors + move.behavior
+                action = 1 + len(chains) + move.object * behaviors + move.behavior
             choose[(front, *place)] = action
     return choose
 
@@ -250,7 +250,7 @@ def test_one_object_is_the_question_of_yes_or_no():
         asked = question.decide(History(belief), rng).action
         move = best_move([prospector.prospect(History(belief), rng)], 0)
         no, yes = momdp.n_behaviors, momdp.n_behaviors + 1
-        assert asked == (no if move.place < 0 else yes if move.behavior < 0 else move.behavior)
+        assert asked == (no if move.object < 0 else yes if move.behavior < 0 else move.behavior)
 
 
 def test_values_beside_others_are_those_of_boxes():
@@ -263,7 +263,7 @@ def test_values_beside_others_are_those_of_boxes():
 
     one, two, three = map(box, (0.3, 0.5, 0.1))
     assert two.index == pytest.approx(100 - 1 / 0.5, abs=0.01)
-    assert best_move([one, two, three]).place == 1
+    assert best_move([one, two, three]).object == 1
     # by decreasing p: -1 + .5 100 + .5 (-1 + .3 100 + .7 (-1 + .1 100))
     last = -1 + 0.1 * 100
     exact_of_others = -1 + 30 + 0.7 * last
