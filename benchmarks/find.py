@@ -33,7 +33,7 @@ from meal_bayes.datasets import PerceptTable, load_percepts
 from meal_bayes.domain import Payoffs, Query, read_event
 from meal_bayes.errors import QueryError
 from meal_bayes.learner import Learner
-from meal_bayes.planners import ways_back
+from meal_bayes.planners import paths_back
 from meal_bayes.seeds import stream
 
 DRAWS = 2_000
@@ -83,7 +83,7 @@ def asked(
         cost += trial.cost + held
         x = trial.steps[-1].x  # an object in the hand is put down before the next
         leave = np.isin(trial.momdp.x_names, learner.domain.leave)
-        held = float(ways_back(trial.momdp, leave).cost[x])
+        held = float(paths_back(trial.momdp, leave).cost[x])
         probability = float(trial.probability or 0.0)
         if until_yes and trial.report is not None and trial.report[0]:
             claim = place

@@ -11,7 +11,7 @@ from meal_bayes.planners.open_loop.policy import OpenLoop, OpenLoopPolicy
 from meal_bayes.planners.pomcp.policy import POMCP
 from meal_bayes.planners.precompile import warm_up
 from meal_bayes.planners.prospector import Prospector, SharedPlans
-from meal_bayes.planners.returning import ways_back
+from meal_bayes.planners.returning import paths_back
 from meal_bayes.planners.several_objects import (
     EMPTY,
     Hand,
@@ -35,6 +35,6 @@ __all__ = [
     "EMPTY", "POMCP", "RULE", "Compiling", "Decision", "Factored", "GoingOn", "Greedy", "Hand",
     "History", "MemoizedPolicy", "Move", "OpenLoop", "OpenLoopPolicy", "Policy", "Predefined",
     "Prospect", "Prospector", "Random", "RandomLegal", "SharedPlans", "Solver", "TreeEdge",
-    "Untouched", "batched_value_iteration", "best_move", "unvalued", "warm_up",
-    "watch_compilation", "ways_back",
+    "Untouched", "batched_value_iteration", "best_move", "paths_back", "unvalued", "warm_up",
+    "watch_compilation",
 ]  # fmt: skip

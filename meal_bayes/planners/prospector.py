@@ -11,7 +11,7 @@ from meal_bayes.kinds import checked
 from meal_bayes.momdp import MOMDP, Belief, expected_reward
 from meal_bayes.momdp.numbers import ARRAYS
 from meal_bayes.planners.boundary import decide
-from meal_bayes.planners.returning import ways_back
+from meal_bayes.planners.returning import paths_back
 from meal_bayes.planners.several_objects import Hand, Prospect, outside_values
 from meal_bayes.planners.solver import History, MemoizedPolicy, Policy
 
@@ -39,16 +39,18 @@ class Prospector:
         best = momdp.reports.payoffs.right_yes
         self.momdp = momdp
         self.outside = outside_values(none, best)
-        self._way = ways_back(momdp, leave, momdp.discount)
+        self._back = paths_back(momdp, leave, momdp.discount)
         self._solve = solve
         self._policies: list[Policy] = []
 
     def hand(self, belief: Belief) -> Hand:
         """Return what it takes to leave the object at a belief."""
-        way = self._way
+        back = self._back
         x = belief.x
         return Hand(
-            cost=float(way.cost[x]), behavior=int(way.first[x]), discount=float(way.discount[x])
+            cost=float(back.cost[x]),
+            behavior=int(back.first_action[x]),
+            discount=float(back.discount[x]),
         )
 
     def prospect(self, history: History, rng: np.random.Generator) -> Prospect:
@@ -76,7 +78,7 @@ class Prospector:
     def _policy(self, outside: float) -> Policy:
         """Return the policy of the problem in which "no" pays so much, less putting down."""
         payoffs = self.momdp.reports.payoffs._replace(right_no=outside, wrong_no=outside)
-        worth_leaving = self._way.discount * outside - self._way.cost
+        worth_leaving = self._back.discount * outside - self._back.cost
         problem = replace(
             self.momdp,
             payoffs=payoffs,

@@ -1,4 +1,4 @@
-"""How the object in front is put down: the cheapest ways to where it can be left."""
+"""How the object in front is put down: the cheapest paths to where it can be left."""
 
 from typing import NamedTuple
 
@@ -10,17 +10,17 @@ from meal_bayes.kinds import checked
 from meal_bayes.momdp import MOMDP
 
 
-class WaysBack(NamedTuple):
-    """The cheapest ways to the states in which an object can be left, from each x."""
+class PathsBack(NamedTuple):
+    """The cheapest paths to the states in which an object can be left, from each x."""
 
-    cost: Floats  # (X,) s, expected, failures repeated; inf where there is no way
+    cost: Floats  # (X,) s, expected, failures repeated; inf where none leads there
     discount: Floats  # (X,) on what follows
-    first: NDArray[np.int64]  # (X,) behavior; -1 where the object can be left, or there is no way
+    first_action: NDArray[np.int64]  # (X,) -1 where the object can be left, or none leads there
 
 
 @checked
-def ways_back(momdp: MOMDP, leave: NDArray[np.bool_], discount: float = 1.0) -> WaysBack:
-    """Find the cheapest ways back to where an object can be left.
+def paths_back(momdp: MOMDP, leave: NDArray[np.bool_], discount: float = 1.0) -> PathsBack:
+    """Find the cheapest paths back to where an object can be left.
 
     Parameters
     ----------
@@ -47,12 +47,12 @@ def ways_back(momdp: MOMDP, leave: NDArray[np.bool_], discount: float = 1.0) -> 
         lost = (reached & ~leads_back).sum(axis=2) - ((stays > 0) & ~leads_back)
         moves = momdp.legal.T & (stays < 1.0) & (lost == 0)
         remaining = 1.0 - discount * np.where(moves, stays, 0.0)
-        way = momdp.expected_cost().T + discount * onward(np.where(leads_back, cost, 0.0))
-        way = np.where(moves, way / remaining, np.inf)
-        best = way.argmin(axis=0)
-        better = way.min(axis=0) < cost
+        price = momdp.expected_cost().T + discount * onward(np.where(leads_back, cost, 0.0))
+        price = np.where(moves, price / remaining, np.inf)
+        best = price.argmin(axis=0)
+        better = price.min(axis=0) < cost
         after = (discount * onward(factor) / remaining)[best, np.arange(len(leave))]
         factor = np.where(better, after, factor)
         first = np.where(better, best, first)
-        cost = np.where(better, way.min(axis=0), cost)
-    return WaysBack(cost, factor, first)
+        cost = np.where(better, price.min(axis=0), cost)
+    return PathsBack(cost, factor, first)

@@ -21,7 +21,7 @@ from meal_bayes.planners import (
     Random,
     SharedPlans,
     best_move,
-    ways_back,
+    paths_back,
 )
 from meal_bayes.planners.several_objects import (
     Prospect,
@@ -192,7 +192,7 @@ def test_two_objects_are_within_one_percent_of_the_joint_optimum(pair, hands):
 def exact(chain, leave):
     """Return prospects of all places by value iteration, and what putting down takes there."""
     momdp = chain.momdp
-    back = ways_back(momdp, leave, momdp.discount)
+    back = paths_back(momdp, leave, momdp.discount)
     cost, discount, first = (part[chain.x] for part in back)
     outside = outside_values(NONE, 100.0)
     left = np.maximum(discount * outside[:, None] - cost, NONE)
@@ -313,7 +313,7 @@ def test_the_way_back_counts_failures():
     rows = np.full((1, len(domain.behaviors), 2, 2), 0.5)
     momdp = build_momdp(domain, Query(("heavy",)), rows)
     leave = np.isin(domain.diagram.states, domain.leave)
-    cost, _, first = ways_back(momdp, leave)
+    cost, _, first = paths_back(momdp, leave)
     assert momdp.behavior_names[first[1]] == "lift"
     p = momdp.transition[momdp.behavior_names.index("lift"), 1, 2]  # else it is lifted again
     assert cost[:4] == pytest.approx([0.0, 1.5 / p + 1.5, 1.5, 0.0])
@@ -323,7 +323,7 @@ def test_the_way_back_counts_failures():
 
 def test_the_way_back_is_discounted_by_its_steps():
     momdp = problem(RATES["both tell"])
-    cost, discount, first = ways_back(momdp, np.array([True, False, False]), 0.9)
+    cost, discount, first = paths_back(momdp, np.array([True, False, False]), 0.9)
     assert cost.tolist()[:2] == [0.0, 2.0]
     assert discount.tolist()[:2] == [1.0, 0.9]
     assert first.tolist()[:2] == [-1, 2]

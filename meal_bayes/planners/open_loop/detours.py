@@ -81,7 +81,7 @@ def detours_to(dynamics: Dynamics, target: Ints, goal: int) -> Detours:
 
     The policy is Dijkstra's, against the arrows from the goal; its figures solve C = c + g P C,
     D = g P D with D = 1 at the goal, and L = g P L with L = 1 where no way leads to the goal. Where
-    an object is to be put down a way must be sure: that is `ways_back`.
+    an object is to be put down a way must be sure: that is `paths_back`.
     """
     step = dynamics.step
     n_states = len(step)
