@@ -233,7 +233,7 @@ class Answerer(ExperiencedAgent):
         """Return the session of a task, perhaps of a search, whose random streams `key` names."""
         with self._lock:
             if options.learn:
-                self._use()
+                self._fit_agents()
             fit = self._fit(task, learn=options.learn, beside=beside)
         return session_of(fit, task, key, options, lock=self._lock, on_end=self._end)
 

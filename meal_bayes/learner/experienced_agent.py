@@ -111,7 +111,7 @@ class ExperiencedAgent:
             return self._fits.held_out(self.table, self.agent, task.object_index, beside)
         return self._fits.of(training_agent(self.agent) if learn else self.agent)
 
-    def _use(self) -> None:
+    def _fit_agents(self) -> None:
         """Let the agents learn from the record before it changes, if they have not."""
         if self.table is None:
             for agent in (self.agent, training_agent(self.agent)):

@@ -205,7 +205,7 @@ class Learner(Finder):
                 self.domain.replace(views.labels_for(self.experience, [name])[0], labels)
             except QueryError as fault:
                 raise QueryError(f"Then {name!r} would be {fault}.") from None
-            self._use()
+            self._fit_agents()
             before = views.labels_touched(self.experience, key, name)
             self._fits.update(self.experience.add_labels(key, name, labels), refit=True)
             self._log_told(trial, Telling(name, key, before))
@@ -235,7 +235,7 @@ class Learner(Finder):
             whole = recordings and views.has_taught(self.experience, key)
             if not whole and not (self.experience.labels_of_trial(key) >= 0).any():
                 raise nothing_told(self.experience, name, key, recordings=recordings)
-            self._use()
+            self._fit_agents()
             before = views.labels_touched(self.experience, key, name)
             moved = self.experience.forget(key, recordings=whole)
             self._fits.update(moved, refit=True, anew=whole)
@@ -272,7 +272,7 @@ class Learner(Finder):
         checked_trial(trial)
         check_domain(self.experience, trial)
         with self._lock:
-            self._use()
+            self._fit_agents()
             self.experience.trial_number(trial.task.key)
             record_steps(self.experience, trial, views.unrecorded(self.experience, trial))
 

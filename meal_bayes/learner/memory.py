@@ -44,13 +44,14 @@ class LabelMemory:
         """Read the labels that hold in the order they were given; what is torn is left out."""
         remembered = list[Remembered]()
         left_out = partial(log.warning, "left out of the memory: %s")
-        for told in readable_feedback(feedback_files(self.folder), left_out):
-            withdrawn = [name for name, label in told.labels.items() if label < 0]
-            for before in remembered:
-                for name in withdrawn if before.object == told.object_name else ():
-                    before.labels.pop(name, None)
-            labels = {name: label == 1 for name, label in told.labels.items() if label >= 0}
-            remembered.append(Remembered(told.object_name, labels))
+        for feedback in readable_feedback(feedback_files(self.folder), left_out):
+            withdrawn = [name for name, label in feedback.labels.items() if label < 0]
+            earlier = [entry for entry in remembered if entry.object == feedback.object_name]
+            for entry in earlier:
+                for name in withdrawn:
+                    entry.labels.pop(name, None)
+            labels = {name: label == 1 for name, label in feedback.labels.items() if label >= 0}
+            remembered.append(Remembered(feedback.object_name, labels))
         return [entry for entry in remembered if entry.labels]
 
     def add(self, name: str, labels: Mapping[str, bool]) -> None:
@@ -60,11 +61,11 @@ class LabelMemory:
     def forget(self, name: str | None = None) -> int:
         """Take the labels of an object back, or all; return of how many trials they were."""
         entries = [entry for entry in self.read() if name in (None, entry.object)]
-        names = dict[str, set[str]]()  # of the attributes, by object
+        attributes_of = dict[str, set[str]]()
         for entry in entries:
-            names.setdefault(entry.object, set()).update(entry.labels)
-        for of_object, attributes in names.items():
-            self._write(Feedback(of_object, dict.fromkeys(sorted(attributes), -1)))
+            attributes_of.setdefault(entry.object, set()).update(entry.labels)
+        for object_name, attributes in attributes_of.items():
+            self._write(Feedback(object_name, dict.fromkeys(sorted(attributes), -1)))
         return len(entries)
 
     def _write(self, feedback: Feedback) -> None:

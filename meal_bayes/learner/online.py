@@ -143,15 +143,15 @@ class Online:
         moved = np.zeros(len(domain.attributes), np.bool_)
         changed = (labels != self.counted_labels.values[rows]).any(axis=1)
         for n in dict.fromkeys(o[changed].tolist()):
-            before = self._counts(self.record.instances_of_object(n))
+            counts_before = self._counts(self.record.instances_of_object(n))
             self.counted_labels.values[rows[o == n]] = labels[o == n]
-            after = self._counts(self.record.instances_of_object(n))
-            gained = fractions(self.record, self.perception, after)
-            gained -= fractions(self.record, self.perception, before)
+            counts = self._counts(self.record.instances_of_object(n))
+            gained = fractions(self.record, self.perception, counts)
+            gained -= fractions(self.record, self.perception, counts_before)
             self.percepts = self.percepts + gained
-            posterior = self.knowledge.posterior.update(after, before)
+            posterior = self.knowledge.posterior.update(counts, counts_before)
             self.knowledge = replace(self.knowledge, posterior=posterior)
-            moved |= (before != after).any(axis=(1, 2, 3))
+            moved |= (counts_before != counts).any(axis=(1, 2, 3))
         earlier = self.knowledge
         self.knowledge = earlier.with_labels(self.record.object_labels.values)
         if self.agent.base_rates:

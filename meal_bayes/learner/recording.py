@@ -50,7 +50,7 @@ class RecordingPerceiver:
         self._last: tuple[Instance, NDArray[np.int8]] | None = None
         number = fit.record.trials.get(task.key, -1)
         recorded = fit.record.executions.values["trial"] == number
-        self._known = int(recorded.sum())  # before a restart
+        self._n_recorded = int(recorded.sum())  # steps, before a restart
 
     def observe(self, instance: Instance, query: Query, rng: np.random.Generator) -> Levels | None:
         """Return percept levels of the queried attributes, (N,); None where there are none.
@@ -84,8 +84,8 @@ class RecordingPerceiver:
         self._last = None
         if last is None and step.sensed is not None:  # before a restart, by the same classifiers
             last = step.sensed, self._fit.perceive(step.sensed)
-        if self._known:
-            self._known -= 1
+        if self._n_recorded:
+            self._n_recorded -= 1
         else:
             with self._lock:
                 record_step(self._fit.record, self._task, self._momdp, step, last)
@@ -117,11 +117,11 @@ def record_steps(record: Experience, trial: Trial, steps: Sequence[Step]) -> Non
         perceived = None
         if step.sensed is not None:
             perceived = step.sensed, record.no_labels
-            _name_left_aside(record, step.sensed)
+            _warn_of_modalities(record, step.sensed)
         record_step(record, trial.task, trial.momdp, step, perceived)
 
 
-def _name_left_aside(record: Experience, sensed: Instance) -> None:
+def _warn_of_modalities(record: Experience, sensed: Instance) -> None:
     """Warn once of features whose behavior has other modalities in this domain."""
     spec = record.domain.behaviors[record.domain.behavior_index(sensed.behavior)]
     modalities = ", ".join(sorted(sensed.features or ()))
@@ -163,16 +163,16 @@ def record_step(
     if percepts is not None and (levels is None or (levels < 0).all()):
         levels = detected  # what it did not name was shown at even odds, and is no percept
     shows = step.observation is not None or (levels is not None and (levels >= 0).any())
-    unknown = levels is None or (levels < 0).all()
-    if step.observation is not None and unknown and domain.behaviors[e].modalities:
+    unperceived = levels is None or (levels < 0).all()
+    if step.observation is not None and unperceived and domain.behaviors[e].modalities:
         levels = record.no_labels
         levels[domain.columns(momdp.query.attributes)] = step.observation
     # When all recordings are used, a loop that succeeds looks as one that fails; so does one whose
     # features cannot be read.
-    before = step.belief.percept_counts[0, e].sum() - shows
+    n_percepts_before = step.belief.percept_counts[0, e].sum() - shows
     unread = step.unread and not shows and step.next_x == step.x
     success = -1
-    if momdp.legal[step.x, e] and before < momdp.limit[e] and not unread:
+    if momdp.legal[step.x, e] and n_percepts_before < momdp.limit[e] and not unread:
         # Where the diagram does not lead, it was not meant to go.
         meant = momdp.transition[e, step.x, step.next_x] > 0
         success = int(shows or (step.next_x != step.x and meant))

@@ -43,19 +43,19 @@ def classify(
     """
     detections = views.percepts_given(record, agent.levels)[: len(labels)]
     learned = np.where(detections >= 0, -1, labels).astype(np.int8)
-    data, rows, gathered = views.training(record, learned, sizes)
-    training = _some(gathered, np.asarray((gathered.labels >= 0).any(axis=1)))
+    data, rows, recorded = views.training(record, learned, sizes)
+    training = _selected(recorded, np.asarray((recorded.labels >= 0).any(axis=1)))
     perceives = PerceptionSettings(levels=agent.levels, by_object=settings.by_object)
     # Scaling comes from all instances; the labels have no part in it.
     spaces = None
     if settings.classifier is not None:
         perceives = with_classifier(settings.classifier, levels=agent.levels)
     elif agent.whiten:
-        spaces = fit_spaces(data, gathered, whiten=True)
+        spaces = fit_spaces(data, recorded, whiten=True)
     else:  # the spaces of what it was given hold for good
-        first = record.instances.values["origin"][rows] == FROM_DATASET
-        others = ~np.isin(gathered.behavior, gathered.behavior[first])
-        spaces = fit_spaces(data, _some(gathered, first | others))
+        from_dataset = record.instances.values["origin"][rows] == FROM_DATASET
+        not_in_dataset = ~np.isin(recorded.behavior, recorded.behavior[from_dataset])
+        spaces = fit_spaces(data, _selected(recorded, from_dataset | not_in_dataset))
     perception, counts = fit_and_validate(data, training, settings=perceives, spaces=spaces)
     return data, rows, perception, counts
 
@@ -71,11 +71,11 @@ def count_detections(
 
     It counts as it is, beside what classifiers of other objects said.
     """
-    place = {name: number for number, name in enumerate(objects)}
-    position = np.array([place.get(name, NONE) for name in record.objects], np.intp)
+    rows = {name: row for row, name in enumerate(objects)}
+    row_of = np.array([rows.get(name, NONE) for name in record.objects], np.intp)
     instances = record.instances.values
     i, p = np.nonzero((detections >= 0) & (labels >= 0))
-    cells = (position[instances["object"][i]], p, instances["behavior"][i])
+    cells = (row_of[instances["object"][i]], p, instances["behavior"][i])
     np.add.at(counts, (*cells, labels[i, p], detections[i, p]), 1)
 
 
@@ -115,9 +115,10 @@ def trained_cells(
     taught[rows] = (detections[rows] < 0) & (labels[rows] >= 0)
     if settings.posterior is not None:
         taught[:] = (instances["origin"] == FROM_DATASET)[:, None]
-    seen = np.zeros((len(record.objects), len(record.domain.behaviors), labels.shape[1]), np.bool_)
-    np.logical_or.at(seen, (instances["object"], instances["behavior"]), taught)
-    return seen
+    shape = (len(record.objects), len(record.domain.behaviors), labels.shape[1])
+    trained = np.zeros(shape, np.bool_)
+    np.logical_or.at(trained, (instances["object"], instances["behavior"]), taught)
+    return trained
 
 
 def experience_of(
@@ -157,5 +158,5 @@ def warn_of_odd(record: Experience, sizes: views.Sizes) -> None:
         warn_caller(f"Left out of what is learned: {listed(odd, 5)}.")
 
 
-def _some(gathered: TrainingSet, chosen: NDArray[np.bool_]) -> TrainingSet:
-    return TrainingSet(*(column[chosen] for column in astuple(gathered)))
+def _selected(training: TrainingSet, rows: NDArray[np.bool_]) -> TrainingSet:
+    return TrainingSet(*(column[rows] for column in astuple(training)))

@@ -30,7 +30,7 @@ class Telling(NamedTuple):
         Of the object.
     key : Key
         Of the trial; `key_of_name(name)` where the object was named.
-    before : Labels
+    labels_before : Labels
         What `views.labels_touched` was before.
     recordings : bool
         Whether what the trial recorded is forgotten, too.
@@ -38,7 +38,7 @@ class Telling(NamedTuple):
 
     name: str
     key: Key
-    before: Labels
+    labels_before: Labels
     recordings: bool = False
 
 
@@ -62,9 +62,9 @@ def log_told(experience: Experience, folder: Path, telling: Telling) -> None:
         feedback = Feedback(name, labels, None if key == key_of_name(name) else key, recordings)
         experience.unlogged.append((folder, feedback))
     header = {"config": {"command": "Learner.tell"}, "data": domain.data}
-    for place, feedback in tuple(experience.unlogged):
+    for log_folder, feedback in tuple(experience.unlogged):
         try:
-            log = write_feedback(place, feedback, header=header)
+            log = write_feedback(log_folder, feedback, header=header)
         except LogError as fault:
             raise LogError(
                 f"{fault} What was told is learned; mend this, and it is logged when anything is "
@@ -85,13 +85,14 @@ def tell_again(experience: Experience, entries: Iterable[tuple[str, Feedback]]) 
         things may have been told since.
     """
     domain = experience.domain
-    late = set[str]()  # objects of which there is something to hear
+    unheard = set[str]()  # objects of which something is told that was not heard yet
     for file, feedback in entries:
         key = feedback.key or key_of_name(feedback.object_name)
-        unknown = feedback.key is not None and key not in experience.trials
-        if file not in experience.feedback_logs and not unknown:
-            late.add(feedback.object_name)
-        if unknown or feedback.object_name not in late:
+        if feedback.key is not None and key not in experience.trials:
+            continue
+        if file not in experience.feedback_logs:
+            unheard.add(feedback.object_name)
+        if feedback.object_name not in unheard:
             continue
         experience.feedback_logs[file] = None
         labels = experience.no_labels

@@ -128,7 +128,7 @@ def question_of(
     return read_question(question, domain, answer, payoffs)
 
 
-def start_of(before: Trial, start: str, state: str | None) -> str:
+def start_of(trial: Trial, start: str, state: str | None) -> str:
     """Return where a trial that was broken off began, if its robot is where its log ends.
 
     Since then it may have moved, or been moved. Without steps it began in `start`. Where it has
@@ -143,26 +143,26 @@ def start_of(before: Trial, start: str, state: str | None) -> str:
     LogError
         It is elsewhere.
     """
-    states = before.momdp.x_names
-    ended = start
-    if before.steps:
-        start = states[before.steps[0].x]
-        ended = states[before.steps[-1].next_x]
-    if ended == TERMINAL:
+    states = trial.momdp.x_names
+    end = start
+    if trial.steps:
+        start = states[trial.steps[0].x]
+        end = states[trial.steps[-1].next_x]
+    if end == TERMINAL:
         return start
     if state is None:
         if len(states) > 2:  # and "term"
             raise SettingsError(
-                f"The log ends with the robot in {ended!r}; since then it may have moved. Look "
-                f"where it is, and say so: resume(state={ended!r}), if it is there."
+                f"The log ends with the robot in {end!r}; since then it may have moved. Look "
+                f"where it is, and say so: resume(state={end!r}), if it is there."
             )
         return start
     state_index(states, state, "resume(state=)")
-    if state != ended:
+    if state != end:
         raise LogError(
-            f"The log ends with the robot in {ended!r}, and it is in {state!r}. Bring it to "
-            f"{ended!r} and resume again, or give up what was broken off, by "
-            f"resume(state={ended!r}).cancel(), and ask again."
+            f"The log ends with the robot in {end!r}, and it is in {state!r}. Bring it to "
+            f"{end!r} and resume again, or give up what was broken off, by "
+            f"resume(state={end!r}).cancel(), and ask again."
         )
     return start
 

@@ -168,13 +168,14 @@ def sensed(record: Experience, of_sizes: Sizes, behavior: str) -> NDArray[np.int
 def odd_recordings(record: Experience, of_sizes: Sizes) -> list[str]:
     """Say which recordings have another number of features than most, a text each."""
     names = list(record.objects)
-    return [
-        f"{' '.join(context)} of {names[record.instances.values['object'][i]]!r} has {len(values)} "
-        f"features, most have {size}"
-        for context, size in zip(record.domain.contexts, of_sizes.tolist(), strict=True)
-        for i, values in record.features[context].items()
-        if len(values) != size
-    ]
+    owners = record.instances.values["object"]
+    texts = []
+    for context, size in zip(record.domain.contexts, of_sizes.tolist(), strict=True):
+        odd = {i: len(v) for i, v in record.features[context].items() if len(v) != size}
+        for i, length in odd.items():
+            recording = f"{' '.join(context)} of {names[owners[i]]!r}"
+            texts.append(f"{recording} has {length} features, most have {size}")
+    return texts
 
 
 def in_order(record: Experience) -> list[str]:
@@ -218,7 +219,7 @@ def training(
         Ragged; of all objects that were met, but for those of which all was forgotten.
     rows : NDArray[np.intp]
         (k,) instances, in the order of the training set.
-    gathered : TrainingSet
+    recorded : TrainingSet
         All of them, labelled or not.
     """
     domain = record.domain
