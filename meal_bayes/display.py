@@ -18,6 +18,8 @@ _WIDTH = 80  # pixels of a whole bar
 _COLOR = "#4878a8"
 _CELL = "text-align:left;padding-right:1em;white-space:nowrap"
 _ROUNDED = 0.0005  # probabilities nearer to 0 or 1 would print as certain
+AMOUNT = ".1f"  # format of seconds and rewards, everywhere
+FRACTION = ".3f"  # format of accuracies, in tables
 ERROR_TEXT = "± one standard error"  # what `error_text` shows, in legends
 _LEVELS = {2: ("no", "yes"), 4: ("surely no", "no", "yes", "surely yes")}
 
@@ -134,25 +136,25 @@ def percent(probability: float) -> str:
     return f"{100 * probability:.1f} %"
 
 
-def error_text(error: float, digits: int = 1) -> str:
+def error_text(error: float, form: str = AMOUNT) -> str:
     """Return the standard error of a value, to stand behind it.
 
     It is empty where it would print as 0, and where it is not known.
 
-    >>> error_text(0.42), error_text(0.04), error_text(0.04, digits=2), error_text(np.nan)
+    >>> error_text(0.42), error_text(0.04), error_text(0.04, ".2f"), error_text(np.nan)
     ('±0.4', '', '±0.04', '')
     """
-    shown = f"{error:.{digits}f}"
+    shown = f"{error:{form}}"
     return f"±{shown}" if math.isfinite(error) and float(shown) > 0 else ""
 
 
-def estimate_text(estimate: float, error: float, digits: int = 1) -> str:
+def estimate_text(estimate: float, error: float, form: str = AMOUNT) -> str:
     """Return an estimate with its standard error.
 
     >>> estimate_text(483.2, 1.84), estimate_text(483.2, 0.0)
     ('483.2 ±1.8', '483.2')
     """
-    return f"{estimate:.{digits}f} {error_text(error, digits)}".rstrip()
+    return f"{estimate:{form}} {error_text(error, form)}".rstrip()
 
 
 def bar_html(probability: float) -> str:

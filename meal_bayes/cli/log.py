@@ -316,7 +316,7 @@ def compare(
         "effect": "{effect:+.3f}", MASS_TEXT: "{low:+.3f} to {high:+.3f}", "ahead": "{ahead:.3f}",
         "equivalent": "{equivalent:.3f}",
     }  # fmt: skip
-    print_table(columns, (asdict(row) | {"plain": signed(row.plain, 3)} for row in rows))
+    print_table(columns, (asdict(row) | {"plain": signed(row.plain, ".3f")} for row in rows))
     note(
         "same tasks: mean difference on tasks that both were given; effect: the model's, shrunk "
         "towards the others'; ahead: Pr(better than the reference); equivalent: Pr(it differs by "

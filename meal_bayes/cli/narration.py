@@ -7,7 +7,7 @@ from rich.console import Console
 from rich.text import Text
 
 from meal_bayes.cli.console import note, print_facts, print_rows
-from meal_bayes.display import percent
+from meal_bayes.display import AMOUNT, percent
 from meal_bayes.files import command_line
 from meal_bayes.planners import RULE
 from meal_bayes.trials.percept_text import percept_labels
@@ -64,7 +64,7 @@ def print_trial(console: Console, trial: "Trial") -> None:
             outcome["percept"] = ", ".join(f"{name}: {word}" for (name, _), word in pairs)
         print_facts(console, outcome | facts, warning="yellow")
         _print_belief(console, trial, step.belief)
-        print_facts(console, {"cost": f"{step.cost:g} s, in all {spent:.1f} s"})
+        print_facts(console, {"cost": f"{step.cost:g} s, in all {spent:{AMOUNT}} s"})
     console.print()
     _print_end(console, trial)
 
@@ -99,9 +99,9 @@ def _print_values(console: Console, trial: "Trial", number: int, headed: str) ->
         headed = heads
     for action in sorted(compared, key=lambda action: action.is_answer):  # the answer last
         sign = "►" if action.chosen else ""
-        line = f"{sign:<2}{action.name:<{width}}  {action.value:8.1f} {action.error:<7}"
+        line = f"{sign:<2}{action.name:<{width}}  {action.value:8{AMOUNT}} {action.error:<7}"
         if action.bonus is not None:
-            line += f"  {action.bonus:12.1f}"
+            line += f"  {action.bonus:12{AMOUNT}}"
         if action.visits is not None:
             line += f"  {action.visits:12d}"
         rows.append(Text(line.rstrip(), "bold" if action.chosen else ""))

@@ -156,14 +156,14 @@ def _print_rates(rates: "dict[str, Any]") -> None:
 
 
 def _print_summary(rows: "list[SummaryRow]", paired: "list[dict[str, object]]") -> None:
-    from meal_bayes.display import ERROR_TEXT
+    from meal_bayes.display import AMOUNT, ERROR_TEXT
     from meal_bayes.evaluation.statistics import MASS_TEXT
     from meal_bayes.evaluation.summary import accuracy_text, reward_text
 
     console = terminal.output()
     columns = {
         "agent": "{agent}",
-        "accuracy": "{accuracy}", "cost, s": "{cost_s:.1f}", "reward": "{reward}",
+        "accuracy": "{accuracy}", "cost, s": f"{{cost_s:{AMOUNT}}}", "reward": "{reward}",
         "NLL": "{nll:.3f}", "ECE": "{ece:.3f}", "abstained": "{abstained:.1%}",
     }  # fmt: skip
     cells = (
@@ -284,6 +284,7 @@ def online(
 
 
 def _print_learning(rows: "list[LearningRow]", summary: "list[LearningSummary]") -> None:
+    from meal_bayes.display import AMOUNT
     from meal_bayes.evaluation.learning import POOLED
 
     last = max(row.batch for row in rows)
@@ -297,8 +298,8 @@ def _print_learning(rows: "list[LearningRow]", summary: "list[LearningSummary]")
         cells.append(asdict(agent_row) | means)
     columns = {
         "agent": "{agent}", "explored, h": "{hours:.1f}", "accuracy": "{accuracy_after:.3f}",
-        "certainty": "{certainty:.3f}", "test cost, s": "{test_cost_s:.1f}",
-        "reward": "{reward_after:.1f}", "ECE": "{ece_after:.3f}",
+        "certainty": "{certainty:.3f}", "test cost, s": f"{{test_cost_s:{AMOUNT}}}",
+        "reward": f"{{reward_after:{AMOUNT}}}", "ECE": "{ece_after:.3f}",
     }  # fmt: skip
     terminal.print_table(columns, cells, narrow=True)
     repeats = len({row.repeat for row in rows})
@@ -311,6 +312,7 @@ def _print_differences(summary: "list[LearningSummary]", repeats: int) -> None:
 
     Nothing is said of hours that an agent has not explored.
     """
+    from meal_bayes.display import AMOUNT
     from meal_bayes.evaluation.statistics import MASS_TEXT
 
     first = summary[0]
@@ -324,10 +326,10 @@ def _print_differences(summary: "list[LearningSummary]", repeats: int) -> None:
     for row in compared:
         area = row.area_reward_difference
         few = repeats < _LEAST_SPLITS or math.isnan(row.area_high)
-        half = "" if few else f" ±{row.area_high - area:.1f}"
+        half = "" if few else f" ±{row.area_high - area:{AMOUNT}}"
         differences = (terminal.signed(row.reward_difference_at[hours]) for hours in reached)
         after = terminal.signed(row.reward_after_difference)
-        rows.append((row.agent, f"{area:+.1f}{half}", *differences, after))
+        rows.append((row.agent, f"{area:+{AMOUNT}}{half}", *differences, after))
     at_hours = (f"at {hours} h" for hours in reached)
     names = (
         f"reward less {first.agent}'s",

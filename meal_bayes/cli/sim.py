@@ -239,10 +239,12 @@ def live(trials: int, agent: str, seed: int, logs: Path, as_json: bool) -> None:
 
 def _point(done: "list[Trial]", start: int) -> list[str]:
     """Return accuracy and cost of a block of trials, a row of the curve."""
+    from meal_bayes.display import AMOUNT
+
     block = done[start : start + _BLOCK]
     whole = [trial for trial in block if not trial.ended]
     accuracy = sum(bool(trial.success) for trial in whole) / max(len(whole), 1)
     cost = sum(trial.cost for trial in whole) / max(len(whole), 1)
     numbers = f"{start + 1}-{start + len(block)}"
     faults = len(block) - len(whole)
-    return [numbers, block[0].agent, f"{accuracy:.2f}", f"{cost:.1f}", str(faults)]
+    return [numbers, block[0].agent, f"{accuracy:.2f}", f"{cost:{AMOUNT}}", str(faults)]

@@ -10,6 +10,7 @@ from typing import Any
 from jinja2 import Environment, PackageLoader
 
 from meal_bayes.canvas import render
+from meal_bayes.display import AMOUNT
 from meal_bayes.errors import SettingsError
 from meal_bayes.evaluation.logged import LoggedOutcomes
 from meal_bayes.evaluation.page import Section
@@ -179,7 +180,7 @@ def _single(shown_trial: ShownTrial) -> dict[str, Any]:
         "answer": facts["answer"],
         "truth": facts["truth"] or "unknown",
         "verdict": verdict_of(shown_trial) or ("none" if shown_trial.outcome.ended[0] else UNKNOWN),
-        "seconds": f"{shown_trial.outcome.cost[0]:.1f}",
+        "seconds": f"{shown_trial.outcome.cost[0]:{AMOUNT}}",
         "reward": trial_reward_text(float(shown_trial.outcome.reward[0])),
     }
     return {
@@ -209,7 +210,7 @@ def _many(logged: LoggedOutcomes, logs: Logs) -> dict[str, Any]:
     if hours > _SHORT:
         facts["hours of robot time"] = f"{hours:.1f}"
     else:
-        facts["seconds of robot time"] = f"{HOUR * hours:.1f}"
+        facts["seconds of robot time"] = f"{HOUR * hours:{AMOUNT}}"
     return {
         "title": f"Trials on {name}" if isinstance(name, str) else "Trials",
         "source": source,

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meal_bayes.arrays import Bools
-from meal_bayes.display import ERROR_TEXT
+from meal_bayes.display import AMOUNT, ERROR_TEXT, FRACTION
 from meal_bayes.errors import SettingsError
 from meal_bayes.evaluation import plots
 from meal_bayes.evaluation.learning import POOLED
@@ -18,7 +18,6 @@ from meal_bayes.evaluation.logged import LoggedOutcomes
 from meal_bayes.evaluation.page import Cell, Section, Table
 from meal_bayes.evaluation.statistics import MASS_TEXT, clustered
 from meal_bayes.evaluation.summary import (
-    ACCURACY_DIGITS,
     SummaryRow,
     accuracy_text,
     compare,
@@ -59,7 +58,7 @@ def finding_of(logged: LoggedOutcomes) -> str:
     if not rows:
         return ""
     best = max(rows, key=lambda row: row.reward)
-    earned = f"{best.agent or 'The agent'} earns {best.reward:.1f} a trial"
+    earned = f"{best.agent or 'The agent'} earns {best.reward:{AMOUNT}} a trial"
     if len(rows) == 1:
         return f"{earned}, and is right in {best.accuracy:.1%} of {best.judged:,} trials."
     near = list[str]()
@@ -82,8 +81,8 @@ def finding_of(logged: LoggedOutcomes) -> str:
     return f"{text} {no_better_than_prior(measured)}".rstrip()
 
 
-def _number(value: float, digits: int) -> str:
-    return "-" if math.isnan(value) else f"{value:.{digits}f}"
+def _number(value: float, form: str = FRACTION) -> str:
+    return "-" if math.isnan(value) else f"{value:{form}}"
 
 
 def _counted(row: SummaryRow, broken: int) -> str:
@@ -104,18 +103,18 @@ def _agents(
             name,
             _counted(row, int((part.ended != "").sum())),
             accuracy_text(row),
-            f"{row.cost_s:.1f} ({_number(row.cost_sd, 1)})",
+            f"{row.cost_s:{AMOUNT}} ({_number(row.cost_sd, AMOUNT)})",
             reward_text(row),
-            _number(row.nll, 3),
-            _number(row.ece, 3),
-            f"{_number(100 * row.abstained, 1)} %",
+            _number(row.nll),
+            _number(row.ece),
+            f"{_number(100 * row.abstained, '.1f')} %",
         ]
         for row, (name, part) in zip(rows, agents.items(), strict=True)
     ]
     # Neither cost nor ECE has a best: both are low where an agent does nothing.
     best = {
-        "accuracy": best_of([round(row.accuracy, ACCURACY_DIGITS) for row in rows]),
-        "reward": best_of([round(row.reward, 1) for row in rows]),
+        "accuracy": best_of([float(f"{row.accuracy:{FRACTION}}") for row in rows]),
+        "reward": best_of([float(f"{row.reward:{AMOUNT}}") for row in rows]),
         "NLL": best_of([-round(row.nll, 3) for row in rows]),
     }
     cells: list[list[Cell]] = [list(row_texts) for row_texts in texts]
@@ -254,7 +253,7 @@ def _attributes(agents: Mapping[str, TrialOutcomes]) -> Section:
                 continue
             estimate, _, low, high = clustered(right, objects, fraction=True).interval()
             few = len(right) < _FEW
-            text = f"{estimate:.{ACCURACY_DIGITS}f}"
+            text = f"{estimate:{FRACTION}}"
             row.append({"text": text, "bar": estimate, "low": low, "high": high, "few": few})
         cells.append(row)
     head = ["attribute", "trials an agent", *agents]

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import stdtrit
 
 from meal_bayes.arrays import Floats, real_vector
-from meal_bayes.display import json_value
+from meal_bayes.display import AMOUNT, json_value
 from meal_bayes.errors import SettingsError
 from meal_bayes.kinds import checked
 
@@ -29,13 +29,13 @@ class Interval(NamedTuple):
     low: float
     high: float
 
-    def text(self, digits: int = 1, *, signed: bool = False) -> str:
+    def text(self, form: str = AMOUNT, *, signed: bool = False) -> str:
         """Return the estimate and its interval, such as "0.912 [0.880, 0.940]".
 
         >>> Interval(-11.2, 5.0, -21.0, -1.4).text(signed=True)
         '-11.2 [-21.0, -1.4]'
         """
-        form = f"{'+' if signed else ''}.{digits}f"
+        form = f"+{form}" if signed else form
         ends = "" if math.isnan(self.low) else f" [{self.low:{form}}, {self.high:{form}}]"
         return f"{self.estimate:{form}}{ends}"
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meal_bayes.arrays import Ints
-from meal_bayes.display import card, estimate_text
+from meal_bayes.display import AMOUNT, FRACTION, card, estimate_text
 from meal_bayes.errors import SettingsError
 from meal_bayes.evaluation.calibration import (
     brier,
@@ -31,7 +31,6 @@ from meal_bayes.trials import TrialOutcomes, Trials
 from meal_bayes.trials.text import UNKNOWN
 
 PRIOR = "prior"  # the agent that answers by base rates at once, for 0 s
-ACCURACY_DIGITS = 3  # behind the point, in tables
 _FRACTIONS = ("success", "abstained")  # measures of which trials have 0 or 1
 
 
@@ -106,7 +105,7 @@ def accuracy_text(row: SummaryRow) -> str:
     """Return an agent's accuracy with its interval, or that no truth is known."""
     ends = (row.accuracy_low, row.accuracy_high)
     accuracy = Interval(row.accuracy, row.accuracy_se, *ends)
-    return UNKNOWN if math.isnan(row.accuracy) else accuracy.text(ACCURACY_DIGITS)
+    return UNKNOWN if math.isnan(row.accuracy) else accuracy.text(FRACTION)
 
 
 def reward_text(row: SummaryRow) -> str:
@@ -137,7 +136,7 @@ class Summary(list[SummaryRow]):
     def __repr__(self) -> str:
         """Return a line an agent."""
         facts = {
-            row.agent: f"accuracy {accuracy_text(row)}, cost {row.cost_s:.1f} s, "
+            row.agent: f"accuracy {accuracy_text(row)}, cost {row.cost_s:{AMOUNT}} s, "
             f"reward {reward_text(row)}"
             for row in self
         }

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from meal_bayes.arrays import Floats, Ints
-from meal_bayes.display import percent
+from meal_bayes.display import AMOUNT, percent
 from meal_bayes.evaluation import plots
 from meal_bayes.evaluation.logged import LogPart
 from meal_bayes.evaluation.page import Section, Table
@@ -141,7 +141,7 @@ def lab_sections(trials: Sequence[ShownTrial]) -> Iterator[Section]:
                 facts["question"],
                 facts["answer"],
                 belief,
-                f"{shown_trial.outcome.cost[0]:.1f}",
+                f"{shown_trial.outcome.cost[0]:{AMOUNT}}",
                 facts["truth"],
             ]
         )
@@ -170,7 +170,7 @@ def searches_section(searches: Sequence[tuple[Path, Search]]) -> Section:
         if unexplored:
             turned += f"; not to {', '.join(unexplored)}"
         words = [facts[name] for name in ("question", "answer", "verdict")]
-        rows.append([folder.name, *words, turned, f"{search.cost:.1f}"])
+        rows.append([folder.name, *words, turned, f"{search.cost:{AMOUNT}}"])
         explored = list[Section]()
         for number, name in enumerate(dict.fromkeys(search.turns)):
             trial = as_left(search.trials[name])
@@ -206,7 +206,7 @@ def search_finding(searches: Sequence[tuple[Path, Search]]) -> str:
     if not verdicts:
         text = "Of no search that gave an answer is the truth known"
     off = f"; {broken} without an answer" if broken else ""
-    return f"{text}, at {cost:.1f} s a search{off}."
+    return f"{text}, at {cost:{AMOUNT}} s a search{off}."
 
 
 def _progress(trials: Sequence[ShownTrial]) -> Iterator[Section]:
@@ -302,5 +302,5 @@ def _steps(trial: Trial, *, gaps: bool) -> Iterator[list[str]]:
         row = [str(number), label, f"{step.cost:g}", *cells]
         if gaps:
             gap = step.decision.gap
-            row.append("" if gap is None else f"{gap:.1f}")
+            row.append("" if gap is None else f"{gap:{AMOUNT}}")
         yield row

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meal_bayes.arrays import Floats, FrozenArrays
-from meal_bayes.display import best_options, estimate_text, facts_repr, table_html
+from meal_bayes.display import AMOUNT, best_options, estimate_text, facts_repr, table_html
 from meal_bayes.kinds import checked
 from meal_bayes.momdp import MOMDP, Belief, answer_value, best_answer
 from meal_bayes.seeds import stream
@@ -170,7 +170,7 @@ class Decision(FrozenArrays):
         for option in best_options(self.total, self._chosen, most):
             cells = [estimate_text(self.values[option], self.value_se[option])]
             if self.bonus is not None and self.explores:
-                cells.append(f"{self.bonus[option]:.1f}")
+                cells.append(f"{self.bonus[option]:{AMOUNT}}")
             if self.simulations:  # none begins with the answer
                 cells.append("" if option == len(self.values) - 1 else str(self.visits[option]))
             compared[option] = cells

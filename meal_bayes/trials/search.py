@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import NamedTuple, Protocol, runtime_checkable
 
-from meal_bayes.display import facts_html, facts_repr, listed, percent
+from meal_bayes.display import AMOUNT, facts_html, facts_repr, listed, percent
 from meal_bayes.kinds import checked
 from meal_bayes.planners.solver import MAX_STEPS
 from meal_bayes.robots import Outcome
@@ -91,11 +91,12 @@ class Search:
 
     def _facts(self) -> tuple[str, dict[str, str]]:
         verdict = "" if self.success is None else f" ({verdict_word(self.success)})"
+        steps = sum(len(trial.steps) for trial in self.trials.values())
         return f"Search for {self.question}", {
             "answer": self.answer + verdict,
             "objects": listed(list(self.trials)),
             "turns": listed(list(self.turns)) or "none",
-            "cost": f"{self.cost:.1f} s in {sum(len(t.steps) for t in self.trials.values())} steps",
+            "cost": f"{self.cost:{AMOUNT}} s in {steps} steps",
         }
 
     @property
@@ -145,7 +146,7 @@ def search_facts(search: Search) -> dict[str, str]:
         "answer": search.answer,
         "verdict": "none" if search.ended else verdict_word(search.success),
         "turns": ", ".join(search.turns) or "none",
-        "cost": f"{search.cost:.1f} s",
+        "cost": f"{search.cost:{AMOUNT}} s",
     }
 
 
@@ -182,5 +183,5 @@ def explored_rows(search: Search) -> list[Explored]:
             if step.decision.action < trial.momdp.n_behaviors
         ]
         executed = ", ".join(behaviors) or "nothing"
-        rows.append(Explored(name, executed, f"{trial.cost:.1f}", percent(probability)))
+        rows.append(Explored(name, executed, f"{trial.cost:{AMOUNT}}", percent(probability)))
     return rows

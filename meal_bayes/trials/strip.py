@@ -14,6 +14,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from meal_bayes.canvas import drawn_in_style
+from meal_bayes.display import AMOUNT
 from meal_bayes.trials.bands import Moment, draw_advantage, draw_beliefs, draw_blocks
 from meal_bayes.trials.percept_text import SILENT, attribute_labels
 from meal_bayes.trials.placing import HEIGHT, LETTER, Look, bottom_of, look_of, top_of
@@ -126,7 +127,7 @@ def _draw_title(figure: Figure, trial: TrialRecord, look: Look) -> None:
     # Letters of a line: bold ones are a tenth wider, and the line ends before the figure does.
     letters = int(0.96 * look.width * 72 / (LETTER * 1.1 * size))
     question = textwrap.shorten(trial.task.question, letters, placeholder=" ...")
-    answer = f"answer after {trial.cost:.1f} s: {verdict_text(trial)}"
+    answer = f"answer after {trial.cost:{AMOUNT}} s: {verdict_text(trial)}"
     if trial.report is None:
         answer = verdict_text(trial)
     below = top - size * HEIGHT / 72 / look.height

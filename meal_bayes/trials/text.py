@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meal_bayes.arrays import label_values
-from meal_bayes.display import best_options, error_text, percent
+from meal_bayes.display import AMOUNT, best_options, error_text, percent
 from meal_bayes.domain import Query
 from meal_bayes.domain.query import DO_NOT_KNOW
 from meal_bayes.domain.words import denied
@@ -181,12 +181,12 @@ def outcome_text(momdp: MOMDP, step: Step) -> str:
 
 def gap_text(decision: Decision) -> str:
     """Return how far a decision may be from the best one; empty where no bound is known."""
-    return "" if decision.gap is None else f"at most {decision.gap:.1f} below the best"
+    return "" if decision.gap is None else f"at most {decision.gap:{AMOUNT}} below the best"
 
 
 def trial_reward_text(reward: float) -> str:
     """Return the reward of a trial, which is unknown where the truth is."""
-    return "unknown" if np.isnan(reward) else f"{reward:.1f}"
+    return "unknown" if np.isnan(reward) else f"{reward:{AMOUNT}}"
 
 
 def cost_text(cost: float, reward: float) -> str:
@@ -195,7 +195,7 @@ def cost_text(cost: float, reward: float) -> str:
     >>> cost_text(2.5, float("nan"))
     '2.5 s, reward unknown'
     """
-    return f"{cost:.1f} s, reward {trial_reward_text(reward)}"
+    return f"{cost:{AMOUNT}} s, reward {trial_reward_text(reward)}"
 
 
 def verdict_text(trial: TrialRecord) -> str:
@@ -219,7 +219,7 @@ def leaving_text(trial: TrialRecord, number: int) -> str:
     decision = trial.steps[number - 1].decision
     if trial.ended != LEFT or decision.action < trial.momdp.n_behaviors:
         return ""
-    worth = f"{decision.values[-1]:.1f}"
+    worth = f"{decision.values[-1]:{AMOUNT}}"
     return f"another answer of the search is better; claiming this is worth {worth}"
 
 

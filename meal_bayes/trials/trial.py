@@ -7,7 +7,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from meal_bayes.display import bar_html, best_options, facts_repr, listed, percent, table_html
+from meal_bayes.display import (
+    AMOUNT,
+    bar_html,
+    best_options,
+    facts_repr,
+    listed,
+    percent,
+    table_html,
+)
 from meal_bayes.kinds import checked
 from meal_bayes.planners import Decision
 from meal_bayes.trials.percept_text import percept_labels
@@ -63,7 +71,7 @@ class Trial(TrialRecord):
             if step.observation is not None:
                 percept = ", ".join(percept_labels(self.momdp, action, step.observation))
             name = self.momdp.action_name(action)
-            cells = (str(number), escape(name), f"{step.cost:.1f}", escape(percept))
+            cells = (str(number), escape(name), f"{step.cost:{AMOUNT}}", escape(percept))
             rows.append((*cells, *(bar_html(p) for _, p in believed(self, step.belief))))
         title, facts = self._facts()
         text = "; ".join(f"{escape(k)}: {escape(v)}" for k, v in facts.items() if k != "steps")

@@ -11,7 +11,7 @@ from matplotlib import colormaps
 from numpy.typing import NDArray
 from scipy.sparse.csgraph import shortest_path
 
-from meal_bayes.display import best_options, level_names, percent
+from meal_bayes.display import AMOUNT, best_options, level_names, percent
 from meal_bayes.domain.words import denied
 from meal_bayes.momdp import MOMDP
 from meal_bayes.planners import Decision
@@ -142,8 +142,8 @@ def _action_labels(momdp: MOMDP, decision: Decision, actions: Sequence[int]) -> 
     for action in actions:
         visits = f" · {decision.visits[action]}" if decision.visits[action] else ""
         paid = decision.total[action] - decision.values[action]
-        bonus = f" + {paid:.1f}" if paid else ""
-        value = f"{decision.values[action]:.1f}{bonus}{visits}"
+        bonus = f" + {paid:{AMOUNT}}" if paid else ""
+        value = f"{decision.values[action]:{AMOUNT}}{bonus}{visits}"
         labels[action] = f"{option_label(momdp, decision, action)}\n{value}"
     return labels
 
@@ -167,7 +167,8 @@ def _percept_lines(
         # Trees of other solvers may hold levels that the problem does not have.
         if edge.observation and all(0 <= level < momdp.levels for level in edge.observation):
             percept = ", ".join(percept_labels(momdp, action, edge.observation))
-        worth = f"{edge.value:.1f} + {edge.bonus:.1f}" if edge.bonus else f"{edge.value:.1f}"
+        bonus = f" + {edge.bonus:{AMOUNT}}" if edge.bonus else ""
+        worth = f"{edge.value:{AMOUNT}}{bonus}"
         text = f"{percept} → {action_label(momdp, edge.action)}  {worth} · {edge.visits}"
         lines.setdefault(action, []).append(text)
     return lines

@@ -2,7 +2,7 @@
 
 from functools import lru_cache
 
-from meal_bayes.display import percent
+from meal_bayes.display import AMOUNT, percent
 from meal_bayes.momdp import MOMDP, best_report, report_certainty
 from meal_bayes.planners import RULE, Decision
 from meal_bayes.trials import percept_labels
@@ -104,8 +104,8 @@ def explain_decision(frame: TrialFrame) -> str:
     for action in compared:
         cells = [
             plain_text(action.name),
-            f"{action.value:.1f} {action.error}".rstrip(),
-            *([] if action.bonus is None else [f"{action.bonus:.1f}"]),
+            f"{action.value:{AMOUNT}} {action.error}".rstrip(),
+            *([] if action.bonus is None else [f"{action.bonus:{AMOUNT}}"]),
             "" if action.visits is None else f"{action.visits}",
             f"{action.cost:g}",
         ]

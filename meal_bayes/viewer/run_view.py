@@ -9,9 +9,9 @@ import rerun as rr
 from numpy.typing import NDArray
 
 from meal_bayes.arrays import Bools, Floats, Ints
-from meal_bayes.display import estimate_text
+from meal_bayes.display import AMOUNT, FRACTION, estimate_text
 from meal_bayes.evaluation.statistics import MASS_TEXT, clustered, running_means
-from meal_bayes.evaluation.summary import ACCURACY_DIGITS, estimate_mean
+from meal_bayes.evaluation.summary import estimate_mean
 from meal_bayes.evaluation.worst import worst_first
 from meal_bayes.trials import TrialOutcomes
 from meal_bayes.trials.text import UNKNOWN, outcome_facts
@@ -86,8 +86,8 @@ class RunView:
         accuracy = UNKNOWN
         reward = UNKNOWN
         if outcomes.judged.any():
-            accuracy = estimate_mean(outcomes, "success").interval().text(ACCURACY_DIGITS)
-            reward = f"{outcomes.reward[outcomes.judged].mean():.1f}"
+            accuracy = estimate_mean(outcomes, "success").interval().text(FRACTION)
+            reward = f"{outcomes.reward[outcomes.judged].mean():{AMOUNT}}"
         cost = clustered(outcomes.cost, outcomes.object_name)
         abstained = len(rows) - int(outcomes.answered.sum())
         spent = estimate_text(cost.estimate, cost.se)

@@ -178,3 +178,16 @@ def test_a_failed_behavior_is_said_and_drawn_as_one(trials):
             succeeded = outcome_text(trial.momdp, step).startswith("succeeded")
             assert moment.failed is not succeeded
             assert came_to_nothing(trial.momdp, step) is moment.failed
+
+
+def test_seconds_and_rewards_have_one_format():
+    """`display.AMOUNT`; beside it are hours, megabytes and percentages."""
+    package = Path(display.__file__).parent
+    others = re.compile(r"\bhours\b|_hours|\bMB\b|%|'.1f'")
+    own = {
+        f"{path.relative_to(package)}: {line.strip()}"
+        for path in package.rglob("*.py")
+        for line in path.read_text(encoding="utf-8").splitlines()
+        if re.search(r":[+\d]*\.1f\}", line) and not others.search(line)
+    }
+    assert own == set(), "a format of its own; write it by display.AMOUNT"
