@@ -180,6 +180,7 @@ class Finder(Answerer):
                 key = number if key is None else key
         tasks = dict[str, tuple[Task, Key]]()
         for name in names:
+            # Objects without a name share the key of the question: their numbers part its streams.
             object_name = None if isinstance(objects, int) else name
             tasks[name] = self._task(query, object_name, key if object_name else f"{key}, {name}")
         if self.table is not None:

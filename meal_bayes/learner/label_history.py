@@ -34,6 +34,7 @@ def calls_that_hold(domain: Domain, feedback: NDArray[Any]) -> list[LabelCall]:
         if row.value < 0:
             withdrawn[row.trial, row.attribute] = position
     calls: dict[int, LabelCall] = {}
+    # A label holds where no withdrawal of its trial follows.
     for position, row in enumerate(rows):
         if row.value < 0 or position < withdrawn.get((row.trial, row.attribute), -1):
             continue

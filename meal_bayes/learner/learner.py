@@ -190,7 +190,8 @@ class Learner(Finder):
         with self._lock:
             if isinstance(trial, str) and self.table is None:
                 warn_of_typo(self.experience, name)
-            key = key_of_name(name)  # as of a test, which is no experience
+            # A test is no experience: what is told of it is told of its object by name.
+            key = key_of_name(name)
             if isinstance(trial, Trial) and trial.task.learn:
                 key = trial.task.key
             if self.table is not None:

@@ -36,6 +36,7 @@ def levels_since(
         name = record.domain.behavior_names[e]
         rows = views.sensed(record, sizes, name)
         rows = rows[rows >= first]
+        # Log-odds of 0, even odds, where no classifier knows the behavior yet.
         log_odds = np.zeros((len(rows), levels.shape[1]))
         classifier = perception.classifiers.get(name)
         if classifier is not None and len(rows):

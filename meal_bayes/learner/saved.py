@@ -107,6 +107,7 @@ def write_learner(learner: SavedLearner, path: Path, *, overwrite: bool) -> str:
             "features": write_features(experience, keep),
         }
         write_experience(archive, experience)
+        # Last, as it names the arrays that were kept.
         archive.writestr(_TEXT, json.dumps(meta, allow_nan=False))
     return file
 
