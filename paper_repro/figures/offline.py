@@ -31,10 +31,9 @@ _MEANS = "Lines reach two standard errors of a mean, or 95 % of a fraction."
 def fig4(record: Record) -> dict[str, Axes]:
     """Draw the confusion matrices of each source of classifiers."""
     table = record["tables"][0]
-    rows = [
-        dict(zip(("attribute", "source", *"abcd", "kappa"), row, strict=True))
-        for row in table["rows"]
-    ]
+    # Two columns of the table are called "yes": cells of a matrix have letters here.
+    columns = ("attribute", "source", *"abcd", "kappa")
+    rows = [dict(zip(columns, row, strict=True)) for row in table["rows"]]
     figures = {}
     for source in dict.fromkeys(row["source"] for row in rows):
         chosen = [row for row in rows if row["source"] == source]
@@ -76,7 +75,7 @@ def fig8(record: Record) -> dict[str, Axes]:
     for percepts in dict.fromkeys(row["percepts"] for row in rows):
         chosen = [row for row in rows if row["percepts"] == percepts]
         numbers = list(dict.fromkeys(row["attributes"] for row in chosen))
-        places = [f"{n} attribute{'s' * (n > 1)}" for n in numbers]
+        places = ["1 attribute" if n == 1 else f"{n} attributes" for n in numbers]
         for measure, column in _MEASURES.items():
             groups = _by_agent(chosen, column)
             ax = dots(groups, places, y_label=column, fraction=measure == "success")
@@ -84,7 +83,8 @@ def fig8(record: Record) -> dict[str, Axes]:
                 n: {agent: spans[i] for agent, spans in groups.items()}
                 for i, n in enumerate(numbers)
             }
-            word, least = ("Least", True) if measure == "cost" else ("Highest", False)
+            least = measure == "cost"
+            word = "Least" if least else "Highest"
             told = leaders(by_number, least=least)
             headline(
                 ax,
@@ -171,14 +171,16 @@ def eq7(record: Record) -> dict[str, Axes]:
             ax.yaxis.set_major_formatter("{x:g}")
             name_axes(ax, "budget of exploration", "successes")
             name_ends(ax, ends)
+        # Random guesses at once and so answers most: it is told apart from those that look.
         seeing = {agent: span for agent, span in last.items() if agent != "random"}
         best = max(seeing, key=lambda agent: seeing[agent].estimate)
         finding = (
             f"Within {hours[-1]:g} h, random is right {last['random'].estimate:.0f} times, by "
             f"guessing; of those that look, {best} is most often, {seeing[best].estimate:.0f} times"
         )
-        drawn = any(isinstance(row[budgets[-1]], list) for row in chosen)
-        errors = "Lines reach two standard errors (bootstrap). " * drawn
+        errors = ""
+        if any(isinstance(row[budgets[-1]], list) for row in chosen):
+            errors = "Lines reach two standard errors (bootstrap). "
         headline(ax, finding, f"{title}. {record['size']} {errors}Trials run one after another.")
         place = title.split(",")[0].lower()
         protocol = title.rsplit(" ", 1)[1]
@@ -193,6 +195,7 @@ def losses(record: Record) -> dict[str, Axes]:
         return {}
     columns = table["columns"][-len(_PARTS) :]  # data, plans, sensors
     rows = rows_of(table)
+    # A gap below 0 is luck, and counts as none; parts of a row sum up to what its reward lacks.
     gaps = np.array([[max(row[column][0], 0.0) for column in columns] for row in rows])
     errors = [row[columns[-1]][1] for row in rows]
     place = np.arange(len(rows))
@@ -201,6 +204,7 @@ def losses(record: Record) -> dict[str, Axes]:
         for (name, color), part in zip(_PARTS, gaps.T, strict=True):
             ax.barh(place, part, 0.66, left=starts, color=color, label=name)
             for at, (start, width) in enumerate(zip(starts, part, strict=True)):
+                # A number is written where it fits into its part of the bar.
                 if width > 0.06 * gaps.sum(axis=1).max():
                     ink = "white" if color == _PARTS[0][1] else "black"
                     ax.text(

@@ -69,7 +69,10 @@ def _leads(record: Record, tables: Sequence[Mapping[str, Any]], measure: str) ->
 
 
 def _difference(ax: Axes, row: Row, base: Row, measure: str) -> None:
-    """Draw an agent's line, to where both have explored."""
+    """Draw an agent's line, to where both have explored.
+
+    Differences are paired repeat by repeat, as curves of one split of the objects move together.
+    """
     until = min(row["explored, h"][0], base["explored, h"][0])
     cells = {h: row[f"{measure} at {h:g} h"] for h in _BUDGETS if h <= until}
     hours = [h for h, cell in cells.items() if cell is not None]
@@ -92,7 +95,10 @@ def _difference(ax: Axes, row: Row, base: Row, measure: str) -> None:
 
 
 def _side(interval: Interval) -> str:
-    return "ahead" if interval.low > 0 else "behind" if interval.high < 0 else "not told apart"
+    """Say on which side of 0 an interval lies."""
+    if interval.low > 0:
+        return "ahead"
+    return "behind" if interval.high < 0 else "not told apart"
 
 
 def _counts(sides: Sequence[str]) -> str:
@@ -129,12 +135,14 @@ def fig12(record: Record) -> dict[str, Axes]:
     """Draw accuracy over alpha and beta, a map a moment, in the colors of one scale."""
     table = record["tables"][0]
     rows = rows_of(table)
-    alphas, betas = (list(dict.fromkeys(row[name] for row in rows)) for name in ("alpha", "beta"))
+    alphas = list(dict.fromkeys(row["alpha"] for row in rows))
+    betas = list(dict.fromkeys(row["beta"] for row in rows))
     moments = table["columns"][3:]
     means = {
         moment: np.reshape([row[moment][0] for row in rows], (len(alphas), len(betas))).T
         for moment in moments
     }
+    # One scale for all three maps, or a reader would take a moment's colors for another's numbers.
     everything = np.concatenate(list(means.values()))
     limits = (float(everything.min()), float(everything.max()))
     figures = {}
@@ -173,6 +181,7 @@ def hierarchical(record: Record) -> dict[str, Axes]:
 
 
 def _effects(record: Record, name: str, rows: Sequence[Row], reference: str) -> Axes:
+    """Draw each difference twice, by the model and below it by design."""
     margin = MARGINS["success"]
     place = np.arange(len(rows))[::-1]
     model = [Interval(row[_MODEL], np.nan, row["low"], row["high"]) for row in rows]
@@ -182,8 +191,9 @@ def _effects(record: Record, name: str, rows: Sequence[Row], reference: str) -> 
         ax.axvline(0, color=LINE_GRAY, lw=1)
         for at, row, fitted, design in zip(place, rows, model, plain, strict=True):
             style = agent_style(row["agent"])
-            for span, marker, color, up in ((fitted, style.marker, style.color, _SIDES[0]),
-                                            (design, "|", LINE_GRAY, _SIDES[1])):  # fmt: skip
+            by_model = (fitted, style.marker, style.color, _SIDES[0])
+            by_design = (design, "|", LINE_GRAY, _SIDES[1])
+            for span, marker, color, up in (by_model, by_design):
                 ax.errorbar(
                     span.estimate,
                     at + up,
@@ -197,15 +207,15 @@ def _effects(record: Record, name: str, rows: Sequence[Row], reference: str) -> 
         ax.set_yticks(place, names)
         ax.set_ylim(-0.7, len(rows) - 0.3)
         name_axes(ax, f"accuracy less {reference}'s", "", grid="x")
+    # Pr(ahead) is withheld where the two intervals disagree on 0.
     sides = [
-        _side(fitted) if row["Pr(ahead)"] is not None else "not told apart"  # they disagree
+        "not told apart" if row["Pr(ahead)"] is None else _side(fitted)
         for fitted, row in zip(model, rows, strict=True)
     ]
+    counts = joined([f"{sides.count(side)} {side}" for side in dict.fromkeys(sides)])
     headline(
         ax,
-        f"{name}: of {len(rows)} differences from {reference}, "
-        f"{joined([f'{sides.count(side)} {side}' for side in dict.fromkeys(sides)])} by both "
-        "intervals",
+        f"{name}: of {len(rows)} differences from {reference}, {counts} by both intervals",
         "Colored: the hierarchical model's effect and 95 % credible interval. Gray below it: "
         f"by design, two standard errors. Gray band: within {margin:g}. {record['size']}",
     )

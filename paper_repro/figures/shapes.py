@@ -59,6 +59,8 @@ def name_ends(ax: Axes, ends: Mapping[str, tuple[float, float]]) -> None:
     order = sorted(ends, key=lambda name: ends[name][1])
     heights = np.array([to_axes((x, ends[name][1]))[1] for name in order])
     low, high = (to_axes((x, edge))[1] for edge in ax.get_ylim())
+    # From below upwards each name is raised clear of the one before; then all move down together,
+    # so that names lie about their lines in the mean.
     places = heights.copy()
     for at in range(1, len(places)):
         places[at] = max(places[at], places[at - 1] + _NAME_GAP * (high - low))
@@ -164,6 +166,7 @@ def heat_map(
         small = 8 if table.size <= _CELLS else 7
         for (row, column), value in np.ndenumerate(table):
             if np.isfinite(value):
+                # White numbers on the dark end of the colors, black ones on the light end.
                 light = value < dark[0] + 0.6 * (dark[1] - dark[0])
                 to.text(
                     column,
@@ -241,6 +244,7 @@ def transition_diagram(diagram: TransitionDiagram, *, ax: Axes | None = None) ->
 
 def _places(diagram: TransitionDiagram) -> dict[str, tuple[float, float]]:
     """Compute the position of each state: its depth to the right, states of one depth apart."""
+    # Breadth first: the depth of a state is the fewest behaviors that lead there.
     depth = {diagram.start: 0}
     frontier = [diagram.start]
     while frontier:
@@ -264,15 +268,18 @@ def _places(diagram: TransitionDiagram) -> dict[str, tuple[float, float]]:
 
 def _arrow(ax: Axes, start: tuple[float, float], end: tuple[float, float], name: str) -> None:
     """Draw an arrow; one that goes back bends below all states."""
-    (x, y) = start
-    (to_x, to_y) = end
+    x, y = start
+    to_x, to_y = end
     back = to_x < x
     bend = -0.35 if back else 0.0
-    ax.annotate(
-        "", end, start,
-        arrowprops={"arrowstyle": "-|>", "color": LINE_GRAY, "shrinkA": 13, "shrinkB": 13,
-                    "connectionstyle": f"arc3,rad={bend}"},
-    )  # fmt: skip
+    shape = {
+        "arrowstyle": "-|>",
+        "color": LINE_GRAY,
+        "shrinkA": 13,
+        "shrinkB": 13,
+        "connectionstyle": f"arc3,rad={bend}",
+    }
+    ax.annotate("", end, start, arrowprops=shape)
     length = float(np.hypot(to_x - x, to_y - y))
     drop = 0.5 * bend * length if back else 0.0
     ax.text(

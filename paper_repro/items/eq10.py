@@ -5,8 +5,10 @@ from paper_repro.items.fig10 import area
 from paper_repro.online import BEST, REPEATS, mean_of, paired, run_curves
 from paper_repro.statements import RECORDED
 
-READINGS = {"paper": "labelled instances of training, over 5 recordings of its objects",
-            "all": "those of pretraining too, and its objects"}  # fmt: skip
+READINGS = {
+    "paper": "labelled instances of training, over 5 recordings of its objects",
+    "all": "those of pretraining too, and its objects",
+}
 NOTE = """CY101, one attribute, on recordings. Both readings are settings of an online run
 (`normalizer`); the first is the default. The paper's T2 prints an IE of .67, which is judged with
 [table4](table4.md)."""

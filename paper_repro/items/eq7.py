@@ -44,33 +44,25 @@ def run(setting: Setting) -> Result:
     compared: dict[str, Runs] = {}
     for protocol in setting.protocols[:2]:
         for dataset, n in PLACES:
-            title = f"{dataset.upper()}, {asked(n)}"
-            tables = dict.fromkeys(AGENTS, dataset)
-            reward = None
-            if protocol == THEIRS and dataset == "ispy32":
-                tables = dict.fromkeys(AGENTS, plotted_ispy32(setting))
-            elif protocol == THEIRS:
-                tables = dict.fromkeys(AGENTS, published_roc36(setting, "train5", n))
-                tables |= dict.fromkeys(ALL_ACTIONS, every_action_roc36(setting, "train5", n))
-                reward = SIMULATOR_REWARD
-            runs = {
+            # ROC36 as published is Table 3's: the simulator's diagram and its rewards.
+            simulated = protocol == THEIRS and dataset == "roc36"
+            reward = SIMULATOR_REWARD if simulated else None
+            tables = tables_of(setting, protocol, dataset, n)
+            compared[f"{dataset.upper()}, {asked(n)}, {protocol}"] = {
                 agent: run_agent(
                     setting, protocol, table, n=n, agent=agent, trials=trials, reward=reward
                 )
                 for agent, table in tables.items()
             }
-            compared[f"{title}, {protocol}"] = runs
     rows: list[tuple[Cell, ...]] = [
         (title, agent, *(within(run, budget, drawn=title.endswith(THEIRS)) for budget in BUDGETS))
         for title, runs in compared.items()
         for agent, run in runs.items()
     ]
-    told = [
-        f"{title}: {repeated_successes(run.success, run.cost, BUDGETS[2])}"
-        for title, agents in compared.items()
-        for agent, run in agents.items()
-        if agent == AGAINST
-    ]
+    told = []
+    for title, agents in compared.items():
+        morc = agents[AGAINST]
+        told.append(f"{title}: {repeated_successes(morc.success, morc.cost, BUDGETS[2])}")
     return Result(
         title="Successes within a budget of exploration (Eq. 7)",
         sentence=f"MORC's successes within {BUDGETS[2] / 3600:g} h are {'; '.join(told)}.",
@@ -88,6 +80,16 @@ def run(setting: Setting) -> Result:
     )
 
 
+def tables_of(setting: Setting, protocol: str, dataset: str, n: int) -> dict[str, str]:
+    """Return the data set, or the path of the percept table, on which each agent runs."""
+    if protocol != THEIRS:
+        return dict.fromkeys(AGENTS, dataset)
+    if dataset == "ispy32":
+        return dict.fromkeys(AGENTS, plotted_ispy32(setting))
+    tables = dict.fromkeys(AGENTS, published_roc36(setting, "train5", n))
+    return tables | dict.fromkeys(ALL_ACTIONS, every_action_roc36(setting, "train5", n))
+
+
 def within(run: TrialOutcomes, budget: float, *, drawn: bool) -> Estimate:
     """Estimate the successes within a budget; the error is that of units drawn again.
 
@@ -99,6 +101,7 @@ def within(run: TrialOutcomes, budget: float, *, drawn: bool) -> Estimate:
     """
     units = run.key if drawn else run.object_index
 
+    # The count is no mean of trials, so that its error is found by drawing the units again.
     def successes(both: NDArray[np.float64]) -> float:
         right, cost = both.T
         return repeated_successes(right, cost, budget)
@@ -120,6 +123,7 @@ def repeated_successes(success: NDArray[Any], cost: NDArray[np.float64], budget:
     Trials come in their order, and again when all are done; those that cost nothing at all once.
     """
     total = float(cost.sum())
+    # Whole passes through all trials, and as many of the next one as the rest of the budget pays.
     rounds, remainder = divmod(budget, total) if total > 0 else (0.0, budget)
     inside = np.cumsum(cost) < remainder
     return round(rounds * float(success.sum()) + float(success[inside].sum()))

@@ -39,12 +39,14 @@ def run(setting: Setting) -> Result:
             rows.append(before)
         change = difference(changed, ours)
         rows.append((number, base, text, *(estimate_mean(changed, m) for m in MEASURES), change))
+        problem = base.replace("roc", "ROC").replace("ispy", "ISPY")
         effects[number] = (
-            f"MORC on {base.replace('roc', 'ROC').replace('ispy', 'ISPY')}, 2 attributes, {text}: "
+            f"MORC on {problem}, 2 attributes, {text}: "
             f"accuracy {changed.success.mean():.3f} against {ours.success.mean():.3f}, cost "
             f"{changed.cost.mean():.1f} s against {ours.cost.mean():.1f} s"
-            + ("" if reward else f", reward {change.estimate:+.1f} ± {change.se:.1f}")
         )
+        if reward is None:  # else rewards are of another size
+            effects[number] += f", reward {change.estimate:+.1f} ± {change.se:.1f}"
     return Result(
         title="What departures of the published code do to MORC, one at a time",
         sentence=f"{len(effects)} of the published code's departures are measured one at a time.",

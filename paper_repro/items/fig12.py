@@ -40,7 +40,9 @@ def run(setting: Setting) -> Result:
         )
         for name, (a, b) in pairs.items()
     }
-    ratio = next(iter(runs.values())).ratio  # of the objects, the same in all
+    # Repeat s of every pair of weights has the same split, so that grids are compared repeat by
+    # repeat; splits share their objects, by one ratio.
+    ratio = next(iter(runs.values())).ratio
     grid = {name: curves.accuracy for name, curves in runs.items()}
     moments = {name: _moments(curves.accuracy) for name, curves in runs.items()}
     rows: list[tuple[Cell, ...]] = [
@@ -70,22 +72,28 @@ def judge(grid: Grid, ratio: float) -> dict[str, Evidence | None]:
         chosen = [a for name, a in grid.items() if int(name.split(", ")[axis]) in wanted]
         return np.asarray(np.mean(chosen, axis=0))
 
-    middle = over(1, BETAS[1:-1])[:, 1:].mean(axis=1)
+    middle = over(1, BETAS[1:-1])[:, 1:].mean(axis=1)  # of the batches after training
     ends = {b: middle - over(1, (b,))[:, 1:].mean(axis=1) for b in (BETAS[0], BETAS[-1])}
     small = _moments(over(0, ALPHAS[1:3]))
     large = _moments(over(0, ALPHAS[-1:]))
-    rise = (small[2] - small[0]) - (large[2] - large[0])
+    early = mean_of(small[0] - large[0], ratio)
+    rise = mean_of((small[2] - small[0]) - (large[2] - large[0]), ratio)
     average = _moments(np.asarray(np.mean(list(grid.values()), axis=0)))
     return {
-        MIDDLE:
-        every([above(mean_of(lead, ratio), 0, of=f"accuracy less that at beta {b}")
-               for b, lead in ends.items()]),
-        "a small alpha is higher in the beginning and improves less than the largest":
-        every([above(mean_of(small[0] - large[0], ratio), 0, of=f"early, less at {ALPHAS[-1]}"),
-               below(mean_of(rise, ratio), 0, of=f"rise less that at {ALPHAS[-1]}")]),
-        RISES:
-        above(mean_of(average[2] - average[0], ratio), 0, of="mean rise"),
-    }  # fmt: skip
+        MIDDLE: every(
+            [
+                above(mean_of(lead, ratio), 0, of=f"accuracy less that at beta {b}")
+                for b, lead in ends.items()
+            ]
+        ),
+        "a small alpha is higher in the beginning and improves less than the largest": every(
+            [
+                above(early, 0, of=f"early, less at {ALPHAS[-1]}"),
+                below(rise, 0, of=f"rise less that at {ALPHAS[-1]}"),
+            ]
+        ),
+        RISES: above(mean_of(average[2] - average[0], ratio), 0, of="mean rise"),
+    }
 
 
 def _sentence(statements: Sequence[Mapping[str, Any]], rises: Sequence[float]) -> str:

@@ -16,9 +16,12 @@ from paper_repro.published import published_counts
 from paper_repro.statements import OURS, RECORDED, THEIRS, Evidence, above, every, fact
 
 BEHAVIOR = "shake"
-SOURCES = {  # the first is what the published simulator loads
-    "train5": THEIRS, "train12": THEIRS, "paper": RECORDED, "default": OURS,
-}  # fmt: skip
+SOURCES = {
+    "train5": THEIRS,  # what the published simulator loads
+    "train12": THEIRS,
+    "paper": RECORDED,
+    "default": OURS,
+}
 COLUMNS = ("attribute", "classifiers", "false: no", "yes", "true: no", "yes", "kappa")
 NOTE = """Under `theirs` stand the published confusion counts, of which nobody says what they were
 counted on. Rows `paper` are the classifiers of Sect. 4.2 (support vector machines, pooled by kappa)
@@ -46,7 +49,8 @@ def run(setting: Setting) -> Result:
         matrices = total / total.sum(axis=-1, keepdims=True)
         title = f"published, {name}" if published else f"{name} classifiers"
         source = title if published else name
-        shown[title] = values = [kappa(table) for table in total]
+        values = [kappa(table) for table in total]
+        shown[title] = values
         rows += [
             (attribute, source, *matrix.ravel().tolist(), value)
             for attribute, matrix, value in zip(order, matrices, values, strict=True)

@@ -39,18 +39,17 @@ def run(setting: Setting) -> Result:
         failed = step["behavior"] != "reinit" and "percept" not in step and number > 0
         name = step["behavior"] + (" (failed)" if failed else "")
         rows.append((name, _vector(printed), _vector(ours)))
-        if printed is not None:
-            last = number == len(steps) - 1
+        if printed is None:
+            continue
+        text = f"belief {_vector(printed)} after {name}"
+        if number == 0:
+            evidence[text] = constructed("the prior is a setting")
+        elif number < len(steps) - 1:
+            evidence[text] = constructed("the rates were fitted to it")
+        else:
             rule = f"the third, its percepts once more: {_vector(low, 3)} to {_vector(high, 3)}"
             inside = (low - ROUNDING <= printed) & (printed <= high + ROUNDING)
-            judged = (
-                fact(bool(inside.all()), rule)
-                if last
-                else constructed(
-                    "the prior is a setting" if number == 0 else "the rates were fitted to it"
-                )
-            )
-            evidence[f"belief {_vector(printed)} after {name}"] = judged
+            evidence[text] = fact(bool(inside.all()), rule)
     evidence |= {
         f"the MOMDP has {paper['states']} states": constructed(f"it has {momdp.n_states}"),
         f"the report is {paper['report']}": constructed("argmax of the last belief"),
@@ -69,9 +68,17 @@ def run(setting: Setting) -> Result:
         f"report is {report}.",
         tables=(Table(title, ("after", "paper", "ours"), tuple(rows)),),
         evidence={THEIRS: evidence},
-        notes=(NOTE.format(cost=cost, free=free, ask=ask, printed=paper["cost"],
-                           low=_vector(low, 3), high=_vector(high, 3)),),
-    )  # fmt: skip
+        notes=(
+            NOTE.format(
+                cost=cost,
+                free=free,
+                ask=ask,
+                printed=paper["cost"],
+                low=_vector(low, 3),
+                high=_vector(high, 3),
+            ),
+        ),
+    )
 
 
 def twice(printed: ArrayLike) -> tuple[Floats, Floats]:
@@ -79,6 +86,8 @@ def twice(printed: ArrayLike) -> tuple[Floats, Floats]:
 
     `printed` (4,) is the belief of two attributes after them, from an even one, to two decimals.
     """
+    # Every belief that is printed so, on a grid of the two probabilities; by Eq. 8 the same
+    # percepts once more square the odds of each attribute.
     positive = np.arange(STEP, 1, STEP)  # Pr(yellow), Pr(metallic)
     belief = _joint(positive[:, None], positive)
     prints = (abs(belief - np.asarray(printed)) <= ROUNDING).all(axis=-1)
@@ -90,9 +99,10 @@ def twice(printed: ArrayLike) -> tuple[Floats, Floats]:
 
 def _joint(yellow: Floats, metallic: Floats) -> Floats:
     """Return the beliefs (...,4) of (neither, metallic, yellow, both)."""
-    both = [(1 - yellow) * (1 - metallic), (1 - yellow) * metallic,
-            yellow * (1 - metallic), yellow * metallic]  # fmt: skip
-    return np.stack(both, axis=-1)
+    neither = (1 - yellow) * (1 - metallic)
+    only_metallic = (1 - yellow) * metallic
+    only_yellow = yellow * (1 - metallic)
+    return np.stack([neither, only_metallic, only_yellow, yellow * metallic], axis=-1)
 
 
 def _vector(values: ArrayLike | None, digits: int = 2) -> str | None:

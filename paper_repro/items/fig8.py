@@ -91,38 +91,29 @@ def run(setting: Setting) -> Result:
     for protocol in setting.protocols[:2]:
         theirs = protocol == THEIRS
         agents = (*BASELINES, *WAYS) if theirs else (*BASELINES, *WAYS, AGAINST, OWN)
+        count = trials[protocol]
         runs[protocol] = {
-            n: {
-                agent: run_strategy(setting, protocol, n, agent, trials[protocol])
-                for agent in agents
-            }
+            n: {agent: run_strategy(setting, protocol, n, agent, count) for agent in agents}
             for n in numbers
         }
-        number = setting.trials_of(SEQUENCES, 6) if theirs else trials[RECORDED]
-        plus, less = (
-            run_strategy(setting, protocol, numbers[0], agent, number)
-            for agent in ("predefined_plus", "predefined")
-        )
+        # The two fixed sequences differ little, and are quick: they are run more often.
+        more = setting.trials_of(SEQUENCES, 6) if theirs else count
+        plus = run_strategy(setting, protocol, numbers[0], "predefined_plus", more)
+        less = run_strategy(setting, protocol, numbers[0], "predefined", more)
         evidence[protocol] = judge(runs[protocol], drawn=theirs)
         evidence[protocol] |= judge_contexts(plus, less, drawn=theirs)
     if OURS in setting.protocols:
         evidence[OURS] = {}
+        for n in numbers:  # our agent and MORC met the same tasks, on recordings
+            same = {RECORDED: runs[RECORDED][n], OURS: runs[RECORDED][n]}
+            evidence[OURS] |= our_lead(same, asked(n))
+    rows: list[tuple[Cell, ...]] = []
+    for protocol, by_number in runs.items():
+        mean = drawn_mean if protocol == THEIRS else estimate_mean
         for n in numbers:
-            evidence[OURS] |= our_lead(dict.fromkeys((RECORDED, OURS), runs[RECORDED][n]), asked(n))
-    rows: list[tuple[Cell, ...]] = [
-        (
-            protocol,
-            n,
-            agent,
-            *(
-                (drawn_mean if protocol == THEIRS else estimate_mean)(trials, m)
-                for m in (*MEASURES, "abstained")
-            ),
-        )
-        for protocol, run in runs.items()
-        for n in numbers
-        for agent, trials in run[n].items()
-    ]
+            for agent, outcomes in by_number[n].items():
+                measures = [mean(outcomes, name) for name in (*MEASURES, "abstained")]
+                rows.append((protocol, n, agent, *measures))
     compared = {f"{p}, {asked(n)}": run[n] for n in numbers for p, run in runs.items()}
     return Result(
         title="Strategies on ISPY32",
@@ -178,6 +169,8 @@ def judge_costs(runs: Mapping[int, Runs], *, drawn: bool) -> dict[str, Evidence 
     for way, how in WAYS.items():
         after = runs[max(runs)][way]
         before = runs[min(runs)][way]
+        # Other questions at another number of attributes: drawn trials are independent samples,
+        # on recordings the two means are paired by object.
         if drawn:
             rise = drawn_change(*(drawn_mean(run, "cost") for run in (after, before)))
         else:
@@ -203,11 +196,13 @@ def _sentence(runs: Mapping[str, Mapping[int, Runs]]) -> str:
     told = []
     for protocol, run in runs.items():
         for way, how in WAYS.items():
-            rewards = ", ".join(f"{by[way].reward.mean():.0f}" for by in run.values())
-            rivals = ", ".join(
-                f"{max(by[name].reward.mean() for name in BASELINES):.0f}" for by in run.values()
-            )
-            told.append(f"{protocol}, {how}: {rewards} (best baseline {rivals})")
+            own = []
+            rivals = []
+            for agents in run.values():
+                best_baseline = max(agents[name].reward.mean() for name in BASELINES)
+                own.append(f"{agents[way].reward.mean():.0f}")
+                rivals.append(f"{best_baseline:.0f}")
+            told.append(f"{protocol}, {how}: {', '.join(own)} (best baseline {', '.join(rivals)})")
     return (
         f"MORC's reward with {', '.join(map(asked, next(iter(runs.values()))))} is, "
         f"{'; '.join(told)}."
@@ -216,7 +211,10 @@ def _sentence(runs: Mapping[str, Mapping[int, Runs]]) -> str:
 
 def _effects(runs: Mapping[str, Mapping[int, Runs]]) -> dict[str, str]:
     legal = {protocol: run[min(run)]["random_legal"] for protocol, run in runs.items()}
-    rewards = drawn_mean(legal[THEIRS], "reward"), estimate_mean(legal[RECORDED], "reward")
-    theirs, ours = (f"{effect.estimate:.1f} ± {effect.se:.1f}" for effect in rewards)
-    return {"21": f"Random Legal's reward on ISPY32, 1 attribute: {theirs}; exploring only, on "
-                  f"recordings, {ours}"}  # fmt: skip
+    theirs = drawn_mean(legal[THEIRS], "reward")
+    ours = estimate_mean(legal[RECORDED], "reward")
+    return {
+        "21": "Random Legal's reward on ISPY32, 1 attribute: "
+        f"{theirs.estimate:.1f} ± {theirs.se:.1f}; exploring only, on "
+        f"recordings, {ours.estimate:.1f} ± {ours.se:.1f}"
+    }

@@ -208,25 +208,23 @@ def judge_shape(runs: Runs, *, drawn: bool) -> dict[str, Evidence | None]:
 
     def rise(after: TrialOutcomes, before: TrialOutcomes, name: str) -> Estimate:
         if drawn:
-            return drawn_change(*(drawn_mean(run, name) for run in (after, before)))
-        values = [~run.answered if name == "abstained" else run.cost for run in (after, before)]
+            return drawn_change(drawn_mean(after, name), drawn_mean(before, name))
+        fraction = name == "abstained"
         return change_of_means(
-            values[0],
+            ~after.answered if fraction else after.cost,
             after.object_index,
-            values[1],
+            ~before.answered if fraction else before.cost,
             before.object_index,
-            fraction=name == "abstained",
+            fraction=fraction,
         )
 
+    more = above(rise(step, first, "cost"), 0, of="cost at the second point less the first, s")
+    abstains = above(rise(last, first, "abstained"), 0, of="rise of abstaining")
+    less = above(rise(step, last, "cost"), 0, of="cost at the second point less the last, s")
     return {
-        "with more irrelevant attributes it explores more": above(
-            rise(step, first, "cost"), 0, of="cost at the second point less the first, s"
-        ),
-        "then it gives up: it abstains more, and explores less": every([
-            above(rise(last, first, "abstained"), 0, of="rise of abstaining"),
-            above(rise(step, last, "cost"), 0, of="cost at the second point less the last, s"),
-        ]),
-    }  # fmt: skip
+        "with more irrelevant attributes it explores more": more,
+        "then it gives up: it abstains more, and explores less": every([abstains, less]),
+    }
 
 
 def measure(run: TrialOutcomes, name: str, *, drawn: bool) -> Estimate:

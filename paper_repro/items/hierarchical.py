@@ -17,8 +17,17 @@ from paper_repro.statements import RECORDED
 
 DRAWS = 300  # in each of two chains
 OFFLINE_TRIALS = 400  # of Fig. 8's; a fit takes minutes
-COLUMNS = ("", "agent", "trials", "accuracy less the paper's agent's", "by the model", "low",
-           "high", "Pr(ahead)", "Pr(equivalent)")  # fmt: skip
+COLUMNS = (
+    "",
+    "agent",
+    "trials",
+    "accuracy less the paper's agent's",
+    "by the model",
+    "low",
+    "high",
+    "Pr(ahead)",
+    "Pr(equivalent)",
+)
 NOTE = """Accuracy on recordings less that of the paper's agent: of MORC in Fig. 8, of MORC-ITRS
 after {hours:g} h of exploration in Figs 10 and 11 (tests after the last batch that ended by then).
 The first column has the paired difference and its standard error by design, clustered by object or

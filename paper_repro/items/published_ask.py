@@ -23,21 +23,24 @@ def run(setting: Setting) -> Result:
     """Compute the policy's value at every number of irrelevant attributes."""
     right = paper_values("plotted")["ask_accuracy"]
     asked = {k: ask_until_two_agree(RELEVANT + k, right) for k in IRRELEVANT}
-    first, last = (reward_of(asked[end]) for end in (IRRELEVANT[0], IRRELEVANT[-1]))
+    first = reward_of(asked[IRRELEVANT[0]])
+    last = reward_of(asked[IRRELEVANT[-1]])
+    columns = ("irrelevant", "asks", "accuracy, all", "reward")
+    rows = tuple((k, *asking, reward_of(asking)) for k, asking in asked.items())
     printed = paper_values("fig9")["last_reward_below"]
     return Result(
         title="What the published `ask` is worth beside irrelevant attributes, exactly",
         sentence=f"By the published code's `ask` the best reward with {IRRELEVANT[0]} to "
         f"{IRRELEVANT[-1]} irrelevant attributes is at least {first:.0f} to {last:.0f}; "
         f"the paper draws less than {printed:g} at the end.",
-        tables=(Table("asking until two answers agree", ("irrelevant", "asks", "accuracy, all",
-                                                         "reward"),
-                      tuple((k, *asking, reward_of(asking)) for k, asking in asked.items())),),
+        tables=(Table("asking until two answers agree", columns, rows),),
         evidence={THEIRS: judge(asked)},
         notes=(NOTE,),
-        effects={"25": f"the best reward on ISPY32 with 2 relevant attributes and {IRRELEVANT[-1]} "
-                       f"others is at least {last:.0f} where the whole answer is right with .65"},
-    )  # fmt: skip
+        effects={
+            "25": f"the best reward on ISPY32 with 2 relevant attributes and {IRRELEVANT[-1]} "
+            f"others is at least {last:.0f} where the whole answer is right with .65"
+        },
+    )
 
 
 def judge(asked: Mapping[int, Asked]) -> dict[str, Evidence | None]:

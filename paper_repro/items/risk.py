@@ -52,15 +52,11 @@ def run(setting: Setting) -> Result:
             name: run_agent(setting, protocol, table, n=N, agent=agent, trials=count, reward=size)
             for name, (agent, size) in agents.items()
         }
-    rows: list[tuple[Cell, ...]] = [
-        (
-            protocol,
-            name,
-            *((drawn_mean if protocol == THEIRS else estimate_mean)(outcomes, m) for m in MEASURED),
-        )
-        for protocol, run in runs.items()
-        for name, outcomes in run.items()
-    ]
+    rows: list[tuple[Cell, ...]] = []
+    for protocol, run in runs.items():
+        mean = drawn_mean if protocol == THEIRS else estimate_mean
+        for name, outcomes in run.items():
+            rows.append((protocol, name, *(mean(outcomes, m) for m in MEASURED)))
     told = []
     for protocol, run in runs.items():
         low, high = (run[f"both {REWARDS[end]:g}"].cost.mean() for end in (0, -1))
@@ -88,15 +84,17 @@ def judge(runs: Runs, *, drawn: bool) -> dict[str, Evidence | None]:
     small = min(
         (name for name in runs if name.startswith("both ")), key=lambda name: float(name[5:])
     )
-    both, bonus, penalty = (f"{name} {LARGE:g}" for name in ("both", "bonus", "penalty"))
+    both = f"both {LARGE:g}"
+    bonus = f"bonus {LARGE:g}"
+    penalty = f"penalty {LARGE:g}"
     extra = compare(runs[both], runs[small], measure="cost")
     fewer = compare(runs[bonus], runs[usual], measure="abstained")
     more = compare(runs[penalty], runs[usual], measure="abstained")
+    explores = f"larger rewards make it explore more: {both} against {small.removeprefix('both ')}"
+    seeks = "a very large bonus alone makes it risk seeking: it gives up less"
+    averse = "a very large penalty alone makes it risk averse: it gives up more"
     return {
-        f"larger rewards make it explore more: {both} against {small.removeprefix('both ')}":
-            above(extra, 0, of="extra cost, s"),
-        "a very large bonus alone makes it risk seeking: it gives up less":
-            below(fewer, 0, of="rise of giving up"),
-        "a very large penalty alone makes it risk averse: it gives up more":
-            above(more, 0, of="rise of giving up"),
-    }  # fmt: skip
+        explores: above(extra, 0, of="extra cost, s"),
+        seeks: below(fewer, 0, of="rise of giving up"),
+        averse: above(more, 0, of="rise of giving up"),
+    }

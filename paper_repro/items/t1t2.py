@@ -41,13 +41,19 @@ def run(setting: Setting) -> Result:
     )
     before = paper["before"]
     after = paper["after"]
+    # Eq. 8: a percept "not soft" weighs each truth by the rate in its row of Table 4.
     posterior = np.array(before) * late[:, 0]
     posterior /= posterior.sum()
-    off, no_off, yes_off = np.array(list(product((-0.005, 0.005), repeat=3))).T  # by rounding
+    # What is printed to two decimals may be anything within half of the last one: the belief before
+    # and both rates, at the corners of their ranges, bound the belief after.
+    off, no_off, yes_off = np.array(list(product((-0.005, 0.005), repeat=3))).T
     no = (before[0] + off) * (late[0, 0] + no_off)
     yes = (before[1] - off) * (late[1, 0] + yes_off)
-    low, high = (f(no / (no + yes)) for f in (np.min, np.max))
-    shown, ours = (" ".join(f"{b:.2f}" for b in side) for side in (after, posterior))
+    reached = no / (no + yes)
+    low = reached.min()
+    high = reached.max()
+    shown = " ".join(f"{b:.2f}" for b in after)
+    ours = " ".join(f"{b:.2f}" for b in posterior)
     rows.append(("T2: (not soft, soft) after press says no", shown, ours))
     evidence[f"T2's belief goes from {before} to {after}"] = fact(
         bool(low - 0.005 <= after[0] <= high + 0.005),

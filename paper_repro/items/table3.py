@@ -113,6 +113,7 @@ def plan() -> dict[str, int]:
     by the deviations that the paper prints; those of an accuracy p are sqrt(p (1 - p)).
     """
     trials = dict.fromkeys(JUDGED, 0)
+    # Of a strategy's numbers the one that needs most trials decides how many it has.
     for name in JUDGED:
         for n in NUMBERS:
             for key in MEASURES:
@@ -169,7 +170,8 @@ def judge_numbers(runs: Runs, n: int) -> dict[str, Evidence | None]:
         for key, measure in MEASURES.items():
             value = paper_values("table3")[str(n)][_paper_name(name)][key]
             text = f"{name}, {asked(n)}: {key} {value:g}"
-            if rule := CONSTRUCTED.get((key, _paper_name(name))):
+            rule = CONSTRUCTED.get((key, _paper_name(name)))
+            if rule is not None:
                 evidence[text] = constructed(rule)
                 continue
             margin = _aim(name, n, key)[1]
@@ -182,14 +184,16 @@ def judge_headline(runs: Runs, n: int) -> dict[str, Evidence | None]:
     """Judge that MORC is ahead of Predefined Plus by train5, on the same tasks."""
     first = runs[THE_PAPERS]
     second = runs[f"{ALL} (train5)"]
-    accuracy, cost = (drawn_difference(first, second, measure=m) for m in ("success", "cost"))
+    accuracy = drawn_difference(first, second, measure="success")
+    cost = drawn_difference(first, second, measure="cost")
     more = above(accuracy, 0, of="accuracy less Predefined Plus'")
     less = below(cost, 0, of="cost less Predefined Plus', s")
-    return {f"by train5 {text}, {asked(n)}": entry for text, entry in (
-        ("MORC is more accurate than Predefined Plus", more),
-        ("MORC costs less than Predefined Plus", less),
-        ("MORC has more accuracy without extra cost", every([more, less])),
-    )}  # fmt: skip
+    statements = {
+        "MORC is more accurate than Predefined Plus": more,
+        "MORC costs less than Predefined Plus": less,
+        "MORC has more accuracy without extra cost": every([more, less]),
+    }
+    return {f"by train5 {text}, {asked(n)}": entry for text, entry in statements.items()}
 
 
 def judge_ideas(runs: Runs, n: int) -> dict[str, Evidence | None]:
@@ -218,8 +222,14 @@ def plan_table(published: dict[int, Runs]) -> Table:
                 1 - LEVEL / STATEMENTS
             )
             rows.append((f"{name}, {key}", n, spread, margin / 2, plan()[name], (high - low) / 2))
-    columns = ("planned", "attributes", "printed sd of a trial", "half width wanted",
-               "trials planned", "half width reached")  # fmt: skip
+    columns = (
+        "planned",
+        "attributes",
+        "printed sd of a trial",
+        "half width wanted",
+        "trials planned",
+        "half width reached",
+    )
     return Table(
         f"half widths at Holm's first level of {STATEMENTS} statements", columns, tuple(rows)
     )
@@ -260,7 +270,8 @@ def _sentence(published: dict[int, Runs], recorded: dict[str, Runs]) -> str:
     for n, runs in published.items():
         first = runs[THE_PAPERS]
         second = runs[f"{ALL} (train5)"]
-        accuracy, cost = (drawn_difference(first, second, measure=m) for m in ("success", "cost"))
+        accuracy = drawn_difference(first, second, measure="success")
+        cost = drawn_difference(first, second, measure="cost")
         printed = paper[str(n)]
         wanted = printed[AGAINST]["accuracy"] - printed[PLUS]["accuracy"]
         told.append(
@@ -286,6 +297,7 @@ def _effects(published: dict[int, Runs], compared: dict[str, Runs]) -> dict[str,
     if not compared:
         return effects
     cost = estimate_mean(compared[asked(2)]["random"], "cost")
-    return effects | {"20": "Random on ROC36, 2 attributes, among legal behaviors alone: "
-                            f"{cost.estimate:.1f} ± {cost.se:.1f} s; the paper prints 17.6 s"
-                      }  # fmt: skip
+    return effects | {
+        "20": "Random on ROC36, 2 attributes, among legal behaviors alone: "
+        f"{cost.estimate:.1f} ± {cost.se:.1f} s; the paper prints 17.6 s"
+    }

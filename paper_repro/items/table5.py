@@ -27,6 +27,7 @@ def run(setting: Setting) -> Result:
         (step["behavior"], "yes" if step["percept"][0] else "no", step["belief"], value)
         for step, value in zip(paper["steps"], positive, strict=True)
     ]
+    # The same percept, shake says no, came twice: what it did first it does again (Eq. 8).
     low, high = predicted(printed[2], printed[3], printed[4])
     evidence: dict[str, Evidence | None] = {
         f"after {name} ({percept}) the belief is {value:.2f}": constructed(
@@ -38,9 +39,9 @@ def run(setting: Setting) -> Result:
     rule = f"{printed[5]:.2f} is what the same percept did before: {low:.3f} to {high:.3f}"
     evidence[f"after the last shake (no) the belief is {printed[5]:.2f}"] = fact(inside, rule)
     evidence[f"the report is {paper['report']}"] = constructed("argmax of the last belief")
-    lift, shake = (
-        float(np.log(np.divide(*paper["fitted"]["empty"][name]))) for name in ("lift_slow", "shake")
-    )
+    rates = paper["fitted"]["empty"]
+    lift = float(np.log(np.divide(*rates["lift_slow"])))  # of true to false positives
+    shake = float(np.log(np.divide(*rates["shake"])))
     evidence["lift says little of EMPTY, shake much"] = constructed(
         f"by the rates that fit the printed beliefs a yes is worth {lift:.2f} and {shake:.2f} nats"
     )
@@ -64,6 +65,7 @@ def predicted(before: float, after: float, now: float) -> tuple[float, float]:
     ends = []
     for d in product(reach, repeat=3):
         a, b, c = (value + more for value, more in zip((before, after, now), d, strict=True))
+        # Odds are multiplied by the likelihood ratio that took the odds of a to those of b.
         odds = c / (1 - c) * (b / (1 - b)) / (a / (1 - a))
         ends.append(odds / (1 + odds))
     return min(ends), max(ends)
