@@ -219,10 +219,15 @@ def score(problem: Problem, *, weights: bool = False) -> dict[str, object]:
     nothing = earned(problem, no_bonus)
     can = best - nothing
     row: dict[str, object] = {
-        "problem": problem.name, "trials": problem.trials, "costs": problem.costs,
-        "prior": problem.prior, "known": problem.known, "weight": problem.weight,
-        "optimum": best, "can be gained": can,
-    }  # fmt: skip
+        "problem": problem.name,
+        "trials": problem.trials,
+        "costs": problem.costs,
+        "prior": problem.prior,
+        "known": problem.known,
+        "weight": problem.weight,
+        "optimum": best,
+        "can be gained": can,
+    }
     values = {name: earned(problem, bonus) for name, bonus in BONUSES.items()}
     if weights:
         pairs = itertools.product(ALPHAS, BETAS)

@@ -161,7 +161,8 @@ def measure(name: str, attributes: str, prior: str) -> tuple[list[dict[str, Any]
     for kind, sets in evidence(table.recordings).items():
         for model in LEVELS:
             cases = [
-                beliefs(table, columns, known[o], model, o, sets, kind) for o in range(len(known))
+                beliefs(table, columns, fold, model, held_out=o, sets=sets, kind=kind)
+                for o, fold in enumerate(known)
             ]
             objects = np.repeat(np.arange(len(known)), [len(positive) for positive, _ in cases])
             positive, truth = (np.concatenate(part) for part in zip(*cases, strict=True))

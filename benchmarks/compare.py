@@ -48,8 +48,11 @@ SECONDS = 5.0  # a unit of the scale
 # An agent's luck in a repeat: in units of what was fitted, and whether the objects taught have it.
 # Any two repeats teach two thirds of the same objects, so that a third of such luck shows as spread
 # between repeats; the last world has the visible part that was fitted.
-WORLDS = {"drawn anew": (1.0, False), "of the objects taught": (1.0, True),
-          "of the objects taught, visible as fitted": (3.0**0.5, True)}  # fmt: skip
+WORLDS = {
+    "drawn anew": (1.0, False),
+    "of the objects taught": (1.0, True),
+    "of the objects taught, visible as fitted": (3.0**0.5, True),
+}
 
 
 def simulate(

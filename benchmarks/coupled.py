@@ -136,20 +136,22 @@ def measure(name: str, trials_of_run: int, attributes: int) -> list[dict[str, An
         ours = ours if len(ours) else rewards
         reward, reward_se = mean_and_error(rewards, place)
         gain, gain_se = mean_and_error(ours - rewards, place)
-        rows.append({
-            "dataset": name,
-            "agent": agent.name,
-            "trials": len(trials),
-            "reward": reward,
-            "reward_se": reward_se,
-            "gain_of_joint": gain,
-            "gain_se": gain_se,
-            "gain_of_all": gain * len(asked) / len(tasks),
-            "all_se": gain_se * len(asked) / len(tasks),
-            "right": float(np.mean([trial.success for trial in trials])),
-            "seconds": float(np.mean([trial.cost for trial in trials])),
-            **shares(trials, asked),
-        })  # fmt: skip
+        rows.append(
+            {
+                "dataset": name,
+                "agent": agent.name,
+                "trials": len(trials),
+                "reward": reward,
+                "reward_se": reward_se,
+                "gain_of_joint": gain,
+                "gain_se": gain_se,
+                "gain_of_all": gain * len(asked) / len(tasks),
+                "all_se": gain_se * len(asked) / len(tasks),
+                "right": float(np.mean([trial.success for trial in trials])),
+                "seconds": float(np.mean([trial.cost for trial in trials])),
+                **shares(trials, asked),
+            }
+        )
     return rows
 
 

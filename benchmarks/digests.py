@@ -19,12 +19,13 @@ from meal_bayes.trial_log import read_trials
 from meal_bayes.trials import Trial
 
 DATASETS = ("roc36", "ispy32", "cy101")
-SMALL = {
-    "offline": ["--trials", "6", "--attributes", "2", "--seed", "3"],
-    "online": ["--batches", "2", "--trials", "5", "--repeats", "1", "--attributes", "2",
-               "--seed", "3", "--log", "full",
-               "--agent", "iterative_random_legal,morc_itrs,bayes,bayes_memory"],
-}  # fmt: skip
+_AGENTS = "iterative_random_legal,morc_itrs,bayes,bayes_memory"
+SMALL = {  # options of a run that takes seconds
+    "offline": "--trials 6 --attributes 2 --seed 3",
+    "online": (
+        f"--batches 2 --trials 5 --repeats 1 --attributes 2 --seed 3 --log full --agent {_AGENTS}"
+    ),
+}
 
 
 def content(trial: Trial) -> str:
@@ -46,7 +47,9 @@ def digests(dataset: str, kind: str) -> dict[str, str]:
     """Run one kind on one data set; return a digest of each log, by its place in the run."""
     with TemporaryDirectory() as logs:
         command = [sys.executable, "-m", "meal_bayes", "run", kind, "--dataset", dataset]
-        subprocess.run([*command, *SMALL[kind], "--logs", logs], check=True, capture_output=True)
+        subprocess.run(
+            [*command, *SMALL[kind].split(), "--logs", logs], check=True, capture_output=True
+        )
         return {
             "/".join((dataset, kind, *path.relative_to(logs).parts[1:])): hashlib.sha256(
                 "\n".join(map(content, read_trials(path))).encode()

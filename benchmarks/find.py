@@ -135,11 +135,18 @@ def rows(data: str, size: int, options: argparse.Namespace) -> Iterator[dict[str
         low, high = np.quantile(gain[index].mean(axis=1), [0.025, 0.975])
         error = mine[:, 0].std(ddof=1) / np.sqrt(options.trials)
         yield {
-            "data": data, "objects": size, "way": way, "reward": mine[:, 0].mean(),
-            "se": error, "seconds": mine[:, 1].mean(), "right": mine[:, 2].mean(),
-            "ahead": gain.mean(), "low": low, "high": high,
+            "data": data,
+            "objects": size,
+            "way": way,
+            "reward": mine[:, 0].mean(),
+            "se": error,
+            "seconds": mine[:, 1].mean(),
+            "right": mine[:, 2].mean(),
+            "ahead": gain.mean(),
+            "low": low,
+            "high": high,
             "cpu_s": searching / options.trials if way == "find" else None,
-        }  # fmt: skip
+        }
 
 
 def main() -> None:

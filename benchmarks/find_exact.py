@@ -167,7 +167,7 @@ def joint(chains: list[Chain], options: np.ndarray | None = None) -> float:
         values = []  # of each object's behaviors
         for k, chain in enumerate(chains):
             after = np.moveaxis(np.tensordot(chain.move, value[k], axes=(2, k)), 1, 1 + k)
-            cost = chain.cost.reshape(-1, *[1] * n)
+            cost = np.expand_dims(chain.cost, tuple(range(1, n + 1)))
             legal = np.stack([along(k, each, n) for each in chain.legal])
             values.append(np.where(legal, after - cost, -np.inf))
         new = np.empty_like(value)

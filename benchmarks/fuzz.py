@@ -189,8 +189,8 @@ def readings(kind: str, sound: Path) -> tuple[Reading, ...]:
         return tuple(partial(check, trials) for check in (check_trials, check_salvage, check_facts))
     if kind == "outcomes":
         whole = pickle.dumps(read_outcomes(sound))
-        return (lambda path: require(pickle.dumps(read_outcomes(path)) == whole, "other outcomes"),
-                partial(check_facts, range(TRIALS)))  # fmt: skip
+        facts = partial(check_facts, range(TRIALS))
+        return lambda path: require(pickle.dumps(read_outcomes(path)) == whole, "others"), facts
     if kind == "table":
         whole = pickle.dumps(load_percepts(sound))
         return (lambda path: require(pickle.dumps(load_percepts(path)) == whole, "another table"),)
@@ -334,8 +334,8 @@ def main() -> int:
         for kind in options.only or FILES:
             tally = Tally()
             fuzz(kind, options.inputs, options.seed, Path(name), tally)
-            rows.append({"kind": kind, **{key: tally.counts[key] for key in ("inputs", *FAULTS)},
-                         "peak_mb": round(peak_mb())})  # fmt: skip
+            counts = {key: tally.counts[key] for key in ("inputs", *FAULTS)}
+            rows.append({"kind": kind, **counts, "peak_mb": round(peak_mb())})
             told += tally.told
     totals = {key: sum(row[key] for row in rows) for key in ("inputs", *FAULTS)}
     report = {**totals, "peak_mb": rows[-1]["peak_mb"], "kinds": rows, "told": told}

@@ -29,11 +29,10 @@ from measuring import options_of, show
 PATIENCE = 5.0  # s until nothing of a killed command may run
 LONGEST = 900.0  # s of one undisturbed command
 MARK = "MEAL_BAYES_KILL_ROUND"  # in the environment of all that a round starts
-WORDS = {
-    "offline": ["--trials", "300", "--agent", "random,predefined_plus"],
-    "online": ["--dataset", "cy101", "--agent", "bayes,morc_itrs", "--repeats", "2",
-               "--batches", "3", "--trials", "4"],
-}  # fmt: skip
+WORDS = {  # options of the runs that are killed
+    "offline": "--trials 300 --agent random,predefined_plus",
+    "online": "--dataset cy101 --agent bayes,morc_itrs --repeats 2 --batches 3 --trials 4",
+}
 
 Process = subprocess.Popen[str]
 Outcome = tuple[str, dict[str, str]]  # the table of a run, and the digests of its logs by name
@@ -48,7 +47,7 @@ def main() -> None:
     parser.add_argument("--kind", choices=WORDS, default="offline")
     parser.add_argument("--root", help="recordings of an online run")
     options = parser.parse_args()
-    words = [options.kind, *WORDS[options.kind]]
+    words = [options.kind, *WORDS[options.kind].split()]
     words += ["--root", options.root] if options.root else []
     for number in (-1, 0):  # the first compiles the kernels
         with tempfile.TemporaryDirectory() as name:
@@ -133,8 +132,10 @@ def remaining(number: int) -> int:
     """Count the processes of a round that still run when they have had their time."""
     end = time.monotonic() + PATIENCE
     mark = f"{MARK}={number}".encode()
-    while (count := running(mark)) and time.monotonic() < end:
+    count = running(mark)
+    while count and time.monotonic() < end:
         time.sleep(0.1)
+        count = running(mark)
     return count
 
 

@@ -31,7 +31,7 @@ import sys
 import tempfile
 import time
 import traceback
-from collections import Counter
+from collections import Counter, defaultdict
 from itertools import groupby
 from operator import itemgetter
 from pathlib import Path
@@ -250,9 +250,9 @@ def check(place: Path) -> Counter[str]:
         for journal in (place / "journal").iterdir()
         for line in journal.read_text().splitlines()
     ]
-    of_kind = {kind: [each for each in events if each["event"] == kind] for kind in (
-        "executed", "told", "resumed", "refused", "saved by another", "error"
-    )}  # fmt: skip
+    of_kind: dict[str, list] = defaultdict(list)
+    for event in events:
+        of_kind[event["event"]].append(event)
     for kind in ("resumed", "refused", "saved by another"):
         found[kind] = len(of_kind[kind])
     for error in of_kind["error"]:

@@ -47,13 +47,15 @@ def main() -> None:
     rows = []
     for name, runs in results.items():
         values = np.array([run["reward"] for run in runs], float)
-        rows.append({
-            "agent": name,
-            "reward": float(values.mean()),
-            "s.e.": float(values.std(ddof=1) / np.sqrt(len(values))),
-            "least": float(values.min()),
-            "cpu, s": float(np.mean([run["cpu, s"] for run in runs])),
-        })  # fmt: skip
+        rows.append(
+            {
+                "agent": name,
+                "reward": float(values.mean()),
+                "s.e.": float(values.std(ddof=1) / np.sqrt(len(values))),
+                "least": float(values.min()),
+                "cpu, s": float(np.mean([run["cpu, s"] for run in runs])),
+            }
+        )
     show(rows, {"tuned": tuned, "rows": rows} if options.json else None)
 
 

@@ -107,6 +107,7 @@ def row_of(
     model: str,
     planner: Planner,
     parts: Sequence[Rollouts],
+    *,
     lower: float,
     bound: float,
     olfc: NDArray[np.float64] | None,
@@ -170,7 +171,8 @@ def measure(options: argparse.Namespace) -> Iterator[dict[str, Any]]:
             bound = bound_of(momdp)
             for planner, mine in zip(planners, cut, strict=True):
                 parts, seconds = zip(*itertools.islice(results, len(mine)), strict=True)
-                yield row_of(model, planner, parts, lower, bound, olfc) | {"solve_s": seconds[0]}
+                row = row_of(model, planner, parts, lower=lower, bound=bound, olfc=olfc)
+                yield row | {"solve_s": seconds[0]}
                 if planner.policy == "olfc":
                     olfc = np.concatenate([part.returns for part in parts])
 

@@ -187,9 +187,10 @@ def _problem(n: int, noisy: bool, rng: np.random.Generator) -> dict[str, Any]:
     """Draw one problem, in the words of the reference models."""
     size = int(rng.integers(4, 8))
     behaviors = list[dict[str, Any]]()
+    even = np.full(n, 0.5).tolist()  # rates of a behavior that tells nothing
 
     def add(source: int, target: int, cost: float, success: float, senses: bool) -> None:
-        true, false = _rates(n, noisy, rng) if senses else ([0.5] * n, [0.5] * n)
+        true, false = _rates(n, noisy, rng) if senses else (even, even)
         behaviors.append(
             {
                 "behavior": f"b{len(behaviors)}",
@@ -203,6 +204,7 @@ def _problem(n: int, noisy: bool, rng: np.random.Generator) -> dict[str, Any]:
             }
         )
 
+    # A way from the first state to the last, loops that sense, ways back, and the way to the start.
     for i in range(size - 1):
         cost = rng.lognormal(1.0, 0.8)
         success = rng.choice([1.0, 0.95, 0.9, 0.8])

@@ -81,9 +81,10 @@ def judged(posterior: str, of: str, truth: object, draws: object, rng: np.random
         "simulations": int(ranks.size),
         "p": round(uniformity(ranks, RANKED, bins=20 if ranks.size >= SIMULATIONS else 10), 4),
         "ecdf_off": round(float(np.abs(np.sort((ranks + 0.5) / (RANKED + 1)) - ecdf).max()), 4),
-        "covered": dict(zip(map(str, MASSES), coverage(truth, drawn, MASSES).round(3).tolist(),
-                            strict=True)),
-    }  # fmt: skip
+        "covered": dict(
+            zip(map(str, MASSES), coverage(truth, drawn, MASSES).round(3).tolist(), strict=True)
+        ),
+    }
 
 
 def leaning(levels: int, weight: float, attributes: int, behaviors: int) -> np.ndarray:

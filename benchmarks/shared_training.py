@@ -70,12 +70,16 @@ def main() -> None:
         truth = float(np.mean(mine))
         over_sets = (low <= truth) & (truth <= high)
         at_hand = (low <= mine) & (mine <= high)
-        rows.append({
-            "classes are apart by": distance, "accuracy": truth,
-            "contains that over new training sets": float(over_sets.mean()),
-            "contains that of its training set": float(at_hand.mean()),
-            "of": options.simulations, "width": float((high - low).mean()),
-        })  # fmt: skip
+        rows.append(
+            {
+                "classes are apart by": distance,
+                "accuracy": truth,
+                "contains that over new training sets": float(over_sets.mean()),
+                "contains that of its training set": float(at_hand.mean()),
+                "of": options.simulations,
+                "width": float((high - low).mean()),
+            }
+        )
     show(rows, rows if options.json else None)
 
 

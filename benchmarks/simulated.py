@@ -159,9 +159,11 @@ def find(options: argparse.Namespace) -> dict[str, Any]:
         right.append(bool(search.success))
         cost.append(search.cost)
     return {
-        "searches": len(right), "right": sum(right), "s": float(np.mean(cost)),
+        "searches": len(right),
+        "right": sum(right),
+        "s": float(np.mean(cost)),
         "s_se": float(np.std(cost, ddof=1) / np.sqrt(len(cost))),
-    }  # fmt: skip
+    }
 
 
 def empty(drawn: ObjectParameters) -> ObjectParameters:
@@ -291,9 +293,13 @@ def mean_of(rows: Sequence[LearningRow], agent: str, batch: int, measure: str) -
 
 
 PARTS = {
-    "answers": answers, "labels": labels, "content": content, "find": find,
-    "live": live, "population": population,
-}  # fmt: skip
+    "answers": answers,
+    "labels": labels,
+    "content": content,
+    "find": find,
+    "live": live,
+    "population": population,
+}
 
 
 def main() -> None:

@@ -28,8 +28,14 @@ from meal_bayes.trials import TrialOutcomes, task_key
 from meal_bayes.viewer import write_recording
 
 DISTINCT = 200  # whole trials that are really computed
-AGENTS = ("iterative_random_legal", "iterative_morc", "morc_itrs", "bayes", "bayes_memory",
-          "random")  # fmt: skip
+AGENTS = (
+    "iterative_random_legal",
+    "iterative_morc",
+    "morc_itrs",
+    "bayes",
+    "bayes_memory",
+    "random",
+)
 BATCHES = 10
 OBJECTS = 34
 ASKED = 2
@@ -94,9 +100,12 @@ def write_compact(folder: Path, trials: int) -> int:
     for agent, repeat, batch in units:
         path = folder / "run" / agent / f"repeat-{repeat:03d}" / f"{batch:02d}-test.mcap"
         header = {
-            "config": {"dataset": "cy101", "log": "compact"}, "agent": agent, "repeat": repeat,
-            "batch": batch, "part": "test",
-        }  # fmt: skip
+            "config": {"dataset": "cy101", "log": "compact"},
+            "agent": agent,
+            "repeat": repeat,
+            "batch": batch,
+            "part": "test",
+        }
         write_trials(path, [synthetic(agent, repeat, batch, SIZE)], header=header)
     write_trials(folder / "all.mcap", (synthetic(*unit, SIZE) for unit in units), header={})
     return len(units)
@@ -142,8 +151,12 @@ def main() -> None:
         else:
             counted = {"steps": write_full(folder, trials, options.agent)}
         size = (folder / "all.mcap").stat().st_size
-        log = {"trials": trials, **counted, "cpu_s": time.process_time() - start,
-               "bytes_a_trial": size / trials}  # fmt: skip
+        log = {
+            "trials": trials,
+            **counted,
+            "cpu_s": time.process_time() - start,
+            "bytes_a_trial": size / trials,
+        }
         parts = {name: alone(part, name, folder) for name in BARS[form]}
     rows = [
         {"part": name, **facts, "bar_s": BARS[form][name][0], "bar_mb": BARS[form][name][1]}
