@@ -23,8 +23,8 @@ LAB = {
     },
 }
 
-# 15 lines from arrays to an answer; here they are drawn, yours come from files
 rng = np.random.default_rng(0)
+# 15 lines from arrays to an answer; here they are drawn, yours come from files
 cups = [f"cup {number}" for number in range(30)]
 heavy = np.arange(30) % 2
 fill = np.arange(30) // 2 % 3

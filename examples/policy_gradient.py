@@ -1,12 +1,10 @@
 """A masked policy gradient, trained on 27 objects and tested on 9: [EPISODES]; beside `bayes`."""
 
 import sys
+from functools import partial
 
 import gymnasium
 import numpy as np
-
-BATCH = 50
-RATE = 0.05
 
 
 def features(seen, n_x):
@@ -17,42 +15,37 @@ def features(seen, n_x):
 
 def play(env, choose):
     """Play one episode; return its reward."""
-    (seen, info) = env.reset()
+    seen, info = env.reset()
     total = 0.0
-    ended = False
-    while not ended:
+    while True:
         seen, reward, terminated, truncated, info = env.step(choose(seen, info["action_mask"]))
-        total = total + reward
-        ended = terminated or truncated
-    return total
+        total += reward
+        if terminated or truncated:
+            return total
 
 
-def train(env, episodes, rng):
+def train(env, episodes, rng, *, batch=50, rate=0.05):
     """Maximize the reward by Adam on batches, each reward against the mean of its batch."""
     n_x = env.observation_space["state"].n
-    n_a = env.action_space.n
-    weights, mean, square, slope = np.zeros((4, len(features(env.reset(seed=0)[0], n_x)), n_a))
+    shape = (len(features(env.reset(seed=0)[0], n_x)), env.action_space.n)
+    weights, mean, square = np.zeros((3, *shape))  # and Adam's two moments of their gradient
 
-    def choose(seen, mask, *, best=False):
+    def choose(slope, seen, mask, *, best=False):
         row = features(seen, n_x)
-        logits = np.where(mask, row @ weights, -np.inf)
+        logits = np.where(mask, row @ weights, -np.inf)  # what is illegal has probability zero
         prob = np.exp(logits - np.logaddexp.reduce(logits))
-        action = int(prob.argmax() if best else rng.choice(n_a, p=prob))
-        slope[:] += np.outer(row, np.eye(n_a)[action] - prob)  # of ln Pr(action)
+        action = int(prob.argmax() if best else rng.choice(len(prob), p=prob))
+        slope += np.outer(row, np.eye(len(prob))[action] - prob)  # of ln Pr(action), summed
         return action
 
-    for step in range(1, episodes // BATCH + 1):
-        rewards = np.zeros(BATCH)
-        slopes = np.zeros((BATCH, *weights.shape))
-        for i in range(BATCH):
-            slope[:] = 0.0
-            rewards[i] = play(env, choose)
-            slopes[i] = slope
-        up = np.tensordot((rewards - rewards.mean()) / (rewards.std() + 1e-9), slopes, 1) / BATCH
+    for step in range(1, episodes // batch + 1):
+        slopes = np.zeros((batch, *shape))
+        rewards = np.array([play(env, partial(choose, slope)) for slope in slopes])
+        up = np.tensordot((rewards - rewards.mean()) / (rewards.std() + 1e-9), slopes, 1) / batch
         mean = 0.9 * mean + 0.1 * up
         square = 0.99 * square + 0.01 * up**2
-        weights += RATE * mean / (1 - 0.9**step) / np.sqrt(square / (1 - 0.99**step) + 1e-9)
-    return lambda seen, mask: choose(seen, mask, best=True)
+        weights += rate * mean / (1 - 0.9**step) / np.sqrt(square / (1 - 0.99**step) + 1e-9)
+    return partial(choose, np.zeros(shape), best=True)
 
 
 ROC36 = "meal_bayes.gym:meal_bayes/ROC36-v0"  # the module registers it
