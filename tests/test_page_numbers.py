@@ -129,6 +129,7 @@ LEARNING = [
     f"weighed by $2^{{-m/{views.HALVED}}}$",
     f"when labeled recordings have grown by {PARTS[REFIT_EVERY]} (`refit_every`)",
     f"and {word(views.HALVED)} trials halve what it is believed by",
+    f"is given up after {word(faults._LEAST)} executions or {word(faults._LEAST + 1)}",
 ]
 PROBLEM = [
     rf"$\gamma = {point(DISCOUNT)}$ acts",
@@ -163,7 +164,8 @@ PAGES = {
     "docs/concepts/learning.md": LEARNING,
     "docs/concepts/problem.md": [
         f"are then {co_occurrence._BAYES_FACTOR:g} times as likely",
-        f"(up to {co_occurrence.MOST_VALUES}, those of",
+        f"(up to {co_occurrence.MOST_VALUES}, those of "
+        f"{word(math.log2(co_occurrence.MOST_VALUES))} attributes",
         *PROBLEM,
     ],
     "docs/concepts/observation-model.md": [
@@ -237,7 +239,10 @@ PAGES = {
         f"without a percept: `{flat_pomdp.NOTHING}`, nothing has happened",
         f"`{flat_pomdp.DONE}`, x has changed",
     ],
-    "meal_bayes/planners/factored/policy.py": [f"by the price ({brief(momdp_arrays._PRICE)} of"],
+    "meal_bayes/planners/factored/policy.py": [
+        f"by the price ({brief(momdp_arrays._PRICE)} of",
+        f"{word(table._MANY)} in some seconds",
+    ],
     "meal_bayes/planners/pomcp/policy.py": [f"(drawn ones beyond {expansion.ENUMERATE})"],
     "meal_bayes/learner/learner.py": [
         f"in trials that taught it, and {progress._FIRST:g} more.",
@@ -263,6 +268,7 @@ PAGES = {
     "meal_bayes/posterior/grid.py": [f"at the weight of {grid._GRADED:g} percepts"],
     "meal_bayes/posterior/trait.py": [
         f"Its precision is {word(trait._WITHIN)} of that given the truth",
+        f"a half-normal({trait._SCALE:g}) prior",
     ],
     "meal_bayes/trial_log/container.py": [
         f"The search ends after {size(container._SEARCHED * schema.RECORD_LIMIT)}:",
@@ -280,7 +286,7 @@ PAGES = {
     "paper_repro/items/hierarchical.py": [
         f"the first {hierarchical.OFFLINE_TRIALS} of {fig8.TRIALS:,} trials",
     ],
-    "paper_repro/pages.py": PAPER_PAGES,
+    "paper_repro/rules.py": PAPER_PAGES,
     "paper_repro/published.py": [
         f"is right with {published.ANSWER_RIGHT:g} there".replace("0.", "."),
     ],

@@ -34,6 +34,8 @@ ONCE = [  # how a rule is written, where alone, and what others call
     (r"(limit|unpaid)\b.*\) ?/ (counts|np.maximum\(planned)|model.bonus_limit / ",
      "planners/momdp_arrays.py", "paid_share: of how many percepts exploring is paid"),
     (r"""f"not \{|"not ["']""", "domain/words.py", "denied: how it is said that one is false"),
+    (r"(= |, |else |\{)-((self|domain|progress)\.)?(report_)?reward\b", "domain/event.py",
+     "wrong_reward: what a wrong report earns where nothing is said"),
     (r"max_steps: int = \d", "planners/solver.py", "MAX_STEPS: of a trial, played or simulated"),
     (r"n't\"\)", "domain/words.py", "contracts_not"),
     (r"youden\(.*\) *(>|<)", "perception/confusion.py", "informative: which pairs tell anything"),

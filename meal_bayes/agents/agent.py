@@ -11,6 +11,7 @@ from meal_bayes.agents.co_occurrence import joint_prior
 from meal_bayes.agents.exploration import ExplorationBonus, NoBonus
 from meal_bayes.agents.knowledge import Knowledge
 from meal_bayes.domain import Domain, Payoffs, Query
+from meal_bayes.domain.event import wrong_reward
 from meal_bayes.errors import SettingsError
 from meal_bayes.kinds import checked
 from meal_bayes.momdp import MOMDP, Objective, build_momdp, with_joint_prior
@@ -141,7 +142,7 @@ class Agent:
         joint = None
         if self.base_rates and self.co_occurrence:
             joint = joint_prior(query, prior, knowledge.co_occurrence, columns, by_votes)
-        loss = None if reward is None else -reward
+        loss = None if reward is None else wrong_reward(reward)
         momdp = build_momdp(
             domain,
             query,

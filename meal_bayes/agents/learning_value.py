@@ -29,6 +29,7 @@ from meal_bayes.agents.label_prices import (
 from meal_bayes.agents.progress import Progress
 from meal_bayes.arrays import Bools, Floats, no_and_yes_of
 from meal_bayes.domain import Domain, Query
+from meal_bayes.domain.event import wrong_reward
 from meal_bayes.momdp import MOMDP, Objective, build_momdp
 from meal_bayes.planners import batched_value_iteration
 
@@ -190,6 +191,6 @@ def experience_bits(alpha: Floats, base_rates: Floats) -> Floats:
 
 def _one_question(domain: Domain, progress: Progress) -> MOMDP:
     """Build the problem of one attribute, without shaping; its rows are not read."""
-    objective = Objective(progress.reward, -progress.reward, progress.discount)
+    objective = Objective(progress.reward, wrong_reward(progress.reward), progress.discount)
     rows = np.full((1, len(domain.behaviors), 2, 2), 0.5)
     return build_momdp(domain, Query(domain.attributes[:1]), rows, np.inf, objective=objective)

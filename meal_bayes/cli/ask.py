@@ -36,6 +36,7 @@ def demo(seed: int, logs: Path) -> None:
     """
     from meal_bayes.cli.narration import print_trial
     from meal_bayes.datasets import load_percepts
+    from meal_bayes.domain.event import wrong_reward
     from meal_bayes.seeds import stream
 
     table = load_percepts("roc36")
@@ -66,7 +67,8 @@ def demo(seed: int, logs: Path) -> None:
         "learned": f"from the other {len(table.objects) - 1} objects: what each of {sensing} "
         "behaviors shows",
         "agent": "bayes: exact beliefs, tree search (POMCP)",
-        "reward": f"+{right:g} for a right answer, -{right:g} for a wrong one, -1 a second",
+        "reward": f"{right:+g} for a right answer, {wrong_reward(right):g} for a wrong one, "
+        "-1 a second",
     }
     print_facts(console, facts)
     console.print()

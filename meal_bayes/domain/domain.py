@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from meal_bayes.display import facts_html, facts_repr, listed
 from meal_bayes.domain.diagram import TransitionDiagram
-from meal_bayes.domain.event import Payoffs
+from meal_bayes.domain.event import Payoffs, wrong_reward
 from meal_bayes.domain.labels import label_of, one_value
 from meal_bayes.domain.words import JOINING_WORDS, doubled, fold, unknown
 from meal_bayes.errors import DataError, DomainError, QueryError
@@ -109,11 +109,12 @@ class Domain:
 
     def _facts(self) -> tuple[str, dict[str, str]]:
         costs = [f"{behavior.name} {behavior.cost:g} s" for behavior in self.behaviors]
+        right = self.report_reward
         return f"Domain {self.name}", {
             "attributes": f"{len(self.attributes)}: {listed(self.attributes)}",
             "behaviors": f"{len(costs)}: {listed(costs)}",
             "states": listed(self.diagram.states),
-            "a report": f"{self.report_reward:g} if right, {-self.report_reward:g} if wrong",
+            "a report": f"{right:g} if right, {wrong_reward(right):g} if wrong",
         }
 
     def __post_init__(self) -> None:

@@ -16,6 +16,11 @@ from meal_bayes.untrusted import LARGEST
 Variables = Sequence[tuple[int, ...]]  # indices of each variable's attributes
 
 
+def wrong_reward(reward: float) -> float:
+    """Return r-, what a wrong report earns where a right one earns r+, and nothing else is said."""
+    return -reward
+
+
 @checked
 class Payoffs(NamedTuple):
     """Rewards of the answers yes and no, s.

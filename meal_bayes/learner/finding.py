@@ -11,6 +11,7 @@ import numpy as np
 from meal_bayes.arrays import check_seconds
 from meal_bayes.datasets import object_index
 from meal_bayes.domain import Query, read_question
+from meal_bayes.domain.event import wrong_reward
 from meal_bayes.errors import SettingsError
 from meal_bayes.learner.answering import Answerer
 from meal_bayes.learner.columns import Objects
@@ -310,7 +311,9 @@ class Finder(Answerer):
             query = read_question(question, self.domain, "yes or no")
         reward = self.settings.reward
         usual = self.settings.payoffs or self.domain.payoffs
-        usual_claim = (reward, -reward) if usual is None else (usual.right_yes, usual.wrong_yes)
+        usual_claim = (
+            (reward, wrong_reward(reward)) if usual is None else (usual.right_yes, usual.wrong_yes)
+        )
         earned = claim_payoffs(usual_claim, payoffs, none)
         return Query(query.attributes, query.groups, query.group_names, query.event, earned)
 

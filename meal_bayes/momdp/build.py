@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from meal_bayes.arrays import Floats, freeze, real_array, shaped_array, spread_array, yes_of
 from meal_bayes.domain import Domain, Payoffs, Query, load_domain
+from meal_bayes.domain.event import wrong_reward
 from meal_bayes.errors import SettingsError
 from meal_bayes.kinds import checked
 from meal_bayes.momdp.model import DISCOUNT, MOMDP
@@ -107,7 +108,7 @@ def build_momdp(
     arrays = domain.diagram.compile(domain.behavior_names)
     goal = objective or Objective()
     correct = domain.report_reward if goal.correct is None else goal.correct
-    incorrect = -domain.report_reward if goal.incorrect is None else goal.incorrect
+    incorrect = wrong_reward(domain.report_reward) if goal.incorrect is None else goal.incorrect
     payoffs = query.payoffs
     if payoffs is None and query.yes_or_no:
         payoffs = goal.payoffs or domain.payoffs

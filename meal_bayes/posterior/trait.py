@@ -44,6 +44,7 @@ TYPICAL = 0.5  # sigma where nothing can be learned
 _REACH = 2.0  # the grid ends this many sigma beyond +-1
 _WITHIN = 0.5  # precision of rows given the trait, in units of that given the truth
 _BOUNDS = (0.1, 2.0)  # of sigma
+_SCALE = 1.0  # of its half-normal prior
 _DRAWS = 2  # selections of one recording of each behavior
 _LEAST = 1e-3  # Pr(a level | t) is at least this: any percept may be a slip
 _MATCHED = 1e-4  # tolerance of the rows' mixture
@@ -204,7 +205,7 @@ class _Evidence:
         joint = summed.reshape(-1, *log_percepts.shape[1:])  # (A,M,(1+D) x O)
         loss = _loss(repeated, log_classes, *self.by_behavior)
         loss += _loss(joint, log_classes, *self.joint)
-        return loss + 0.5 * trait.sd**2 / self.n_perceived
+        return loss + 0.5 * (trait.sd / _SCALE) ** 2 / self.n_perceived
 
 
 def _by_pair(one_hot: Bools) -> NDArray[np.float32]:
