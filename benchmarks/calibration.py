@@ -114,6 +114,8 @@ def log_odds(model: Model, shown: NDArray[np.int64], prior: Floats, used: Floats
         ],
         axis=-1,
     )  # (S,P,E,C)
+    # Behaviors are independent given the truth and the latent class, over which truths are summed;
+    # prior log-odds of the attribute are added.
     log_classes = np.log(np.maximum(model.latent_classes, 1e-300))
     if used is None:
         return np.asarray(prior[:, None] + truth_evidence(seen, log_classes))
@@ -199,6 +201,7 @@ def score(
     positive: Floats, truth: NDArray[np.bool_], objects: NDArray[np.int64]
 ) -> dict[str, float]:
     """Measure beliefs."""
+    # Beliefs in one object are alike, and negative log-likelihoods skewed: whole objects are drawn.
     nll = bootstrap_interval(
         negative_log_likelihood(positive, truth), objects, stream(0, "calibration"), draws=SETS
     )

@@ -163,6 +163,7 @@ def joint(chains: list[Chain], options: np.ndarray | None = None) -> float:
     claims = [np.broadcast_to(along(k, chain.claim, n), size) for k, chain in enumerate(chains)]
     stop = [np.zeros(size), *claims]
     value = np.tile(np.max(stop, axis=0), (n,) + (1,) * n)  # by the object in front
+    # Value iteration over all objects' states at once: undiscounted, as costs end every search.
     while True:
         values = []  # of each object's behaviors
         for k, chain in enumerate(chains):
@@ -173,6 +174,7 @@ def joint(chains: list[Chain], options: np.ndarray | None = None) -> float:
         new = np.empty_like(value)
         for front in range(n):
             if options is None:
+                # Another object's turn comes only when the one in front was put down.
                 free = along(front, chains[front].put_down == 0, n)
                 best = [
                     np.where(free | (k == front), each.max(axis=0), -np.inf)

@@ -124,7 +124,7 @@ def row_of(
     cpu_s = sum(part.cpu_s for part in parts)
     value = float(returns.mean())
     gain = None
-    if olfc is not None:
+    if olfc is not None:  # paired: episode i of both has the same object and the same luck
         n = min(len(returns), len(olfc))
         gain = returns[:n] - olfc[:n]
     return {

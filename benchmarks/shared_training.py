@@ -57,6 +57,8 @@ def main() -> None:
             rng = stream(number, "held out", int(100 * distance))
             features, label = draw(rng, options.objects, distance)
             every = np.arange(options.objects)
+            # Leave one object out: two training sets of n - 1 share n - 2 objects, so that results
+            # of different objects are not independent. Clusters of objects cannot know of that.
             values = np.concatenate(
                 [
                     right(features[every != o], label[every != o], features[[o]], label[[o]])
@@ -66,6 +68,7 @@ def main() -> None:
             effect = clustered(values.ravel(), np.repeat(every, RECORDINGS), fraction=True)
             intervals.append(effect.interval()[2:])
             mine.append(float(right(features, label, *draw(rng, NEW, distance)).mean()))
+        # Two truths: of this training set, on new objects, and its mean over new training sets.
         low, high = np.array(intervals).T
         truth = float(np.mean(mine))
         over_sets = (low <= truth) & (truth <= high)
