@@ -20,14 +20,17 @@ from meal_bayes.experiments import (
     DEFAULT_AGENTS,
     OfflineConfig,
     OnlineConfig,
+    config,
     offline_tasks,
     run_offline,
     run_online,
 )
-from meal_bayes.learner import Learner, LearnerSettings, ask
+from meal_bayes.learner import Learner, LearnerSettings, ask, settings
 from meal_bayes.learner.search_input import SearchOptions
 from meal_bayes.learner.trial import TrialOptions
+from meal_bayes.perception import settings as perception
 from meal_bayes.planners.rollout import simulate
+from meal_bayes.posterior import fit
 from meal_bayes.posterior.draws import Sampling
 from meal_bayes.simulated_arm import training_recordings
 from meal_bayes.trials import SearchRules, Session
@@ -118,6 +121,28 @@ def check_options(
     for name, value in shared:
         where = f"`meal-bayes {words} --{name}` (meal_bayes/cli) and {place_of(callee)}"
         assert str(given[name]) == str(value), f"change both: {where}"
+
+
+CHOICES = {  # what an option offers, and what takes it
+    ("run offline", "percepts"): settings._PERCEPTS,
+    ("run offline", "perception"): tuple(perception.NAMED),
+    ("run online", "normalizer"): config._CHOICES["normalizer"],
+    ("run online", "log"): config._CHOICES["log"],
+    ("posterior", "method"): fit.METHODS,
+    ("posterior", "model"): fit.MODELS,
+    ("compare", "measure"): tuple(MARGINS),
+}
+
+
+@pytest.mark.parametrize(("option", "choices"), CHOICES.items(), ids=lambda value: value[-1])
+def test_an_option_offers_what_can_be_chosen(
+    option: tuple[str, str], choices: tuple[str, ...]
+) -> None:
+    words, name = option
+    (chosen,) = (entry for entry in command_of(words).params if entry.name == name)
+    assert isinstance(chosen.type, click.Choice)
+    where = f"`meal-bayes {words} --{name}` (meal_bayes/cli) and what takes it"
+    assert tuple(chosen.type.choices) == choices, f"change both: {where}"
 
 
 def told(words: str, name: str) -> str:

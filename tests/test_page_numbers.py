@@ -35,11 +35,13 @@ from meal_bayes.posterior import grid, trait
 from meal_bayes.simulated_arm import physics
 from meal_bayes.trial_log import container, reader, schema, writer
 from meal_bayes.trials import faults
+from meal_bayes.trials.placing import look_of
 from paper_repro import claims, inference, published
 from paper_repro import online as repeats
 from paper_repro.items import fig8, fig9, fig12, hierarchical, pomdpsol, table3
 
 ROOT = Path(__file__).resolve().parents[1]
+LOOKS = [look_of(dark=dark, narrow=False) for dark in (False, True)]
 POWER = f"{100 * inference.POWER:g} %"
 WORDS = {
     0.5: "half", 2: "two", 3: "three", 4: "four", 5: "five", 8: "eight", 10: "ten", 20: "twenty",
@@ -219,6 +221,11 @@ PAGES = {
             **outcome_model.MARGINS
         ).removeprefix("0"),
     ],
+    "meal_bayes/evaluation/templates/report.html": [
+        f"--ink: {LOOKS[0].ink.lower()}; --soft: {LOOKS[0].soft.lower()};",
+        f"--ink: {LOOKS[1].ink.lower()}; --soft: {LOOKS[1].soft.lower()};",
+        f"--back: {palette.GROUNDS[0]};",
+    ],
     "meal_bayes/evaluation/summary.py": [
         f"# {statistics.MASS:.0%} interval".replace("%", " %"),
     ],
@@ -286,10 +293,10 @@ PAGES = {
     "paper_repro/items/hierarchical.py": [
         f"the first {hierarchical.OFFLINE_TRIALS} of {fig8.TRIALS:,} trials",
     ],
-    "paper_repro/rules.py": PAPER_PAGES,
     "paper_repro/published.py": [
         f"is right with {published.ANSWER_RIGHT:g} there".replace("0.", "."),
     ],
+    "paper_repro/rules.py": PAPER_PAGES,
     "paper_repro/statements.py": [
         f"that would decide it at {POWER} power;",
         f"by the {statistics.MASS_TEXT} prediction interval of one more of ours.",

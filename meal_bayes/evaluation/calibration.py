@@ -6,6 +6,7 @@ from numpy.typing import ArrayLike, NDArray
 from meal_bayes.arrays import Floats, check_amount, real_array, real_vector
 from meal_bayes.errors import SettingsError
 from meal_bayes.kinds import checked
+from meal_bayes.seeds import stream
 
 BINS = 10  # equal ones, of beliefs
 _ROUNDING = 1e-9  # of a sum of probabilities
@@ -70,6 +71,11 @@ def expected_calibration_error(
     member = np.eye(BINS)[bins_of(b)]  # (n,bins)
     gaps = [(b - (rng.random(len(b)) < b)) @ member for _ in range(draws)]
     return float(np.abs(gaps).sum(axis=1).mean() / len(b))
+
+
+def calibrated_error(positive: ArrayLike, seed: int = 0) -> float:
+    """Return the ECE that calibrated beliefs of these values (n,) would show, in all tables."""
+    return expected_calibration_error(positive, stream(seed, "calibrated belief"))
 
 
 def _check_beliefs(b: Floats) -> None:

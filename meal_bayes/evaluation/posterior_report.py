@@ -71,9 +71,8 @@ def _forest(fit: PosteriorFit) -> Any:
 
 def _quality(positive: Any, truth: Any, seed: int) -> dict[str, float]:
     """Score beliefs (n,) by the truths; the last score is what calibrated ones would get."""
-    rng = stream(seed, "calibrated belief")
     return {
         "nll": float(calibration.negative_log_likelihood(positive, truth).mean()),
         "ece": calibration.calibration_error(positive, truth),
-        "ece_calibrated": calibration.expected_calibration_error(positive, rng),
+        "ece_calibrated": calibration.calibrated_error(positive, seed),
     }

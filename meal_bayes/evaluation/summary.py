@@ -14,8 +14,8 @@ from meal_bayes.display import AMOUNT, FRACTION, card, estimate_text
 from meal_bayes.errors import SettingsError
 from meal_bayes.evaluation.calibration import (
     brier,
+    calibrated_error,
     calibration_error,
-    expected_calibration_error,
     negative_log_likelihood,
 )
 from meal_bayes.evaluation.statistics import (
@@ -26,7 +26,6 @@ from meal_bayes.evaluation.statistics import (
     paired_fractions,
 )
 from meal_bayes.kinds import checked
-from meal_bayes.seeds import stream
 from meal_bayes.trials import TrialOutcomes, Trials
 from meal_bayes.trials.text import UNKNOWN
 
@@ -310,7 +309,7 @@ def _row(agent: str, outcomes: TrialOutcomes, seconds: float) -> SummaryRow:
         nll = float(negative_log_likelihood(positive, truth).mean())
         squared = float(brier(positive, truth).mean())
         ece = calibration_error(positive, truth)
-        calibrated = expected_calibration_error(positive, stream(0, "calibrated belief"))
+        calibrated = calibrated_error(positive)
     return SummaryRow(
         agent=agent,
         trials=len(outcomes),
