@@ -30,11 +30,11 @@ from meal_bayes.learner.search_input import SearchOptions
 from meal_bayes.learner.trial import TrialOptions
 from meal_bayes.perception import settings as perception
 from meal_bayes.planners.rollout import simulate
+from meal_bayes.planners.solver import MAX_STEPS
 from meal_bayes.posterior import fit
 from meal_bayes.posterior.draws import Sampling
 from meal_bayes.simulated_arm import training_recordings
 from meal_bayes.trials import SearchRules, Session
-from meal_bayes.trials.session import MAX_STEPS
 
 ROOT = Path(__file__).resolve().parents[1]
 EVERYWHERE = [  # a parameter of one name has one default in all of them

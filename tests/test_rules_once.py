@@ -16,7 +16,6 @@ from meal_bayes.domain import load_domain
 from meal_bayes.momdp import observation
 from meal_bayes.planners.open_loop import bayes_error
 from meal_bayes.posterior import ConfusionPosterior, grid
-from meal_bayes.posterior.draws import Sampling
 
 PACKAGE = Path(__file__).resolve().parents[1] / "meal_bayes"
 ONCE = [  # how a rule is written, where alone, and what others call
@@ -72,13 +71,6 @@ def test_a_table_in_memory_holds_what_its_file_does() -> None:
     )
     assert fields["log_odds"] == STORED, both
     assert fields["training_bins"] == BIN_COUNT, both
-
-
-def test_the_command_draws_as_many_as_its_function() -> None:
-    options = {option.name: option.default for option in posterior_command.params}
-    both = "change posterior/draws.py, Sampling, and cli/posterior.py together"
-    for name in ("draws", "tune", "chains", "seed"):
-        assert options[name] == getattr(Sampling(), name), both
 
 
 def test_the_command_names_the_numbers_of_levels_that_bins_make() -> None:
