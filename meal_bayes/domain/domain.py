@@ -17,7 +17,7 @@ from meal_bayes.errors import DataError, DomainError, QueryError
 from meal_bayes.kinds import checked
 from meal_bayes.untrusted import LARGEST
 
-LEGAL_BUDGET = 50.0, 80.0, 80.0  # s of Random Legal, by the attributes asked: the paper's
+LEGAL_BUDGET = 50.0, 80.0, 80.0  # s of Random Legal, by the number of attributes asked
 
 
 @checked

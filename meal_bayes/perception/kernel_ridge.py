@@ -97,10 +97,7 @@ class Problem:
 
 
 def object_weights(objects: Ints) -> Floats:
-    """Return the weight of each recording (n,) in a stacker's loss: every object weighs the same.
-
-    All recordings of an object weigh 2 together, as a recording of each truth would.
-    """
+    """Return the weight of each recording (n,) in a stacker's loss: every object has 2 in all."""
     _, object_of, sizes = np.unique(objects, return_inverse=True, return_counts=True)
     return np.asarray(2.0 / sizes[object_of.ravel()])
 
