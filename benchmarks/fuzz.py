@@ -25,7 +25,6 @@ import warnings
 from collections import Counter
 from collections.abc import Callable
 from functools import partial
-from importlib import resources
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -35,17 +34,14 @@ from click.testing import CliRunner
 from hypothesis import Phase, given, seed, settings
 from hypothesis import strategies as st
 from measuring import options_of, peak_mb, show
+from sound_files import FILES, TRIALS, make_sound
 
 from meal_bayes.cli import main as program
-from meal_bayes.datasets import load_percepts, make_synthetic
-from meal_bayes.datasets.csv_files import load_csv_folder, save_csv_folder
-from meal_bayes.datasets.levels import BIN_EDGES
-from meal_bayes.datasets.percepts import PerceptTable, save_percepts
+from meal_bayes.datasets import load_percepts
+from meal_bayes.datasets.csv_files import load_csv_folder
 from meal_bayes.domain import load_domain
 from meal_bayes.domain.tables import domain_table
 from meal_bayes.errors import MealBayesError
-from meal_bayes.experiments import offline_tasks
-from meal_bayes.learner import Learner
 from meal_bayes.trial_log import (
     Logs,
     check_log,
@@ -53,18 +49,8 @@ from meal_bayes.trial_log import (
     read_outcomes,
     read_trials,
     salvage,
-    write_trials,
 )
-from meal_bayes.trials import TrialOutcomes
 
-FILES = {  # kind: the file that is damaged
-    "log": "run.mcap",
-    "outcomes": "outcomes.mcap",
-    "table": "own.npz",
-    "csv": "look_color.csv",
-    "labels": "labels.csv",
-    "toml": "own.toml",
-}
 COMMANDS = {
     "log": (("log", "check"), ("log", "info", "--json"), ("log", "show"),
             ("log", "recover", "--out", "out.mcap", "--json"), ("report", "-o", "out.html")),
@@ -76,9 +62,6 @@ PATIENCE = 5.0  # s of CPU
 MEMORY = 500.0  # MB
 EVERY = 10  # of so many inputs one goes through the command line too
 SHOWN = 20  # faults that are told
-OBJECTS = 6
-RECORDINGS = 3
-TRIALS = 6
 TOKENS = [
     *(sign.encode() for sign in "\"'[]{},;:\n\r\t#=*<>&-. \0\u0663\ufeff"),
     *b"nan inf -inf 1e999 3_4 0x10 uniform \xff \x1b[31m".split(),
@@ -138,28 +121,6 @@ def digests(folder: Path) -> dict[str, bytes]:
     """Return a digest of every file, but of those that commands write as they were told."""
     paths = [path for path in folder.iterdir() if not path.name.startswith("out.")]
     return {path.name: hashlib.sha256(path.read_bytes()).digest() for path in paths}
-
-
-def make_sound(folder: Path) -> None:
-    """Write one sound file of every kind."""
-    shipped = resources.files("meal_bayes") / "domain/tables/toy.toml"
-    text = shipped.read_text(encoding="utf-8").replace('name = "toy"', 'name = "own"')
-    (folder / FILES["toml"]).write_text(text, encoding="utf-8")
-    domain = load_domain(folder / FILES["toml"])
-    rng = np.random.default_rng(5)
-    dataset = make_synthetic(domain, objects=OBJECTS, recordings=RECORDINGS, rng=rng)
-    save_csv_folder(dataset, folder)
-    shape = (OBJECTS, RECORDINGS, len(domain.behaviors), len(domain.attributes))
-    bins = np.zeros((OBJECTS, OBJECTS, shape[3], shape[2], len(BIN_EDGES) + 1), np.uint8)
-    odds = rng.normal(0, 2, shape)
-    percepts = PerceptTable(domain, dataset.objects, dataset.labels, odds, BIN_EDGES, bins, {})
-    save_percepts(percepts, folder / FILES["table"])
-    learner = Learner("roc36", agent="greedy", logs=None).fit(load_percepts("roc36"))
-    tasks = offline_tasks(load_percepts("roc36"), 2, TRIALS, 0)
-    trials = [learner.ask(task) for task in tasks]
-    header = {"config": {"dataset": "roc36"}}
-    write_trials(folder / FILES["log"], trials, header=header)
-    write_trials(folder / FILES["outcomes"], [TrialOutcomes.of(trials)], header=header)
 
 
 @st.composite

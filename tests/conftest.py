@@ -21,7 +21,8 @@ from meal_bayes.domain import load_domain
 from meal_bayes.planners import POMCP, Factored, warm_up
 
 Held = TypeVar("Held")
-LOOKS, PAUSE = 12_000, 0.01  # s between looks: two minutes of patience on a quiet machine
+LOOKS = 12_000
+PAUSE = 0.01  # s between looks: two minutes of patience on a quiet machine
 
 # The same examples each time; no limit on their time, which a busy machine would exceed.
 STEADY = settings(

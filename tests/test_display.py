@@ -31,7 +31,9 @@ class Outline(HTMLParser):
 
     def __init__(self, text: str) -> None:
         super().__init__()
-        self.open, self.count, self.text = list[str](), dict[str, int](), ""
+        self.open = list[str]()
+        self.count = dict[str, int]()
+        self.text = ""
         self.feed(text)
         self.close()
         assert self.open == []
@@ -59,7 +61,8 @@ def trial() -> Trial:
 @pytest.fixture(scope="module")
 def things(trial):
     """Return one of every public kind of object."""
-    table, domain = load_percepts("cy101"), load_domain("toy")
+    table = load_percepts("cy101")
+    domain = load_domain("toy")
     dataset = make_synthetic(domain, objects=40, recordings=3, rng=np.random.default_rng(0))
     everything = TrainingSet.everything(dataset)
     perception, _ = fit_and_validate(dataset, everything)
@@ -208,7 +211,8 @@ def test_the_frame_of_a_trial_holds_its_steps(trial):
 def test_frames_of_a_run_say_what_its_summary_says(tmp_path):
     config = OfflineConfig("roc36", trials=6, agents=("greedy", "predefined"))
     run = run_offline(config, logs=tmp_path)
-    frame, summary = run.to_frame(), summarize(run.trials())
+    frame = run.to_frame()
+    summary = summarize(run.trials())
     assert len(frame) == 12
     means = frame.groupby("agent", sort=False)[["success", "cost_s", "reward"]].mean()
     expected = summary.to_frame().set_index("agent")

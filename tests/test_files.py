@@ -90,7 +90,8 @@ def test_a_killed_writer_leaves_what_was_there(tmp_path):
 
 
 def test_it_is_on_the_disk_before_it_has_its_name(tmp_path, monkeypatch):
-    path, seen = tmp_path / "page.html", []
+    path = tmp_path / "page.html"
+    seen = []
     sync = os.fsync
 
     def noted(descriptor):
@@ -133,7 +134,8 @@ def test_only_regular_files_are_replaced(tmp_path, monkeypatch, path):
 
 
 def test_links_and_permissions_stay(tmp_path):
-    real, link = tmp_path / "real.html", tmp_path / "link.html"
+    real = tmp_path / "real.html"
+    link = tmp_path / "link.html"
     real.write_text("earlier")
     real.chmod(0o640)
     link.symlink_to(real)

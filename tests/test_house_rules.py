@@ -11,7 +11,8 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 FOLDERS = ("meal_bayes", "paper_repro", "benchmarks", "examples")
-FILE_LINES, FUNCTION_LINES = 350, 60
+FILE_LINES = 350
+FUNCTION_LINES = 60
 
 
 def sources(*folders: str) -> Iterator[tuple[str, str]]:

@@ -172,7 +172,8 @@ def test_docstrings_hold_types_where_numpydoc_has_them():
     """What is no type stays a text where griffe, which makes the reference, reads annotations."""
     package = griffe.load("meal_bayes", search_paths=[SOURCE.parents[1]])
     places = [package]
-    entries, prose = 0, []
+    entries = 0
+    prose = []
     for place in places:
         places += [
             member

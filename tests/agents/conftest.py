@@ -12,13 +12,16 @@ from meal_bayes.domain import Query, load_domain
 from meal_bayes.learner import Learner
 from meal_bayes.trials import Task
 
-OBJECTS, RECORDINGS = 8, 4
+OBJECTS = 8
+RECORDINGS = 4
 
 
 def make_table(name: str = "toy", seed: int = 0, *, signal: float = 2.0) -> PerceptTable:
     """Make log-odds that follow the truth, for held-out and training side alike."""
-    rng, domain = np.random.default_rng(seed), load_domain(name)
-    p, e = len(domain.attributes), len(domain.behaviors)
+    rng = np.random.default_rng(seed)
+    domain = load_domain(name)
+    p = len(domain.attributes)
+    e = len(domain.behaviors)
     labels = np.array([rng.permutation(OBJECTS) % 2 for _ in range(p)], dtype=np.int8).T
     mean = signal * (2.0 * labels - 1)[:, None, None] * rng.uniform(0, 1, (e, p))  # (O,1,E,P)
     log_odds = np.clip(rng.normal(mean, 1.0, (OBJECTS, RECORDINGS, e, p)), -8, 8)
@@ -30,7 +33,8 @@ def make_table(name: str = "toy", seed: int = 0, *, signal: float = 2.0) -> Perc
     bins[np.arange(OBJECTS), np.arange(OBJECTS)] = 0
     for index, behavior in enumerate(domain.behaviors):
         if not behavior.modalities:
-            log_odds[:, :, index], bins[..., index, :] = np.nan, 0
+            log_odds[:, :, index] = np.nan
+            bins[..., index, :] = 0
     names = tuple(f"object_{number}" for number in range(OBJECTS))
     return PerceptTable(domain, names, labels, log_odds, BIN_EDGES, bins, {"source": "made up"})
 

@@ -46,7 +46,8 @@ def test_pairs_keep_the_base_rates_and_lean_as_the_labels_do(seed, objects):
     rates, known = learned(labels)
     variable = {name: group for group, members in DOMAIN.groups.items() for name in members}
     for (i, j), four in zip(known.pairs.tolist(), known.probability, strict=True):
-        first, second = DOMAIN.attributes[i], DOMAIN.attributes[j]
+        first = DOMAIN.attributes[i]
+        second = DOMAIN.attributes[j]
         assert i < j
         assert variable.get(first, first) != variable.get(second, second)
         assert (four > 0).all()

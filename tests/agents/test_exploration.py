@@ -21,7 +21,8 @@ from meal_bayes.momdp import build_momdp
 from meal_bayes.posterior import ConfusionPosterior
 
 TOY = load_domain("toy")
-P, E = len(TOY.attributes), len(TOY.behaviors)
+P = len(TOY.attributes)
+E = len(TOY.behaviors)
 NEW = np.zeros((P, E, 2, 2))
 
 
@@ -183,7 +184,8 @@ class TestHorizon:
     @given(st.integers(0, 1000), st.integers(0, 1000))
     def test_the_expectations_agree_with_each_other(self, asked, more):
         """The chance to be asked so many more, times what is then expected."""
-        now, then = Horizon(asked), Horizon(asked + more)
+        now = Horizon(asked)
+        then = Horizon(asked + more)
         chance = (now.questions / (now.questions + more)) ** 2
         assert float(now.after(np.array(float(more)))) == pytest.approx(chance * then.questions)
 

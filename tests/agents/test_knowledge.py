@@ -60,7 +60,8 @@ def test_a_frame_says_where_nothing_tells_anything(table):
 
 def test_base_rates_are_laplace_s_of_the_known_labels(table):
     labels = np.array(table.labels)
-    labels[0, 0], labels[5, 0] = -1, -1
+    labels[0, 0] = -1
+    labels[5, 0] = -1
     knowledge = knowledge_without(replace(table, labels=labels), HELD_OUT)
     others = np.delete(labels[:, 0], HELD_OUT)
     expected = ((others == 1).sum() + 1) / ((others >= 0).sum() + 2)

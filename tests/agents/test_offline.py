@@ -213,15 +213,19 @@ def ragged():
     """Take ROC36's percepts of look away from every object, and all but one of every tap."""
     table = load_percepts("roc36")
     look, tap = (table.domain.behavior_index(name) for name in ("look", "tap"))
-    log_odds, counts = table.log_odds.copy(), table.recording_counts.copy()
-    log_odds[:, :, look], log_odds[:, 1:, tap] = np.nan, np.nan
-    counts[:, look], counts[:, tap] = 0, 1
+    log_odds = table.log_odds.copy()
+    counts = table.recording_counts.copy()
+    log_odds[:, :, look] = np.nan
+    log_odds[:, 1:, tap] = np.nan
+    counts[:, look] = 0
+    counts[:, tap] = 1
     return replace(table, log_odds=log_odds, recording_counts=counts)
 
 
 @pytest.mark.parametrize("agent", ["random_legal", "predefined_plus", "greedy"])
 def test_what_was_not_recorded_is_not_perceived(make, ragged, agent):
-    learner, executed = make.learner(ragged, agent), 0
+    learner = make.learner(ragged, agent)
+    executed = 0
     for task in offline_tasks(ragged, 1, 6, 0):
         trial = learner.ask(task)
         names = [trial.momdp.action_name(step.decision.action) for step in trial.steps]

@@ -117,7 +117,8 @@ def kitchen(tmp_path: Path) -> Path:
     (tmp_path / "kitchen.toml").write_text(DOMAIN)
     labels = [f"{name},{red},{full}" for name, (red, full) in OBJECTS.items()]
     (tmp_path / "labels.csv").write_text("\n".join(["object,red,full", *labels]) + "\n")
-    color, force = ["object,recording,r,b"], ["object,recording,newton"]
+    color = ["object,recording,r,b"]
+    force = ["object,recording,newton"]
     for name, (red, full) in OBJECTS.items():
         for k in (1, 2):
             r, b = rng.normal((200, 50) if red else (50, 180), 10)

@@ -52,7 +52,8 @@ def test_it_names_the_object_and_logs_what_it_explored(tmp_path):
 
 
 def test_the_same_command_goes_on_with_a_search_that_was_killed(tmp_path):
-    question, names = "Which one is heavy and blue?", BOXES.split(",")
+    question = "Which one is heavy and blue?"
+    names = BOXES.split(",")
     options = ("--objects", BOXES, "--agent", "greedy", "--json", "--logs")
     whole = json.loads(run("find", question, *options, str(tmp_path / "whole")).stdout)
     place = tmp_path / "killed" / Path(whole["log"]).name

@@ -133,7 +133,8 @@ def test_a_trial_is_drawn_from_its_log(run, tmp_path):
 
 
 def test_every_log_of_a_file_is_recovered_and_what_is_not_read_is_told(run, log):
-    data, trials = Path(log).read_bytes(), len(list(read_trials(log)))
+    data = Path(log).read_bytes()
+    trials = len(list(read_trials(log)))
     Path("both.mcap").write_bytes(data * 2)
     done = run("log", "recover", "both.mcap")
     assert done.exit_code == 0

@@ -115,7 +115,8 @@ def test_labels_are_dim_and_what_they_say_is_not():
     trial = ask("heavy, beans", dataset="roc36", object="heavy_blue_beans", agent="greedy")
     terminal = Console(file=io.StringIO(), width=80, markup=False, record=True)
     print_trial(terminal, trial)
-    dim, said = [], []
+    dim = []
+    said = []
     for segment in terminal._record_buffer:
         is_dim = segment.style is not None and segment.style.dim
         (dim if is_dim else said).append(segment.text.strip())
@@ -224,7 +225,9 @@ def test_errors_and_paths_are_shown(run, tmp_path):
 
 def test_the_console_keeps_its_own_styles(strange):
     console = output()
-    console.file, console._force_terminal, console._color_system = io.StringIO(), True, None
+    console.file = io.StringIO()
+    console._force_terminal = True
+    console._color_system = None
     print_trial(console, strange)
     text = console.file.getvalue()
     assert "\x1b]0;owned" not in text

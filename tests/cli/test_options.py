@@ -9,7 +9,8 @@ import pytest
 from meal_bayes.cli import main
 from meal_bayes.cli.console import print_table
 
-OFFLINE, ONLINE = ("run", "offline"), ("run", "online")
+OFFLINE = ("run", "offline")
+ONLINE = ("run", "online")
 ASK = ("ask", "heavy", "--object", "heavy_blue_beans")
 WHOLE = [
     *((OFFLINE, name) for name in ("--attributes", "--trials", "--seed", "--jobs")),

@@ -36,7 +36,8 @@ OFFLINE = [Factored(points=2000)]  # for all beliefs beforehand: known rows, one
 
 
 def momdp_of(domain, n, levels, seed, *, n_classes=1, **options):
-    rng, e = np.random.default_rng(seed), len(domain.behaviors)
+    rng = np.random.default_rng(seed)
+    e = len(domain.behaviors)
     confusion = rng.dirichlet(np.ones(levels), (n, e, max(2, n_classes)))
     chosen = rng.permutation(len(domain.attributes))[:n]
     query = Query(tuple(domain.attributes[i] for i in chosen))
@@ -148,7 +149,8 @@ def test_used_up_recordings(name):
 
 def odd_domains():
     """Return what own tables may hold: a dead end, a free behavior, a fork, a single behavior."""
-    look, drop = Behavior("look", 1.0, ("color",)), Behavior("drop", 2.0, ("audio",))
+    look = Behavior("look", 1.0, ("color",))
+    drop = Behavior("drop", 2.0, ("audio",))
     free = Behavior("glance", 0.0, ("color",))
     dead_end = TransitionDiagram(
         ("x0", "x1", "term"),

@@ -79,7 +79,8 @@ def dataset():
 
 @given(st.permutations(range(4)))
 def test_order_does_not_matter(order):
-    keys, labels = np.array([(0, 1, 2), (0, 1, 0), (3, 0, 1), (0, 0, 1)]), np.eye(4, dtype=np.int8)
+    keys = np.array([(0, 1, 2), (0, 1, 0), (3, 0, 1), (0, 0, 1)])
+    labels = np.eye(4, dtype=np.int8)
     training = TrainingSet(*keys.T, labels)
     assert same(training, TrainingSet(*keys[order].T, labels[order]))
     assert training.object.tolist() == [0, 0, 0, 3]
@@ -159,7 +160,8 @@ def test_signal_moves_the_classes_apart():
             load_domain("toy"), objects=8, recordings=20_000, signal=signal, object_effect=0.0,
             rng=np.random.default_rng(6),
         )  # fmt: skip
-        means, (red, heavy) = dataset.features["look", "color"].mean(axis=1), dataset.labels.T == 1
+        means = dataset.features["look", "color"].mean(axis=1)
+        (red, heavy) = dataset.labels.T == 1
         return float(np.linalg.norm(means[red & heavy][0] - means[~red & heavy][0]))
 
     assert distance(0.0) < 0.1

@@ -36,7 +36,8 @@ def table():
     bins[:, :, :, :2] = rng.multinomial(2, np.full(8, 1 / 8), size=(3, 3, 2, 2))
     bins[np.arange(3), np.arange(3)] = 0
     labels = np.array([[0, 1], [1, 0], [1, -1]])
-    domain, provenance = load_domain("toy"), {"package": "test", "source": "own data"}
+    domain = load_domain("toy")
+    provenance = {"package": "test", "source": "own data"}
     objects = ("cup", "tin", "jar")
     return PerceptTable(domain, objects, labels, log_odds, BIN_EDGES, bins, provenance)
 

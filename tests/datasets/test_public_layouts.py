@@ -131,7 +131,8 @@ def test_labels_and_repairs_of_the_recordings(loaded):
         assert (roc36.labels[:, roc36.domain.columns(members)].sum(axis=1) == 1).all()
     first = roc36.instance(0, "look", 2).features["color"]
     np.testing.assert_allclose(first[:2], [0.16385252, -11.10606688])
-    positive, least = ispy32.labels.sum(axis=0), ispy32.domain.asked_minimum
+    positive = ispy32.labels.sum(axis=0)
+    least = ispy32.domain.asked_minimum
     assert ((positive > least) & (32 - positive > least)).sum() == 37
     assert np.isclose(ispy32.features["grasp", "haptics"][0, 0, 0], 0.163382)
     both = ispy32.labels[:, ispy32.domain.columns(("heavy", "light"))].all(axis=1)

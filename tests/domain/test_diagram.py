@@ -141,7 +141,8 @@ def test_of_two_ways_the_cheaper_is_taken():
 
 def test_what_leads_nowhere_comes_last():
     table = domain_table(load_domain("toy"))
-    table["predefined"], table["behaviors"][1]["cost"] = [], 0.5  # lifting is cheap
+    table["predefined"] = []
+    table["behaviors"][1]["cost"] = 0.5  # lifting is cheap
     table["behaviors"].pop()  # and nothing leads back to look
     table["diagram"]["effects"] = [e for e in table["diagram"]["effects"] if e["do"] != "reinit"]
     assert domain_from_table(table).default_sequence == ("look", "lift")

@@ -17,7 +17,8 @@ COLORS = ("brown", "green", "blue")
 def queries(draw):
     """Draw a query of one to three variables, two to four values a group, and an event."""
     sizes = draw(st.lists(st.integers(1, 4), min_size=1, max_size=3))
-    groups, first = [], 0
+    groups = []
+    first = 0
     for size in sizes:
         if size > 1:
             groups.append(tuple(range(first, first + size)))

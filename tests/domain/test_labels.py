@@ -74,7 +74,8 @@ def facts(draw):
 
 @given(st.lists(facts(), max_size=8))
 def test_rows_are_those_of_a_dictionary(sequence):
-    model, row = Model(), NOTHING
+    model = Model()
+    row = NOTHING
     for told in sequence:
         if model.told(told):
             row = LAB.replace(row, LAB.labels(told))
@@ -87,7 +88,8 @@ def test_rows_are_those_of_a_dictionary(sequence):
 @given(st.lists(facts(), max_size=6))
 @settings(max_examples=30)
 def test_a_learner_knows_what_the_dictionary_knows(sequence):
-    learner, model = Learner(LAB, agent="greedy", logs=None), Model()
+    learner = Learner(LAB, agent="greedy", logs=None)
+    model = Model()
     for told in sequence:
         if model.told(told):
             learner.tell("jar", told)

@@ -111,7 +111,8 @@ def test_a_wrong_result_is_counted(fuzz, tmp_path):
         for reading in module.readings(kind, tmp_path / name):
             tally.run(kind, reading, tmp_path / name)
     assert not tally.counts  # of what is sound, nothing is wrong
-    log, other = tmp_path / module.FILES["log"], tmp_path / "other.mcap"
+    log = tmp_path / module.FILES["log"]
+    other = tmp_path / "other.mcap"
     write_trials(other, list(read_trials(log))[:-1], header=read_header(log))
     tally.run("a trial less", module.readings("log", log)[0], other)
     assert tally.counts == {"silent": 1}

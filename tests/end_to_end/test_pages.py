@@ -42,7 +42,8 @@ class Block(NamedTuple):
 def blocks(page: Path) -> list[Block]:
     """Return the code blocks of a page, in order, with the files that they include."""
     text = page.read_text(encoding="utf-8")
-    results, end = [], 0
+    results = []
+    end = 0
     for match in _FENCE.finditer(text):
         content = _SNIPPET.sub(lambda name: (ROOT / name[1]).read_text("utf-8"), match[3])
         results.append(Block(match[1], match[2] or "", content, text[end : match.start()]))
@@ -184,7 +185,8 @@ def test_the_readme_shows_the_robot_as_it_is() -> None:
 
 
 def test_measured_tables_are_those_of_the_kept_rows() -> None:
-    rows, pages = MAKER["measured"](), MAKER["PAGES"]
+    rows = MAKER["measured"]()
+    pages = MAKER["PAGES"]
     for run in (*MAKER["RUNS"], MAKER["PAPER_RUN"]):
         assert MAKER["table_of"](run, rows[run.command]) in text_of(pages["results"])
     made = {

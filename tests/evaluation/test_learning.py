@@ -26,7 +26,8 @@ def outcomes_of(success, *, cost=10.0, positive=0.8, objects=20):
     right = np.asarray(success, bool)
     n = len(right)
     k = np.arange(n)
-    column, ones = np.full((n, 1), "red", object), np.ones((n, 1))
+    column = np.full((n, 1), "red", object)
+    ones = np.ones((n, 1))
     return TrialOutcomes(
         behaviors=(), agent=np.full(n, "some", object), key=np.array([f"[{i}]" for i in k], object),
         object_index=k % objects, object_name=np.array([f"o{i}" for i in k % objects], object),
@@ -107,16 +108,17 @@ class TestSummary:
 
 
 def test_rewards_at_budgets_are_read_off_the_curves():
-    base, fast = curves_of(curve("slow", RISING), "slow"), curves_of(
-        curve("fast", RISING, hours=0.5), "fast"
-    )  # fmt: skip
+    base = curves_of(curve("slow", RISING), "slow")
+    fast = curves_of(curve("fast", RISING, hours=0.5), "fast")
     assert difference_at(fast, base, 0.0).estimate == pytest.approx(0.0)
     assert difference_at(fast, base, 1.0).estimate == pytest.approx(60.0)
 
 
 def test_nothing_is_said_of_hours_that_nobody_explored():
-    short, long = curve("short", RISING, hours=0.2), curve("long", RISING, hours=1.0)
-    base, fast = curves_of(long, "long"), curves_of(short, "short")
+    short = curve("short", RISING, hours=0.2)
+    long = curve("long", RISING, hours=1.0)
+    base = curves_of(long, "long")
+    fast = curves_of(short, "short")
     assert not math.isnan(difference_at(fast, base, 1.0).estimate)  # where the short one ends
     for first, second in ((fast, base), (base, fast)):
         assert math.isnan(difference_at(first, second, 1.01).estimate)
@@ -128,7 +130,8 @@ def test_nothing_is_said_of_hours_that_nobody_explored():
 
 
 def test_a_run_is_decided_when_every_interval_excludes_0():
-    better, same = curve("better", (0.9,) * 6), curve("same", RISING)
+    better = curve("better", (0.9,) * 6)
+    same = curve("same", RISING)
     assert decided([*curve("base", RISING), *better], 10)
     assert not decided([*curve("base", RISING), *better, *same], 10)
     once = [*curve("base", RISING, repeats=1), *curve("b", (0.9,) * 6, repeats=1)]
@@ -159,7 +162,8 @@ def test_all_fields_are_plain_json():
 @pytest.mark.parametrize(("wrong_by", "excess"), [(0.0, 0.0), (0.2, 0.15)])
 def test_pooled_ece_shows_miscalibration_only(wrong_by, excess):
     rng = np.random.default_rng(0)
-    results, beliefs = [], []
+    results = []
+    beliefs = []
     for repeat in range(10):
         belief = rng.uniform(0.25, 0.75, TRIALS)
         trials = outcomes_of(rng.random(TRIALS) < belief + wrong_by, positive=belief)

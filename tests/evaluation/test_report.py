@@ -236,7 +236,8 @@ BARS = """[...document.querySelectorAll("td.bar")].map(cell => {
 def test_it_reads_well_in_a_real_browser(page, browser):
     from playwright.sync_api import sync_playwright  # noqa: PLC0415  slow
 
-    said, asked = [], []
+    said = []
+    asked = []
     with sync_playwright() as driver:
         shown = driver.chromium.launch(executable_path=browser, args=["--no-sandbox"])
         for width in (390, 1200):  # a phone, a desk
@@ -282,7 +283,8 @@ def test_words_for_what_is_unknown(unknown):
 
 
 def test_summaries_leave_the_unknown_out(unknown):
-    (row,), (known,) = summarize(unknown), summarize(unknown[:2])
+    (row,) = summarize(unknown)
+    (known,) = summarize(unknown[:2])
     assert (row.trials, row.judged) == (4, 2)
     for name in ("accuracy", "accuracy_se", "reward", "answered_accuracy"):
         assert getattr(row, name) == getattr(known, name)
@@ -290,7 +292,8 @@ def test_summaries_leave_the_unknown_out(unknown):
 
 @pytest.mark.parametrize("chosen", [slice(None), slice(2, None)])
 def test_a_report_is_made_of_the_unknown(unknown, tmp_path, chosen):
-    log, page = tmp_path / "a.mcap", tmp_path / "a.html"
+    log = tmp_path / "a.mcap"
+    page = tmp_path / "a.html"
     write_trials(log, unknown[chosen], header={})
     write_report(Logs(log), page)
     text = page.read_text(encoding="utf-8")

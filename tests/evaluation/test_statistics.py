@@ -49,7 +49,9 @@ def test_intervals_are_students():
 
 @pytest.mark.statistical
 def test_clustered_intervals_cover():
-    rng, objects, covered = np.random.default_rng(0), np.repeat(np.arange(20), 8), 0
+    rng = np.random.default_rng(0)
+    objects = np.repeat(np.arange(20), 8)
+    covered = 0
     for _ in range(400):
         difference = rng.normal(size=20)[objects] + rng.normal(size=160)
         interval = clustered(difference, objects).interval()
@@ -81,7 +83,8 @@ def test_wrong_input_teaches(call, says):
 
 def test_intervals_of_splits_of_the_same_objects_cover_and_plain_ones_do_not():
     """Of two equal agents: objects differ, 34 of 100 are tested in each of 20 splits."""
-    rng, covered = np.random.default_rng(0), np.zeros(2)
+    rng = np.random.default_rng(0)
+    covered = np.zeros(2)
     for _ in range(400):
         gains = rng.normal(size=100)
         values = [gains[rng.permutation(100)[:34]].mean() for _ in range(20)]
@@ -108,7 +111,8 @@ def test_looks_at_growing_data_keep_their_level():
 
 def test_calibration_error_by_hand():
     # Bins: .05 and .15 apart; 1.0 belongs to the last.
-    positive, truth = [0.05, 0.15, 0.15, 1.0], [True, False, True, True]
+    positive = [0.05, 0.15, 0.15, 1.0]
+    truth = [True, False, True, True]
     assert calibration_error(positive, truth) == pytest.approx((0.95 + 0.70 + 0.0) / 4)
     assert calibration_error([1.0, 0.0], [True, False]) == 0.0
 

@@ -76,7 +76,8 @@ def test_trials_broken_off_enter_no_measure():
 
 
 def test_agents_that_earn_no_more_than_the_prior_are_named():
-    right, wrong = [True, True], [False, False]
+    right = [True, True]
+    wrong = [False, False]
     trials = []
     for n in range(8):
         trials.append(trial("prior", [0.6, 0.6], right, right if n % 2 else wrong, 0.0, n, n))
@@ -131,7 +132,8 @@ def simulated(rng, *, lead=0.0, agents=3, trials=150):
     thing = rng.integers(OBJECTS, size=trials)[task]
     asked = rng.integers(6, size=(trials, 1))[task]
     shift = lead * (agent == agents - 1)
-    objects, pairs = rng.normal(size=OBJECTS), 0.4 * rng.normal(size=(agents, OBJECTS))
+    objects = rng.normal(size=OBJECTS)
+    pairs = 0.4 * rng.normal(size=(agents, OBJECTS))
     eta = 0.8 + shift + objects[thing] + pairs[agent, thing]
     right = rng.random(len(eta)) < 1 / (1 + np.exp(-eta))
     cost = 20 - 5 * shift + 3 * objects[thing] + 6 * rng.normal(size=len(eta))

@@ -25,8 +25,11 @@ from meal_bayes.perception import fit_and_validate
 from meal_bayes.trials import Task
 
 TOY = load_domain("toy")
-PRE, TRAIN, TEST = np.arange(6), np.arange(6, 12), np.arange(12, 18)
-RECORDINGS, RNG = 3, np.random.default_rng(2)
+PRE = np.arange(6)
+TRAIN = np.arange(6, 12)
+TEST = np.arange(12, 18)
+RECORDINGS = 3
+RNG = np.random.default_rng(2)
 DATASET = make_synthetic(TOY, objects=18, recordings=RECORDINGS, signal=8.0, rng=RNG)
 EVERY = sorted(AGENTS.keys() - {"random", "predefined", "predefined_plus", "olfc"})
 
@@ -39,7 +42,8 @@ class Run:
         config = OnlineConfig("toy", agents=(name,), **options)
         split = SimpleNamespace(pre=pre, train=TRAIN, test=TEST)  # may overlap, for leaks
         protocol = Protocol(dataset, split, 1, 7, 0)
-        self.learner, self.environment = _learner(config, protocol), Environment(config, protocol)
+        self.learner = _learner(config, protocol)
+        self.environment = Environment(config, protocol)
 
     @property
     def posterior(self):
@@ -64,7 +68,8 @@ def task_of(o, *attributes, index=0):
 
 def trained(name, dataset=DATASET, trials=12, *, pre=PRE, **options):
     """Work through some trials and learn from them; give the trials with the refitted run."""
-    run, done = Run(name, dataset, pre, **options), []
+    run = Run(name, dataset, pre, **options)
+    done = []
     for k in range(trials):
         attribute = TOY.attributes[k // len(TRAIN) % 2]
         done.append(run.train(task_of(int(TRAIN[k % len(TRAIN)]), attribute, index=k)))
@@ -92,7 +97,8 @@ def facts(trial):
 
 def learned(trials, run):
     """All that a robot has from its work, as plain values."""
-    knowledge, experience = run.learner.knowledge(), run.learner.experience
+    knowledge = run.learner.knowledge()
+    experience = run.learner.experience
     fit = run.learner.fitted(run.learner.agent)
     return {
         "trials": [facts(trial) for trial in trials],
@@ -172,7 +178,8 @@ def test_shuffled_labels_teach_nothing():
 
 def test_random_legal_keeps_to_its_budget_and_draws_anew():
     learner = Run("iterative_random_legal")
-    budget, dearest = TOY.legal_budget[0], max(b.cost for b in TOY.behaviors)
+    budget = TOY.legal_budget[0]
+    dearest = max(b.cost for b in TOY.behaviors)
     trials = [learner.test(task_of(int(o), "red")) for o in TEST]
     assert all(budget <= trial.cost < budget + dearest for trial in trials)
     assert len({tuple(facts(trial)[0]) for trial in trials}) == len(trials)
@@ -217,7 +224,8 @@ class TestLearningFromATrial:
         shown = np.zeros(before.counts.shape)
         for step in trial.steps:
             if step.observation is not None:
-                truth, level = DATASET.labels[7, 0], step.observation[0]
+                truth = DATASET.labels[7, 0]
+                level = step.observation[0]
                 shown[0, step.decision.action, truth, level] += 1
         assert shown.sum() > 0
         expected = before.update(shown)
@@ -226,7 +234,8 @@ class TestLearningFromATrial:
 
     def test_percepts_of_what_classifiers_have_seen_wait_for_the_refit(self):
         run = Run("bayes", pre=np.append(PRE, 7))
-        before, evidence = run.posterior, run.evidence[0].sum()
+        before = run.posterior
+        evidence = run.evidence[0].sum()
         run.train(task_of(7, "red"))
         assert run.evidence[0].sum() > evidence
         np.testing.assert_array_equal(run.posterior.counts, before.counts)
@@ -250,7 +259,8 @@ def test_a_labelled_object_is_known_again_only_with_memory():
 
 class TestPublishedVariants:
     def test_the_joint_label_is_true_where_all_are(self):
-        run, judged = Run("iterative_morc", answers="joint"), 0
+        run = Run("iterative_morc", answers="joint")
+        judged = 0
         for o in TRAIN.tolist():
             trial = run.train(task_of(o, "red", "heavy"))
             known = run.learner.experience.object_labels.values[o]

@@ -158,7 +158,8 @@ def planner_of(sure):
             return self
 
         def decide(self, history, rng):
-            momdp, belief = self.momdp, history.belief
+            momdp = self.momdp
+            belief = history.belief
             legal = np.flatnonzero(momdp.legal[belief.x, : momdp.n_behaviors])
             untried = [int(e) for e in legal if e not in history.actions]
             done = belief.certainty > sure or not untried

@@ -50,7 +50,8 @@ class TestAFinishedRun:
 
 class TestRunningAgain:
     def test_only_what_is_missing_or_unfinished_is_run(self, finished, contents):
-        before, lost = contents(finished.folder), finished.paths[1]
+        before = contents(finished.folder)
+        lost = finished.paths[1]
         times = {path: path.stat().st_mtime_ns for path in finished.paths if path != lost}
         torn = lost.with_name(f"{lost.stem}.w1-abcdef.mcap.active")
         torn.write_bytes(lost.read_bytes()[:5000])
@@ -63,7 +64,8 @@ class TestRunningAgain:
         assert {path: path.stat().st_mtime_ns for path in times} == times
 
     def test_fresh_runs_everything_again(self, finished, contents):
-        before, steps = contents(finished.folder), []
+        before = contents(finished.folder)
+        steps = []
         logs = finished.folder.parent
         run_offline(CONFIG, logs=logs, fresh=True, on_progress=lambda *at: steps.append(at))
         assert list(dict.fromkeys(steps)) == [(done, 260) for done in range(261)]
@@ -125,7 +127,8 @@ def test_changed_settings_use_another_folder(tmp_path):
 
 def test_faults_leave_the_unit_unfinished(tmp_path, monkeypatch):
     config = OfflineConfig("roc36", 2, 20, ("random",))
-    run, calls = Learner.ask, []
+    run = Learner.ask
+    calls = []
 
     def failing(self, task, **options):
         calls.append(task)

@@ -147,7 +147,8 @@ def test_what_is_lost_is_made_again(finished, whole, config, lost, contents):
 def test_a_run_that_stops_goes_on_to_the_same_end(
     config, whole, tmp_path, monkeypatch, stop, contents
 ):
-    ask, calls = Environment.ask, []
+    ask = Environment.ask
+    calls = []
 
     def failing(self, learner, task, *, learn):
         calls.extend([task] * learn)
@@ -221,7 +222,8 @@ def test_a_live_learner_in_the_protocol_s_order_makes_the_same_trials(config, tm
     settings = replace(config, agents=(name,), repeats=1)
     run = run_online(settings, logs=tmp_path)
     dataset = load_dataset(config.dataset, root=config.root)
-    domain, seed = dataset.domain, config.seed
+    domain = dataset.domain
+    seed = config.seed
     protocol = Protocol.of(dataset, attributes=1, seed=seed, repeat=0, shares=config.split)
     recordings = Recordings(dataset, stream(seed, "world", domain.data, 0))
     settings = LearnerSettings(  # delta of Eq. 10 is the protocol's
@@ -237,7 +239,8 @@ def test_a_live_learner_in_the_protocol_s_order_makes_the_same_trials(config, tm
             ("train", protocol.training(batch + 1, 5) if batch < 2 else []),
         ):
             for task in tasks:
-                o, (attribute,) = task.object_index, task.query.attributes
+                o = task.object_index
+                (attribute,) = task.query.attributes
                 order = stream(seed, "recordings", *task.key)
                 robot = RecordedRobot(
                     domain, o, recordings.counts[o],

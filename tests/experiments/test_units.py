@@ -98,7 +98,8 @@ def test_the_lock_of_a_killed_process_is_taken_over(tmp_path, other, kind):
 
 @pytest.mark.long
 def test_what_is_held_is_left_to_the_end_and_waited_for(tmp_path, other, monkeypatch):
-    progress, notes = [], []
+    progress = []
+    notes = []
     todo = [Part(tmp_path / name) for name in ("unit", "a", "b")]
     (tmp_path / "b").write_text("whole")
 
@@ -205,7 +206,8 @@ def alone(tmp_path_factory, contents):
 
 @pytest.mark.long
 def test_what_is_killed_beside_another_ends_the_same(alone, tmp_path, contents):
-    environment, started = {**os.environ, "PYTHONPATH": str(ROOT)}, []
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    started = []
     for last in (40, 170, 0):  # killed in the first unit, in a later one, never
         command = [sys.executable, "-c", CODE, str(tmp_path), str(last)]
         started.append(subprocess.Popen(command, env=environment))
@@ -236,7 +238,9 @@ def fail(piece):
 
 @pytest.mark.long
 def test_no_more_processes_than_pieces_of_work_and_they_end_with_it():
-    before, seen, used = children(), set(), set()
+    before = children()
+    seen = set()
+    used = set()
     for number in in_parallel(process_id, range(2), jobs=10_000):
         seen |= children() - before
         used.add(number)

@@ -129,7 +129,8 @@ def test_trials_come_back_from_their_logs(question, payoffs, tmp_path):
     assert (logged.success, logged.reward) == (trial.success, trial.reward)
     assert logged.probability == trial.probability
     assert final_facts(logged) == final_facts(trial)
-    outcomes, read = TrialOutcomes.of([trial]), TrialOutcomes.of([logged])
+    outcomes = TrialOutcomes.of([trial])
+    read = TrialOutcomes.of([logged])
     assert outcomes.attribute.tolist() == read.attribute.tolist()
     assert outcomes.attribute.shape == (1, 1)
     assert outcomes.success == read.success

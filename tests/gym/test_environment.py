@@ -28,11 +28,13 @@ def test_gymnasium_finds_nothing_wrong(name):
     ("dataset", "agent"), [("roc36", "greedy"), ("ispy32", "predefined_plus"), ("cy101", "greedy")]
 )
 def test_an_agent_scores_what_an_offline_run_says(dataset, agent):
-    env, table = MealEnv(dataset, agent=agent, seed=3, trials=12), load_percepts(dataset)
+    env = MealEnv(dataset, agent=agent, seed=3, trials=12)
+    table = load_percepts(dataset)
     learner = Learner(table.domain, agent=agent, seed=3, logs=None).fit(table)
     for index, task in enumerate(offline_tasks(table, 2, 12, 3)):
         env.reset(options={"task": index})
-        total, done = 0.0, False
+        total = 0.0
+        done = False
         while not done:
             _, reward, done, _, info = env.step(env.decide())
             total += reward
@@ -97,7 +99,8 @@ def test_train_and_test_objects_are_apart_whatever_the_seed():
         env = MealEnv("roc36", agent="greedy", trials=300, objects=objects, seed=seed)
         return {task.object_name for task in env.tasks}
 
-    train, test = asked("train", 0), asked("test", 1)
+    train = asked("train", 0)
+    test = asked("test", 1)
     assert asked("train", 1) == train
     assert not train & test
     assert (len(train), len(test)) == (27, 9)

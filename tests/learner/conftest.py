@@ -15,7 +15,8 @@ from meal_bayes.robots import Outcome
 from meal_bayes.trial_log import check_log, read_search, read_trials, writer
 from meal_bayes.trial_log.writer import TrialWriter
 
-OBJECTS, RECORDINGS = 12, 3
+OBJECTS = 12
+RECORDINGS = 3
 KITCHEN = {
     "name": "kitchen",
     "attributes": ["red", "full"],
@@ -40,7 +41,8 @@ FORCES = np.array([2.0, 5.5])
 
 
 def make_dataset(seed=0):
-    rng, domain = np.random.default_rng(seed), domain_from_table(KITCHEN)
+    rng = np.random.default_rng(seed)
+    domain = domain_from_table(KITCHEN)
     labels = np.array([[i % 2, (i // 2) % 2] for i in range(OBJECTS)], np.int8)
     look = COLORS[labels[:, 0]][:, None] + rng.normal(0, 50, (OBJECTS, RECORDINGS, 3))
     lift = FORCES[labels[:, 1]][:, None, None] + rng.normal(0, 1.2, (OBJECTS, RECORDINGS, 1))
@@ -53,7 +55,9 @@ class Arm:
     """A robot of one's own, with one object in front of it."""
 
     def __init__(self, red=False, full=True, seed=0):
-        self.rng, self.red, self.full = np.random.default_rng(seed), red, full
+        self.rng = np.random.default_rng(seed)
+        self.red = red
+        self.full = full
         self.executed = []
 
     def start(self):
@@ -97,7 +101,8 @@ class Kills:
     def __init__(self, monkeypatch):
         self.left = -1
         self.writers = []
-        put, replace = TrialWriter._put, writer.replace_whole
+        put = TrialWriter._put
+        replace = writer.replace_whole
 
         def counted(log, *args, **options):
             self.writers.append(log)

@@ -63,7 +63,8 @@ def test_a_question_after_a_resumed_one_repeats_no_stream(
     resumed = resume(again, how)
     assert streams_of(resumed) == began
     for _ in range(3):
-        later, undisturbed = begin(again, how), begin(first, how)
+        later = begin(again, how)
+        undisturbed = begin(first, how)
         assert streams_of(later) == streams_of(undisturbed)  # as if its process had not died
         assert not streams_of(later) & (began | asked)
         later.cancel()

@@ -86,7 +86,8 @@ class Silent:
     """A planner that forgets to return its policy, or whose policy forgets the decision."""
 
     def __init__(self, policy, decision):
-        self.policy, self.decision = policy, decision
+        self.policy = policy
+        self.decision = decision
 
     def solve(self, momdp, rng):
         return self if self.policy else None

@@ -15,7 +15,8 @@ from meal_bayes.learner.views import attempts, labelled, labels_for, labels_of, 
 from meal_bayes.robots import Outcome
 
 TOY = load_domain("toy")
-OBJECTS, RECORDINGS = 4, 3
+OBJECTS = 4
+RECORDINGS = 3
 DATASET = make_synthetic(
     TOY, objects=OBJECTS, recordings=RECORDINGS, dimensions=2, rng=np.random.default_rng(0)
 )
@@ -42,7 +43,9 @@ TRIALS = st.lists(st.tuples(st.integers(0, OBJECTS - 1), EXECUTIONS, LABELS), ma
 @given(trials=TRIALS, memory=st.booleans(), forgotten=st.sets(st.integers(0, 7)))
 def test_d_holds_what_was_shown_with_its_labels(trials, memory, forgotten):
     """A ledger of instances and labels, by hand, says the same."""
-    experience, shown, told = Experience(TOY), {}, {}
+    experience = Experience(TOY)
+    shown = {}
+    told = {}
     for t, (o, executions, labels) in enumerate(trials):
         for e, r in executions:
             execute(experience, t, o, e, r)

@@ -89,7 +89,8 @@ def test_processes_that_die_one_after_another_lose_nothing(
 
 
 def test_what_was_sensed_before_a_restart_is_learned_from(searching, mind, make, tmp_path):
-    whole, first = copy.deepcopy(mind), copy.deepcopy(mind)
+    whole = copy.deepcopy(mind)
+    first = copy.deepcopy(mind)
     table = searching.Table(1)
     undisturbed = searching.drive(
         whole.begin_find("red and not full", searching.CUPS, **searching.OPTIONS), table
@@ -124,7 +125,9 @@ class Facing:
     """A driver that knows the object in front by `turn_to` alone, as those of robots do."""
 
     def __init__(self, session, table, found=None):
-        self.session, self.table, self.found = session, table, found
+        self.session = session
+        self.table = table
+        self.found = found
         self.front = None
 
     def turn_to(self, name):

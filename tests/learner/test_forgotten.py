@@ -62,7 +62,8 @@ EVENTS = st.lists(
 def test_a_forgotten_trial_has_never_been(dataset, make, events, later):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of what fails
-        ours, theirs = make.learner(dataset), make.learner(dataset)
+        ours = make.learner(dataset)
+        theirs = make.learner(dataset)
         forgotten = []
         for number, (name, robot, labels, forgets) in enumerate(events):
             for learner in (ours,) if forgets else (ours, theirs):

@@ -42,7 +42,8 @@ WORDS = st.lists(st.tuples(st.integers(0, 3), st.none() | VALUES), max_size=10)
 def test_evidence_is_delta_times_experience_and_all_is_taken_back(met, words):
     """`evidence == delta * IE` (Eq. 10) after every word; forgetting restores the posterior."""
     learner, trials = met
-    fitted, rates = alpha(learner), learner.knowledge().base_rates
+    fitted = alpha(learner)
+    rates = learner.knowledge().base_rates
     base = learner.knowledge().posterior.counts.sum(axis=(2, 3))
     told = {}
     try:
@@ -154,7 +155,8 @@ def test_what_ask_does_with_a_robot_is_what_it_does_offline(dataset, make):
     labels = np.array(dataset.labels)
     labels[:4, 0] = -1
     learner = make.learner(dataclasses.replace(dataset, labels=labels))
-    knowledge, momdp = learner.knowledge(), learner.ask("red, full", make.arm()).momdp
+    knowledge = learner.knowledge()
+    momdp = learner.ask("red, full", make.arm()).momdp
     assert momdp.levels == 4
     assert momdp.n_classes == len(knowledge.trait.points)
     np.testing.assert_array_equal(momdp.prior, [5 / 10, 7 / 14])
@@ -197,7 +199,8 @@ class TestAPerceptTable:
 
     def test_a_label_teaches_of_all_other_objects(self, table):
         labels = np.array(table.labels)
-        weights, name = table.domain.groups["weight"], table.objects[0]
+        weights = table.domain.groups["weight"]
+        name = table.objects[0]
         columns = table.domain.columns(weights)
         labels[0, columns] = -1
         hidden = dataclasses.replace(table, labels=labels)
@@ -231,7 +234,8 @@ class TestFromNothing:
         learner = Learner(dataset.domain, agent=agent, logs=None)
         trials = []
         for n in range(24):
-            red, full = n % 2 == 0, n // 2 % 2 == 0
+            red = n % 2 == 0
+            full = n // 2 % 2 == 0
             asked = "red" if n % 3 else "full"
             arm = make.arm(red=red, full=full, seed=n)
             truth = {asked: red if asked == "red" else full}

@@ -66,7 +66,8 @@ def test_a_good_percept_has_no_warning(dataset, make, surplus):
 def test_a_percept_is_made_of_the_modalities_that_are_there(make, weight):
     look, *others = make.kitchen["behaviors"]
     two = {**make.kitchen, "behaviors": [{**look, "modalities": ["color", "weight"]}, *others]}
-    plain, rng = make.dataset(), np.random.default_rng(0)
+    plain = make.dataset()
+    rng = np.random.default_rng(0)
     noise = rng.normal(size=(*plain.features["look", "color"].shape[:2], 1)).astype(np.float32)
     dataset = Dataset(
         domain_from_table(two), plain.objects, {**plain.features, ("look", "weight"): noise},
@@ -168,7 +169,8 @@ learner.ask("red", arm, log=path)
 
 @pytest.mark.parametrize("step", [2, *(pytest.param(k, marks=pytest.mark.long) for k in (0, 1, 3))])
 def test_a_kill_at_every_step_loses_no_earlier_step(dataset, make, tmp_path, step):
-    code, path = KILLED.format(here=str(HERE), plan=PLAN), tmp_path / "a.mcap"
+    code = KILLED.format(here=str(HERE), plan=PLAN)
+    path = tmp_path / "a.mcap"
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     done = subprocess.run(
         [sys.executable, "-c", code, str(step), str(path)], env=environment, check=False
@@ -201,7 +203,8 @@ def test_logs_of_a_session_stand_in_one_folder(dataset, make, tmp_path):
 
 
 def test_live_trials_are_clustered_by_the_names_of_objects(dataset, make):
-    learner, trials = make.learner(dataset, make.agent("look", **make.ours)), []
+    learner = make.learner(dataset, make.agent("look", **make.ours))
+    trials = []
     for n in range(12):
         options = {"truth": {"red": n % 2 == 0}, "object_name": f"o{n % 5}"}
         trials.append(learner.ask("red", make.arm(red=n % 2 == 0, seed=n), **options))

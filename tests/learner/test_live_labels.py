@@ -19,7 +19,8 @@ from meal_bayes.robots import Outcome
 
 def test_labels_reach_what_a_trial_shows_before_and_after_them(dataset, make):
     learner = make.learner(dataset, make.agent("look", "look", **make.ours))
-    arm, session = make.arm(red=True), learner.begin("red", object_name="mug")
+    arm = make.arm(red=True)
+    session = learner.begin("red", object_name="mug")
     session.observe(Outcome(arm.start(), arm.execute("look").features))
     learner.tell(session.trial, {"red": True})
     session.observe(arm.execute("look"))
@@ -34,7 +35,8 @@ def test_labels_by_name_teach_as_those_of_trials_do(dataset, make):
     for by_name in (False, True):
         learner = Learner(dataset.domain, agent=make.agent("look", **make.ours), logs=None)
         for number in range(12):
-            name, red = f"cup {number}", number % 2 == 0
+            name = f"cup {number}"
+            red = number % 2 == 0
             trial = learner.ask("red", make.arm(red=red, seed=number), object_name=name)
             learner.tell(name if by_name else trial, {"red": red})
         test = learner.ask("red", make.arm(red=True, seed=99), learn=False)

@@ -80,7 +80,8 @@ def test_a_forgotten_trial_has_never_been(dataset, make):
     np.testing.assert_array_equal(
         views.attempts(whole.experience), views.attempts(without.experience)
     )
-    ours, theirs = whole.knowledge(), without.knowledge()
+    ours = whole.knowledge()
+    theirs = without.knowledge()
     assert ours.domain == theirs.domain
     assert ours.domain != dataset.domain  # the pot's failures are learned
     np.testing.assert_array_equal(ours.posterior.counts, theirs.posterior.counts)
@@ -175,7 +176,8 @@ def test_what_there_is_to_forget_is_said(dataset, make, tmp_path):
 
 def test_what_joined_is_said_of_the_last_call_alone(dataset, make):
     learner = make.learner(dataset, make.agent("look", **make.ours))
-    first, again = repr(learner), repr(learner)
+    first = repr(learner)
+    again = repr(learner)
     assert "72 joined" in first
     assert again == first
     assert "0 joined, 72 were known" in repr(learner.fit(dataset))

@@ -43,7 +43,8 @@ class Watcher:
         self.happened = []
 
     def __call__(self, step):
-        what, self.what = self.what, None
+        what = self.what
+        self.what = None
         if what is not None:
             try:
                 self.happened.append(what(self.session))

@@ -28,7 +28,9 @@ def table():
 
 def drawn(dataset, levels, objects):
     """An InferenceData of the grid's posterior of yes/no or graded percepts of some objects."""
-    rng, (p, e) = np.random.default_rng(4), (2, 3)
+    rng = np.random.default_rng(4)
+    p = 2
+    e = 3
     labels = dataset.labels[:objects]
     counts = np.zeros((objects, p, e, 2, levels), np.int64)
     for o, i, b in np.ndindex(objects, p, 2):
@@ -105,7 +107,8 @@ def test_a_model_of_ones_own_is_a_page_of_pymc(dataset, tmp_path):
     page = (ROOT / "docs/how-to/posterior.md").read_text()
     (code,) = (block.split("```")[0] for block in page.split("```py\n") if "pm.Model" in block)
     code = code.replace("pm.sample()", SAMPLE)
-    counts, labels = np.zeros((8, 2, 2, 2, 2), np.int64), dataset.labels[:8]
+    counts = np.zeros((8, 2, 2, 2, 2), np.int64)
+    labels = dataset.labels[:8]
     for o, i, b in np.ndindex(8, 2, 2):
         counts[o, i, b, labels[o, i], labels[o, i]] = 3
     objects = [f"object {o}" for o in range(8)]
@@ -189,7 +192,8 @@ def test_with_a_robot(dataset, make, field):
 
 @pytest.mark.parametrize("field", sorted(ALONE - {"exploration", "trained_by", "whiten"}))
 def test_on_a_percept_table_whose_classifiers_are_fitted(field):
-    ours, table = load_agent("bayes"), load_percepts("roc36")
+    ours = load_agent("bayes")
+    table = load_percepts("roc36")
     changed = dataclasses.replace(ours, **{field: CHANGES[field]})
     first, second = (signature(replays_of(table, agent)) for agent in (ours, changed))
     assert first != second

@@ -8,14 +8,18 @@ from hypothesis import strategies as st
 
 from meal_bayes.errors import SettingsError
 from meal_bayes.learner import Learner, recall
+from meal_bayes.learner.views import attempts
 from meal_bayes.perception import build_percept_table
 from meal_bayes.robots import Outcome
 from meal_bayes.trial_log import Logs
 
+PLAN = ("look", "lift", "reset", "look", "lift")
+
 
 def test_tests_are_no_experience_and_their_labels_are_of_the_object(dataset, make, tmp_path):
     agent = make.agent("look", **make.ours)
-    first, again = make.learner(dataset, agent, logs=tmp_path), make.learner(dataset, agent)
+    first = make.learner(dataset, agent, logs=tmp_path)
+    again = make.learner(dataset, agent)
     test = first.ask("red", make.arm(), object_name="mug", learn=False)
     taught = first.ask("red", make.arm(), object_name="mug")
     assert [trial.task.key for trial in recall(again, tmp_path)] == [taught.task.key]
@@ -107,7 +111,8 @@ def test_no_label_is_lost_with_what_was_not_saved(dataset, make, tmp_path_factor
 
 def test_labels_are_rebuilt_from_logs(dataset, make, tmp_path):
     agent = make.agent("look", **make.ours)
-    first, again = make.learner(dataset, agent, logs=tmp_path), make.learner(dataset, agent)
+    first = make.learner(dataset, agent, logs=tmp_path)
+    again = make.learner(dataset, agent)
     trials = [first.ask("red", make.arm(seed=n), object_name="mug") for n in range(3)]
     first.tell(trials[0], {"red": True, "full": True})
     first.tell(trials[1], {"red": False})
@@ -135,7 +140,8 @@ def test_a_trial_of_another_learner_keeps_its_own_percepts(dataset, make):
 def test_a_trial_that_was_known_in_part_is_recorded_to_its_end(dataset, make, tmp_path):
     """As it was under way, and whole: each step once."""
     agent = make.agent("look", "look", "lift", **make.ours)
-    driver, other = make.learner(dataset, agent, logs=tmp_path), make.learner(dataset, agent)
+    driver = make.learner(dataset, agent, logs=tmp_path)
+    other = make.learner(dataset, agent)
     arm = make.arm()
     session = driver.begin("red", "mug", state=arm.start())
     session.observe(arm.execute(session.behavior))
@@ -158,7 +164,8 @@ def test_a_replay_shows_recordings_that_were_given_and_adds_none(dataset, make, 
     agent = make.agent("look", "lift", "reset", "look", **make.ours)
     replayer = Learner(dataset.domain, agent=agent, logs=tmp_path).fit(table)
     trials = [replayer.ask("red", dataset.objects[o]) for o in (0, 0, 3)]
-    given, empty = make.learner(dataset, agent), Learner(dataset.domain, agent=agent, logs=None)
+    given = make.learner(dataset, agent)
+    empty = Learner(dataset.domain, agent=agent, logs=None)
     count = len(given.experience.instances)
     replayer.tell(trials[2], {"full": False})
     for learner in (given, empty):
@@ -202,3 +209,28 @@ def test_what_a_detector_said_is_recalled_and_nothing_else(
         np.testing.assert_array_equal(getattr(heir.experience, name).values, expected)
     counts = [learner.knowledge().posterior.counts for learner in (live, heir)]
     np.testing.assert_array_equal(*counts)
+
+
+def test_the_experience_is_rebuilt_from_logs(dataset, make, tmp_path):
+    agent = make.agent(*PLAN, **make.ours)
+    first = make.learner(dataset, agent, logs=tmp_path)
+    again = make.learner(dataset, agent)
+    names = ["mug", "glass", None, "mug"]
+    trials = [first.ask("red", make.arm(seed=n), object_name=name) for n, name in enumerate(names)]
+    recalled = recall(again, tmp_path)
+    assert [trial.task for trial in recalled] == [trial.task for trial in trials]
+    for learner, told in ((first, trials), (again, recalled)):
+        for number, trial in enumerate(told):
+            learner.tell(trial, {"red": number % 2 == 0})
+    before = first.experience
+    after = again.experience
+    for name in ("executions", "feedback", "object_labels"):
+        np.testing.assert_array_equal(getattr(before, name).values, getattr(after, name).values)
+    np.testing.assert_array_equal(attempts(before), attempts(after))
+    np.testing.assert_array_equal(before.levels.values[:, 0], after.levels.values[:, 0])
+    for context, sensed in before.features.items():
+        np.testing.assert_equal(after.features[context], sensed)
+    for learner in (first, again):
+        alpha = learner.knowledge().posterior.concentration[0]
+        np.testing.assert_array_equal(alpha, first.knowledge().posterior.concentration[0])
+    assert recall(again, tmp_path) == []  # once

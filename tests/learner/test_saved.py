@@ -17,7 +17,8 @@ STATE = ("counts", "concentration", "dispersion")
 
 
 def same(first, second):
-    a, b = first.posterior, second.posterior
+    a = first.posterior
+    b = second.posterior
     for name in STATE:
         np.testing.assert_allclose(getattr(a, name), getattr(b, name), rtol=0, atol=1e-12)
     np.testing.assert_array_equal(first.base_rates, second.base_rates)
@@ -170,7 +171,8 @@ def array(name, edit):
     """Change an array."""
 
     def change(members):
-        values, buffer = np.load(io.BytesIO(members[f"{name}.npy"])), io.BytesIO()
+        values = np.load(io.BytesIO(members[f"{name}.npy"]))
+        buffer = io.BytesIO()
         edit(values)
         np.save(buffer, values)
         members[f"{name}.npy"] = buffer.getvalue()

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from meal_bayes.errors import LogError, RobotError, SettingsError
-from meal_bayes.learner import Learner, recall
-from meal_bayes.learner.views import attempts
+from meal_bayes.learner import Learner
 from meal_bayes.planners import unvalued
 from meal_bayes.robots import Outcome
 from meal_bayes.trial_log import Logs, check_log, read_trials, salvage
@@ -55,7 +54,8 @@ def test_a_session_makes_the_trial_of_ask(learner, make):
 
 
 def test_every_step_is_on_disk_before_the_next_behavior_is_named(learner, make, tmp_path):
-    session, arm = learner.begin("red"), started(make.arm())
+    session = learner.begin("red")
+    arm = started(make.arm())
     (draft,) = (tmp_path / "kitchen").glob("*.active")
     for number in range(len(PLAN)):
         (trial,) = salvage(draft)
@@ -97,7 +97,8 @@ def test_limits_bring_the_best_report(learner, make):
 
 
 def test_a_cancelled_session_is_logged_without_a_report(learner, make, tmp_path):
-    session, arm = learner.begin("red"), started(make.arm())
+    session = learner.begin("red")
+    arm = started(make.arm())
     session.observe(arm.execute(session.behavior))
     session.cancel()
     session.cancel()  # once more does nothing
@@ -149,7 +150,8 @@ def test_a_restart_goes_on_as_if_undisturbed(learner, make, tmp_path, steps):
 
     whole = loaded()
     undisturbed = drive(whole.begin("red"), started(make.arm()))
-    first, arm = loaded().begin("red", truth={"red": False}), started(make.arm())
+    first = loaded().begin("red", truth={"red": False})
+    arm = started(make.arm())
     for _ in range(steps):
         if first.behavior is not None:
             first.observe(arm.execute(first.behavior))
@@ -187,7 +189,8 @@ def test_a_resumption_that_ended_too_is_resumed_from_the_furthest_draft(
 ):
     """The second process had written so many of the first one's steps again, or gone on."""
     learner = make.learner(dataset, make.agent(*PLAN, **make.ours), logs=tmp_path)
-    first, arm = learner.begin("red"), started(make.arm())
+    first = learner.begin("red")
+    arm = started(make.arm())
     for _ in range(2):
         first.observe(arm.execute(first.behavior))
     first._recorder._file.close()
@@ -212,7 +215,8 @@ def test_a_restart_draws_by_the_seed_that_the_trial_was_begun_with(dataset, make
         make.learner(dataset, "random", logs=tmp_path / name) for name in ("a", "b", "b")
     )
     undisturbed = drive(whole.begin("red", seed=seed), started(make.arm()))
-    session, arm = first.begin("red", seed=seed), started(make.arm())
+    session = first.begin("red", seed=seed)
+    arm = started(make.arm())
     if session.behavior is not None:
         session.observe(arm.execute(session.behavior))
     if not session.over:
@@ -223,7 +227,8 @@ def test_a_restart_draws_by_the_seed_that_the_trial_was_begun_with(dataset, make
 
 def test_a_restart_goes_on_being_commanded(dataset, make, tmp_path):
     learner = make.learner(dataset, make.agent(*PLAN, **make.ours), logs=tmp_path)
-    first, arm = learner.begin("red", commanded=True), started(make.arm())
+    first = learner.begin("red", commanded=True)
+    arm = started(make.arm())
     first.command(unvalued(first.momdp, learner.domain.behavior_index("lift")))
     first.observe(arm.execute("lift"))
     first._recorder._file.close()
@@ -237,7 +242,8 @@ def test_a_restart_goes_on_being_commanded(dataset, make, tmp_path):
 
 def test_a_restart_with_other_knowledge_is_refused(dataset, make, tmp_path):
     learner = make.learner(dataset, make.agent(*PLAN, **make.ours), logs=tmp_path)
-    session, arm = learner.begin("red"), started(make.arm())
+    session = learner.begin("red")
+    arm = started(make.arm())
     session.observe(arm.execute("look"))
     other = make.learner(dataset, make.agent("lift", **make.ours), logs=tmp_path)
     (draft,) = (tmp_path / "kitchen").glob("*.active")
@@ -283,7 +289,8 @@ def test_eight_threads_disturb_nothing(dataset, make, tmp_path):
 
 
 def test_a_session_begun_in_one_thread_goes_on_in_another(learner, make):
-    session, arm = learner.begin("red"), started(make.arm())
+    session = learner.begin("red")
+    arm = started(make.arm())
     for _ in PLAN:
         thread = threading.Thread(target=lambda: session.observe(arm.execute(session.behavior)))
         thread.start()
@@ -298,29 +305,6 @@ def test_two_sessions_have_no_object_and_no_trial_in_common(dataset, make, tmp_p
         trials += [learner.ask("red", make.arm()) for _ in range(3)]
     assert len({trial.task.key for trial in trials}) == 6
     assert len({trial.task.object_name for trial in trials}) == 6
-
-
-def test_the_experience_is_rebuilt_from_logs(dataset, make, tmp_path):
-    agent = make.agent(*PLAN, **make.ours)
-    first, again = make.learner(dataset, agent, logs=tmp_path), make.learner(dataset, agent)
-    names = ["mug", "glass", None, "mug"]
-    trials = [first.ask("red", make.arm(seed=n), object_name=name) for n, name in enumerate(names)]
-    recalled = recall(again, tmp_path)
-    assert [trial.task for trial in recalled] == [trial.task for trial in trials]
-    for learner, told in ((first, trials), (again, recalled)):
-        for number, trial in enumerate(told):
-            learner.tell(trial, {"red": number % 2 == 0})
-    before, after = first.experience, again.experience
-    for name in ("executions", "feedback", "object_labels"):
-        np.testing.assert_array_equal(getattr(before, name).values, getattr(after, name).values)
-    np.testing.assert_array_equal(attempts(before), attempts(after))
-    np.testing.assert_array_equal(before.levels.values[:, 0], after.levels.values[:, 0])
-    for context, sensed in before.features.items():
-        np.testing.assert_equal(after.features[context], sensed)
-    for learner in (first, again):
-        alpha = learner.knowledge().posterior.concentration[0]
-        np.testing.assert_array_equal(alpha, first.knowledge().posterior.concentration[0])
-    assert recall(again, tmp_path) == []  # once
 
 
 @pytest.mark.parametrize("state", ["term", "tabel", "", 0])

@@ -21,7 +21,8 @@ def follow() -> Callable[..., list[Belief]]:
     """Filter the percept levels, or None, of named behaviors; return the belief after each."""
 
     def beliefs(momdp: MOMDP, steps: Iterable[tuple[str, list[int] | None]]) -> list[Belief]:
-        belief, after = initial_belief(momdp), []
+        belief = initial_belief(momdp)
+        after = []
         for behavior, levels in steps:
             observation = None if levels is None else np.array(levels, dtype=np.int8)
             action = momdp.behavior_names.index(behavior)
@@ -37,7 +38,8 @@ def momdp_of() -> Callable[..., MOMDP]:
     """Build a problem of a domain's first attributes with random rows and priors."""
 
     def build(name: str, n: int, levels: int = 2, **options: object) -> MOMDP:
-        domain, rng = load_domain(name), np.random.default_rng(0)
+        domain = load_domain(name)
+        rng = np.random.default_rng(0)
         confusion = rng.dirichlet(np.ones(levels), (n, len(domain.behaviors), 2))
         prior = rng.uniform(0.2, 0.8, n)
         return build_momdp(domain, Query(domain.attributes[:n]), confusion, prior=prior, **options)

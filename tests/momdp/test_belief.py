@@ -47,7 +47,8 @@ def test_no_belief_is_cut_off_at_the_ends(follow):
 def mistaken(name, error, tpr=0.9, fpr=0.2, **options):
     """One attribute; a share `error` of the objects seems to have the other value."""
     domain = load_domain(name)
-    no, yes = [1 - fpr, fpr], [1 - tpr, tpr]
+    no = [1 - fpr, fpr]
+    yes = [1 - tpr, tpr]
     rows = np.tile([no, yes, yes, no], (1, len(domain.behaviors), 1, 1))
     latent_classes = [[[1 - error, error, 0, 0], [0, 0, 1 - error, error]]]
     attribute = "red" if name == "toy" else "heavy"
@@ -80,7 +81,8 @@ def test_a_truth_may_lack_a_kind(follow):
     latent_classes = np.array([[[1.0, 0.0], [0.25, 0.75]]])
     momdp = build_momdp(load_domain("toy"), Query(("red",)), rows, latent_classes=latent_classes)
     belief = follow(momdp, [("look", [1]), ("lift", [0])])[-1]
-    false, true = 0.2 * 0.8, 0.25 * 0.2 * 0.8 + 0.75 * 0.7 * 0.3
+    false = 0.2 * 0.8
+    true = 0.25 * 0.2 * 0.8 + 0.75 * 0.7 * 0.3
     assert belief.positive[0] == pytest.approx(true / (true + false))
     assert momdp.log_truth[0, 0, 1] == -np.inf
 
@@ -115,7 +117,8 @@ def rows_of(shape):
 @st.composite
 def problems(draw, levels=(2, 4)):
     """A `toy` problem of two attributes: any rows, precisions, latent classes; and a history."""
-    k, c = draw(st.sampled_from(levels)), draw(st.sampled_from([2, 3, 4, 6]))
+    k = draw(st.sampled_from(levels))
+    c = draw(st.sampled_from([2, 3, 4, 6]))
     finite = st.floats(0.1, 300.0)
     precision = draw(hnp.arrays(float, (2, 3, c), elements=finite | st.just(np.inf)))
     latent_classes = draw(rows_of((2, 2, c)))
@@ -163,7 +166,8 @@ def test_the_filter_is_the_dirichlet_multinomial(follow, problem):
     belief = follow(momdp, steps)[-1]
     score = np.zeros((2, momdp.n_classes))
     for i, e, c in np.ndindex(2, 2, momdp.n_classes):
-        counts, row = belief.percept_counts[i, e], momdp.confusion[i, e, c]
+        counts = belief.percept_counts[i, e]
+        row = momdp.confusion[i, e, c]
         if counts.sum() == 0:
             continue
         if np.isinf(momdp.precision[i, e, c]):
@@ -206,8 +210,10 @@ def fill(mean, precision, count, total, out):
 
 @pytest.mark.parametrize("seed", range(5))
 def test_arrays_and_kernels_have_one_predictive(seed):
-    rng, size = np.random.default_rng(seed), 200
-    mean, counts = rng.dirichlet(np.ones(4), size), rng.integers(0, 40, (size, 4))
+    rng = np.random.default_rng(seed)
+    size = 200
+    mean = rng.dirichlet(np.ones(4), size)
+    counts = rng.integers(0, 40, (size, 4))
     precision = np.where(rng.random(size) < 0.25, np.inf, rng.gamma(1.0, 20.0, size) + 1e-6)
     weight, total = (np.repeat(a, 4).astype(float) for a in (precision, counts.sum(axis=1)))
     filled = np.empty(mean.size)
@@ -219,7 +225,9 @@ def test_arrays_and_kernels_have_one_predictive(seed):
 @pytest.mark.statistical
 @pytest.mark.parametrize("precision", [0.5, 5.0, np.inf])
 def test_sampled_rows_have_the_predictive_as_their_mean(precision):
-    mean, counts, draws = np.array([0.1, 0.6, 0.3]), np.array([2, 0, 5]), 20_000
+    mean = np.array([0.1, 0.6, 0.3])
+    counts = np.array([2, 0, 5])
+    draws = 20_000
     rows = sample_rows(np.tile(mean, (draws, 1)), precision, counts, rng=np.random.default_rng(1))
     np.testing.assert_allclose(rows.sum(axis=1), 1.0)
     error = 4.5 * rows.std(axis=0) / np.sqrt(draws) + 1e-12

@@ -51,7 +51,8 @@ def test_ask_answers_each_attribute_right_with_the_stated_accuracy(n, levels):
 
 def test_latent_classes_are_split_where_someone_answers():
     """An answer tells of the truth, other percepts of the latent class alone."""
-    domain, rng = load_domain("ispy32"), np.random.default_rng(0)
+    domain = load_domain("ispy32")
+    rng = np.random.default_rng(0)
     rows = rng.dirichlet(np.ones(2), (2, len(domain.behaviors), 3))
     latent_classes = rng.dirichlet(np.ones(3), (2, 2))
     query = Query(domain.attributes[:2])

@@ -19,16 +19,20 @@ from meal_bayes.momdp import (
 from meal_bayes.momdp.belief import next_percept
 from meal_bayes.momdp.observation import predictive
 
-LEVELS, CLASSES = 4, 3
+LEVELS = 4
+CLASSES = 3
 
 
 def problem(size, rng, *, alone=1, exact=False):
     """Build a MOMDP of attributes on their own and of one group, with latent classes."""
-    domain, n = load_domain("toy"), alone + size
-    names, e = tuple(f"p{i}" for i in range(n)), len(domain.behaviors)
+    domain = load_domain("toy")
+    n = alone + size
+    names = tuple(f"p{i}" for i in range(n))
+    e = len(domain.behaviors)
     group = tuple(rng.permutation(n)[:size].tolist())
     if exact:
-        rows, options = rng.dirichlet(np.ones(LEVELS), (n, e, 2)), {}
+        rows = rng.dirichlet(np.ones(LEVELS), (n, e, 2))
+        options = {}
     else:
         rows = rng.dirichlet(np.ones(LEVELS), (n, e, CLASSES))
         options = {
@@ -40,7 +44,8 @@ def problem(size, rng, *, alone=1, exact=False):
 
 def brute_force(momdp, percepts):
     """Compute Pr(y | percepts) over all 2^N joint values, of which groups allow some."""
-    n, joint = len(momdp.query), {}
+    n = len(momdp.query)
+    joint = {}
     grouped = {i for group in momdp.query.groups for i in group}
     for y in itertools.product((0, 1), repeat=n):
         if any(sum(y[i] for i in group) != 1 for group in momdp.query.groups):
@@ -58,10 +63,12 @@ def likelihood(momdp, i, truth, percepts):
     """Compute Pr(percepts | truth) of an attribute, summed over its latent classes."""
     total = 0.0
     for c, weight in enumerate(momdp.latent_classes[i, truth]):
-        prob, counts = weight, np.zeros((momdp.n_behaviors, momdp.levels))
+        prob = weight
+        counts = np.zeros((momdp.n_behaviors, momdp.levels))
         for e, levels in percepts:
             z = levels[i]
-            mean, s = momdp.confusion[i, e, c, z], momdp.precision[i, e, c]
+            mean = momdp.confusion[i, e, c, z]
+            s = momdp.precision[i, e, c]
             prob *= predictive(mean, s, counts[e, z], counts[e].sum())
             counts[e, z] += 1
         total += prob
@@ -73,7 +80,8 @@ def likelihood(momdp, i, truth, percepts):
 def test_belief_is_that_over_all_joint_values(size, exact):
     rng = np.random.default_rng(size)
     momdp = problem(size, rng, exact=exact)
-    belief, percepts = initial_belief(momdp), []
+    belief = initial_belief(momdp)
+    percepts = []
     for _ in range(8):
         expected = brute_force(momdp, percepts)
         values = [tuple(row) for row in momdp.query.values.astype(int).tolist()]
@@ -96,12 +104,14 @@ def test_belief_is_that_over_all_joint_values(size, exact):
 
 def test_the_percept_of_the_second_of_two_values_is_that_of_the_first():
     """Their classifiers decide the same: asked as a group or as one attribute, belief is one."""
-    domain, rows = load_domain("toy"), np.full((2, 3, 2, 2), 0.5)
+    domain = load_domain("toy")
+    rows = np.full((2, 3, 2, 2), 0.5)
     rows[0, 0] = [[0.8, 0.2], [0.3, 0.7]]
     rows[1, 0] = rows[0, 0, ::-1, ::-1]
     group = build_momdp(domain, Query(("empty", "full"), ((0, 1),)), rows, prior=[0.4, 0.6])
     alone = build_momdp(domain, Query(("empty",)), rows[:1], prior=0.4)
-    joint, single = initial_belief(group), initial_belief(alone)
+    joint = initial_belief(group)
+    single = initial_belief(alone)
     for z in (1, 1, 0):
         joint = update_belief(joint, group, Transition(0, 0, np.array([z, 1 - z])))
         single = update_belief(single, alone, Transition(0, 0, np.array([z])))

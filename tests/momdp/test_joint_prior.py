@@ -62,8 +62,10 @@ def likelihood(momdp, i, truth, percepts):
         prob = momdp.latent_classes[i, truth, c]
         counts = np.zeros((momdp.n_behaviors, LEVELS))
         for e, levels in percepts:
-            mean, s = momdp.confusion[i, e, c, levels[i]], momdp.precision[i, e, c]
-            count, shown = counts[e, levels[i]], counts[e].sum()
+            mean = momdp.confusion[i, e, c, levels[i]]
+            s = momdp.precision[i, e, c]
+            count = counts[e, levels[i]]
+            shown = counts[e].sum()
             prob *= mean if np.isinf(s) else (s * mean + count) / (s + shown)
             counts[e, levels[i]] += 1
         total += prob
@@ -87,7 +89,8 @@ def brute_force(momdp, percepts):
 def test_belief_answers_and_their_worth_are_those_over_all_values(seed, grouped, yes_or_no, zeros):
     rng = np.random.default_rng(seed)
     momdp = problem(rng, grouped=grouped, yes_or_no=yes_or_no, zeros=zeros)
-    belief, percepts = initial_belief(momdp), []
+    belief = initial_belief(momdp)
+    percepts = []
     values = momdp.query.values
     for _ in range(4):
         joint = brute_force(momdp, percepts)
@@ -122,7 +125,8 @@ def test_a_product_is_what_independent_attributes_believe(seed):
     joint = problem(rng, grouped=False, yes_or_no=False, zeros=False)
     plain = dataclasses.replace(joint, joint=None, prior=rng.uniform(0.1, 0.9, len(joint.query)))
     joint = with_joint_prior(plain, initial_belief(plain).joint)
-    coupled, alone = initial_belief(joint), initial_belief(plain)
+    coupled = initial_belief(joint)
+    alone = initial_belief(plain)
     for _ in range(4):
         assert_allclose(coupled.log_odds, alone.log_odds, atol=1e-9)
         assert_allclose(coupled.joint, alone.joint, atol=1e-12)

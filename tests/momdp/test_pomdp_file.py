@@ -22,7 +22,8 @@ from meal_bayes.momdp import (
 
 def read_pomdp(path) -> FlatPOMDP:
     """Read what is written, by the authors too: a statement a line, one entry or * for all."""
-    words, tables = {}, {}
+    words = {}
+    tables = {}
     for line in path.read_text().splitlines():
         keyword, *rest = line.partition("#")[0].split(":")
         if keyword in ("T", "O", "R"):
@@ -82,7 +83,8 @@ def test_what_is_written_is_the_flat_problem(momdp_of, tmp_path, name, n, levels
     momdp = momdp_of(name, n, levels)
     bonus = np.random.default_rng(1).uniform(-9, 9, momdp.bonus.shape)
     momdp = replace(momdp, bonus=bonus)
-    ours, flat = written(momdp, tmp_path), flatten(momdp)
+    ours = written(momdp, tmp_path)
+    flat = flatten(momdp)
     for field in ("transition", "reward", "start"):
         np.testing.assert_allclose(getattr(ours, field), getattr(flat, field), atol=1e-15)
     assert ours.discount == flat.discount
@@ -96,7 +98,8 @@ def test_what_is_written_is_the_flat_problem(momdp_of, tmp_path, name, n, levels
 def test_every_observation_tells_x(momdp_of, tmp_path, name):
     """From a state whose x is known, the x of the next is known, whatever is observed."""
     momdp = momdp_of(name, 1)
-    ours, end = written(momdp, tmp_path), momdp.terminal
+    ours = written(momdp, tmp_path)
+    end = momdp.terminal
     x_of = np.append(np.repeat(np.arange(end), 2), end)
     reached = ours.transition[..., None] * ours.observation > 0  # (A,S,S,Z)
     at = np.stack([reached[:, :, x_of == x].any(axis=2) for x in range(end + 1)])  # (X,A,S,Z)
@@ -124,7 +127,8 @@ def test_every_observation_tells_x(momdp_of, tmp_path, name):
     ],
 )
 def test_what_a_file_cannot_hold_is_told(tmp_path, effects, message):
-    states, names = ("x0", "x1", "x2", "term"), sorted({behavior for _, behavior, *_ in effects})
+    states = ("x0", "x1", "x2", "term")
+    names = sorted({behavior for _, behavior, *_ in effects})
     diagram = TransitionDiagram(states, "x0", tuple(Effect(*effect) for effect in effects))
     behaviors = tuple(Behavior(n, 1.0, ("color",) if n == "look" else ()) for n in names)
     rows = np.tile([[0.8, 0.2], [0.3, 0.7]], (1, len(names), 1, 1))
@@ -196,9 +200,12 @@ def test_sizes_and_distributions(momdp_of, name, n, levels, states, observations
 @pytest.mark.parametrize("levels", [2, 4])
 def test_the_dense_filter_is_the_factored_filter(momdp_of, name, levels):
     momdp = momdp_of(name, 2, levels)
-    flat, rng = flatten(momdp), np.random.default_rng(1)
+    flat = flatten(momdp)
+    rng = np.random.default_rng(1)
     for _ in range(30):
-        belief, dense, truth = initial_belief(momdp), flat.start, rng.integers(4)
+        belief = initial_belief(momdp)
+        dense = flat.start
+        truth = rng.integers(4)
         while belief.x != momdp.terminal and belief.percept_counts.sum() < 10:
             action = int(rng.choice(np.flatnonzero(momdp.legal[belief.x])))
             next_x = int(rng.choice(momdp.terminal + 1, p=momdp.transition[action, belief.x]))
@@ -219,7 +226,8 @@ def test_the_dense_filter_is_the_factored_filter(momdp_of, name, levels):
 
 def test_rewards_are_equation_4(momdp_of):
     momdp = momdp_of("toy", 2)
-    flat, e = flatten(momdp), momdp.n_behaviors
+    flat = flatten(momdp)
+    e = momdp.n_behaviors
     legal = np.repeat(momdp.legal[:-1], 4, axis=0)
     costs = np.where(legal, [-1.0, -5.0, -2.0], [-102.0, -106.0, -103.0])  # below every report
     np.testing.assert_array_equal(flat.reward[:-1, :e], costs)

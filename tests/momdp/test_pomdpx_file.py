@@ -100,8 +100,11 @@ def test_what_is_written_is_the_flat_problem(momdp_of, tmp_path, name, n, levels
     momdp = momdp_of(name, n, levels)
     bonus = np.random.default_rng(1).uniform(-9, 9, momdp.bonus.shape)
     momdp = replace(momdp, bonus=bonus)
-    ours, flat = written(momdp, tmp_path), flatten(momdp)
-    end, n_y, n_a = momdp.terminal, 2**n, momdp.n_actions
+    ours = written(momdp, tmp_path)
+    flat = flatten(momdp)
+    end = momdp.terminal
+    n_y = 2**n
+    n_a = momdp.n_actions
     for rows in (ours.x0, ours.y0, ours.x, ours.y, ours.o):
         np.testing.assert_allclose(rows.sum(axis=-1), 1.0, atol=1e-12)
     joint = np.einsum("axX,ayY->axyXY", ours.x, ours.y)
@@ -164,7 +167,8 @@ def test_a_question_of_yes_or_no_is_worth_as_much_in_its_file(event, payoffs, tm
 def test_actions_and_hidden_values_stand_in_our_order(momdp_of, tmp_path):
     """As the alpha vectors of a solver are read by position."""
     momdp = momdp_of("toy", 2)
-    ours, e = written(momdp, tmp_path), momdp.n_behaviors
+    ours = written(momdp, tmp_path)
+    e = momdp.n_behaviors
     assert ours.values["x0v"] == ["x0", "x1", "term"]
     assert ours.values["y0v"] == ["y00", "y01", "y10", "y11"]
     assert ours.values["a"] == ["look", "lift", "reinit", "a00", "a01", "a10", "a11"]
@@ -177,14 +181,13 @@ def test_actions_and_hidden_values_stand_in_our_order(momdp_of, tmp_path):
 def test_a_branching_diagram_is_written_as_x_is_observed(momdp_of, tmp_path):
     """What .pomdp has to refuse: two x' that look alike."""
     momdp = momdp_of("toy", 1)
-    transition, observation_probability = (
-        momdp.transition.copy(),
-        momdp.observation_probability.copy(),
-    )
+    transition = momdp.transition.copy()
+    observation_probability = momdp.observation_probability.copy()
     transition[0, 0] = [0.5, 0.5, 0.0]
     observation_probability[0, 0] = 1.0
     legal = momdp.legal.copy()
-    transition[0, 1], legal[1, 0] = [0.0, 0.0, 1.0], False
+    transition[0, 1] = [0.0, 0.0, 1.0]
+    legal[1, 0] = False
     branching = replace(
         momdp, transition=transition, observation_probability=observation_probability, legal=legal
     )

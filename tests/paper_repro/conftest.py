@@ -9,7 +9,8 @@ import pytest
 
 from meal_bayes.trials import TrialOutcomes
 
-TRIALS, OBJECTS = 2000, 20
+TRIALS = 2000
+OBJECTS = 20
 FOLDER = Path(__file__).resolve().parents[2] / "paper_repro"
 sys.path.insert(0, str(FOLDER.parent))  # before the tests are, which import from it
 
@@ -38,7 +39,8 @@ def outcomes() -> Callable[..., TrialOutcomes]:
         seed: int = 0,
         abstained: float = 0.0,
     ) -> TrialOutcomes:
-        rng, number = np.random.default_rng(seed), np.arange(TRIALS)
+        rng = np.random.default_rng(seed)
+        number = np.arange(TRIALS)
         noise = rng.standard_normal(TRIALS)
         values = level + spread * (noise - noise.mean())
         report = np.repeat(rng.permutation(TRIALS) < round(right * TRIALS), 2).reshape(-1, 2)

@@ -25,7 +25,8 @@ def rows_of_readme():
 @pytest.mark.parametrize("number", range(len(ENTRIES)))
 def test_a_row_has_the_outcome_and_the_numbers_of_its_results(number):
     """Read here by code of its own: the JSON, the statements' texts, and what is printed."""
-    entry, cells = ENTRIES[number], rows_of_readme()[number]
+    entry = ENTRIES[number]
+    cells = rows_of_readme()[number]
     path = FOLDER / "results" / f"{entry['item']}.json"
     statements = json.loads(path.read_text(encoding="utf-8"))["statements"]
     answering = claims.chosen(entry, statements)

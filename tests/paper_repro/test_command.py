@@ -130,7 +130,8 @@ def test_the_pages_are_those_of_the_results():
 
 @pytest.mark.parametrize("item", ITEMS)
 def test_every_item_is_shown_with_its_command_verdict_and_figures(item):
-    result, index = committed(item), (FOLDER / "README.md").read_text(encoding="utf-8")
+    result = committed(item)
+    index = (FOLDER / "README.md").read_text(encoding="utf-8")
     page = (RESULTS / f"{item}.md").read_text(encoding="utf-8")
     assert f"[{item}](results/{item}.md)" in index
     assert result["sentence"] in index
@@ -143,7 +144,8 @@ def test_every_item_is_shown_with_its_command_verdict_and_figures(item):
 
 @pytest.mark.parametrize("item", ITEMS)
 def test_statements_have_all_that_they_rest_on(item):
-    result, page = committed(item), (RESULTS / f"{item}.md").read_text(encoding="utf-8")
+    result = committed(item)
+    page = (RESULTS / f"{item}.md").read_text(encoding="utf-8")
     assert result["verdict"] == verdict(result["statements"])
     for row in result["statements"]:
         assert row["where"]

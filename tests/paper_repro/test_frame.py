@@ -143,7 +143,8 @@ def test_random_legal_asks_at_the_start_alone_as_published_and_never_on_recordin
         offline.run_agent(setting, protocol, "ispy32", n=1, agent="random_legal", trials=30)
         for path in setting.logs.rglob("*.mcap"):
             for trial in read_trials(path):
-                ask, start = trial.momdp.behavior_names.index("ask"), trial.momdp.start
+                ask = trial.momdp.behavior_names.index("ask")
+                start = trial.momdp.start
                 where = [step.x == start for step in trial.steps if step.decision.action == ask]
                 asks.setdefault(protocol, []).extend(where)
     assert asks[THEIRS]
@@ -239,7 +240,8 @@ def test_runs_are_as_long_as_asked_for():
 def test_every_item_names_its_place_and_central_statements_that_there_are():
     assert set(frame.paper_values("table3")["margin"]) == {"accuracy", "cost"}
     for item in frame.items():
-        paper, path = frame.paper_values(item), frame.RESULTS / f"{item}.json"
+        paper = frame.paper_values(item)
+        path = frame.RESULTS / f"{item}.json"
         assert paper["where"]
         if not path.is_file() or frame.older_columns(item):  # older ones may lack statements
             continue

@@ -61,7 +61,8 @@ def test_table_3_judges_printed_numbers(outcomes, kind, shift):
 
 def test_table_3_plans_intervals_of_half_the_margin(outcomes):
     """What the plan asks for is reached where trials spread as the paper prints."""
-    planned, level = table3.plan(), LEVEL / table3.STATEMENTS
+    planned = table3.plan()
+    level = LEVEL / table3.STATEMENTS
     name = table3.THE_PAPERS
     for n, accuracy in ((2, 0.86), (3, 0.903)):
         run = outcomes(0, right=accuracy)
@@ -136,7 +137,8 @@ def test_fig_8_judges_costs(outcomes, kind, rise, drawn):
 
 
 def test_successes_are_counted_while_the_budget_lasts():
-    success, cost = np.array([1, 0, 1, 1]), np.array([10.0, 10.0, 10.0, 10.0])
+    success = np.array([1, 0, 1, 1])
+    cost = np.array([10.0, 10.0, 10.0, 10.0])
     counts = [eq7.repeated_successes(success, cost, budget) for budget in (5, 15, 35, 40, 75)]
     assert counts == [0, 1, 2, 3, 5]
     assert eq7.repeated_successes(success, np.zeros(4), 60) == 3
@@ -187,8 +189,10 @@ def test_asking_until_two_answers_agree_is_what_a_simulation_gives():
     """Exact numbers against 20,000 trials of the published model of `ask`."""
     rng = np.random.default_rng(0)
     for n in (1, 2, 7):
-        answers, trials = 2**n, 20_000
-        asks, right = [], []
+        answers = 2**n
+        trials = 20_000
+        asks = []
+        right = []
         for _ in range(trials):
             heard: set[int] = set()
             while True:
@@ -224,7 +228,9 @@ def test_lower_bounds_show_that_a_reward_is_above_a_number_alone(first, last, ou
 
 def test_fig_7_s_last_belief_is_the_third_squared():
     low, high = fig7.twice([0.60, 0.13, 0.22, 0.05])
-    y, m = 0.27, 0.18  # (1 - y)(1 - m) is .5986, ... : these print the third
+    # (1 - y)(1 - m) is .5986, ...: these print the third.
+    y = 0.27
+    m = 0.18
     odds = [(q / (1 - q)) ** 2 for q in (y, m)]
     after = [o / (1 + o) for o in odds]
     belief = np.outer([1 - after[0], after[0]], [1 - after[1], after[1]]).ravel()
@@ -264,7 +270,8 @@ def test_the_sixth_belief_of_table_5_follows_from_the_others():
 
 
 def test_what_a_reward_lacks_is_data_plans_and_sensors():
-    known, gap = Estimate(300.0, 10.0, 30), Estimate(-5.0, 8.0, 30)
+    known = Estimate(300.0, 10.0, 30)
+    gap = Estimate(-5.0, 8.0, 30)
     for doubled in (-20.0, 50.0, 900.0):
         gains = losses.split(known, Estimate(doubled, 12.0, 30), gap, 499.5)
         assert sum(gain.estimate for gain in gains) == pytest.approx(199.5)

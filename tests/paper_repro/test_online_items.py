@@ -64,7 +64,8 @@ def test_fig_10_judges_areas_ends_and_starts(kind, lead):
 
 
 def test_fig_10_compares_over_equal_hours():
-    hours, reward = np.array([[0.0, 1.0, 2.0]] * 2), np.array([[0.0, 10.0, 20.0]] * 2)
+    hours = np.array([[0.0, 1.0, 2.0]] * 2)
+    reward = np.array([[0.0, 10.0, 20.0]] * 2)
     slow = replace(curves(0.8), hours=3 * hours, accuracy=hours, reward=reward + 5.0)
     base = replace(slow, hours=hours, reward=reward)
     table = fig10.compared({"morc_itrs": slow, "iterative_morc": base}, "CY101, 1 attribute")
@@ -74,7 +75,8 @@ def test_fig_10_compares_over_equal_hours():
 
 
 def test_no_lead_is_shown_where_an_agent_explored_for_less():
-    hours, reward = np.array([[0.0, 1.0, 2.0]] * 2), np.array([[0.0, 10.0, 20.0]] * 2)
+    hours = np.array([[0.0, 1.0, 2.0]] * 2)
+    reward = np.array([[0.0, 10.0, 20.0]] * 2)
     long = replace(curves(0.8), hours=hours, reward=reward)
     short = replace(long, hours=hours / np.array([[1.0], [4.0]]))  # one repeat ends after 0.5 h
     assert fig10.lead_at(long, short, "reward", 0.5).estimate == pytest.approx(-7.5)
@@ -83,7 +85,8 @@ def test_no_lead_is_shown_where_an_agent_explored_for_less():
 
 
 def test_areas_are_means_over_hours():
-    hours, values = np.array([[0.0, 1.0, 3.0]]), np.array([[0.0, 1.0, 1.0]])
+    hours = np.array([[0.0, 1.0, 3.0]])
+    values = np.array([[0.0, 1.0, 1.0]])
     curve = Curves(hours, values, values, values, 0 * values, np.zeros((1, 3, 0)), ())
     for end, mean in ((2.0, 0.75), (4.0, 0.875)):
         until = replace(curve, hours=np.array([[0.0, 1.0, end]]))

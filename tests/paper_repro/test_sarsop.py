@@ -34,7 +34,8 @@ POLICY = """<?xml version="1.0" encoding="ISO-8859-1"?>
 
 
 def momdp_of(name="toy", n=1, **options):
-    domain, rng = load_domain(name), np.random.default_rng(0)
+    domain = load_domain(name)
+    rng = np.random.default_rng(0)
     confusion = rng.dirichlet(np.ones(2), (n, len(domain.behaviors), 2))
     return build_momdp(domain, Query(domain.attributes[:n]), confusion, **options)
 
@@ -216,7 +217,8 @@ def test_illegal_behaviors_are_never_taken():
 
 def test_used_up_percepts_end_a_loop():
     momdp = momdp_of(limit=2)
-    belief, actions = initial_belief(momdp), []
+    belief = initial_belief(momdp)
+    actions = []
     for _ in range(3):
         actions.append(decide(momdp, belief, [[99.9, 99.9]], [0], [LOOK]).action)
         belief = update_belief(belief, momdp, Transition(LOOK, 0, np.array([1], dtype=np.int8)))
@@ -240,7 +242,8 @@ def shown(problem: bytes) -> dict[str, list[float]]:
 @pytest.mark.parametrize("right", [0.65, 0.3])
 def test_whole_answers_are_right_with_one_probability(n, right):
     problem = problem_file(momdp_of("ispy32_published", n))
-    before, after = shown(problem), shown(with_whole_answers(problem, ASK, right))
+    before = shown(problem)
+    after = shown(with_whole_answers(problem, ASK, right))
     assert before.keys() == after.keys()
     asked = {instance for instance in before if instance.split()[0] == ASK}
     assert asked

@@ -86,7 +86,9 @@ def test_what_would_decide_is_told_in_splits():
 
 
 def test_best_is_ahead_of_every_other_one():
-    clear, tie, behind = effect(3), effect(0.2), effect(-3)
+    clear = effect(3)
+    tie = effect(0.2)
+    behind = effect(-3)
     assert outcome(best({"a": clear, "b": clear}, of="it")) == STANDS
     assert outcome(best({"a": clear, "b": tie}, of="it")) == UNDECIDED
     told = best({"a": clear, "b": behind, "c": tie}, of="it").judge(0.05)
@@ -110,7 +112,8 @@ def test_a_family_is_judged_by_holm():
 
 
 def test_no_effect_gives_few_false_outcomes_over_fig_10_s_family():
-    rng, false = np.random.default_rng(0), 0
+    rng = np.random.default_rng(0)
+    false = 0
     for _ in range(400):
         drawn = rng.normal(0, 0.5, 30)
         family = {
@@ -146,7 +149,8 @@ def test_no_more_than_a_number_falls_where_our_splits_are_all_above_it(printed, 
 
 
 def test_no_more_than_a_number_for_several_falls_by_any_one_of_them():
-    low, high = np.linspace(0.4, 0.9, 20), np.linspace(0.85, 0.95, 20)
+    low = np.linspace(0.4, 0.9, 20)
+    high = np.linspace(0.85, 0.95, 20)
     falls = placed_below({"a": low, "b": high}, 0.7, of="accuracy").judge(1.0)
     assert (falls["outcome"], falls["level"]) == (FALLS, pytest.approx(0.025))
     assert falls["rule"].startswith("b's accuracy is 0.7 at most")
@@ -209,7 +213,8 @@ def test_a_level_is_where_the_interval_meets_the_bound(fraction):
 
 
 def test_a_level_of_a_difference_of_fractions_is_too():
-    rng, objects = np.random.default_rng(0), np.repeat(np.arange(36), 10)
+    rng = np.random.default_rng(0)
+    objects = np.repeat(np.arange(36), 10)
     gain = (rng.random(360) < 0.3).astype(float) - (rng.random(360) < 0.1)
     effect = paired_fractions(gain, partial(clustered, clusters=objects))
     for level in (level_above(effect, 0.1), level_below(effect, 0.3)):
@@ -218,7 +223,8 @@ def test_a_level_of_a_difference_of_fractions_is_too():
 
 
 def test_needed_units_decide_at_80_percent_power():
-    effect, rng = clustered([0.5, 1.5, -0.5, 2.5], range(4)), np.random.default_rng(2)
+    effect = clustered([0.5, 1.5, -0.5, 2.5], range(4))
+    rng = np.random.default_rng(2)
     effect = replace(effect, cluster="splits")
     units = needed(effect, 0.0, 0.05)
     draws = rng.normal(effect.estimate, effect.se * 2, (400, units))

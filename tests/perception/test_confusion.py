@@ -27,7 +27,8 @@ def test_kappa_is_cohens(pairs):
 
 
 def test_four_levels_are_halves_of_yes_and_no():
-    four, two = np.array([[5, 3, 1, 1], [0, 2, 4, 4]]), np.array([[8, 2], [2, 8]])
+    four = np.array([[5, 3, 1, 1], [0, 2, 4, 4]])
+    two = np.array([[8, 2], [2, 8]])
     assert youden(four) == pytest.approx(youden(two))
 
 

@@ -130,7 +130,8 @@ def test_percepts_are_made_from_the_modalities_that_are_there(make, method):
     correct = []
     for o, labels in enumerate(dataset.labels):
         complete = dict(dataset.instance(o, "lift", 0).features)
-        whole, broken = log_odds(o, **complete), np.full(5, np.nan)
+        whole = log_odds(o, **complete)
+        broken = np.full(5, np.nan)
         np.testing.assert_array_equal(log_odds(o, **complete, smell=np.ones(2)), whole)
         part = log_odds(o, a=complete["a"], b=complete["b"])
         np.testing.assert_array_equal(log_odds(o, **{**complete, "c": broken}), part)

@@ -63,7 +63,8 @@ class Undecided(Remembers):
 
 def test_no_output_comes_from_a_classifier_that_saw_the_row(make):
     dataset = make(3, objects=12)
-    every, truth = np.ones(3, bool), np.array([[True], [False], [True]])
+    every = np.ones(3, bool)
+    truth = np.array([[True], [False], [True]])
     ids = np.arange(3)
     problem = FoldProblem(np.eye(3)[None], truth, ids, ids, ids, ["it"], Remembers(), None)
     spy = problem.train(every)
@@ -83,7 +84,8 @@ def test_no_output_comes_from_a_classifier_that_saw_the_row(make):
 @pytest.mark.statistical
 @pytest.mark.parametrize("estimator", [BY_HEART, GaussianNB()], ids=["by heart", "Bayes"])
 def test_permuted_labels_cannot_be_told(estimator):
-    kappas, side = [], []
+    kappas = []
+    side = []
     for seed in range(12):
         rng = np.random.default_rng(seed)
         made = make_synthetic(load_domain("toy"), objects=90, recordings=2, dimensions=4, rng=rng)
@@ -129,7 +131,8 @@ def test_what_was_fitted_perceives_as_its_counts_say(make):
 
 @pytest.mark.long
 def test_equal_calls_give_equal_tables_and_leave_warning_filters_as_before(make):
-    dataset, before = make(2, objects=8), list(warnings.filters)
+    dataset = make(2, objects=8)
+    before = list(warnings.filters)
     first, second = (
         build_percept_table(dataset, classifier=RandomForestClassifier(5)) for _ in range(2)
     )
@@ -184,7 +187,8 @@ def test_the_sigmoid_is_platts(seed, n):
     rng = np.random.default_rng(seed)
     truth = np.arange(n) % 3 == 0
     decisions = rng.normal(size=n) + truth
-    n_true, n_false = truth.sum(), (~truth).sum()
+    n_true = truth.sum()
+    n_false = (~truth).sum()
     soft = np.where(truth, (n_true + 1) / (n_true + 2), 1 / (n_false + 2))
 
     def loss(theta):

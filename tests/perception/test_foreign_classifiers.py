@@ -38,8 +38,10 @@ class Foreign(ClassifierMixin, BaseEstimator):
     """Does as it is told, in `fit` or when it is asked."""
 
     def __init__(self, probabilities=None, classes=(0, 1), raises=None, when="fit"):
-        self.probabilities, self.classes = probabilities, classes
-        self.raises, self.when = raises, when
+        self.probabilities = probabilities
+        self.classes = classes
+        self.raises = raises
+        self.when = when
 
     def fit(self, rows, labels):
         self.classes_ = np.array(self.classes)
@@ -91,7 +93,8 @@ NUMBERS = st.floats(-2, 3) | st.sampled_from([np.nan, np.inf, -np.inf, 50.0])
     st.sampled_from(EXCEPTIONS), st.text(max_size=40), st.sampled_from(["fit", "decide"])
 )  # fmt: skip
 def test_what_a_classifier_raises_is_one_line_with_its_place(kind, text, when):
-    raises, dataset = kind(text), some_cups()
+    raises = kind(text)
+    dataset = some_cups()
     with pytest.raises(DataError, match=r"Foreign cannot (learn|decide) 'red' by 'look'") as told:
         build_percept_table(dataset, classifier=Foreign(raises=raises, when=when))
     assert isinstance(told.value.__cause__, kind)

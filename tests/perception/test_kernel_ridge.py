@@ -169,8 +169,10 @@ def test_neighbors_are_in_different_folds_in_no_fixed_order():
 @pytest.mark.parametrize("nested", [True, False])
 def test_with_all_recordings_as_landmarks_outputs_equal_the_exact_ones(nested):
     rng = np.random.default_rng(1)
-    folds, objects = np.repeat(np.arange(5), 6), np.repeat(np.arange(15), 2)
-    points, truth = rng.normal(size=(2, 30, 3)), rng.random((30, 2)) < 0.5
+    folds = np.repeat(np.arange(5), 6)
+    objects = np.repeat(np.arange(15), 2)
+    points = rng.normal(size=(2, 30, 3))
+    truth = rng.random((30, 2)) < 0.5
     grams = np.exp(-((points[:, :, None] - points[:, None]) ** 2).sum(axis=-1) / 4)
     exact = kernel_problem(grams, truth, folds, 0.2)
     exact = replace(exact, weights=np.ones(30))  # 2 an object, of two recordings each
@@ -199,7 +201,8 @@ def test_many_objects_are_told_apart_by_what_is_compared_with_landmarks(make, la
 
 
 def test_fitting_counts_recordings_and_a_table_objects_too(make):
-    dataset, settings = make(2, objects=8, recordings=4), replace(DEFAULT, folds=3)
+    dataset = make(2, objects=8, recordings=4)
+    settings = replace(DEFAULT, folds=3)
     training = TrainingSet.everything(dataset)
     exact = fit_and_validate(dataset, training, settings=settings)[1]
     for few in ({"exact_recordings": 30}, {"exact_objects": 7}):

@@ -124,7 +124,8 @@ def test_labels_play_no_part_in_the_spaces(make, relabel):
 
 def test_whitening_shrinks_what_differs_between_repeats(make):
     """A feature that is noise on every recording counts for less than one that objects keep."""
-    dataset, rng = make(2, objects=30, recordings=4), np.random.default_rng(3)
+    dataset = make(2, objects=30, recordings=4)
+    rng = np.random.default_rng(3)
     signal = rng.normal(size=(30, 1, 1)) + 0.05 * rng.normal(size=(30, 4, 1))
     features = {
         key: np.concatenate([signal, rng.normal(size=(30, 4, 1))], axis=2).astype(np.float32)

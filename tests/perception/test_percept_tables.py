@@ -58,7 +58,8 @@ def test_the_training_side_is_that_of_a_robot_without_the_object(make):
     gathered = gather(dataset, TrainingSet.everything(dataset), ALL)
     _, widths = learned_widths(gathered.values(), ALL, range(8))
     assert len(set(widths)) > 1  # so that each table has its own
-    objects, truth = gathered[1].objects, gathered[1].labels == 1
+    objects = gathered[1].objects
+    truth = gathered[1].labels == 1
     for held_out in range(8):
         rest = objects != held_out
         wide = gathered[1].widened(widths[held_out]).kernels(joint=True)[:, rest][:, :, rest]
@@ -133,11 +134,13 @@ def test_provenance_tells_how_the_table_was_made(make):
 @pytest.mark.real_data
 @pytest.mark.parametrize("name", ["roc36", "ispy32"])
 def test_shipped_tables_can_be_made_again(recordings, name):
-    dataset, shipped = load_dataset(name, root=recordings), load_percepts(name)
+    dataset = load_dataset(name, root=recordings)
+    shipped = load_percepts(name)
     made = build_percept_table(dataset)
     assert shipped.objects == dataset.objects
     np.testing.assert_array_equal(shipped.labels, dataset.labels)
-    log_odds, expected = made.log_odds.astype(float), shipped.log_odds.astype(float)
+    log_odds = made.log_odds.astype(float)
+    expected = shipped.log_odds.astype(float)
     np.testing.assert_allclose(log_odds, expected, atol=1e-2)
     differ = made.training_bins != shipped.training_bins
     assert differ.mean() < 1e-4  # an output on the very edge of a bin may fall over
@@ -176,7 +179,8 @@ def ragged(make) -> Dataset:
 def test_counts_tell_what_is_there(ragged):
     expected = np.zeros((10, 4), int)
     expected[:, :2] = 3
-    expected[2, 0], expected[5, 1] = 0, 1
+    expected[2, 0] = 0
+    expected[5, 1] = 1
     np.testing.assert_array_equal(ragged.recording_counts, expected)
     assert len(TrainingSet.everything(ragged)) == expected.sum()
     assert "0 to 3 recordings" in repr(ragged)

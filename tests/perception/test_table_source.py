@@ -18,7 +18,8 @@ OWN = 'extends = "{parent}"\nname = "own"\ndata = "roc36"\n'
 
 
 def test_the_parents_of_a_domain_are_another_run(tmp_path):
-    child, parent = tmp_path / "own.toml", tmp_path / "parent.toml"
+    child = tmp_path / "own.toml"
+    parent = tmp_path / "parent.toml"
     child.write_text(OWN.format(parent="parent.toml"))
     prints = set()
     for reward in (500.0, 300.0, 300.0):
@@ -29,7 +30,8 @@ def test_the_parents_of_a_domain_are_another_run(tmp_path):
 
 def test_recordings_are_another_run(own_data):
     (file,) = (own_data.parent / f for f in ["labels.csv"])
-    before, content = fingerprint(str(own_data), str(own_data.parent)), file.read_bytes()
+    before = fingerprint(str(own_data), str(own_data.parent))
+    content = file.read_bytes()
     file.write_bytes(content + b"\n")
     changed = fingerprint(str(own_data), str(own_data.parent))
     file.write_bytes(content)
@@ -86,7 +88,8 @@ def test_default_is_what_ships_or_ones_own(tmp_path):
 
 
 def test_the_papers_is_computed_once_with_a_note(computed):
-    notes, done = [], []
+    notes = []
+    done = []
     table = TableSource.of("roc36", "paper").load(
         on_note=notes.append, on_progress=lambda *p: done.append(p)
     )

@@ -64,7 +64,8 @@ def random_toy(
     Objects are of so many random classes of each truth, or that both share; or of two of each, of
     which one, a fraction `mistaken` of the objects, follows the other truth's rows.
     """
-    rng, domain = np.random.default_rng(seed), load_domain("toy")
+    rng = np.random.default_rng(seed)
+    domain = load_domain("toy")
     c = shared or 2 * own_classes
     confusion = rng.dirichlet(np.ones(levels), (n, 3, c))
     precision = rng.uniform(0.5, 20.0, (n, 3, c)) if finite else np.inf
@@ -93,7 +94,8 @@ def random_momdp(
     """Build a problem of a domain with random rows, of classes as in `random_classes`."""
     domain = load_domain(name)
     shape = n, len(domain.behaviors), shared or 2 * own_classes
-    confusion, query = rng.dirichlet(np.ones(levels), shape), Query(domain.attributes[:n])
+    confusion = rng.dirichlet(np.ones(levels), shape)
+    query = Query(domain.attributes[:n])
     classes = random_classes(n, own_classes, shared, rng)
     return build_momdp(domain, query, confusion, precision, latent_classes=classes, **options)
 
@@ -119,7 +121,9 @@ class Expectimax:
 
     def nothing_seen(self) -> Counts:
         """Counts at the start."""
-        n, e, k = len(self.momdp.query), self.momdp.n_behaviors, self.momdp.levels
+        n = len(self.momdp.query)
+        e = self.momdp.n_behaviors
+        k = self.momdp.levels
         return (((0,) * k,) * e,) * n
 
     def positive(self, seen: Counts) -> list[float]:
@@ -129,7 +133,8 @@ class Expectimax:
 
     def _joint(self, i: int, seen: tuple[tuple[int, ...], ...]) -> list[list[float]]:
         """Pr(is v, of class c, percepts), [v][c]."""
-        prior, classes = float(self.momdp.prior[i]), self.momdp.latent_classes[i].tolist()
+        prior = float(self.momdp.prior[i])
+        classes = self.momdp.latent_classes[i].tolist()
         return [
             [p * share * self._likelihood(i, c, seen) for c, share in enumerate(classes[v])]
             for v, p in enumerate((1 - prior, prior))
@@ -159,9 +164,11 @@ class Expectimax:
 
     def _yes_and_no(self, seen: Counts) -> list[float]:
         """Expected rewards of yes and no, by all value vectors one by one."""
-        m, event = self.momdp, self.momdp.query.event
+        m = self.momdp
+        event = self.momdp.query.event
         four = m.payoffs or (m.correct, m.incorrect, m.correct, m.incorrect)
-        positive, out = self.positive(seen), [0.0, 0.0]
+        positive = self.positive(seen)
+        out = [0.0, 0.0]
         for truth in np.ndindex(*(2,) * len(positive)):
             p = math.prod(b if v else 1 - b for b, v in zip(positive, truth, strict=True))
             holds = (list(truth) == list(event.allowed)) != event.complement
@@ -188,13 +195,16 @@ class Expectimax:
 
     def edge(self, x: int, seen: Counts, e: int, value: Callable[[int, Counts], float]) -> float:
         """Value of a behavior, repeated until something comes of it."""
-        m, idle, total = self.momdp, 0.0, 0.0
+        m = self.momdp
+        idle = 0.0
+        total = 0.0
         left = sum(seen[0][e]) < m.limit[e]
         for target, p in enumerate(m.transition[e, x].tolist()):
             felt = p * float(m.observation_probability[e, x, target]) * left
             silent = p - felt
             if target == x:
-                idle, silent = silent, 0.0
+                idle = silent
+                silent = 0.0
             if silent > 1e-12:
                 total += silent * value(target, seen)
             if felt > 1e-12:
@@ -216,10 +226,12 @@ class Expectimax:
 
     def percepts(self, seen: Counts, e: int) -> Iterator[tuple[float, Counts]]:
         """All percept vectors of a behavior: probability, counts afterwards."""
-        n, k = len(self.momdp.query), self.momdp.levels
+        n = len(self.momdp.query)
+        k = self.momdp.levels
         mass = [sum(map(sum, self._joint(i, seen[i]))) for i in range(n)]
         for levels in np.ndindex(*(k,) * n):
-            p, after = 1.0, []
+            p = 1.0
+            after = []
             for i, z in enumerate(levels):
                 counts = seen[i][e]
                 more = (*counts[:z], counts[z] + 1, *counts[z + 1 :])

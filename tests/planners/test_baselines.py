@@ -16,7 +16,10 @@ from meal_bayes.planners.baselines import information_gain
 
 def played(momdp, steps, cost=0.0):
     """History after (behavior, next x, percept or None)."""
-    belief, actions, perceived, moved = initial_belief(momdp), [], [], []
+    belief = initial_belief(momdp)
+    actions = []
+    perceived = []
+    moved = []
     for name, next_x, percept in steps:
         action = momdp.behavior_names.index(name)
         observation = None if percept is None else np.array(percept)
@@ -44,7 +47,9 @@ def assert_frequency(hits, n, p, sigma=5.0):
 @pytest.mark.statistical
 @pytest.mark.parametrize(("x", "legal"), [(0, ["look", "lift"]), (1, ["reinit"])])
 def test_random_is_uniform_over_reports_and_legal_behaviors(toy, x, legal):
-    policy, rng, n = Random().solve(toy, None), np.random.default_rng(1), 6000
+    policy = Random().solve(toy, None)
+    rng = np.random.default_rng(1)
+    n = 6000
     history = History(initial_belief(toy).at(x))
     drawn = Counter(policy.decide(history, rng).action for _ in range(n))
     expected = {toy.behavior_names.index(name) for name in legal} | {3, 4, 5, 6}
@@ -56,7 +61,8 @@ def test_random_is_uniform_over_reports_and_legal_behaviors(toy, x, legal):
 def test_random_draws_among_more_reports_than_integers(small):
     domain = load_domain("ispy32")
     momdp = small.momdp(domain, {name: {} for name in domain.attributes})
-    policy, rng = Random().solve(momdp, None), np.random.default_rng(2)
+    policy = Random().solve(momdp, None)
+    rng = np.random.default_rng(2)
     drawn = [policy.decide(small.start(momdp), rng).action for _ in range(50)]
     assert len(set(drawn)) == 50
     ones = np.mean([momdp.query.values_of(a - momdp.n_behaviors) for a in drawn], axis=0)
@@ -68,7 +74,9 @@ def test_random_draws_among_more_reports_than_integers(small):
 def test_random_legal_is_uniform_over_legal_behaviors(small):
     domain = load_domain("ispy32")
     momdp = small.momdp(domain, {"heavy": {}})
-    policy, rng, n = RandomLegal(50.0).solve(momdp, None), np.random.default_rng(3), 4000
+    policy = RandomLegal(50.0).solve(momdp, None)
+    rng = np.random.default_rng(3)
+    n = 4000
     history = History(initial_belief(momdp).at(1), cost=49.9)
     drawn = Counter(momdp.behavior_names[policy.decide(history, rng).action] for _ in range(n))
     assert set(drawn) == {"press", "push", "grasp", "ask"}
@@ -142,7 +150,8 @@ def gain(b, tpr, fpr):
 def test_untouched_reports_the_likeliest_values_at_once(small, prior, likeliest):
     rates = {"red": {"look": (0.9, 0.1)}, "heavy": {"lift": (0.9, 0.1)}}
     momdp = small.momdp("toy", rates, prior=prior)
-    history, rng = History(initial_belief(momdp)), np.random.default_rng(0)
+    history = History(initial_belief(momdp))
+    rng = np.random.default_rng(0)
     decision = Untouched().solve(momdp, rng).decide(history, rng)
     assert decision.action == momdp.n_behaviors + momdp.query.index_of(np.array(likeliest, bool))
 
@@ -173,7 +182,8 @@ def test_dispersed_rows_are_less_informative_the_second_time(small):
 def test_the_most_bits_per_second_win(small):
     """Look: few bits for 1 s; lift: more, but for 5 s folded with its failures."""
     momdp = small.momdp("toy", {"red": {"look": (0.8, 0.2), "lift": (0.95, 0.05)}})
-    look, lift = gain(0.5, 0.8, 0.2), gain(0.5, 0.95, 0.05)
+    look = gain(0.5, 0.8, 0.2)
+    lift = gain(0.5, 0.95, 0.05)
     price = 5 / (1 - 0.99 * 0.1)
     assert look / 1 > lift / price
     decision = decide(momdp, small.start(momdp))

@@ -64,7 +64,8 @@ class TestThePolicy:
         momdp = small.momdp("toy", small.rates, objective=Objective(discount=0.9))
         domain = load_domain("toy")
         shaped = add_itrs_bonus(momdp, np.zeros((2, 3)), 30.0, 0.0, domain=domain)
-        plain, paid = solve(momdp), solve(shaped)
+        plain = solve(momdp)
+        paid = solve(shaped)
         assert paid.upper_bound > plain.upper_bound
         start = History(initial_belief(momdp))
         sure = History(small.believing(momdp, [9.0, 9.0]))
@@ -142,8 +143,10 @@ def random_rates(domain, rng, size):
     ("name", "abstain"), [("toy", False), ("toy", True), ("ispy32", True), ("cy101", False)]
 )
 def test_values_are_those_of_the_exact_planner(name, abstain):
-    domain, rng = load_domain(name), np.random.default_rng(4)
-    rates, prior = random_rates(domain, rng, 6), rng.uniform(0.1, 0.9, 6)
+    domain = load_domain(name)
+    rng = np.random.default_rng(4)
+    rates = random_rates(domain, rng, 6)
+    prior = rng.uniform(0.1, 0.9, 6)
     scale = 2 * domain.report_reward
     values = batched_value_iteration(
         problem(domain=domain, objective=Objective(abstain=abstain)), rates, prior

@@ -24,11 +24,14 @@ def solve(momdp, points=3_000, **settings):
 def any_momdp(seed):
     """Draw a problem: diagram, failures, forks, rows, shaping, how reports are paid, and exits."""
     rng = np.random.default_rng(seed)
-    n, e, x = int(rng.integers(1, 4)), int(rng.integers(1, 4)), int(rng.integers(2, 5))
+    n = int(rng.integers(1, 4))
+    e = int(rng.integers(1, 4))
+    x = int(rng.integers(2, 5))
     levels = int(rng.choice([2, 4])) if n < 3 else 2
     legal = rng.random((x, e)) < 0.7
     legal[-1] = False
-    transition, observation_probability = np.zeros((e, x, x)), np.zeros((e, x, x))
+    transition = np.zeros((e, x, x))
+    observation_probability = np.zeros((e, x, x))
     for b, at in product(range(e), range(x)):
         transition[b, at, -1] = 1.0
         if legal[at, b]:
@@ -114,9 +117,11 @@ class TestTheBound:
     @pytest.mark.parametrize("seed", range(50))
     def test_no_plan_is_worth_more(self, seed):
         """At the start and at other beliefs, however coarse the grid."""
-        momdp, rng = any_momdp(seed), np.random.default_rng(seed)
+        momdp = any_momdp(seed)
+        rng = np.random.default_rng(seed)
         policy = solve(momdp, points=int(rng.choice([600, 1_500])))
-        room, depth = 1e-6 * (momdp.correct - momdp.incorrect) + 1e-9, depth_for(momdp)
+        room = 1e-6 * (momdp.correct - momdp.incorrect) + 1e-9
+        depth = depth_for(momdp)
         start = attainable(momdp, momdp.start, momdp.prior, depth)
         assert policy.upper_bound >= start - room
         assert upper_bound(momdp, size=1 + seed % 3, points=600) >= start - room

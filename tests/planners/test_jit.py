@@ -69,7 +69,8 @@ def test_a_line_tells_which_kernels_are_compiled(capsys):
 
 
 def test_compilation_is_watched_kernel_by_kernel():
-    seen, ended = [], []
+    seen = []
+    ended = []
     with watch_compilation(seen.append, lambda: ended.append(len(seen))):
         assert add_two(0.0, None) == 2.0
     assert seen == [("add_two", "add_two", 0, 3), ("add_two", "add_one", 0, 3)]
@@ -145,7 +146,8 @@ def test_after_an_edit_in_another_folder_kernels_are_compiled_anew(tmp_path):
     """The entry kernel lies in `open_loop/`, the edited one in `momdp/`."""
     package = copy_of_the_package(tmp_path)
     places = {"NUMBA_CACHE_DIR": str(tmp_path / "cache"), "PYTHONPATH": str(tmp_path)}
-    first, again = run(TABLE, tmp_path, **places), run(TABLE, tmp_path, **places)
+    first = run(TABLE, tmp_path, **places)
+    again = run(TABLE, tmp_path, **places)
     assert first == again
     path = package / "momdp" / "observation.py"
     text = path.read_text(encoding="utf-8")

@@ -32,7 +32,8 @@ def with_evidence(evaluator, counts):
 
 def values_of(model, plans, belief):
     """Values (J,) of every plan from x, each as if it were the only one."""
-    values, rows = [], ("plan", "observation_counts", "expected_percepts", "row")
+    values = []
+    rows = ("plan", "observation_counts", "expected_percepts", "row")
     for j in range(plans.first[belief.x], plans.first[belief.x + 1]):
         first = np.array([0] * (belief.x + 1) + [1] * (len(plans.first) - belief.x - 1))
         single = plans._replace(
@@ -46,7 +47,8 @@ def values_of(model, plans, belief):
 
 def bonuses_of(momdp, pay, bonus_limit, belief=None):
     """What a bonus adds to the value of every plan from the start, and the plans' uses (J,E)."""
-    shaped, plain = arrays_of(with_bonus(momdp, pay, bonus_limit)), arrays_of(momdp)
+    shaped = arrays_of(with_bonus(momdp, pay, bonus_limit))
+    plain = arrays_of(momdp)
     plans = plan_library(momdp, shaped)
     belief = initial_belief(momdp) if belief is None else belief
     counts = plans.observation_counts[plans.first[belief.x] : plans.first[belief.x + 1]]
@@ -73,7 +75,8 @@ def test_other_rewards_are_planned_for_with_the_same_plans(small, prior):
     momdp = small.momdp("toy", small.rates, limit=4)
     first = POMCP(0).solve(with_bonus(momdp, [30.0, 60.0, 0.0], bonus_limit=1), None)
     now = with_bonus(small.momdp("toy", small.rates, limit=4, prior=prior), [0.0, 40.0, 0.0], 1)
-    again, belief = first.sharing_plans(now), initial_belief(now)
+    again = first.sharing_plans(now)
+    belief = initial_belief(now)
     for observation in ([1, 1], [0, 1], [0, 0]):
         decision = again.decide(History(belief), np.random.default_rng(0))
         values = values_of(arrays_of(now), first.plans, belief)
@@ -113,7 +116,8 @@ def test_looking_again_is_worth_at_least_the_best_plan(small, options, finite):
     """Exactly, by brute force; what is left of a plan is a plan, so it is never put off."""
     for seed in range(3):
         momdp = small.toy(seed, 1 + seed % 2, 2, finite=finite, limit=2, **options)
-        policy, optimum = OpenLoop().solve(momdp, None), small.expectimax(momdp)
+        policy = OpenLoop().solve(momdp, None)
+        optimum = small.expectimax(momdp)
         best = np.nanmax(policy.decide(small.start(momdp), None).values)
         worth = optimum.of_policy(policy, 0)
         # With other rows after every percept only some plans of a behavior are computed again.

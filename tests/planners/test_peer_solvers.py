@@ -56,8 +56,10 @@ def test_peers_draw_from_the_problem(name):
     """Where a behavior is legal, and for every answer, as in the dense arrays of the problem."""
     random.seed(1)
     momdp = momdp_of(name)
-    tables, flat = PeerTables(momdp), flatten(momdp)
-    n_y, living = tables.n_y, tables.end * tables.n_y
+    tables = PeerTables(momdp)
+    flat = flatten(momdp)
+    n_y = tables.n_y
+    living = tables.end * tables.n_y
     for x in range(tables.end):
         assert tables.allowed[x] == [
             *np.flatnonzero(momdp.legal[x]), *range(momdp.n_behaviors, momdp.n_actions)

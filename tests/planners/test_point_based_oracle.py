@@ -35,7 +35,8 @@ class PointBased:
     def _outcome(self, x: int, e: int, to: int) -> tuple[int, np.ndarray]:
         """Return x' and the discounted Pr(x', z | x, y, behavior) (Z+1,Y), no percept last."""
         momdp = self.momdp
-        comes, n_y = momdp.observation_probability[e, x, to], len(self.reports)
+        comes = momdp.observation_probability[e, x, to]
+        n_y = len(self.reports)
         rows = [comes * percept_probabilities(momdp, e).T, np.full((1, n_y), 1 - comes)]
         return to, momdp.discount * momdp.transition[e, x, to] * np.concatenate(rows)
 
@@ -53,7 +54,8 @@ class PointBased:
         start = initial_belief(self.momdp)
         points = [[] for _ in self.plans]
         for _ in range(trials):
-            x, belief = start.x, start.joint
+            x = start.x
+            belief = start.joint
             for _ in range(15):
                 points[x].append(belief)
                 legal = np.flatnonzero(self.momdp.legal[x])
@@ -97,7 +99,8 @@ def acyclic(n: int, levels: int, seed: int, **options) -> MOMDP:
         Effect("x2", "shake", "x3", 0.95),
     )
     costs = (0.5, 2.0, 1.5, 4.0)
-    rng, names = np.random.default_rng(seed), ("red", "heavy", "empty")[:n]
+    rng = np.random.default_rng(seed)
+    names = ("red", "heavy", "empty")[:n]
     domain = Domain(
         "acyclic",
         names,

@@ -131,7 +131,8 @@ class TestWithoutThese:
         """After the one percept there is, ending is all that is left: the value is exact."""
         for levels in (2, 4):
             momdp = small.toy(7, 2, levels, finite=True, limit=[1, 0, 0])
-            belief, value = initial_belief(momdp), 0.0
+            belief = initial_belief(momdp)
+            value = 0.0
             for z in np.ndindex(levels, levels):
                 after = update_belief(belief, momdp, Transition(0, 0, np.array(z)))
                 p = 1.0

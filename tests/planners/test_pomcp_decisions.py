@@ -36,7 +36,8 @@ def hopeless(n, *, abstain=False):
 
 def test_equal_seeds_decide_alike(small, toy):
     for momdp in (toy, small.ispy32(8, limit=5), small.toy(9, 2, 4, finite=True)):
-        first, second = small.search(momdp, 60, 3), small.search(momdp, 60, 3)
+        first = small.search(momdp, 60, 3)
+        second = small.search(momdp, 60, 3)
         assert same(first, second)
     assert len({small.search(toy, 60, seed).tree for seed in range(8)}) > 1
 
@@ -126,7 +127,8 @@ def test_decisions_are_made_once_for_a_place_and_percepts(toy, beliefs):
             return Decision(self.calls, nothing, nothing, nothing)
 
     inner = Counting()
-    policy, (start, look, *_) = MemoizedPolicy(inner), beliefs
+    policy = MemoizedPolicy(inner)
+    (start, look, *_) = beliefs
     trial = [*beliefs, start, look]
     assert [policy.decide(History(b), None).action for b in trial] == [1, 2, 3, 4, 1, 2]
     assert inner.calls == 4
@@ -136,7 +138,8 @@ def test_decisions_are_equal_whatever_trial_comes_first(toy, beliefs):
     made = set()
     for seed, order in enumerate(itertools.permutations(range(4))):
         policy = MemoizedPolicy(POMCP(20).solve(toy, np.random.default_rng(seed)))
-        rng, decisions = np.random.default_rng(seed), [None] * 4
+        rng = np.random.default_rng(seed)
+        decisions = [None] * 4
         for place in order:
             decision = policy.decide(History(beliefs[place]), rng)
             values = decision.values[~np.isnan(decision.values)]
@@ -156,7 +159,8 @@ def test_dynamics_are_compiled_once_for_momdps_that_share_them(small):
 
 def test_information_on_the_latent_class_is_planned_with():
     """Look says nothing of the truth, but whether lift is to be believed."""
-    honest, mistaken = [[0.9, 0.1], [0.9, 0.1]], [[0.1, 0.9], [0.1, 0.9]]
+    honest = [[0.9, 0.1], [0.9, 0.1]]
+    mistaken = [[0.1, 0.9], [0.1, 0.9]]
     lift = [[0.9, 0.1], [0.1, 0.9], [0.1, 0.9], [0.9, 0.1]]
     look = [honest[0], mistaken[0], honest[1], mistaken[1]]
     rows = np.array([[look, lift, [[0.5, 0.5]] * 4]])
@@ -184,9 +188,11 @@ def sequence_probabilities(momdp, belief, behaviors):
     out = []
     for i, log_prob in enumerate(belief.log_prob):
         for levels in itertools.product(range(momdp.levels), repeat=len(behaviors)):
-            counts, prob = belief.percept_counts[i].astype(float), np.exp(log_prob)  # a copy; (C,)
+            counts = belief.percept_counts[i].astype(float)  # a copy
+            prob = np.exp(log_prob)  # (C,)
             for e, z in zip(behaviors, levels, strict=True):
-                mean, s = momdp.confusion[i, e, :, z], momdp.precision[i, e]
+                mean = momdp.confusion[i, e, :, z]
+                s = momdp.precision[i, e]
                 prob = prob * predictive(mean, s, counts[e, z], counts[e].sum())
                 counts[e, z] += 1
             out.append(prob.sum())

@@ -30,11 +30,14 @@ class Gather:
     """Looks and lifts, as often as told in turn, then reports; or abstains."""
 
     def __init__(self, momdp, looks, *, leaves=False):
-        self.momdp, self.looks, self.leaves = momdp, looks, leaves
+        self.momdp = momdp
+        self.looks = looks
+        self.leaves = leaves
 
     def decide(self, history, rng):
         belief = history.belief
-        looked, lifted = belief.percept_counts[0, 0].sum(), belief.percept_counts[0, 1].sum()
+        looked = belief.percept_counts[0, 0].sum()
+        lifted = belief.percept_counts[0, 1].sum()
         action = best_report(self.momdp, belief)
         if looked < self.looks:
             action = 0
@@ -159,7 +162,8 @@ def test_the_environment_does_not_know_the_policys_draws(toy):
             rng.random(5)
             return super().decide(history, rng)
 
-    first, second = run(toy, Gather(toy, 2), 40), run(toy, Drawing(toy, 2), 40)
+    first = run(toy, Gather(toy, 2), 40)
+    second = run(toy, Drawing(toy, 2), 40)
     np.testing.assert_array_equal(first.returns, second.returns)
 
 

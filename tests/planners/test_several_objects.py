@@ -156,7 +156,8 @@ def policy(chains, leave):
     rng = np.random.default_rng(0)
     solve = SharedPlans(lambda momdp: POMCP().solve(momdp, rng))
     prospectors = [Prospector(chain.momdp, solve, leave) for chain in chains]
-    prospects, hands = [], []
+    prospects = []
+    hands = []
     for prospector, chain in zip(prospectors, chains, strict=True):
         prospects.append([prospector.prospect(History(belief), rng) for belief in chain.beliefs])
         hands.append([prospector.hand(belief) for belief in chain.beliefs])
@@ -249,7 +250,8 @@ def test_one_object_is_the_question_of_yes_or_no():
     for belief in chain.beliefs:
         asked = question.decide(History(belief), rng).action
         move = best_move([prospector.prospect(History(belief), rng)], 0)
-        no, yes = momdp.n_behaviors, momdp.n_behaviors + 1
+        no = momdp.n_behaviors
+        yes = momdp.n_behaviors + 1
         assert asked == (no if move.object < 0 else yes if move.behavior < 0 else move.behavior)
 
 

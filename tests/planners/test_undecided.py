@@ -71,7 +71,8 @@ def test_a_budget_of_simulations_is_used_up(small, n):
 @pytest.mark.parametrize("seed", range(6))
 def test_plan_gap_and_upper_bound_enclose_each_other(small, seed):
     momdp = small.toy(seed, 1 + seed % 2, 2, finite=False, objective=Objective(abstain=True))
-    rng, start = np.random.default_rng(0), small.start(momdp)
+    rng = np.random.default_rng(0)
+    start = small.start(momdp)
     upper = Factored().solve(momdp, rng).upper_bound
     plan = np.nanmax(OpenLoop().solve(momdp, rng).decide(start, rng).values)
     decision = POMCP(20).solve(momdp, rng).decide(start, rng)
@@ -118,7 +119,8 @@ def test_free_behaviors_are_worth_what_nearly_free_ones_are(small, name, free):
     """The same objects and random numbers, so that the values are compared pair by pair."""
     rates = {"red": {"look": (0.8, 0.25)}, "heavy": {"look": (0.55, 0.4), "lift": (0.85, 0.2)}}
     cheap = small.momdp("toy", rates, **PROBLEMS[name])
-    cost, episodes = cheap.cost.copy(), 20 if name in ENDLESS else 60
+    cost = cheap.cost.copy()
+    episodes = 20 if name in ENDLESS else 60
     cost[list(free)] = 0.01
     cheap = replace(cheap, cost=cost)
     cost[list(free)] = 0.0

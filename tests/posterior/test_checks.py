@@ -41,7 +41,8 @@ def fit(made, prior, rng, draws=RANKED):
 @pytest.mark.parametrize("independent", [True, False])
 def test_conjugate_rows_are_calibrated_where_percepts_are_independent(independent):
     """Eq. 8 counts repeats of one object as new cases: far too narrow where objects differ."""
-    rng, prior = np.random.default_rng(1), leaning(2, 1)
+    rng = np.random.default_rng(1)
+    prior = leaning(2, 1)
     made = simulate(rng, prior, objects=20, recordings=5, independent=independent)
     drawn = yes(conjugate(ConfusionPosterior.from_counts(made.counts, prior=prior), rng))
     ranks = rank_statistics(yes(made.mean), drawn, rng)
@@ -54,7 +55,8 @@ def test_conjugate_rows_are_calibrated_where_percepts_are_independent(independen
 @pytest.mark.statistical
 @pytest.mark.parametrize("levels", [2, 4])
 def test_the_object_level_is_calibrated(levels):
-    rng, prior = np.random.default_rng(1), leaning(levels, 4)
+    rng = np.random.default_rng(1)
+    prior = leaning(levels, 4)
     made = simulate(rng, prior, objects=15, recordings=5)
     mean, s = fit(made, prior, rng)
     ranks = rank_statistics(yes(made.mean), yes(mean), rng)[0]
@@ -80,7 +82,8 @@ def test_ranks_count_draws_below_and_break_ties_at_random():
 
 @pytest.mark.statistical
 def test_prediction_fits_what_the_model_made_and_nothing_else():
-    rng, prior = np.random.default_rng(2), leaning(2, 2)[:, :10]
+    rng = np.random.default_rng(2)
+    prior = leaning(2, 2)[:, :10]
     names = {"attributes": list("ab"), "behaviors": list("cdefghijkl")}
     made = simulate(rng, prior, objects=30, recordings=5)
     drawn = draw_grid(made.counts, rng, **names, prior=prior, draws=200)
@@ -95,12 +98,14 @@ def test_prediction_fits_what_the_model_made_and_nothing_else():
 @pytest.mark.long
 def test_beliefs_leave_the_object_out():
     """Weighting draws is nearly as good as fitting again without each object."""
-    rng, prior = np.random.default_rng(4), leaning(2, 2)[:, :2]
+    rng = np.random.default_rng(4)
+    prior = leaning(2, 2)[:, :2]
     names = {"attributes": list("ab"), "behaviors": list("cd")}
     counts = simulate(rng, prior, objects=12, recordings=4).counts
     drawn = draw_grid(counts, rng, **names, prior=prior, draws=4000)
     beliefs = beliefs_without_itself(drawn, counts, size=4000)
-    (each, _), (together, together_truth) = beliefs["each"], beliefs["together"]
+    (each, _) = beliefs["each"]
+    (together, together_truth) = beliefs["together"]
     truth = counts.any(axis=(2, 4))[..., 1]  # (O,P)
     np.testing.assert_array_equal(together_truth, truth.ravel())
     expected = np.empty(truth.shape)

@@ -53,7 +53,8 @@ def test_the_precision_of_a_row_is_at_most_that_of_either_source():
 @given(posteriors(), st.data())
 def test_order_of_updates_does_not_matter(posterior, data):
     first, second = (data.draw(counts_of(posterior.counts.shape, top=5)) for _ in range(2))
-    left, right = posterior.update(first).update(second), posterior.update(second).update(first)
+    left = posterior.update(first).update(second)
+    right = posterior.update(second).update(first)
     np.testing.assert_allclose(left.concentration, right.concentration)
     np.testing.assert_array_equal(left.counts, posterior.counts + first + second)
 
@@ -84,7 +85,8 @@ def test_percepts_of_one_object_are_one_row_however_they_come(posterior, data):
 def test_percepts_of_one_object_are_worth_less(posterior, data):
     new = data.draw(counts_of(posterior.counts.shape, top=5))
     gained = (posterior.update(new).concentration - posterior.concentration).sum(axis=-1)
-    n, s = new.sum(axis=-1), posterior.dispersion
+    n = new.sum(axis=-1)
+    s = posterior.dispersion
     expected = np.where(np.isinf(s), n, n * (1 + 1 / s) / (1 + n / s))
     np.testing.assert_allclose(gained, expected, atol=1e-9)
     assert (gained <= n + 1e-9).all()

@@ -98,7 +98,8 @@ def test_pairs_that_say_nothing_have_no_vote():
     silent = np.zeros_like(counts)
     silent[..., 0] = counts.sum(axis=-1)  # every percept at one level, whatever the truth
     crowd = np.concatenate([counts, silent, silent], axis=1)
-    alone, together = from_objects(counts), from_objects(crowd)
+    alone = from_objects(counts)
+    together = from_objects(crowd)
     np.testing.assert_allclose(prior_of(crowd)[:6], prior_of(counts))
     np.testing.assert_allclose(together.dispersion[:6], alone.dispersion, rtol=1e-3)
     np.testing.assert_allclose(together.mean[:6], alone.mean, rtol=1e-3)
@@ -141,7 +142,8 @@ def test_the_form_for_more_levels_is_nearly_exact_for_two(s):
     rows = np.moveaxis(counts, -5, -2).reshape(-1, 8, 2)
     prior = np.ones((len(rows), 2))
     statistics = RowStatistics.of(rows)
-    near, exact = approximate(statistics, prior), integrate(statistics, prior)
+    near = approximate(statistics, prior)
+    exact = integrate(statistics, prior)
     shares = []
     for profile in (near, exact):
         share = np.exp(profile.log_evidence - profile.log_evidence.max(axis=1, keepdims=True))

@@ -56,7 +56,8 @@ def test_a_row_of_known_dispersion_is_drawn_from_its_beta():
 
 
 def test_the_summary_for_agents_is_the_grids_own(counts, draws):
-    summary, expected = summarize_draws(draws, counts), ConfusionPosterior.from_objects(counts)
+    summary = summarize_draws(draws, counts)
+    expected = ConfusionPosterior.from_objects(counts)
     np.testing.assert_array_equal(summary.counts, expected.counts)
     np.testing.assert_allclose(summary.mean, expected.mean, atol=0.01)
     np.testing.assert_allclose(np.log(summary.dispersion / expected.dispersion), 0, atol=0.1)
@@ -89,14 +90,16 @@ def test_rows_for_agents_hold_what_is_misperceived():
     counts[:2, ..., 0, 0] = counts[2:, ..., 1, 1] = 3
     noise = rng.normal(0, 0.01, (1, 500, 1, 1, 2))
     yes = np.array([0.1, 0.8]) + noise
-    mean, s = np.stack([1 - yes, yes], axis=-1), np.full((1, 500, 1, 1, 2), 2.0)
+    mean = np.stack([1 - yes, yes], axis=-1)
+    s = np.full((1, 500, 1, 1, 2), 2.0)
     odd = draws_of("a", "b", mean, s, np.full((1, 500), 0.2))
     summary = summarize_draws(odd, counts)
     np.testing.assert_allclose(summary.mean[0, 0, :, 1], [0.24, 0.66], atol=0.002)
     rates = rng.beta(2 * np.array([0.8, 0.1]), 2 * np.array([0.2, 0.9]), (200_000, 2))
     theta = np.where(rng.random(200_000) < 0.2, rates[:, 1], rates[:, 0])  # of true objects
     equal = (theta**2 + (1 - theta) ** 2).mean()
-    m, precision = summary.mean[0, 0, 1], summary.dispersion[0, 0, 1]
+    m = summary.mean[0, 0, 1]
+    precision = summary.dispersion[0, 0, 1]
     assert (1 + precision * (m**2).sum()) / (precision + 1) == pytest.approx(equal, abs=0.005)
     assert precision < 1.2
 

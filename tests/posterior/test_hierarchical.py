@@ -34,7 +34,8 @@ def log_scores(counts, mean, s):
     shown = counts.sum(axis=3)
     scores = np.zeros((*shown.shape[:3], 2))
     for o, p, e, t in np.ndindex(scores.shape):
-        k, alpha = shown[o, p, e], s[p, e, t] * mean[p, e, t]
+        k = shown[o, p, e]
+        alpha = s[p, e, t] * mean[p, e, t]
         if k.any():
             scores[o, p, e, t] = dirichlet_multinomial.logpmf(k, alpha, k.sum())
     return scores
@@ -54,14 +55,17 @@ def potential(model, name, point):
 
 @pytest.mark.parametrize("levels", [2, pytest.param(4, marks=pytest.mark.long)])
 def test_same_is_the_grids_model(levels):
-    rng, counts = np.random.default_rng(0), simulated(levels)
+    rng = np.random.default_rng(0)
+    counts = simulated(levels)
     counts[0, :, 0] = 0  # an object that was never looked at
     model = build_model(counts, **NAMES)
-    shift, (mu, width) = rng.normal(size=(2, 2, 2)), rng.normal(size=(2, 2, 2))
+    shift = rng.normal(size=(2, 2, 2))
+    (mu, width) = rng.normal(size=(2, 2, 2))
     step = np.log(DISPERSIONS[1] / DISPERSIONS[0])
     low, high = np.log(DISPERSIONS[[0, -1]]) + np.array([-step / 2, step / 2])
     place = expit(logit((mu - low) / (high - low)) + np.exp(width) * shift)
-    log_s, jacobian = low + (high - low) * place, (np.log(place * (1 - place)) + width).sum()
+    log_s = low + (high - low) * place
+    jacobian = (np.log(place * (1 - place)) + width).sum()
     mean = rng.dirichlet(np.ones(levels), (2, 2, 2))
     point = {"log_s_standard": shift, "width_standard": width, "mu": mu, "mean": mean}
     scores = log_scores(counts, mean, np.exp(log_s))
@@ -111,7 +115,9 @@ def test_crossed_integrates_what_the_object_seems_to_be(levels):
 def test_nuts_draws_what_the_grid_integrates():
     """The bar: means to .005, standard deviations to 3 %; here beside the Monte-Carlo error."""
     names = {"attributes": list("abcd"), "behaviors": ["look", "lift"]}
-    rng, m, s = np.random.default_rng(3), np.array([0.25, 0.75]), 2.0
+    rng = np.random.default_rng(3)
+    m = np.array([0.25, 0.75])
+    s = 2.0
     yes = rng.binomial(5, rng.beta(s * m, s * (1 - m), (30, 4, 3, 2)))
     counts = np.stack([5 - yes, yes], axis=-1)
     counts[:15, ..., 1, :] = counts[15:, ..., 0, :] = 0
@@ -126,7 +132,8 @@ def test_nuts_draws_what_the_grid_integrates():
     checks = convergence(summary_of(to_idata(draws)))
     assert set(checks["variable"]) == {"mean", "dispersion", "mu", "tau"}
     assert (checks["r_hat"] < 1.01).all()
-    (mean, s, _), (exact_mean, exact_s, _) = rows_of(draws), rows_of(exact)
+    (mean, s, _) = rows_of(draws)
+    (exact_mean, exact_s, _) = rows_of(exact)
     assert draws["behavior"].values.tolist() == ["look", "lift"]
     np.testing.assert_allclose(mean.mean(axis=0), exact_mean.mean(axis=0), atol=0.005)
     np.testing.assert_allclose(mean.std(axis=0), exact_mean.std(axis=0), rtol=0.08)

@@ -78,12 +78,14 @@ DIMS = ("object", "attribute", "behavior", "truth", "level")
 @pytest.fixture
 def fitted():
     """Return percept counts of six objects in the toy domain, and draws of their posterior."""
-    rng, domain = np.random.default_rng(3), load_domain("toy")
+    rng = np.random.default_rng(3)
+    domain = load_domain("toy")
     truth = np.array([[0, 1], [1, 0], [1, 1], [0, 0], [1, 1], [0, 1]])
     shown = rng.binomial(3, np.where(truth, 0.8, 0.3)[:, :, None], (6, 2, 2))
     counts = np.zeros((6, 2, len(domain.behaviors), 2, 2), np.int64)
     o, p, e = np.indices(shown.shape)
-    counts[o, p, e, truth[o, p], 1], counts[o, p, e, truth[o, p], 0] = shown, 3 - shown
+    counts[o, p, e, truth[o, p], 1] = shown
+    counts[o, p, e, truth[o, p], 0] = 3 - shown
     names = {"attributes": domain.attributes, "behaviors": domain.behavior_names[:2]}
     draws = draw_grid(counts[:, :, :2], rng, **names, draws=100)
     return domain, counts, draws
@@ -162,9 +164,11 @@ def test_log_likelihood_is_that_of_each_object(fitted):
     cases = cases_of(counts[:, :, :2], [str(o) for o in range(6)], draws["attribute"].values)
     values = pointwise_log_likelihood(draws, cases)["yes"]
     assert values.shape == (4, 100, 12)
-    (mean, s, _), expected = rows_of(draws), 0.0
+    (mean, s, _) = rows_of(draws)
+    expected = 0.0
     for e in range(2):
-        k, alpha = counts[2, 1, e, 1], (s[..., None] * mean)[307, 1, e, 1]
+        k = counts[2, 1, e, 1]
+        alpha = (s[..., None] * mean)[307, 1, e, 1]
         ways = {0: 1, 1: 3, 2: 3, 3: 1}[int(k[0])]
         expected += dirichlet_multinomial(alpha, 3).logpmf(k) - np.log(ways)
     assert float(values[3, 7].sel(case="2: heavy")) == pytest.approx(expected)
@@ -182,7 +186,8 @@ def test_predicted_percepts_vary_as_objects_do(fitted):
     yes = predict_yes(same, cases, np.random.default_rng(0))["yes"][0]
     mean, s, _ = (values[0] for values in rows_of(same))
     u = cases.names.index("2: heavy")
-    m, s = mean[1, :, 1, 1], s[1, :, 1]
+    m = mean[1, :, 1, 1]
+    s = s[1, :, 1]
     assert float(yes[:, u].mean()) == pytest.approx(3 * m.sum(), abs=0.1)
     variance = (3 * m * (1 - m) * (s + 3) / (s + 1)).sum()
     assert float(yes[:, u].var()) == pytest.approx(variance, rel=0.1)

@@ -13,7 +13,10 @@ from meal_bayes.posterior import ConfusionPosterior
 from meal_bayes.posterior.checks import log_likelihood
 from meal_bayes.posterior.trait import SharedTrait, learn_trait, truth_evidence
 
-OBJECTS, ATTRIBUTES, BEHAVIORS, LEVELS = 80, 6, 5, 4
+OBJECTS = 80
+ATTRIBUTES = 6
+BEHAVIORS = 5
+LEVELS = 4
 
 
 def simulate(rng, sd, objects=OBJECTS, recordings=4):
@@ -73,7 +76,8 @@ def test_pairs_that_say_nothing_stay_silent():
 def test_no_number_of_percepts_outweighs_the_trait():
     """Percepts single out a trait; what that says of the truth is all they can say."""
     trait = SharedTrait.of_sd(0.6)
-    confusion, known = np.array([[[[0.7, 0.3], [0.3, 0.7]]]]), np.full((1, 1, 2), np.inf)
+    confusion = np.array([[[[0.7, 0.3], [0.3, 0.7]]]])
+    known = np.full((1, 1, 2), np.inf)
     rows, precision = trait.select(confusion, known)
     evidence = []
     for n in (1, 10, 100, 10**6):
@@ -113,8 +117,12 @@ def test_new_objects_are_judged_better_than_if_behaviors_erred_alone():
 
 def test_unknown_labels_and_silent_objects_teach_nothing():
     truth, levels = simulate(np.random.default_rng(5), 0.7, objects=30)
-    unknown, silent, relabelled = truth.copy(), levels.copy(), truth.copy()
-    unknown[20:], silent[20:], relabelled[20:] = -1, 0, 1 - truth[20:]
+    unknown = truth.copy()
+    silent = levels.copy()
+    relabelled = truth.copy()
+    unknown[20:] = -1
+    silent[20:] = 0
+    relabelled[20:] = 1 - truth[20:]
     posterior, trait, rates = learned(unknown, levels)
     for labels, shown in ((unknown, silent), (truth, silent), (relabelled, silent)):
         assert learn_trait(posterior, shown, labels, rates).sd == trait.sd
@@ -135,15 +143,18 @@ def repeats_nll(posteriors, table, columns, exact):
     """
     sensing = table.domain.recorded
     yes = (table.levels_of(table.log_odds, 2) == 1).sum(axis=1)  # (O,E,P)
-    total, losses = table.recordings, []
+    total = table.recordings
+    losses = []
     for o, posterior in enumerate(posteriors):
         truth = table.labels[o, columns] == 1
         others = (np.delete(table.labels, o, axis=0)[:, columns] == 1).mean(axis=0)
         log_odds = np.tile(np.log(others / (1 - others)), (len(sensing), 1)).T  # (N,E)
-        confusion, precision = posterior.mean[columns], posterior.precision[columns]
+        confusion = posterior.mean[columns]
+        precision = posterior.precision[columns]
         hits = yes[o].T[np.ix_(columns, sensing)]
         for value, sign in ((1, 1), (0, -1)):
-            m, s = confusion[:, sensing, value, 1], precision[:, sensing, value]
+            m = confusion[:, sensing, value, 1]
+            s = precision[:, sensing, value]
             if exact:
                 score = hits * np.log(m) + (total - hits) * np.log1p(-m)
             else:

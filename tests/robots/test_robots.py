@@ -24,7 +24,8 @@ class CheckedRobot:
     """A robot behind its checker."""
 
     def __init__(self, robot: RecordedRobot, domain: Domain, *, object_index: int) -> None:
-        self.robot, self.names = robot, domain.behavior_names
+        self.robot = robot
+        self.names = domain.behavior_names
         self.terminal = len(domain.diagram.states) - 1
         self.checker = OutcomeChecker(domain, object_index=object_index)
 
@@ -39,7 +40,8 @@ class CheckedRobot:
 
 
 def looked_up(domain, seed, failure_seed=0, o=1, **options):
-    order, failures = np.random.default_rng(seed), np.random.default_rng(failure_seed)
+    order = np.random.default_rng(seed)
+    failures = np.random.default_rng(failure_seed)
     robot = RecordedRobot(domain, o, RECORDINGS, order, failures, **options)
     return CheckedRobot(robot, domain, object_index=o)
 
@@ -79,7 +81,8 @@ def felt(execution: Execution) -> tuple[object, ...] | None:
 def test_moves_only_where_the_diagram_leads(make, name):
     domain = load_domain(name)
     arrays = domain.diagram.compile(domain.behavior_names)
-    robot, choose = make(domain, 1, 3), np.random.default_rng(2)
+    robot = make(domain, 1, 3)
+    choose = np.random.default_rng(2)
     for _ in range(60):
         x = robot.start()
         assert domain.diagram.states[x] == domain.diagram.start
@@ -105,7 +108,8 @@ def test_after_the_end_nothing_happens(make):
 
 @pytest.mark.parametrize("make", MAKERS)
 def test_seeds_name_the_trial(make):
-    domain, plan = load_domain("cy101"), [0, 1, 2, 3, 3, 4, 4, 5, 10] * 3
+    domain = load_domain("cy101")
+    plan = [0, 1, 2, 3, 3, 4, 4, 5, 10] * 3
     trials = [run(make(domain, 7, seed), plan) for seed in (8, 8, *range(9, 15))]
     seen = [str([(e.next_x, felt(e)) for e in trial]) for trial in trials]
     assert seen[0] == seen[1]
@@ -118,7 +122,8 @@ def test_failures_of_an_execution_do_not_depend_on_the_others(make):
     lift, look, reinit = (domain.behavior_index(name) for name in ("lift", "look", "reinit"))
 
     def lifts(looks_between: int) -> list[tuple[object, ...]]:
-        robot, results = make(domain, 11, 12, 2), []
+        robot = make(domain, 11, 12, 2)
+        results = []
         robot.start()
         for _ in range(50):
             execution = robot.execute(lift)
@@ -137,9 +142,11 @@ def test_failures_of_an_execution_do_not_depend_on_the_others(make):
 
 @pytest.mark.statistical
 def test_failures_have_the_diagram_s_frequency():
-    domain, n = load_domain("roc36"), 1500
+    domain = load_domain("roc36")
+    n = 1500
     robot = repeating(domain, 13, 14)
-    look, grasp = domain.behavior_index("look"), domain.behavior_index("grasp")
+    look = domain.behavior_index("look")
+    grasp = domain.behavior_index("grasp")
     successes = 0
     for _ in range(n):
         robot.start()
@@ -152,7 +159,8 @@ def test_failures_have_the_diagram_s_frequency():
 
 def test_each_recording_comes_once_and_then_none():
     domain = load_domain("ispy32")
-    robot, press = recorded(domain, 19, 20), domain.behavior_index("press")
+    robot = recorded(domain, 19, 20)
+    press = domain.behavior_index("press")
     for _ in range(2):
         trial = run(robot, [0, *[press] * 30])
         got = [e.instance.recording for e in trial[1:] if e.instance is not None]
@@ -211,7 +219,8 @@ def test_a_person_s_answer_has_no_features(make):
 
 def test_a_given_order_says_what_comes_next():
     domain = load_domain("toy")
-    order, look = [[0, 2, 1], [0], [0]], domain.behavior_index("look")
+    order = [[0, 2, 1], [0], [0]]
+    look = domain.behavior_index("look")
     robot = RecordedRobot(domain, 4, 3, order, np.random.default_rng(1))
     body = CheckedRobot(robot, domain, object_index=4)
     for _ in range(2):
@@ -223,7 +232,8 @@ def test_a_given_order_says_what_comes_next():
 
 
 def test_ragged_recordings_run_out_one_by_one():
-    domain, rng = load_domain("toy"), np.random.default_rng(1)
+    domain = load_domain("toy")
+    rng = np.random.default_rng(1)
     body = CheckedRobot(RecordedRobot(domain, 0, [2, 0, 0], rng, rng), domain, object_index=0)
     shown = [execution.instance for execution in run(body, [0, 0, 0, 1])]
     assert sorted(i.recording for i in shown if i is not None) == [0, 1]

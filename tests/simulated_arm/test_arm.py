@@ -59,7 +59,9 @@ def test_equal_seeds_repeat_everything_and_others_do_not(sim, make_object):
         arm.start()
         return [arm.execute(name).features for name in ("look", "grasp", "lift", "shake")]
 
-    first, second, other = felt(5), felt(5), felt(6)
+    first = felt(5)
+    second = felt(5)
+    other = felt(6)
     for a, b, c in zip(first, second, other, strict=True):
         for modality in a:
             np.testing.assert_array_equal(a[modality], b[modality])

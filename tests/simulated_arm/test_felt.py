@@ -36,7 +36,8 @@ def test_the_load_cell_weighs_what_was_dropped(feel, make_object):
 
 @pytest.mark.usefixtures("noiseless")
 def test_walls_and_lid_give_as_their_springs_say(feel, make_object):
-    stiff, soft = make_object(stiffness=12000.0), make_object(stiffness=2000.0)
+    stiff = make_object(stiffness=12000.0)
+    soft = make_object(stiffness=2000.0)
     depths = [feel(thing, "press")["depth"][-1] for thing in (stiff, soft)]
     assert depths[1] - depths[0] == pytest.approx(8 / 2000 - 8 / 12000, rel=0.3)  # 8 N
     widths = [feel(thing, "grasp")["fingers"][-1] for thing in (stiff, soft)]
@@ -168,7 +169,8 @@ def test_an_object_that_always_slips_is_ragged_and_everything_else_is_there(room
 
 
 def test_a_fault_starts_the_object_anew_and_is_counted(room, sim, monkeypatch):
-    execute, broken = sim.SimulatedArm.execute, []
+    execute = sim.SimulatedArm.execute
+    broken = []
 
     def breaking(arm, behavior):
         if behavior == "push" and not broken:

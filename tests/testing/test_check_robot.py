@@ -140,7 +140,8 @@ def test_what_is_no_robot_is_told() -> None:
 @pytest.mark.parametrize("name", ["toy", "roc36", "roc36_published", "ispy32", "cy101"])
 def test_recorded_robots_pass(name: str, replayed: bool) -> None:
     domain = load_domain(name)
-    order, failures = np.random.default_rng(0), np.random.default_rng(1)
+    order = np.random.default_rng(0)
+    failures = np.random.default_rng(1)
     rng = np.random.default_rng(2)
     dataset = make_synthetic(domain, objects=4, recordings=20, rng=rng) if replayed else None
     robot = RecordedRobot(domain, 1, 20, order, failures, dataset=dataset, repeats=True)

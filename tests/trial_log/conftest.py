@@ -39,7 +39,8 @@ def make_momdp(domain: Domain, n: int, rng: np.random.Generator, levels: int = 4
 
 
 def make_tree(momdp: MOMDP, edges: int, rng: np.random.Generator) -> tuple[TreeEdge, ...]:
-    e, n = momdp.n_behaviors, len(momdp.query)
+    e = momdp.n_behaviors
+    n = len(momdp.query)
     first = [TreeEdge(1, -1, a, (), int(rng.integers(1000)), rng.normal()) for a in range(e + 1)]
     second = [
         TreeEdge(
@@ -69,11 +70,14 @@ def make_trial(
     momdp: MOMDP, rng: np.random.Generator, *, steps: int = 4, edges: int | None = 10
 ) -> Trial:
     """Behaviors at random, then a report (or none), with beliefs as the filter gives them."""
-    n, e = len(momdp.query), momdp.n_behaviors
-    first, made = initial_belief(momdp), list[Step]()
+    n = len(momdp.query)
+    e = momdp.n_behaviors
+    first = initial_belief(momdp)
+    made = list[Step]()
     belief = first
     for _ in range(steps):
-        action, x = int(rng.integers(e)), belief.x
+        action = int(rng.integers(e))
+        x = belief.x
         next_x = int(rng.integers(momdp.terminal))
         percept = rng.integers(momdp.levels, size=n).astype(np.int8)
         senses = momdp.observation_probability[action].any() and rng.random() < 0.8
@@ -99,7 +103,9 @@ def make_trials(
     count: int, seed: int = 0, *, domain: str = "toy", n: int = 2, steps: int = 4, edges: int = 10
 ) -> list[Trial]:
     """Trials, every two of the same MOMDP."""
-    rng, table, trials = np.random.default_rng(seed), load_domain(domain), list[Trial]()
+    rng = np.random.default_rng(seed)
+    table = load_domain(domain)
+    trials = list[Trial]()
     for index in range(count):
         momdp = trials[-1].momdp if index % 2 else make_momdp(table, n, rng)
         trials.append(make_trial(momdp, rng, steps=steps, edges=edges))

@@ -52,7 +52,8 @@ def whole(make, tmp_path_factory, request):
 
 def test_damage_is_never_silently_wrong(whole, make, outcome_of, tmp_path):
     """A cut (without flips) or one to three bits: what is read is right, the rest is a fault."""
-    (data, entries), path = whole, tmp_path / "damaged.mcap"
+    (data, entries) = whole
+    path = tmp_path / "damaged.mcap"
     trials = sum(1 if isinstance(entry, Trial) else len(entry) for entry in entries)
     places = st.floats(0, 1, exclude_max=True)
 
@@ -193,7 +194,8 @@ def test_trials_of_one_log_do_not_pass_in_another_order(make, outcome_of, tmp_pa
         stored = [(c.topic, s, m) for s, c, m in reader.iter_messages(log_time_order=False)]
         attached = list(reader.iter_attachments())
     outcomes = [index for index, (topic, _, _) in enumerate(stored) if topic == "/outcome"]
-    first, second = outcomes[0] + 1, outcomes[1] + 1
+    first = outcomes[0] + 1
+    second = outcomes[1] + 1
     topic, kind, message = stored[first]
     long = topic, kind, dataclasses.replace(message, data=message.data + bytes(9 << 20))
     variants = {
@@ -206,7 +208,8 @@ def test_trials_of_one_log_do_not_pass_in_another_order(make, outcome_of, tmp_pa
     }
     for name, messages in variants.items():
         with path.open("wb") as file:
-            out, known = Writer(file, enable_data_crcs=True), {}
+            out = Writer(file, enable_data_crcs=True)
+            known = {}
             out.start(profile=schema.PROFILES[schema.FULL])
             for topic, kind, message in messages:
                 if topic not in known:

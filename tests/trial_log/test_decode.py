@@ -34,7 +34,8 @@ def sealed(trial, change=lambda place, message: None, garble=lambda place, data:
 
 
 def built(messages):
-    builder, trials = TrialBuilder(), []
+    builder = TrialBuilder()
+    trials = []
     for topic, data in messages:
         trials.append(builder.add(topic, data))
     return trials[-1]

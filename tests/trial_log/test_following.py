@@ -67,8 +67,10 @@ def test_what_cannot_be_read_is_one_clear_error(make, tmp_path, monkeypatch):
 
 
 def test_a_growing_file_is_followed_through_its_renaming(make, tmp_path):
-    trials, path = make.trials(5, 7), tmp_path / "a.mcap"
-    follower, seen = Follower(path), []
+    trials = make.trials(5, 7)
+    path = tmp_path / "a.mcap"
+    follower = Follower(path)
+    seen = []
     assert list(follower.poll()) == []  # it is still to come
     with TrialWriter(path, {"seed": 7}) as log:
         for number, trial in enumerate(trials, start=1):
@@ -85,9 +87,11 @@ def test_a_growing_file_is_followed_through_its_renaming(make, tmp_path):
 
 
 def test_every_cut_of_a_growing_file_waits_for_the_rest(make, tmp_path):
-    trials, path = make.trials(3, 8, edges=1), tmp_path / "a.mcap"
+    trials = make.trials(3, 8, edges=1)
+    path = tmp_path / "a.mcap"
     write_trials(path, trials, header={})
-    data, seen = path.read_bytes(), []
+    data = path.read_bytes()
+    seen = []
     path.unlink()
     follower = Follower(path)
     with path.open("wb") as file:
@@ -102,7 +106,8 @@ def test_every_cut_of_a_growing_file_waits_for_the_rest(make, tmp_path):
 
 
 def test_damage_ends_the_following_with_what_was_before(make, tmp_path):
-    trials, path = make.trials(6, 3), tmp_path / "a.mcap"
+    trials = make.trials(6, 3)
+    path = tmp_path / "a.mcap"
     write_trials(path, trials, header={})
     data = bytearray(path.read_bytes())
     data[len(data) // 2] ^= 8
@@ -276,7 +281,8 @@ def test_drafts_have_names_of_their_own(make, tmp_path):
 
 
 def test_what_killed_writers_left_is_removed(make, tmp_path):
-    path, trials = tmp_path / "a.mcap", make.trials(2)
+    path = tmp_path / "a.mcap"
+    trials = make.trials(2)
     for _ in range(2):
         torn(path, trials)
     others = [torn(tmp_path / "ab.mcap", trials), torn(tmp_path / "a.b.mcap", trials)]

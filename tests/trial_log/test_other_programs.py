@@ -85,7 +85,8 @@ def written_again(sources, path, *, attachments=True, profile=True, **options):
         writer = Writer(file, **options)
         readers = [make_reader(BytesIO(source.read_bytes())) for source in sources]
         writer.start(readers[0].get_header().profile if profile else "")
-        ids, messages = {}, []
+        ids = {}
+        messages = []
         for reader in readers:
             messages += reader.iter_messages()
             for attachment in reader.iter_attachments() if attachments else ():
@@ -137,9 +138,11 @@ def test_a_log_that_was_written_again_holds_its_trials(
 @pytest.fixture(scope="module")
 def logs(make, tmp_path_factory):
     """Logs of 0 to 3 trials, and the trials."""
-    folder, logs = tmp_path_factory.mktemp("parts"), []
+    folder = tmp_path_factory.mktemp("parts")
+    logs = []
     for size in range(4):
-        path, trials = folder / f"part{size}.mcap", make.trials(size, size, steps=2)
+        path = folder / f"part{size}.mcap"
+        trials = make.trials(size, size, steps=2)
         write_trials(path, trials, header={"seed": size})
         logs.append((path, trials))
     return logs

@@ -57,7 +57,8 @@ class TestColumns:
     def test_measures_are_the_trials_own(self, trials, outcomes):
         assert {trial.report is None for trial in trials} == {True, False}
         for k, trial in enumerate(trials):
-            row, n = outcomes.rows([k]), len(trial.truth)
+            row = outcomes.rows([k])
+            n = len(trial.truth)
             assert row.success[0] == trial.success
             assert row.judged[0] == trial.judged
             assert row.answered[0] == (trial.report is not None)

@@ -55,7 +55,8 @@ def odd_instance(behavior, rng):
 
 def odd(trial, rng):
     """Return a trial whose numbers mean nothing, but whose shapes fit."""
-    steps, momdp = [], trial.momdp
+    steps = []
+    momdp = trial.momdp
     for step in trial.steps:
         size = momdp.n_behaviors + 1
         counts = rng.choice(COUNTS, step.belief.percept_counts.shape)
@@ -64,7 +65,8 @@ def odd(trial, rng):
             int(rng.integers(momdp.n_actions)), rng.choice(ODD, size), rng.choice(ODD, size),
             rng.choice(COUNTS, size), step.decision.tree[:3], int(rng.choice(COUNTS)),
         )  # fmt: skip
-        x, cost, reward = int(rng.integers(len(momdp.x_names))), *rng.choice(ODD[3:], 2).tolist()
+        x = int(rng.integers(len(momdp.x_names)))
+        cost, reward = rng.choice(ODD[3:], 2).tolist()
         belief = belief_of(momdp, x, log_prob, counts)
         sensed = None
         if decision.action < momdp.n_behaviors and rng.integers(2):
@@ -78,7 +80,8 @@ def odd(trial, rng):
 @given(seed=st.integers(0, 2**32), text=TEXTS, name=NAMES, key=KEYS)
 def test_any_trials_come_back_equal(seed, text, name, key, make, tmp_path_factory):
     rng = np.random.default_rng(seed)
-    n, levels = int(rng.integers(1, 3)), int(rng.choice([2, 4]))
+    n = int(rng.integers(1, 3))
+    levels = int(rng.choice([2, 4]))
     momdp = make.momdp(load_domain("toy"), n, rng, levels)
     momdp = dataclasses.replace(momdp, abstain=bool(rng.integers(2)))
     trials = [odd(make.trial(momdp, rng, steps=int(rng.integers(4))), rng) for _ in range(2)]
@@ -203,7 +206,8 @@ def test_metadata_attachment_and_header(make, header, tmp_path):
     header_read = read_header(path)
     assert {name: header_read[name] for name in header} == header
     assert header_read["versions"]["numpy"] == np.__version__
-    info, report = log_info(path), check_log(path)
+    info = log_info(path)
+    report = check_log(path)
     assert (info.trials, info.header) == (1, header_read)
     assert report == info
     assert report.whole
@@ -211,9 +215,12 @@ def test_metadata_attachment_and_header(make, header, tmp_path):
 
 def test_a_trial_that_does_not_fit_is_refused_and_the_log_stays_good(make, tmp_path):
     good = make.trials(1)[0]
-    momdp, first = good.momdp, initial_belief(good.momdp)
+    momdp = good.momdp
+    first = initial_belief(good.momdp)
     percept = np.array([0, 9], np.int8)
-    counted, odds, nothing = first.percept_counts, first.log_odds, unvalued(momdp, 0)
+    counted = first.percept_counts
+    odds = first.log_odds
+    nothing = unvalued(momdp, 0)
     bad = [
         Step(0, unvalued(momdp, momdp.n_actions), 0, None, 0.0, 0.0, first),
         Step(0, Decision(0, [0.0], [0.0], [0]), 0, None, 0.0, 0.0, first),
@@ -292,7 +299,8 @@ def test_unknown_truth_warnings_counts_and_the_end_come_back(make, tmp_path):
 
 def test_steps_told_one_by_one_are_the_whole_trial(make, tmp_path):
     trials = make.trials(4, 3)
-    whole, stepwise = tmp_path / "one.mcap", tmp_path / "other.mcap"
+    whole = tmp_path / "one.mcap"
+    stepwise = tmp_path / "other.mcap"
     write_trials(whole, trials, header={})
     with TrialWriter(stepwise, {}) as log:
         for trial in trials:
@@ -305,7 +313,8 @@ def test_steps_told_one_by_one_are_the_whole_trial(make, tmp_path):
 
 
 def test_a_trial_without_its_end_leaves_the_file_unfinished(make, tmp_path):
-    path, (whole, trial) = tmp_path / "a.mcap", make.trials(2, 3)
+    path = tmp_path / "a.mcap"
+    (whole, trial) = make.trials(2, 3)
     with TrialWriter(path, {}) as log:
         log.write(whole)
         log.begin(trial)

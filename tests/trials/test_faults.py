@@ -23,7 +23,9 @@ class Faulty:
     """Moves as the diagram says, without failures; of one behavior the sensor or motion is dead."""
 
     def __init__(self, behavior, *, moves):
-        self.behavior, self.moves, self.executed = behavior, moves, []
+        self.behavior = behavior
+        self.moves = moves
+        self.executed = []
 
     def start(self):
         self.state = DOMAIN.diagram.start
@@ -76,7 +78,8 @@ def momdp_of(behavior):
 @pytest.mark.parametrize("behavior", ["look", "press"])
 @pytest.mark.parametrize("name", ["random_legal", "predefined_plus", "greedy", "morc", "bayes"])
 def test_nothing_is_repeated_that_yields_nothing(name, behavior, moves):
-    robot, momdp = Faulty(behavior, moves=moves), momdp_of(behavior)
+    robot = Faulty(behavior, moves=moves)
+    momdp = momdp_of(behavior)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         trial = trial_of(name, robot, momdp)
@@ -131,7 +134,8 @@ def test_failures_that_chance_explains_are_repeated():
     rows = np.tile([[0.8, 0.2], [0.2, 0.8]], (1, len(domain.behaviors), 1, 1))
     momdp = build_momdp(domain, Query(domain.attributes[:1]), rows)
     usual = domain.diagram.compile(domain.behavior_names)
-    history, shake = History(initial_belief(momdp)), domain.behavior_index("shake")
+    history = History(initial_belief(momdp))
+    shake = domain.behavior_index("shake")
     for _ in range(10):
         history = history.after(history.belief.at(4), shake, False, 1.0)
     failing, _ = faults_of(momdp, history, usual)
@@ -145,7 +149,8 @@ def test_failures_that_chance_explains_are_repeated():
 
 def test_failures_that_were_learned_explain_no_more_of_them():
     momdp = momdp_of("look")
-    history, look = History(initial_belief(momdp)), DOMAIN.behavior_index("look")
+    history = History(initial_belief(momdp))
+    look = DOMAIN.behavior_index("look")
     for _ in range(2):
         history = history.after(history.belief, look, False, 1.0)
     learned = replace(momdp, observation_probability=momdp.observation_probability * 0.05)

@@ -21,7 +21,9 @@ class Script:
     """Policy: the named behaviors in order, then a report; keeps what it was shown."""
 
     def __init__(self, momdp, *actions, report=None):
-        self.momdp, self.actions, self.report = momdp, list(actions), report
+        self.momdp = momdp
+        self.actions = list(actions)
+        self.report = report
         self.histories = []
 
     def decide(self, history, rng):
@@ -69,7 +71,8 @@ def momdp_of(name="toy", attributes=("red", "heavy"), mistaken=0.0, **options):
 
 def trial_of(momdp, policy, outcomes=(), percepts=(), *, truth=(True, False), **options):
     task = Task("a task", momdp.query, 5, "object 5", ("test", 5))
-    robot, eyes = ScriptedRobot(momdp.x_names, *outcomes), ScriptedPercepts(*percepts)
+    robot = ScriptedRobot(momdp.x_names, *outcomes)
+    eyes = ScriptedPercepts(*percepts)
     domain = load_domain("toy" if "lift" in momdp.behavior_names else "roc36_published")
     session = Session(
         task, momdp, policy, OutcomeChecker(domain), eyes, agent="script", truth=truth, **options
@@ -112,7 +115,8 @@ class TestAWholeTrial:
         assert names == [*ACTIONS, "report red, not heavy"]
 
     def test_beliefs_are_the_filter_s(self, trial):
-        belief, percepts = initial_belief(trial.momdp), iter(PERCEPTS)
+        belief = initial_belief(trial.momdp)
+        percepts = iter(PERCEPTS)
         np.testing.assert_array_equal(trial.first_belief.log_odds, belief.log_odds)
         for step, (next_x, perceived) in zip(trial.steps, LIFTED, strict=False):
             percept = np.array(next(percepts)) if perceived else None
@@ -130,7 +134,8 @@ class TestAWholeTrial:
 
     def test_same_policy_sees_the_same_history(self, trial):
         momdp = trial.momdp
-        policy, told = Script(momdp, *ACTIONS), []
+        policy = Script(momdp, *ACTIONS)
+        told = []
         again = trial_of(momdp, policy, LIFTED, PERCEPTS, on_step=told.append)
         assert len(told) == len(again.steps) == 6
         assert all(first is second for first, second in zip(told, again.steps, strict=True))
@@ -160,7 +165,8 @@ class Command:
     """Looks, and then commands an action whatever it is."""
 
     def __init__(self, momdp, action):
-        self.momdp, self.action = momdp, action
+        self.momdp = momdp
+        self.action = action
 
     def decide(self, history, rng):
         return unvalued(self.momdp, self.action if history.actions else 0)
@@ -198,7 +204,8 @@ def test_no_command_that_is_not_legal_reaches_the_robot(action, message):
 def test_endless_policies_report_after_the_last_step(options, most):
     momdp = momdp_of()
     policy = Script(momdp, *["look"] * 1000)
-    outcomes, percepts = [(0, True)] * 1000, [[1, 0]] * 1000
+    outcomes = [(0, True)] * 1000
+    percepts = [[1, 0]] * 1000
     trial = trial_of(momdp, policy, outcomes, percepts, **options)
     assert len(trial.steps) == most + 1
     assert trial.cost == most

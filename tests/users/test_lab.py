@@ -34,7 +34,9 @@ class Bench:
     """Pretends to hold an object; raises at a behavior that its state does not allow."""
 
     def __init__(self, item, rng, *, deaf=False):
-        self.item, self.rng, self.deaf = item, rng, deaf
+        self.item = item
+        self.rng = rng
+        self.deaf = deaf
         self.executed = []
 
     def start(self):
@@ -44,7 +46,8 @@ class Bench:
     def execute(self, behavior):
         assert behavior in LEGAL[self.state]
         self.executed.append(behavior)
-        full, metal = self.item["full"], self.item["metal"]
+        full = self.item["full"]
+        metal = self.item["metal"]
         noise = self.rng.normal
         if behavior == "press":
             return mb.Outcome(self.state, {"force": noise([3.0 * metal], 1)})
@@ -132,7 +135,9 @@ class Bot:
     def __init__(self, lab, values, signal, rng, *, dead):
         self.effects = {(e["from"], e["do"]): e for e in lab["diagram"]["effects"]}
         self.sensing = {each["name"] for each in lab["behaviors"] if each["modalities"]}
-        self.features, self.rng, self.dead = signal * np.array(values, float), rng, dead
+        self.features = signal * np.array(values, float)
+        self.rng = rng
+        self.dead = dead
 
     def start(self):
         self.state = "s0"

@@ -70,7 +70,8 @@ def test_a_heavier_prior_draws_rows_to_it(fitted, tmp_path):
     done = CliRunner().invoke(
         main, [*command, "--prior-scale", "20", "--out", str(tmp_path / "heavy")]
     )
-    heavy, light = az.from_netcdf(tmp_path / "heavy" / "posterior.nc"), az.from_netcdf(path)
+    heavy = az.from_netcdf(tmp_path / "heavy" / "posterior.nc")
+    light = az.from_netcdf(path)
     assert json.loads(done.stdout)["config"]["prior_scale"] == 20
     spread = [
         float(draws["posterior"]["mean"].std(("chain", "draw")).mean()) for draws in (heavy, light)
@@ -94,7 +95,8 @@ class PatientPolicy:
     patience: int
 
     def decide(self, history, rng):
-        momdp, belief = self.momdp, history.belief
+        momdp = self.momdp
+        belief = history.belief
         if belief.certainty > 0.95 or len(history.actions) >= self.patience:
             return unvalued(momdp, best_answer(momdp, belief))
         return unvalued(momdp, int(rng.choice(np.flatnonzero(momdp.legal[belief.x]))))

@@ -24,7 +24,8 @@ def momdp_of(name):
 
 def apart(nodes):
     for first, second in itertools.combinations(nodes, 2):
-        (w, h), (v, g) = box_size(first.label), box_size(second.label)
+        (w, h) = box_size(first.label)
+        (v, g) = box_size(second.label)
         assert abs(first.x - second.x) >= (w + v) / 2 or abs(first.y - second.y) >= (h + g) / 2
 
 

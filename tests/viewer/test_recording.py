@@ -54,7 +54,8 @@ def starts(messages):
 def test_beliefs_entropy_and_cost_are_the_logs(messages, recorded):
     compared = 0
     entropy = series(recorded, "/entropy", "Scalars:scalars")
-    times, before = series(recorded, "/entropy", "sim_time"), 0.0
+    times = series(recorded, "/entropy", "sim_time")
+    before = 0.0
     cost = series(recorded, "/cost", "Scalars:scalars")
     for first, start, steps in starts(messages):
         spent = 0.0
@@ -209,9 +210,11 @@ def test_strange_names_break_nothing(trials, read_back, tmp_path):
 
 
 def test_trials_are_sent_as_they_land(trials, read_back, tmp_path, monkeypatch, eventually):
-    path, saved = tmp_path / "run.mcap", tmp_path / "seen.rrd"
+    path = tmp_path / "run.mcap"
+    saved = tmp_path / "seen.rrd"
     monkeypatch.setattr(replay, "_POLL", 0.01)
-    seen, landed = [], threading.Event()
+    seen = []
+    landed = threading.Event()
 
     def write():
         with TrialWriter(path, {"seed": 1}) as log:
@@ -253,7 +256,9 @@ def damaged(data, number):
 @pytest.mark.long
 def test_view_and_report_open_what_can_be_opened(trials, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    path, codes, view = tmp_path / "a.mcap", [], ["view", "a.mcap", "--save", "a.rrd"]
+    path = tmp_path / "a.mcap"
+    codes = []
+    view = ["view", "a.mcap", "--save", "a.rrd"]
     write_trials(path, trials, header={"seed": 1})
     data = path.read_bytes()
     assert "warning" not in CliRunner().invoke(main, view).stderr
@@ -275,7 +280,8 @@ def test_view_and_report_open_what_can_be_opened(trials, tmp_path, monkeypatch):
 def frame(seconds):
     rng = np.random.default_rng(int(seconds * 10))
     shapes = np.array([SOLID, SHELL, SHELL, BALL, BALL, BALL], np.int8)
-    half, contacts = np.full((6, 3), 0.5, np.float32), 2 * int(seconds > 0)
+    half = np.full((6, 3), 0.5, np.float32)
+    contacts = 2 * int(seconds > 0)
     return Frame(
         seconds, rng.normal(size=(6, 3)).astype(np.float32), half / 5,
         np.tile(np.array([0, 0, 0, 1], np.float32), (6, 1)), half, shapes,

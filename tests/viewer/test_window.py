@@ -34,7 +34,9 @@ RUN = {
 def looked_at(vulkan, tmp_path_factory):
     """Open the sample in the real viewer, once for each tab: views' states and pictures by name."""
     folder = tmp_path_factory.mktemp("sample")
-    states, pictures, complaints = {}, {}, []
+    states = {}
+    pictures = {}
+    complaints = []
     for name, trials in (
         ("trial", read_trials(SAMPLE)),
         ("run", [TrialOutcomes.of(read_trials(SAMPLE))]),

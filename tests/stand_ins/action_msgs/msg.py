@@ -2,4 +2,5 @@
 
 
 class GoalStatus:
-    STATUS_SUCCEEDED, STATUS_ABORTED = 4, 6
+    STATUS_SUCCEEDED = 4
+    STATUS_ABORTED = 6

@@ -5,7 +5,8 @@ from py_trees.common import Status
 
 class Behaviour:
     def __init__(self, name):
-        self.name, self.status = name, Status.INVALID
+        self.name = name
+        self.status = Status.INVALID
 
     def tick_once(self):
         if self.status != Status.RUNNING:

@@ -4,4 +4,7 @@ import enum
 
 
 class Status(enum.Enum):
-    SUCCESS, FAILURE, RUNNING, INVALID = "SUCCESS", "FAILURE", "RUNNING", "INVALID"
+    SUCCESS = "SUCCESS"
+    FAILURE = "FAILURE"
+    RUNNING = "RUNNING"
+    INVALID = "INVALID"

@@ -10,13 +10,15 @@ from rclpy.task import Future
 
 class ActionClient:
     def __init__(self, node, action_type, action_name):
-        self.action, self.goals = action_type, 0
+        self.action = action_type
+        self.goals = 0
 
     def wait_for_server(self, timeout_sec=None):
         return True
 
     def send_goal_async(self, goal):
-        future, self.goals = Future(), self.goals + 1
+        future = Future()
+        self.goals = self.goals + 1
         fails = self.goals % 3 == 0
         result = Future()
         handle = SimpleNamespace(accepted=True, get_result_async=lambda: result)

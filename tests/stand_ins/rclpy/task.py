@@ -5,7 +5,9 @@ from rclpy import QUEUE
 
 class Future:
     def __init__(self):
-        self._done, self._result, self._callbacks = False, None, []
+        self._done = False
+        self._result = None
+        self._callbacks = []
 
     def done(self):
         return self._done
@@ -14,7 +16,8 @@ class Future:
         return self._result
 
     def set_result(self, result):
-        self._done, self._result = True, result
+        self._done = True
+        self._result = result
         for callback in self._callbacks:
             QUEUE.append(lambda callback=callback: callback(self))
 
