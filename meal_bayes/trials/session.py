@@ -11,6 +11,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from meal_bayes.arrays import check_whole
 from meal_bayes.errors import SettingsError
 from meal_bayes.kinds import checked
 from meal_bayes.momdp import MOMDP, Transition, best_answer, initial_belief, update_belief
@@ -98,6 +99,7 @@ class Session(OneCaller):
         self._checker = checker
         self._counts = counts
         self.key = task.key if key is None else key
+        check_whole("seed", seed)
         self.streams = Streams(seed, self.key)
         percept_rng = self.streams.of("percepts")  # the same for every agent
         self._percepts = PerceptReader(task, momdp, checker, perceiver, rng=percept_rng)
