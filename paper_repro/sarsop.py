@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from meal_bayes.arrays import freeze, set_frozen
 from meal_bayes.errors import DataError, SettingsError
 from meal_bayes.momdp import MOMDP, answer_value, initial_belief, write_pomdpx
+from meal_bayes.momdp.belief import percepts_left
 from meal_bayes.momdp.model import DISCOUNT
 from meal_bayes.planners import Decision, History
 from meal_bayes.planners.solver import choose
@@ -218,7 +219,7 @@ class AlphaVectorPolicy:
         np.maximum.at(values, actions, vectors @ belief.joint)
         # A recording is not used twice in a trial: where all have been, a behavior that keeps x
         # shows nothing new, which the problem file cannot say.
-        used_up = belief.percept_counts[0].sum(axis=1) >= momdp.limit
+        used_up = percepts_left(momdp, belief) <= 0
         values[used_up & (momdp.transition[:, belief.x, belief.x] == 1)] = -np.inf
         return Decision.exact(*choose(momdp, belief, values))
 

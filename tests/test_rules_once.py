@@ -37,6 +37,8 @@ ONCE = [  # how a rule is written, where alone, and what others call
      "wrong_reward: what a wrong report earns where nothing is said"),
     (r"max_steps: int = \d", "planners/solver.py", "MAX_STEPS: of a trial, played or simulated"),
     (r"n't\"\)", "domain/words.py", "contracts_not"),
+    (r"percept_counts.*sum\(.*limit|limit.*percept_counts.*sum\(", "momdp/belief.py",
+     "percepts_left: when recordings are used up"),
     (r"youden\(.*\) *(>|<)", "perception/confusion.py", "informative: which pairs tell anything"),
 ]  # fmt: skip
 

@@ -18,6 +18,7 @@ from meal_bayes.learner.columns import NONE, Labels
 from meal_bayes.learner.experience import Experience
 from meal_bayes.learner.fit import Fit, OnStep
 from meal_bayes.momdp import MOMDP
+from meal_bayes.momdp.belief import percepts_left
 from meal_bayes.perception import Perception
 from meal_bayes.trials import Step, Task, Trial
 
@@ -169,10 +170,10 @@ def record_step(
         levels[domain.columns(momdp.query.attributes)] = step.observation
     # When all recordings are used, a loop that succeeds looks as one that fails; so does one whose
     # features cannot be read.
-    n_percepts_before = step.belief.percept_counts[0, e].sum() - shows
+    left_before = percepts_left(momdp, step.belief)[e] + shows
     unread = step.unread and not shows and step.next_x == step.x
     success = -1
-    if momdp.legal[step.x, e] and n_percepts_before < momdp.limit[e] and not unread:
+    if momdp.legal[step.x, e] and left_before > 0 and not unread:
         # Where the diagram does not lead, it was not meant to go.
         meant = momdp.transition[e, step.x, step.next_x] > 0
         success = int(shows or (step.next_x != step.x and meant))

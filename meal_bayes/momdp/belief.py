@@ -275,6 +275,14 @@ def next_percept(momdp: MOMDP, belief: Belief) -> NDArray[np.float64]:
     return np.asarray(np.einsum("nvc,neck->nevk", prob, rows))
 
 
+def percepts_left(momdp: MOMDP, belief: Belief) -> NDArray[np.float64]:
+    """Return how many more percepts each behavior can bring, (E,): recordings are not used twice.
+
+    Where none is left it brings nothing, here and in kernels (`is_useless`, `expand`).
+    """
+    return np.asarray(momdp.limit - belief.percept_counts[0].sum(axis=1), np.float64)
+
+
 @checked
 def best_report(momdp: MOMDP, belief: Belief) -> int:
     """Return the action index of the report that is worth most: of values the most probable."""

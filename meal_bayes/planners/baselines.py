@@ -15,7 +15,7 @@ from meal_bayes.domain.domain import LEGAL_BUDGET
 from meal_bayes.errors import SettingsError
 from meal_bayes.kinds import checked
 from meal_bayes.momdp import MOMDP, Belief, answer_value, best_answer, best_report
-from meal_bayes.momdp.belief import next_percept
+from meal_bayes.momdp.belief import next_percept, percepts_left
 from meal_bayes.momdp.model import nothing_happened
 from meal_bayes.planners.momdp_arrays import dynamics_of
 from meal_bayes.planners.open_loop.candidates import diagram_of
@@ -191,7 +191,7 @@ def information_gain(momdp: MOMDP, belief: Belief) -> Floats:
     n, e = joint.shape[:2]
     # I(Y; Z) = H(Y) + H(Z) - H(Y, Z)
     gain = _entropy(true) + _entropy(joint.sum(axis=2)) - _entropy(joint.reshape(n, e, -1))
-    available = belief.percept_counts[0].sum(axis=1) < momdp.limit
+    available = percepts_left(momdp, belief) > 0
     return np.where(available, gain.clip(0.0).sum(axis=0), 0.0)
 
 

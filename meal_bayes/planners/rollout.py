@@ -19,6 +19,7 @@ from meal_bayes.momdp import (
     report_certainty,
     update_belief,
 )
+from meal_bayes.momdp.belief import percepts_left
 from meal_bayes.momdp.observation import sample_rows
 from meal_bayes.momdp.reports import ABSTAINED
 from meal_bayes.planners.boundary import decide
@@ -182,7 +183,7 @@ def _execute(
     """Draw the next x and the percept (N,), None where nothing is perceived."""
     next_x = _draw(world.transition[action, belief.x], rng)
     comes = rng.random() < world.observation_probability[action, belief.x, next_x]
-    if not comes or belief.percept_counts[0, action].sum() >= world.limit[action]:
+    if not comes or percepts_left(world, belief)[action] <= 0:
         return next_x, None
     # Inversion: the level is the number of cumulative probabilities at or below u.
     above = rows[:, action].cumsum(axis=1) <= rng.random(len(rows))[:, None]

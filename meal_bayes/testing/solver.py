@@ -13,6 +13,7 @@ import numpy as np
 from meal_bayes.arrays import check_kind, check_whole
 from meal_bayes.errors import ConformanceError, MealBayesError
 from meal_bayes.momdp import MOMDP, Transition, initial_belief, update_belief
+from meal_bayes.momdp.belief import percepts_left
 from meal_bayes.planners import Decision, History, Solver
 from meal_bayes.testing.problems import example_problems
 
@@ -255,7 +256,7 @@ def _executed(momdp: MOMDP, history: History, action: int, rng: np.random.Genera
     percept = None
     x = int(rng.choice(np.flatnonzero(momdp.transition[action, belief.x])))
     # Any level of positive probability may come, by no rows in particular.
-    available = belief.percept_counts[0, action].sum() < momdp.limit[action]
+    available = percepts_left(momdp, belief)[action] > 0
     if momdp.observation_probability[action, belief.x, x] > rng.random() and available:
         rows = np.einsum("nc,nck->nk", np.exp(belief.log_prob), momdp.confusion[:, action])
         percept = np.array([rng.choice(np.flatnonzero(row > 0)) for row in rows])

@@ -15,6 +15,7 @@ from meal_bayes.domain.words import denied
 from meal_bayes.errors import QueryError
 from meal_bayes.kinds import checked
 from meal_bayes.momdp import MOMDP, Belief, best_answer
+from meal_bayes.momdp.belief import percepts_left
 from meal_bayes.planners import Decision
 from meal_bayes.trials.outcomes import TrialOutcomes, check_trials
 from meal_bayes.trials.record import Step, TrialRecord
@@ -174,7 +175,7 @@ def outcome_text(momdp: MOMDP, step: Step) -> str:
         return f"succeeded, {path}; it shows nothing"
     if momdp.observation_probability[action].max() <= 0:
         return f"failed, {path}"
-    if step.belief.percept_counts[0, action].sum() >= momdp.limit[action]:
+    if percepts_left(momdp, step.belief)[action] <= 0:
         return f"{path}, but no recording is left to replay"
     return f"failed, {path}; nothing perceived"
 

@@ -3,6 +3,7 @@
 import rerun as rr
 import rerun.blueprint as rrb
 
+from meal_bayes.display import ERROR_TEXT
 from meal_bayes.viewer import run_view, scene
 
 _CROWD = 9  # attributes, of more a legend would hide its plot
@@ -99,12 +100,10 @@ def _robot() -> rrb.Vertical:
 def _run() -> rrb.Vertical:
     accuracy = rrb.TimeSeriesView(
         origin=run_view.ACCURACY,
-        name="accuracy so far, band = one standard error",
+        name=f"accuracy so far, band {ERROR_TEXT}",
         axis_y=rrb.ScalarAxis(range=(0.0, 1.02)),
     )
-    cost = rrb.TimeSeriesView(
-        origin=run_view.COST, name="mean cost so far, s, band = one standard error"
-    )
+    cost = rrb.TimeSeriesView(origin=run_view.COST, name=f"mean cost so far, s, band {ERROR_TEXT}")
     texts = rrb.Horizontal(
         rrb.TextDocumentView(origin=run_view.TABLE, name="agents and worst trials"),
         rrb.TextDocumentView(origin=run_view.FACTS, name="run facts"),

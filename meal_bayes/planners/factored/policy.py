@@ -41,6 +41,7 @@ from meal_bayes.arrays import Floats
 from meal_bayes.errors import SettingsError
 from meal_bayes.kinds import checked
 from meal_bayes.momdp import MOMDP, answer_value, initial_belief
+from meal_bayes.momdp.belief import percepts_left
 from meal_bayes.planners.factored import grid
 from meal_bayes.planners.factored.grid import Reader, Table
 from meal_bayes.planners.factored.sweep import Edges, Ending, make_backups, percepts_on, sweep
@@ -172,7 +173,7 @@ class FactoredPolicy:
         """Choose the best action by one step ahead of the estimate, which may pass the bound."""
         momdp = self.momdp
         belief = history.belief
-        exhausted = (belief.percept_counts[0].sum(axis=1) >= momdp.limit) & (momdp.limit > 0)
+        exhausted = (percepts_left(momdp, belief) <= 0) & (momdp.limit > 0)
         if (exhausted & (self.moves.any(axis=0) | momdp.bonus.any(axis=(0, 2)))).any():
             return OpenLoop().solve(momdp, rng).decide(history, rng)
         ahead = self._values_ahead(self.estimate, belief.x, belief.positive)

@@ -14,6 +14,7 @@ import numpy as np
 from meal_bayes.arrays import Floats, Ints
 from meal_bayes.kinds import checked
 from meal_bayes.momdp import MOMDP, Belief
+from meal_bayes.momdp.belief import percepts_left
 from meal_bayes.momdp.observation import predictive, sample_rows
 from meal_bayes.momdp.truths import truths_of
 from meal_bayes.planners.kernel_calls import plan_values
@@ -74,7 +75,7 @@ class OpenLoopPolicy:
         plan = self.plans.plan[from_x]
         planned = self.plans.observation_counts[from_x]
         total = belief.percept_counts[0].sum(axis=1)
-        most = np.minimum(np.maximum(self.momdp.limit - total, 0), _PERCEPTS)
+        most = np.minimum(np.maximum(percepts_left(self.momdp, belief), 0), _PERCEPTS)
         coming = np.minimum(planned, most).astype(int)
         ending = _ending_of_plans(self.momdp, belief, plan["end"], coming, rng)
         value = plan["discount"] * ending - plan["cost"]

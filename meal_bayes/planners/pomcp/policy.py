@@ -25,7 +25,7 @@ from meal_bayes.arrays import Floats
 from meal_bayes.errors import SettingsError
 from meal_bayes.kinds import checked
 from meal_bayes.momdp import MOMDP, Belief, answer_value
-from meal_bayes.momdp.belief import next_percept
+from meal_bayes.momdp.belief import next_percept, percepts_left
 from meal_bayes.planners.factored.policy import Factored, FactoredPolicy
 from meal_bayes.planners.kernel_calls import grow_tree, kernel_generator, plan_values
 from meal_bayes.planners.momdp_arrays import MOMDPArrays, arrays_of, dynamics_of
@@ -220,7 +220,7 @@ def _certain(momdp: MOMDP, belief: Belief) -> Decision | None:
         return None
     shortest = diagram_of(dynamics).shortest
     error = next_percept(momdp, belief).min(axis=2).sum(axis=2)  # (N,E) Bayes error of a percept
-    available = belief.percept_counts[0].sum(axis=1) < momdp.limit
+    available = percepts_left(momdp, belief) > 0
     # Pr(right) >= prod_i (1 - min over percepts on the path of Bayes error_i); V = g V_end - c, and
     # where the path gets lost it is answered at once.
     on_path = (shortest.observation_counts[belief.x] > 0) & available  # (goal,E)
