@@ -136,7 +136,8 @@ class OutcomeChecker:
         try:
             return self._perceived(spec, outcome, next_x)
         except _NoPercept as fault:
-            return Execution(next_x, warning=f"{NO_PERCEPT} of {spec.name}: {fault}")
+            why = " ".join(str(fault).split())  # a value may be shown on several lines
+            return Execution(next_x, warning=f"{NO_PERCEPT} of {spec.name}: {why}")
 
     def _perceived(self, spec: Behavior, outcome: Outcome, next_x: int) -> Execution:
         accuracy = spec.answer_accuracy
@@ -145,7 +146,8 @@ class OutcomeChecker:
         warning = ""
         if accuracy is None and outcome.answers is not None:
             raise _NoPercept("it does not ask, but came with answers")
-        if accuracy is not None and (outcome.features, outcome.percepts) != (None, None):
+        sensed = outcome.features is not None or outcome.percepts is not None
+        if accuracy is not None and sensed:
             raise _NoPercept("it asks a person; give answers, not features or percepts")
         percepts = self._percepts(spec, outcome.percepts)
         if outcome.features is not None:
