@@ -39,7 +39,9 @@ class Kind(NamedTuple):
 
 
 def checked(callee: Callee) -> Callee:
-    """Make a function or a class refuse arguments that are not of the kinds it is annotated with.
+    """Make a function, or a class, refuse arguments that are not of the kinds of its annotations.
+
+    A class refuses them when it is made, and in each public method of its own.
 
     >>> @checked
     ... def wait(seconds: float, name: str = "it") -> str:
@@ -61,10 +63,22 @@ def checked_except(*names: str) -> Callable[[Callee], Callee]:
             return cast(Callee, _guarded(callee, callee.__name__, names, bound=False))
         made_by = "__new__" if issubclass(callee, tuple) else "__init__"
         guarded = _guarded(getattr(callee, made_by), callee.__name__, names, bound=True)
+        for name, member in tuple(vars(callee).items()):
+            if not name.startswith("_"):
+                setattr(callee, name, _guarded_method(member, f"{callee.__name__}.{name}", names))
         setattr(callee, made_by, guarded)
         return callee
 
     return check
+
+
+def _guarded_method(member: Any, name: str, free: tuple[str, ...]) -> Any:
+    """Return a method that looks at its arguments first; other members of a class as they are."""
+    if isinstance(member, classmethod):
+        return classmethod(_guarded(member.__func__, name, free, bound=True))
+    if isinstance(member, staticmethod):
+        return staticmethod(_guarded(member.__func__, name, free, bound=False))
+    return _guarded(member, name, free, bound=True) if inspect.isfunction(member) else member
 
 
 def _guarded(
@@ -101,11 +115,16 @@ def _kinds_of(
     function: Callable[..., Any], free: tuple[str, ...], *, bound: bool
 ) -> tuple[list[Named], list[Named], dict[str, Kind]]:
     """Return the kinds of arguments by place, of all further ones (*args), and of those by name."""
-    hints = typing.get_type_hints(function)
+    # What it returns may be of a library that is not loaded.
+    annotations = dict(function.__annotations__)
+    annotations.pop("return", None)
+    given = types.SimpleNamespace(__annotations__=annotations)
+    hints = typing.get_type_hints(given, inspect.unwrap(function).__globals__)
     parameters = list(inspect.signature(function).parameters.values())[bound:]
     kinds = {}
     for parameter in parameters:
-        hint = Any if parameter.name in free else hints.get(parameter.name, Any)
+        is_free = parameter.name in free or parameter.kind is parameter.VAR_KEYWORD
+        hint = Any if is_free else hints.get(parameter.name, Any)
         kinds[parameter.name] = kind_of(hint | None if parameter.default is None else hint)
 
     def of(*sorts: inspect._ParameterKind) -> list[Named]:

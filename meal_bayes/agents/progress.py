@@ -37,7 +37,7 @@ class Horizon:
         """Questions to come, expected now."""
         return _FIRST + self.asked if self.expected is None else self.expected
 
-    def after(self, trials: Floats) -> Floats:
+    def after(self, trials: Floats | float) -> Floats:
         """Return the questions expected to come after some trials more, of any shape."""
         now = self.questions
         if self.expected is None:

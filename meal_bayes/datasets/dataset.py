@@ -48,7 +48,7 @@ class Instance:
     __repr__ = short_repr
 
 
-@checked_except("features", "labels")
+@checked_except("features", "labels", "object_index", "behavior", "recording")
 @dataclass(frozen=True, slots=True)
 class Dataset:
     """All recordings of a data set, joined by object, recording, behavior and modality.

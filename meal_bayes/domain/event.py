@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from meal_bayes.arrays import Floats
 from meal_bayes.domain.words import denied
 from meal_bayes.errors import QueryError
-from meal_bayes.kinds import checked
+from meal_bayes.kinds import checked, checked_except
 from meal_bayes.untrusted import LARGEST
 
 Variables = Sequence[tuple[int, ...]]  # indices of each variable's attributes
@@ -21,7 +21,7 @@ def wrong_reward(reward: float) -> float:
     return -reward
 
 
-@checked
+@checked_except("values")
 class Payoffs(NamedTuple):
     """Rewards of the answers yes and no, s.
 

@@ -13,6 +13,7 @@ from meal_bayes.datasets import object_index
 from meal_bayes.domain import Query, read_question
 from meal_bayes.domain.event import wrong_reward
 from meal_bayes.errors import SettingsError
+from meal_bayes.kinds import checked_except
 from meal_bayes.learner.answering import Answerer
 from meal_bayes.learner.columns import Objects
 from meal_bayes.learner.experienced_agent import NO_TABLE
@@ -47,6 +48,7 @@ from meal_bayes.trials import (
 from meal_bayes.untrusted import LARGEST
 
 
+@checked_except("robot", "objects", "payoffs", "none", "truth")
 class Finder(Answerer):
     """Finds one of several objects by the questions of yes or no about each."""
 

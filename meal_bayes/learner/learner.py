@@ -6,11 +6,11 @@ from pathlib import Path
 from typing import Any, Self
 
 from meal_bayes.agents import as_agent
-from meal_bayes.arrays import check_yes_no
 from meal_bayes.datasets import Dataset, PerceptTable, object_index
 from meal_bayes.domain import Domain, Query, load_domain
 from meal_bayes.errors import QueryError, SettingsError
 from meal_bayes.files import LOGS, checked_path
+from meal_bayes.kinds import checked_except
 from meal_bayes.learner import views
 from meal_bayes.learner.card import JoinedRecordings, learned_html, next_html, table_knowledge
 from meal_bayes.learner.columns import key_of_name
@@ -24,7 +24,6 @@ from meal_bayes.learner.settings import (
     check_data,
     check_object_name,
     checked_labels,
-    checked_trial,
     settings_of,
 )
 from meal_bayes.learner.telling import Telling, log_told, nothing_told, warn_of_typo
@@ -32,6 +31,7 @@ from meal_bayes.seeds import Key
 from meal_bayes.trials import Trial
 
 
+@checked_except("values")
 class Learner(Finder):
     """Answers questions about objects, and learns from what it does and is told.
 
@@ -227,8 +227,7 @@ class Learner(Finder):
         SettingsError
             There is nothing to forget.
         """
-        check_yes_no("recordings", recordings)
-        name = trial if isinstance(trial, str) else checked_trial(trial).task.object_name
+        name = trial if isinstance(trial, str) else trial.task.object_name
         key = (
             key_of_name(name) if isinstance(trial, str) or not trial.task.learn else trial.task.key
         )
@@ -270,7 +269,6 @@ class Learner(Finder):
         SettingsError
             A trial of other behaviors.
         """
-        checked_trial(trial)
         check_domain(self.experience, trial)
         with self._lock:
             self._fit_agents()
@@ -293,7 +291,6 @@ class Learner(Finder):
             A file that somebody else wrote; a place where nothing can be written.
         """
         target = checked_path("The file", path)
-        check_yes_no("overwrite", overwrite)
         with self._lock:
             self._file = write_learner(self._saved(), target, overwrite=overwrite)
 

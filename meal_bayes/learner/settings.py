@@ -15,7 +15,6 @@ from meal_bayes.domain.words import twin
 from meal_bayes.errors import DataError, QueryError, SettingsError
 from meal_bayes.kinds import checked_except
 from meal_bayes.posterior import ConfusionPosterior
-from meal_bayes.trials import Trial
 from meal_bayes.untrusted import LARGEST, name_fault
 
 REFIT_EVERY = 0.2  # growth of the labeled instances after which all is learned anew, by default
@@ -147,13 +146,6 @@ def check_object_name(name: object, objects: Iterable[str]) -> None:
     names = [*objects]
     if name not in names and twin(name, names):
         raise QueryError(unknown("object", name, names))
-
-
-def checked_trial(trial: object) -> Trial:
-    """Return a trial; a `SettingsError` where something else was given."""
-    if not isinstance(trial, Trial):
-        raise SettingsError(f"Expected a trial, as `ask` returns it; found {trial!r:.60}.")
-    return trial
 
 
 def check_data(data: object, domain: Domain) -> None:

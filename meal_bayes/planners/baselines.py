@@ -35,6 +35,7 @@ class Baseline:
         return self.choose(history, rng)
 
 
+@checked
 @dataclass(frozen=True, slots=True)
 class Random:
     """Uniform over the reports and the legal behaviors of x."""
@@ -134,6 +135,7 @@ class Predefined:
         return unvalued(momdp, best_report(momdp, history.belief))
 
 
+@checked
 @dataclass(frozen=True, slots=True)
 class Untouched:
     """Reports what the prior says is likeliest, at once and for 0 s."""
@@ -147,6 +149,7 @@ def _likeliest(momdp: MOMDP, history: History, rng: np.random.Generator) -> Deci
     return unvalued(momdp, best_report(momdp, history.belief))
 
 
+@checked
 @dataclass(frozen=True, slots=True)
 class Greedy:
     """Maximizes bits per second, one percept ahead; reports when a bit costs more than its value.

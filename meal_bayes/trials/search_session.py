@@ -3,13 +3,13 @@
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
 from meal_bayes.arrays import Floats
 from meal_bayes.errors import SettingsError
-from meal_bayes.kinds import checked
+from meal_bayes.kinds import checked_except
 from meal_bayes.planners import EMPTY, Decision, Prospect, Prospector, best_move
 from meal_bayes.robots.robot import Outcome, state_index
 from meal_bayes.trials.limits import Limits
@@ -20,6 +20,7 @@ from meal_bayes.trials.search import Search, SearchRules
 from meal_bayes.trials.session import Session
 
 
+@runtime_checkable
 class SearchRecorder(Protocol):
     """Writes a search as it happens: each turn before what comes next is named."""
 
@@ -36,7 +37,7 @@ class SearchRecorder(Protocol):
         """Record the answer."""
 
 
-@checked
+@checked_except("outcome", "state")
 class SearchSession(OneCaller):
     """A search under way: it names an object to turn to, or a behavior, and is given the outcome.
 

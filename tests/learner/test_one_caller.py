@@ -2,6 +2,7 @@
 
 import copy
 import threading
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -20,7 +21,7 @@ CALLS = {
     "repeat": lambda session: session.repeat([]),
     "start": lambda session: session.start("table"),
     "command": lambda session: session.command(unvalued(session.momdp, 0)),
-    "record": lambda session: session.record(None),
+    "record": lambda session: session.record(Mock()),
     "the end of its block": lambda session: session.__exit__(None, None, None),
 }
 SEARCH_CALLS = {
@@ -29,7 +30,7 @@ SEARCH_CALLS = {
     "cancel": lambda session: session.cancel(),
     "repeat": lambda session: session.repeat(session.search),
     "turned": lambda session: session.turned("table"),
-    "record": lambda session: session.record(None),
+    "record": lambda session: session.record(Mock()),
     "the end of its block": lambda session: session.__exit__(None, None, None),
 }
 

@@ -18,6 +18,7 @@ from meal_bayes.perception import (
 from meal_bayes.perception.confusion import youden
 
 BOTH = Query(("red", "heavy"))
+RNG = np.random.default_rng(0)
 SETTINGS = pytest.mark.parametrize("settings", [DEFAULT, PAPER], ids=["default", "paper"])
 
 
@@ -57,7 +58,7 @@ def test_separable_attributes_are_perceived_in_unseen_objects(make, settings):
     assert cohens_kappa(counts.sum(axis=0))[:, :2].max(axis=1).min() > 0.9
     said = np.array(
         [
-            [perception.observe(dataset.instance(o, b, 0), BOTH, None) for b in ("look", "lift")]
+            [perception.observe(dataset.instance(o, b, 0), BOTH, RNG) for b in ("look", "lift")]
             for o in range(12, 16)
         ]
     )

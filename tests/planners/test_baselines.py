@@ -13,6 +13,8 @@ from meal_bayes.momdp import Transition, best_report, initial_belief, update_bel
 from meal_bayes.planners import Greedy, History, Predefined, Random, RandomLegal, Untouched
 from meal_bayes.planners.baselines import information_gain
 
+RNG = np.random.default_rng(0)  # of solvers that draw nothing
+
 
 def played(momdp, steps, cost=0.0):
     """History after (behavior, next x, percept or None)."""
@@ -47,7 +49,7 @@ def assert_frequency(hits, n, p, sigma=5.0):
 @pytest.mark.statistical
 @pytest.mark.parametrize(("x", "legal"), [(0, ["look", "lift"]), (1, ["reinit"])])
 def test_random_is_uniform_over_reports_and_legal_behaviors(toy, x, legal):
-    policy = Random().solve(toy, None)
+    policy = Random().solve(toy, RNG)
     rng = np.random.default_rng(1)
     n = 6000
     history = History(initial_belief(toy).at(x))
@@ -61,7 +63,7 @@ def test_random_is_uniform_over_reports_and_legal_behaviors(toy, x, legal):
 def test_random_draws_among_more_reports_than_integers(small):
     domain = load_domain("ispy32")
     momdp = small.momdp(domain, {name: {} for name in domain.attributes})
-    policy = Random().solve(momdp, None)
+    policy = Random().solve(momdp, RNG)
     rng = np.random.default_rng(2)
     drawn = [policy.decide(small.start(momdp), rng).action for _ in range(50)]
     assert len(set(drawn)) == 50
@@ -74,7 +76,7 @@ def test_random_draws_among_more_reports_than_integers(small):
 def test_random_legal_is_uniform_over_legal_behaviors(small):
     domain = load_domain("ispy32")
     momdp = small.momdp(domain, {"heavy": {}})
-    policy = RandomLegal(50.0).solve(momdp, None)
+    policy = RandomLegal(50.0).solve(momdp, RNG)
     rng = np.random.default_rng(3)
     n = 4000
     history = History(initial_belief(momdp).at(1), cost=49.9)

@@ -13,6 +13,8 @@ from meal_bayes.momdp import Objective, build_momdp, flatten, initial_belief, wr
 from meal_bayes.planners import POMCP, Factored, Greedy, History, OpenLoop
 from meal_bayes.planners.rollout import simulate
 
+RNG = np.random.default_rng(0)  # of solvers that draw nothing
+
 SOLVERS = {
     "open loop": OpenLoop(),
     "plans alone": POMCP(0),
@@ -120,12 +122,12 @@ def test_who_cannot_count_percepts_refuses(momdp):
     if not momdp.bonus_runs_out:
         return
     known = replace(momdp, precision=np.full_like(momdp.precision, np.inf))
-    for use in (lambda: Factored().solve(known, None), lambda: flatten(known)):
+    for use in (lambda: Factored().solve(known, RNG), lambda: flatten(known)):
         with pytest.raises(SettingsError, match="without end"):
             use()
     with pytest.raises(SettingsError, match="without end"):
         write_pomdp(known, "never.pomdp")
-    assert POMCP().solve(known, None).tables is None
+    assert POMCP().solve(known, RNG).tables is None
 
 
 def test_baselines_are_paid_nothing():

@@ -107,8 +107,8 @@ def test_weak_percepts_promise_no_more_than_the_bound(small):
     options = {"limit": 3, "objective": Objective(correct=300.0, incorrect=-300.0, abstain=True)}
     for prior, value in ((0.5, 24.46), (0.44137931, 38.0)):  # iterated on a grid of 2801 points
         momdp = small.momdp("toy", rates, prior=prior, **options)
-        policy = Factored().solve(momdp, None)
-        decision = policy.decide(small.start(momdp), None)
+        policy = Factored().solve(momdp, RNG)
+        decision = policy.decide(small.start(momdp), RNG)
         assert decision.action == 1
         assert np.nanmax(decision.values) == pytest.approx(value, abs=0.1)
         assert np.nanmax(decision.values) <= policy.upper_bound + 1e-4

@@ -14,6 +14,8 @@ from meal_bayes.planners.momdp_arrays import arrays_of
 from meal_bayes.planners.open_loop.library import plan_library
 from meal_bayes.planners.open_loop.values import make_evaluator
 
+RNG = np.random.default_rng(0)  # of solvers that draw nothing
+
 
 def with_bonus(momdp, pay, bonus_limit=np.inf):
     """Pay for so many percepts of each behavior, (E,), whatever the truth."""
@@ -73,7 +75,7 @@ def test_a_bonus_is_paid_for_so_many_percepts_of_a_trial(small, bonus_limit):
 @pytest.mark.parametrize("prior", [0.5, 0.2])
 def test_other_rewards_are_planned_for_with_the_same_plans(small, prior):
     momdp = small.momdp("toy", small.rates, limit=4)
-    first = POMCP(0).solve(with_bonus(momdp, [30.0, 60.0, 0.0], bonus_limit=1), None)
+    first = POMCP(0).solve(with_bonus(momdp, [30.0, 60.0, 0.0], bonus_limit=1), RNG)
     now = with_bonus(small.momdp("toy", small.rates, limit=4, prior=prior), [0.0, 40.0, 0.0], 1)
     again = first.sharing_plans(now)
     belief = initial_belief(now)
@@ -116,9 +118,9 @@ def test_looking_again_is_worth_at_least_the_best_plan(small, options, finite):
     """Exactly, by brute force; what is left of a plan is a plan, so it is never put off."""
     for seed in range(3):
         momdp = small.toy(seed, 1 + seed % 2, 2, finite=finite, limit=2, **options)
-        policy = OpenLoop().solve(momdp, None)
+        policy = OpenLoop().solve(momdp, RNG)
         optimum = small.expectimax(momdp)
-        best = np.nanmax(policy.decide(small.start(momdp), None).values)
+        best = np.nanmax(policy.decide(small.start(momdp), RNG).values)
         worth = optimum.of_policy(policy, 0)
         # With other rows after every percept only some plans of a behavior are computed again.
         slack = 4.0 if finite and "shared" in options else 1e-9  # of 200

@@ -27,6 +27,7 @@ _SAMPLES = 192
 _PERCEPTS = 6  # of one behavior that a plan looks ahead to
 
 
+@checked
 @dataclass(frozen=True, slots=True)
 class OpenLoop:
     """Values every plan of a library as if no percept could change it.
