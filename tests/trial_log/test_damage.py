@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import zstandard
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 from mcap.data_stream import RecordBuilder
 from mcap.reader import make_reader
@@ -19,7 +19,7 @@ from mcap.writer import MCAP0_MAGIC, Writer
 
 import meal_bayes
 from meal_bayes.domain import load_domain
-from meal_bayes.errors import LogCorruptError, LogError
+from meal_bayes.errors import LogCorruptError, LogError, LogVersionError
 from meal_bayes.trial_log import (
     TrialWriter,
     check_log,
@@ -57,7 +57,12 @@ def test_damage_is_never_silently_wrong(whole, make, outcome_of, tmp_path):
     trials = sum(1 if isinstance(entry, Trial) else len(entry) for entry in entries)
     places = st.floats(0, 1, exclude_max=True)
 
+    profile = (data.find(b"/") + 1.5) / len(data)  # the form's first letter
+    # A header has no checksum: damaged, the form may be one that a later version writes.
+    told = (LogCorruptError, LogVersionError)
+
     @given(place=places, flips=st.lists(places, max_size=3))
+    @example(place=0.0, flips=[profile])
     def check(place, flips):
         changed = bytearray(data if flips else data[: int(place * len(data))])
         for flip in flips:
@@ -65,7 +70,7 @@ def test_damage_is_never_silently_wrong(whole, make, outcome_of, tmp_path):
         path.write_bytes(changed)
         read = []
         fault = outcome_of(lambda: read.extend(Scan(path).entries()))
-        assert fault is None or isinstance(fault, LogCorruptError)
+        assert fault is None or isinstance(fault, told)
         written = iter(entries)  # of a torn record the end tells, when later ones have been read
         assert all(any(make.equal(entry, other) for other in written) for entry in read)
         assert fault is not None or len(read) == TRIALS
@@ -74,9 +79,9 @@ def test_damage_is_never_silently_wrong(whole, make, outcome_of, tmp_path):
             known = iter(entries)
             assert all(any(make.equal(entry, other) for other in known) for entry in saved)
         else:
-            assert isinstance(saved, LogCorruptError)
+            assert isinstance(saved, told)
         info = outcome_of(lambda: log_info(path))
-        assert isinstance(info, LogCorruptError) or info.trials == trials
+        assert isinstance(info, told) or info.trials == trials
         if flips:  # what stands before the first one is not lost
             path.write_bytes(data[: int(min(flips) * len(data))])
             before = outcome_of(lambda: list(filter(is_whole, salvage(path))))
