@@ -5,8 +5,6 @@ from functools import lru_cache
 
 import numpy as np
 
-from meal_bayes.errors import SettingsError
-
 Key = tuple[str | int, ...]  # names a trial, and its random streams
 
 
@@ -26,8 +24,6 @@ class Streams:
     """The named streams of a trial; each is made when it is first asked for."""
 
     def __init__(self, root: int, key: Key) -> None:
-        if root < 0:
-            raise SettingsError(f"seed is {root!r:.60}; give a whole number, 0 or more.")
         self._root = root
         self._key = key
         self._made: dict[Key, np.random.Generator] = {}
