@@ -35,7 +35,11 @@ def vocabulary_of(question: object, domain: Domain) -> dict[str, str]:
 
 
 def query_of(names: Sequence[str], domain: Domain) -> Query:
-    """Build the query of attributes and groups; a group is whole, or one of its values is asked."""
+    """Build the query of attributes and groups; a group is whole, or one of its values is asked.
+
+    One value alone is an attribute like others, and its percepts alone count, in a question of yes
+    or no too (`event_reading._of_literals`, which needs no event then).
+    """
     Query(tuple(names))  # raises where one is named twice
     attributes: list[str] = []
     groups: list[tuple[int, ...]] = []

@@ -72,7 +72,11 @@ def features_digest(features: Mapping[str, NDArray[np.float32]] | None) -> int:
 
 
 def unnamed(identity: str) -> str:
-    """Return what an object is called that nobody has named, by 16 hexadecimal digits, drawn."""
+    """Return what an object is called that nobody has named, by 16 hexadecimal digits.
+
+    `trial.task_of` draws them, as names of two programs must differ; `nobody_named` tells such a
+    name from a person's, and `views.in_order` lets no order come of it.
+    """
     return f"object {identity}"
 
 

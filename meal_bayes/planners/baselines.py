@@ -100,7 +100,8 @@ def draw_legal(
 class Predefined:
     """A fixed sequence, each behavior once; ends before one that is not legal, then reports.
 
-    With `persistent` (Predefined Plus) a behavior is repeated until it succeeds.
+    With `persistent` (Predefined Plus) a behavior is repeated until it succeeds; of a robot's, one
+    that keeps failing is taken from it: `trials.faults.FaultTolerant`.
 
     Raises
     ------

@@ -307,10 +307,19 @@ def unvalued(momdp: MOMDP, action: int) -> Decision:
     return Decision.exact(action, np.full(momdp.n_behaviors + 1, np.nan))
 
 
+def is_worth_going_on(value: float, ending: float) -> bool:
+    """Return whether a behavior of this value is executed, where answering is worth `ending`.
+
+    Planners that compare values stop by it: in `choose`, and `pomcp.policy._certain` before a
+    search. Of several objects, `best_move` compares answers about all; `Greedy` prices bits.
+    """
+    return value > ending
+
+
 def choose(
     momdp: MOMDP, belief: Belief, values: Floats, bonus: Floats | None = None
 ) -> tuple[int, Floats, Floats]:
-    """Choose the most valuable behavior, or answer where none is worth more.
+    """Choose the most valuable behavior, or answer where none `is_worth_going_on` for.
 
     Parameters
     ----------
@@ -331,7 +340,8 @@ def choose(
     """
     best = int(values.argmax())
     ending = answer_value(momdp, belief)
-    action = best if values[best] > ending else best_answer(momdp, belief)
+    going_on = is_worth_going_on(values[best], ending)
+    action = best if going_on else best_answer(momdp, belief)
     bonuses = np.zeros(momdp.n_behaviors + 1)
     if bonus is not None:
         bonuses[:-1] = np.where(np.isneginf(values), 0.0, bonus)

@@ -36,7 +36,13 @@ from meal_bayes.planners.open_loop.values import Evaluator, Plans
 from meal_bayes.planners.pomcp.expansion import ENUMERATE
 from meal_bayes.planners.pomcp.search import Growing, TreeSearch
 from meal_bayes.planners.pomcp.tree import KEPT, make_sampled, make_tree, standard_errors, top_edges
-from meal_bayes.planners.solver import Decision, History, choose, no_errors
+from meal_bayes.planners.solver import (
+    Decision,
+    History,
+    choose,
+    is_worth_going_on,
+    no_errors,
+)
 
 _CHUNK = 8  # simulations between two looks at the clock, at first
 _BACKUPS = ("expected", "sampled")
@@ -186,7 +192,7 @@ class POMCPPolicy:
                 search = TreeSearch(tree, sampled, Growing(simulations, exploration, averaged))
                 return grow_tree(evaluator, search, reader, kernel_rng)
 
-            simulated = grow(settings.simulations) if end is None else _within(end, grow)
+            simulated = _simulate(grow, settings.simulations, end)
         root = tree.edge[0]
         action, values, bonus = choose(momdp, belief, root["value"], root["bonus"])
         visits = root["visits"]
@@ -233,7 +239,7 @@ def _certain(momdp: MOMDP, belief: Belief) -> Decision | None:
     best = float(
         np.where(shortest.first_action[belief.x] >= 0, value, -np.inf).max(initial=-np.inf)
     )
-    if best <= ending:
+    if not is_worth_going_on(best, ending):
         return None
     values = np.full(momdp.n_behaviors + 1, np.nan)
     values[legal[0]] = best
@@ -257,17 +263,23 @@ def _settled(
     return Decision.exact(action, values, bonuses) if worth >= others.max() else None
 
 
-def _within(end: float, grow: Callable[[int], int]) -> int:
-    """Grow a tree until this thread's CPU clock shows `end`, s; return the simulations made."""
+def _simulate(grow: Callable[[int], int], simulations: int, end: float | None) -> int:
+    """Grow a tree by its budget, and return the simulations made: here a search ends.
+
+    The budget is so many simulations or, where there is an end, until this thread's CPU clock shows
+    it, s. Whoever ends it earlier, by what the tree says so far, looks between two calls of `grow`.
+    """
+    if end is None:
+        return grow(simulations)
     begin = time.thread_time()
     total = 0
     chunk = _CHUNK
     while True:
-        simulations = grow(chunk)
-        total += simulations
+        made = grow(chunk)
+        total += made
         now = time.thread_time()
         # As many as fit the time left at the pace so far; a tenth is kept for the decision.
         fitting = int(0.9 * (end - now) * total / max(now - begin, 1e-9))
-        if simulations < chunk or fitting < 1:
+        if made < chunk or fitting < 1:
             return total
         chunk = min(fitting, 4 * chunk)

@@ -77,7 +77,10 @@ def make_tree(momdp: MOMDP, belief: Belief, capacity: int) -> Tree:
 
 
 def standard_errors(tree: Tree) -> Floats:
-    """Compute the standard errors (E,) that averages of the root's sampled returns would have."""
+    """Compute the standard errors (E,) that averages of the root's sampled returns would have.
+
+    They are 0 of behaviors that no simulation has begun with.
+    """
     errors = np.zeros(tree.edge.shape[1])
     for a in np.flatnonzero(tree.edge["first"][0] >= 0):
         edge = tree.edge[0, a]
