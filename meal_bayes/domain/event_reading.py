@@ -31,7 +31,7 @@ class _Reader:
 
     domain: Domain
     literals: dict[str, bool] = field(default_factory=dict)
-    connectives: set[str] = field(default_factory=set)
+    connectives: set[str] = field(default_factory=set)  # `check_end` refuses both together
     negation: str = ""  # the word that negates the next attribute
     last_negation: str = ""  # that of the last attribute
     joined: str = ""  # "and" or "or" since then; "" where there was none

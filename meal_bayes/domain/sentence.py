@@ -40,7 +40,7 @@ def query_of(names: Sequence[str], domain: Domain) -> Query:
     One value alone is an attribute like others, and its percepts alone count, in a question of yes
     or no too (`event_reading._of_literals`, which needs no event then).
     """
-    Query(tuple(names))  # raises where one is named twice
+    Query(tuple(names))  # raises where one is named twice, as `_Reader.attribute` does
     attributes: list[str] = []
     groups: list[tuple[int, ...]] = []
     group_names: list[str] = []

@@ -85,7 +85,7 @@ def _check_beliefs(b: Floats) -> None:
 
 
 def bins_of(b: Floats) -> NDArray[np.intp]:
-    """Return the bin of each belief (n,)."""
+    """Return the bin of each belief (n,): the columns of `plots.reliability_diagram`, too."""
     return np.minimum((b * BINS).astype(np.intp), BINS - 1)
 
 

@@ -38,7 +38,7 @@ class LearningRow(Measures):
     reward: float  # mean, unshaped
     ece: float  # of the final beliefs; of a few hundred cases it is biased up, see `ece_after`
     accuracy_se: float  # with objects as clusters
-    test_cost_s: float
+    test_cost_s: float  # mean
     nll: float  # of the final beliefs
     certainty: float  # mean of the agent's own Pr(its report is right)
 

@@ -73,7 +73,10 @@ def worst_first(outcomes: TrialOutcomes) -> Ints:
 def worst_of(
     worst: Mapping[AgentPart, Sequence[ShownTrial]], group: Group
 ) -> dict[AgentPart, Sequence[ShownTrial]]:
-    """Return the worst trials of each agent, batch and part, of those so far and of a group."""
+    """Return the worst trials of each agent, batch and part, of those so far and of a group.
+
+    A report shows the worst of an agent's tests over all of these: `report._worst`.
+    """
     ranking = dict(worst)
     log_part = LogPart.of(group.header)
     outcomes = group.outcomes

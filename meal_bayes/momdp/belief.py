@@ -278,7 +278,9 @@ def next_percept(momdp: MOMDP, belief: Belief) -> NDArray[np.float64]:
 def percepts_left(momdp: MOMDP, belief: Belief) -> NDArray[np.float64]:
     """Return how many more percepts each behavior can bring, (E,): recordings are not used twice.
 
-    Where none is left it brings nothing, here and in kernels (`is_useless`, `expand`).
+    Where none is left it brings nothing, here and in kernels (`is_useless`, `expand`). The limit is
+    what `build_momdp` is given, and inf of behaviors that ask a person; where it is finite of any,
+    tables are no state (`POMCPPolicy.tables`).
     """
     return np.asarray(momdp.limit - belief.percept_counts[0].sum(axis=1), np.float64)
 

@@ -65,7 +65,7 @@ def _trial(*, single: bool, crowded: bool, robot: bool) -> rrb.Horizontal:
     small = rrb.Vertical(
         *(
             rrb.TimeSeriesView(origin=entity, name=name, axis_x=over, plot_legend=_NO_LEGEND)
-            for entity, name in ((scene.ENTROPY, "entropy, bits"), (scene.COST, "cost so far, s"))
+            for entity, name in scene.LINES.items()
         )
     )
     upper = rrb.Horizontal(belief, values, small, column_shares=[3, 4, 2])

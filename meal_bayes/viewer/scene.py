@@ -40,6 +40,7 @@ BARS = "/belief_now"
 BELIEF = "/belief"
 ENTROPY = "/entropy"
 COST = "/cost"
+LINES = {ENTROPY: "entropy, bits", COST: "cost so far, s"}  # titles of the small plots
 VALUES = "/expected_reward"
 DIAGRAM = "/diagram"
 TREE = "/search_tree"
@@ -84,8 +85,8 @@ class Scene:
         )
         recorder.add_static(f"{VALUES}/worth", worth)
         recorder.add_line(f"{VALUES}/zero", "answering now", GRAY)
-        recorder.add_line(ENTROPY, "entropy, bits", ORANGE)
-        recorder.add_line(COST, "cost so far, s", RED)
+        recorder.add_line(ENTROPY, LINES[ENTROPY], ORANGE)
+        recorder.add_line(COST, LINES[COST], RED)
 
     def add(self, frame: TrialFrame) -> None:
         """Add one frame."""
