@@ -11,7 +11,7 @@ import itertools
 import os
 import types
 import typing
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple, ParamSpec, TypeVar, cast
 
@@ -65,26 +65,37 @@ def checked_except(*names: str) -> Callable[[Callee], Callee]:
         guarded = _guarded(getattr(callee, made_by), callee.__name__, names, bound=True)
         for name, member in tuple(vars(callee).items()):
             if not name.startswith("_"):
-                setattr(callee, name, _guarded_method(member, f"{callee.__name__}.{name}", names))
+                setattr(callee, name, _guarded_method(callee, name, member, names))
         setattr(callee, made_by, guarded)
         return callee
 
     return check
 
 
-def _guarded_method(member: Any, name: str, free: tuple[str, ...]) -> Any:
+def _guarded_method(owner: type[Any], name: str, member: Any, free: tuple[str, ...]) -> Any:
     """Return a method that looks at its arguments first; other members of a class as they are."""
+    full_name = f"{owner.__name__}.{name}"
     if isinstance(member, classmethod):
-        return classmethod(_guarded(member.__func__, name, free, bound=True))
+        return classmethod(_guarded(member.__func__, full_name, free, bound=True, owner=owner))
     if isinstance(member, staticmethod):
-        return staticmethod(_guarded(member.__func__, name, free, bound=False))
-    return _guarded(member, name, free, bound=True) if inspect.isfunction(member) else member
+        return staticmethod(_guarded(member.__func__, full_name, free, bound=False))
+    if inspect.isfunction(member):
+        return _guarded(member, full_name, free, bound=True, owner=owner)
+    return member
 
 
 def _guarded(
-    function: Callable[Given, Result], name: str, free: tuple[str, ...], *, bound: bool
+    function: Callable[Given, Result],
+    name: str,
+    free: tuple[str, ...],
+    *,
+    bound: bool,
+    owner: type[Any] | None = None,
 ) -> Callable[Given, Result]:
-    """Return a function that looks at its arguments first; where it is bound, not at the first."""
+    """Return a function that looks at its arguments first; where it is bound, not at the first.
+
+    A method of an owner is told by the class whose method a user has called, which may inherit it.
+    """
     kinds = functools.cache(functools.partial(_kinds_of, function, free, bound=bound))
 
     @functools.wraps(function)
@@ -93,14 +104,22 @@ def _guarded(
         by_place = itertools.chain(places, itertools.cycle(further))
         for (argument, kind), value in zip(by_place, values[bound:], strict=False):
             if not kind.admits(value):
-                raise _refusal(name, argument, value, kind)
+                raise _refusal(_called_name(name, owner, values), argument, value, kind)
         for argument, value in by_name.items():
             kind = names.get(argument, _ANYTHING)  # a name that is unknown is Python's to refuse
             if not kind.admits(value):
-                raise _refusal(name, argument, value, kind)
+                raise _refusal(_called_name(name, owner, values), argument, value, kind)
         return function(*values, **by_name)
 
     return call
+
+
+def _called_name(name: str, owner: type[Any] | None, values: Sequence[object]) -> str:
+    """Return the name of a method by the class that it was called of."""
+    if owner is None or not values:
+        return name
+    called = values[0] if isinstance(values[0], type) else type(values[0])
+    return f"{called.__name__}.{name.partition('.')[2]}" if issubclass(called, owner) else name
 
 
 def _refusal(name: str, argument: str, value: object, kind: Kind) -> SettingsError:

@@ -30,9 +30,12 @@ READ = {
     "MealEnv.reset": {"options"}, "MealEnv.step": {"action"},
     "Session.start": {"state"}, "Session.observe": {"outcome"}, "Session.command": {"decision"},
     "SearchSession.turned": {"state"}, "SearchSession.observe": {"outcome"},
-    "Answerer.ask": {"robot"}, "Answerer.begin": {"state"}, "Answerer.resume": {"state"},
-    "Learner.tell": {"values"}, "Finder.find": {"robot", "objects"},
-    "Finder.begin_find": {"objects", "payoffs", "none", "truth"},
+    "ExperiencedAgent.task": {"question"}, "ExperiencedAgent.problem": {"question"},
+    "ExperiencedAgent.policy": {"question"}, "ExperiencedAgent.replay": {"question"},
+    "Answerer.ask": {"robot", "question"}, "Answerer.begin": {"state", "question"},
+    "Answerer.resume": {"state"},
+    "Learner.tell": {"values"}, "Finder.find": {"question", "robot", "objects"},
+    "Finder.begin_find": {"question", "objects", "payoffs", "none", "truth"},
 }  # fmt: skip
 
 
@@ -140,6 +143,17 @@ def test_an_argument_of_another_kind_is_refused_before_anything_is_done(name, ar
             function(*owner, **(given | {argument: wrong}))
         assert str(caught.value).startswith(f"{name}(): {argument} is ")
         assert "; give " in str(caught.value)
+
+
+def test_a_method_is_told_by_the_class_that_it_was_called_of():
+    class Own(meal_bayes.Learner):
+        pass
+
+    for cls in (meal_bayes.Learner, Own):
+        learner = cls("toy", logs=None)
+        for call in (learner.knowledge, cls.load):
+            with pytest.raises(SettingsError, match=rf"^{cls.__name__}\.{call.__name__}\(\): "):
+                call(7)
 
 
 def test_there_are_methods_of_many_classes_to_look_at():

@@ -185,8 +185,8 @@ def _answer(
     return trial, path
 
 
-def _ask_labels(trial: "Trial", labelled: set[str]) -> dict[str, bool]:
-    """Ask a person about the answer, and each attribute that it leaves open and nobody labelled."""
+def _ask_labels(trial: "Trial", labeled: set[str]) -> dict[str, bool]:
+    """Ask a person about the answer, and each attribute that it leaves open and nobody labeled."""
     from meal_bayes.learner import implied
 
     query = trial.task.query
@@ -205,7 +205,7 @@ def _ask_labels(trial: "Trial", labelled: set[str]) -> dict[str, bool]:
     if right is False:
         for question, indices in query.questions:
             members = [names[index] for index in indices]
-            if {*members} & ({*labels} | labelled):
+            if {*members} & ({*labels} | labeled):
                 continue
             if len(members) > 1:
                 labels |= _prompt_value(question, members)

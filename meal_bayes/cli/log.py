@@ -85,7 +85,7 @@ def show(file: Path, number: int | None, picture: Path | None, dark: bool, narro
     """
     from meal_bayes.cli.find import print_search
     from meal_bayes.cli.narration import print_trial
-    from meal_bayes.trial_log.logs import going_on_text
+    from meal_bayes.trial_log.logs import going_on_text, of_learner
     from meal_bayes.trial_log.searches import unfinished_text
     from meal_bayes.trials.text import UNFINISHED, outcome_facts
 
@@ -110,7 +110,7 @@ def show(file: Path, number: int | None, picture: Path | None, dark: bool, narro
     print_facts(console, {name: facts[name] for name in ("question", "object", "agent")})
     console.print()
     print_trial(console, group.trials[row])
-    if group.trials[row].ended == UNFINISHED:
+    if group.trials[row].ended == UNFINISHED and of_learner(group.header):
         note(going_on_text(group.file, group.header))
 
 

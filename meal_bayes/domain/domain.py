@@ -318,10 +318,13 @@ class Domain:
 
     def attribute_index(self, name: str) -> int:
         """Return the position of an attribute; `QueryError` if there is none."""
-        if name not in self.attributes:
-            raise QueryError(unknown("attribute", name, self.attributes))
-        return self.attributes.index(name)
+        return self._position(name)
+
+    def _position(self, attribute: str) -> int:
+        if attribute not in self.attributes:
+            raise QueryError(unknown("attribute", attribute, self.attributes))
+        return self.attributes.index(attribute)
 
     def columns(self, names: Iterable[str]) -> list[int]:
         """Return the positions of some attributes; raises as `attribute_index` does."""
-        return [self.attribute_index(name) for name in names]
+        return [self._position(name) for name in names]

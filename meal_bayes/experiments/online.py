@@ -242,7 +242,7 @@ def _learner(config: OnlineConfig, protocol: Protocol) -> Learner:
         horizon=config.horizon,
         refit_every=None,
         learn_success=False,
-        unit=float(dataset.recordings * counted),  # labelled instances in one unit of Eq. 10
+        unit=float(dataset.recordings * counted),  # labeled instances in one unit of Eq. 10
         count_given=count_given,
         drawn=dataset.labels if config.percepts == "model" else None,
     )

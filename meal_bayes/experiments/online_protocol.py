@@ -200,12 +200,12 @@ class Protocol:
 
     def _pairs(self, objects: NDArray[np.intp]) -> list[tuple[int, tuple[str, ...]]]:
         names = self.dataset.domain.attributes
-        labelled = self.dataset.labels >= 0
+        labeled = self.dataset.labels >= 0
         queries = list(itertools.combinations(range(len(names)), self.attributes))
         pairs = list[tuple[int, tuple[str, ...]]]()
         for index in objects.tolist():
             for columns in queries:
-                if labelled[index, list(columns)].all():
+                if labeled[index, list(columns)].all():
                     pairs.append((index, tuple(names[column] for column in columns)))
         return pairs
 

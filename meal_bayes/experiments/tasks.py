@@ -62,7 +62,7 @@ def offline_tasks(
         )
     if trials < 1:
         raise SettingsError(f"{trials} trials asked; give at least 1.")
-    _check_labelled(table, names, n_attributes, conjunctions=answer == "yes or no")
+    _check_labeled(table, names, n_attributes, conjunctions=answer == "yes or no")
     # The stream names no agent: all are asked the same.
     rng = stream(seed, "tasks", table.domain.data, n_attributes)
     groups = list(table.domain.groups.values())
@@ -93,13 +93,13 @@ def offline_tasks(
     return _of_yes_or_no(tasks, table, balanced=answer == "balanced", seed=seed)
 
 
-def _check_labelled(
+def _check_labeled(
     table: PerceptTable, names: tuple[str, ...], n_attributes: int, *, conjunctions: bool
 ) -> None:
     """Refuse more attributes than any object has labels of; of conjunctions, one of a group."""
     columns = table.domain.columns(names)
-    labelled = table.labels[:, columns] >= 0
-    most = int(labelled.sum(axis=1).max())
+    labeled = table.labels[:, columns] >= 0
+    most = int(labeled.sum(axis=1).max())
     if n_attributes > most:
         raise SettingsError(
             f"{n_attributes} attributes asked, but no object has labels of more than {most} "
@@ -110,7 +110,7 @@ def _check_labelled(
     variables: dict[tuple[str, ...], list[int]] = {}
     for index, name in enumerate(names):
         variables.setdefault(table.domain.group_of(name) or (name,), []).append(index)
-    together = np.stack([labelled[:, indices].any(axis=1) for indices in variables.values()])
+    together = np.stack([labeled[:, indices].any(axis=1) for indices in variables.values()])
     most = int(together.sum(axis=0).max())
     if n_attributes > most:
         raise SettingsError(

@@ -9,7 +9,7 @@ extra ``gym``.
 """
 
 import operator
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable
 from pathlib import Path
 from typing import Any
 
@@ -84,7 +84,7 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
     answer : str
         "values"; "yes or no", whether all of the attributes hold; or "balanced", see
         `OfflineConfig`. Then there are two reports, no (E) and yes (E + 1).
-    objects : str | Sequence[str]
+    objects : str | Collection[str]
         Which ones tasks are about: "all", "train" or "test" (a quarter, the same for every seed),
         or names. Percepts of an object never come from classifiers that learned from it.
     scale : float
@@ -106,7 +106,7 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
         agent: object = "bayes",
         seed: int = 0,
         trials: int = 400,
-        objects: str | Sequence[str] = "all",
+        objects: str | Collection[str] = "all",
         scale: float = 1.0,
         max_steps: int = MAX_STEPS,
         logs: str | Path | None = LOGS,
@@ -272,7 +272,7 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
         return np.concatenate([running.momdp.legal[running.belief.x], self._answers])
 
 
-def _task_objects(table: PerceptTable, objects: str | Sequence[str]) -> set[str]:
+def _task_objects(table: PerceptTable, objects: str | Collection[str]) -> set[str]:
     """Return the names of the objects that tasks are about."""
     if isinstance(objects, str):
         # Some of the objects, the same in every environment, are held out.

@@ -30,7 +30,7 @@ from meal_bayes.trial_log.schema import ASK
 from meal_bayes.trials import Session, Step, Task, Trial, run_trial
 
 
-@checked_except("robot", "state", "truth")
+@checked_except("question", "robot", "state", "truth")
 class Answerer(ExperiencedAgent):
     """Answers questions, one trial each."""
 

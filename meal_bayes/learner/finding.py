@@ -47,8 +47,11 @@ from meal_bayes.trials import (
 )
 from meal_bayes.untrusted import LARGEST
 
+# Arguments whose errors say more than of which kind they should be.
+_READ_HERE = ("question", "robot", "objects", "payoffs", "none", "truth")
 
-@checked_except("robot", "objects", "payoffs", "none", "truth")
+
+@checked_except(*_READ_HERE)
 class Finder(Answerer):
     """Finds one of several objects by the questions of yes or no about each."""
 

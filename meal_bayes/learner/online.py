@@ -186,7 +186,7 @@ class Online:
         self.counted_labels.extend(np.full_like(levels, -1))
 
     def _counts(self, rows: NDArray[np.intp]) -> NDArray[np.int64]:
-        """Count the percepts of instances (k,) as they are labelled, (P,E,2,K)."""
+        """Count the percepts of instances (k,) as they are labeled, (P,E,2,K)."""
         labels = self.counted_labels.values[rows]
         levels = self.levels.values[rows]
         counts = np.zeros(self.knowledge.posterior.counts.shape, np.int64)
@@ -283,7 +283,7 @@ class Online:
         if object_name not in record.objects:
             return now
         o = record.objects[object_name]
-        fresh = views.labelled(record, memory=self.agent.memory)[o].T == 0
+        fresh = views.labeled(record, memory=self.agent.memory)[o].T == 0
         return replace(
             now, fresh=fresh, labeled=(record.object_labels.values[o] >= 0) & self.agent.memory
         )

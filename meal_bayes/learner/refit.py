@@ -124,11 +124,11 @@ def trained_cells(
 def experience_of(
     record: Experience, agent: Agent, settings: LearnerSettings
 ) -> tuple[NDArray[np.int64], float]:
-    """Count labelled instances and objects, (2,P,E), and those that make one unit of Eq. 10."""
-    labelled = views.labelled(record, memory=agent.memory)
-    counted = views.labelled(record, memory=agent.memory, given=settings.count_given)
+    """Count labeled instances and objects, (2,P,E), and those that make one unit of Eq. 10."""
+    labeled = views.labeled(record, memory=agent.memory)
+    counted = views.labeled(record, memory=agent.memory, given=settings.count_given)
     unit = settings.unit or max(1.0, float(counted.max(initial=0)) * len(record.met))
-    return np.stack([counted.sum(axis=0).T, (labelled > 0).sum(axis=0).T]), unit
+    return np.stack([counted.sum(axis=0).T, (labeled > 0).sum(axis=0).T]), unit
 
 
 def fractions(

@@ -33,7 +33,7 @@ class LearnerSettings:
     by_object : bool
         Cross-validate over objects, see `PerceptionSettings`.
     unit : float | None
-        Labelled instances that make one unit of experience (Eq. 10); None: as many as every object
+        Labeled instances that make one unit of experience (Eq. 10); None: as many as every object
         met would have with as many recordings of a behavior as the one with the most.
     count_given : bool
         Recordings that were given are experience, beside those of trials.

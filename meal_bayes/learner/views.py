@@ -128,8 +128,8 @@ def labels_of(record: Experience, *, memory: bool) -> Labels:
     return np.where(withdrawn[:, None], -1, labels).astype(np.int8)
 
 
-def labelled(record: Experience, *, memory: bool, given: bool = True) -> NDArray[np.int64]:
-    """Count the labelled instances of object, behavior, attribute, (O,E,P).
+def labeled(record: Experience, *, memory: bool, given: bool = True) -> NDArray[np.int64]:
+    """Count the labeled instances of object, behavior, attribute, (O,E,P).
 
     Those not gathered in trials count if `given`.
     """
@@ -220,7 +220,7 @@ def training(
     rows : NDArray[np.intp]
         (k,) instances, in the order of the training set.
     recorded : TrainingSet
-        All of them, labelled or not.
+        All of them, labeled or not.
     """
     domain = record.domain
     fitting = [sensed(record, of_sizes, domain.behavior_names[e]) for e in domain.recorded]

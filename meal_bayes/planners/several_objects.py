@@ -82,7 +82,7 @@ class Hand(NamedTuple):
     Attributes
     ----------
     cost : float
-        Of putting it down, s; inf where there is no way.
+        Of putting it down, s; inf where no path leads there.
     behavior : int
         By which that begins; -1 where the hand is empty.
     discount : float

@@ -319,7 +319,7 @@ def is_worth_going_on(value: float, ending: float) -> bool:
 def choose(
     momdp: MOMDP, belief: Belief, values: Floats, bonus: Floats | None = None
 ) -> tuple[int, Floats, Floats]:
-    """Choose the most valuable behavior, or answer where none `is_worth_going_on` for.
+    """Choose the most valuable behavior, or answer where none is worth more: `is_worth_going_on`.
 
     Parameters
     ----------

@@ -19,7 +19,7 @@ from meal_bayes.domain import (
 from meal_bayes.experiments import OnlineConfig
 from meal_bayes.experiments.online import _learner
 from meal_bayes.experiments.online_protocol import Environment, Protocol
-from meal_bayes.learner.views import labelled
+from meal_bayes.learner.views import labeled
 from meal_bayes.momdp import observation_entropy
 from meal_bayes.perception import fit_and_validate
 from meal_bayes.trials import Task
@@ -52,7 +52,7 @@ class Run:
     @property
     def evidence(self):
         memory = self.learner.agent.memory
-        return labelled(self.learner.experience, memory=memory).sum(axis=0).T
+        return labeled(self.learner.experience, memory=memory).sum(axis=0).T
 
     def test(self, task):
         return self.environment.ask(self.learner, task, learn=False)

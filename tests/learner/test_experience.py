@@ -11,7 +11,7 @@ from meal_bayes.errors import QueryError, SettingsError
 from meal_bayes.experiments.online_protocol import Recordings
 from meal_bayes.learner import Experience, Learner, implied
 from meal_bayes.learner.columns import key_of_name
-from meal_bayes.learner.views import attempts, labelled, labels_for, labels_of, sizes, training
+from meal_bayes.learner.views import attempts, labeled, labels_for, labels_of, sizes, training
 from meal_bayes.robots import Outcome
 
 TOY = load_domain("toy")
@@ -77,7 +77,7 @@ def test_d_holds_what_was_shown_with_its_labels(trials, memory, forgotten):
         labels = experience.object_labels.values[o]
         of_object = {p: v for p, v in enumerate(labels.tolist()) if v >= 0}
         assert of_object == known.get(DATASET.objects.index(name), {})
-    counts = labelled(experience, memory=memory)
+    counts = labeled(experience, memory=memory)
     assert counts.sum() == sum(len(labels) for labels in expected.values())
     for (behavior, modality), values in dataset.features.items():
         for place in expected:
@@ -94,7 +94,7 @@ def test_what_was_given_is_given_once():
     for context, values in DATASET.features.items():
         np.testing.assert_array_equal(np.sort(dataset.features[context], 1), np.sort(values, 1))
     np.testing.assert_array_equal(d.labels, DATASET.labels[d.object])
-    assert labelled(experience, memory=False, given=False).sum() == 0
+    assert labeled(experience, memory=False, given=False).sum() == 0
 
 
 def test_instances_of_a_robot_are_each_new():
@@ -190,7 +190,7 @@ class Arm:
         (lambda learner: learner.ask("red", Arm), "A robot is an object with start"),
         (lambda learner: learner.begin("red", key=1.5), r"key is 1\.5; give a text"),
         (lambda learner: learner.begin("red", object_name=3), "object_name is 3; give a text"),
-        (lambda learner: learner.begin(3), "question is 3; give a text, or a list"),
+        (lambda learner: learner.begin(3), "A question is a sentence or names; found 3"),
         (lambda learner: learner.tell(3, {"red": True}), "trial is 3; give .* or a text"),
         (lambda learner: learner.tell("cup", {"red": [1, 0]}), "^red: "),
         (lambda learner: Learner("toy", reward=1e100), "reward is 1e\\+100; give a finite number"),

@@ -2,9 +2,9 @@
 
 A plan follows the likeliest outcome of each of its behaviors. To be a policy, and its value a lower
 bound, it must say what follows another one: it goes back to where the behavior began and tries
-again; where no way leads back it answers at once. Let the behavior cost c, discount by g, and have
+again; where no path leads back it answers at once. Let the behavior cost c, discount by g, and have
 the likeliest outcome with probability p, others with p_o (failures are summed out, see
-`momdp_arrays`). From outcome o the way back costs C_o and discounts what follows it by D_o, the
+`momdp_arrays`). From outcome o the path back costs C_o and discounts what follows it by D_o, the
 chances L_o of getting lost on it being apart. With W what follows the likeliest outcome, and S an
 answer,
 
@@ -30,7 +30,7 @@ class PlanSteps(NamedTuple):
     senses: Bools  # (X,E) does it perceive?
     cost: Floats  # (X,E) s, discounted
     discount: Floats  # (X,E) factor on what follows the likeliest outcome
-    lost: Floats  # (X,E) discounted Pr(no way leads back): the plan then ends with an answer
+    lost: Floats  # (X,E) discounted Pr(no path leads back): the plan then ends with an answer
     percepts: Floats  # (X,E) expected, discounted: what a bonus pays
 
 
@@ -77,11 +77,11 @@ def plan_steps(dynamics: Dynamics) -> PlanSteps:
 
 
 def detours_to(dynamics: Dynamics, target: Ints, goal: int) -> Detours:
-    """Go to x `goal` by the ways that are cheapest along the likeliest outcomes; with all outcomes.
+    """Go to x `goal` by the cheapest paths along the likeliest outcomes; with all outcomes.
 
     The policy is Dijkstra's, against the arrows from the goal; its figures solve C = c + g P C,
-    D = g P D with D = 1 at the goal, and L = g P L with L = 1 where no way leads to the goal. Where
-    an object is to be put down a way must be sure: that is `paths_back`.
+    D = g P D with D = 1 at the goal, and L = g P L with L = 1 where no path leads to it. Where an
+    object is to be put down a path must be sure: that is `paths_back`.
     """
     step = dynamics.step
     n_states = len(step)
@@ -98,10 +98,10 @@ def detours_to(dynamics: Dynamics, target: Ints, goal: int) -> Detours:
             if not settled[source]:
                 heapq.heappush(queue, (distance + float(step["cost"][source, a]), source, a))
     # (I - g P) (C, D, L) = what each x adds: its cost, at the goal 1, where no path leads back 1
-    on_way = np.flatnonzero(settled & (np.arange(n_states) != goal))
+    on_path = np.flatnonzero(settled & (np.arange(n_states) != goal))
     moves = np.zeros((n_states, n_states))  # g P of the policy; rows of its ends stay 0
     cost = np.zeros(n_states)
-    for x in on_way.tolist():
+    for x in on_path.tolist():
         a = behavior[x]
         branch = dynamics.branch[x, a]
         np.add.at(moves[x], branch["x"], step["discount"][x, a] * branch["p"])

@@ -33,7 +33,7 @@ PLAN = np.dtype([
     ("action", np.int64),  # first behavior
     ("cost", np.float64),  # s, discounted
     ("discount", np.float64),  # factor on the report's value
-    ("lost", np.float64),  # discounted Pr(it ends off its way, with an answer at once)
+    ("lost", np.float64),  # discounted Pr(it ends off its path, with an answer at once)
     ("end", np.int64),  # x in which it ends, along the likeliest outcomes
 ], align=True)  # fmt: skip
 
