@@ -36,8 +36,8 @@ def shown() -> list[list[str]]:
             whole = block.replace("\\\n", " ")
             lines += [line.strip().removeprefix("$ ") for line in whole.splitlines()]
     lines += re.findall(r"`((?:python\d?|meal-bayes) [^`\n]+)`", TEXT)
-    table = re.findall(r"^\| `(\w+\.py)` \| (.+) \|$", TEXT, re.MULTILINE)  # of the benchmarks
-    for script, sentence in table:
+    page = (ROOT / "benchmarks" / "README.md").read_text(encoding="utf-8")
+    for script, sentence in re.findall(r"^\| `(\w+\.py)` \| (.+) \|$", page, re.MULTILINE):
         options = re.findall(r"`(--[a-z-]+)", sentence)
         lines.append(" ".join([f"python benchmarks/{script}", *options]))
     commands = []

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from matplotlib import image as png
 
+from meal_bayes.display import ERROR_TEXT
 from meal_bayes.trial_log import read_header, read_trials
 from meal_bayes.trials import TrialOutcomes
 from meal_bayes.viewer import Viewer, ViewerError, send_recording, window, write_recording
@@ -25,8 +26,8 @@ TRIAL = {
     "confusion matrices of this behavior",
 }  # fmt: skip
 RUN = {
-    "accuracy so far, band = one standard error", "agents and worst trials", "run facts",
-    "mean cost so far, s, band = one standard error",
+    f"accuracy so far, band {ERROR_TEXT}", "agents and worst trials", "run facts",
+    f"mean cost so far, s, band {ERROR_TEXT}",
 }  # fmt: skip
 
 
