@@ -1,19 +1,23 @@
 """The library of open-loop plans of a MOMDP, in four steps: grow, sift, compete, complete.
 
 What a plan is worth hangs on its *errors*: how often each attribute is reported wrongly after its
-percepts. Each step computes them as precisely as it must, from the cheapest to the finest:
+percepts. The fewer errors a step reckons with, the more a plan seems worth. Steps reckon as
+precisely as they must, from the cheapest computation to the finest:
 
-- *grow* takes the least that an error can be, from the Bhattacharyya coefficient of the percepts
-  (an optimistic bound of percepts of two levels that are independent given the truth, else an
-  estimate), so that no plan ends before what could still pay;
-- *sift* takes the most that it can be, by the same coefficient (a pessimistic bound where percepts
-  are independent given the truth, with shared latent classes an estimate; of yes or no half of it
-  is taken for misses, half for false alarms);
+- *grow* takes the fewest errors that can be, from the Bhattacharyya coefficient of the percepts:
+  values from above, so that no plan ends before what could still pay (a bound where percepts are of
+  two levels and independent given the truth, else an estimate);
+- *sift* takes the most errors that can be, by the same coefficient: values from below (a bound
+  where percepts are independent given the truth; with shared latent classes an estimate, and of yes
+  or no, where half of the errors are taken for misses, half for false alarms);
 - *compete* enumerates the percepts, cut to yes or no; where outcomes would be too many, those that
-  say nearly the same are merged (`bayes_error.FEW_OUTCOMES`): a bound from above again, and a close
-  one;
+  say nearly the same are merged (`bayes_error.FEW_OUTCOMES`). Errors are never too few: values from
+  below again, and close ones;
 - *complete* does so once more for the winners, and for what remains of them after a percept, with
   more outcomes (`bayes_error.OUTCOMES`). These tables are what planners read.
+
+Of a plan the library keeps what `values.PLAN` says: its first behavior and sums over all of them,
+not the sequence, as planners look again after a step.
 
 Plans of a question of yes or no are grown as if its values were reported, between its least and its
 largest payoff; they are sifted, compete and are read by what yes and no earn.

@@ -255,11 +255,12 @@ def _settled(
     Bounds (E,) are of the sum of what the trial brings and of the bonus for exploring.
     """
     action, values, bonuses = choose(momdp, belief, lower, bonus)
-    chosen = min(action, len(lower))
-    # L(chosen) >= max over others of U: no search can change the choice.
+    answers = action >= len(lower)
+    # An answer, last, is worth what it is: nothing is paid for it, and no bound is needed.
+    worth = values[-1] if answers else lower[action]
     others = np.append(np.where(np.isfinite(lower), upper, -np.inf), values[-1])
-    others[chosen] = -np.inf
-    worth = values[-1] if chosen == len(lower) else lower[chosen]
+    others[len(lower) if answers else action] = -np.inf
+    # L(chosen) >= max over others of U: no search can change the choice.
     return Decision.exact(action, values, bonuses) if worth >= others.max() else None
 
 
