@@ -11,6 +11,8 @@ from meal_bayes.errors import SettingsError
 from meal_bayes.planners import unvalued
 from meal_bayes.robots import Outcome
 from meal_bayes.trial_log import Logs, check_log
+from meal_bayes.trials.recorder import Recorder
+from meal_bayes.trials.search_session import SearchRecorder
 
 SEEN = Outcome("table", {"color": [9.0, 9.0, 9.0]})
 CUPS = ("mug", "glass")
@@ -21,7 +23,7 @@ CALLS = {
     "repeat": lambda session: session.repeat([]),
     "start": lambda session: session.start("table"),
     "command": lambda session: session.command(unvalued(session.momdp, 0)),
-    "record": lambda session: session.record(Mock()),
+    "record": lambda session: session.record(Mock(spec=Recorder)),
     "the end of its block": lambda session: session.__exit__(None, None, None),
 }
 SEARCH_CALLS = {
@@ -30,7 +32,7 @@ SEARCH_CALLS = {
     "cancel": lambda session: session.cancel(),
     "repeat": lambda session: session.repeat(session.search),
     "turned": lambda session: session.turned("table"),
-    "record": lambda session: session.record(Mock()),
+    "record": lambda session: session.record(Mock(spec=SearchRecorder)),
     "the end of its block": lambda session: session.__exit__(None, None, None),
 }
 
