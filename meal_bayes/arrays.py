@@ -52,8 +52,10 @@ def freeze_arrays(instance: Any) -> None:
             try:
                 object.__setattr__(instance, name, freeze(values, dtype))
             except (TypeError, ValueError):
-                found = f"{type(instance).__name__}(): {name} is {values!r:.60}"
-                raise SettingsError(f"{found}; give an array of numbers.") from None
+                argument = f"{type(instance).__name__}(): {name}"
+                raise SettingsError(
+                    f"{argument} is {values!r:.60}; give an array of numbers."
+                ) from None
 
 
 @cache

@@ -144,8 +144,8 @@ def error_text(error: float, form: str = AMOUNT) -> str:
     >>> error_text(0.42), error_text(0.04), error_text(0.04, ".2f"), error_text(np.nan)
     ('±0.4', '', '±0.04', '')
     """
-    shown = f"{error:{form}}"
-    return f"±{shown}" if math.isfinite(error) and float(shown) > 0 else ""
+    digits = f"{error:{form}}"
+    return f"±{digits}" if math.isfinite(error) and float(digits) > 0 else ""
 
 
 def estimate_text(estimate: float, error: float, form: str = AMOUNT) -> str:

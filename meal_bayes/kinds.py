@@ -123,8 +123,8 @@ def _called_name(name: str, owner: type[Any] | None, values: Sequence[object]) -
 
 
 def _refusal(name: str, argument: str, value: object, kind: Kind) -> SettingsError:
-    found = f"the class {value.__name__}" if isinstance(value, type) else f"{value!r:.60}"
-    return SettingsError(f"{name}(): {argument} is {found}; give {kind.expected}.")
+    value_text = f"the class {value.__name__}" if isinstance(value, type) else f"{value!r:.60}"
+    return SettingsError(f"{name}(): {argument} is {value_text}; give {kind.expected}.")
 
 
 Named = tuple[str, Kind]  # an argument, by name
@@ -137,8 +137,8 @@ def _kinds_of(
     # What it returns may be of a library that is not loaded.
     annotations = dict(function.__annotations__)
     annotations.pop("return", None)
-    given = types.SimpleNamespace(__annotations__=annotations)
-    hints = typing.get_type_hints(given, inspect.unwrap(function).__globals__)
+    arguments = types.SimpleNamespace(__annotations__=annotations)
+    hints = typing.get_type_hints(arguments, inspect.unwrap(function).__globals__)
     parameters = list(inspect.signature(function).parameters.values())[bound:]
     kinds = {}
     for parameter in parameters:

@@ -160,8 +160,8 @@ def base_rates(domain: Domain, labels: NDArray[np.int8]) -> NDArray[np.float64]:
     It is (n+ + 1) / (n + 2) of an attribute, and (n_k + 1) / (n + K) of the K values of a group,
     of which each object has one: both under a uniform prior (`PRIOR_OBJECTS`).
     """
-    known = (labels >= 0).sum(axis=0)
-    rates = ((labels == 1).sum(axis=0) + PRIOR_OBJECTS) / (known + 2 * PRIOR_OBJECTS)
+    n_labels = (labels >= 0).sum(axis=0)
+    rates = ((labels == 1).sum(axis=0) + PRIOR_OBJECTS) / (n_labels + 2 * PRIOR_OBJECTS)
     for members in domain.groups.values():
         columns = domain.columns(members)
         rates[columns] = _value_rates(labels[:, columns])

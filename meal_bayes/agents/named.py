@@ -37,7 +37,7 @@ class _Always:
 
 def _random_legal(domain: Domain, query: Query) -> Solver:
     budget = domain.legal_budget[min(len(query), len(domain.legal_budget)) - 1]
-    asks = (behavior.name for behavior in domain.behaviors if behavior.answer_accuracy is not None)
+    asks = (behavior.name for behavior in domain.behaviors if behavior.asks)
     return RandomLegal(budget, tuple(asks))  # the paper's explores, and asks nobody
 
 

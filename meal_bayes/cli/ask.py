@@ -136,14 +136,16 @@ def ask(
     else:
         print_answer(output(), trial)
     if remembered is not None:
-        told = (entry.labels for entry in remembered if entry.object == options["object"])
-        labels = _ask_labels(trial, set().union(*told))
+        labels_of_object = (
+            entry.labels for entry in remembered if entry.object == options["object"]
+        )
+        labels = _ask_labels(trial, set().union(*labels_of_object))
         if not labels:
             note("no labels were given, none are kept")
             return
         memory.add(options["object"], labels)
-        kept = Remembered(options["object"], labels)
-        note(f"kept in {memory.folder}: {kept.object} is {kept.text}")
+        memorized = Remembered(options["object"], labels)
+        note(f"kept in {memory.folder}: {memorized.object} is {memorized.text}")
     elif not as_json:
         note_reasons(path)
 
@@ -272,9 +274,10 @@ def show(dataset: str, root: Path | None, logs: Path, as_json: bool) -> None:
         note(f"no labels yet; ask with --learn: {command}")
         folder = logs / file_name(domain.name)
         if any(folder.glob("*.mcap")):
-            shown = command_line("meal-bayes log show", folder)
+            log_command = command_line("meal-bayes log show", folder)
             note(
-                f"what a Learner in Python was told stands beside its trials, in {folder}: {shown}"
+                "what a Learner in Python was told stands beside its trials, in "
+                f"{folder}: {log_command}"
             )
         return
     cells = ((entry.object, entry.text) for entry in remembered)

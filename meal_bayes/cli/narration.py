@@ -137,8 +137,8 @@ def print_answer(console: Console, trial: "Trial") -> None:
 def note_reasons(log: "Path") -> None:
     """Say how a trial is shown again from its log, or the first of a search from its folder."""
     first = ("--trial", "0") if log.is_dir() else ()
-    shown = command_line("meal-bayes log show", log, *first)
-    note(f"every decision and its reasons{', by object' if first else ''}: {shown}")
+    command = command_line("meal-bayes log show", log, *first)
+    note(f"every decision and its reasons{', by object' if first else ''}: {command}")
 
 
 def _print_end(console: Console, trial: "Trial") -> None:

@@ -45,7 +45,12 @@ class Behavior:
     @property
     def senses(self) -> bool:
         """Whether a successful execution can give a percept."""
-        return bool(self.modalities) or self.answer_accuracy is not None
+        return bool(self.modalities) or self.asks
+
+    @property
+    def asks(self) -> bool:
+        """Whether it asks a person."""
+        return self.answer_accuracy is not None
 
 
 @checked

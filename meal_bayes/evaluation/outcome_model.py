@@ -239,10 +239,10 @@ def _paired(
         rows, reference_rows = paired_rows(other, reference_trials)
         reference_values = measured(reference_trials, measure)[reference_rows]
         gain = measured(other, measure)[rows] - reference_values
-        known = ~np.isnan(gain)
-        masks = {"": known}
+        has_gain = ~np.isnan(gain)
+        masks = {"": has_gain}
         for text in set(attributes):
-            masks[text] = known & (attributes[reference_rows] == text)
+            masks[text] = has_gain & (attributes[reference_rows] == text)
         differences[name] = {
             text: float(gain[mask].mean()) for text, mask in masks.items() if mask.any()
         }

@@ -48,8 +48,8 @@ class JoinedRecordings(NamedTuple):
         """Return that as a clause; empty where more was recorded since."""
         if not self.offered or self.record_rows != views.rows(record):
             return ""
-        known = self.offered - self.joined
-        return f"; of the last data set {self.joined} joined, {known} were known"
+        n_known = self.offered - self.joined
+        return f"; of the last data set {self.joined} joined, {n_known} were known"
 
 
 def next_html(attribute: str, recordings: int) -> str:

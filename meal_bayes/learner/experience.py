@@ -138,8 +138,8 @@ class Experience:
         of_trial = rows["trial"] == self.trials.get(trial, NONE)
         instances: NDArray[np.intp] = rows["instance"][of_trial]
         instances = instances[instances >= 0]
-        kept: NDArray[np.bool_] = self.instances.values["origin"][instances] != WITHDRAWN
-        return instances[kept]
+        withdrawn: NDArray[np.bool_] = self.instances.values["origin"][instances] == WITHDRAWN
+        return instances[~withdrawn]
 
     def add_dataset(self, dataset: Dataset) -> int:
         """Add the recordings of a data set that are not there, and its labels; return how many."""
@@ -240,9 +240,9 @@ class Experience:
         matching = (rows["object"] == o) & (rows["behavior"] == behavior)
         matching &= rows["origin"] == FROM_DATASET
         executions = self.executions.values
-        shown = executions["instance"][executions["trial"] == trial]
-        unshown = np.setdiff1d(np.flatnonzero(matching), shown)
-        return int(unshown[0]) if len(unshown) else NONE
+        instances = executions["instance"][executions["trial"] == trial]
+        new = np.setdiff1d(np.flatnonzero(matching), instances)
+        return int(new[0]) if len(new) else NONE
 
     def add_labels(
         self, trial: Key, object_name: str, labels: Labels, *, given: bool = False

@@ -204,9 +204,9 @@ class Online:
         new_instance = np.full((1, self.labels_at_refit.shape[1]), -1)
         used = np.vstack([self.labels_at_refit, new_instance]) >= 0
         o = np.minimum(instances["object"], len(self.trained_cells))
-        known = trained[o, instances["behavior"]]
-        known &= views.percepts_given(self.record, self.agent.levels)[rows] < 0
-        return np.asarray(known | used[np.minimum(rows, len(self.labels_at_refit))])
+        is_trained = trained[o, instances["behavior"]]
+        is_trained &= views.percepts_given(self.record, self.agent.levels)[rows] < 0
+        return np.asarray(is_trained | used[np.minimum(rows, len(self.labels_at_refit))])
 
     def perceive(self, instance: Instance) -> Labels:
         """Return the percept levels (P,) of what was sensed; -1 unknown."""

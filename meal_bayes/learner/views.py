@@ -184,9 +184,9 @@ def in_order(record: Experience) -> list[str]:
     The name of these is drawn, so that no order may come of it. What was forgotten is left out.
     """
     rows = record.instances.values
-    kept = rows["origin"] != WITHDRAWN
+    withdrawn = rows["origin"] == WITHDRAWN
     recordings_of: dict[int, list[tuple[int, int]]] = {}
-    for o, behavior, digest in rows[["object", "behavior", "digest"]][kept].tolist():
+    for o, behavior, digest in rows[["object", "behavior", "digest"]][~withdrawn].tolist():
         recordings_of.setdefault(o, []).append((behavior, digest))
 
     def sort_key(name: str) -> tuple[str, list[tuple[int, int]]]:

@@ -93,7 +93,7 @@ def build_momdp(
     domain = load_domain(domain)
     n = len(query)
     e = len(domain.behaviors)
-    answers = [behavior.answer_accuracy is not None for behavior in domain.behaviors]
+    answers = [behavior.asks for behavior in domain.behaviors]
     identity = np.tile(np.eye(2), (n, 1, 1))
     classes = identity if latent_classes is None else real_array("latent_classes", latent_classes)
     if classes.ndim != 3 or classes.shape[:2] != (n, 2):
@@ -167,7 +167,7 @@ def _with_answers(
 ) -> tuple[Floats, Floats, Floats]:
     """Return confusion rows, their precision, and classes with those of behaviors that answer."""
     n, _, c = classes.shape
-    answers = [behavior.answer_accuracy is not None for behavior in domain.behaviors]
+    answers = [behavior.asks for behavior in domain.behaviors]
     if any(answers) and (classes > 0).all(axis=1).any():  # split every class by truth: C -> 2C
         classes = (classes[:, :, None] * np.eye(2)[:, :, None]).reshape(n, 2, 2 * c)
         rows = np.tile(rows, (1, 1, 2, 1))

@@ -77,6 +77,6 @@ def check_prior(
 def check_ranges(values: Mapping[str, NDArray[Any] | float]) -> None:
     """Check that all numbers lie in their `RANGES`."""
     for name, (least, most, expected) in RANGES.items():
-        found = np.asarray(values[name])
-        if not ((found >= least) & (found <= most)).all():
-            raise SettingsError(f"MOMDP.{name} must {expected}; found {found}.")
+        numbers = np.asarray(values[name])
+        if not ((numbers >= least) & (numbers <= most)).all():
+            raise SettingsError(f"MOMDP.{name} must {expected}; found {numbers}.")

@@ -108,15 +108,15 @@ def _log_ratio(scores: Floats, truth: Bools, epsilon: Floats) -> Floats:
     return np.asarray(true - false)
 
 
-def _misperceived(own: Floats, other: Floats, epsilon: Floats) -> Floats:
+def _misperceived(by_truth: Floats, by_other: Floats, epsilon: Floats) -> Floats:
     """Compute ln Pr(percepts), of which a share epsilon of objects shows the other truth's.
 
-    It is ln((1 - eps) e^own + eps e^other), as `hierarchical.build_model` fits it; objects are
-    drawn so by `predict_yes` and `draws.replicate`, and a fit is summarized so for agents by
+    It is ln((1 - eps) e^by_truth + eps e^by_other), as `hierarchical.build_model` fits it; objects
+    are drawn so by `predict_yes` and `draws.replicate`, and a fit is summarized so for agents by
     `draws.summarize_draws`.
     """
     with np.errstate(divide="ignore"):  # ln 0, where no object is misperceived
-        return np.asarray(np.logaddexp(np.log1p(-epsilon) + own, np.log(epsilon) + other))
+        return np.asarray(np.logaddexp(np.log1p(-epsilon) + by_truth, np.log(epsilon) + by_other))
 
 
 class Cases(NamedTuple):

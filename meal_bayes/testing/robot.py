@@ -168,7 +168,7 @@ class _Check:
             self.returned.append((f"{spec.name!r}, {modality}", array, array.copy()))
         if outcome.percepts is not None:
             self.detected.append((repr(spec.name), outcome.percepts, dict(outcome.percepts)))
-        if spec.answer_accuracy is not None and outcome.answers is not None and not outcome.answers:
+        if spec.asks and outcome.answers is not None and not outcome.answers:
             raise self.fail(
                 f"{spec.name!r} returned answers that are empty.",
                 "Leave answers out where the person said nothing.",

@@ -188,10 +188,10 @@ def log_files(path: str | Path) -> list[Path]:
         if not logs:
             searches = search_files(path)
             if searches:
-                shown = command_line("meal-bayes log show", searches[0].parent)
+                command = command_line("meal-bayes log show", searches[0].parent)
                 raise LogError(
                     f"{path} holds no log of a trial: the search in it explored nothing; what it "
-                    f"holds is shown by: {shown}"
+                    f"holds is shown by: {command}"
                 )
             raise LogError(f"{path} holds no log (*{SUFFIX}).")
         return logs

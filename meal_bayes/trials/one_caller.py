@@ -80,8 +80,10 @@ def alone(
     """Make a session's method refuse to be called while another of its methods is inside."""
 
     @wraps(method)
-    def called(session: _Session, /, *given: _Given.args, **options: _Given.kwargs) -> _Returned:
+    def called(
+        session: _Session, /, *arguments: _Given.args, **options: _Given.kwargs
+    ) -> _Returned:
         with session._entrance.taken(f"{method.__name__}()"):
-            return method(session, *given, **options)
+            return method(session, *arguments, **options)
 
     return called
