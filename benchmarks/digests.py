@@ -4,7 +4,8 @@
     python benchmarks/digests.py after.json before.json
 
 Three data sets, all agents offline, four online. A digest covers each trial's task, steps,
-percepts, beliefs (ten digits), costs, rewards and report; no clocks, versions or file formats.
+percepts, values (eight digits), beliefs (ten digits), costs, rewards and report; no clocks,
+versions or file formats.
 """
 
 import argparse
@@ -38,6 +39,7 @@ def content(trial: Trial) -> str:
             round(step.cost, 9),
             round(step.reward, 9),
             step.belief.positive.round(10).tolist(),
+            step.decision.values.round(8).tolist(),
         )
         parts.append(repr((step.x, step.decision.action, step.next_x, percept, *numbers)))
     return "|".join(parts)
