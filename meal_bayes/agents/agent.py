@@ -13,7 +13,6 @@ from meal_bayes.agents.knowledge import Knowledge
 from meal_bayes.domain import Domain, Payoffs, Query
 from meal_bayes.domain.event import wrong_reward
 from meal_bayes.errors import SettingsError
-from meal_bayes.kinds import checked
 from meal_bayes.momdp import MOMDP, Objective, build_momdp, with_joint_prior
 from meal_bayes.momdp.model import DISCOUNT
 from meal_bayes.planners import Solver, warm_up
@@ -27,7 +26,6 @@ Rows = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64] | Non
 ObservationModel = Callable[[Knowledge, Sequence[int]], Rows]
 
 
-@checked
 @dataclass(frozen=True, slots=True)
 class Agent:
     """Settings of an agent: its observation model and prior, its planner, how it explores.

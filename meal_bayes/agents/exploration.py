@@ -11,7 +11,6 @@ import numpy as np
 
 from meal_bayes.agents.learning_value import first_percept_value
 from meal_bayes.agents.progress import Progress
-from meal_bayes.kinds import checked
 from meal_bayes.momdp import MOMDP, add_itrs_bonus
 
 # Percepts of a behavior in one trial that Eq. 11 pays for: as many as the paper's data sets have
@@ -36,14 +35,12 @@ class ExplorationBonus(Protocol):
         """Return the query's MOMDP with a bonus for exploring, given what was learned so far."""
 
 
-@checked
 def add_bonus(exploration: ExplorationBonus, momdp: MOMDP, progress: Progress) -> MOMDP:
     """Return the query's MOMDP with its bonus, and how many percepts of a trial it is paid for."""
     limit = np.full(momdp.n_behaviors, float(exploration.bonus_limit))
     return replace(exploration.shape(momdp, progress), bonus_limit=limit)
 
 
-@checked
 @dataclass(frozen=True, slots=True)
 class NoBonus:
     """Answer the query at hand, and learn from what that shows."""
@@ -55,7 +52,6 @@ class NoBonus:
         return momdp
 
 
-@checked
 @dataclass(frozen=True, slots=True)
 class ITRSBonus:
     """The paper's alpha Ent - beta IE (Eq. 11), with the published code's weights."""
@@ -72,7 +68,6 @@ class ITRSBonus:
         return add_itrs_bonus(momdp, experience, self.alpha, self.beta, domain=domain)
 
 
-@checked
 @dataclass(frozen=True, slots=True)
 class LearningBonus:
     """Eq. 11 with weights from the posterior: what one more labeled object teaches.

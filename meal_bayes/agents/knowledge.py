@@ -13,7 +13,6 @@ from meal_bayes.datasets import PerceptTable
 from meal_bayes.display import best_html, percent, short_repr
 from meal_bayes.domain import Domain
 from meal_bayes.domain.labels import PRIOR_OBJECTS
-from meal_bayes.kinds import checked
 from meal_bayes.perception import table_counts
 from meal_bayes.posterior import ConfusionPosterior
 from meal_bayes.posterior.trait import SharedTrait, learn_trait
@@ -22,7 +21,6 @@ _ROUNDS = 100  # of sharing out objects whose value of a group is known in part
 _SAME = 1e-12  # rates that move by less stay
 
 
-@checked
 @dataclass(frozen=True, slots=True)
 class Knowledge(FrozenArrays):
     """Confusion posterior and base rates, learned without the object at hand.
@@ -96,7 +94,6 @@ class Knowledge(FrozenArrays):
         return replace(self, base_rates=rates, co_occurrence=pairs)
 
 
-@checked
 def knowledge_without(
     table: PerceptTable,
     held_out: int,

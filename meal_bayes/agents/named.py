@@ -12,7 +12,6 @@ from meal_bayes.agents.agent import Agent
 from meal_bayes.agents.exploration import ITRSBonus, LearningBonus, NoBonus
 from meal_bayes.domain import Domain, Query, unknown
 from meal_bayes.errors import SettingsError
-from meal_bayes.kinds import checked
 from meal_bayes.planners import (
     POMCP,
     Greedy,
@@ -94,7 +93,6 @@ AGENTS = {
 }
 
 
-@checked
 def load_agent(name: str) -> Agent:
     """Return the agent of a name; `SettingsError` with the nearest names where there is none."""
     if name not in AGENTS:

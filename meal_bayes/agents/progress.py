@@ -7,12 +7,10 @@ from numpy.typing import NDArray
 
 from meal_bayes.agents.knowledge import Knowledge
 from meal_bayes.arrays import Floats
-from meal_bayes.kinds import checked
 
 _FIRST = 20.0  # questions that a robot expects before it was asked any
 
 
-@checked
 @dataclass(frozen=True, slots=True)
 class Horizon:
     """Questions to come.
@@ -45,7 +43,6 @@ class Horizon:
         return np.maximum(now - trials, 0.0)
 
 
-@checked
 @dataclass(frozen=True, slots=True)
 class Progress:
     """What a robot has learned when it plans a training trial.

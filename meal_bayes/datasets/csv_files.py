@@ -29,7 +29,6 @@ from meal_bayes.display import listed
 from meal_bayes.domain import Domain, unknown
 from meal_bayes.errors import DataError, QueryError
 from meal_bayes.files import checked_path, write_whole
-from meal_bayes.kinds import checked
 from meal_bayes.untrusted import name_fault, read_bytes
 
 log = logging.getLogger("meal_bayes.datasets")
@@ -66,7 +65,6 @@ def load_csv_folder(domain: Domain, folder: Path) -> Dataset:
     return dataset
 
 
-@checked
 def save_csv_folder(dataset: Dataset, folder: str | Path) -> None:
     """Write a data set as `load_csv_folder` reads it; `labels.csv` comes last.
 

@@ -16,11 +16,9 @@ from meal_bayes.display import facts_html, facts_repr, listed, short_repr
 from meal_bayes.domain import Domain, domain_table, load_domain, unknown
 from meal_bayes.domain.words import doubled
 from meal_bayes.errors import DataError, QueryError, SettingsError
-from meal_bayes.kinds import checked, checked_except
 from meal_bayes.untrusted import name_fault
 
 
-@checked
 @dataclass(frozen=True, slots=True)
 class Instance:
     """The features f_a of one successful execution (Eq. 1).
@@ -48,7 +46,6 @@ class Instance:
     __repr__ = short_repr
 
 
-@checked_except("features", "labels", "object_index", "behavior", "recording")
 @dataclass(frozen=True, slots=True)
 class Dataset:
     """All recordings of a data set, joined by object, recording, behavior and modality.
@@ -289,7 +286,6 @@ def check_objects(objects: tuple[str, ...]) -> None:
         raise DataError(fault)
 
 
-@checked
 def object_index(objects: tuple[str, ...], name: object) -> int:
     """Return the position of an object; `SettingsError` where there is none of that name."""
     if not isinstance(name, str) or name not in objects:

@@ -8,10 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from meal_bayes.errors import DataError
-from meal_bayes.kinds import checked
 
 
-@checked
 def checked_features(
     values: ArrayLike, axes: tuple[str, ...] = ("features",), *, absent: bool = False
 ) -> NDArray[np.float32]:

@@ -28,7 +28,6 @@ from meal_bayes.domain import (
 )
 from meal_bayes.errors import DataError, DomainError, SettingsError
 from meal_bayes.files import checked_path, draft_of
-from meal_bayes.kinds import checked
 from meal_bayes.untrusted import UNREADABLE, read_array, read_meta, write_array
 
 _FORMAT = 1
@@ -45,7 +44,6 @@ _OPTIONAL = ("recording_counts", "groups")
 _LARGEST = 2 << 24  # bytes that a member may unpack to
 
 
-@checked
 @dataclass(frozen=True, slots=True)
 class PerceptTable:
     """Held-out percepts of a data set, and the training-side counts for each held-out object.
@@ -165,7 +163,6 @@ class PerceptTable:
         return freeze(merge_bins(bins, levels), np.int64)
 
 
-@checked
 def save_percepts(table: PerceptTable, path: str | Path) -> None:
     """Write a percept table: an .npz that `numpy.load` opens too, packed with LZMA.
 

@@ -31,7 +31,6 @@ from meal_bayes.digests import checksum_of
 from meal_bayes.domain import Domain, load_domain, unknown
 from meal_bayes.errors import DataError, DownloadError, SettingsError
 from meal_bayes.files import checked_path
-from meal_bayes.kinds import checked
 
 log = logging.getLogger("meal_bayes.datasets")
 
@@ -228,7 +227,6 @@ def find_folder(data: str, root: Path) -> Path:
     )
 
 
-@checked
 def load_dataset(name: str | Path, *, root: str | Path | None = None) -> Dataset:
     """Load the recordings that fit a domain.
 
@@ -274,7 +272,6 @@ def cache_folder() -> Path:
     return Path(os.environ.get("MEAL_BAYES_DATA_DIR") or pooch.os_cache("meal_bayes"))
 
 
-@checked
 def registry(data: str) -> dict[str, str]:
     """Return the SHA-256 digests of a data set's files, by their path below the mirror base."""
     folder = f"{source(data).path}/"
@@ -283,7 +280,6 @@ def registry(data: str) -> dict[str, str]:
     return {path: digest for digest, path in rows if path.startswith(folder)}
 
 
-@checked
 def verify(data: str) -> list[tuple[Path, str]]:
     """Compare the cached files with the registry: "ok", "missing" or "changed" each."""
     states = []
@@ -297,7 +293,6 @@ def verify(data: str) -> list[tuple[Path, str]]:
     return states
 
 
-@checked
 def fetch(data: str) -> Path:
     """Download a data set's files into the cache, and return the cache folder.
 

@@ -10,10 +10,8 @@ from numpy.typing import NDArray
 from meal_bayes.datasets.dataset import Dataset
 from meal_bayes.domain import Domain, load_domain
 from meal_bayes.errors import SettingsError
-from meal_bayes.kinds import checked
 
 
-@checked
 def make_synthetic(
     domain: str | Path | Mapping[str, Any] | Domain,
     *,

@@ -10,10 +10,8 @@ from meal_bayes.arrays import freeze, label_values, set_frozen, whole_array
 from meal_bayes.datasets.dataset import Dataset, check_positions
 from meal_bayes.display import short_repr
 from meal_bayes.errors import DataError
-from meal_bayes.kinds import checked_except
 
 
-@checked_except("objects")
 @dataclass(frozen=True, slots=True)
 class TrainingSet:
     """The paper's D: the recordings that the robot has, and the labels that people gave them.

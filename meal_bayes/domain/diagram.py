@@ -12,13 +12,11 @@ from numpy.typing import NDArray
 from meal_bayes.arrays import freeze
 from meal_bayes.display import short_repr
 from meal_bayes.errors import DomainError
-from meal_bayes.kinds import checked
 
 TERMINAL = "term"
 ANY_STATE = "*"
 
 
-@checked
 @dataclass(frozen=True, slots=True)
 class Effect:
     """One arrow of a diagram; with the remaining probability x stays and no percept comes.
@@ -57,7 +55,6 @@ class TransitionArrays(NamedTuple):
     cumulative: NDArray[np.float64]
 
 
-@checked
 @dataclass(frozen=True, slots=True)
 class TransitionDiagram:
     """States x, where a trial starts, and what behaviors do; `term` is always the last state.

@@ -14,13 +14,11 @@ from meal_bayes.domain.event import Payoffs, wrong_reward
 from meal_bayes.domain.labels import label_of, one_value
 from meal_bayes.domain.words import JOINING_WORDS, doubled, fold, unknown
 from meal_bayes.errors import DataError, DomainError, QueryError
-from meal_bayes.kinds import checked
 from meal_bayes.untrusted import LARGEST
 
 LEGAL_BUDGET = 50.0, 80.0, 80.0  # s of Random Legal, by the number of attributes asked
 
 
-@checked
 @dataclass(frozen=True, slots=True)
 class Behavior:
     """An exploratory behavior a; one without modalities (reinit) only changes x.
@@ -53,7 +51,6 @@ class Behavior:
         return self.answer_accuracy is not None
 
 
-@checked
 @dataclass(frozen=True, slots=True)
 class Domain:
     """Everything that is known of robot and vocabulary before any data.

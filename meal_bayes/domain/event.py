@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from meal_bayes.arrays import Floats
 from meal_bayes.domain.words import denied
 from meal_bayes.errors import QueryError
-from meal_bayes.kinds import checked, checked_except
 from meal_bayes.untrusted import LARGEST
 
 Variables = Sequence[tuple[int, ...]]  # indices of each variable's attributes
@@ -21,7 +20,6 @@ def wrong_reward(reward: float) -> float:
     return -reward
 
 
-@checked_except("values")
 class Payoffs(NamedTuple):
     """Rewards of the answers yes and no, s.
 
@@ -67,7 +65,6 @@ class Payoffs(NamedTuple):
         return self[:2] == self[2:]
 
 
-@checked
 @dataclass(frozen=True, slots=True)
 class Event:
     """A conjunction over variables, or its complement, to which De Morgan turns a disjunction.

@@ -14,7 +14,6 @@ from meal_bayes.arrays import freeze
 from meal_bayes.domain.event import Event, Payoffs
 from meal_bayes.domain.words import denied
 from meal_bayes.errors import QueryError
-from meal_bayes.kinds import checked
 
 DO_NOT_KNOW = "I do not know"  # the answer that abstains, wherever it is written
 _TABLE_LIMIT = 2**20  # value vectors in a table; more would not fit in memory
@@ -51,7 +50,6 @@ def _bits(
     return bits
 
 
-@checked
 @dataclass(frozen=True, slots=True)
 class Query:
     """The vector **p** of queried attributes, and which of them are the values of one variable.

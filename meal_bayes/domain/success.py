@@ -7,12 +7,10 @@ from numpy.typing import NDArray
 
 from meal_bayes.arrays import shaped_array
 from meal_bayes.domain.domain import Domain
-from meal_bayes.kinds import checked
 
 _PRIOR = 2.0  # executions at the domain's own probability
 
 
-@checked
 def learn_success(domain: Domain, attempts: NDArray[np.float64]) -> Domain:
     """Return the domain with the posterior mean of every behavior's success probability.
 

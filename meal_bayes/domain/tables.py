@@ -32,7 +32,6 @@ from meal_bayes.domain.event import Payoffs
 from meal_bayes.domain.words import unknown
 from meal_bayes.errors import DomainError, QueryError, SettingsError
 from meal_bayes.files import checked_path
-from meal_bayes.kinds import checked
 from meal_bayes.untrusted import (
     DIAGRAM_LIMIT,
     LINE_LIMIT,
@@ -78,7 +77,6 @@ def domain_names() -> tuple[str, ...]:
     return tuple(sorted(path.stem for path in _TABLES.glob("*.toml")))
 
 
-@checked
 def load_domain(name: str | Path | Mapping[str, Any] | Domain) -> Domain:
     """Load a shipped domain by name, or one's own from a TOML file or a dictionary of its form.
 
@@ -172,7 +170,6 @@ def domain_from_table(table: object) -> Domain:
     return Domain(**{**fields, "diagram": TransitionDiagram(**diagram)})
 
 
-@checked
 def domain_table(domain: Domain) -> dict[str, Any]:
     """Return the table, also as JSON, that `domain_from_table` reads back into an equal domain.
 

@@ -5,7 +5,6 @@ import unicodedata
 from collections.abc import Iterable
 
 from meal_bayes.display import listed
-from meal_bayes.kinds import checked
 
 NOT = {"not", "no", "non", "without"}  # deny what is named next
 # Words that join or deny what a question names, and so name nothing themselves.
@@ -65,7 +64,6 @@ def doubled(kind: str, names: Iterable[str]) -> str:
     return ""
 
 
-@checked
 def unknown(kind: str, name: object, candidates: Iterable[str]) -> str:
     """Build the message that a name is not known, with the known names nearest to it."""
     names = list(candidates)

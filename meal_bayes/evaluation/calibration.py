@@ -5,7 +5,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from meal_bayes.arrays import Floats, check_amount, real_array, real_vector
 from meal_bayes.errors import SettingsError
-from meal_bayes.kinds import checked
 from meal_bayes.seeds import stream
 
 BINS = 10  # equal ones, of beliefs
@@ -13,7 +12,6 @@ _ROUNDING = 1e-9  # of a sum of probabilities
 CLIP = 1e-6  # of beliefs, in the logarithm
 
 
-@checked
 def negative_log_likelihood(positive: ArrayLike, truth: ArrayLike) -> Floats:
     """Compute -ln Pr(truth) of each case, (n,), nats; beliefs are clipped to [1e-6, 1 - 1e-6].
 
@@ -24,7 +22,6 @@ def negative_log_likelihood(positive: ArrayLike, truth: ArrayLike) -> Floats:
     return np.asarray(-np.log(np.clip(np.where(v, b, 1 - b), CLIP, 1 - CLIP)))
 
 
-@checked
 def brier(positive: ArrayLike, truth: ArrayLike) -> Floats:
     """Compute the squared error of the belief of each case, (n,).
 
@@ -35,7 +32,6 @@ def brier(positive: ArrayLike, truth: ArrayLike) -> Floats:
     return np.asarray((b - v) ** 2)
 
 
-@checked
 def calibration_error(positive: ArrayLike, truth: ArrayLike) -> float:
     """Compute the ECE: mean |mean belief - fraction true| over ten bins, weighted by their size.
 
@@ -48,7 +44,6 @@ def calibration_error(positive: ArrayLike, truth: ArrayLike) -> float:
     return float(np.abs(np.bincount(bins_of(b), b - v)).sum() / len(b))
 
 
-@checked
 def expected_calibration_error(
     positive: ArrayLike, rng: np.random.Generator, *, draws: int = 200
 ) -> float:

@@ -25,7 +25,6 @@ from meal_bayes.arrays import Floats
 from meal_bayes.errors import SettingsError
 from meal_bayes.evaluation.statistics import HIGH_QUANTILE, LOW_QUANTILE, Measures
 from meal_bayes.evaluation.summary import measured, paired_rows
-from meal_bayes.kinds import checked
 from meal_bayes.palette import reference_agent
 from meal_bayes.trials import TrialOutcomes, Trials
 
@@ -134,7 +133,6 @@ def _crossed(cells: Index, sizes: dict[str, int]) -> dict[str, Index]:
     return terms
 
 
-@checked
 def compare_outcomes(
     trials: Trials,
     *,

@@ -12,7 +12,6 @@ from scipy.special import stdtrit
 from meal_bayes.arrays import Floats, real_vector
 from meal_bayes.display import AMOUNT, json_value
 from meal_bayes.errors import SettingsError
-from meal_bayes.kinds import checked
 
 MASS = 0.95  # of intervals, on all pages
 MASS_TEXT = f"{100 * MASS:g} %"
@@ -20,7 +19,6 @@ LOW_QUANTILE = (1 - MASS) / 2
 HIGH_QUANTILE = (1 + MASS) / 2
 
 
-@checked
 class Interval(NamedTuple):
     """An estimate with its standard error and interval; NaN where the data do not determine it."""
 
@@ -55,7 +53,6 @@ class Measures:
         return facts
 
 
-@checked
 @dataclasses.dataclass(frozen=True, slots=True)
 class Estimate:
     """An estimate that has an interval at any level.
@@ -128,7 +125,6 @@ def _joined(gain: float, loss: float, rho: float) -> float:
     return math.sqrt(max(gain * gain + loss * loss - 2 * rho * (gain * loss), 0.0))
 
 
-@checked
 def clustered(values: ArrayLike, clusters: ArrayLike, *, fraction: bool = False) -> Estimate:
     """Estimate the mean of values; clusters, such as objects, are independent of each other.
 
@@ -215,7 +211,6 @@ def running_means(values: ArrayLike, clusters: ArrayLike) -> tuple[Floats, Float
     return means, errors
 
 
-@checked
 def paired_fractions(values: ArrayLike, estimate: Callable[[Floats], Estimate]) -> Estimate:
     """Estimate a difference of fractions from paired values in [-1, 1], by gains and losses.
 
@@ -234,7 +229,6 @@ def paired_fractions(values: ArrayLike, estimate: Callable[[Floats], Estimate]) 
     return dataclasses.replace(effect, sides=(gains, losses), method=method)
 
 
-@checked
 def resampled(values: ArrayLike, ratio: float) -> Estimate:
     """Estimate a mean over splits of the same objects, with the corrected resampled variance.
 

@@ -25,7 +25,6 @@ from meal_bayes.evaluation.statistics import (
     clustered,
     paired_fractions,
 )
-from meal_bayes.kinds import checked
 from meal_bayes.trials import TrialOutcomes, Trials
 from meal_bayes.trials.text import UNKNOWN
 
@@ -33,7 +32,6 @@ PRIOR = "prior"  # the agent that answers by base rates at once, for 0 s
 _FRACTIONS = ("success", "abstained")  # measures of which trials have 0 or 1
 
 
-@checked
 class AnswerRates(NamedTuple):
     """How often an agent says yes, where yes is right, and where it is not.
 
@@ -50,7 +48,6 @@ class AnswerRates(NamedTuple):
     yes: float
 
 
-@checked
 def answer_rates(trials: Trials) -> AnswerRates:
     """Compute hit rate and false-alarm rate of trials that ask for yes or no.
 
@@ -71,7 +68,6 @@ def answer_rates(trials: Trials) -> AnswerRates:
     return AnswerRates(hit, alarm, float((truth == 1).mean()) if len(truth) else math.nan)
 
 
-@checked
 @dataclasses.dataclass(frozen=True, slots=True)
 class SummaryRow(Measures):
     """Measures of one agent; NaN where undefined. Standard errors are clustered by object.
@@ -145,7 +141,6 @@ class Summary(list[SummaryRow]):
         return str(self.to_frame().round(3).to_html(index=False))
 
 
-@checked
 def summarize(trials: Trials, *, seconds: Mapping[str, float] | None = None) -> Summary:
     """Summarize trials, one row an agent in the order of their first trials.
 
@@ -163,7 +158,6 @@ def summarize(trials: Trials, *, seconds: Mapping[str, float] | None = None) -> 
     return Summary(rows, outcomes)
 
 
-@checked
 def estimate_mean(outcomes: TrialOutcomes, measure: str) -> Estimate:
     """Estimate the mean of a measure, objects as clusters; NaN where no trial has it.
 
@@ -177,7 +171,6 @@ def estimate_mean(outcomes: TrialOutcomes, measure: str) -> Estimate:
     return clustered(values[mask], outcomes.object_name[mask], fraction=fraction)
 
 
-@checked
 def compare(trials: Trials, first: str, second: str, *, measure: str = "reward") -> Interval:
     """Compare two agents on the tasks that both have, as `difference` does.
 
@@ -201,7 +194,6 @@ def compare(trials: Trials, first: str, second: str, *, measure: str = "reward")
     return difference(outcomes_of_first, outcomes_of_second, measure=measure).interval()
 
 
-@checked
 def difference(first: TrialOutcomes, second: TrialOutcomes, *, measure: str = "reward") -> Estimate:
     """Estimate the mean of first - second, clustered by object, over the tasks that both have.
 

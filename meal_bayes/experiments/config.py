@@ -13,7 +13,6 @@ from meal_bayes.datasets import Dataset, PerceptTable
 from meal_bayes.display import short, short_repr
 from meal_bayes.domain import unknown
 from meal_bayes.errors import SettingsError
-from meal_bayes.kinds import checked_except
 from meal_bayes.learner import LearnerSettings
 from meal_bayes.learner.settings import checked_payoffs
 from meal_bayes.untrusted import LARGEST
@@ -49,7 +48,6 @@ def _as_dict(config: "OfflineConfig | OnlineConfig") -> dict[str, object]:
     return values
 
 
-@checked_except(*_SIZES)
 @dataclass(frozen=True, slots=True)
 class OfflineConfig:
     """Settings of an offline run.
@@ -115,7 +113,6 @@ class OfflineConfig:
             )
 
 
-@checked_except(*_SIZES)
 @dataclass(frozen=True, slots=True)
 class OnlineConfig:
     """Settings of an online run.

@@ -16,7 +16,6 @@ from meal_bayes.experiments.store import agent_folder, is_whole, run_folder
 from meal_bayes.experiments.tasks import offline_tasks
 from meal_bayes.experiments.units import run_units, timed, warm_up
 from meal_bayes.files import LOGS
-from meal_bayes.kinds import checked
 from meal_bayes.learner import Learner
 from meal_bayes.perception import TableSource
 from meal_bayes.trial_log import TrialWriter, read_outcomes, read_seconds, read_trials
@@ -25,7 +24,6 @@ from meal_bayes.trials import Task, Trial, TrialOutcomes, trials_frame
 UNIT = 100  # trials of one agent in a file
 
 
-@checked
 @dataclass(frozen=True, slots=True)
 class OfflineRun:
     """A finished run.
@@ -113,7 +111,6 @@ class _TrialBlock:
                 log.write(trial, seconds=seconds)
 
 
-@checked
 def run_offline(
     config: OfflineConfig,
     *,

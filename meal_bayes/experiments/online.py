@@ -20,7 +20,6 @@ from meal_bayes.experiments.online_protocol import (
 from meal_bayes.experiments.store import agent_folder, is_whole, run_folder
 from meal_bayes.experiments.units import run_units, timed, warm_up
 from meal_bayes.files import LOGS
-from meal_bayes.kinds import checked
 from meal_bayes.learner import Learner, LearnerSettings
 from meal_bayes.perception.table_source import fingerprint
 from meal_bayes.trial_log import TrialWriter, log_info, read_outcomes, read_trials, write_trials
@@ -30,7 +29,6 @@ from meal_bayes.trials.outcomes import HOUR
 _REWARD = 300.0  # of the paper (Sect. 7.3)
 
 
-@checked
 @dataclass(frozen=True, slots=True)
 class OnlineRun:
     """A finished run: its settings, and the folder of its logs."""
@@ -159,7 +157,6 @@ class _AgentRepeat:
                 log.write(trial, seconds=seconds_of_trial)
 
 
-@checked
 def run_online(
     config: OnlineConfig,
     *,

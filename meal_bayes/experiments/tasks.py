@@ -13,7 +13,6 @@ from meal_bayes.datasets import Dataset, PerceptTable
 from meal_bayes.domain import Domain, Event, Query
 from meal_bayes.errors import SettingsError
 from meal_bayes.experiments.config import check_answer
-from meal_bayes.kinds import checked
 from meal_bayes.seeds import Key, stream
 from meal_bayes.trials import Task
 
@@ -22,7 +21,6 @@ _LISTED = 200_000  # (object, query) pairs up to which all are listed and shuffl
 _Pair = tuple[int, tuple[str, ...]]
 
 
-@checked
 def askable(table: PerceptTable | Dataset) -> tuple[str, ...]:
     """Return the attributes with enough positive and negative objects for the domain."""
     positive = (table.labels == 1).sum(axis=0)
@@ -31,7 +29,6 @@ def askable(table: PerceptTable | Dataset) -> tuple[str, ...]:
     return tuple(name for name, ok in zip(table.domain.attributes, enough, strict=True) if ok)
 
 
-@checked
 def offline_tasks(
     table: PerceptTable, n_attributes: int, trials: int, seed: int, *, answer: str = "values"
 ) -> list[Task]:

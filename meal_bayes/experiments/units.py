@@ -28,7 +28,6 @@ from meal_bayes.errors import SettingsError
 from meal_bayes.experiments.config import OfflineConfig, OnlineConfig
 from meal_bayes.experiments.parallel import in_parallel
 from meal_bayes.files import check_folder
-from meal_bayes.kinds import checked
 from meal_bayes.trial_log import remove_drafts
 from meal_bayes.trials import Task, Trial
 
@@ -56,7 +55,6 @@ class Unit(Protocol):
         """Run what another process has not done meanwhile; `advance` by what is done."""
 
 
-@checked
 def warm_up(config: OfflineConfig | OnlineConfig, domain: Domain) -> None:
     """Compile the kernels that the agents need, once, before every process would."""
     query = Query(domain.attributes[: config.attributes])

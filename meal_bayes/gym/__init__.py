@@ -25,7 +25,6 @@ from meal_bayes.domain import unknown
 from meal_bayes.errors import SettingsError
 from meal_bayes.experiments import offline_tasks
 from meal_bayes.files import LOGS, checked_path
-from meal_bayes.kinds import checked_except
 from meal_bayes.learner import Learner
 from meal_bayes.perception import TableSource
 from meal_bayes.planners import Policy, unvalued
@@ -52,7 +51,6 @@ for _name, _settings in ENVIRONMENTS.items():
     gymnasium.register(_name, entry_point="meal_bayes.gym:MealEnv", kwargs=_settings)
 
 
-@checked_except("options", "action")
 class MealEnv(gymnasium.Env[Observation, np.int64]):
     """Choose behaviors, perceive, and report; an episode is a trial of ``run offline``.
 

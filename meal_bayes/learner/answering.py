@@ -8,7 +8,6 @@ from numpy.typing import ArrayLike
 
 from meal_bayes.domain import Query
 from meal_bayes.errors import SettingsError
-from meal_bayes.kinds import checked_except
 from meal_bayes.learner.columns import Objects
 from meal_bayes.learner.experienced_agent import NO_TABLE, ExperiencedAgent
 from meal_bayes.learner.trial import (
@@ -30,7 +29,6 @@ from meal_bayes.trial_log.schema import ASK
 from meal_bayes.trials import Session, Step, Task, Trial, run_trial
 
 
-@checked_except("question", "robot", "state", "truth")
 class Answerer(ExperiencedAgent):
     """Answers questions, one trial each."""
 

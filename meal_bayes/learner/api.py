@@ -6,7 +6,6 @@ from pathlib import Path
 
 from meal_bayes.datasets import PerceptTable, load_percepts
 from meal_bayes.files import LOGS, lasting_path
-from meal_bayes.kinds import checked
 from meal_bayes.learner import views
 from meal_bayes.learner.learner import Learner
 from meal_bayes.learner.recording import check_domain
@@ -16,7 +15,6 @@ from meal_bayes.trial_log import Logs
 from meal_bayes.trials import Step, Trial
 
 
-@checked
 def ask(
     question: str | Sequence[str],
     *,
@@ -76,7 +74,6 @@ def ask(
     return learner.ask(question, object, answer=answer, payoffs=payoffs, on_step=on_step, log=log)
 
 
-@checked
 def recall(learner: Learner, *logs: str | Path) -> list[Trial]:
     """Rebuild the experience of a learner from the logs of its robot's trials.
 

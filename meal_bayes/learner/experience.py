@@ -19,7 +19,6 @@ from numpy.typing import ArrayLike, NDArray
 from meal_bayes.arrays import Rows
 from meal_bayes.datasets import Dataset, Instance
 from meal_bayes.domain import Domain
-from meal_bayes.kinds import checked
 from meal_bayes.learner import label_history
 from meal_bayes.learner.columns import (
     EXECUTION,
@@ -42,7 +41,6 @@ from meal_bayes.seeds import Key
 from meal_bayes.trial_log.feedback import Feedback
 
 
-@checked
 class Experience:
     """Executions, instances and labels, of E behaviors and P attributes.
 

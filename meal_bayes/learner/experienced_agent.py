@@ -9,7 +9,6 @@ from meal_bayes.agents import Agent, Knowledge, as_agent
 from meal_bayes.datasets import PerceptTable, object_index
 from meal_bayes.domain import Domain
 from meal_bayes.errors import SettingsError
-from meal_bayes.kinds import checked_except
 from meal_bayes.learner.columns import Objects
 from meal_bayes.learner.experience import Experience
 from meal_bayes.learner.fit import Fit, problem_of, training_agent
@@ -29,7 +28,6 @@ from meal_bayes.trials import Task
 NO_TABLE = "Give a robot, or fit a percept table (build_percept_table) to replay its objects."
 
 
-@checked_except("question")
 class ExperiencedAgent:
     """An agent with what it has experienced, or with a percept table that it replays."""
 

@@ -13,7 +13,6 @@ from meal_bayes.datasets import object_index
 from meal_bayes.domain import Query, read_question
 from meal_bayes.domain.event import wrong_reward
 from meal_bayes.errors import SettingsError
-from meal_bayes.kinds import checked_except
 from meal_bayes.learner.answering import Answerer
 from meal_bayes.learner.columns import Objects
 from meal_bayes.learner.experienced_agent import NO_TABLE
@@ -51,7 +50,6 @@ from meal_bayes.untrusted import LARGEST
 _READ_HERE = ("question", "robot", "objects", "payoffs", "none", "truth")
 
 
-@checked_except(*_READ_HERE)
 class Finder(Answerer):
     """Finds one of several objects by the questions of yes or no about each."""
 

@@ -10,7 +10,6 @@ from meal_bayes.datasets import Dataset, PerceptTable, object_index
 from meal_bayes.domain import Domain, Query, load_domain
 from meal_bayes.errors import QueryError, SettingsError
 from meal_bayes.files import LOGS, checked_path
-from meal_bayes.kinds import checked_except
 from meal_bayes.learner import views
 from meal_bayes.learner.card import JoinedRecordings, learned_html, next_html, table_knowledge
 from meal_bayes.learner.columns import key_of_name
@@ -31,7 +30,6 @@ from meal_bayes.seeds import Key
 from meal_bayes.trials import Trial
 
 
-@checked_except("values")
 class Learner(Finder):
     """Answers questions about objects, and learns from what it does and is told.
 

@@ -13,7 +13,6 @@ from meal_bayes.datasets import Dataset, PerceptTable
 from meal_bayes.domain import Domain, Payoffs, unknown
 from meal_bayes.domain.words import twin
 from meal_bayes.errors import DataError, QueryError, SettingsError
-from meal_bayes.kinds import checked_except
 from meal_bayes.posterior import ConfusionPosterior
 from meal_bayes.untrusted import LARGEST, name_fault
 
@@ -21,7 +20,6 @@ REFIT_EVERY = 0.2  # growth of the labeled instances after which all is learned 
 _PERCEPTS = ("recorded", "model")
 
 
-@checked_except("posterior", "payoffs")
 @dataclass(frozen=True, slots=True)
 class LearnerSettings:
     """How a learner learns, whoever its agent is; what `Learner` takes by name is said there.

@@ -15,7 +15,6 @@ from meal_bayes.arrays import check_whole, check_yes_no, real_vector
 from meal_bayes.datasets import PerceptTable, object_index
 from meal_bayes.domain import TERMINAL, Domain, Query, read_query, read_question
 from meal_bayes.errors import LogError, SettingsError
-from meal_bayes.kinds import checked
 from meal_bayes.learner.columns import unnamed
 from meal_bayes.learner.fit import Fit, solve
 from meal_bayes.momdp import MOMDP
@@ -280,7 +279,6 @@ def plan_of(
     return momdp, policy
 
 
-@checked
 def implied(report: NDArray[np.bool_], *, right: bool) -> NDArray[np.int8]:
     """Return the labels (N,) that a verdict on a report (N,) implies; -1 unknown.
 

@@ -13,7 +13,6 @@ from meal_bayes.arrays import FrozenArrays, check_place, freeze, shaped_array, w
 from meal_bayes.display import bar_html, facts_repr, listed, table_html
 from meal_bayes.domain.query import value_table
 from meal_bayes.errors import ImpossibleObservation, SettingsError
-from meal_bayes.kinds import checked
 from meal_bayes.momdp.model import MOMDP
 from meal_bayes.momdp.observation import predictive
 from meal_bayes.momdp.truths import by_variable, truths_of
@@ -153,7 +152,6 @@ class Belief(FrozenArrays):
         return value_table(len(self.log_odds), self.groups)
 
 
-@checked
 def belief_of(
     momdp: MOMDP, x: int, log_prob: NDArray[np.float64], percept_counts: NDArray[np.int64]
 ) -> Belief:
@@ -185,7 +183,6 @@ def _belief(
     )
 
 
-@checked
 def initial_belief(momdp: MOMDP) -> Belief:
     """Return the belief at the start of a trial: x0, the prior, no percepts."""
     chance = np.stack([1.0 - momdp.prior, momdp.prior], axis=1)  # (N,2)
@@ -195,7 +192,6 @@ def initial_belief(momdp: MOMDP) -> Belief:
     return _belief(momdp, momdp.start, log_prob, percept_counts)
 
 
-@checked
 def update_belief(belief: Belief, momdp: MOMDP, transition: Transition) -> Belief:
     """Condition the belief on one executed action (Alg. 1, l. 10).
 
@@ -255,7 +251,6 @@ def update_belief(belief: Belief, momdp: MOMDP, transition: Transition) -> Belie
     return after
 
 
-@checked
 def next_percept(momdp: MOMDP, belief: Belief) -> NDArray[np.float64]:
     """Compute Pr(truth, level) of the next percept of each behavior and attribute, (N,E,2,K).
 
@@ -285,7 +280,6 @@ def percepts_left(momdp: MOMDP, belief: Belief) -> NDArray[np.float64]:
     return np.asarray(momdp.limit - belief.percept_counts[0].sum(axis=1), np.float64)
 
 
-@checked
 def best_report(momdp: MOMDP, belief: Belief) -> int:
     """Return the action index of the report that is worth most: of values the most probable."""
     reports = momdp.reports
@@ -295,7 +289,6 @@ def best_report(momdp: MOMDP, belief: Belief) -> int:
     return momdp.n_behaviors + int(yes > no)
 
 
-@checked
 def report_value(momdp: MOMDP, belief: Belief) -> float:
     """Compute the best report's expected reward; a variable is right with its largest Pr(value)."""
     reports = momdp.reports
@@ -315,7 +308,6 @@ def _checked_report(momdp: MOMDP, report: object) -> NDArray[np.bool_]:
     return np.asarray(shaped_array("report", report, momdp.query.report_size) != 0)
 
 
-@checked
 def expected_reward(momdp: MOMDP, belief: Belief, report: NDArray[np.bool_]) -> float:
     """Compute the expected reward (s) of a report at a belief: (N,) values, or (1,) yes."""
     report = _checked_report(momdp, report)
@@ -325,7 +317,6 @@ def expected_reward(momdp: MOMDP, belief: Belief, report: NDArray[np.bool_]) -> 
     return float(_yes_or_no_values(momdp, belief)[int(report[0])])
 
 
-@checked
 def report_certainty(momdp: MOMDP, belief: Belief, report: NDArray[np.bool_]) -> float:
     """Compute Pr(a report is right) at a belief, of (N,) values, or (1,) yes."""
     report = _checked_report(momdp, report)
@@ -335,14 +326,12 @@ def report_certainty(momdp: MOMDP, belief: Belief, report: NDArray[np.bool_]) ->
     return p if report[0] else 1.0 - p
 
 
-@checked
 def best_answer(momdp: MOMDP, belief: Belief) -> int:
     """Return the action that ends the trial best: a report, or abstaining where that is better."""
     abstains = report_value(momdp, belief) < momdp.exit_value
     return momdp.abstention if abstains else best_report(momdp, belief)
 
 
-@checked
 def answer_value(momdp: MOMDP, belief: Belief) -> float:
     """Compute the expected reward of the best answer, of which abstaining may be one."""
     return max(report_value(momdp, belief), momdp.exit_value)

@@ -18,11 +18,9 @@ from meal_bayes.arrays import Floats, freeze, real_array, shaped_array, spread_a
 from meal_bayes.domain import Domain, Payoffs, Query, load_domain
 from meal_bayes.domain.event import wrong_reward
 from meal_bayes.errors import SettingsError
-from meal_bayes.kinds import checked
 from meal_bayes.momdp.model import DISCOUNT, MOMDP
 
 
-@checked
 @dataclass(frozen=True, slots=True)
 class Objective:
     """What a planner maximizes.
@@ -46,7 +44,6 @@ class Objective:
     payoffs: Payoffs | None = None
 
 
-@checked
 def build_momdp(
     domain: str | Path | Mapping[str, Any] | Domain,
     query: Query,
@@ -141,7 +138,6 @@ def build_momdp(
     )
 
 
-@checked
 def with_joint_prior(momdp: MOMDP, joint: ArrayLike) -> MOMDP:
     """Return the MOMDP with a joint prior, whose margins become `prior`.
 
@@ -191,7 +187,6 @@ def _answer_rows(classes: NDArray[np.float64], accuracy: float, levels: int) -> 
     return rows
 
 
-@checked
 def observation_entropy(momdp: MOMDP) -> NDArray[np.float64]:
     """Compute the entropy (N,E,2), bits, of a percept given the attribute's value (Eq. 9).
 
@@ -205,7 +200,6 @@ def observation_entropy(momdp: MOMDP) -> NDArray[np.float64]:
     return freeze(np.where(senses, entropy, 0.0))
 
 
-@checked
 def add_itrs_bonus(
     momdp: MOMDP,
     experience: ArrayLike,

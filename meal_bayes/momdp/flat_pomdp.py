@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from meal_bayes.arrays import FrozenArrays, check_place
 from meal_bayes.domain import TERMINAL
 from meal_bayes.errors import SettingsError
-from meal_bayes.kinds import checked
 from meal_bayes.momdp.belief import initial_belief
 from meal_bayes.momdp.model import MOMDP
 from meal_bayes.momdp.reports import ABSTAINED
@@ -42,7 +41,6 @@ class FileTables(NamedTuple):
     prior: NDArray[np.float64]  # (Y,) Pr(y)
 
 
-@checked
 def percept_probabilities(momdp: MOMDP, behavior: int) -> NDArray[np.float64]:
     """Compute Eq. 8, Pr(percept vector | y) when one comes: (Y,K^N), first attribute leading."""
     check_place("behavior", behavior, momdp.n_behaviors)
@@ -96,7 +94,6 @@ def _check_size(momdp: MOMDP, size: float, largest: float) -> None:
         )
 
 
-@checked
 @dataclass(frozen=True, slots=True)
 class FlatPOMDP(FrozenArrays):
     """A POMDP of dense arrays; of a MOMDP: state x * Y + y, then `term`; "none" is the last z.
@@ -130,7 +127,6 @@ class FlatPOMDP(FrozenArrays):
     discount: float
 
 
-@checked
 def flatten(momdp: MOMDP) -> FlatPOMDP:
     """Convert a MOMDP to dense arrays.
 

@@ -9,7 +9,6 @@ from meal_bayes.arrays import freeze, freeze_arrays, set_frozen, yes_of
 from meal_bayes.display import facts_html, facts_repr, listed
 from meal_bayes.domain import Payoffs, Query
 from meal_bayes.errors import SettingsError
-from meal_bayes.kinds import checked
 from meal_bayes.momdp.numbers import (
     ARRAYS,
     RANGES,
@@ -31,7 +30,6 @@ def nothing_happened(x: int, next_x: int, *, perceived: bool) -> bool:
     return x == next_x and not perceived
 
 
-@checked
 @dataclass(frozen=True, slots=True)
 class MOMDP:
     """A decision problem in factored form.

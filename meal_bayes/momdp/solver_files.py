@@ -19,7 +19,6 @@ from numpy.typing import NDArray
 from meal_bayes.domain import TERMINAL
 from meal_bayes.errors import SettingsError
 from meal_bayes.files import draft_of
-from meal_bayes.kinds import checked
 from meal_bayes.momdp.flat_pomdp import (
     DONE,
     NOTHING,
@@ -30,7 +29,6 @@ from meal_bayes.momdp.flat_pomdp import (
 from meal_bayes.momdp.model import MOMDP
 
 
-@checked
 def write_pomdp(momdp: MOMDP, path: str | Path) -> None:
     """Write a MOMDP as .pomdp; the file is there only once it is whole.
 
@@ -57,7 +55,6 @@ def write_pomdp(momdp: MOMDP, path: str | Path) -> None:
     _write(path, _pomdp(momdp, tables))
 
 
-@checked
 def write_pomdpx(momdp: MOMDP, path: str | Path) -> None:
     """Write a MOMDP as .pomdpx; parameters and errors are those of `write_pomdp`.
 

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from meal_bayes.arrays import check_place, yes_of
 from meal_bayes.datasets.percepts import PerceptTable
-from meal_bayes.kinds import checked
 
 
 def by_truth(levels: NDArray[np.int64], labels: NDArray[np.int8]) -> NDArray[np.int64]:
@@ -20,7 +19,6 @@ def by_truth(levels: NDArray[np.int64], labels: NDArray[np.int8]) -> NDArray[np.
     return np.asarray(levels[:, :, :, None, :] * rows[:, :, None, :, None], np.int64)
 
 
-@checked
 def table_counts(table: PerceptTable, held_out: int, *, levels: int = 2) -> NDArray[np.int64]:
     """Return training-side counts for a held-out object, by classifiers that never saw it.
 

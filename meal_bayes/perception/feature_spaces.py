@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from meal_bayes.arrays import Floats, FrozenArrays, Ints
 from meal_bayes.datasets import Dataset, TrainingSet
 from meal_bayes.display import short_repr
-from meal_bayes.kinds import checked
 from meal_bayes.perception.settings import PerceptionSettings
 
 _FAR = 5.0  # standard deviations at which features are clipped
@@ -257,7 +256,6 @@ def _coarse(features: Floats) -> bool:
     return bool(((spread > 0) & (spread < _FEWEST_STEPS * step)).any())
 
 
-@checked
 def fit_spaces(
     dataset: Dataset, gathered: TrainingSet, *, kernel: str = "rbf", whiten: bool = False
 ) -> Spaces:

@@ -32,7 +32,6 @@ from meal_bayes.datasets.sources import SOURCES
 from meal_bayes.domain import unknown
 from meal_bayes.errors import SettingsError
 from meal_bayes.files import command_line
-from meal_bayes.kinds import checked
 from meal_bayes.perception import kernel_ridge
 from meal_bayes.perception.confusion import by_truth, informative
 from meal_bayes.perception.feature_spaces import (
@@ -62,7 +61,6 @@ def method_of(settings: PerceptionSettings) -> ModuleType:
     return fold_classifiers
 
 
-@checked
 def fit_and_validate(
     dataset: Dataset,
     training_set: TrainingSet,
@@ -126,7 +124,6 @@ def _count(recordings: BehaviorRecordings, nested: Floats, levels: int, n_object
     return counts
 
 
-@checked
 def build_percept_table(
     dataset: Dataset,
     *,

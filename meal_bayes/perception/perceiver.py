@@ -17,7 +17,6 @@ from meal_bayes.datasets.percepts import PerceptTable
 from meal_bayes.display import short_repr
 from meal_bayes.domain import Domain, Query
 from meal_bayes.errors import DataError, SettingsError
-from meal_bayes.kinds import checked
 from meal_bayes.perception.feature_spaces import FeatureSpace
 
 
@@ -65,7 +64,6 @@ def person_says(
     return answer(truth, accuracy, levels, rng)
 
 
-@checked
 @dataclass(frozen=True, slots=True)
 class RecordedPercepts:
     """Percepts of real recordings, by classifiers that never saw the object.
@@ -106,7 +104,6 @@ class RecordedPercepts:
         return table.levels_of(log_odds, self.levels)
 
 
-@checked
 @dataclass(frozen=True, slots=True)
 class SampledPercepts(FrozenArrays):
     """Percepts drawn from the confusion matrices themselves.
@@ -165,7 +162,6 @@ class BehaviorClassifier(FrozenArrays):
         return np.where(self.used, self.fit.scored(list(self.spaces.values()), rows), 0.0)
 
 
-@checked
 @dataclass(frozen=True, slots=True)
 class Perception(FrozenArrays):
     """The fitted Psi of all behaviors; a `Perceiver`.

@@ -6,12 +6,10 @@ from typing import Any
 from meal_bayes.datasets.levels import BIN_EDGES, level_edges
 from meal_bayes.domain import unknown
 from meal_bayes.errors import SettingsError
-from meal_bayes.kinds import checked
 
 METHODS = ("stacked", "paper", "classifier")
 
 
-@checked
 @dataclass(frozen=True, slots=True)
 class PerceptionSettings:
     """How a behavior's percept is made from its modalities.

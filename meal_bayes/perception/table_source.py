@@ -26,7 +26,6 @@ from meal_bayes.digests import digest_of
 from meal_bayes.domain import Domain, domain_table, load_domain, unknown
 from meal_bayes.errors import SettingsError
 from meal_bayes.files import file_name
-from meal_bayes.kinds import checked
 from meal_bayes.perception.fitting import build_percept_table
 from meal_bayes.perception.settings import NAMED
 from meal_bayes.version import package_version
@@ -34,7 +33,6 @@ from meal_bayes.version import package_version
 log = logging.getLogger("meal_bayes.perception")
 
 
-@checked
 @dataclass(frozen=True, slots=True)
 class TableSource:
     """Where the percept table of a data set comes from.

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from meal_bayes.arrays import Floats
 from meal_bayes.domain.domain import LEGAL_BUDGET
 from meal_bayes.errors import SettingsError
-from meal_bayes.kinds import checked
 from meal_bayes.momdp import MOMDP, Belief, answer_value, best_answer, best_report
 from meal_bayes.momdp.belief import next_percept, percepts_left
 from meal_bayes.momdp.model import nothing_happened
@@ -35,7 +34,6 @@ class Baseline:
         return self.choose(history, rng)
 
 
-@checked
 @dataclass(frozen=True, slots=True)
 class Random:
     """Uniform over the reports and the legal behaviors of x."""
@@ -59,7 +57,6 @@ def _report_or_behavior(momdp: MOMDP, history: History, rng: np.random.Generator
     return unvalued(momdp, momdp.n_behaviors + query.index_of(values))
 
 
-@checked
 @dataclass(frozen=True, slots=True)
 class RandomLegal:
     """Uniform over the legal behaviors while the cost is below a budget; then the best report.
@@ -95,7 +92,6 @@ def draw_legal(
     return unvalued(momdp, int(rng.choice(legal)))
 
 
-@checked
 @dataclass(frozen=True, slots=True)
 class Predefined:
     """A fixed sequence, each behavior once; ends before one that is not legal, then reports.
@@ -136,7 +132,6 @@ class Predefined:
         return unvalued(momdp, best_report(momdp, history.belief))
 
 
-@checked
 @dataclass(frozen=True, slots=True)
 class Untouched:
     """Reports what the prior says is likeliest, at once and for 0 s."""
@@ -150,7 +145,6 @@ def _likeliest(momdp: MOMDP, history: History, rng: np.random.Generator) -> Deci
     return unvalued(momdp, best_report(momdp, history.belief))
 
 
-@checked
 @dataclass(frozen=True, slots=True)
 class Greedy:
     """Maximizes bits per second, one percept ahead; reports when a bit costs more than its value.

@@ -38,7 +38,6 @@ from numba.core.compiler import Compiler, Flags
 from numba.core.dispatcher import Dispatcher
 
 from meal_bayes.cache import compile_kernel
-from meal_bayes.kinds import checked
 
 Index = int | np.int64
 NO_BEHAVIOR: Index = np.int64(-1)  # where a kernel takes or returns a behavior
@@ -169,7 +168,6 @@ def _versioned(compiled: Callable[..., Any]) -> Callable[..., Any]:
     return compiled
 
 
-@checked
 class Compiling(NamedTuple):
     """How far the compilation of an entry kernel is."""
 
@@ -215,7 +213,6 @@ class _Watch(event.Listener):  # type: ignore[misc]  # numba has no types
             self._end()
 
 
-@checked
 @contextlib.contextmanager
 def watch_compilation(
     report: Callable[[Compiling], None], end: Callable[[], None]

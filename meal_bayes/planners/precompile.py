@@ -3,7 +3,6 @@
 import numpy as np
 
 from meal_bayes.domain import Event, Query, load_domain
-from meal_bayes.kinds import checked
 from meal_bayes.momdp import build_momdp, initial_belief
 from meal_bayes.planners.factored.policy import Factored
 from meal_bayes.planners.open_loop.policy import OpenLoop
@@ -11,7 +10,6 @@ from meal_bayes.planners.pomcp.policy import POMCP
 from meal_bayes.planners.solver import History, Solver
 
 
-@checked
 def warm_up(solver: Solver, limit: float = 3, *, yes_or_no: bool = False) -> None:
     """Compile the kernels that a solver needs; a solver without kernels is left alone.
 

@@ -7,7 +7,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meal_bayes.errors import SettingsError
-from meal_bayes.kinds import checked
 from meal_bayes.momdp import MOMDP, Belief, expected_reward
 from meal_bayes.momdp.numbers import ARRAYS
 from meal_bayes.planners.boundary import decide
@@ -18,7 +17,6 @@ from meal_bayes.planners.solver import History, MemoizedPolicy, Policy
 Solve = Callable[[MOMDP], Policy]
 
 
-@checked
 class Prospector:
     """Values one object's question of yes or no at outside values, by any planner.
 
@@ -91,7 +89,6 @@ class Prospector:
         return self._solve(problem)
 
 
-@checked
 class SharedPlans:
     """Solves problems: equal ones once, those that differ in what answers earn by the same plans.
 

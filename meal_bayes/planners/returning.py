@@ -6,7 +6,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meal_bayes.arrays import Floats, shaped_array
-from meal_bayes.kinds import checked
 from meal_bayes.momdp import MOMDP
 
 
@@ -18,7 +17,6 @@ class PathsBack(NamedTuple):
     first_action: NDArray[np.int64]  # (X,) -1 where the object can be left, or none leads there
 
 
-@checked
 def paths_back(momdp: MOMDP, leave: NDArray[np.bool_], discount: float = 1.0) -> PathsBack:
     """Find the cheapest paths back to where an object can be left.
 

@@ -27,13 +27,11 @@ import numpy as np
 
 from meal_bayes.arrays import Floats, FrozenArrays
 from meal_bayes.errors import SettingsError
-from meal_bayes.kinds import checked
 
 POINTS = 17  # outside values
 _SETTLED = 1e-9  # of r+ - r-: an object is worth nothing more than L where it gains less
 
 
-@checked
 @dataclass(frozen=True, slots=True)
 class Prospect(FrozenArrays):
     """What an object is worth at its belief, beside each outside value.
@@ -158,7 +156,6 @@ def values_beside(prospect: Prospect, others: float) -> Floats:
     return values - prospect.turning
 
 
-@checked
 def best_move(prospects: Sequence[Prospect], front: int = -1, hand: Hand = EMPTY) -> Move:
     """Choose to explore an object, to put one down, to claim one, or none.
 

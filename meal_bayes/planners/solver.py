@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from meal_bayes.arrays import Floats, FrozenArrays
 from meal_bayes.display import AMOUNT, best_options, estimate_text, facts_repr, table_html
-from meal_bayes.kinds import checked
 from meal_bayes.momdp import MOMDP, Belief, answer_value, best_answer
 from meal_bayes.seeds import stream
 
@@ -279,7 +278,6 @@ class Solver(Protocol):
         ...
 
 
-@checked
 @dataclass(slots=True)
 class MemoizedPolicy:
     """A deterministic policy that decides once for each x and percept counts, and keeps it.
@@ -301,7 +299,6 @@ class MemoizedPolicy:
         return self._decisions[key]
 
 
-@checked
 def unvalued(momdp: MOMDP, action: int) -> Decision:
     """Return the decision of a policy that compares no values."""
     return Decision.exact(action, np.full(momdp.n_behaviors + 1, np.nan))

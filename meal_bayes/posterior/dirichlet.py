@@ -10,14 +10,12 @@ from numpy.typing import ArrayLike, NDArray
 from meal_bayes.arrays import freeze, freeze_arrays
 from meal_bayes.display import best_html, short_repr
 from meal_bayes.errors import SettingsError
-from meal_bayes.kinds import checked
 from meal_bayes.perception.confusion import informative, youden
 from meal_bayes.posterior.grid import PRIOR_WEIGHT, grid_posterior
 
 _DIMENSIONS = 4  # (P,E,2,K)
 
 
-@checked
 @dataclass(frozen=True, slots=True)
 class ConfusionPosterior:
     """Rows of Theta (attribute, behavior, truth), each with a Dirichlet over its mean.

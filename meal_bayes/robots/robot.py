@@ -18,7 +18,6 @@ from meal_bayes.display import warn_caller
 from meal_bayes.domain import TERMINAL, Behavior, Domain, unknown
 from meal_bayes.domain.diagram import TransitionArrays
 from meal_bayes.errors import DataError, QueryError, RobotError
-from meal_bayes.kinds import checked
 
 Features = dict[str, NDArray[np.float32]]
 Sizes = Mapping[tuple[str, str], int]  # (behavior, modality) -> D
@@ -95,7 +94,6 @@ class _NoPercept(Exception):
     """The features or answers are invalid."""
 
 
-@checked
 class OutcomeChecker:
     """What a robot returns, checked: every outcome fits the domain, and has indices for names.
 

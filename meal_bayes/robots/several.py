@@ -4,11 +4,9 @@ from collections.abc import Mapping
 
 from meal_bayes.domain import unknown
 from meal_bayes.errors import SettingsError
-from meal_bayes.kinds import checked
 from meal_bayes.robots.robot import Outcome, Robot
 
 
-@checked
 class RobotPerObject:
     """A robot that turns from one object to another: each has a `Robot`, by the object's name.
 

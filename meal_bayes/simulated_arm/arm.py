@@ -10,7 +10,6 @@ import numpy as np
 
 from meal_bayes.domain import TERMINAL, load_domain, unknown
 from meal_bayes.errors import RobotError, SettingsError
-from meal_bayes.kinds import checked
 from meal_bayes.robots.robot import Outcome
 from meal_bayes.seeds import stream
 from meal_bayes.simulated_arm.objects import ObjectParameters
@@ -72,7 +71,6 @@ _OFF_TABLE = 0.01  # m, lifted
 _JAMMED = 0.01  # m, by which a finger misses its commanded opening
 
 
-@checked
 class SimulatedArm:
     """An arm in front of one object; implements `Robot`.
 

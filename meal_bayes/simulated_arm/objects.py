@@ -9,7 +9,6 @@ import mujoco
 import numpy as np
 
 from meal_bayes.arrays import check_whole
-from meal_bayes.kinds import checked
 from meal_bayes.seeds import stream
 
 Vector = tuple[float, float, float]
@@ -59,7 +58,6 @@ class ObjectParameters:
     n_balls: int
 
 
-@checked
 def draw_object(seed: int, *path: str | int) -> ObjectParameters:
     """Draw the object of a named stream, such as ``draw_object(7, "new", 3)``.
 
@@ -88,7 +86,6 @@ def draw_object(seed: int, *path: str | int) -> ObjectParameters:
     )
 
 
-@checked
 def attributes_of(parameters: ObjectParameters) -> dict[str, bool]:
     """Return what is true of an object, by the thresholds of this module.
 

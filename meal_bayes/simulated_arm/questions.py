@@ -6,7 +6,6 @@ from pathlib import Path
 
 from meal_bayes.domain import Query
 from meal_bayes.errors import RobotError
-from meal_bayes.kinds import checked
 from meal_bayes.learner import Learner
 from meal_bayes.robots import RobotPerObject
 from meal_bayes.seeds import stream
@@ -18,7 +17,6 @@ from meal_bayes.trials import Search, Trial, run_search, run_trial
 TURN_COST = 1.0  # s, from one box to the next
 
 
-@checked
 def ask_new(
     learner: Learner,
     question: str | Query,
@@ -49,7 +47,6 @@ def ask_new(
     return session.trial
 
 
-@checked
 def find_new(
     learner: Learner,
     question: str | Query,
@@ -85,7 +82,6 @@ def find_new(
     return session.search
 
 
-@checked
 def learn_live(
     learner: Learner, trials: int, seed: int, *, logs: Path | None = None
 ) -> Iterator[Trial]:

@@ -15,7 +15,6 @@ from meal_bayes.domain import Domain, load_domain
 from meal_bayes.errors import RobotError
 from meal_bayes.experiments.parallel import in_parallel
 from meal_bayes.files import keep_folder
-from meal_bayes.kinds import checked
 from meal_bayes.simulated_arm.arm import GRASPED, LEGAL, LIFTED, READY, SimulatedArm
 from meal_bayes.simulated_arm.objects import ObjectParameters, attributes_of, draw_object
 
@@ -143,7 +142,6 @@ def save_recordings(recorded: Sequence[Recorded], folder: Path) -> Path:
     return path
 
 
-@checked
 def training_recordings(
     objects: int = 30, recordings: int = 3, *, jobs: int = 1, progress: Progress = lambda *_: None
 ) -> Dataset:

@@ -6,13 +6,11 @@ import numpy as np
 
 from meal_bayes.arrays import Floats, check_whole
 from meal_bayes.domain import Domain, Query, load_domain
-from meal_bayes.kinds import checked
 from meal_bayes.momdp import MOMDP, Objective, build_momdp, with_joint_prior
 
 _PERCEPTS = 2  # of a behavior: used up soon
 
 
-@checked
 def example_problems(seed: int = 0, *, known_rows: bool = False) -> Iterator[MOMDP]:
     """Yield small problems of several kinds, with random confusion matrices.
 

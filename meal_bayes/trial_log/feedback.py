@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 
 from meal_bayes.errors import LogCorruptError, LogError
-from meal_bayes.kinds import checked
 from meal_bayes.seeds import Key
 from meal_bayes.trial_log import schema
 from meal_bayes.trials import Trial, task_key
@@ -21,7 +20,6 @@ from meal_bayes.untrusted import name_fault, read_json
 _WITHDRAWN = -1
 
 
-@checked
 @dataclass(frozen=True, slots=True)
 class Feedback:
     """Labels as a person told them of a trial, or of an object by its name.

@@ -15,7 +15,6 @@ from mcap.records import DataEnd
 from meal_bayes.digests import checksum_of
 from meal_bayes.errors import LogCorruptError, LogError, LogVersionError, QueryError
 from meal_bayes.files import checked_path
-from meal_bayes.kinds import checked
 from meal_bayes.trial_log.container import CUT_SHORT, FAULTS, TORN, fault_text, read_records
 from meal_bayes.trial_log.decode import TrialBuilder
 from meal_bayes.trial_log.feedback import Feedback, FeedbackIndex
@@ -32,7 +31,6 @@ _APART = ("agents", "repeats", "first", "log")
 _LATER = ("versions", "recovered_from")  # entries of a header that are no setting
 
 
-@checked
 class Group(NamedTuple):
     """Trials that stand next to each other in a file."""
 
@@ -71,7 +69,6 @@ def going_on_text(log: Path, header: Mapping[str, object]) -> str:
     )
 
 
-@checked
 class Logs:
     """One or more logs, damaged ones included: faults are noted, whole trials are read.
 
@@ -262,7 +259,6 @@ class Logs:
         return files
 
 
-@checked
 class Follower:
     """Follows a file, or every file of a folder, from its beginning on.
 

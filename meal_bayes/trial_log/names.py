@@ -14,7 +14,6 @@ from pathlib import Path
 
 from meal_bayes.errors import LogError
 from meal_bayes.files import checked_path, command_line, file_name, hold
-from meal_bayes.kinds import checked
 from meal_bayes.trial_log.schema import ACTIVE, FEEDBACK_FORM, SEARCH_FORM, SUFFIX
 
 RECOVERED = ".recovered"
@@ -156,7 +155,6 @@ def drafts_of(path: Path) -> list[Path]:
     return sorted(drafts, key=drafts.__getitem__)
 
 
-@checked
 def remove_drafts(path: str | Path) -> None:
     """Remove the drafts of a log that no process is writing any more."""
     for draft in drafts_of(checked_path("The log", path)):
@@ -165,7 +163,6 @@ def remove_drafts(path: str | Path) -> None:
                 draft.unlink(missing_ok=True)
 
 
-@checked
 def log_files(path: str | Path) -> list[Path]:
     """Find the logs of a run: the file itself, or all of a folder in order of their names.
 

@@ -13,7 +13,6 @@ from mcap.writer import MCAP0_MAGIC
 
 from meal_bayes.errors import LogCorruptError, LogError
 from meal_bayes.files import checked_path, command_line
-from meal_bayes.kinds import checked
 from meal_bayes.trial_log import schema
 from meal_bayes.trial_log.container import FAULTS, fault_text, next_log, read_records
 from meal_bayes.trial_log.decode import NO_END, TrialBuilder
@@ -31,7 +30,6 @@ _UNPACKING = 256  # times its own size that a larger one may
 GROUP = 100  # trials whose outcomes are computed at a time
 
 
-@checked
 @dataclass(frozen=True, slots=True)
 class LogInfo:
     """What can be read of a log."""
@@ -52,7 +50,6 @@ class LogInfo:
         return not self.problems
 
 
-@checked
 def read_trials(path: str | Path) -> Iterator[Trial]:
     """Read the trials of a whole log one by one, or of a folder's logs in order of their names.
 
@@ -83,13 +80,11 @@ def _trials(scan: "Scan") -> Iterator[Trial]:
         yield entry
 
 
-@checked
 def read_outcomes(path: str | Path) -> TrialOutcomes:
     """Read the outcomes of a whole log, of either form; errors as for `read_trials`."""
     return TrialOutcomes.join([outcomes for outcomes, _ in grouped(Scan(path))])
 
 
-@checked
 def read_feedback(path: str | Path) -> list[Feedback]:
     """Read what people told of trials, from a log of feedback or all on a folder's, in order.
 
@@ -133,7 +128,6 @@ def grouped(
         yield TrialOutcomes.of(waiting), tuple(waiting)
 
 
-@checked
 def read_header(path: str | Path) -> dict[str, object]:
     """Read what the run was (config, seed, versions), also from a torn file; errors as above."""
     builder = TrialBuilder()
@@ -145,7 +139,6 @@ def read_header(path: str | Path) -> dict[str, object]:
         return builder.check_header()
 
 
-@checked
 def log_info(path: str | Path) -> LogInfo:
     """Read what a whole log holds; every byte is checked, no trial decoded; errors as above."""
     path = find_log(path)
@@ -244,7 +237,6 @@ class Scan:
                 self.problems.append(fault_text(fault))
 
 
-@checked
 def check_log(path: str | Path) -> LogInfo:
     """Read a file to its end and report its contents and faults; damage does not raise."""
     scan = Scan(path, tolerant=True)
@@ -264,7 +256,6 @@ def check_log(path: str | Path) -> LogInfo:
     )
 
 
-@checked
 def salvage(path: str | Path) -> Iterator[Trial | TrialOutcomes]:
     """Read every whole trial of a file, torn or not; the faults between them are passed over.
 
@@ -275,7 +266,6 @@ def salvage(path: str | Path) -> Iterator[Trial | TrialOutcomes]:
     return Scan(path, tolerant=True).salvage()
 
 
-@checked
 def recover_log(path: str | Path, out: str | Path | None = None) -> Path:
     """Write the trials of a torn file, as `salvage` reads them, into a new file; return its name.
 

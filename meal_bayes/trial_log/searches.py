@@ -8,7 +8,6 @@ from pathlib import Path
 
 from meal_bayes.errors import LogCorruptError, LogError, QueryError
 from meal_bayes.files import checked_path
-from meal_bayes.kinds import checked
 from meal_bayes.trial_log.feedback import FeedbackIndex
 from meal_bayes.trial_log.names import TURNS, drafts_of, explored_name, feedback_of, search_files
 from meal_bayes.trial_log.reader import Scan, read_trials, readable_feedback, salvage
@@ -23,7 +22,6 @@ def search_of(path: str | Path) -> Path | None:
     return files[0] if files else None
 
 
-@checked
 def read_search(path: str | Path) -> Search:
     """Read a search from its folder: which objects it turned to, all trials, and what it claimed.
 

@@ -17,7 +17,6 @@ from mcap.writer import Writer
 
 from meal_bayes.errors import LogError, OutputError, SettingsError
 from meal_bayes.files import checked_path, hold, make_folder, replace_whole, write_whole
-from meal_bayes.kinds import checked
 from meal_bayes.trial_log import schema
 from meal_bayes.trial_log.encode import End, Packed, TrialEncoder, encode_outcomes
 from meal_bayes.trial_log.feedback import Feedback
@@ -31,7 +30,6 @@ from meal_bayes.version import package_version
 ROWS = 250  # trials in a message of the compact form
 
 
-@checked
 class TrialWriter:
     """Writes trials into one log, `path`, which exists only once the file is whole.
 
@@ -216,7 +214,6 @@ class TrialWriter:
         self.written = self.written.after(trial)
 
 
-@checked
 def write_trials(
     path: str | Path,
     trials: Iterable[Trial | TrialOutcomes],
@@ -255,7 +252,6 @@ def write_feedback(folder: Path, feedback: Feedback, *, header: Mapping[str, obj
     return path
 
 
-@checked
 def read_seconds(path: str | Path) -> list[float]:
     """Read the wall-clock seconds of a log's trials; none where no whole table is beside it."""
     log = checked_path("The log", path)

@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from meal_bayes.display import warn_caller
 from meal_bayes.domain.diagram import TransitionArrays
-from meal_bayes.kinds import checked
 from meal_bayes.momdp import MOMDP
 from meal_bayes.planners import Decision, History, Policy
 
@@ -101,7 +100,6 @@ def without(momdp: MOMDP, failing: NDArray[np.bool_], stuck: NDArray[np.bool_]) 
     )
 
 
-@checked
 @dataclass(slots=True)
 class FaultTolerant:
     """A policy that is made anew, without them, when behaviors turn out to fail in a trial."""

@@ -8,7 +8,6 @@ from functools import wraps
 from typing import Concatenate, ParamSpec, Self, TypeVar
 
 from meal_bayes.errors import SettingsError
-from meal_bayes.kinds import checked
 
 
 class _Entrance:
@@ -35,7 +34,6 @@ class _Entrance:
         return _Entrance, ()
 
 
-@checked
 class OneCaller(ABC):
     """A session: its methods that are `alone` refuse a call while another is inside.
 

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from meal_bayes.arrays import Bools, check_kind, freeze_arrays, is_whole, set_frozen
 from meal_bayes.errors import SettingsError
-from meal_bayes.kinds import checked
 from meal_bayes.trials.record import TrialRecord
 
 Texts = NDArray[np.object_]
@@ -40,7 +39,6 @@ class Run(Protocol):
         """Return the outcomes of all trials."""
 
 
-@checked
 @dataclass(frozen=True, slots=True, eq=False)
 class TrialOutcomes:
     """Outcomes of n trials; N is the largest number of attributes asked in one of them.
@@ -210,7 +208,6 @@ class TrialOutcomes:
         return self.positive[rows], self.truth[rows] == 1
 
 
-@checked
 class BatchOutcomes(NamedTuple):
     """Test trials after a batch of an online run; batch 0 is before any training.
 
@@ -265,7 +262,6 @@ def _columns(trial: TrialRecord) -> _Part:
     }
 
 
-@checked
 def task_key(key: Iterable[str | int]) -> str:
     """Write a task's key as JSON.
 

@@ -8,14 +8,12 @@ from numpy.typing import ArrayLike
 from meal_bayes.arrays import check_place, lowest_yes, whole_array
 from meal_bayes.display import level_names
 from meal_bayes.domain.words import denied
-from meal_bayes.kinds import checked
 from meal_bayes.momdp import MOMDP
 
 SILENT = "says nothing"  # of a percept without information
 _SAME = 1e-9  # probabilities that differ by less are equal
 
 
-@checked
 def percept_labels(momdp: MOMDP, behavior: int, observation: ArrayLike) -> list[str]:
     """Return the percept of each question by name; of a group the value that it speaks for.
 

@@ -15,7 +15,6 @@ from meal_bayes.display import short_repr
 from meal_bayes.domain import Query
 from meal_bayes.domain.labels import one_value
 from meal_bayes.errors import DataError, QueryError
-from meal_bayes.kinds import checked
 from meal_bayes.momdp import MOMDP, Belief
 from meal_bayes.momdp.reports import ABSTAINED
 from meal_bayes.planners import Decision
@@ -24,7 +23,6 @@ from meal_bayes.seeds import Key
 from meal_bayes.untrusted import name_fault
 
 
-@checked
 @dataclass(frozen=True, slots=True)
 class Task:
     """A query about an object.
@@ -103,7 +101,6 @@ class Step:
         return self.observation is None and self.warning.startswith(NO_PERCEPT)
 
 
-@checked
 @dataclass(frozen=True, slots=True)
 class TrialRecord(FrozenArrays):
     """The paper's xi, with its beliefs and decisions; a `Trial` is one that shows itself.
@@ -252,7 +249,6 @@ def answer_step(
     )
 
 
-@checked
 def truth_of(query: Query, truth: Mapping[str, bool] | ArrayLike | None) -> NDArray[np.int8]:
     """Return the truth of the queried attributes, (N,): 1 true, 0 false, -1 not known.
 

@@ -2,7 +2,6 @@
 
 from meal_bayes.arrays import check_kind
 from meal_bayes.errors import RobotError, SettingsError
-from meal_bayes.kinds import checked
 from meal_bayes.robots import Robot
 from meal_bayes.trials.search import Search, SearchingRobot
 from meal_bayes.trials.search_session import SearchSession
@@ -29,7 +28,6 @@ def run_trial(session: Session, robot: Robot) -> Trial:
     return session.trial
 
 
-@checked
 def run_search(session: SearchSession, robot: SearchingRobot) -> Search:
     """Run a search to its end: turn, and execute what the session names, until it answers.
 

@@ -8,14 +8,12 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple, Protocol, runtime_checkable
 
 from meal_bayes.display import AMOUNT, facts_html, facts_repr, listed, percent
-from meal_bayes.kinds import checked
 from meal_bayes.planners.solver import MAX_STEPS
 from meal_bayes.robots import Outcome
 from meal_bayes.trials.text import LEFT, UNFINISHED, verdict_word
 from meal_bayes.trials.trial import Trial
 
 
-@checked
 class SearchRules(NamedTuple):
     """What holds for a whole search.
 
@@ -51,7 +49,6 @@ class SearchingRobot(Protocol):
         ...
 
 
-@checked
 @dataclass(frozen=True, slots=True)
 class Search:
     """A search: which objects it turned to, in order, what it claimed, and its cost.

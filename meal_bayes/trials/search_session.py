@@ -9,7 +9,6 @@ import numpy as np
 
 from meal_bayes.arrays import Floats
 from meal_bayes.errors import SettingsError
-from meal_bayes.kinds import checked_except
 from meal_bayes.planners import EMPTY, Decision, Prospect, Prospector, best_move
 from meal_bayes.robots.robot import Outcome, state_index
 from meal_bayes.trials.limits import Limits
@@ -37,7 +36,6 @@ class SearchRecorder(Protocol):
         """Record the answer."""
 
 
-@checked_except("outcome", "state")
 class SearchSession(OneCaller):
     """A search under way: it names an object to turn to, or a behavior, and is given the outcome.
 

@@ -13,7 +13,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from meal_bayes.arrays import check_whole
 from meal_bayes.errors import SettingsError
-from meal_bayes.kinds import checked_except
 from meal_bayes.momdp import MOMDP, Transition, best_answer, initial_belief, update_belief
 from meal_bayes.perception import Perceiver
 from meal_bayes.planners import Decision, History, Policy, unvalued
@@ -29,7 +28,6 @@ from meal_bayes.trials.recorder import Recorder, breaking, noted, otherwise
 from meal_bayes.trials.trial import Trial
 
 
-@checked_except("outcome", "state", "decision")
 class Session(OneCaller):
     """A trial under way (Alg. 1, l. 6-11): it names a behavior, is given its outcome, and so on.
 

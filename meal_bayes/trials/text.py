@@ -13,7 +13,6 @@ from meal_bayes.domain import Query
 from meal_bayes.domain.query import DO_NOT_KNOW
 from meal_bayes.domain.words import denied
 from meal_bayes.errors import QueryError
-from meal_bayes.kinds import checked
 from meal_bayes.momdp import MOMDP, Belief, best_answer
 from meal_bayes.momdp.belief import percepts_left
 from meal_bayes.planners import Decision
@@ -130,7 +129,6 @@ def together_text(momdp: MOMDP) -> str:
     )
 
 
-@checked
 def truth_text(query: Query, truth: Sequence[int] | NDArray[np.int8]) -> str:
     """Return the known truths (N,) by name, and "unknown" where one of them is not known.
 
@@ -267,7 +265,6 @@ def outcome_facts(outcomes: TrialOutcomes, row: int) -> dict[str, str]:
     }
 
 
-@checked
 def trials_frame(trials: Iterable[TrialRecord]) -> Any:
     """Return trials as a pandas data frame, a row a trial.
 

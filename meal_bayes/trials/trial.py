@@ -16,7 +16,6 @@ from meal_bayes.display import (
     percent,
     table_html,
 )
-from meal_bayes.kinds import checked
 from meal_bayes.planners import Decision
 from meal_bayes.trials.percept_text import percept_labels
 from meal_bayes.trials.record import TrialRecord
@@ -26,7 +25,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 
-@checked
 @dataclass(frozen=True, slots=True, repr=False)
 class Trial(TrialRecord):
     """A trial: its record (the paper's xi, see `TrialRecord`), and what it looks like.

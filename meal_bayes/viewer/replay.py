@@ -11,7 +11,6 @@ import rerun_bindings
 
 from meal_bayes.errors import SettingsError
 from meal_bayes.files import draft_of
-from meal_bayes.kinds import checked
 from meal_bayes.robots.robot import Frame
 from meal_bayes.trial_log import Follower
 from meal_bayes.trials import Trial, TrialOutcomes
@@ -27,7 +26,6 @@ _POLL = 0.5  # s
 Target = Path | str  # an .rrd file, or the address of a viewer (rerun+http://...)
 
 
-@checked
 class Replay:
     """A recording to which trials are added one by one.
 
@@ -125,7 +123,6 @@ def recording(name: str, to: Target) -> Iterator[rr.RecordingStream]:
         rerun_bindings.flush_and_cleanup_orphaned_recordings()
 
 
-@checked
 def write_recording(
     trials: Iterable[Trial | TrialOutcomes],
     path: str | Path,
@@ -143,7 +140,6 @@ def write_recording(
         return send_recording(trials, draft, header, name=name, only=only, frames=frames)
 
 
-@checked
 def send_recording(
     trials: Iterable[Trial | TrialOutcomes],
     to: Target,
@@ -176,7 +172,6 @@ def send_recording(
         return replay.trials
 
 
-@checked
 def follow(
     path: str | Path,
     to: Target,

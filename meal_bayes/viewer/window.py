@@ -22,7 +22,6 @@ from rerun.experimental import ViewerClient
 
 from meal_bayes.errors import LogError, MealBayesError
 from meal_bayes.files import checked_path
-from meal_bayes.kinds import checked
 from meal_bayes.processes import start
 
 Result = TypeVar("Result")
@@ -40,7 +39,6 @@ class ViewerError(MealBayesError):
     """The viewer does not start, or shows nothing."""
 
 
-@checked
 class Viewer:
     """The viewer as a process of its own, which ends with the `with` block.
 
@@ -146,7 +144,6 @@ class Viewer:
         raise ViewerError(f"The viewer cannot be controlled: {fault}.") from fault
 
 
-@checked
 def take_picture(recording: str | Path, *, row: int = 0) -> bytes:
     """Return a picture (PNG) of a recording at a row of the timeline `step`, without a window.
 

@@ -11,7 +11,6 @@ from typing import NamedTuple
 import numpy as np
 
 from meal_bayes.arrays import Bools, Floats, Ints, real_vector, shaped_array
-from meal_bayes.kinds import checked
 from meal_bayes.momdp import MOMDP
 from meal_bayes.planners.jit import entry_kernel, kernel
 from meal_bayes.planners.momdp_arrays import dynamics_of
@@ -48,7 +47,6 @@ class Buffers(NamedTuple):
     fraction: Floats  # (E,2) the rest of it
 
 
-@checked
 def batched_value_iteration(
     momdp: MOMDP, rates: Floats, prior: Floats, worse: Bools | None = None
 ) -> Floats:

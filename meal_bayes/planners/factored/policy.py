@@ -39,7 +39,6 @@ from numpy.typing import NDArray
 
 from meal_bayes.arrays import Floats
 from meal_bayes.errors import SettingsError
-from meal_bayes.kinds import checked
 from meal_bayes.momdp import MOMDP, answer_value, initial_belief
 from meal_bayes.momdp.belief import percepts_left
 from meal_bayes.planners.factored import grid
@@ -64,7 +63,6 @@ _LEAST = 9  # fewer are no grid
 _EVENLY = 30  # an even grid has at most this share of the points, as halving N axes adds many
 
 
-@checked
 @dataclass(frozen=True, slots=True)
 class Factored:
     """Settings of factored value iteration.

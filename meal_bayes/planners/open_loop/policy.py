@@ -12,7 +12,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from meal_bayes.arrays import Floats, Ints
-from meal_bayes.kinds import checked
 from meal_bayes.momdp import MOMDP, Belief
 from meal_bayes.momdp.belief import percepts_left
 from meal_bayes.momdp.observation import predictive, sample_rows
@@ -27,7 +26,6 @@ _SAMPLES = 192
 _PERCEPTS = 6  # of one behavior that a plan looks ahead to
 
 
-@checked
 @dataclass(frozen=True, slots=True)
 class OpenLoop:
     """Values every plan of a library as if no percept could change it.
@@ -46,7 +44,6 @@ class OpenLoop:
         return OpenLoopPolicy(momdp, model, plan_library(momdp, model))
 
 
-@checked
 @dataclass(frozen=True, slots=True)
 class OpenLoopPolicy:
     """Policy of `OpenLoop`."""

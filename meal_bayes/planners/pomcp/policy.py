@@ -23,7 +23,6 @@ import numpy as np
 
 from meal_bayes.arrays import Floats
 from meal_bayes.errors import SettingsError
-from meal_bayes.kinds import checked
 from meal_bayes.momdp import MOMDP, Belief, answer_value
 from meal_bayes.momdp.belief import next_percept, percepts_left
 from meal_bayes.planners.factored.policy import Factored, FactoredPolicy
@@ -48,7 +47,6 @@ _CHUNK = 8  # simulations between two looks at the clock, at first
 _BACKUPS = ("expected", "sampled")
 
 
-@checked
 @dataclass(frozen=True, slots=True)
 class POMCP:
     """Settings of the search.

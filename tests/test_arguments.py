@@ -1,79 +1,14 @@
-"""Functions of the top level are given other kinds in all arguments; numpy's numbers are taken."""
-
-import inspect
-import math
+"""What a domain, a path of a table and a number may be, at every function that takes one."""
 
 import numpy as np
 import pytest
 
 import meal_bayes as mb
 from meal_bayes import agents, datasets, evaluation, learner, momdp, planners, trials
-from meal_bayes.datasets import make_synthetic, save_csv_folder
+from meal_bayes.datasets import make_synthetic
 from meal_bayes.domain import read_event, read_question
 from meal_bayes.errors import MealBayesError, SettingsError
-from meal_bayes.experiments import run_online
 from meal_bayes.testing import check_robot
-
-VALUES = {
-    "5": 5, "None": None, "x": "x", "[]": [], "nan": math.nan, "array": np.zeros((2, 3)),
-    "object": object(), "[5]": [5], "dict": {},
-}  # fmt: skip
-NO_TRIALS = ("[]", "dict")  # of which there is a summary, too
-
-
-def required(function):
-    """Return the names of the arguments that have to be given, by position or by name."""
-    parameters = inspect.signature(function).parameters.values()
-    given = [p for p in parameters if p.default is p.empty]
-    by_place = [p.name for p in given if p.kind is p.POSITIONAL_OR_KEYWORD]
-    return by_place, [p.name for p in given if p.kind is p.KEYWORD_ONLY]
-
-
-def done(result):
-    """Bring what a function began to its end."""
-    if inspect.isgenerator(result):
-        list(result)
-
-
-FUNCTIONS = [
-    name
-    for name in sorted(mb.__all__)
-    if inspect.isfunction(getattr(mb, name)) and required(getattr(mb, name))[0]
-]
-
-
-@pytest.mark.parametrize("value", VALUES)
-@pytest.mark.parametrize("name", FUNCTIONS)
-def test_arguments_of_another_kind_are_the_package_s_own_errors(name, value, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    if name == "summarize" and value in NO_TRIALS:
-        return
-    function = getattr(mb, name)
-    by_place, by_name = required(function)
-    given = VALUES[value]
-    with pytest.raises(MealBayesError) as caught:
-        done(function(*[given] * len(by_place), **dict.fromkeys(by_name, given)))
-    assert len(str(caught.value)) > 20
-
-
-@pytest.mark.parametrize("value", VALUES)
-def test_an_online_run_is_asked_for_by_its_settings(value):
-    with pytest.raises(MealBayesError, match="give a value of class OnlineConfig"):
-        run_online(VALUES[value])
-
-
-@pytest.mark.parametrize("value", VALUES)
-def test_a_folder_of_recordings_is_written_of_a_data_set_by_any_path(value, tmp_path):
-    rng = np.random.default_rng(0)
-    data = make_synthetic(mb.load_domain("roc36"), objects=8, recordings=2, rng=rng)
-    with pytest.raises(MealBayesError):
-        save_csv_folder(VALUES[value], tmp_path)
-    save_csv_folder(data, str(tmp_path / "it"))
-    assert (tmp_path / "it" / "labels.csv").is_file()
-
-
-def test_there_are_functions_to_look_at():
-    assert {"build_momdp", "run_trial", "summarize", "update_belief"} <= set(FUNCTIONS)
 
 
 class Still:
@@ -122,11 +57,6 @@ def test_whatever_takes_a_domain_takes_it_as_a_learner_does(name, tmp_path):
     expected = what(function, mb.load_domain(shipped))
     for domain in (shipped, str(path), path, {"extends": shipped}):
         assert what(function, domain) == expected
-    for domain in VALUES.values():
-        if domain is None and name == "load_percepts":  # the table's own
-            continue
-        with pytest.raises(MealBayesError):
-            function(domain)
 
 
 def test_a_table_is_written_by_a_name_that_reads_it_again(tmp_path):

@@ -1,0 +1,56 @@
+"""Names that cannot be told apart and recordings that are none: one error or warning, no trial."""
+
+import unicodedata
+
+import pytest
+
+from meal_bayes import MealBayesError, Outcome
+from meal_bayes.errors import QueryError
+from meal_bayes.trial_log import Logs
+
+
+@pytest.fixture
+def learner(dataset, make):
+    return make.learner(dataset, make.agent("look"))
+
+
+@pytest.mark.parametrize("name", ["", " mug", "mug ", "a\nb", "a\x00b", "m" * 201, 5, b"mug"])
+def test_an_object_that_cannot_be_told_of_is_not_asked_about(learner, make, name):
+    arm = make.arm()
+    with pytest.raises(MealBayesError, match="name"):
+        learner.ask("red", arm, object_name=name)
+    assert not arm.executed
+
+
+@pytest.mark.parametrize("form", ["NFC", "NFD"])
+@pytest.mark.parametrize("change", ["{}\u200b", "caf\u00e9  1", "caf\u00e9\u00a01", "{}\ufeff"])
+def test_an_object_is_not_two_by_what_cannot_be_seen(learner, make, form, change):
+    name = unicodedata.normalize(form, "caf\u00e9 1")
+    learner.ask("red", make.arm(), object_name=name)
+    others = {
+        unicodedata.normalize("NFD" if form == "NFC" else "NFC", name),
+        change.format(name),
+    } - {name}
+    for other in others:
+        arm = make.arm()
+        for call in (
+            lambda other=other, arm=arm: learner.ask("red", arm, object_name=other),
+            lambda other=other: learner.tell(other, {"red": True}),
+        ):
+            with pytest.raises(QueryError, match="cannot be seen"):
+                call()
+        assert not arm.executed
+    assert len(learner.experience.objects) == 13
+
+
+@pytest.mark.parametrize("number", ["1", 1.0, True, -2, 2**31, 2**70, (1,), float("nan"), b"1"])
+def test_a_recording_that_is_none_costs_its_percept_alone(dataset, make, tmp_path, number):
+    learner = make.learner(dataset, make.agent("look", "look"), logs=tmp_path)
+    outcomes = iter((number, None))
+    robot = make.faulty(
+        lambda: Outcome("table", {"color": [9.0, 9.0, 9.0]}, recording=next(outcomes))
+    )
+    trial = learner.ask("red", robot)
+    assert [step.observation is None for step in trial.steps[:2]] == [True, False]
+    assert "recording" in trial.steps[0].warning
+    assert [len(each.steps) for each in Logs(tmp_path).trials()] == [len(trial.steps)]
