@@ -16,11 +16,11 @@ from meal_bayes.evaluation.statistics import (
     wilson_interval,
 )
 from meal_bayes.palette import BLUE, LINE_GRAY, VERMILION, agent_style
-from meal_bayes.trials.strip import trial_strip
+from meal_bayes.trials.picture import trial_picture
 
 __all__ = [
     "Series", "accuracy_and_cost", "cost_distribution", "error_lengths", "forest", "learning_curve",
-    "lines", "predictive", "reliability_diagram", "trial_strip",
+    "lines", "predictive", "reliability_diagram", "trial_picture",
 ]  # fmt: skip
 
 _MANY = 25  # points on a line, beyond which they get no markers

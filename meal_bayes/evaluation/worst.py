@@ -285,7 +285,7 @@ def trial_content(shown_trial: ShownTrial, trial: Trial) -> Section:
             "meal-bayes view", shown_trial.file, "--trial", str(shown_trial.number)
         ),
         "tables": [table],
-        "figures": [(plots.trial_strip(trial), caption)] if trial.steps else [],
+        "figures": [(plots.trial_picture(trial), caption)] if trial.steps else [],
         "wide": True,
     }
 

@@ -53,10 +53,10 @@ class Trial(TrialRecord):
         }
 
     def plot(self, *, dark: bool = False, narrow: bool = False) -> "Axes":
-        """Draw the trial in one picture; see `meal_bayes.trials.strip.trial_strip`."""
-        from meal_bayes.trials.strip import trial_strip  # noqa: PLC0415  matplotlib takes a second
+        """Draw the trial in one picture; see `meal_bayes.trials.picture.trial_picture`."""
+        from meal_bayes.trials.picture import trial_picture  # noqa: PLC0415  matplotlib takes a second
 
-        return trial_strip(self, dark=dark, narrow=narrow)
+        return trial_picture(self, dark=dark, narrow=narrow)
 
     def _repr_html_(self) -> str:
         """Return the picture, on light and on dark pages, and a table: a row a step."""

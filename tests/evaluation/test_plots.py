@@ -34,7 +34,7 @@ def every_figure(trial):
     yield plots.lines(TWO, x_label="cost, s", y_label="accuracy")
     yield plots.learning_curve(TWO)
     yield plots.reliability_diagram(positive, positive > 0.5)
-    yield plots.trial_strip(trial)
+    yield plots.trial_picture(trial)
     yield plots.cost_distribution({"a": [1.0, 5.0, 5.0], "b": [2.0]})
     yield plots.accuracy_and_cost({"a": (half, Interval(4.0, 1.0, 2.0, 6.0)), "b": (half, half)})
 
@@ -78,10 +78,11 @@ def test_the_reliability_diagram_counts():
 
 
 def test_the_lines_of_a_trial_are_its_beliefs(trial):
-    ax = plots.trial_strip(trial)
+    ax = plots.trial_picture(trial)
     done = [step for step in trial.steps if step.decision.action < trial.momdp.n_behaviors]
     beliefs = [trial.first_belief, *(step.belief for step in done)]
-    drawn = [line for line in ax.lines if line.get_drawstyle() == "steps-post"]
+    lines = [line for band in ax.figure.axes for line in band.lines]
+    drawn = [line for line in lines if line.get_drawstyle() == "steps-post"]
     expected = np.array([belief.positive for belief in beliefs]).T
     np.testing.assert_allclose([line.get_ydata() for line in drawn], expected)
     seconds = np.cumsum([0.0, *(step.cost for step in done)])

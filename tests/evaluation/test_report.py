@@ -12,7 +12,7 @@ import pytest
 
 from meal_bayes.errors import LogError
 from meal_bayes.evaluation import compare, summarize
-from meal_bayes.evaluation.plots import trial_strip
+from meal_bayes.evaluation.plots import trial_picture
 from meal_bayes.evaluation.report import write_report
 from meal_bayes.evaluation.sections import best_of
 from meal_bayes.evaluation.worst import WORST, worst_of
@@ -303,8 +303,9 @@ def test_a_report_is_made_of_the_unknown(unknown, tmp_path, chosen):
 
 def test_circles_stand_where_the_truth_is_known(unknown):
     for trial, known in ((unknown[0], 2), (unknown[2], 1)):
-        axes = trial_strip(trial)
-        ends = [line.get_ydata()[0] for line in axes.lines if line.get_mfc() == "none"]
+        axes = trial_picture(trial)
+        lines = [line for band in axes.figure.axes for line in band.lines]
+        ends = [line.get_ydata()[0] for line in lines if line.get_mfc() == "none"]
         assert np.isfinite(ends).sum() == known
         plt.close("all")
 
