@@ -169,7 +169,7 @@ def trial_json(trial: "Trial") -> dict[str, object]:
                 "x": trial.momdp.x_names[step.x],
                 "action": trial.momdp.action_name(step.decision.action),
                 "next_x": trial.momdp.x_names[step.next_x],
-                "percept": _by_question(query, step.observation),
+                "percept": _percept(query, step.observation),
                 "warning": step.warning,
                 "cost_s": step.cost,
                 "belief": _by_question(query, step.belief.positive),
@@ -177,6 +177,13 @@ def trial_json(trial: "Trial") -> dict[str, object]:
             for step in trial.steps
         ],
     }
+
+
+def _percept(query: "Query", levels: "NDArray[Any] | None") -> dict[str, object] | None:
+    """Return percept levels by question; None where nothing came of an attribute."""
+    if levels is None:
+        return None
+    return query.by_question([None if level < 0 else level for level in levels.tolist()])
 
 
 def _by_question(query: "Query", values: "NDArray[Any] | None") -> dict[str, object] | None:

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from meal_bayes.arrays import Levels
 from meal_bayes.datasets import Instance
 from meal_bayes.datasets.detections import detected_levels
-from meal_bayes.datasets.levels import classifier_levels
 from meal_bayes.display import warn_caller
 from meal_bayes.domain import Query, unknown
 from meal_bayes.errors import SettingsError
@@ -54,11 +53,7 @@ class RecordingPerceiver:
         self._n_recorded = int(recorded.sum())  # steps, before a restart
 
     def observe(self, instance: Instance, query: Query, rng: np.random.Generator) -> Levels | None:
-        """Return percept levels of the queried attributes, (N,); None where there are none.
-
-        An attribute of which a behavior has never shown anything is shown at even odds; that
-        tells nothing, and is not counted.
-        """
+        """Return percept levels of the queried attributes, (N,), -1 where nothing came of one."""
         fit = self._fit
         domain = fit.record.domain
         spec = domain.behaviors[domain.behavior_index(instance.behavior)]
@@ -69,15 +64,7 @@ class RecordingPerceiver:
         self._last = instance, levels
         if fit.settings.drawn is not None:  # of the learned tables, not those that came
             return fit.perceiver.observe(instance, query, rng)
-        if (levels < 0).all():
-            return None
-        columns = np.array(domain.columns(query.attributes))
-        missing = columns[levels[columns] < 0]
-        counts = fit.knowledge.posterior.counts[missing, domain.behavior_index(spec.name)]
-        if counts.any():
-            return None
-        even = classifier_levels(np.zeros(1), fit.agent.levels)[0]
-        return np.asarray(np.where(levels < 0, even, levels)[columns], np.int8)
+        return np.asarray(levels[domain.columns(query.attributes)], np.int8)
 
     def record(self, step: Step) -> None:
         """Record an executed step; what was recorded before a restart is not recorded again."""

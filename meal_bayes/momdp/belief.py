@@ -28,7 +28,7 @@ class Transition(NamedTuple):
     next_x : int
         Index of the x it led to.
     observation : NDArray[np.int8] | None
-        (N,) percept levels, None where no percept came.
+        (N,) percept levels, -1 where nothing came of an attribute; None where nothing came of any.
     """
 
     action: int
@@ -66,7 +66,7 @@ class Belief(FrozenArrays):
     __repr__ = facts_repr
 
     def _facts(self) -> tuple[str, dict[str, str]]:
-        return f"Belief in state {self.x}, after {int(self.percept_counts[:1].sum())} percepts", {
+        return f"Belief in state {self.x}, after {int(self.shown.sum())} percepts", {
             "Pr(true)": listed([f"{value:.3f}" for value in self.positive], 10),
             "certainty": f"{self.certainty:.3f}, entropy {self.entropy:.2f} bits",
         }
@@ -78,6 +78,11 @@ class Belief(FrozenArrays):
     def at(self, x: int) -> "Belief":
         """Return the same belief at another x."""
         return replace(self, x=x)
+
+    @property
+    def shown(self) -> NDArray[np.int64]:
+        """How many percepts each behavior has brought, (E,): of some attributes, or of all."""
+        return np.asarray(self.percept_counts.sum(axis=2).max(axis=0, initial=0), np.int64)
 
     @property
     def positive(self) -> NDArray[np.float64]:
@@ -196,7 +201,8 @@ def update_belief(belief: Belief, momdp: MOMDP, transition: Transition) -> Belie
     """Condition the belief on one executed action (Alg. 1, l. 10).
 
     The factor of each latent class is its Dirichlet-multinomial predictive given the percepts
-    counted in this trial, (s c + n_z) / (s + n); with infinite precision s this is Eq. 8.
+    counted in this trial, (s c + n_z) / (s + n); with infinite precision s this is Eq. 8. Where
+    nothing came of an attribute (level -1), the factor is 1 and no percept of it is counted.
 
     Parameters
     ----------
@@ -219,24 +225,28 @@ def update_belief(belief: Belief, momdp: MOMDP, transition: Transition) -> Belie
     levels = np.zeros(n, int) if percept is None else np.asarray(percept)
     whole = levels.shape == (n,) and np.issubdtype(levels.dtype, np.integer)
     exists = 0 <= e < momdp.n_actions and 0 <= next_x < len(momdp.x_names)
-    if not (whole and exists and levels.min() >= 0 and levels.max() < momdp.levels):
+    if not (whole and exists and levels.min() >= -1 and levels.max() < momdp.levels):
         raise SettingsError(
             f"Found {transition}; expected an action from 0 to {momdp.n_actions - 1}, x from 0 to "
-            f"{momdp.terminal}, and None or whole numbers from 0 to {momdp.levels - 1}, one for "
-            f"each of {list(momdp.query.attributes)}."
+            f"{momdp.terminal}, and None or whole numbers from 0 to {momdp.levels - 1} (-1 where "
+            f"nothing came), one for each of {list(momdp.query.attributes)}."
         )
-    if percept is None or e >= momdp.n_behaviors:
+    attributes = np.flatnonzero(levels >= 0)  # of which something came
+    if percept is None or e >= momdp.n_behaviors or not len(attributes):
         return belief.at(next_x)
-    attributes = np.arange(n)
-    percept_counts = belief.percept_counts[:, e]
+    levels = levels[attributes]
+    percept_counts = belief.percept_counts[attributes, e]
     total = percept_counts.sum(axis=1)
     mean = momdp.confusion[attributes, e, :, levels]
-    precision = momdp.precision[:, e]  # (N,C)
-    counts = percept_counts[attributes, levels][:, None]
+    precision = momdp.precision[attributes, e]  # (N,C)
+    counts = percept_counts[np.arange(len(levels)), levels][:, None]
     # Pr(class | z) is Pr(class) times the predictive of z, normalized.
     with np.errstate(divide="ignore", invalid="ignore"):  # nan where no class is possible
-        log_prob = belief.log_prob + np.log(predictive(mean, precision, counts, total[:, None]))
-        log_prob -= np.logaddexp.reduce(log_prob, axis=-1, keepdims=True)
+        factor = predictive(mean, precision, counts, total[:, None])
+        posterior = belief.log_prob[attributes] + np.log(factor)
+        posterior -= np.logaddexp.reduce(posterior, axis=-1, keepdims=True)
+    log_prob = belief.log_prob.copy()
+    log_prob[attributes] = posterior
     # The next percept of this behavior is predicted by this one, too.
     counted = belief.percept_counts.copy()
     counted[attributes, e, levels] += 1
@@ -277,7 +287,7 @@ def percepts_left(momdp: MOMDP, belief: Belief) -> NDArray[np.float64]:
     what `build_momdp` is given, and inf of behaviors that ask a person; where it is finite of any,
     tables are no state (`POMCPPolicy.tables`).
     """
-    return np.asarray(momdp.limit - belief.percept_counts[0].sum(axis=1), np.float64)
+    return np.asarray(momdp.limit - belief.shown, np.float64)
 
 
 def best_report(momdp: MOMDP, belief: Belief) -> int:

@@ -27,7 +27,8 @@ class Perceiver(Protocol):
     def observe(self, instance: Instance, query: Query, rng: np.random.Generator) -> Levels | None:
         """Return percept levels (N,) of the queried attributes, from 0 (no) to K-1 (yes).
 
-        None where what was sensed shows nothing.
+        A level is -1 where what was sensed shows nothing of an attribute; None where it shows
+        nothing of any.
         """
         ...
 

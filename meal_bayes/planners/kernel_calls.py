@@ -100,6 +100,6 @@ def plan_values(model: MOMDPArrays, plans: Plans, belief: Belief) -> Evaluator:
     evaluator = make_evaluator(model, plans)
     evidence = evaluator.scratch.evidence
     evidence.counts[:] = belief.percept_counts
-    evidence.total[:] = belief.percept_counts[0].sum(axis=1)
+    evidence.total[:] = belief.shown
     best_plans(evaluator, belief.x, np.exp(belief.log_prob)[None], drop_useless=True)
     return evaluator

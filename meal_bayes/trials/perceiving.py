@@ -42,11 +42,16 @@ class PerceptReader:
     def read(
         self, execution: Execution, action: int, before: History
     ) -> tuple[NDArray[np.int8] | None, str]:
-        """Return percept levels (N,), or None, and a warning; `before` ends before the action."""
+        """Return percept levels (N,), or None, and a warning; `before` ends before the action.
+
+        A level is -1 where nothing came of an attribute.
+        """
         query = self.task.query
         warning = execution.warning
         if execution.instance is not None:
             levels = self.perceiver.observe(execution.instance, query, self.rng)
+            if levels is not None and np.max(levels) < 0:
+                levels = None
             if levels is None and not warning:
                 behavior = execution.instance.behavior
                 warning = f"{NO_PERCEPT} of {behavior}: nothing of what was asked"
@@ -63,12 +68,19 @@ class PerceptReader:
 def answered(
     answers: Mapping[str, bool], attributes: Sequence[str], levels: int
 ) -> tuple[NDArray[np.int8] | None, str]:
-    """Return percept levels (N,) of what a person said, or None, and a warning."""
-    missing = [name for name in attributes if name not in answers]
-    if missing:
-        return None, f"{NO_PERCEPT}: the person did not answer about {missing}"
+    """Return percept levels (N,) of what a person said, or None, and a warning.
+
+    A level is -1 where the person said nothing of an attribute.
+
+    >>> answered({"red": True}, ["red", "full"], 4)
+    (array([ 3, -1], dtype=int8), '')
+    """
+    if answers.keys().isdisjoint(attributes):
+        names = ", ".join(attributes)
+        return None, f"{NO_PERCEPT}: the person did not answer about {names}"
     sure = (0, levels - 1)  # the two extreme levels
-    return np.array([sure[bool(answers[name])] for name in attributes], np.int8), ""
+    said = [sure[bool(answers[name])] if name in answers else -1 for name in attributes]
+    return np.array(said, np.int8), ""
 
 
 def silence(momdp: MOMDP, usual: TransitionArrays, before: History, e: int, next_x: int) -> str:

@@ -26,18 +26,19 @@ def percept_labels(momdp: MOMDP, behavior: int, observation: ArrayLike) -> list[
     behavior : int
         Index of the behavior that sensed it.
     observation : ArrayLike
-        (N,) levels, 0 to K - 1.
+        (N,) levels, 0 to K - 1, or -1 where nothing came of an attribute.
     """
     check_place("behavior", behavior, momdp.n_behaviors)
     percept = whole_array("observation", observation, len(momdp.query)).tolist()
     for level in percept:
-        check_place("level", level, momdp.levels)
+        if level != -1:
+            check_place("level", level, momdp.levels)
     names = level_names(momdp.levels)
     rows = momdp.rows[:, behavior]  # (N,2,K)
     informed = np.abs(rows[:, 1] - rows[:, 0]).max(axis=-1) > _SAME
     labels = []
     for _, indices in momdp.query.questions:
-        informative = [i for i in indices if informed[i]]
+        informative = [i for i in indices if informed[i] and percept[i] >= 0]
         levels = [percept[i] for i in informative]
         if not informative:
             labels.append(SILENT)

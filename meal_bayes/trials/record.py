@@ -71,7 +71,7 @@ class Step:
     decision : Decision
         The action and its values.
     observation : NDArray[np.int8] | None
-        (N,) percept levels, None = "none".
+        (N,) percept levels, -1 where nothing came of an attribute; None where nothing came of any.
     cost, reward : float
         Of this step, s; the true (unshaped) reward, nan where the truth is not known.
     belief : Belief

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from meal_bayes.arrays import check_whole
+from meal_bayes.display import warn_caller
 from meal_bayes.errors import SettingsError
 from meal_bayes.momdp import MOMDP, Transition, best_answer, initial_belief, update_belief
 from meal_bayes.perception import Perceiver
@@ -100,6 +101,7 @@ class Session(OneCaller):
         check_whole("seed", seed)
         self.streams = Streams(seed, self.key)
         percept_rng = self.streams.of("percepts")  # the same for every agent
+        self._told = set[str]()  # excluded moves of which a person was warned
         self._percepts = PerceptReader(task, momdp, checker, perceiver, rng=percept_rng)
         self._truth = truth_of(task.query, truth)
         self._on_step = on_step
@@ -206,6 +208,8 @@ class Session(OneCaller):
             execution = execution.failure()
         percept, warning = self._percepts.read(execution, action, self.history)
         next_x = execution.next_x
+        excluded = self._excluded_move(x, action, next_x)
+        warning = "; ".join(filter(None, (warning, excluded)))
         cost = self.momdp.charged_for(action, x, next_x, perceived=percept is not None)
         belief = update_belief(self.belief, self.momdp, Transition(action, next_x, percept))
         self._decision = None
@@ -223,6 +227,21 @@ class Session(OneCaller):
         )
         self._append(step_taken)
         self._decide()
+        if excluded and excluded not in self._told:  # after the step is recorded, once a trial
+            self._told.add(excluded)
+            warn_caller(excluded)
+
+    def _excluded_move(self, x: int, action: int, next_x: int) -> str:
+        """Return a warning where the diagram of states excludes a move, else an empty text."""
+        momdp = self.momdp
+        # A behavior may fail, whatever the diagram says: the state is as it was.
+        if next_x == x or momdp.transition[action, x, next_x] > 0:
+            return ""
+        before, after = momdp.x_names[x], momdp.x_names[next_x]
+        return (
+            f"{momdp.behavior_names[action]} led from {before!r} to {after!r}, which the diagram "
+            "excludes: look where the object is, or add this effect to the domain"
+        )
 
     def fail(self, *, step: int | None = None) -> None:
         """Note that `behavior` failed: the state is as it was, and nothing was perceived."""

@@ -104,7 +104,8 @@ class Trial(TrialRecord):
         names = self.task.query.attributes
         percepts = [f"percept_{name}" for name in names]
         for number, step in enumerate(self.steps, start=1):
-            levels = [None] * len(names) if step.observation is None else step.observation.tolist()
+            seen = [-1] * len(names) if step.observation is None else step.observation.tolist()
+            levels = [None if level < 0 else level for level in seen]
             answer = self.momdp.reports.probability_now(step.belief)
             rows.append(
                 {

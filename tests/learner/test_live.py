@@ -263,7 +263,8 @@ def test_what_is_sensed_in_a_motion_that_failed_is_left_aside(dataset, make):
 
 def test_a_way_that_the_diagram_does_not_have_is_no_success(dataset, make):
     learner = make.learner(dataset, make.agent("look", **make.ours))
-    learner.ask("red", make.faulty(Outcome("held")))
+    with pytest.warns(UserWarning, match="the diagram excludes"):
+        learner.ask("red", make.faulty(Outcome("held")))
     assert attempts(learner.experience)[0].tolist() == [1, 0]
 
 

@@ -99,7 +99,7 @@ def test_sure_weights_are_sure_beliefs(momdp_of):
 
 @pytest.mark.parametrize(
     ("action", "x", "percept"),
-    [(-1, 1, None), (99, 1, None), (0, -1, None), (0, 99, None), (0, 1, [-1]), (0, 1, [2]),
+    [(-1, 1, None), (99, 1, None), (0, -1, None), (0, 99, None), (0, 1, [-2]), (0, 1, [2]),
      (0, 1, [0, 1]), (0, 1, [0.5])],
 )  # fmt: skip
 def test_what_is_no_index_of_the_momdp_is_refused(momdp_of, action, x, percept):

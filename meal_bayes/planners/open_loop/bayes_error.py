@@ -127,11 +127,14 @@ def _count_yes(percepts, row, k, scratch):
     # With the mean and the count of the levels that say yes a row is a Beta.
     mean = 0.0
     yes = 0.0
-    for z in range(_lowest_yes(levels), levels):
-        mean += percepts.rows[i, e, c, z]
-        yes += evidence.counts[i, e, z]
+    total = 0.0  # of this attribute: another one may have been named more often
+    lowest_yes = _lowest_yes(levels)
+    for z in range(levels):
+        total += evidence.counts[i, e, z]
+        if z >= lowest_yes:
+            mean += percepts.rows[i, e, c, z]
+            yes += evidence.counts[i, e, z]
     s = percepts.precision[i, e, c]
-    total = evidence.total[e]
     # One percept after the other: P(j + 1 of t + 1) = P(j of t) q + P(j + 1 of t) (1 - q').
     out[c, 0] = 1.0
     for t in range(k):

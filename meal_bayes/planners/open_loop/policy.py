@@ -72,7 +72,7 @@ class OpenLoopPolicy:
         from_x = slice(*self.plans.first[belief.x : belief.x + 2])
         plan = self.plans.plan[from_x]
         planned = self.plans.observation_counts[from_x]
-        total = belief.percept_counts[0].sum(axis=1)
+        total = belief.shown
         most = np.minimum(np.maximum(percepts_left(self.momdp, belief), 0), _PERCEPTS)
         coming = np.minimum(planned, most).astype(int)
         ending = _ending_of_plans(self.momdp, belief, plan["end"], coming, rng)
