@@ -144,6 +144,18 @@ def pomdpplanners() -> ModuleType:
 
 
 @pytest.fixture(scope="session")
+def package_of_frames() -> Callable[[str], ModuleType]:
+    """Return a package of data frames by its name, which need not be installed."""
+
+    def imported(name: str) -> ModuleType:
+        if find_spec(name) is None:
+            missing(f"no {name}; pip install {name}", required=False)
+        return import_module(name)
+
+    return imported
+
+
+@pytest.fixture(scope="session")
 def pymdp() -> None:
     """Ask for pymdp, a peer that learns."""
     if find_spec("pymdp") is None:

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meal_bayes.datasets.dataset import Dataset
+from meal_bayes.datasets.features import check_columns
 from meal_bayes.datasets.frames import (
     KEYS,
     Context,
@@ -58,7 +59,8 @@ def load_csv_folder(domain: Domain, folder: Path) -> Dataset:
     _check_names(domain, folder, [path.name for path in files.values()])
     objects, labels = _read_labels(folder / _LABELS, domain)
     contexts = ((c, read_features(path, KEYS, header=True)) for c, path in files.items())
-    dataset = Dataset(domain, objects, join_features(objects, contexts), labels)
+    features = join_features(objects, contexts)
+    dataset = Dataset(domain, objects, features, labels, rows_checked=True)
     log.info(
         "%s: read %d objects, up to %d recordings each", folder, len(objects), dataset.recordings
     )
@@ -224,12 +226,15 @@ def read_features(path: Path, key_columns: Sequence[str], *, header: bool = Fals
     """Read `key, ..., number, ...` rows; every row must be as long as the first.
 
     A row of another length, a cell that is no finite number, a header that does not begin with the
-    key columns, no rows, or bytes that are not UTF-8 are a `DataError`.
+    key columns or names a column that numbers or dates the rows, no rows, or bytes that are not
+    UTF-8 are a `DataError`. Where there is a header, a row without a number (its cells are empty,
+    or "nan") says that the recording lacks this modality.
     """
     lines = read_rows(path)
     count = len(key_columns)
     width = 0
     rows = []
+    columns: list[str] | None = None
     if header:
         where, cells = next(lines)
         width = len(cells)
@@ -237,6 +242,11 @@ def read_features(path: Path, key_columns: Sequence[str], *, header: bool = Fals
             expected = f"{','.join(key_columns)},<feature>,..."
             content = f"the header {','.join(cells)[:60]!r}"
             raise fault(where, content, expected, _write_so(cells))
+        columns = cells[count:]
+        try:
+            check_columns(columns)
+        except DataError as error:
+            raise DataError(f"{where}: {error}.") from None
     for where, cells in lines:
         width = width or max(len(cells), count + 1)
         if len(cells) != width:
@@ -244,12 +254,14 @@ def read_features(path: Path, key_columns: Sequence[str], *, header: bool = Fals
             content = f"a row of {len(cells)} columns (too {side})"
             expected = f"{width} ({', '.join(key_columns)} and the features, separated by commas)"
             raise fault(where, content, expected, "restore or remove the row")
-        rows.append((where, tuple(cells[:count]), _numbers(where, cells, count)))
+        lacks = header and {cell.casefold() for cell in cells[count:]} <= {"", "nan"}
+        values = [np.nan] * (width - count) if lacks else _numbers(where, cells, count)
+        rows.append((where, tuple(cells[:count]), values))
     if not rows:
         expected = "a row a recording"
         raise fault(f"{path}, line 1", "no rows under the header", expected, "add the rows")
-    places, keys, values = zip(*rows, strict=True)
-    return FeatureRows(str(path), places, keys, np.array(values))
+    places, keys, numbers = zip(*rows, strict=True)
+    return FeatureRows(str(path), places, keys, np.array(numbers), columns)
 
 
 def _numbers(where: str, cells: list[str], first: int) -> list[float]:

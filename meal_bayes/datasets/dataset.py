@@ -1,7 +1,7 @@
 """Data sets: recorded features of each object, and labels of its attributes; the paper's D."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import KW_ONLY, InitVar, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meal_bayes.arrays import check_kind, freeze, is_whole, label_values, set_frozen
-from meal_bayes.datasets.features import checked_features
+from meal_bayes.datasets.features import checked_features, warn_of_order
 from meal_bayes.datasets.frames import dataset_parts
 from meal_bayes.digests import digest_of, digest_of_arrays
 from meal_bayes.display import facts_html, facts_repr, listed, short_repr
@@ -81,11 +81,13 @@ class Dataset:
     labels: NDArray[np.int8]
     recording_counts: NDArray[np.int64] = field(init=False, repr=False, compare=False)
     partial: bool = field(default=False, kw_only=True, repr=False, compare=False)
+    _: KW_ONLY
+    rows_checked: InitVar[bool] = False  # whether a reader of rows has warned of their order
 
     __repr__ = facts_repr
     _repr_html_ = facts_html
 
-    def __post_init__(self) -> None:
+    def __post_init__(self, rows_checked: bool) -> None:
         check_kind("features", self.features, Mapping)
         set_frozen(self, labels=freeze(label_values(self.labels), np.int8))
         if self.labels.shape != (len(self.objects), len(self.domain.attributes)):
@@ -120,6 +122,10 @@ class Dataset:
                 "of NaN, or use Dataset.from_frames, which does."
             )
         set_frozen(self, features=frozen, recording_counts=freeze(counts, np.int64))
+        for context, values in frozen.items() if not (rows_checked or self.partial) else ():
+            there = ~np.isnan(values).any(axis=2)
+            rows = values[there]
+            warn_of_order(f"Features of {context}", rows, np.nonzero(there)[0])
 
     def _recordings(
         self, context: tuple[str, str]
@@ -162,9 +168,10 @@ class Dataset:
         domain : str, path, mapping or Domain
             As a `Learner` takes it: behaviors and attributes.
         features : Mapping[tuple[str, str], Any]
-            (behavior, modality) -> one of: a frame with a column ``object``, perhaps ``recording``,
-            and one column a feature; a dictionary from the object to its (R,D) recordings; an array
-            (O,R,D) in the order of `objects`.
+            (behavior, modality) -> one of: a frame (of pandas, polars, pyarrow, ...) with a column
+            ``object``, perhaps ``recording``, and one column a feature; a dictionary from the
+            object to its (R,D) recordings; an array (O,R,D) in the order of `objects`. A row of NaN
+            says that the recording lacks this modality; it is left out of the others too.
         labels : Any
             A frame with a row an object (its name in a column ``object`` or in the index) and a
             column an attribute, or a group; a dictionary from the object to its {attribute: value}
@@ -176,10 +183,11 @@ class Dataset:
         Raises
         ------
         DataError
-            What is missing, of the wrong size, or not a number.
+            What is missing, of the wrong size, or not a number; a column that by its name numbers
+            or dates the rows.
         """
         domain = load_domain(domain)
-        return cls(domain, *dataset_parts(domain, features, labels, objects))
+        return cls(domain, *dataset_parts(domain, features, labels, objects), rows_checked=True)
 
     def _facts(self) -> tuple[str, dict[str, str]]:
         counts = self.recording_counts[:, self.domain.recorded]

@@ -11,7 +11,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes.datasets.features import checked_features
+from meal_bayes.datasets.features import (
+    checked_features,
+    column_names,
+    warn_of_order,
+)
+from meal_bayes.display import listed, warn_caller
 from meal_bayes.domain import Domain, unknown
 from meal_bayes.errors import DataError, QueryError
 
@@ -26,13 +31,15 @@ _Parts = tuple[tuple[str, ...], dict[Context, NDArray[np.float32]], NDArray[np.i
 class FeatureRows(NamedTuple):
     """Rows of one context: values (n,D), their keys (object, recording), and where they stand.
 
-    The source is a file, or what else the rows stand in; a place is such as "FILE, line 3".
+    The source is a file, or what else the rows stand in; a place is such as "FILE, line 3". A row
+    of NaN alone says that the recording lacks this modality. Columns may have names.
     """
 
     source: str
     places: Sequence[str]
     keys: Sequence[tuple[str, ...]]
     values: NDArray[np.floating]
+    columns: Sequence[object] | None = None
 
 
 def fault(where: str, content: str, expected: str, repair: str) -> DataError:
@@ -65,8 +72,8 @@ def dataset_parts(
 def _rows(values: Any, objects: Sequence[str], context: Context) -> FeatureRows:
     """Return the rows of one context, whatever form they have."""
     source = f"the features of {context}"
-    if hasattr(values, "columns"):
-        frame = _with_keys(values, source)
+    if is_frame(values):
+        frame = _with_keys(pandas_frame(values, source), source)
         places = _places(source, len(frame))
         keys = [
             (_text_at(place, name, _OBJECT), _text_at(place, recording, _RECORDING))
@@ -74,29 +81,60 @@ def _rows(values: Any, objects: Sequence[str], context: Context) -> FeatureRows:
                 places, frame["object"], frame["recording"], strict=True
             )
         ]
-        return FeatureRows(source, places, keys, _numbers(frame.drop(columns=list(KEYS)), source))
+        table = frame.drop(columns=list(KEYS))
+        return FeatureRows(source, places, keys, _numbers(table, source), list(table.columns))
     if not isinstance(values, Mapping):
         if len(values) != len(objects):
             raise DataError(
                 f"{source}: found those of {len(values)} objects; expected {len(objects)}, in "
                 "the order of `objects`."
             )
-        by_object = {
-            name: _numbers(rows, f"{source} of {name}", absent=True)
-            for name, rows in zip(objects, values, strict=True)
-        }
-        by_object = {name: rows[~np.isnan(rows).any(axis=1)] for name, rows in by_object.items()}
-    else:
-        by_object = {
-            name: _numbers(rows, f"{source} of {name}")
-            for name, rows in _named_once(values, source).items()
-        }
+        values = dict(zip(objects, values, strict=True))
+    by_object = {
+        name: _numbers(rows, f"{source} of {name}")
+        for name, rows in _named_once(values, source).items()
+    }
     keys = [(name, str(r)) for name, rows in by_object.items() for r in range(1, len(rows) + 1)]
     sizes = {rows.shape[1] for rows in by_object.values() if len(rows)}
     if len(sizes) > 1:
         raise DataError(f"{source}: found recordings of {sorted(sizes)} features; give one size.")
     table = np.concatenate([np.empty((0, *(sizes or {1}))), *filter(len, by_object.values())])
-    return FeatureRows(source, _places(source, len(keys)), keys, table)
+    columns = next(filter(None, map(column_names, values.values())), None)
+    return FeatureRows(source, _places(source, len(keys)), keys, table, columns)
+
+
+def is_frame(values: object) -> bool:
+    """Return whether a value is a table with named columns, of pandas or of another package."""
+    return not isinstance(values, Mapping) and any(
+        hasattr(type(values), name) for name in ("columns", "column_names", "__dataframe__")
+    )
+
+
+def pandas_frame(values: Any, source: str) -> Any:
+    """Return a data frame of polars, pyarrow, or another package as one of pandas.
+
+    A `DataError` names the kind of frame where it cannot be converted.
+    """
+    import pandas as pd  # noqa: PLC0415  takes half a second
+
+    kind = f"{type(values).__module__}.{type(values).__qualname__}"
+    try:
+        if not isinstance(values, pd.DataFrame) and hasattr(values, "collect"):
+            values = values.collect()  # a query of polars that was not run yet
+        if not isinstance(values, pd.DataFrame) and hasattr(values, "compute"):
+            values = values.compute()  # the same of Dask
+        with suppress(ImportError):  # polars converts by pyarrow, which may be missing
+            if not isinstance(values, pd.DataFrame) and hasattr(values, "to_pandas"):
+                values = values.to_pandas()
+        if not isinstance(values, pd.DataFrame):
+            values = pd.api.interchange.from_dataframe(values)
+    except Exception as fault:  # whatever another package raises
+        why = " ".join(str(fault).split())[:200]
+        raise DataError(
+            f"{source}: found a {kind}, which does not become a pandas frame ({why}); convert it "
+            "with its own to_pandas()."
+        ) from fault
+    return values
 
 
 def _places(source: str, count: int) -> list[str]:
@@ -141,9 +179,9 @@ def _named_once(rows: Mapping[Any, Any], source: str) -> dict[str, Any]:
     return named
 
 
-def _numbers(rows: Any, source: str, *, absent: bool = False) -> NDArray[np.float32]:
+def _numbers(rows: Any, source: str) -> NDArray[np.float32]:
     try:
-        return checked_features(rows, ("recordings", "features"), absent=absent)
+        return checked_features(rows, ("recordings", "features"), absent=True)
     except DataError as fault:
         raise DataError(f"{source}: {fault}.") from None
 
@@ -152,7 +190,8 @@ def _labels(
     domain: Domain, labels: Any, objects: Sequence[str] | None
 ) -> tuple[tuple[str, ...], NDArray[np.int8]]:
     """Return the objects (O,) and the labels (O,P) in the domain's order."""
-    if hasattr(labels, "columns"):
+    if is_frame(labels):
+        labels = pandas_frame(labels, "Labels")
         frame = labels.set_index("object") if "object" in labels.columns else labels
         columns = [name for name in (*domain.attributes, *domain.groups) if name in frame.columns]
         for attribute in domain.attributes:
@@ -195,6 +234,9 @@ def join_features(
 ) -> dict[Context, NDArray[np.float32]]:
     """Sort rows by their keys (object, recording) into (O,R,D), NaN where an object has fewer.
 
+    A recording that lacks a modality, by a row of NaN, is left out of all of its behavior, with a
+    warning where another modality has it. Columns are checked by `features.py`.
+
     A number of a recording is whole, 0 or more, and the same however it is written: 1, 01, 1.0 (a
     name in its place is read as it is).
     Rows of one behavior must be of the same recordings. Every object must have so many
@@ -204,8 +246,13 @@ def join_features(
     index = {name: o for o, name in enumerate(objects)}
     by_behavior: dict[str, list[Context]] = {}  # what each one's first context holds, in order
     tables: dict[Context, tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.floating]]] = {}
-    for context, rows in contexts:
-        row_of = _row_of(rows, index)
+    named = [(context, rows, _row_of(rows, index)) for context, rows in contexts]
+    lacking = {} if recordings else _without_a_modality(named)
+    for context, rows, all_rows in named:
+        if not recordings:  # public recordings were looked at, and are pinned
+            warn_of_order(f"Features of {context}", *_of_objects(rows), rows.columns)
+        left_out = lacking.get(context[0], ())
+        row_of = {key: row for key, row in all_rows.items() if key not in left_out}
         keys = product(objects, map(str, range(1, recordings + 1))) if recordings else row_of
         # By object, then number: of texts without leading zeros a shorter one is less.
         natural = sorted(keys, key=lambda key: (index[key[0]], len(key[1]), key[1]))
@@ -235,6 +282,38 @@ def join_features(
         joined[context] = np.full((len(objects), most, values.shape[1]), np.nan, np.float32)
         joined[context][o, r] = values
     return joined
+
+
+def _of_objects(rows: FeatureRows) -> tuple[NDArray[np.floating], list[str]]:
+    """Return the rows that are there, in their order, and the object of each."""
+    there = ~np.isnan(rows.values).any(axis=1)
+    return rows.values[there], [
+        name for (name, *_), has in zip(rows.keys, there, strict=True) if has
+    ]
+
+
+def _without_a_modality(
+    named: Iterable[tuple[Context, FeatureRows, Mapping[tuple[str, str], int]]],
+) -> dict[str, set[tuple[str, str]]]:
+    """Return, by behavior, the recordings that are NaN in a modality; warn where others have it."""
+    absent: dict[str, set[tuple[str, str]]] = {}
+    present: dict[str, set[tuple[str, str]]] = {}
+    modalities: dict[str, list[str]] = {}
+    for (behavior, modality), rows, row_of in named:
+        missing = np.isnan(rows.values).all(axis=1)
+        lacks = {key for key, row in row_of.items() if missing[row]}
+        absent.setdefault(behavior, set()).update(lacks)
+        present.setdefault(behavior, set()).update(row_of.keys() - lacks)
+        if lacks:
+            modalities.setdefault(behavior, []).append(modality)
+    for behavior, keys in absent.items():
+        if lost := sorted(keys & present[behavior]):
+            texts = [f"{recording} of {name}" for name, recording in lost]
+            warn_caller(
+                f"Recordings of {behavior} are left out, as {' or '.join(modalities[behavior])} is "
+                f"missing (NaN): {listed(texts)}."
+            )
+    return absent
 
 
 def _row_of(rows: FeatureRows, objects: Mapping[str, int]) -> dict[Context, int]:

@@ -87,7 +87,9 @@ def load_roc36(domain: Domain, folder: Path) -> Dataset:
 
     files = folder / _ROC36 / "{}-{}.txt"
     features = _features(domain, list(words), files, ["object"], recordings=10, keyed=numbered)
-    return Dataset(domain, tuple(words), features, _labels(domain, words, "ROC36"))
+    return Dataset(
+        domain, tuple(words), features, _labels(domain, words, "ROC36"), rows_checked=True
+    )
 
 
 def load_ispy32(domain: Domain, folder: Path) -> Dataset:
@@ -121,7 +123,7 @@ def load_ispy32(domain: Domain, folder: Path) -> Dataset:
             reason = unknown("object", name, table.objects)
             raise DataError(f"ISPY32 has no labels of it. {reason}")
     labels = table.labels[[table.objects.index(name) for name in objects]]
-    return Dataset(domain, objects, features, labels)
+    return Dataset(domain, objects, features, labels, rows_checked=True)
 
 
 def load_cy101(domain: Domain, folder: Path) -> Dataset:
@@ -169,7 +171,7 @@ def load_cy101(domain: Domain, folder: Path) -> Dataset:
 
     files = folder / _CY101 / "{}_{}.txt"
     features = _features(domain, objects, files, ["object_t<k>"], recordings=5, keyed=corrected)
-    return Dataset(domain, objects, features, labels)
+    return Dataset(domain, objects, features, labels, rows_checked=True)
 
 
 def _features(

@@ -48,7 +48,9 @@ def restricted(dataset: Dataset, attributes: tuple[str, ...]) -> Dataset:
     """Keep some of the attributes."""
     columns = dataset.domain.columns(attributes)
     domain = restricted_domain(dataset.domain, attributes)
-    return Dataset(domain, dataset.objects, dataset.features, dataset.labels[:, columns])
+    return Dataset(
+        domain, dataset.objects, dataset.features, dataset.labels[:, columns], rows_checked=True
+    )
 
 
 def restricted_domain(domain: Domain, attributes: tuple[str, ...]) -> Domain:

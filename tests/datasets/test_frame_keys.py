@@ -104,12 +104,6 @@ def test_keys_stand_in_columns_or_in_the_index():
         np.testing.assert_array_equal(array, arrays[0])
 
 
-def test_a_feature_named_index_is_a_feature():
-    frame = frame_of(["a", "b"], [1, 1]).assign(index=[5.0, 6.0])
-    values = data_of(frame, {"a": {"red": True}, "b": {"red": False}}).features["look", "c"]
-    assert values[:, 0].tolist() == [[0.0, 5.0], [1.0, 6.0]]
-
-
 def test_two_columns_of_one_name_are_refused():
     frame = frame_of(["a", "b"], [1, 1])
     frame = pd.concat([frame, frame[["r"]]], axis=1)

@@ -143,7 +143,7 @@ def some_cups(objects=6, **features):
             },
         }
     )
-    cups = {f"cup {n}": [[float(n % 2)] * 3 + [0.1 * n]] for n in range(objects)}
+    cups = {f"cup {n}": [[float(n % 2)] * 3 + [0.1 * (5 * n % 16)]] for n in range(objects)}
     labels = {name: {"red": n % 2 == 0} for n, name in enumerate(cups)}
     return Dataset.from_frames(domain, {("look", "c"): features or cups}, labels)
 
