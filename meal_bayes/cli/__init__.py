@@ -6,7 +6,6 @@ Results go to standard output, progress and notes to standard error.
 
 import click
 
-from meal_bayes.cli.archive import archive
 from meal_bayes.cli.ask import ask, demo, memory
 from meal_bayes.cli.data import data
 from meal_bayes.cli.doctor import doctor
@@ -36,7 +35,6 @@ from meal_bayes.cli.view import view
         data,
         log,
         export,
-        archive,
         sim,
         doctor,
     ],

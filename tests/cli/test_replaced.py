@@ -15,7 +15,6 @@ WORDS = {  # of each option or argument that names a file to write
     "view screenshot": ("view", LOGGED, "--screenshot", "new.png"),
     "log show picture": ("log", "show", LOGGED, "--picture", "new.svg"),
     "export file": ("export", "--query", "red", "--dataset", "kitchen.npz", "new.pomdp"),
-    "archive out": ("archive", LOGGED, "new.zip"),
     "data percepts out": ("data", "percepts", "--out", "new.npz", "--dataset"),
     "sim ask save": (
         "sim",

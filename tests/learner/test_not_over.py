@@ -13,7 +13,6 @@ from meal_bayes.errors import LogCorruptError, LogError
 from meal_bayes.learner import recall
 from meal_bayes.learner.columns import WITHDRAWN
 from meal_bayes.trial_log import ACTIVE, Logs
-from meal_bayes.trial_log.archive import write_archive
 
 
 def killed(session):
@@ -160,20 +159,3 @@ def test_a_trial_that_is_not_over_is_shown_as_far_as_it_went(dataset, make, tmp_
     assert [len(trial.steps) for trial in group.trials] == [steps]
     with pytest.raises(LogCorruptError, match="goes on with it"):
         list(Logs(folder).trials())  # of which none has its outcome
-
-
-@pytest.mark.parametrize("whole", [False, True])
-def test_an_archive_says_which_logs_it_leaves_out(dataset, make, tmp_path, caplog, whole):
-    folder = tmp_path / "logs"
-    learner = make.learner(dataset, make.agent("look", "look"), logs=folder)
-    torn(learner, make, 1)
-    (draft,) = folder.rglob(f"*{ACTIVE}")
-    if not whole:
-        with pytest.raises(LogError, match=rf"no log to pack: .*{draft.stem}"):
-            write_archive(folder, tmp_path / "a.zip")
-        assert not (tmp_path / "a.zip").exists()
-        return
-    learner.ask("red", make.arm(), object_name="mug")
-    write_archive(folder, tmp_path / "a.zip")
-    (record,) = caplog.records
-    assert str(draft) in record.getMessage()

@@ -24,7 +24,6 @@ from meal_bayes.trial_log import (
     read_trials,
     write_trials,
 )
-from meal_bayes.trial_log.archive import write_archive
 from meal_bayes.trial_log.writer import write_feedback
 from meal_bayes.trials import Trial, TrialOutcomes
 
@@ -142,7 +141,6 @@ def test_logs_of_feedback_are_no_trials(answered, tmp_path):
     assert log_info(told).form == "feedback"
     with pytest.raises(LogError, match="what was told of trials; name one of their logs"):
         list(Logs(told).groups())
-    write_archive(tmp_path, tmp_path.parent / "study.zip")
     for name, form in (
         ("b.feedback.mcap", "full"), ("b.mcap", "feedback"), ("b.search.mcap", "compact"),
         ("b.feedback.mcap", "search"),

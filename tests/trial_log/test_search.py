@@ -17,7 +17,6 @@ from meal_bayes.trial_log import (
     read_trials,
     write_trials,
 )
-from meal_bayes.trial_log.archive import write_archive
 from meal_bayes.trial_log.live import SearchLog
 from meal_bayes.trial_log.names import TURNS, explored_name
 from meal_bayes.trials import Search
@@ -164,4 +163,3 @@ def test_what_knows_logs_of_trials_knows_that_a_search_is_none(make, tmp_path):
     log = write_search(tmp_path / "search", example(make))
     assert log_info(log).form == "search"
     assert log_info(log).trials == 0
-    write_archive(tmp_path / "search", tmp_path / "study.zip")
