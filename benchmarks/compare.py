@@ -1,27 +1,24 @@
 """Do the intervals that compare agents contain the truth in 95 of 100 cases? Simulated outcomes.
 
 Repeats split the same objects into three parts again and again. Outcomes of two agents on the test
-part are drawn from the hierarchical model of `meal-bayes compare` (terms for agent, object,
-attribute and repeat, and those of agent and object, agent and repeat), as many as in an online run,
-with the spreads that the model has found in Fig. 10's panels. The truth is the difference over new
-objects and repeats. An agent's luck in a repeat is drawn anew in each, or is that of the objects
-which taught it, which repeats share, as a sum. Printed: how often the interval of the paired
-difference (corrected resampled t, at several ratios) and that of the model contain the truth; and
-how often any of the 30 statements of a family is decided where nothing differs (Holm).
+part are drawn from a hierarchical model (normal terms for agent, object, attribute and repeat, and
+those of agent and object, agent and repeat), as many as in an online run, with spreads that were
+fitted to Fig. 10's panels. The truth is the difference over new objects and repeats. An agent's
+luck in a repeat is drawn anew in each, or is that of the objects which taught it, which repeats
+share, as a sum. Printed: how often the interval of the paired difference (corrected resampled t, at
+several ratios) contains the truth; and how often any of the 30 statements of a family is decided
+where nothing differs (Holm).
 
-    python benchmarks/compare.py [--json] [--simulations 200] [--fits 50] [--measure success]
+    python benchmarks/compare.py [--json] [--simulations 200] [--measure success]
 """
 
 import argparse
-import sys
-import warnings
 from itertools import product
 
 import numpy as np
 from measuring import options_of, show
 
 from meal_bayes.evaluation import resampled
-from meal_bayes.evaluation.outcome_model import compare_outcomes
 from meal_bayes.evaluation.summary import measured
 from meal_bayes.seeds import stream
 from meal_bayes.trials import TrialOutcomes
@@ -143,13 +140,8 @@ def main() -> None:
     """Measure, and print rows or JSON."""
     parser = options_of(__doc__)
     parser.add_argument("--simulations", type=int, default=200)
-    parser.add_argument("--fits", type=int, default=50, help="simulations that the model is fitted")
-    parser.add_argument(
-        "--draws", type=int, default=200, help="of the model, in each of two chains"
-    )
     parser.add_argument("--measure", choices=["success", "cost"], help="one of both")
     options = parser.parse_args()
-    warnings.simplefilter("ignore")
     rows = []
     measures = [options.measure] if options.measure else ["success", "cost"]
     for world, measure in product(WORLDS, measures):
@@ -159,33 +151,21 @@ def main() -> None:
 
 
 def coverage(world: str, measure: str, options: argparse.Namespace) -> list[dict]:
-    """Measure how often intervals contain the truth: by the corrected t, and by the model."""
+    """Measure how often intervals contain the truth."""
     luck, taught = WORLDS[world]
     runs = [
         simulate(stream(number, "compare"), LEAD, luck=luck, taught=taught)
-        for number in range(max(options.simulations, options.fits))
+        for number in range(options.simulations)
     ]
     truths = [truth[measure] for *_, truth in runs]
-    leads = [
-        paired(outcomes, repeats, measure) for outcomes, repeats, _ in runs[: options.simulations]
-    ]
+    leads = [paired(outcomes, repeats, measure) for outcomes, repeats, _ in runs]
     methods: dict[str, list] = {
         f"corrected t, ratio {ratio:g}": [resampled(x, ratio).interval()[2:] for x in leads]
         for ratio in RATIOS
     }
-    if options.fits:
-        methods["the model"] = []
-    for number, (outcomes, repeats, _) in enumerate(runs[: options.fits]):
-        (fit,) = compare_outcomes(
-            outcomes, measure=measure, repeats=repeats, draws=options.draws, seed=number
-        )
-        methods["the model"].append((fit.low, fit.high))
-        inside = fit.low <= truths[number] <= fit.high
-        print(f"fit {number + 1} of {options.fits}: {inside}", file=sys.stderr, flush=True)
     rows = []
     for method, intervals in methods.items():
-        # Not strict: the model is fitted to the first simulations alone.
-        hits = [low <= truth <= high for truth, (low, high) in zip(truths, intervals, strict=False)]
+        hits = [low <= truth <= high for truth, (low, high) in zip(truths, intervals, strict=True)]
         width = float(np.mean([high - low for low, high in intervals]))
         what = f"{measure}: the interval contains the truth"
         rows.append(_row(what, world, method, hits, width))

@@ -15,9 +15,8 @@ from meal_bayes.cli.console import (
     print_table,
     progress,
     say,
-    signed,
 )
-from meal_bayes.cli.options import FILE, LARGEST_COUNT, FiniteRange, option, shared
+from meal_bayes.cli.options import FILE, LARGEST_COUNT, option, shared
 from meal_bayes.cli.program import UNREAD, UNSOUND, Section
 from meal_bayes.files import check_output, command_line
 
@@ -261,64 +260,40 @@ def _counted(number: int, noun: str) -> str:
     return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
 
 
-@click.command(short_help="Compare agents by a hierarchical model of their outcomes.")
+@click.command(short_help="Say which agent is ahead, and how sure that is.")
 @_logs
 @option(
-    "--measure", click.Choice(["success", "cost", "reward"]), "success", None, "What is compared."
+    "--measure", click.Choice(["success", "cost", "reward"]), "reward", None, "What is compared."
 )
 @option(
     "--reference", None, None, "AGENT", "Compared with; by default the paper's, else the first."
 )
-@option(
-    "--margin",
-    FiniteRange(0, min_open=True),
-    None,
-    "M",
-    "Of practical equivalence; .02 of accuracy, 2 s of cost, 10 of reward by default.",
-)
-@shared("seed", "json")
-def compare(
-    logs: tuple[Path, ...],
-    measure: str,
-    reference: str | None,
-    margin: float | None,
-    seed: int,
-    as_json: bool,
-) -> None:
-    """Compare the agents in LOGS, files or runs' folders, on the tasks that they were given.
+@shared("json")
+def compare(logs: tuple[Path, ...], measure: str, reference: str | None, as_json: bool) -> None:
+    """Compare the agents in LOGS, files or runs' folders, on the tasks that they share.
 
-    A line below the table says what its columns are.
+    Differences are paired by task, with 95 % intervals in which objects are the clusters. Costs are
+    seconds, successes fractions of trials.
     """
+    from meal_bayes.evaluation import comparisons
     from meal_bayes.evaluation.logged import LoggedOutcomes
-    from meal_bayes.evaluation.outcome_model import compare_outcomes
     from meal_bayes.evaluation.statistics import MASS_TEXT
     from meal_bayes.trial_log import Logs
 
     logged = LoggedOutcomes.read(Logs(*logs))
-    measured = logged.measured()
-    with output(stderr=True).status("sampling the model of all outcomes ..."):
-        rows = compare_outcomes(
-            measured.outcomes,
-            measure=measure,
-            reference=reference,
-            repeats=measured.repeat,
-            margin=margin,
-            seed=seed,
-        )
+    rows = comparisons(logged.measured().outcomes, measure=measure, reference=reference)
     if logged.heading:
         note(logged.heading)
     if as_json:
-        print_json({"effects": [row.as_dict() for row in rows]})
+        print_json({"comparisons": [row.as_dict() for row in rows]})
         return
-    say(f"{measure} less {rows[0].reference}'s, by the model of all outcomes")
-    columns = {
-        "agent": "{agent}", "trials": "{trials}", "same tasks": "{plain}",
-        "effect": "{effect:+.3f}", MASS_TEXT: "{low:+.3f} to {high:+.3f}", "ahead": "{ahead:.3f}",
-        "equivalent": "{equivalent:.3f}",
-    }  # fmt: skip
-    print_table(columns, (asdict(row) | {"plain": signed(row.plain, ".3f")} for row in rows))
-    note(
-        "same tasks: mean difference on tasks that both were given; effect: the model's, shrunk "
-        "towards the others'; ahead: Pr(better than the reference); equivalent: Pr(it differs by "
-        "less than --margin)"
-    )
+    form = ".3f" if measure == "success" else ".1f"
+    unit = {"success": "a fraction of trials", "cost": "s", "reward": "a trial"}[measure]
+    say(f"difference in {measure} ({unit}) to {rows[0].reference}, on the same tasks")
+    columns = ["agent", "tasks", "difference", f"{MASS_TEXT} interval", "verdict"]
+    cells = []
+    for row in rows:
+        interval = f"{row.low:+{form}} to {row.high:+{form}}" if row.tasks else "-"
+        estimate = f"{row.difference:+{form}}" if row.tasks else "-"
+        cells.append([row.agent, f"{row.tasks:,}", estimate, interval, row.verdict])
+    print_table(columns, cells, left_aligned=("verdict",), narrow=True)

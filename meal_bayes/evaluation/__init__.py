@@ -10,7 +10,6 @@ from meal_bayes.evaluation.calibration import (
     expected_calibration_error,
     negative_log_likelihood,
 )
-from meal_bayes.evaluation.outcome_model import compare_outcomes
 from meal_bayes.evaluation.statistics import (
     Estimate,
     Interval,
@@ -20,9 +19,11 @@ from meal_bayes.evaluation.statistics import (
 )
 from meal_bayes.evaluation.summary import (
     AnswerRates,
+    Comparison,
     SummaryRow,
     answer_rates,
     compare,
+    comparisons,
     difference,
     estimate_mean,
     summarize,
@@ -30,6 +31,7 @@ from meal_bayes.evaluation.summary import (
 
 __all__ = [
     "AnswerRates",
+    "Comparison",
     "Estimate",
     "Interval",
     "SummaryRow",
@@ -38,7 +40,7 @@ __all__ = [
     "calibration_error",
     "clustered",
     "compare",
-    "compare_outcomes",
+    "comparisons",
     "difference",
     "estimate_mean",
     "expected_calibration_error",

@@ -25,6 +25,7 @@ from meal_bayes.evaluation.statistics import (
     clustered,
     paired_fractions,
 )
+from meal_bayes.palette import ordered_agents, reference_agent
 from meal_bayes.trials import TrialOutcomes, Trials
 from meal_bayes.trials.text import UNKNOWN
 
@@ -192,6 +193,102 @@ def compare(trials: Trials, first: str, second: str, *, measure: str = "reward")
     outcomes_of_first = outcomes.of_agent(first)
     outcomes_of_second = outcomes.of_agent(second)
     return difference(outcomes_of_first, outcomes_of_second, measure=measure).interval()
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Comparison(Measures):
+    """One agent beside the reference, on the tasks that both have.
+
+    Attributes
+    ----------
+    agent, reference : str
+    measure : str
+        One of `estimate_mean`.
+    tasks : int
+        Number of tasks of which both have the measure.
+    difference, low, high : float
+        Mean of agent - reference, in units of the measure, and its 95 % interval; NaN where they
+        share no task.
+    verdict : str
+        "ahead" or "behind" where the interval excludes 0, else "cannot be said". Being ahead means
+        a lower cost or fewer abstentions, or a higher reward or accuracy.
+    """
+
+    agent: str
+    reference: str
+    measure: str
+    tasks: int
+    difference: float
+    low: float
+    high: float
+    verdict: str
+
+    def __str__(self) -> str:
+        """Return the comparison as one sentence."""
+        names = f"{self.agent} and {self.reference}"
+        if not self.tasks:
+            return f"{names} share no task, so that they cannot be compared."
+        form = AMOUNT if self.measure in ("reward", "cost") else FRACTION
+        span = Interval(self.difference, math.nan, self.low, self.high).text(form, signed=True)
+        unit = " s" if self.measure == "cost" else ""
+        if self.verdict == "cannot be said":
+            return f"It cannot be said which of {names} is ahead: the difference is {span}{unit}."
+        side = "ahead of" if self.verdict == "ahead" else "behind"
+        return f"{self.agent} is {side} {self.reference}: the difference is {span}{unit}."
+
+
+def comparisons(
+    trials: Trials, *, measure: str = "reward", reference: str | None = None
+) -> list[Comparison]:
+    """Compare every agent with one of them by paired differences on the tasks that both have.
+
+    Parameters
+    ----------
+    trials : Trials
+        Of two agents or more.
+    measure : str
+        One of `estimate_mean`.
+    reference : str | None
+        The agent that the others are compared with; by default the paper's, else the first one.
+
+    Returns
+    -------
+    list[Comparison]
+        One for each other agent, in the order of tables.
+
+    Raises
+    ------
+    SettingsError
+        Less than two agents, an unknown reference or measure, or a task that one agent has twice.
+    """
+    outcomes = TrialOutcomes.of(trials)
+    names = outcomes.agents
+    reference = reference_agent(names) if reference is None and names else reference
+    if len(names) < 2 or reference not in names:
+        raise SettingsError(
+            f"Found the agents {', '.join(names) or 'none'}; expected two or more, and the "
+            f"reference {reference!r} among them; give the logs of each."
+        )
+    rows = []
+    base = outcomes.of_agent(reference)
+    for name in ordered_agents(names):
+        if name == reference:
+            continue
+        other = outcomes.of_agent(name)
+        first, second = paired_rows(other, base)
+        gain = measured(other, measure)[first] - measured(base, measure)[second]
+        tasks = int((~np.isnan(gain)).sum())
+        if not tasks:
+            nothing = (math.nan, math.nan, math.nan)
+            rows.append(Comparison(name, reference, measure, 0, *nothing, "cannot be said"))
+            continue
+        estimate, _, low, high = difference(other, base, measure=measure).interval()
+        more_is_worse = measure in ("cost", "abstained")
+        verdict = "cannot be said"
+        if low > 0 or high < 0:
+            verdict = "ahead" if (low > 0) != more_is_worse else "behind"
+        rows.append(Comparison(name, reference, measure, tasks, estimate, low, high, verdict))
+    return rows
 
 
 def difference(first: TrialOutcomes, second: TrialOutcomes, *, measure: str = "reward") -> Estimate:

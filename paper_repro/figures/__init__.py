@@ -19,7 +19,6 @@ DRAWINGS: Mapping[str, Callable[[Record], dict[str, canvas.Axes]]] = {
     "fig10": online.fig10,
     "fig11": online.fig11,
     "fig12": online.fig12,
-    "hierarchical": online.hierarchical,
     "losses": offline.losses,
 }
 

@@ -1,4 +1,4 @@
-"""Figures of agents that learn online: curves as differences, attributes, weights, a model."""
+"""Figures of agents that learn online: curves as differences, attributes, weights."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -6,8 +6,6 @@ from typing import Any
 import numpy as np
 
 from meal_bayes.canvas import Axes, axes_to_draw, name_axes
-from meal_bayes.evaluation.outcome_model import MARGINS
-from meal_bayes.evaluation.plots import error_lengths
 from meal_bayes.evaluation.statistics import Interval
 from meal_bayes.palette import LINE_GRAY, agent_style
 from paper_repro.figures.read import Record, Row, apart, interval_of, joined, rows_of
@@ -18,9 +16,6 @@ _BEST = "morc_itrs"
 _DRAWN = ("iterative_random_legal", _BEST, "bayes")
 _BUDGETS = (0.5, 1, 2, 4)  # hours at which the tables compare
 _ENDS = {"reward": "", "accuracy": "_accuracy"}  # of the names of the files
-_DESIGN = "accuracy less the paper's agent's"
-_MODEL = "by the model"
-_SIDES = (0.16, -0.16)  # of the model's dot, and of the design's below it
 
 
 def fig10(record: Record) -> dict[str, Axes]:
@@ -167,56 +162,3 @@ def fig12(record: Record) -> dict[str, Axes]:
         )
         figures[f"_{moment}"] = ax
     return figures
-
-
-def hierarchical(record: Record) -> dict[str, Axes]:
-    """Draw the effects in each figure of the paper, by the model and by design."""
-    rows = rows_of(record["tables"][0])
-    figures = {}
-    for name in dict.fromkeys(row[""].split(":")[0] for row in rows):
-        group = [row for row in rows if row[""].startswith(f"{name}:")]
-        reference = "MORC" if name == "Fig. 8" else "MORC-ITRS"
-        figures[f"_{name.lower().replace('. ', '')}"] = _effects(record, name, group, reference)
-    return figures
-
-
-def _effects(record: Record, name: str, rows: Sequence[Row], reference: str) -> Axes:
-    """Draw each difference twice, by the model and below it by design."""
-    margin = MARGINS["success"]
-    place = np.arange(len(rows))[::-1]
-    model = [Interval(row[_MODEL], np.nan, row["low"], row["high"]) for row in rows]
-    plain = [interval_of(row[_DESIGN]) for row in rows]
-    with axes_to_draw(None, width=6.4, height=1.4 + 0.24 * len(rows)) as ax:
-        ax.axvspan(-margin, margin, color="#E9E9E9", lw=0)
-        ax.axvline(0, color=LINE_GRAY, lw=1)
-        for at, row, fitted, design in zip(place, rows, model, plain, strict=True):
-            style = agent_style(row["agent"])
-            by_model = (fitted, style.marker, style.color, _SIDES[0])
-            by_design = (design, "|", LINE_GRAY, _SIDES[1])
-            for span, marker, color, up in (by_model, by_design):
-                ax.errorbar(
-                    span.estimate,
-                    at + up,
-                    xerr=error_lengths([span]),
-                    fmt=marker,
-                    color=color,
-                    ms=4.5,
-                    elinewidth=1.3,
-                )
-        names = [f"{row[''].split(': ', 1)[1]}: {row['agent']}" for row in rows]
-        ax.set_yticks(place, names)
-        ax.set_ylim(-0.7, len(rows) - 0.3)
-        name_axes(ax, f"accuracy less {reference}'s", "", grid="x")
-    # Pr(ahead) is withheld where the two intervals disagree on 0.
-    sides = [
-        "not told apart" if row["Pr(ahead)"] is None else _side(fitted)
-        for fitted, row in zip(model, rows, strict=True)
-    ]
-    counts = joined([f"{sides.count(side)} {side}" for side in dict.fromkeys(sides)])
-    headline(
-        ax,
-        f"{name}: of {len(rows)} differences from {reference}, {counts} by both intervals",
-        "Colored: the hierarchical model's effect and 95 % credible interval. Gray below it: "
-        f"by design, two standard errors. Gray band: within {margin:g}. {record['size']}",
-    )
-    return ax

@@ -84,7 +84,7 @@ RUNS = (
     Run("bayes_adaptive", "--picture picture.svg"),
     Run("calibration", "--dataset small", {"SETS": 5, **TABLE}),
     Run("co_occurrence", "--dataset roc36"),
-    Run("compare", "--simulations 2 --fits 0 --measure success", {"FAMILY": 2}),
+    Run("compare", "--simulations 2 --measure success", {"FAMILY": 2}),
     Run("coupled", "--dataset roc36 --trials 40"),
     Run("digests", "now.json", {"DATASETS": ("roc36",), "SMALL": {"offline": "--trials 1"}}),
     Run("find", "roc36 --objects 4 --trials 2"),

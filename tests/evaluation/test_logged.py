@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from meal_bayes.errors import SettingsError
-from meal_bayes.evaluation import compare, compare_outcomes, outcome_model, summarize
+from meal_bayes.evaluation import compare, summarize
 from meal_bayes.evaluation.learning import POOLED, summarize_learning
 from meal_bayes.evaluation.logged import LoggedOutcomes
 from meal_bayes.evaluation.report import write_report
@@ -197,30 +197,6 @@ def test_the_other_reference_changes_every_sign(online, tmp_path, cells):
         assert sorted(map(float, numbers)) == pytest.approx(sorted(map(float, others)))
     with pytest.raises(SettingsError, match="reference 'nobody' has no trial here"):
         write_report(Logs(online), tmp_path / "r.html", reference="nobody")
-
-
-def any_posterior(cells, **_):
-    """Return draws that no trial has changed: what is done with them is the same."""
-    rng = np.random.default_rng(0)
-    spreads = {f"spread of {name}": rng.random(20) for name in cells.terms}
-    terms = {name: rng.normal(size=(20, cells.sizes[name])) for name in cells.terms}
-    return spreads | terms | {"mean": rng.normal(size=20)}
-
-
-@pytest.mark.parametrize("measure", ["reward", "cost"])
-def test_the_model_s_differences_are_of_pairs_and_change_sign(online, measure, monkeypatch):
-    monkeypatch.setattr(outcome_model, "sample", any_posterior)
-    logged = LoggedOutcomes.read(Logs(online)).measured()
-    effects = [
-        compare_outcomes(logged.outcomes, measure=measure, reference=name, repeats=logged.repeat)[0]
-        for name in logged.outcomes.agents
-    ]
-    names = [(effect.agent, effect.reference, effect.trials) for effect in effects]
-    assert names == [("iterative_morc", "bayes", 12), ("bayes", "iterative_morc", 12)]
-    back, there = effects
-    assert there.plain == -back.plain == pytest.approx(30.0 * (measure == "reward"))
-    assert there.effect == -back.effect
-    assert (there.low, there.high) == pytest.approx((-back.high, -back.low))
 
 
 def test_trials_without_batches_are_all_measured(tmp_path):

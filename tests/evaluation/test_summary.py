@@ -1,4 +1,4 @@
-"""Measures and comparisons of agents, by hand, and by the hierarchical model of outcomes."""
+"""Measures and comparisons of agents, by hand."""
 
 import json
 import math
@@ -9,8 +9,7 @@ import pytest
 
 from meal_bayes.domain import Query, load_domain
 from meal_bayes.errors import SettingsError
-from meal_bayes.evaluation import compare, estimate_mean, summarize
-from meal_bayes.evaluation.outcome_model import Cells, compare_outcomes
+from meal_bayes.evaluation import compare, comparisons, estimate_mean, summarize
 from meal_bayes.evaluation.summary import no_better_than_prior
 from meal_bayes.momdp import belief_of, build_momdp, initial_belief
 from meal_bayes.planners import unvalued
@@ -123,63 +122,55 @@ def test_outcomes_are_summarized_and_compared_as_their_trials_are():
         assert difference == compare(TRIALS, "bayes", "morc", measure=measure)
 
 
-OBJECTS = 24
-
-
-def simulated(rng, *, lead=0.0, agents=3, trials=150):
-    """Draw trials of agents on the same tasks; the last one leads on the logistic scale."""
-    agent, task = np.divmod(np.arange(agents * trials), trials)
-    thing = rng.integers(OBJECTS, size=trials)[task]
-    asked = rng.integers(6, size=(trials, 1))[task]
-    shift = lead * (agent == agents - 1)
-    objects = rng.normal(size=OBJECTS)
-    pairs = 0.4 * rng.normal(size=(agents, OBJECTS))
-    eta = 0.8 + shift + objects[thing] + pairs[agent, thing]
-    right = rng.random(len(eta)) < 1 / (1 + np.exp(-eta))
-    cost = 20 - 5 * shift + 3 * objects[thing] + 6 * rng.normal(size=len(eta))
-    nothing = np.zeros((len(eta), 0), int)
+def tasks_of(agent, rewards, costs):
+    """Make a trial of each task, about objects of their own, right where the reward is above 0."""
+    n = len(rewards)
     return TrialOutcomes(
-        behaviors=(), agent=np.array([f"agent {a}" for a in agent], object),
-        key=task.astype(str), object_index=thing, object_name=thing.astype(str),
-        attribute=asked.astype(str), truth=np.ones((len(eta), 1)), report=right[:, None],
-        positive=np.full((len(eta), 1), 0.5), cost=cost, reward=cost, ended=np.full(len(eta), ""),
-        steps=np.zeros(len(eta)), executed=nothing, failed=nothing,
+        behaviors=(), agent=np.full(n, agent, object), key=np.arange(n).astype(str),
+        object_index=np.arange(n), object_name=np.arange(n).astype(str),
+        attribute=np.full((n, 1), "red", object), truth=np.ones((n, 1)),
+        report=(np.asarray(rewards) > 0)[:, None], positive=np.full((n, 1), 0.5),
+        cost=np.asarray(costs, float), reward=np.asarray(rewards, float),
+        ended=np.full(n, "", object), steps=np.zeros(n), executed=np.zeros((n, 0), int),
+        failed=np.zeros((n, 0), int),
     )  # fmt: skip
 
 
-def test_cells_keep_the_sums_of_trials():
-    outcomes = simulated(np.random.default_rng(0))
-    cells = Cells.of(outcomes, "success")
-    assert cells.trials.sum() == len(outcomes)
-    assert cells.total.sum() == outcomes.success.sum()
-    assert len(cells.trials) < len(outcomes)
-    assert set(cells.terms) == {"agent", "object", "attribute", "agent object",
-                                "agent attribute"}  # fmt: skip
-    first = cells.terms["agent"] == 0
-    assert cells.trials[first].sum() == (outcomes.agent == cells.agents[0]).sum()
+@pytest.mark.parametrize("measure", ["reward", "cost", "success", "abstained"])
+@pytest.mark.parametrize("seed", range(10))
+def test_a_verdict_is_the_side_of_0_on_which_the_paired_interval_lies(measure, seed):
+    rng = np.random.default_rng(seed)
+    luck = rng.normal(size=60)
+    parts = [
+        tasks_of(name, luck + lead + rng.normal(size=60), 5 - lead + rng.normal(size=60))
+        for name, lead in (("morc", 0.0), ("bayes", rng.choice([-2.0, -0.3, 0.0, 0.3, 2.0])))
+    ]
+    trials = TrialOutcomes.join(parts)
+    (row,) = comparisons(trials, measure=measure)
+    pair = compare(trials, "bayes", "morc", measure=measure)
+    assert (row.agent, row.reference, row.tasks) == ("bayes", "morc", 60)
+    assert (row.difference, row.low, row.high) == (pair.estimate, pair.low, pair.high)
+    better = -1 if measure in ("cost", "abstained") else 1
+    sides = {1: "ahead", -1: "behind", 0: "cannot be said"}
+    assert row.verdict == sides[better * (int(pair.low > 0) - int(pair.high < 0))]
+    (back,) = comparisons(trials, measure=measure, reference="bayes")
+    turned = {"ahead": "behind", "behind": "ahead"}
+    assert back.verdict == turned.get(row.verdict, row.verdict)
+    assert ("cannot be said" in str(row)) == (row.verdict == "cannot be said")
 
 
-@pytest.mark.long
-@pytest.mark.parametrize("measure", ["success", "cost"])
-def test_a_leader_is_found_and_an_equal_one_is_not(measure):
-    outcomes = simulated(np.random.default_rng(1), lead=1.2)
-    rows = compare_outcomes(outcomes, measure=measure, draws=300, by_attributes=True)
-    equal, ahead = rows[:2]
-    assert [row.attributes for row in rows] == ["", "", *np.repeat([*"012345"], 2)]
-    assert sum(row.trials for row in rows[2:]) == equal.trials + ahead.trials
-    effects, plain = np.array([(row.effect, row.plain) for row in rows[3::2]]).T
-    assert effects.std() < 0.7 * plain.std()  # shrunk towards each other
-    assert ahead.ahead > 0.95
-    assert ahead.equivalent < 0.2
-    assert 0.02 < equal.ahead < 0.98
-    assert abs(ahead.effect) < abs(ahead.plain) * 1.2
+def test_agents_without_a_common_task_cannot_be_compared():
+    other = replace(TrialOutcomes.of(TRIALS[1::2]), key=np.array(["a", "b"], object))
+    (row,) = comparisons(TrialOutcomes.join([TrialOutcomes.of(TRIALS[::2]), other]))
+    assert (row.tasks, row.verdict) == (0, "cannot be said")
+    assert row.as_dict()["difference"] is None
+    assert "share no task" in str(row)
 
 
-def test_outcomes_that_cannot_be_compared_are_refused():
-    outcomes = simulated(np.random.default_rng(2))
+def test_comparisons_without_two_agents_or_the_reference_are_refused():
     with pytest.raises(SettingsError, match="two or more"):
-        compare_outcomes(outcomes.of_agent("agent 0"))
+        comparisons(TRIALS[::2])
     with pytest.raises(SettingsError, match="reference 'nobody'"):
-        compare_outcomes(outcomes, reference="nobody")
+        comparisons(TRIALS, reference="nobody")
     with pytest.raises(SettingsError, match="Unknown measure 'luck'"):
-        compare_outcomes(outcomes, measure="luck")
+        comparisons(TRIALS, measure="luck")

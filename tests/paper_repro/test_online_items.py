@@ -7,12 +7,9 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from meal_bayes.evaluation import Estimate
-from meal_bayes.evaluation.outcome_model import AgentEffect
 from paper_repro import online
 from paper_repro.frame import Setting
 from paper_repro.items import fig10, fig11, fig12, table4
-from paper_repro.items.hierarchical import agree
 from paper_repro.online import Curves
 from paper_repro.statements import (
     CONSTRUCTED,
@@ -229,13 +226,6 @@ def test_the_published_settings_have_twenty_splits():
     repeats = {column: online.repeats_of(Setting(), column) for column in (THEIRS, RECORDED)}
     assert repeats == {THEIRS: 20, RECORDED: 10}
     assert online.repeats_of(Setting(repeats=5), THEIRS) == 5
-
-
-def test_the_model_s_probability_is_withheld_where_the_design_disagrees():
-    effect = AgentEffect("bayes", "morc", "success", 9, 0.1, 0.08, 0.01, 0.2, 0.9, 0.1, 0.02, "red")
-    assert agree(effect, Estimate(0.1, 0.01, 9))
-    assert not agree(effect, Estimate(0.1, 0.1, 9))  # holds 0
-    assert agree(replace(effect, low=-0.1), Estimate(0.1, 0.1, 9))
 
 
 def test_repeats_are_units_where_the_objects_are_the_whole_population():
