@@ -1,27 +1,33 @@
-"""Outcomes of logs, and which of them measure an agent: of an online run, its last tests.
+"""The data of a report: outcomes of logs, which of them measure an agent, which are shown whole.
 
+Of an online run, the tests after the last batch measure the agents.
 The logs of an online run hold training trials, and tests after every batch of them. Pooled, they
 would be measures of nobody: of an agent that knew nothing and of what it became.
 """
 
 import dataclasses
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes.arrays import Bools, Ints
+from meal_bayes.arrays import Bools, Floats, Ints
 from meal_bayes.evaluation.learning import POOLED
 from meal_bayes.trial_log import Group, Logs
-from meal_bayes.trial_log.logs import of_search
-from meal_bayes.trials import BatchOutcomes, TrialOutcomes
+from meal_bayes.trial_log.schema import ASK
+from meal_bayes.trials import BatchOutcomes, Trial, TrialOutcomes
 from meal_bayes.trials.outcomes import HOUR
+from meal_bayes.trials.text import outcome_facts
 
 TRAINING = "train"  # parts of a batch, in the header of its log and at the end of its name
 TEST = "test"
-SEARCHED = "searched"  # an object that a search turned to, and may have left for another
+TELLING = 3  # trials that a report shows whole
+LOSS = "the lowest reward"  # of the agent's trials; so are the others
+DEAREST = "the right answer that cost most"
+GAIN = "the highest reward"
 _NONE = -1  # repeat or batch of a trial whose log names none
 
 
@@ -41,8 +47,6 @@ class LogPart(NamedTuple):
         repeat = header.get("repeat")
         batch = header.get("batch")
         part = header.get("part")
-        if of_search(header):
-            return cls(part=SEARCHED)
         if not isinstance(repeat, int):
             repeat = _NONE
         if part not in (TRAINING, TEST) or not isinstance(batch, int):
@@ -62,7 +66,7 @@ class LoggedOutcomes:
     repeat, batch : NDArray[np.int64]
         (n,) -1 where the header names none.
     part : NDArray[np.object_]
-        (n,) "train", "test", "searched", or "" of a run without training.
+        (n,) "train", "test", or "" of a run without training.
     """
 
     outcomes: TrialOutcomes
@@ -121,20 +125,13 @@ class LoggedOutcomes:
     def measured(self, batches: int = 1) -> "LoggedOutcomes":
         """Return the trials that measure the agents.
 
-        Of an online run those are the tests after the last so many batches, else all trials but
-        those of searches, which mean nothing apart; these only where there are no others.
+        Of an online run those are the tests after the last so many batches, else all trials.
         """
         if self.last_batch is None:
-            alone = self.part != SEARCHED
-            return self.rows(alone) if alone.any() and not alone.all() else self
+            return self
         # Later tests of some agents only would compare what has learned differently long.
         recent = (self.batch > self.last_batch - batches) & (self.batch <= self.last_batch)
         return self.rows((self.part == "") | ((self.part == TEST) & recent))
-
-    @property
-    def searched(self) -> bool:
-        """Whether all trials are those of searches."""
-        return bool((self.part == SEARCHED).all())
 
     @property
     def heading(self) -> str:
@@ -175,3 +172,133 @@ def _keyed(outcomes: TrialOutcomes, log_part: LogPart) -> TrialOutcomes:
         return outcomes
     keys = [json.dumps([*log_part, key]) for key in outcomes.key]
     return dataclasses.replace(outcomes, key=np.array(keys, object))
+
+
+class AgentPart(NamedTuple):
+    """An agent's trials in one part of a batch, training or tests; `batch` is -1 of no batch."""
+
+    agent: str
+    batch: int
+    part: str
+
+
+class ShownTrial(NamedTuple):
+    """A trial that is shown, its number in its file, its outcome as one row.
+
+    `trial` is None of a compact log.
+    """
+
+    file: Path
+    number: int
+    outcome: TrialOutcomes
+    trial: Trial | None
+
+    @property
+    def question(self) -> str:
+        """The question as it was asked, or as its log has it."""
+        if self.trial is None:
+            return outcome_facts(self.outcome, 0)["question"]
+        return self.trial.task.question
+
+
+class Place(NamedTuple):
+    """Where a trial is: its file, its number there, and the question as it was asked."""
+
+    file: Path
+    number: int
+    question: str
+
+
+class ShownTrials:
+    """Trials of groups, as they are read: where each is, and the few that are kept whole.
+
+    Attributes
+    ----------
+    places : list[Place]
+        Of each trial, in the order of `LoggedOutcomes.outcomes`.
+    newest : list[ShownTrial]
+        The last few trials.
+    lab : bool
+        Whether the trials are those of a robot's lab, which `Learner.ask` logged.
+    """
+
+    def __init__(self) -> None:
+        self.places = list[Place]()
+        self.newest = list[ShownTrial]()
+        self.lab = False
+        self._telling: dict[tuple[AgentPart, str], list[ShownTrial]] = {}
+
+    def take(self, group: Group) -> None:
+        """Note the places of a group's trials, and keep those that tell most."""
+        config = group.header.get("config")
+        self.lab |= isinstance(config, dict) and config.get("command") == ASK
+        log_part = LogPart.of(group.header)
+        outcomes = group.outcomes
+        for row, number in enumerate(group.numbers):
+            facts = outcome_facts(outcomes, row)
+            question = group.trials[row].task.question if group.trials else facts["question"]
+            self.places.append(Place(group.file, number, question))
+        last = range(max(0, len(outcomes) - TELLING), len(outcomes))
+        self.newest = [*self.newest, *_shown_rows(group, last)][-TELLING:]
+        for agent in outcomes.agents:
+            key = AgentPart(agent, log_part.batch, log_part.part)
+            of_agent = outcomes.agent == agent
+            for kind, merits in telling_merits(outcomes).items():
+                order = np.argsort(-merits, kind="stable")
+                rows = order[(of_agent & np.isfinite(merits))[order]][:TELLING].tolist()
+                kept = [*self._telling.get((key, kind), ()), *_shown_rows(group, rows)]
+                self._telling[key, kind] = _most_telling(kept, kind)[:TELLING]
+
+    def telling(self, parts: Sequence[AgentPart]) -> list[tuple[str, ShownTrial]]:
+        """Return up to three trials of some parts of an agent's, and why each is shown.
+
+        They are the one with the lowest reward, the right one that cost most and the one with the
+        highest reward; further ones with low rewards where two of these are the same.
+        """
+        chosen = dict[tuple[Path, int], tuple[str, ShownTrial]]()
+        candidates = {}
+        for kind in (LOSS, DEAREST, GAIN):
+            kept = [shown for part in parts for shown in self._telling.get((part, kind), ())]
+            candidates[kind] = _most_telling(kept, kind)
+        for kind, trials in candidates.items():
+            for shown in trials[:1]:
+                chosen.setdefault((shown.file, shown.number), (kind, shown))
+        for shown in candidates[LOSS]:
+            if len(chosen) < TELLING:
+                chosen.setdefault((shown.file, shown.number), ("a low reward", shown))
+        return list(chosen.values())
+
+
+def telling_merits(outcomes: TrialOutcomes) -> dict[str, Floats]:
+    """Return by what trials are chosen to be shown, (n,) each; the largest first, -inf never.
+
+    Of equally low rewards the trial whose belief was surest comes first.
+    """
+    right = outcomes.judged & (outcomes.success == 1)
+    return {
+        LOSS: np.where(outcomes.judged, outcomes.certainty - outcomes.reward, -np.inf),
+        DEAREST: np.where(right, outcomes.cost, -np.inf),
+        GAIN: np.where(right, outcomes.reward, -np.inf),
+    }
+
+
+def _most_telling(trials: Sequence[ShownTrial], kind: str) -> list[ShownTrial]:
+    """Return trials in the order of their merit of a kind."""
+    return sorted(trials, key=lambda shown: -float(telling_merits(shown.outcome)[kind][0]))
+
+
+def worst_first(outcomes: TrialOutcomes) -> Ints:
+    """Return the trials whose truth is known, the worst first, (n,).
+
+    They are those with the lowest reward; of equals, those that were surest come first, then the
+    earliest.
+    """
+    order = np.argsort(-telling_merits(outcomes)[LOSS], kind="stable")
+    return order[outcomes.judged[order]]
+
+
+def _shown_rows(group: Group, rows: Sequence[int]) -> Iterator[ShownTrial]:
+    """Yield some trials of a group."""
+    for row in rows:
+        trial = group.trials[row] if group.trials else None
+        yield ShownTrial(group.file, group.numbers[row], group.outcomes.rows([row]), trial)

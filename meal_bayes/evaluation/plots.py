@@ -56,7 +56,7 @@ def lines(series: Sequence[Series], *, x_label: str, y_label: str, ax: Axes | No
 
 def learning_curve(series: Sequence[Series], *, ax: Axes | None = None) -> Axes:
     """Draw accuracy over the hours of exploration behind it, one line an agent (Figs. 10, 11)."""
-    ax = lines(series, x_label="exploration, h", y_label="accuracy", ax=ax)
+    ax = lines(series, x_label="exploration, h", y_label="accuracy (fraction of trials)", ax=ax)
     ax.set_ylim(max(ax.get_ylim()[0], -0.02), min(ax.get_ylim()[1], 1.02))
     return ax
 
@@ -92,7 +92,7 @@ def reliability_diagram(
             elinewidth=1,
             label="true",
         )
-        name_axes(to, "belief", "fraction true")
+        name_axes(to, "belief (probability)", "fraction true")
         to.set(xlim=(-0.05, 1.05), ylim=(-0.05, 1.05), aspect="equal")
         legend(to, 0 if small else 3, above=True)
         return to
@@ -129,7 +129,7 @@ def accuracy_and_cost(points: Mapping[str, tuple[Interval, Interval]]) -> Axes:
                 capsize=2.5,
                 label=agent,
             )
-        name_axes(to, "mean cost of a trial, s", "accuracy")
+        name_axes(to, "mean cost of a trial, s", "accuracy (fraction of trials)")
         to.set_ylim(-0.04, 1.04)
         _scale_costs(to, [cost.estimate for _, cost in points.values()])
         legend(to, len(points), above=True)

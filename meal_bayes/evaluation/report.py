@@ -1,43 +1,117 @@
-"""One page of a run: accuracy, cost, calibration, and the trials with the lowest reward."""
+"""A report: one page of a run, in the order in which a reader asks.
+
+What was compared and who is ahead; how each agent learned; whether its beliefs are calibrated;
+three telling trials; what is answered rightly, attribute by attribute; then all trials, folded. The
+page is self-contained: no script, nothing fetched, every text escaped.
+"""
 
 import base64
+import dataclasses
 import json
+import math
 import os
-from collections.abc import Callable, Sequence
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from statistics import fmean
+from typing import Any, TypedDict
 
+import numpy as np
 from jinja2 import Environment, PackageLoader
+from matplotlib.axes import Axes
+from numpy.typing import NDArray
 
+from meal_bayes.arrays import Bools
 from meal_bayes.canvas import render
-from meal_bayes.display import AMOUNT
+from meal_bayes.display import AMOUNT, ERROR_TEXT, FRACTION, percent
 from meal_bayes.errors import SettingsError
-from meal_bayes.evaluation.logged import LoggedOutcomes
-from meal_bayes.evaluation.page import Section
-from meal_bayes.evaluation.sections import finding_of, sections_of
-from meal_bayes.evaluation.summary import estimate_mean
-from meal_bayes.evaluation.worst import (
-    WORST,
+from meal_bayes.evaluation import plots
+from meal_bayes.evaluation.learning import POOLED
+from meal_bayes.evaluation.logged import (
+    TEST,
+    TRAINING,
     AgentPart,
+    LoggedOutcomes,
     ShownTrial,
-    lab_sections,
-    live_trials,
-    search_finding,
-    searches_section,
-    shown_rows,
-    trial_content,
-    verdict_of,
-    worst_of,
-    worst_section,
+    ShownTrials,
+    worst_first,
 )
-from meal_bayes.files import check_output, checked_path, write_whole
-from meal_bayes.palette import reference_agent
+from meal_bayes.evaluation.statistics import MASS_TEXT, Interval, clustered
+from meal_bayes.evaluation.summary import (
+    Comparison,
+    SummaryRow,
+    accuracy_text,
+    comparisons,
+    estimate_mean,
+    no_better_than_prior,
+    reward_text,
+    summarize,
+)
+from meal_bayes.files import check_output, checked_path, command_line, write_whole
+from meal_bayes.palette import ordered_agents, reference_agent
 from meal_bayes.trial_log import Group, Logs
-from meal_bayes.trials import TrialOutcomes
+from meal_bayes.trial_log.names import begun_text
+from meal_bayes.trials import BatchOutcomes, Trial, TrialOutcomes
 from meal_bayes.trials.outcomes import HOUR
-from meal_bayes.trials.text import UNKNOWN, outcome_facts, trial_reward_text
+from meal_bayes.trials.percept_text import attribute_labels
+from meal_bayes.trials.text import (
+    UNKNOWN,
+    last_label,
+    outcome_facts,
+    trial_reward_text,
+    verdict_word,
+)
 
+_FEW = 10  # trials, below which a bar is gray
+_LISTED = 200  # trials of one list
+_NAMED = 4  # agents that a title names
+_BLOCK = 5  # least trials of a block of a lab's curve
+_BLOCKS = 10  # of them at most
 _SHORT = 0.1  # h, below which a time is shown in s
+
+
+class MarkedCell(TypedDict, total=False):
+    """A cell that is more than text."""
+
+    text: str
+    best: bool  # in bold
+    right: bool  # a verdict, in the color of right or wrong
+    bar: float  # from 0 to 1, beside the text;
+    low: float  # its interval, where there is one,
+    high: float
+    few: bool  # and whether it is of few trials
+
+
+Cell = str | MarkedCell
+
+
+class Table(TypedDict, total=False):
+    """A table, under its note."""
+
+    head: Sequence[str]
+    rows: Sequence[Sequence[Cell]]
+    texts: Sequence[int]  # columns that are aligned as text
+    note: str
+
+
+class Section(TypedDict, total=False):
+    """A section of a page, or a part of one; every entry but the title may be left out."""
+
+    title: str
+    lead: str  # which trials it counts
+    says: str  # what it shows, on every page
+    kind: str  # "warning", or "small" where the figures are
+    text: str
+    problems: Sequence[str]
+    command: str
+    code: str
+    figures: Sequence[tuple[Axes, str]]  # with captions, which are the alternative texts as well
+    wide: bool  # figures as wide as the page, before the tables
+    tables: Sequence[Table]
+    parts: Sequence["Section"]  # shown folded,
+    opened: bool  # but for a part that is opened
+    verdict: str  # of a part, before its title,
+    right: bool  # whose color shows whether it is "right"
 
 
 def write_report(
@@ -49,7 +123,7 @@ def write_report(
 ) -> TrialOutcomes:
     """Read logs as far as they can be read, write one self-contained HTML page, return outcomes.
 
-    Of an online run, tests after the last batch are the measures; the curve has all batches.
+    Of an online run, tests after the last batch are the measures; the curves have all batches.
 
     Parameters
     ----------
@@ -71,7 +145,7 @@ def write_report(
     """
     path = checked_path("The report", path)
     check_output(path, inputs=logs.files)
-    trials = _Shown()
+    trials = ShownTrials()
     files = set[Path]()
 
     def take(group: Group) -> None:
@@ -91,26 +165,9 @@ def write_report(
     return logged.outcomes
 
 
-class _Shown:
-    """The trials that are shown by themselves: the worst, the first, those of a robot's lab."""
-
-    def __init__(self) -> None:
-        self.worst: dict[AgentPart, Sequence[ShownTrial]] = {}
-        self.live = list[ShownTrial]()
-        self.first: ShownTrial | None = None
-
-    def take(self, group: Group) -> None:
-        """Choose from the trials of a group."""
-        self.worst = worst_of(self.worst, group)
-        self.live += live_trials(group)
-        if self.first is None:
-            (self.first,) = shown_rows(group, [0])
-
-
-def _page(logged: LoggedOutcomes, trials: _Shown, logs: Logs, reference: str) -> str:
+def _page(logged: LoggedOutcomes, trials: ShownTrials, logs: Logs, reference: str) -> str:
     """Return the page as HTML."""
     sections = list[Section]()
-    searches = list(logs.searches())
     if logs.problems:
         says = (
             "Some of the logs are damaged or unfinished; this page shows what can be read of them."
@@ -118,22 +175,14 @@ def _page(logged: LoggedOutcomes, trials: _Shown, logs: Logs, reference: str) ->
         sections.append(
             {"title": "Warning", "says": says, "kind": "warning", "problems": logs.problems}
         )
-    if len(logged.outcomes) == 1 and trials.first is not None and not logged.searched:
-        head = _single(trials.first)
-        if trials.first.trial is not None:
-            content = trial_content(trials.first, trials.first.trial)
-            sections.append({**content, "title": "The trial"})
+    if len(logged.outcomes) == 1:
+        (only,) = trials.newest
+        head = _single(only)
+        if only.trial is not None:
+            sections.append({**_trial_content(only, only.trial), "title": "The trial"})
     else:
         head = _many(logged, logs)
-        sections += lab_sections(trials.live) if trials.live else []
-        sections += sections_of(logged, reference)
-        sections.append(_worst(logged, trials))
-    if logged.searched:
-        sections = [section for section in sections if not section.get("measures")]
-    if searches:
-        sections.insert(bool(logs.problems), searches_section(searches))
-        finding = "" if logged.searched else head.get("finding", "")
-        head["finding"] = f"{search_finding(searches)} {finding}".strip()
+        sections += _sections(logged, trials, reference)
     # A title above nothing would read as a finding.
     sections = [section for section in sections if _says_something(section)]
     sections.append({"title": "The run", "parts": _run(logs)})
@@ -145,6 +194,23 @@ def _page(logged: LoggedOutcomes, trials: _Shown, logs: Logs, reference: str) ->
     return template.render(**head, blocks=sections) + "\n"
 
 
+def _sections(logged: LoggedOutcomes, trials: ShownTrials, reference: str) -> Iterator[Section]:
+    """Yield the sections about many trials, in the order of a reader's questions."""
+    measured = logged.measured().outcomes
+    rows = _summaries(logged)
+    agents = {row.agent or "agent": measured.of_agent(row.agent) for row in rows}
+    lead = logged.heading
+    yield {**_agents(rows, agents, measured, reference), "lead": lead}
+    yield from _learning(logged.batches())
+    if trials.lab:
+        yield from _progress(logged.outcomes)
+    yield {**_calibration(rows, logged), "lead": lead}
+    yield _telling(logged, trials, rows)
+    yield {**_attributes(agents), "lead": lead}
+    yield {**_behaviors(agents), "lead": lead}
+    yield _all_trials(logged, trials)
+
+
 def _says_something(section: Section) -> bool:
     """Return whether a section has content beside its title and what it says of trials."""
     tables = section.get("tables", ())
@@ -152,39 +218,19 @@ def _says_something(section: Section) -> bool:
     return filled or any(section.get(name) for name in ("problems", "figures", "parts", "code"))
 
 
-def _worst(logged: LoggedOutcomes, trials: _Shown) -> Section:
-    """Return the worst of the trials that measure each agent, the best agent first."""
-    measured = logged.measured()
-    by_agent = []
-    for agent in measured.outcomes.agents:
-        rows = measured.outcomes.agent == agent
-        batches = measured.batch[rows].tolist()
-        parts = measured.part[rows].tolist()
-        keys = {AgentPart(agent, *pair) for pair in zip(batches, parts, strict=True)}
-        entries = [entry for key in sorted(keys) for entry in trials.worst.get(key, ())]
-        if entries:
-            reward = estimate_mean(measured.outcomes.rows(rows), "reward").estimate
-            by_agent.append((reward, agent, entries[:WORST]))
-    # Baselines lose many trials; what the best agent loses is what a reader can learn from.
-    best_first = sorted(by_agent, key=lambda entry: -entry[0])
-    return worst_section([(agent, entries) for _, agent, entries in best_first])
-
-
 def _single(shown_trial: ShownTrial) -> dict[str, Any]:
     """Return title, source and facts of a page about one trial."""
     facts = outcome_facts(shown_trial.outcome, 0)
-    question = (
-        shown_trial.trial.task.question if shown_trial.trial is not None else facts["question"]
-    )
+    unjudged = "none" if shown_trial.outcome.ended[0] else UNKNOWN
     cards = {
         "answer": facts["answer"],
         "truth": facts["truth"] or "unknown",
-        "verdict": verdict_of(shown_trial) or ("none" if shown_trial.outcome.ended[0] else UNKNOWN),
+        "verdict": _verdict_of(shown_trial.outcome, 0) or unjudged,
         "seconds": f"{shown_trial.outcome.cost[0]:{AMOUNT}}",
         "reward": trial_reward_text(float(shown_trial.outcome.reward[0])),
     }
     return {
-        "title": question,
+        "title": shown_trial.question,
         "source": f"{facts['object']}, {facts['agent']}, from {shown_trial.file.name}",
         "facts": cards,
     }
@@ -211,10 +257,12 @@ def _many(logged: LoggedOutcomes, logs: Logs) -> dict[str, Any]:
         facts["hours of robot time"] = f"{hours:.1f}"
     else:
         facts["seconds of robot time"] = f"{HOUR * hours:{AMOUNT}}"
+    agents = ordered_agents(outcomes.agents)
+    title = f"{len(agents)} agents" if len(agents) > _NAMED else _joined(agents)
     return {
-        "title": f"Trials on {name}" if isinstance(name, str) else "Trials",
+        "title": (title or "Trials") + (f" on {name}" if isinstance(name, str) else ""),
         "source": source,
-        "finding": finding_of(logged),
+        "finding": _finding(logged),
         "facts": facts,
     }
 
@@ -227,3 +275,506 @@ def _run(logs: Logs) -> list[Section]:
         {"title": "Configuration and versions", "code": header},
         {"title": "Logs", "tables": [{"head": ["file", "bytes"], "rows": files}]},
     ]
+
+
+def _joined(names: Sequence[str]) -> str:
+    """Return names as in a sentence.
+
+    >>> _joined(["morc"]), _joined(["morc", "greedy", "bayes"])
+    ('morc', 'morc, greedy and bayes')
+    """
+    return " and ".join(filter(None, (", ".join(names[:-1]), *names[-1:])))
+
+
+def _finding(logged: LoggedOutcomes) -> str:
+    """Say who is ahead of whom by how much, or that it cannot be said."""
+    measured = logged.measured().outcomes
+    rows = [row for row in _summaries(logged) if not math.isnan(row.reward)]
+    if not rows:
+        return ""
+    best = max(rows, key=lambda row: row.reward)
+    if len(rows) == 1:
+        right = f"is right in {best.accuracy:.1%} of {best.judged:,} trials"
+        return f"{best.agent or 'The agent'} {right} and earns {best.reward:{AMOUNT}} a trial."
+    try:
+        others = comparisons(measured, reference=best.agent)
+    except SettingsError as fault:  # tasks that do not pair
+        return f"It cannot be said who is ahead. {fault}"
+    behind = [_gain_text(row) for row in others if row.verdict == "behind"]
+    level = [_gain_text(row) for row in others if row.verdict != "behind" and row.tasks]
+    apart = [row.agent for row in others if not row.tasks]
+    if len(apart) == len(others):
+        names = _joined(ordered_agents(measured.agents))
+        return f"It cannot be said who is ahead: {names} were not given the same tasks."
+    parts = [f"{best.agent} is ahead of {_joined(behind)}."] if behind else []
+    if level:
+        parts.append(f"It cannot be said whether {best.agent} is ahead of {_joined(level)}.")
+    parts.append(
+        f"These are differences in the mean reward on the same tasks, with {MASS_TEXT} intervals."
+    )
+    if apart:
+        verb = "shares" if len(apart) == 1 else "share"
+        parts.append(f"{_joined(apart)} {verb} no task with {best.agent}.")
+    return " ".join(filter(None, (*parts, no_better_than_prior(measured))))
+
+
+def _gain_text(row: Comparison) -> str:
+    """Return an agent, and by how much the reference is ahead of it."""
+    lead = -Interval(row.difference, math.nan, row.low, row.high)
+    return f"{row.agent} (by {lead.text(signed=True)})"
+
+
+def _number(value: float, form: str = FRACTION) -> str:
+    return "-" if math.isnan(value) else f"{value:{form}}"
+
+
+def _counted(row: SummaryRow, broken: int) -> str:
+    """Return how many trials there are, and how many of them are not judged, and why."""
+    facts = {UNKNOWN: row.trials - row.judged - broken, "broken off": broken}
+    return f"{row.trials:,}" + "".join(f", {n:,} {why}" for why, n in facts.items() if n)
+
+
+def _agents(
+    rows: Sequence[SummaryRow],
+    agents: Mapping[str, TrialOutcomes],
+    outcomes: TrialOutcomes,
+    reference: str,
+) -> Section:
+    head = ["agent", "trials", "accuracy", "cost, s (sd)", "reward", "NLL", "ECE", "abstained"]
+    texts = [
+        [
+            name,
+            _counted(row, int((part.ended != "").sum())),
+            accuracy_text(row),
+            f"{row.cost_s:{AMOUNT}} ({_number(row.cost_sd, AMOUNT)})",
+            reward_text(row),
+            _number(row.nll),
+            _number(row.ece),
+            f"{_number(100 * row.abstained, '.1f')} %",
+        ]
+        for row, (name, part) in zip(rows, agents.items(), strict=True)
+    ]
+    # Neither cost nor ECE has a best: both are low where an agent does nothing.
+    best = {
+        "accuracy": best_of([float(f"{row.accuracy:{FRACTION}}") for row in rows]),
+        "reward": best_of([float(f"{row.reward:{AMOUNT}}") for row in rows]),
+        "NLL": best_of([-round(row.nll, 3) for row in rows]),
+    }
+    cells: list[list[Cell]] = [list(row_texts) for row_texts in texts]
+    for measure, best_rows in best.items():
+        column = head.index(measure)
+        for index in best_rows:
+            cells[index][column] = {"text": texts[index][column], "best": True}
+    table: Table = {"head": head, "rows": cells}
+    figures = []
+    if max(map(len, agents.values())) > 1:
+        points = {
+            name: (
+                estimate_mean(part, "success").interval(),
+                estimate_mean(part, "cost").interval(),
+            )
+            for name, part in agents.items()
+            if part.judged.any()
+        }
+        if points:
+            caption = f"Accuracy over mean cost with {MASS_TEXT} intervals; objects are clusters."
+            figures.append((plots.accuracy_and_cost(points), caption))
+        whole = {name: part.cost[part.ended == ""] for name, part in agents.items()}
+        costs = {name: of_agent for name, of_agent in whole.items() if len(of_agent)}
+        if costs:
+            caption = "Fraction of trials that cost at most so many seconds."
+            figures.append((plots.cost_distribution(costs), caption))
+    tables = [*_differences(outcomes, reference), table] if len(rows) > 1 else [table]
+    return {
+        "title": "Who is ahead" if len(rows) > 1 else "The agent",
+        "says": "A trial counts as right when all its attributes are; one that abstained does not. "
+        f"[{MASS_TEXT} interval], {ERROR_TEXT}, objects drawn as wholes. NLL (nats) and ECE are of "
+        "the final belief. Bold: best accuracy, reward and NLL.",
+        "tables": tables,
+        "figures": figures,
+    }
+
+
+def best_of(merits: Sequence[float]) -> set[int]:
+    """Return the positions of the largest merit; none where all are equal or unknown."""
+    values = {merit for merit in merits if not math.isnan(merit)}
+    return {n for n, merit in enumerate(merits) if len(values) > 1 and merit == max(values)}
+
+
+def _differences(outcomes: TrialOutcomes, reference: str) -> Iterator[Table]:
+    """Compare every agent with the reference, on the tasks that both have."""
+    try:
+        by_measure = {
+            measure: comparisons(outcomes, measure=measure, reference=reference)
+            for measure in ("reward", "cost", "success")
+        }
+    except SettingsError as fault:
+        yield {"head": [], "rows": [], "note": f"It cannot be said who is ahead. {fault}"}
+        return
+    cells = []
+    for columns in zip(*by_measure.values(), strict=True):
+        reward, cost, success = columns
+        if reward.tasks:
+            forms = (AMOUNT, AMOUNT, FRACTION)
+            texts = [
+                Interval(row.difference, math.nan, row.low, row.high).text(form, signed=True)
+                for row, form in zip((reward, cost, success), forms, strict=True)
+            ]
+            cells.append([reward.agent, reward.verdict, f"{reward.tasks:,}", *texts])
+    apart = [row.agent for row in by_measure["reward"] if not row.tasks]
+    note = f"Differences to {reference} on the same tasks, with {MASS_TEXT} intervals. "
+    note += "The verdict is about the reward: costs and wrong answers lower it."
+    if apart:
+        verb = "shares" if len(apart) == 1 else "share"
+        nothing = f"{_joined(apart)} {verb} no task with {reference}."
+        note = f"{note} {nothing}" if cells else nothing
+    head = [
+        "agent", "verdict", "tasks", f"reward difference to {reference}", "cost difference, s",
+        "accuracy difference",
+    ]  # fmt: skip
+    yield {"head": head if cells else [], "rows": cells, "texts": (1,), "note": note}
+
+
+def _summaries(logged: LoggedOutcomes) -> list[SummaryRow]:
+    """Summarize the trials that measure each agent; ECE pools the tests after some batches."""
+    measured = logged.measured()
+    # ECE of few beliefs is biased up: it pools the tests after some batches, as the terminal does.
+    pooled = logged.measured(POOLED).outcomes
+    rows = {row.agent: row for row in summarize(measured.outcomes)}
+    for row in summarize(pooled):
+        rows[row.agent] = dataclasses.replace(
+            rows[row.agent], ece=row.ece, ece_calibrated=row.ece_calibrated
+        )
+    return [rows[name] for name in ordered_agents(rows)]
+
+
+def _learning(results: Sequence[BatchOutcomes]) -> Iterator[Section]:
+    """Yield the learning curves, where an agent has tests after two batches."""
+    curves = []
+    for name in ordered_agents(result.agent for result in results):
+        of_agent = [result for result in results if result.agent == name]
+        points = []
+        for batch in sorted({result.batch for result in of_agent}):
+            tests = [result for result in of_agent if result.batch == batch]
+            joined = TrialOutcomes.join([result.outcomes for result in tests])
+            if joined.judged.any():
+                accuracy = estimate_mean(joined, "success").interval()
+                hours = fmean(result.hours for result in tests)
+                points.append((hours, accuracy.estimate, accuracy.low, accuracy.high))
+        if len(points) > 1:
+            curves.append(plots.Series(name or "agent", *np.transpose(points)))
+    if curves:
+        text = (
+            "Accuracy of each batch's tests over the mean hours of exploration before it, "
+            f"{MASS_TEXT} band, objects drawn as wholes."
+        )
+        yield {"title": "Learning", "figures": [(plots.learning_curve(curves), text)]}
+
+
+def _progress(outcomes: TrialOutcomes) -> Iterator[Section]:
+    """Yield the accuracy over the number of trials, a curve for each agent, in blocks.
+
+    Only agents with enough trials of known truth have a curve.
+    """
+    curves = []
+    for name in ordered_agents(outcomes.agents):
+        of_agent = outcomes.of_agent(name)
+        judged = np.flatnonzero(of_agent.judged)
+        blocks = min(len(judged) // _BLOCK, _BLOCKS)
+        if blocks < 2:
+            continue
+        points = []
+        # Blocks do not overlap: their errors are independent but for objects.
+        for rows in np.array_split(judged, blocks):
+            accuracy = estimate_mean(of_agent.rows(rows), "success").interval()
+            points.append((rows.mean() + 1, accuracy.estimate, accuracy.low, accuracy.high))
+        curves.append(plots.Series(name or "agent", *np.transpose(points)))
+    if curves:
+        drawn = plots.lines(
+            curves, x_label="trials of the agent so far", y_label="accuracy (fraction of trials)"
+        )
+        drawn.set_ylim(-0.02, 1.02)
+        text = (
+            f"Accuracy of each agent's trials whose truth is known, in blocks; {MASS_TEXT} band, "
+            "objects drawn as wholes."
+        )
+        yield {"title": "Learning", "figures": [(drawn, text)]}
+
+
+def _calibration(rows: Sequence[SummaryRow], logged: LoggedOutcomes) -> Section:
+    figures = []
+    pooled = logged.measured(POOLED).outcomes
+    for row in rows:
+        if not math.isnan(row.ece):
+            beliefs = pooled.of_agent(row.agent).beliefs()
+            drawn = plots.reliability_diagram(*beliefs, small=True, agent=row.agent)
+            caption = f"{row.agent}: ECE {row.ece:.3f}, if calibrated {row.ece_calibrated:.3f}"
+            figures.append((drawn, caption))
+    return {
+        "title": "Calibration",
+        "says": "Of all attributes with a final belief of 80 %, 80 % should be true: points on "
+        f"the diagonal. Bars are {MASS_TEXT} intervals, gray columns the fraction of beliefs in "
+        "each bin. The second number of a caption is the expected calibration error (ECE) that "
+        "calibrated beliefs of the same values would show.",
+        "figures": figures,
+        "kind": "small",
+    }
+
+
+def _telling(logged: LoggedOutcomes, trials: ShownTrials, rows: Sequence[SummaryRow]) -> Section:
+    """Return three trials of the agent that earns most, whole; the newest where no truth is known.
+
+    Baselines lose many trials; what the best agent loses is what a reader can learn from.
+    """
+    measured = logged.measured()
+    known = [row for row in rows if not math.isnan(row.reward)]
+    entries = list[tuple[str, ShownTrial]]()
+    name = ""
+    if known:
+        name = max(known, key=lambda row: row.reward).agent
+        of_agent = measured.outcomes.agent == name
+        batches = measured.batch[of_agent].tolist()
+        parts = measured.part[of_agent].tolist()
+        places = {AgentPart(name, *pair) for pair in zip(batches, parts, strict=True)}
+        entries = trials.telling(sorted(places))
+    whose = f"{name or 'the agent'}" + (", which earns most" if len(known) > 1 else "")
+    says = (
+        f"Trials of {whose}: with the lowest reward, the right answer that cost most, and the "
+        "highest reward."
+    )
+    if not entries:
+        entries = [("newest", shown) for shown in reversed(trials.newest)]
+        says = "The newest trials; the truth of none is known."
+    section: Section = {
+        "title": "Three telling trials" if len(entries) == 3 else "Telling trials",
+        "says": says,
+        "parts": [
+            {**_trial_section(shown, why), "opened": number == 0}
+            for number, (why, shown) in enumerate(entries)
+        ],
+    }
+    if any(shown.trial is None for _, shown in entries):
+        section["text"] = "A compact log holds no steps; of its trials there is the outcome."
+    return section
+
+
+def _all_trials(logged: LoggedOutcomes, trials: ShownTrials) -> Section:
+    """Return the lists of all trials, folded, tests apart from training trials."""
+    last = logged.last_batch
+    tested = logged.part == TEST
+    parts = {"Trials": logged.part == ""}
+    if last is not None:
+        parts[f"Tests after batch {last}"] = tested & (logged.batch == last)
+        parts["Tests after other batches"] = tested & (logged.batch != last)
+    parts["Training trials"] = logged.part == TRAINING
+    lists = [
+        _list(title, np.flatnonzero(rows), logged, trials)
+        for title, rows in parts.items()
+        if rows.any()
+    ]
+    order = "the newest first" if trials.lab else "the lowest reward first"
+    return {"title": "All trials", "says": f"In each list {order}.", "parts": lists}
+
+
+def _list(
+    title: str, rows: NDArray[np.intp], logged: LoggedOutcomes, trials: ShownTrials
+) -> Section:
+    """Return a list of trials: those of a lab newest first, of a run the lowest reward first."""
+    outcomes = logged.outcomes.rows(rows)
+    places = [trials.places[row] for row in rows.tolist()]
+    if trials.lab:
+        # Names of a lab's logs begin with the time, so that their order is that of the trials.
+        order = sorted(
+            range(len(rows)), key=lambda n: (places[n].file.name, places[n].number), reverse=True
+        )
+    else:
+        worst = worst_first(outcomes).tolist()
+        order = [*worst, *np.setdiff1d(np.arange(len(rows)), worst).tolist()]
+    cells = []
+    for n in order[:_LISTED]:
+        facts = outcome_facts(outcomes, n)
+        place = places[n]
+        verdict: Cell = "-"
+        word = _verdict_of(outcomes, n)
+        if word:
+            verdict = {"text": word, "right": bool(outcomes.success[n] == 1)}
+        begun = (
+            begun_text(place.file) or "-" if trials.lab else f"{place.file.name}, {place.number}"
+        )
+        cells.append(
+            [
+                begun,
+                facts["agent"] or "agent",
+                verdict,
+                facts["object"],
+                place.question,
+                facts["answer"],
+                percent(float(outcomes.certainty[n])),
+                f"{outcomes.cost[n]:{AMOUNT}}",
+                _number(float(outcomes.reward[n]), AMOUNT),
+                facts["truth"],
+            ]
+        )
+    head = [
+        "time (UTC)" if trials.lab else "log, trial", "agent", "verdict", "object", "question",
+        "answer", "belief", "cost, s", "reward", "truth",
+    ]  # fmt: skip
+    table: Table = {"head": head, "rows": cells, "texts": (1, 2, 3, 4, 5, 9)}
+    if len(rows) > _LISTED:
+        table["note"] = f"The first {_LISTED} of {len(rows):,} trials."
+    return {"title": f"{title}: {len(rows):,}", "tables": [table]}
+
+
+def _verdict_of(outcomes: TrialOutcomes, row: int) -> str:
+    """Return whether a trial's answer is right, that it abstained, or "" where nobody knows."""
+    if not outcomes.answered[row]:
+        return "" if outcomes.ended[row] else "abstained"
+    if not outcomes.judged[row]:
+        return ""
+    return verdict_word(bool(outcomes.success[row]))
+
+
+def _trial_section(shown: ShownTrial, why: str) -> Section:
+    """Return a trial as a part of a section, its verdict before its title."""
+    facts = outcome_facts(shown.outcome, 0)
+    title = f"{why}: {shown.question} {facts['object']}, {facts['agent']}: {facts['answer']}"
+    section: Section = {
+        "title": f"{title}; {facts['cost']}",
+        "verdict": _verdict_of(shown.outcome, 0),
+        "right": bool(shown.outcome.success[0] == 1),
+    }
+    if shown.trial is None:
+        text = f"trial {shown.number} of {shown.file}; truth: {facts['truth']}"
+        return {**section, "text": text}
+    return {**section, **_trial_content(shown, shown.trial)}
+
+
+def _trial_content(shown_trial: ShownTrial, trial: Trial) -> Section:
+    """Return the picture of a trial and the table of its steps."""
+    caption = (
+        "What it did and believed, and what going on was worth over answering now; circles are "
+        "the truth."
+    )
+    gaps = any(step.decision.gap is not None for step in trial.steps)
+    names = trial.task.query.value_names
+    head = ["", "behavior", "s", *names, *(["gap"] if gaps else [])]
+    table: Table = {
+        "head": head,
+        "rows": list(_steps(trial, gaps=gaps)),
+        "texts": (1, *range(3, 3 + len(names))),
+        "note": "Of each attribute: what the percept said, and the belief after it."
+        + (" A gap is the reward that the best action may be worth more, at most." if gaps else ""),
+    }
+    facts = outcome_facts(shown_trial.outcome, 0)
+    return {
+        "text": f"truth: {facts['truth']}",
+        "command": command_line(
+            "meal-bayes view", shown_trial.file, "--trial", str(shown_trial.number)
+        ),
+        "tables": [table],
+        "figures": [(plots.trial_picture(trial), caption)] if trial.steps else [],
+        "wide": True,
+    }
+
+
+def _steps(trial: Trial, *, gaps: bool) -> Iterator[list[str]]:
+    momdp = trial.momdp
+    for number, step in enumerate(trial.steps, start=1):
+        action = step.decision.action
+        beliefs = [percent(p) for p in step.belief.positive.tolist()]
+        words = [""] * len(beliefs)
+        if step.observation is not None:
+            words = attribute_labels(momdp, action, step.observation)
+        label = last_label(trial, action)
+        if step.warning:
+            label += f" ({step.warning})"
+        cells = [f"{word}, {p}" if word else p for word, p in zip(words, beliefs, strict=True)]
+        row = [str(number), label, f"{step.cost:g}", *cells]
+        if gaps:
+            gap = step.decision.gap
+            row.append("" if gap is None else f"{gap:{AMOUNT}}")
+        yield row
+
+
+def _attributes(agents: Mapping[str, TrialOutcomes]) -> Section:
+    counts = Counter[str]()
+    for outcomes in agents.values():
+        counts.update(outcomes.attribute[_answerable(outcomes)].tolist())
+    trials = {
+        attribute: [_right(outcomes, attribute) for outcomes in agents.values()]
+        for attribute in sorted(counts, key=lambda name: (-counts[name], name))
+    }
+    cells = []
+    for attribute, columns in trials.items():
+        numbers = sorted({len(right) for right, _ in columns if len(right)})
+        counted = "-".join(f"{n:,}" for n in (numbers[0], numbers[-1])[: len(numbers)])
+        row: list[Cell] = [attribute, counted]
+        for right, objects in columns:
+            if not len(right):
+                row.append("-")
+                continue
+            estimate, _, low, high = clustered(right, objects, fraction=True).interval()
+            few = len(right) < _FEW
+            text = f"{estimate:{FRACTION}}"
+            row.append({"text": text, "bar": estimate, "low": low, "high": high, "few": few})
+        cells.append(row)
+    weak = _least_right(trials)
+    head = ["attribute", "trials an agent", *agents]
+    return {
+        "title": "Attributes",
+        "says": f"Fraction of right answers in each attribute, with its {MASS_TEXT} interval as a "
+        f"line on the bar; gray: fewer than {_FEW} trials. An agent that abstained was not right.",
+        "text": weak,
+        "tables": [{"head": head, "rows": cells}],
+    }
+
+
+def _least_right(trials: Mapping[str, Sequence[tuple[Bools, NDArray[np.object_]]]]) -> str:
+    """Say which attributes are answered rightly least often, by the agent that is best at each."""
+    best = {
+        attribute: max(float(right.mean()) for right, _ in columns if len(right))
+        for attribute, columns in trials.items()
+        if any(len(right) for right, _ in columns)
+    }
+    weak = sorted((name for name in best if best[name] < 1), key=lambda name: best[name])[:3]
+    if not weak:
+        return ""
+    told = _joined([f"{name} ({best[name]:.0%})" for name in weak])
+    return (
+        f"Answers are right least often about {told}: labels of more objects help there most, or a "
+        "behavior that perceives them."
+    )
+
+
+def _answerable(outcomes: TrialOutcomes) -> Bools:
+    """Return whether the truth of each attribute is known, of trials that ended, (n,N)."""
+    return np.asarray((outcomes.truth >= 0) & (outcomes.ended == "")[:, None])
+
+
+def _right(outcomes: TrialOutcomes, attribute: str) -> tuple[Bools, NDArray[np.object_]]:
+    """Return whether an attribute was answered rightly in each trial, and the objects, (M,)."""
+    answerable = _answerable(outcomes) & (outcomes.attribute == attribute)
+    right = (outcomes.report == outcomes.truth) & answerable
+    trials = answerable.any(axis=1)
+    return right.any(axis=1)[trials], outcomes.object_name[trials]
+
+
+def _behaviors(agents: Mapping[str, TrialOutcomes]) -> Section:
+    counts = [
+        (outcomes.executed.sum(axis=0), outcomes.failed.sum(axis=0)) for outcomes in agents.values()
+    ]
+    cells = []
+    for column, behavior in enumerate(next(iter(agents.values())).behaviors):
+        row: list[Cell] = [behavior]
+        for executed, failed in counts:
+            n = executed[column]
+            text = f"{n:,} ({failed[column] / max(n, 1):.0%})"
+            fraction = n / max(executed.sum(), 1)
+            row.append({"text": text, "bar": fraction} if n else "-")
+        cells.append(row)
+    return {
+        "title": "Behaviors",
+        "says": "Executions, and in brackets how many of them were without a percept. A bar is the "
+        "behavior's fraction of all that the agent executed; full is all.",
+        "tables": [{"head": ["behavior", *agents], "rows": cells}],
+    }

@@ -43,7 +43,7 @@ def test_an_export_does_not_replace_its_table(table, fails):
 @pytest.mark.parametrize(
     ("words", "work"),
     [
-        (("report", "{log}", "-o", "file/a.html"), "meal_bayes.evaluation.report.worst_of"),
+        (("report", "{log}", "-o", "file/a.html"), "meal_bayes.evaluation.logged.telling_merits"),
         (("export", "file/a.pomdp", "--query", "red", *OWN), "meal_bayes.datasets.load_percepts"),
         (("posterior", "--out", "file/p", *OWN), "meal_bayes.posterior.draws.draw_grid"),
         (("data", "percepts", "--dataset", "kitchen.toml", "--root", ".", "--out", "file/a.npz"),

@@ -161,10 +161,12 @@ def test_a_report_of_an_online_run_measures_tests_after_the_last_batch(online, t
     terminal = summarize_learning(
         [r for name in ("iterative_morc", "bayes") for r in results if r.agent == name]
     )
-    (difference,) = (row for row in cells(text) if len(row) == 3 and row[0] == "bayes")
-    assert difference[1].split()[0] == f"{terminal[1].reward_after_difference:+.1f}" == "+30.0"
+    (difference,) = (row for row in cells(text) if len(row) == 6 and row[0] == "bayes")
+    assert difference[3].split()[0] == f"{terminal[1].reward_after_difference:+.1f}" == "+30.0"
     headings = re.findall(r'<h2>([^<]*)</h2>\s*<p class="lead">(.*?)</p>', text)
-    assert [title for title, _ in headings] == ["Agents", "Calibration", "Attributes", "Behaviors"]
+    assert [title for title, _ in headings] == [
+        "Who is ahead", "Calibration", "Attributes", "Behaviors"
+    ]  # fmt: skip
     for _, lead in headings:
         assert lead.startswith(f"Tests after batch 3; ECE is of the tests after the last {POOLED}")
         assert "The 144 trials of training and of earlier tests are not counted." in lead
@@ -187,9 +189,9 @@ def test_the_other_reference_changes_every_sign(online, tmp_path, cells):
         (row,) = (
             row
             for row in cells((tmp_path / "r.html").read_text())
-            if len(row) == 3 and row[0] == other
+            if len(row) == 6 and row[0] == other
         )
-        shown[reference] = row[1:]
+        shown[reference] = row[3:]
     turned = [cell.translate(str.maketrans("+-", "-+")) for cell in shown["iterative_morc"]]
     for cell, expected in zip(shown["bayes"], turned, strict=True):
         numbers, others = (re.findall(r"[+-][\d.]+", text) for text in (cell, expected))

@@ -12,10 +12,9 @@ import pytest
 
 from meal_bayes.errors import LogError
 from meal_bayes.evaluation import compare, summarize
+from meal_bayes.evaluation.logged import DEAREST, GAIN, LOSS, AgentPart, ShownTrials
 from meal_bayes.evaluation.plots import trial_picture
-from meal_bayes.evaluation.report import write_report
-from meal_bayes.evaluation.sections import best_of
-from meal_bayes.evaluation.worst import WORST, worst_of
+from meal_bayes.evaluation.report import best_of, write_report
 from meal_bayes.learner.api import ask
 from meal_bayes.palette import ordered_agents
 from meal_bayes.trial_log import Feedback, Group, Logs, TrialWriter, write_trials
@@ -82,38 +81,71 @@ def test_attributes_and_behaviors_are_counted(trials, page, cells):
     assert any(cell.startswith(f"{looks} (") for cell in rows["look"][1:])
 
 
-def test_the_worst_trials_of_each_agent_come_first(trials):
-    chosen = {}
+def test_three_trials_of_an_agent_tell_most(trials):
+    shown = ShownTrials()
     for at in range(0, len(trials), 7):
         part = tuple(trials[at : at + 7])
         places = tuple(range(at, at + len(part)))
-        chosen = worst_of(chosen, Group({}, Path("a.mcap"), places, TrialOutcomes.of(part), part))
-    assert set(chosen) == {(agent, -1, "") for agent in AGENTS}
-    for (agent, _, _), worst in chosen.items():
-        rewards = sorted(trial.reward for trial in trials if trial.agent == agent)
-        assert [bad.trial.reward for bad in worst] == pytest.approx(rewards[:WORST], abs=1)
-        assert worst[0].trial.reward == rewards[0]
-        for bad in worst:
-            assert trials[bad.number] is bad.trial
-            assert bad.outcome.reward == bad.trial.reward
+        shown.take(Group({}, Path("a.mcap"), places, TrialOutcomes.of(part), part))
+    assert [place.number for place in shown.places] == list(range(len(trials)))
+    for agent in AGENTS:
+        of_agent = [trial for trial in trials if trial.agent == agent]
+        right = [trial for trial in of_agent if trial.success]
+        telling = shown.telling([AgentPart(agent, -1, "")])
+        assert len(telling) == 3
+        assert len({entry.number for _, entry in telling}) == 3
+        expected = {LOSS: min(trial.reward for trial in of_agent)}
+        if right:
+            expected |= {
+                DEAREST: max(right, key=lambda trial: trial.cost).reward,
+                GAIN: max(trial.reward for trial in right),
+            }
+        for kind, entry in telling:
+            assert trials[entry.number] is entry.trial
+            assert entry.trial.agent == agent
+            if kind in expected:
+                assert entry.trial.reward == pytest.approx(expected[kind])
 
 
-def test_it_says_first_who_earns_most(trials, page):
+def test_it_says_first_who_is_ahead_and_of_whom_that_cannot_be_said(trials, page):
     finding = html.unescape(re.search(r'<p class="finding">(.*?)</p>', page.read_text())[1])
     best = max(summarize(trials), key=lambda row: row.reward)
-    assert finding.startswith(f"{best.agent} earns {best.reward:.1f} a trial, the most; ")
     for agent in set(AGENTS) - {best.agent}:
-        less = compare(trials, agent, best.agent)
-        group = "ahead of" if less.high < 0 else "not told apart from"
-        assert (
-            f"{agent} ({less.estimate:+.1f} [{less.low:+.1f}, {less.high:+.1f}])"
-            in (finding[finding.index(group) :])
-        )
-    folded = re.findall(r"<details( open)?><summary>(\w+)</summary>", page.read_text())
-    assert folded[0] == (" open", best.agent)
-    assert {name: bool(opened) for opened, name in folded[:3]} == {
-        agent: agent == best.agent for agent in AGENTS
-    }
+        lead = compare(trials, best.agent, agent)
+        side = "is ahead of" if lead.low > 0 else "cannot be said whether"
+        sentence = next(text for text in finding.split(". ") if side in text)
+        assert best.agent in sentence
+        assert f"{agent} (by {lead.text(signed=True)})" in sentence
+    text = page.read_text()
+    titles = re.findall(r"<h2>(.*?)</h2>", text)
+    assert titles == [
+        "Who is ahead", "Calibration", "Three telling trials", "Attributes", "Behaviors",
+        "All trials", "The run",
+    ]  # fmt: skip
+
+
+def test_agents_of_different_tasks_cannot_be_compared_which_is_said_once(trials, tmp_path):
+    for number, agent in enumerate(AGENTS):
+        of_agent = [trial for trial in trials if trial.agent == agent]
+        write_trials(tmp_path / f"{agent}.mcap", of_agent[number::3], header={})
+    write_report(Logs(tmp_path), tmp_path / "r.html")
+    text = (tmp_path / "r.html").read_text()
+    assert "It cannot be said who is ahead" in text
+    assert len(re.findall("shares? no task", text)) == 1
+
+
+def test_every_trial_is_in_a_folded_list_with_agent_and_verdict(trials, page, cells):
+    rows = [row for row in cells(page.read_text()) if len(row) == 10 and row[0] != "log, trial"]
+    assert len(rows) == len(trials)
+    rewards = [float(row[8]) for row in rows]
+    assert rewards == sorted(rewards)
+    for row in rows:
+        agent, number = row[1], int(row[0].split(", ")[1])
+        trial = [trial for trial in trials if trial.agent == agent][number]
+        assert row[3] == trial.task.object_name
+        assert row[2] == ("abstained" if trial.report is None else "right" if trial.success else
+                          "wrong")  # fmt: skip
+        assert float(row[8]) == pytest.approx(trial.reward, abs=0.051)
 
 
 def test_the_page_is_dark_where_its_reader_prefers_that(page):
@@ -136,15 +168,12 @@ def test_a_lab_s_trials_are_listed_newest_first(trials, tmp_path, cells):
         write_trials(path, [shown], header={"config": {"command": "Learner.ask"}, "data": "roc36"})
     write_report(Logs(tmp_path), tmp_path / "r.html")
     text = (tmp_path / "r.html").read_text()
-    assert re.findall(r"<h2>(.*?)</h2>", text)[0] == "The trials"
     rows = cells(text)
-    head = ["time (UTC)", "object", "question", "answer", "belief", "cost, s", "truth"]
-    start = rows.index(head)
+    (start,) = (n for n, row in enumerate(rows) if row[:1] == ["time (UTC)"])
     assert [row[0][:10] for row in rows[start + 1 : start + 9]] == [
         f"2026-01-0{n}" for n in range(8, 0, -1)
     ]
     assert [row[-1] == "unknown" for row in rows[start + 1 : start + 9]] == [False, True] * 4
-    assert len(re.findall(r"<details open><summary>", text)) >= 3
 
 
 def test_a_lab_s_trials_have_the_truth_as_it_was_told_later(trials, tmp_path, cells):
