@@ -4,6 +4,7 @@ Every array field of a public type goes through `freeze` at birth.
 """
 
 import dataclasses
+from collections.abc import Mapping
 from functools import cache
 from numbers import Real
 from types import UnionType
@@ -19,6 +20,7 @@ Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 Levels = NDArray[np.int8]  # of percepts, 0 to K-1
 
+_HASHED = 64  # entries of an array that its hash depends on
 _FINITE = float(np.finfo(float).max)  # the largest finite number
 
 
@@ -94,14 +96,95 @@ def no_and_yes_of(levels: NDArray[Any]) -> NDArray[Any]:
     return np.stack([no, yes_of(levels)], axis=-1)
 
 
-class FrozenArrays:
-    """A dataclass whose arrays are frozen at birth."""
+def equal_values(first: object, second: object) -> bool:  # noqa: PLR0911  a kind a line
+    """Return whether two values are equal: of arrays every entry, where nan equals nan.
+
+    >>> equal_values({"a": np.array([1.0, np.nan])}, {"a": np.array([1.0, np.nan])})
+    True
+    """
+    if first is second:
+        return True
+    try:
+        if any(hasattr(v, "__array__") and not isinstance(v, np.generic) for v in (first, second)):
+            a, b = np.asarray(first), np.asarray(second)
+            return np.array_equal(a, b, equal_nan=a.dtype.kind in "fc" and b.dtype.kind in "fc")
+        if isinstance(first, Mapping) and isinstance(second, Mapping):
+            keys = first.keys()
+            return keys == second.keys() and all(equal_values(first[k], second[k]) for k in keys)
+        # Also a tuple with names, which compares itself by this function.
+        if isinstance(first, list | tuple) or isinstance(second, list | tuple):
+            for kind in (list, tuple):
+                if isinstance(first, kind) and isinstance(second, kind):
+                    pairs = zip(first, second, strict=False)
+                    return len(first) == len(second) and all(equal_values(*pair) for pair in pairs)
+            return False
+        return bool(first == second) or bool(first != first and second != second)  # noqa: PLR0124  nan
+    except (TypeError, ValueError):  # what others compare, such as arrays inside arrays
+        return False
+
+
+def hash_of(value: Any) -> int:
+    """Compute a hash that is the same for values that `equal_values` finds equal.
+
+    Of a large array the shape and the first entries decide, as equal arrays have equal ones.
+    """
+    if isinstance(value, Mapping):
+        return hash(frozenset((key, hash_of(part)) for key, part in value.items()))
+    if hasattr(value, "__array__") or isinstance(value, list | tuple):
+        try:
+            array = np.asarray(value)
+            first = array.ravel()[:_HASHED].astype(float) + 0.0  # -0 equals 0
+            first[np.isnan(first)] = np.nan
+            return hash((array.shape, first.tobytes())) if array.shape else hash(float(array))
+        except (TypeError, ValueError):
+            return hash(tuple(map(hash_of, value))) if isinstance(value, list | tuple) else 0
+    try:
+        return hash(value)
+    except TypeError:
+        return 0
+
+
+class ByValue:
+    """A frozen dataclass that is compared and hashed by value, also where it holds arrays."""
+
+    __slots__ = ()
+    __array_ufunc__ = None  # an array compares itself with it as a whole, not entry by entry
+
+    def __init_subclass__(cls, **options: Any) -> None:
+        """Give a subclass this comparison, in place of the one that a dataclass makes."""
+        super().__init_subclass__(**options)
+        for name in ("__eq__", "__hash__"):
+            if name not in cls.__dict__:
+                setattr(cls, name, ByValue.__dict__[name])
+
+    def __eq__(self, other: object) -> bool:
+        """Return whether another of the same class has equal fields; of arrays every entry."""
+        if self.__class__ is not other.__class__:
+            return NotImplemented
+        kind: Any = self.__class__
+        names = _compared(kind)
+        return all(equal_values(getattr(self, name), getattr(other, name)) for name in names)
+
+    def __hash__(self) -> int:
+        """Compute a hash by value."""
+        kind: Any = self.__class__
+        return hash((kind, *(hash_of(getattr(self, name)) for name in _compared(kind))))
+
+
+class FrozenArrays(ByValue):
+    """A dataclass whose arrays are frozen at birth, and that is compared and hashed by value."""
 
     __slots__ = ()
 
     def __post_init__(self) -> None:
         """Freeze the arrays."""
         freeze_arrays(self)
+
+
+@cache
+def _compared(kind: type[Any]) -> list[str]:
+    """Return the names of the fields by which a dataclass is compared."""
+    return [field.name for field in dataclasses.fields(kind) if field.compare]
 
 
 _LABELS = {1: 1, 0: 0, -1: -1, None: -1, "": -1}  # True is 1, and 1.0 too

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meal_bayes.agents.knowledge import Knowledge
-from meal_bayes.arrays import Floats
+from meal_bayes.arrays import ByValue, Floats
 
 _FIRST = 20.0  # questions that a robot expects before it was asked any
 
@@ -44,7 +44,7 @@ class Horizon:
 
 
 @dataclass(frozen=True, slots=True)
-class Progress:
+class Progress(ByValue):
     """What a robot has learned when it plans a training trial.
 
     Attributes

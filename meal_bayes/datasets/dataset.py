@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes.arrays import check_kind, freeze, is_whole, label_values, set_frozen
+from meal_bayes.arrays import ByValue, check_kind, freeze, is_whole, label_values, set_frozen
 from meal_bayes.datasets.features import checked_features, warn_of_order
 from meal_bayes.datasets.frames import dataset_parts
 from meal_bayes.digests import digest_of, digest_of_arrays
@@ -20,7 +20,7 @@ from meal_bayes.untrusted import name_fault
 
 
 @dataclass(frozen=True, slots=True)
-class Instance:
+class Instance(ByValue):
     """The features f_a of one successful execution (Eq. 1).
 
     Attributes
@@ -47,7 +47,7 @@ class Instance:
 
 
 @dataclass(frozen=True, slots=True)
-class Dataset:
+class Dataset(ByValue):
     """All recordings of a data set, joined by object, recording, behavior and modality.
 
     Recordings may be ragged: where an object has fewer than R recordings of a behavior, or none,

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from meal_bayes.arrays import freeze, freeze_arrays, label_values, set_frozen
+from meal_bayes.arrays import ByValue, freeze, freeze_arrays, label_values, set_frozen
 from meal_bayes.datasets.dataset import check_objects, complete_labels
 from meal_bayes.datasets.levels import BIN_COUNT, STORED, levels_of, merge_bins
 from meal_bayes.digests import digest_of, digest_of_arrays
@@ -45,7 +45,7 @@ _LARGEST = 2 << 24  # bytes that a member may unpack to
 
 
 @dataclass(frozen=True, slots=True)
-class PerceptTable:
+class PerceptTable(ByValue):
     """Held-out percepts of a data set, and the training-side counts for each held-out object.
 
     Log-odds are class-balanced (prior 1/2): positive speaks for "true". They are cut into L fine

@@ -6,14 +6,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes.arrays import freeze, label_values, set_frozen, whole_array
+from meal_bayes.arrays import ByValue, freeze, label_values, set_frozen, whole_array
 from meal_bayes.datasets.dataset import Dataset, check_positions
 from meal_bayes.display import short_repr
 from meal_bayes.errors import DataError
 
 
 @dataclass(frozen=True, slots=True)
-class TrainingSet:
+class TrainingSet(ByValue):
     """The paper's D: the recordings that the robot has, and the labels that people gave them.
 
     They are sorted by (object, behavior, recording).

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes.arrays import freeze
+from meal_bayes.arrays import equal_values, freeze, hash_of
 from meal_bayes.display import short_repr
 from meal_bayes.errors import DomainError
 
@@ -53,6 +53,15 @@ class TransitionArrays(NamedTuple):
     observation_probability: NDArray[np.float64]
     legal: NDArray[np.bool_]
     cumulative: NDArray[np.float64]
+
+    def __eq__(self, other: object) -> bool:
+        return equal_values(self, other)
+
+    def __ne__(self, other: object) -> bool:
+        return not equal_values(self, other)
+
+    def __hash__(self) -> int:
+        return hash_of(self)
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,7 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meal_bayes.agents import Agent
-from meal_bayes.arrays import check_amount, check_kind, check_whole, check_yes_no, is_number
+from meal_bayes.arrays import (
+    ByValue,
+    check_amount,
+    check_kind,
+    check_whole,
+    check_yes_no,
+    is_number,
+)
 from meal_bayes.datasets import Dataset, PerceptTable
 from meal_bayes.domain import Domain, Payoffs, unknown
 from meal_bayes.domain.words import twin
@@ -21,7 +28,7 @@ _PERCEPTS = ("recorded", "model")
 
 
 @dataclass(frozen=True, slots=True)
-class LearnerSettings:
+class LearnerSettings(ByValue):
     """How a learner learns, whoever its agent is; what `Learner` takes by name is said there.
 
     Attributes

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes.arrays import freeze, freeze_arrays, set_frozen, yes_of
+from meal_bayes.arrays import ByValue, freeze, freeze_arrays, set_frozen, yes_of
 from meal_bayes.display import facts_html, facts_repr, listed
 from meal_bayes.domain import Payoffs, Query
 from meal_bayes.errors import SettingsError
@@ -31,7 +31,7 @@ def nothing_happened(x: int, next_x: int, *, perceived: bool) -> bool:
 
 
 @dataclass(frozen=True, slots=True)
-class MOMDP:
+class MOMDP(ByValue):
     """A decision problem in factored form.
 
     Actions are the E behaviors, then the Y reports (2^N, or fewer where attributes are the values

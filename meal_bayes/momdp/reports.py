@@ -16,7 +16,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from meal_bayes.arrays import Floats, freeze
+from meal_bayes.arrays import ByValue, Floats, freeze
 from meal_bayes.domain import Event, Payoffs, Query
 
 
@@ -68,7 +68,7 @@ class Conjunction(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class Reports:
+class Reports(ByValue):
     """The reports of a query and their rewards.
 
     Attributes

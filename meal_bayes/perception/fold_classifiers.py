@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from sklearn.base import clone
 from sklearn.svm import SVC
 
-from meal_bayes.arrays import Bools, Floats, Ints
+from meal_bayes.arrays import Bools, ByValue, Floats, Ints
 from meal_bayes.perception.compiled_stacking import fit_stackers
 from meal_bayes.perception.feature_spaces import (
     BehaviorRecordings,
@@ -75,7 +75,7 @@ class Machines(NamedTuple):
 
 
 @dataclass(frozen=True)
-class FoldProblem:
+class FoldProblem(ByValue):
     """Recordings of one behavior, the folds of their objects, and how classifiers are trained.
 
     Inputs (M,n,d) are those of `Machines`; objects (n,) rise; folds (n,) are those of the

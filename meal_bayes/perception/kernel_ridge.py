@@ -20,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve, solve_triangular
 
-from meal_bayes.arrays import Bools, Floats, Ints
+from meal_bayes.arrays import Bools, ByValue, Floats, Ints
 from meal_bayes.perception.compiled_stacking import fit_stackers, score_without
 from meal_bayes.perception.feature_spaces import (
     BehaviorRecordings,
@@ -71,7 +71,7 @@ class KernelFit(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class Problem:
+class Problem(ByValue):
     """Recordings of one behavior whose labels are known, group by group.
 
     Groups (k,) rise; the recordings of each begin at `starts` (k+1,). Weights (n,) are of each

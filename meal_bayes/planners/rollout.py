@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes.arrays import Floats
+from meal_bayes.arrays import ByValue, Floats
 from meal_bayes.errors import SettingsError
 from meal_bayes.momdp import (
     MOMDP,
@@ -27,7 +27,7 @@ from meal_bayes.planners.solver import MAX_STEPS, History, Policy
 
 
 @dataclass(frozen=True, slots=True)
-class Rollouts:
+class Rollouts(ByValue):
     """What a policy came to in simulated episodes; n of them."""
 
     returns: Floats  # (n,) discounted; the report's reward as its expectation

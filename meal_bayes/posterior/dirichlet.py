@@ -7,7 +7,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from meal_bayes.arrays import freeze, freeze_arrays
+from meal_bayes.arrays import ByValue, freeze, freeze_arrays
 from meal_bayes.display import best_html, short_repr
 from meal_bayes.errors import SettingsError
 from meal_bayes.perception.confusion import informative, youden
@@ -17,7 +17,7 @@ _DIMENSIONS = 4  # (P,E,2,K)
 
 
 @dataclass(frozen=True, slots=True)
-class ConfusionPosterior:
+class ConfusionPosterior(ByValue):
     """Rows of Theta (attribute, behavior, truth), each with a Dirichlet over its mean.
 
     `from_counts` takes all percepts of a row as independent (the paper's reading); `from_objects`

@@ -11,7 +11,7 @@ from typing import NamedTuple, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from meal_bayes.arrays import is_whole
+from meal_bayes.arrays import ByValue, equal_values, hash_of, is_whole
 from meal_bayes.datasets import Instance, checked_features
 from meal_bayes.datasets.detections import checked_percepts
 from meal_bayes.display import warn_caller
@@ -27,7 +27,7 @@ _RECORDINGS = 2**31  # that a data set may have
 
 
 @dataclass(frozen=True, slots=True)
-class Outcome:
+class Outcome(ByValue):
     """The outcome of one behavior.
 
     Attributes
@@ -70,7 +70,7 @@ class Robot(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class Execution:
+class Execution(ByValue):
     """A checked outcome, with the index of the next state.
 
     The instance can be perceived, None where the behavior failed or its features are invalid;
@@ -276,3 +276,12 @@ class Frame(NamedTuple):
     contacts: NDArray[np.float32]
     forces: NDArray[np.float32]
     picture: NDArray[np.float32]
+
+    def __eq__(self, other: object) -> bool:
+        return equal_values(self, other)
+
+    def __ne__(self, other: object) -> bool:
+        return not equal_values(self, other)
+
+    def __hash__(self) -> int:
+        return hash_of(self)

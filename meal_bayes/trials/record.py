@@ -9,7 +9,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from meal_bayes.arrays import FrozenArrays, label_values
+from meal_bayes.arrays import ByValue, FrozenArrays, label_values
 from meal_bayes.datasets import Instance
 from meal_bayes.display import short_repr
 from meal_bayes.domain import Query
@@ -61,7 +61,7 @@ class Task:
 
 
 @dataclass(frozen=True, slots=True)
-class Step:
+class Step(ByValue):
     """One executed action.
 
     Attributes

@@ -37,7 +37,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes.arrays import Floats
+from meal_bayes.arrays import ByValue, Floats
 from meal_bayes.errors import SettingsError
 from meal_bayes.momdp import MOMDP, answer_value, initial_belief
 from meal_bayes.momdp.belief import percepts_left
@@ -134,7 +134,7 @@ class Factored:
 
 
 @dataclass(frozen=True, slots=True)
-class FactoredPolicy:
+class FactoredPolicy(ByValue):
     """Policy of `Factored`: tables of upper bounds, and of estimates next to the optimum."""
 
     momdp: MOMDP
