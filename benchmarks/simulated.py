@@ -1,7 +1,7 @@
 """The arm in physics: accuracy and calibration on new objects, learning live, a population.
 
-python benchmarks/simulated.py [--part answers|labels|content|find|live|population ...]
-                               [--objects N] [--asked N] [--searches N] [--trials N] [--crowd N]
+python benchmarks/simulated.py [--part answers|labels|content|live|population ...]
+                               [--objects N] [--asked N] [--trials N] [--crowd N]
                                [--jobs N] [--seed S] [--json]
 """
 
@@ -29,7 +29,7 @@ from meal_bayes.learner import Learner
 from meal_bayes.learner.trial import QuestionCounts
 from meal_bayes.perception import build_percept_table
 from meal_bayes.seeds import stream
-from meal_bayes.simulated_arm import ask_new, find_new, learn_live, training_recordings
+from meal_bayes.simulated_arm import ask_new, learn_live, training_recordings
 from meal_bayes.simulated_arm.objects import ObjectParameters
 from meal_bayes.simulated_arm.recordings import (
     DOMAIN,
@@ -146,24 +146,6 @@ def labels(options: argparse.Namespace) -> dict[str, Any]:
     facts = summary(rows)
     distance = abs(facts["accuracy"] - 0.5) / facts["accuracy_se"]
     return {**facts, "base_rate": 0.5, "standard_errors_from_base_rate": distance}
-
-
-def find(options: argparse.Namespace) -> dict[str, Any]:
-    """Find the one that rattles among three new boxes, or none."""
-    data = training_recordings()
-    learner = Learner(data.domain, seed=options.seed, logs=None).fit(data)
-    right = []
-    cost = []
-    for number in range(options.searches):
-        search = find_new(learner, "Which one rattles?", options.seed, 3, number)
-        right.append(bool(search.success))
-        cost.append(search.cost)
-    return {
-        "searches": len(right),
-        "right": sum(right),
-        "s": float(np.mean(cost)),
-        "s_se": float(np.std(cost, ddof=1) / np.sqrt(len(cost))),
-    }
 
 
 def empty(drawn: ObjectParameters) -> ObjectParameters:
@@ -296,7 +278,6 @@ PARTS = {
     "answers": answers,
     "labels": labels,
     "content": content,
-    "find": find,
     "live": live,
     "population": population,
 }
@@ -308,7 +289,6 @@ def main() -> None:
     parser.add_argument("--part", action="append", choices=PARTS)
     parser.add_argument("--objects", type=int, default=100)
     parser.add_argument("--asked", type=int, default=9)
-    parser.add_argument("--searches", type=int, default=24, help="of the part find")
     parser.add_argument("--trials", type=int, default=200)
     parser.add_argument("--crowd", type=int, default=300, help="objects of the population")
     parser.add_argument("--jobs", type=int, default=1)

@@ -23,7 +23,6 @@ from meal_bayes.files import check_output, command_line
 if TYPE_CHECKING:
     from meal_bayes.trial_log import LogInfo
     from meal_bayes.trial_log.logs import Group
-    from meal_bayes.trials import Search
 
 _file = click.argument("file", type=click.Path(path_type=Path))
 _logs = click.argument("logs", nargs=-1, required=True, type=click.Path(path_type=Path))
@@ -62,7 +61,7 @@ def info(file: Path, as_json: bool) -> None:
     print_facts(output(), facts | _header_facts(infos[0].header))
 
 
-@log.command(short_help="Show a search, or one trial step by step; of a compact log its outcome.")
+@log.command(short_help="Show one trial step by step; of a compact log its outcome.")
 @_file
 @option(
     "--trial number",
@@ -77,25 +76,15 @@ def info(file: Path, as_json: bool) -> None:
 def show(file: Path, number: int | None, picture: Path | None, dark: bool, narrow: bool) -> None:
     """Show one trial of a log, or of a run's folder, step by step; of a compact log its outcome.
 
-    Of the folder of a search it shows the search: what it turned to, and claimed; with --trial N
-    the N-th object that it explored.
     The picture says on one axis of seconds what the robot did, what it believed, and why it
     stopped.
     """
-    from meal_bayes.cli.find import print_search
     from meal_bayes.cli.narration import print_trial
     from meal_bayes.trial_log.logs import going_on_text, of_learner
-    from meal_bayes.trial_log.searches import unfinished_text
     from meal_bayes.trials.text import UNFINISHED, outcome_facts
 
     if picture is None and (dark or narrow):
         raise click.UsageError("--dark and --narrow are of a picture; give --picture FILE.svg.")
-    search = search_at(file) if number is None and picture is None else None
-    if search is not None:
-        print_search(search)
-        if not search.answered:
-            note(unfinished_text(file if file.is_dir() else file.parent))
-        return
     group, row = numbered(file, number or 0)
     if picture is not None:
         _draw(file, group, row, picture, dark=dark, narrow=narrow)
@@ -110,19 +99,7 @@ def show(file: Path, number: int | None, picture: Path | None, dark: bool, narro
     console.print()
     print_trial(console, group.trials[row])
     if group.trials[row].ended == UNFINISHED and of_learner(group.header):
-        note(going_on_text(group.file, group.header))
-
-
-def search_at(path: Path) -> "Search | None":
-    """Return the search whose folder or log this is, with what was told since; None of others."""
-    from meal_bayes.trial_log import read_search
-    from meal_bayes.trial_log.searches import search_of, searches_in
-
-    file = search_of(path)
-    if file is None:
-        return None
-    told_of = dict(searches_in(file, note))
-    return told_of[file] if file in told_of else read_search(file)  # which raises what is wrong
+        note(going_on_text(group.file))
 
 
 def _draw(file: Path, group: "Group", row: int, path: Path, *, dark: bool, narrow: bool) -> None:
@@ -144,7 +121,7 @@ def numbered(file: Path, number: int) -> "tuple[Group, int]":
     from meal_bayes.trial_log import Logs
 
     before = 0
-    for group in Logs(file).shown():
+    for group in Logs(file).begun():
         if number < before + len(group.outcomes):
             return group, number - before
         before += len(group.outcomes)
@@ -156,10 +133,9 @@ def numbered(file: Path, number: int) -> "tuple[Group, int]":
 @shared("json")
 def check(file: Path, as_json: bool) -> None:
     """Read a log, or all of a folder, to the end and list problems; with any, exit with 1."""
-    from meal_bayes.trial_log import check_log
-    from meal_bayes.trial_log.names import all_logs
+    from meal_bayes.trial_log import check_log, log_files
 
-    reports = list(map(check_log, all_logs(file)))
+    reports = list(map(check_log, log_files(file)))
     if as_json:
         _print_json(reports, file)
     else:

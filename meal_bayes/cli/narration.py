@@ -17,8 +17,6 @@ from meal_bayes.trials.text import (
     compared_actions,
     final_facts,
     gap_text,
-    last_label,
-    leaving_text,
     outcome_text,
     together_text,
 )
@@ -51,7 +49,7 @@ def print_trial(console: Console, trial: "Trial") -> None:
         action = step.decision.action
         spent = spent + step.cost
         console.print()
-        console.print(Text(f"{number}  {last_label(trial, action)}", "bold"))
+        console.print(Text(f"{number}  {trial.momdp.action_label(action)}", "bold"))
         headed = _print_values(console, trial, number, headed)
         facts = {"warning": step.warning} if step.warning else {}
         if action >= momdp.n_behaviors:
@@ -75,10 +73,6 @@ def _print_values(console: Console, trial: "Trial", number: int, headed: str) ->
     Heads of columns stand where they first appear; returned are those that stand by now.
     """
     momdp = trial.momdp
-    why = leaving_text(trial, number)
-    if why:
-        print_facts(console, {"why": why})
-        return headed
     step = trial.steps[number - 1]
     decision = step.decision
     possible = momdp.legal[step.x].nonzero()[0]
@@ -135,10 +129,10 @@ def print_answer(console: Console, trial: "Trial") -> None:
 
 
 def note_reasons(log: "Path") -> None:
-    """Say how a trial is shown again from its log, or the first of a search from its folder."""
+    """Say how a trial is shown again from its log, or the first of a folder."""
     first = ("--trial", "0") if log.is_dir() else ()
     command = command_line("meal-bayes log show", log, *first)
-    note(f"every decision and its reasons{', by object' if first else ''}: {command}")
+    note(f"every decision and its reasons: {command}")
 
 
 def _print_end(console: Console, trial: "Trial") -> None:

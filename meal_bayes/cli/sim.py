@@ -108,7 +108,7 @@ def _trained(options: "_Asking") -> "Learner":
 
 
 def _exit_by_fault(ended: str) -> None:
-    """Exit, where a fault of the robot ended a trial or a search, and say which."""
+    """Exit, where a fault of the robot ended a trial, and say which."""
     if ended:
         terminal.note(ended)
         click.get_current_context().exit(ROBOT_FAULT)
@@ -172,29 +172,6 @@ def ask(
             with Viewer([path]) as viewer:
                 viewer.wait()
     _exit_by_fault(trial.ended)
-
-
-@sim.command(short_help="Find one of several new boxes, or none.")
-@click.argument("question")
-@opt.option("--boxes", click.IntRange(1, 20), 3, None, "On the table.")
-@_training
-@opt.shared("seed", "logs", "json")
-def find(question: str, boxes: int, as_json: bool, **options: Unpack[_Asking]) -> None:
-    """Find the box of which it is true ("Which one rattles?"), or none, among boxes of the seed.
-
-    The arm explores the most promising box, puts it down and turns to another where that promises
-    more, and claims one, or none. A folder of its own holds the search, and a log of each box that
-    it explored.
-    """
-    from meal_bayes.cli.find import print_answer
-    from meal_bayes.simulated_arm import find_new
-    from meal_bayes.trial_log.names import free_folder
-
-    learner = _trained(options)
-    log = free_folder(options["logs"] / _log_name(question, learner, options, boxes=boxes))
-    search = find_new(learner, question, options["seed"], boxes, log=log)
-    print_answer(search, log, as_json=as_json)
-    _exit_by_fault(search.ended)
 
 
 @sim.command(short_help="Begin with nothing, and learn while answering.")

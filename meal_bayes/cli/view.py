@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import click
 
 from meal_bayes.cli.console import note, progress, say
-from meal_bayes.cli.log import numbered, search_at
+from meal_bayes.cli.log import numbered
 from meal_bayes.cli.options import FILE, LARGEST_COUNT, option
 from meal_bayes.files import check_output, draft_of, write_whole
 
@@ -53,7 +53,6 @@ def view(
 ) -> None:
     """Show a trial of LOG, a file or a run's folder, in the rerun viewer, step by step.
 
-    Of the folder of a search all trials are shown, in the order of its turns.
     The window has a tab for the trial and one for the whole run; a compact log,
     which holds no steps, shows the run. The viewer runs on this machine, is reachable from nowhere
     else, and is started with its telemetry off; in the page of --web, rerun's own, it is on.
@@ -77,7 +76,7 @@ def view(
         check_output(screenshot)
     logs = None if live else Logs(log)
     last = 0
-    if number is None and not every and not live and search_at(log) is None:
+    if number is None and not every and not live:
         number = 0
     if number is not None or screenshot is not None:
         group, row = numbered(log, number or 0)
@@ -123,21 +122,15 @@ def warn_of_size(logs: "Logs") -> None:
 
 def _record(log: Path, logs: "Logs", to: "Target", number: int | None) -> int:
     """Send the recording, print what could not be read, and return how many trials were sent."""
-    from meal_bayes.trials.search import explored_rows, search_facts
     from meal_bayes.viewer import send_recording
 
     def entries() -> "Iterator[Trial | TrialOutcomes]":
-        for group in logs.shown():
+        for group in logs.begun():
             advance(logs.files.index(group.file), len(logs.files))
             yield from group.trials or [group.outcomes]  # which a compact log consists of
 
-    header = logs.header
-    search = search_at(log)
-    if search is not None:
-        believed = {row.name: row.probability for row in explored_rows(search)}
-        header = {"search": {**search_facts(search), "believed": believed}, **header}
     with progress("reading", "files") as advance:
-        trials = send_recording(entries(), to, header, name=log.resolve().name, only=number)
+        trials = send_recording(entries(), to, logs.header, name=log.resolve().name, only=number)
     for problem in logs.problems:
         note(f"warning: {problem}; {trials} trials are shown")
     return trials

@@ -80,8 +80,6 @@ class Domain:
         Of Random Legal, s, by len(query).
     payoffs : Payoffs | None
         What yes and no earn, where they do not earn alike; r+ and r- by default.
-    leave : tuple[str, ...]
-        States in which a robot can turn to another object, as it holds none; the start by default.
     asked_minimum : int
         Experiments ask attributes with more than this many objects of each value.
 
@@ -104,7 +102,6 @@ class Domain:
     legal_budget: tuple[float, ...] = LEGAL_BUDGET
     asked_minimum: int = 0
     payoffs: Payoffs | None = None
-    leave: tuple[str, ...] = ()
 
     __repr__ = facts_repr
     _repr_html_ = facts_html
@@ -154,8 +151,6 @@ class Domain:
             yield f"Behavior {name!r} is legal in no state; add an effect or remove it."
         if not any(behavior.senses for behavior in self.behaviors):
             yield "No behavior tells anything; give one its `modalities`, or `answer_accuracy`."
-        for name in sorted({*self.leave} - {*self.diagram.states[:-1]}):
-            yield f"leave names {name!r}, which is no state of the diagram."
         for name in sorted({*self.predefined} - behaviors):
             yield f"The predefined sequence names {name!r}, which is no behavior."
         grouped = [name for members in self.groups.values() for name in members]

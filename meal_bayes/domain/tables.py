@@ -10,7 +10,7 @@ diagram
     states, start, illegal ["terminate", or "stay"], labels of the states for readers [their
     names], and effects: rows of from, do, to, probability [1] and senses [true]; "*" is every
     state.
-report_reward, predefined, legal_budget, leave, asked_minimum, groups, synonyms, data
+report_reward, predefined, legal_budget, asked_minimum, groups, synonyms, data
     As in `Domain`, with its defaults.
 payoffs
     right_yes, wrong_yes, right_no and wrong_no, where yes and no do not earn alike.
@@ -56,7 +56,7 @@ _PARTS = {_LIST: _TEXT, _ROWS: _TABLE, _NUMBERS: _NUMBER}
 _DOMAIN_KEYS = {
     "name": _TEXT, "data": _TEXT, "note": _TEXT, "attributes": _LIST, "groups": _TABLE,
     "synonyms": _TABLE, "predefined": _LIST, "report_reward": _NUMBER, "legal_budget": _NUMBERS,
-    "asked_minimum": _COUNT, "leave": _LIST, "payoffs": _TABLE, "behaviors": _ROWS,
+    "asked_minimum": _COUNT, "payoffs": _TABLE, "behaviors": _ROWS,
     "diagram": _TABLE,
 }  # fmt: skip
 _DIAGRAM_KEYS = {
@@ -177,8 +177,6 @@ def domain_table(domain: Domain) -> dict[str, Any]:
     True
     """
     table = asdict(domain)
-    if not domain.leave:
-        del table["leave"]
     payoffs = table.pop("payoffs")
     if payoffs is not None:
         table["payoffs"] = payoffs._asdict()

@@ -86,7 +86,7 @@ class LoggedOutcomes:
             Not one trial can be read, or the logs are of several data sets.
         """
         columns = list[tuple[TrialOutcomes, Ints, Ints, NDArray[np.object_]]]()
-        for group in logs.shown():
+        for group in logs.begun():
             if on_group is not None:
                 on_group(group)
             log_part = LogPart.of(group.header)

@@ -56,7 +56,6 @@ from meal_bayes.trials.outcomes import HOUR
 from meal_bayes.trials.percept_text import attribute_labels
 from meal_bayes.trials.text import (
     UNKNOWN,
-    last_label,
     outcome_facts,
     trial_reward_text,
     verdict_word,
@@ -685,7 +684,7 @@ def _steps(trial: Trial, *, gaps: bool) -> Iterator[list[str]]:
         words = [""] * len(beliefs)
         if step.observation is not None:
             words = attribute_labels(momdp, action, step.observation)
-        label = last_label(trial, action)
+        label = trial.momdp.action_label(action)
         if step.warning:
             label += f" ({step.warning})"
         cells = [f"{word}, {p}" if word else p for word, p in zip(words, beliefs, strict=True)]

@@ -1,14 +1,13 @@
 """What a learner does when it is asked: a session for each question, logged as it happens."""
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from meal_bayes.domain import Query
 from meal_bayes.errors import SettingsError
-from meal_bayes.learner.columns import Objects
 from meal_bayes.learner.experienced_agent import NO_TABLE, ExperiencedAgent
 from meal_bayes.learner.trial import (
     NO_CLASSIFIERS,
@@ -87,18 +86,27 @@ class Answerer(ExperiencedAgent):
             The robot came to a state that it cannot be in.
         """
         robot, object_name = robot_or_name(robot, object_name)
-        if (robot is None) == (self.table is None):
-            raise SettingsError(NO_TABLE if robot is None else NO_CLASSIFIERS)
-        limit = robot.limit if isinstance(robot, RecordedRobot) else np.inf
         options = TrialOptions(
-            truth=truth,
-            learn=learn,
-            limit=limit,
-            max_steps=max_steps,
-            max_cost=max_cost,
-            on_step=on_step,
+            truth=truth, learn=learn, max_steps=max_steps, max_cost=max_cost, on_step=on_step
         )
         question = question_of(question, self.domain, answer, payoffs)
+        return self._ask(question, robot, object_name, options, key=key, log=log)
+
+    def _ask(
+        self,
+        question: Question,
+        robot: Robot | None,
+        object_name: str | None,
+        options: TrialOptions,
+        *,
+        key: str | int | None,
+        log: str | Path | None,
+    ) -> Trial:
+        """Run the trial of a question that was read, by a robot or a replay."""
+        if (robot is None) == (self.table is None):
+            raise SettingsError(NO_TABLE if robot is None else NO_CLASSIFIERS)
+        if isinstance(robot, RecordedRobot):
+            options = replace(options, limit=robot.limit)
         session = self._open(question, object_name, options, key=key, log=log)
         return run_trial(session, self.replay(session.task) if robot is None else robot)
 
@@ -173,7 +181,7 @@ class Answerer(ExperiencedAgent):
             process drives the robot, or that is elsewhere.
         """
         path = self._logs.interrupted(log, "give resume() the trial's log")
-        with resuming(path, Interrupted) as broken:
+        with resuming(path) as broken:
             return self._resumed(broken, state)
 
     def _resumed(self, broken: Interrupted, state: str | None) -> Session:
@@ -227,14 +235,12 @@ class Answerer(ExperiencedAgent):
         self._logs.note({session.task.key: log.path.parent})
         session.record(log)
 
-    def _session(
-        self, task: Task, key: Key, options: TrialOptions, beside: Objects = ()
-    ) -> Session:
-        """Return the session of a task, perhaps of a search, whose random streams `key` names."""
+    def _session(self, task: Task, key: Key, options: TrialOptions) -> Session:
+        """Return the session of a task whose random streams `key` names."""
         with self._lock:
             if options.learn:
                 self._fit_agents()
-            fit = self._fit(task, learn=options.learn, beside=beside)
+            fit = self._fit(task, learn=options.learn, beside=options.beside)
         return session_of(fit, task, key, options, lock=self._lock, on_end=self._end)
 
     def _end(self, trial: Trial) -> None:

@@ -36,7 +36,7 @@ class HeldOut:
     settings: LearnerSettings
     table: PerceptTable
     object_index: int  # of the object that is left out
-    beside: Objects = ()  # other objects of a search, of which no label is known either
+    beside: Objects = ()  # other objects that `find` asks about; their labels are unknown, too
     _problems: dict[tuple[object, ...], MOMDP] = field(default_factory=dict)
 
     @cached_property

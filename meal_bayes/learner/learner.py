@@ -1,6 +1,7 @@
 """The `Learner`: an agent and its experience; asked questions, updated by feedback, and saved."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from html import escape
 from pathlib import Path
 from typing import Any, Self
@@ -9,11 +10,13 @@ from meal_bayes.agents import as_agent
 from meal_bayes.datasets import Dataset, PerceptTable, object_index
 from meal_bayes.domain import Domain, Query, load_domain
 from meal_bayes.errors import QueryError, SettingsError
-from meal_bayes.files import LOGS, checked_path
+from meal_bayes.files import LOGS, checked_path, file_name
 from meal_bayes.learner import views
+from meal_bayes.learner.answering import Answerer
 from meal_bayes.learner.card import JoinedRecordings, learned_html, next_html, table_knowledge
 from meal_bayes.learner.columns import key_of_name
-from meal_bayes.learner.finding import Finder
+from meal_bayes.learner.find import Found, checked_objects, prior_of_yes, read_claim
+from meal_bayes.learner.fit import problem_of
 from meal_bayes.learner.fit_cache import FitCache
 from meal_bayes.learner.recording import check_domain, record_steps
 from meal_bayes.learner.saved import SavedLearner, read_learner, write_learner
@@ -26,11 +29,15 @@ from meal_bayes.learner.settings import (
     settings_of,
 )
 from meal_bayes.learner.telling import Telling, log_told, nothing_told, warn_of_typo
+from meal_bayes.learner.trial import TrialOptions
+from meal_bayes.planners.solver import MAX_STEPS
+from meal_bayes.robots import Robot
 from meal_bayes.seeds import Key
-from meal_bayes.trials import Trial
+from meal_bayes.trial_log.schema import SUFFIX
+from meal_bayes.trials import Step, Trial
 
 
-class Learner(Finder):
+class Learner(Answerer):
     """Answers questions about objects, and learns from what it does and is told.
 
     It works with any robot, from nothing or from recordings; with a percept table it replays its
@@ -130,6 +137,96 @@ class Learner(Finder):
             return head + learned_html(self.knowledge(), labels)
         knowledge = table_knowledge(table, self.agent, self.settings)
         return f"{head}{learned_html(knowledge, labels)}{table._repr_html_()}"
+
+    def find(
+        self,
+        question: str | Sequence[str] | Query,
+        objects: Sequence[str] | Mapping[str, Robot],
+        *,
+        truth: Mapping[str, Mapping[str, bool]] | None = None,
+        payoffs: Sequence[float] | None = None,
+        learn: bool = True,
+        log: str | Path | None = None,
+        max_steps: int = MAX_STEPS,
+        max_cost: float | None = None,
+        on_step: Callable[[Step], None] | None = None,
+    ) -> Found:
+        """Ask about one object after another, the most probable first, until one answer is yes.
+
+        Each question is an ordinary trial, with a log of its own. Where one arm handles all
+        objects, `start` of each robot puts down what the arm holds and turns to its object; the
+        trial begins in the state that it returns.
+
+        Parameters
+        ----------
+        question : str | Sequence[str] | Query
+            A question of yes or no about each object ("Which one is full and red?").
+        objects : Sequence[str] | Mapping[str, Robot]
+            Names of objects of the percept table, which are replayed; or the robot of each object
+            by the object's name. Nothing is learned from the labels of the named objects of a
+            table.
+        truth : mapping, optional
+            {object: {attribute: True or False}} of what is known; compared with the answers only.
+        payoffs : Sequence[float], optional
+            Four numbers, as for `ask`; by default a yes earns what it does in other questions, and
+            "no" earns 0.
+        learn, max_steps, max_cost, on_step : Any
+            As for `ask`, of each trial.
+        log : str or Path, optional
+            Folder of the logs of the trials, numbered in their order; a new one in the folder of
+            logs by default.
+
+        Returns
+        -------
+        found : Found
+            The object, how probable it is, the total cost, and the trials.
+
+        Raises
+        ------
+        QueryError
+            A question that cannot be understood, or payoffs that are none.
+        SettingsError
+            No objects, or one twice; no data of the kind that the robots need.
+        RobotError
+            A robot came to a state that it cannot be in.
+
+        Examples
+        --------
+        >>> from meal_bayes import Learner, load_percepts
+        >>> learner = Learner("roc36", agent="greedy", logs=None).fit(load_percepts("roc36"))
+        >>> boxes = ["light_blue_beans", "medium_brown_rice", "heavy_green_glass"]
+        >>> learner.find("Which one is heavy?", boxes).object_name
+        'heavy_green_glass'
+        """
+        robots = checked_objects(objects)
+        query = read_claim(question, self.domain, payoffs, self.settings)
+        folder = self._logs.folder_of_find(log)
+        options = TrialOptions(learn=learn, max_steps=max_steps, max_cost=max_cost, on_step=on_step)
+        if self.table is not None:
+            options = replace(
+                options, beside=tuple(object_index(self.table.objects, name) for name in robots)
+            )
+        prior = dict[str, float]()
+        for name in robots:
+            task = self.task(query, name)
+            with self._lock:
+                prior[name] = prior_of_yes(
+                    problem_of(self._fit(task, learn=False, beside=options.beside), task)
+                )
+        trials = dict[str, Trial]()
+        for name in sorted(robots, key=lambda name: -prior[name]):
+            trials[name] = self._ask(
+                query,
+                robots[name],
+                name,
+                replace(options, truth=(truth or {}).get(name)),
+                key=None,
+                log=folder and folder / f"{len(trials) + 1:02d}-{file_name(name)}{SUFFIX}",
+            )
+            report = trials[name].report
+            if report is not None and report[0]:
+                return Found(name, trials)
+        return Found(None, trials)
 
     def fit(self, data: Dataset | PerceptTable) -> Self:
         """Learn from recordings, which join the experience, or replay a percept table.

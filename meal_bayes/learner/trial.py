@@ -15,7 +15,7 @@ from meal_bayes.arrays import check_whole, check_yes_no, real_vector
 from meal_bayes.datasets import PerceptTable, object_index
 from meal_bayes.domain import TERMINAL, Domain, Query, read_query, read_question
 from meal_bayes.errors import LogError, SettingsError
-from meal_bayes.learner.columns import unnamed
+from meal_bayes.learner.columns import Objects, unnamed
 from meal_bayes.learner.fit import Fit, solve
 from meal_bayes.momdp import MOMDP
 from meal_bayes.planners import Policy
@@ -32,8 +32,8 @@ NO_CLASSIFIERS = (
     "name an object of the table."
 )
 _LIVE = "live"  # in the keys of trials with a robot
-# A key by `QuestionCounts.next_key`; of an object of a search that has no name, that follows.
-_COUNTED = re.compile(r"(?P<test>test )?(?P<number>[0-9]{1,18})(, .*)?$", re.DOTALL)
+# A key by `QuestionCounts.next_key`.
+_COUNTED = re.compile(r"(?P<test>test )?(?P<number>[0-9]{1,18})$")
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +47,7 @@ class TrialOptions:
     max_cost: float | None = None
     on_step: Callable[[Step], None] | None = None
     commanded: bool = False
-    abstain: bool = False  # whether it may, whatever its agent and domain say
+    beside: Objects = ()  # objects of the table whose labels are unknown, too, as in `find`
     seed: int | None = None  # of what is drawn; the learner's by default
 
     def __post_init__(self) -> None:
@@ -96,10 +96,9 @@ class QuestionCounts:
     def count_resumed(self, header: Mapping[str, object]) -> None:
         """Count a question of before a restart, by its log, so that none repeats its streams."""
         self._skip(header.get("asked"))
-        streams = header.get("streams")
-        for key in streams.values() if isinstance(streams, dict) else [streams]:
-            if isinstance(key, list) and len(key) > 2 and key[1] == _LIVE:
-                self._skip(key[2])
+        key = header.get("streams")
+        if isinstance(key, list) and len(key) > 2 and key[1] == _LIVE:
+            self._skip(key[2])
 
     def _skip(self, key: object) -> None:
         """Let no later question have a key, if it is one of those that are counted."""
@@ -268,9 +267,7 @@ def plan_of(
 ) -> tuple[MOMDP, Policy | None]:
     """Return the problem of a task and who decides; None where somebody commands."""
     if options.commanded:
-        momdp = fit.problem(task, options.limit)
-        allows = options.abstain and not momdp.abstain
-        return replace(momdp, abstain=True) if allows else momdp, None
+        return fit.problem(task, options.limit), None
     momdp, policy = fit.plan(task, key, limit=options.limit, explore=explore)
     if task.object_index < 0:  # recordings run out, the sensors of a robot fail
         domain = fit.record.domain

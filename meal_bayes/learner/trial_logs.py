@@ -7,14 +7,13 @@ from pathlib import Path
 from meal_bayes.errors import SettingsError
 from meal_bayes.files import file_name, lasting_path
 from meal_bayes.seeds import Key
-from meal_bayes.trial_log.live import check_alone
 from meal_bayes.trial_log.names import dated_name
 from meal_bayes.trial_log.schema import SUFFIX
 from meal_bayes.trials import Trial
 
 
 class TrialLogs:
-    """Says where trials, searches and what people tell of them are logged; None: nowhere.
+    """Says where trials and what people tell of them are logged; None: nowhere.
 
     Parameters
     ----------
@@ -47,16 +46,15 @@ class TrialLogs:
             raise SettingsError(f"This learner logs nothing; {remedy}.")
         return path
 
-    def search_folder(self, log: str | Path | None) -> Path | None:
-        """Return the folder of a search to come; `SettingsError` where it cannot be one."""
+    def folder_of_find(self, log: str | Path | None) -> Path | None:
+        """Return the folder for the logs of `find`; `SettingsError` where it cannot be one."""
         path = self.log_path(log)
         if path is None:
             return None
         if log is None:
             return path / dated_name("find", path)
         if path.suffix == SUFFIX or path.is_file():
-            raise SettingsError(f"A search has a log an object; give a folder, not {path}.")
-        check_alone(path)  # before it is planned for a minute
+            raise SettingsError(f"find() writes a log for each object; give a folder, not {path}.")
         return path
 
     def note(self, folders: Mapping[Key, Path]) -> None:

@@ -310,7 +310,7 @@ def report_value(momdp: MOMDP, belief: Belief) -> float:
 def _yes_or_no_values(momdp: MOMDP, belief: Belief) -> NDArray[np.float64]:
     """Compute the expected rewards (2,) of no and yes."""
     reports = momdp.reports
-    return reports.answers(reports.probability(belief), momdp.no_cost[belief.x])
+    return reports.answers(reports.probability(belief))
 
 
 def _checked_report(momdp: MOMDP, report: object) -> NDArray[np.bool_]:

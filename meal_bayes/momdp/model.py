@@ -81,9 +81,6 @@ class MOMDP(ByValue):
         Whether the agent may answer "I do not know".
     payoffs : Payoffs | None
         Of yes and no; r+ and r- by default.
-    no_cost : NDArray[np.float64]
-        (X,) s that the answer "no" costs in x, as where an object is put down before it is left for
-        others; 0 by default. Known to planning alone: a trial that ends with "no" does not pay it.
     joint : NDArray[np.float64] | None
         (Y,) Pr(values) before the trial, in the order of `Query.values`, of which `prior` are the
         margins; None where attributes, or groups, are independent.
@@ -113,7 +110,6 @@ class MOMDP(ByValue):
     discount: float = DISCOUNT
     abstain: bool = False
     payoffs: Payoffs | None = None
-    no_cost: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
     joint: NDArray[np.float64] | None = None
     x_labels: tuple[str, ...] = ()
     log_truth: NDArray[np.float64] = field(init=False, repr=False)
@@ -122,8 +118,6 @@ class MOMDP(ByValue):
     _repr_html_ = facts_html
 
     def __post_init__(self) -> None:
-        if not len(self.no_cost):
-            set_frozen(self, no_cost=np.zeros(len(self.x_names)))
         freeze_arrays(self)
         self._check()
         set_frozen(self, log_truth=freeze(self._log_truth()))
@@ -178,7 +172,7 @@ class MOMDP(ByValue):
     def reports(self) -> Reports:
         """What the answers are, and earn."""
         symmetric = Payoffs(self.correct, self.incorrect, self.correct, self.incorrect)
-        return Reports(self.query, self.payoffs or symmetric, self.no_cost)
+        return Reports(self.query, self.payoffs or symmetric)
 
     @property
     def levels(self) -> int:

@@ -15,7 +15,7 @@ _HUGE = np.finfo(float).max
 ARRAYS = {  # of a MOMDP: N attributes, E behaviors, X states, C latent classes, K levels
     "transition": "exx", "observation_probability": "exx", "legal": "xe", "confusion": "neck",
     "precision": "nec", "prior": "n", "latent_classes": "n2c", "cost": "e", "bonus": "ne2",
-    "bonus_limit": "e", "limit": "e", "no_cost": "x",
+    "bonus_limit": "e", "limit": "e",
 }  # fmt: skip
 
 RANGES = {  # least, most, and these in words; NaN lies in none
@@ -25,7 +25,6 @@ RANGES = {  # least, most, and these in words; NaN lies in none
     "limit": (0.0, np.inf, "be 0 or more"),
     "bonus_limit": (0.0, np.inf, "be 0 or more"),
     "cost": (0.0, _HUGE, "be finite, and 0 or more"),
-    "no_cost": (0.0, _HUGE, "be finite, and 0 or more"),
     "bonus": (-_HUGE, _HUGE, "be finite"),
     "correct": (-_HUGE, _HUGE, "be finite"),
     "incorrect": (-_HUGE, _HUGE, "be finite"),

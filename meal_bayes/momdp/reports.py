@@ -63,8 +63,6 @@ class Conjunction(NamedTuple):
     denial_gain: float
     gain: float  # of an assertion over a denial, where it is right
     loss: float  # and of a denial over an assertion, where that is wrong
-    assertion_cost: Floats  # (X,) s, in x; one of the two is what "no" costs, the other 0
-    denial_cost: Floats  # (X,)
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,13 +75,10 @@ class Reports(ByValue):
         What is asked.
     payoffs : Payoffs
         Of yes and no; of values the first two, of a right and of a wrong report.
-    no_cost : NDArray[np.float64]
-        (X,) s that "no" costs in x, when a planner compares it.
     """
 
     query: Query
     payoffs: Payoffs
-    no_cost: Floats
 
     @property
     def event(self) -> Event | None:
@@ -103,13 +98,9 @@ class Reports(ByValue):
         if event is None:
             return None
         right_assertion, wrong_assertion, right_denial, wrong_denial = self.payoffs
-        assertion_cost = np.zeros_like(self.no_cost)
-        denial_cost = self.no_cost.copy()
         # By De Morgan "no" asserts a conjunction where "yes" asserts a disjunction.
         if event.complement:
             right_denial, wrong_denial, right_assertion, wrong_assertion = self.payoffs
-            assertion_cost = self.no_cost.copy()
-            denial_cost = np.zeros_like(self.no_cost)
         assertion_gain = right_assertion - wrong_assertion
         denial_gain = right_denial - wrong_denial
         return Conjunction(
@@ -120,8 +111,6 @@ class Reports(ByValue):
             denial_gain=denial_gain,
             gain=wrong_assertion + assertion_gain - wrong_denial,
             loss=wrong_denial + denial_gain - wrong_assertion,
-            assertion_cost=assertion_cost,
-            denial_cost=denial_cost,
         )
 
     def probability(self, belief: Believed) -> Floats:
@@ -137,14 +126,11 @@ class Reports(ByValue):
         """Return Pr(yes is right) of a question of yes or no; None of values."""
         return None if self.query.event is None else float(self.probability(belief))
 
-    def answers(self, probability: ArrayLike, no_cost: Floats | float = 0.0) -> Floats:
-        """Compute the expected rewards (...,2) of no and yes at Pr(yes is right).
-
-        Planners compare them where "no" costs so much (s), trials earn them.
-        """
+    def answers(self, probability: ArrayLike) -> Floats:
+        """Compute the expected rewards (...,2) of no and yes at Pr(yes is right)."""
         p = np.asarray(probability)
         right_yes, wrong_yes, right_no, wrong_no = self.payoffs
-        no = mean_reward(wrong_no, right_no - wrong_no, 1.0 - p) - no_cost
+        no = mean_reward(wrong_no, right_no - wrong_no, 1.0 - p)
         yes = mean_reward(wrong_yes, right_yes - wrong_yes, p)
         return np.stack(np.broadcast_arrays(no, yes), axis=-1)
 

@@ -5,6 +5,5 @@ implements `Robot`; `OutcomeChecker` checks what it returns.
 """
 
 from meal_bayes.robots.robot import Outcome, OutcomeChecker, Robot
-from meal_bayes.robots.several import RobotPerObject
 
-__all__ = ["Outcome", "OutcomeChecker", "Robot", "RobotPerObject"]
+__all__ = ["Outcome", "OutcomeChecker", "Robot"]

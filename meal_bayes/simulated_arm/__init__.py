@@ -22,10 +22,10 @@ if find_spec("mujoco") is None:
 from meal_bayes.simulated_arm.arm import SimulatedArm
 from meal_bayes.simulated_arm.objects import attributes_of, draw_object
 from meal_bayes.simulated_arm.physics import OnFrame
-from meal_bayes.simulated_arm.questions import ask_new, find_new, learn_live
+from meal_bayes.simulated_arm.questions import ask_new, learn_live
 from meal_bayes.simulated_arm.recordings import training_recordings
 
 __all__ = [
-    "OnFrame", "SimulatedArm", "ask_new", "attributes_of", "draw_object", "find_new",
+    "OnFrame", "SimulatedArm", "ask_new", "attributes_of", "draw_object",
     "learn_live", "training_recordings",
 ]  # fmt: skip

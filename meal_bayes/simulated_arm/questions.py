@@ -7,14 +7,11 @@ from pathlib import Path
 from meal_bayes.domain import Query
 from meal_bayes.errors import RobotError
 from meal_bayes.learner import Learner
-from meal_bayes.robots import RobotPerObject
 from meal_bayes.seeds import stream
 from meal_bayes.simulated_arm.arm import SimulatedArm
 from meal_bayes.simulated_arm.objects import attributes_of, draw_object
 from meal_bayes.simulated_arm.physics import OnFrame
-from meal_bayes.trials import Search, Trial, run_search, run_trial
-
-TURN_COST = 1.0  # s, from one box to the next
+from meal_bayes.trials import Trial, run_trial
 
 
 def ask_new(
@@ -45,41 +42,6 @@ def ask_new(
     with contextlib.suppress(RobotError):
         run_trial(session, arm)
     return session.trial
-
-
-def find_new(
-    learner: Learner,
-    question: str | Query,
-    seed: int,
-    objects: int,
-    number: int = 0,
-    *,
-    turn_cost: float = TURN_COST,
-    log: Path | None = None,
-) -> Search:
-    """Find one of some new boxes on the table, of which nothing is recorded, or none; in a test.
-
-    The arm reaches one box at a time: turning to another costs `turn_cost`, s. Boxes are called
-    "1", "2" and so on. Where the robot fails, the search goes as far as it went, and says why it
-    `ended`.
-    """
-    drawn = {str(box + 1): (number, box) for box in range(objects)}
-    parameters = {name: draw_object(seed, "find", *path) for name, path in drawn.items()}
-    arms = {
-        name: SimulatedArm(parameters[name], seed, "find", *path) for name, path in drawn.items()
-    }
-    session = learner.begin_find(
-        question,
-        objects,
-        truth={name: attributes_of(parameters[name]) for name in drawn},
-        turn_cost=turn_cost,
-        key=f"find {seed}-{number}",
-        log=log,
-        learn=False,
-    )
-    with contextlib.suppress(RobotError):
-        run_search(session, RobotPerObject(arms))
-    return session.search
 
 
 def learn_live(

@@ -20,12 +20,11 @@ from meal_bayes.trial_log.reader import (
     salvage,
 )
 from meal_bayes.trial_log.schema import ACTIVE, FORMAT_VERSION
-from meal_bayes.trial_log.searches import read_search
 from meal_bayes.trial_log.writer import TrialWriter, read_seconds, write_trials
 
 __all__ = [
     "ACTIVE", "FORMAT_VERSION", "Feedback", "Follower", "Group", "LogInfo", "Logs", "TrialWriter",
     "check_log", "log_files", "log_info", "read_feedback", "read_header", "read_outcomes",
-    "read_search", "read_seconds", "read_trials", "recover_log", "remove_drafts", "salvage",
+    "read_seconds", "read_trials", "recover_log", "remove_drafts", "salvage",
     "write_trials",
 ]  # fmt: skip

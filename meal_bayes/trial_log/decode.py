@@ -20,7 +20,6 @@ from meal_bayes.trial_log.container import FAULTS, chunk_messages, message_of
 from meal_bayes.trial_log.encode import End, judgment, limit_misfits, start_misfits, step_misfits
 from meal_bayes.trial_log.feedback import Feedback, read_key
 from meal_bayes.trial_log.foreign import check_topics, form_of, run_header
-from meal_bayes.trial_log.search_record import SearchRecord
 from meal_bayes.trial_log.sensed import read_sensed
 from meal_bayes.trials import Step, Task, Trial, TrialOutcomes
 from meal_bayes.trials.outcomes import INTEGERS, REALS, TEXTS
@@ -44,7 +43,6 @@ class TrialBuilder:
     read: End = End()  # noqa: RUF009  immutable
     end: End | None = None  # as the writer counted
     feedback: list[Feedback] = field(default_factory=list)  # of a log of that form
-    search: SearchRecord = field(default_factory=SearchRecord)  # the same
     ours: bool = False  # whether a profile says so
     _channels: ChainMap[int, str] = field(default_factory=ChainMap)  # as declared, then as usual
     _runs: int = 0  # headers of runs
@@ -95,10 +93,6 @@ class TrialBuilder:
         if topic == schema.MOMDPS:
             message = schema.MomdpMessage.FromString(data)
             self._momdps.add(message.id, _momdp(message), len(data))
-        elif topic == schema.TRIAL and self.form == schema.SEARCH_FORM:
-            self.search.start(self._trial([data], schema.OutcomeMessage()))
-        elif topic in (schema.SEARCH, schema.TURN, schema.CLAIM):
-            self.search.add(topic, data)
         elif topic in (schema.TRIAL, schema.STEP):
             if bool(self._open) == (topic == schema.TRIAL):
                 problem = "a trial has no outcome" if self._open else "a step has no trial"
@@ -142,8 +136,6 @@ class TrialBuilder:
             raise LogCorruptError(
                 f"it holds {len(self.feedback)} messages of feedback, expected one"
             )
-        if self.form == schema.SEARCH_FORM and not self.search.answered:
-            raise LogCorruptError("a search has no answer")
         if self.read != self.end:
             raise LogCorruptError(
                 f"the trials are not those that were written ({self.read}, {self.end})"

@@ -21,10 +21,8 @@ from meal_bayes.trial_log.feedback import Feedback, FeedbackIndex
 from meal_bayes.trial_log.foreign import ForeignFileError
 from meal_bayes.trial_log.names import feedback_of, log_files, named_form, stem_of
 from meal_bayes.trial_log.reader import Scan, grouped, read_header, readable_feedback
-from meal_bayes.trial_log.schema import ACTIVE, FEEDBACK_FORM, FIND, FULL, SEARCH_FORM, SUFFIX
-from meal_bayes.trial_log.searches import searches_in, unfinished_text
-from meal_bayes.trials import Search, Trial, TrialOutcomes
-from meal_bayes.trials.search import as_left
+from meal_bayes.trial_log.schema import ACTIVE, FULL, SUFFIX
+from meal_bayes.trials import Trial, TrialOutcomes
 
 # Settings that choose trials of a run, or the form of their log, and change none.
 _APART = ("agents", "repeats", "first", "log")
@@ -49,20 +47,12 @@ def _content(data_set: str) -> str:
 
 
 def of_learner(header: Mapping[str, object]) -> bool:
-    """Return whether a log holds a trial that a learner has begun, alone or in a search."""
-    return isinstance(header.get("begun"), dict) or of_search(header)
+    """Return whether a log holds a trial that a learner has begun."""
+    return isinstance(header.get("begun"), dict)
 
 
-def of_search(header: Mapping[str, object]) -> bool:
-    """Return whether a log holds the trial of an object that a search explored."""
-    config = header.get("config")
-    return isinstance(config, dict) and config.get("command") == FIND
-
-
-def going_on_text(log: Path, header: Mapping[str, object]) -> str:
-    """Say of a trial, or a search, that a learner has not ended how it goes on."""
-    if of_search(header):
-        return unfinished_text(log.parent)
+def going_on_text(log: Path) -> str:
+    """Say of a trial that a learner has not ended how it goes on."""
     return (
         f"{log}: the trial is not over; where its process died, Learner.resume({str(log)!r}) goes "
         "on with it"
@@ -133,17 +123,6 @@ class Logs:
         """
         return self._groups(begun=True)
 
-    def shown(self) -> Iterator[Group]:
-        """Yield the groups of `begun` as people are shown them; errors are those of `groups`.
-
-        Of an object that a search left the trial says so.
-        """
-        for group in self.begun():
-            if of_search(group.header):
-                yield group._replace(trials=tuple(map(as_left, group.trials)))
-            else:
-                yield group
-
     def _groups(self, *, begun: bool) -> Iterator[Group]:
         """Yield the trials in groups; with those without an outcome that a learner has begun."""
         empty = True
@@ -164,17 +143,12 @@ class Logs:
                 self.problems += [f"{file}: {problem}" for problem in scan.problems]
         if empty and self.problems:
             raise LogCorruptError(f"Not one trial can be read: {self.problems[0]}.")
-        form = named_form(self.files[0])
-        if empty and form:
-            holds = {FEEDBACK_FORM: "what was told of trials", SEARCH_FORM: "the turns of trials"}
-            raise LogError(f"{self.files[0]} holds {holds[form]}; name one of their logs.")
+        if empty and named_form(self.files[0]):
+            raise LogError(
+                f"{self.files[0]} holds what was told of trials; name one of their logs."
+            )
         if empty:
             raise LogError(f"{self.files[0]} holds no trial yet.")
-
-    def searches(self) -> Iterator[tuple[Path, Search]]:
-        """Yield the searches of all folders, and the log of each, as far as they can be read."""
-        for path in self._paths:
-            yield from searches_in(path, self.problems.append)
 
     def trials(self) -> Iterator[Trial]:
         """Yield the trials of all files, none of a compact log; errors are those of `groups`."""
@@ -187,10 +161,10 @@ class Logs:
         damaged = fault not in ("", CUT_SHORT)
         problem = f"{draft} was not finished by its writer{f' ({fault})' if fault else ''}"
         if of_learner(header):
-            problem = going_on_text(draft, header)
+            problem = going_on_text(draft)
         if damaged:
             self.problems.append(f"{draft}: {fault}")
-        if problem not in self.unfinished:  # a search has several drafts
+        if problem not in self.unfinished:
             self.unfinished.append(problem)
             self.problems.append(problem)
 

@@ -13,14 +13,12 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 from meal_bayes.errors import LogError
-from meal_bayes.files import checked_path, command_line, file_name, hold
-from meal_bayes.trial_log.schema import ACTIVE, FEEDBACK_FORM, SEARCH_FORM, SUFFIX
+from meal_bayes.files import checked_path, file_name, hold
+from meal_bayes.trial_log.schema import ACTIVE, FEEDBACK_FORM, SUFFIX
 
 RECOVERED = ".recovered"
-FEEDBACK = ".feedback"  # ends the stem of a log of feedback,
-SEARCH = ".search"  # ... of a log of a search
-FORM_ENDINGS = {FEEDBACK: FEEDBACK_FORM, SEARCH: SEARCH_FORM}
-TURNS = f"turns{SEARCH}{SUFFIX}"  # the log of a search, in a folder with those of its objects
+FEEDBACK = ".feedback"  # ends the stem of a log of feedback
+FORM_ENDINGS = {FEEDBACK: FEEDBACK_FORM}
 _FEEDBACK_FOLDER = "feedback"  # beside the logs of trials
 _TIME = "%Y%m%d-%H%M%S-%f"
 _DATED = re.compile(r"(\d{8}-\d{6}-\d{6})-")
@@ -78,35 +76,6 @@ def named_form(path: Path) -> str:
     return FORM_ENDINGS.get(Path(stem_of(path)).suffix, "")
 
 
-def explored_name(number: int, name: str) -> str:
-    """Return the name of the log of an object that a search turned to as the number-th, from 1.
-
-    Such logs stand in the order of the turns, and their names are kept for nothing else.
-
-    >>> explored_name(1, "mug.search")
-    '0001-mug_search.mcap'
-    """
-    return f"{number:04d}-{file_name(name).replace('.', '_')}{SUFFIX}"
-
-
-def free_folder(folder: Path) -> Path:
-    """Return a folder that is not there yet: this one, or with the next number behind its name."""
-    free = folder
-    number = 1
-    while free.exists():
-        number += 1
-        free = folder.with_name(f"{folder.name}-{number}")
-    return free
-
-
-def search_files(path: Path, *, below: bool = True) -> list[Path]:
-    """Find the logs of searches: the file itself, or those of a folder, and below it, or drafts."""
-    if path.is_file():
-        return [path] if named_form(path) == SEARCH_FORM else []
-    file_of_log = _wholest((path.rglob if below else path.glob)(f"*{SEARCH}*{SUFFIX}*"))
-    return sorted(file for log, file in file_of_log.items() if named_form(log) == SEARCH_FORM)
-
-
 def feedback_files(folder: Path) -> list[Path]:
     """Find the whole logs of feedback on a folder's trials, in the order they were written."""
     return sorted((folder / _FEEDBACK_FOLDER).glob(f"*{FEEDBACK}{SUFFIX}"))
@@ -115,7 +84,7 @@ def feedback_files(folder: Path) -> list[Path]:
 def feedback_of(folder: Path) -> list[Path]:
     """Find the whole logs of feedback that may be of a folder's trials, in their order.
 
-    Trials of a search stand in a folder of their own, beside those of single objects.
+    Trials of `Learner.find` stand in a folder of their own, below that of other trials.
     """
     files = [*feedback_files(folder), *feedback_files(folder.parent)]
     return sorted(files, key=lambda file: file.name)  # a name begins with the time
@@ -168,7 +137,7 @@ def log_files(path: str | Path) -> list[Path]:
 
     Each log is found once: as the whole file; if there is none, as its largest draft; if there is
     none either, as what was recovered of it. So is a file that is not there: of a draft that was
-    found a moment ago, another process may have ended the trial. Logs of feedback and of searches
+    found a moment ago, another process may have ended the trial. Logs of feedback
     hold no trials, and are not found.
 
     Raises
@@ -183,13 +152,6 @@ def log_files(path: str | Path) -> list[Path]:
         file_of_log = _wholest(path.rglob(f"*{SUFFIX}*"))
         logs = sorted(file for log, file in file_of_log.items() if not named_form(log))
         if not logs:
-            searches = search_files(path)
-            if searches:
-                command = command_line("meal-bayes log show", searches[0].parent)
-                raise LogError(
-                    f"{path} holds no log of a trial: the search in it explored nothing; what it "
-                    f"holds is shown by: {command}"
-                )
             raise LogError(f"{path} holds no log (*{SUFFIX}).")
         return logs
     stem = stem_of(path) if path.name.endswith(ACTIVE) else path.stem
@@ -197,17 +159,6 @@ def log_files(path: str | Path) -> list[Path]:
     if wholest is None:
         raise LogError(f"There is no log {path}; expected a {SUFFIX} file, or a folder of them.")
     return [wholest]
-
-
-def all_logs(path: Path) -> list[Path]:
-    """Find the logs of trials, and those of searches; errors are those of `log_files`."""
-    searches = search_files(path) if path.is_dir() else []
-    try:
-        return [*log_files(path), *searches]
-    except LogError:  # of a folder whose search explored nothing
-        if not searches:
-            raise
-        return searches
 
 
 def _wholest(files: Iterable[Path]) -> dict[Path, Path]:

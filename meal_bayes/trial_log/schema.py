@@ -17,10 +17,8 @@ FORMAT_VERSION = 5
 FULL = "full"  # the form of a log that holds whole trials
 COMPACT = "compact"  # ... that holds their outcomes alone
 FEEDBACK_FORM = "feedback"  # ... that holds what a person told of a trial when that was over
-SEARCH_FORM = "search"  # ... that holds which objects a search turned to, and what it claimed
 PROFILES = {  # in the MCAP header
     FULL: "meal_bayes", COMPACT: "meal_bayes/outcomes", FEEDBACK_FORM: "meal_bayes/feedback",
-    SEARCH_FORM: "meal_bayes/search",
 }  # fmt: skip
 SUFFIX = ".mcap"
 ACTIVE = ".active"  # ends the name of a file that is still being written
@@ -34,10 +32,6 @@ OUTCOME = "/outcome"
 OUTCOMES = "/outcomes"  # of the compact form: columns of many trials in one message
 FEEDBACK = "/feedback"  # of the form of that name: one message
 ASK = "Learner.ask"  # command of the logs of trials with a robot
-FIND = "Learner.find"  # command of the logs of objects that a search explored
-SEARCH = "/search"  # of the form of that name: what is searched for, then the start of each trial,
-TURN = "/turn"  # each turn as it happens,
-CLAIM = "/claim"  # and the answer
 LINES = "/log"  # for other tools; reading takes nothing from it
 
 
@@ -57,7 +51,6 @@ MESSAGE_LIMIT = _room(FEATURE_LIMIT)  # bytes of one message, such as a step
 RECORD_LIMIT = 2 * MESSAGE_LIMIT  # bytes of one MCAP record, packed or unpacked
 TRIAL_LIMIT = _room(TRIAL_FEATURES)  # bytes of one trial
 NAME_LIMIT = untrusted.NAME_LIMIT  # attributes, behaviors, or x of one MOMDP; labels of a telling
-MOST_OBJECTS = 1000  # of one search
 MOMDP_MEMORY = 256  # a trial may refer to this many of the newest MOMDPs,
 MOMDP_BYTES = 64 << 20  # as far as their messages have this many bytes
 EDGE_LIMIT = 250_000  # edges of the search trees of one trial
@@ -107,16 +100,12 @@ _FIELDS = {
     "meal_bayes.Feedback": (
         "object_name:string key:string attributes:string* labels:int64* recordings:int64"
     ),
-    "meal_bayes.Search": "question:string objects:string* none:double turn_cost:double",
-    "meal_bayes.Turn": "turn:int64 object_name:string state:string",
-    "meal_bayes.Claim": "object_name:string cost:double ended:string",  # no name: none of them
     "foxglove.Log": (
         "timestamp:time level:level message:string name:string file:string line:fixed32"
     ),
 }
 # By the names of `MOMDP`; the bonus limit is missing in older logs.
-_OTHER_ARRAYS = ("bonus_limit", "no_cost")  # older logs lack the one, and no trial has the other
-MOMDP_ARRAYS = {name: axes for name, axes in ARRAYS.items() if name not in _OTHER_ARRAYS}
+MOMDP_ARRAYS = {name: axes for name, axes in ARRAYS.items() if name != "bonus_limit"}
 TASK_VALUES = ("name", "object_index", "object_name")  # by the names of `Task`
 STEP_VALUES = ("x", "next_x", "cost", "reward", "warning")  # by the names of `Step`
 EDGE_VALUES = ("level", "parent", "action", "visits", "value", "bonus")  # of `TreeEdge`
@@ -131,10 +120,6 @@ TOPICS = {
     },
     COMPACT: {RUN: "meal_bayes.Run", OUTCOMES: "meal_bayes.Outcomes"},
     FEEDBACK_FORM: {RUN: "meal_bayes.Run", FEEDBACK: "meal_bayes.Feedback"},
-    SEARCH_FORM: {
-        RUN: "meal_bayes.Run", MOMDPS: "meal_bayes.Momdp", TRIAL: "meal_bayes.Trial",
-        SEARCH: "meal_bayes.Search", TURN: "meal_bayes.Turn", CLAIM: "meal_bayes.Claim",
-    },
 }  # fmt: skip
 
 
@@ -180,9 +165,6 @@ StepMessage = _CLASSES["meal_bayes.Step"]
 OutcomeMessage = _CLASSES["meal_bayes.Outcome"]
 OutcomesMessage = _CLASSES["meal_bayes.Outcomes"]
 FeedbackMessage = _CLASSES["meal_bayes.Feedback"]
-SearchMessage = _CLASSES["meal_bayes.Search"]
-TurnMessage = _CLASSES["meal_bayes.Turn"]
-ClaimMessage = _CLASSES["meal_bayes.Claim"]
 LogMessage = _CLASSES["foxglove.Log"]
 
 

@@ -47,7 +47,7 @@ class TrialWriter:
     header : Mapping[str, object]
         What the run was, in JSON values: config, seed, git. `versions` is filled in.
     form : str
-        "full", "compact", "feedback" or "search".
+        "full", "compact" or "feedback".
     """
 
     def __init__(
@@ -60,7 +60,7 @@ class TrialWriter:
         if named_form(self.path) != (form if form in FORM_ENDINGS.values() else ""):
             reserved = " and ".join(f"{ending}{SUFFIX}" for ending in FORM_ENDINGS)
             raise SettingsError(
-                f"Names that end in {reserved} are of feedback and searches alone; found "
+                f"Names that end in {reserved} are of feedback alone; found "
                 f"{self.path.name!r}. Choose another."
             )
         self.active_path = new_draft(self.path)  # its name while it is being written

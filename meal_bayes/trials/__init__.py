@@ -8,16 +8,13 @@ from meal_bayes.trials.outcomes import BatchOutcomes, TrialOutcomes, Trials, tas
 from meal_bayes.trials.percept_text import percept_labels
 from meal_bayes.trials.record import Step, Task, TrialRecord, truth_of
 from meal_bayes.trials.recorder import Recorder
-from meal_bayes.trials.run import run_search, run_trial
-from meal_bayes.trials.search import Search, SearchingRobot, SearchRules
-from meal_bayes.trials.search_session import SearchRecorder, SearchSession
+from meal_bayes.trials.run import run_trial
 from meal_bayes.trials.session import Session
 from meal_bayes.trials.text import trials_frame, truth_text
 from meal_bayes.trials.trial import Trial
 
 __all__ = [
-    "BatchOutcomes", "FaultTolerant", "Recorder", "Search", "SearchRecorder", "SearchRules",
-    "SearchSession", "SearchingRobot", "Session", "Step", "Task", "Trial", "TrialOutcomes",
-    "TrialRecord", "Trials", "percept_labels", "run_search", "run_trial", "task_key",
+    "BatchOutcomes", "FaultTolerant", "Recorder", "Session", "Step", "Task", "Trial",
+    "TrialOutcomes", "TrialRecord", "Trials", "percept_labels", "run_trial", "task_key",
     "trials_frame", "truth_of", "truth_text",
 ]  # fmt: skip

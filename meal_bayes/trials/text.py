@@ -23,8 +23,7 @@ RIGHT = "right"
 WRONG = "wrong"
 UNKNOWN = "truth unknown"
 YES = "yes"  # what Pr(yes is right) stands beside, as an attribute's name beside its belief
-UNFINISHED = "the log ends here"  # why a trial, or a search, without an outcome was broken off
-LEFT = "the search left it"  # why the trial of an object that is not claimed ended
+UNFINISHED = "the log ends here"  # why a trial without an outcome was broken off
 _UNLIKE = 0.01  # difference of a joint prior from independence that is named,
 _PAIRS = 3  # of so many pairs at most
 
@@ -207,25 +206,10 @@ def verdict_text(trial: TrialRecord) -> str:
 
 
 def end_word(trial: TrialRecord) -> str:
-    """Return how a trial ends: it answers, abstains, is left by a search, or broken off."""
+    """Return how a trial ends: it answers, abstains, or is broken off."""
     if trial.ended:
-        return "left" if trial.ended == LEFT else "broken off"
+        return "broken off"
     return "answers" if trial.report is not None else "abstains"
-
-
-def leaving_text(trial: TrialRecord, number: int) -> str:
-    """Return what a step, counted from 1, left, where a search turned away for good; else ""."""
-    decision = trial.steps[number - 1].decision
-    if trial.ended != LEFT or decision.action < trial.momdp.n_behaviors:
-        return ""
-    worth = f"{decision.values[-1]:{AMOUNT}}"
-    return f"another answer of the search is better; claiming this is worth {worth}"
-
-
-def last_label(trial: TrialRecord, action: int) -> str:
-    """Return the name of a behavior, or of what ended the trial: "answer", "abstain", "leave"."""
-    leaves = trial.ended == LEFT and action >= trial.momdp.n_behaviors
-    return "leave" if leaves else trial.momdp.action_label(action)
 
 
 def final_facts(trial: TrialRecord) -> dict[str, str]:

@@ -13,8 +13,6 @@ from meal_bayes.trials.text import (
     compared_actions,
     final_facts,
     gap_text,
-    last_label,
-    leaving_text,
     outcome_text,
 )
 from meal_bayes.viewer.recorder import TrialFrame
@@ -57,7 +55,7 @@ def narrate(frame: TrialFrame) -> str:
     else:
         action = step.decision.action
         spent = f"cost in all {frame.spent:g} s"
-        name = f"step {frame.number}: {plain_text(last_label(trial, action))}"
+        name = f"step {frame.number}: {plain_text(trial.momdp.action_label(action))}"
         if action < momdp.n_behaviors:
             outcome = plain_text(outcome_text(momdp, step))
             spent = f"{outcome}, {step.cost:g} s ({frame.spent:g} s so far)"
@@ -92,9 +90,6 @@ def explain_decision(frame: TrialFrame) -> str:
     momdp = frame.trial.momdp
     if step is None:
         return "*Nothing is decided yet.*"
-    why = leaving_text(frame.trial, frame.number)
-    if why:
-        return f"*{why}*"
     decision = step.decision
     compared = compared_actions(momdp, decision, belief_before(frame.trial, frame.number), _OPTIONS)
     if not compared:

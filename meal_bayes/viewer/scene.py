@@ -10,7 +10,7 @@ import rerun as rr
 
 from meal_bayes.robots.robot import BALL, SHELL, SOLID, Frame
 from meal_bayes.trials import Trial, percept_labels
-from meal_bayes.trials.text import YES, last_label
+from meal_bayes.trials.text import YES
 from meal_bayes.viewer.drawings import (
     Diagram,
     Graph,
@@ -188,7 +188,7 @@ class Scene:
             return
         action = step.decision.action
         percept = step.observation
-        label = plain_text(last_label(trial, action))
+        label = plain_text(trial.momdp.action_label(action))
         self._lane("action", time, label, (GRAY, DIM)[frame.number % 2])
         names = [] if percept is None else percept_labels(momdp, action, percept)
         for i, lane in enumerate(self._percept_lanes(trial)):

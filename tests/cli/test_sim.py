@@ -94,18 +94,3 @@ def test_without_mujoco_one_line_says_what_to_install(run, monkeypatch):
     result = run("sim", "live")
     assert result.exit_code == 2
     assert "pip install '.[sim]'" in result.stderr
-
-
-@pytest.mark.long
-def test_a_box_is_found(run, cache, monkeypatch):
-    monkeypatch.setenv("MEAL_BAYES_DATA_DIR", str(cache))
-    result = run("sim", "find", "Which one is red?", "--boxes", "2", *SMALL, "--json")
-    assert result.exit_code == 0, result.output
-    told = json.loads(result.stdout)
-    assert set(told["trials"]) == {"1", "2"}
-    assert told["search"]["claim"] in ("1", "2", None)
-    assert told["search"]["success"] in (True, False)
-    explored = [name for name, trial in told["trials"].items() if trial["steps"]]
-    logs = sorted(path.stem for path in Path(told["log"]).glob("*.mcap"))
-    assert logs.pop() == "turns.search"
-    assert sorted(name.split("-", 1)[1] for name in logs) == explored

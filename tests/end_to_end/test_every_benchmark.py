@@ -87,8 +87,6 @@ RUNS = (
     Run("compare", "--simulations 2 --measure success", {"FAMILY": 2}),
     Run("coupled", "--dataset roc36 --trials 40"),
     Run("digests", "now.json", {"DATASETS": ("roc36",), "SMALL": {"offline": "--trials 1"}}),
-    Run("find", "roc36 --objects 4 --trials 2"),
-    Run("find_exact", "--problems 2 --percepts 1"),
     Run("forgetting", "--seeds 0-2 --trials 2", {"HALF_LIVES": (2.0, 5.0), "MET": 2}),
     Run("groups", "", {"load_percepts": lambda name: small_group(), "SIZES": (3,)}),
     Run("growth", "--task table", {"AXES": {"objects": (10, 20)}}),
@@ -112,7 +110,6 @@ RUNS = (
     Run("shared_training", "--simulations 2 --objects 6", {"NEW": 10}),
     *(Run("simulated", f"--part {part} --objects 2 --asked 1", ARM, "sim")
       for part in ("answers", "labels", "content")),
-    Run("simulated", "--part find --searches 2", ARM, "sim"),
     Run("simulated", "--part live --trials 4", ARM, "sim"),
     Run("simulated", "--part population --crowd 6", ARM, "sim"),
     Run("start", "", {"COLD": {}, **HELP}),

@@ -1,6 +1,5 @@
-"""A kitchen with two attributes, its recordings, arms that work in it, and searches of cups."""
+"""A kitchen with two attributes, its recordings, and arms that work in it."""
 
-import copy
 from types import SimpleNamespace
 
 import numpy as np
@@ -12,7 +11,7 @@ from meal_bayes.domain import domain_from_table
 from meal_bayes.learner import Learner
 from meal_bayes.planners import OpenLoop, Predefined
 from meal_bayes.robots import Outcome
-from meal_bayes.trial_log import check_log, read_search, read_trials, writer
+from meal_bayes.trial_log import writer
 from meal_bayes.trial_log.writer import TrialWriter
 
 OBJECTS = 12
@@ -146,98 +145,6 @@ def make_learner(dataset, agent=None, **options):
     ).fit(dataset)
 
 
-CUPS = ("mug", "a/b.search", "glass")
-
-
-class Table:
-    """Cups on a table, whose outcomes depend on the cup and the number of the step alone."""
-
-    def __init__(self, seed):
-        self.seed = seed
-        self.executed = 0
-
-    def turn_to(self, session):
-        explored = session.sessions[session.turn]
-        return explored.momdp.x_names[explored.belief.x]
-
-    def execute(self, session):
-        self.executed += 1
-        place = list(session.sessions).index(session.object)
-        explored = session.sessions[session.object]
-        rng = np.random.default_rng([self.seed, place, len(explored.steps)])
-        if session.behavior == "look":
-            return Outcome("table", {"color": COLORS[place % 2] + rng.normal(0, 50, 3)})
-        if session.behavior == "reset":
-            return Outcome("table")
-        if rng.random() < 0.2:
-            return Outcome("table")
-        return Outcome("held", {"force": FORCES[[place // 2]] + rng.normal(0, 1.2, 1)})
-
-
-def drive(session, table):
-    while not session.over:
-        if session.turn is not None:
-            session.turned(table.turn_to(session))
-        else:
-            session.observe(table.execute(session))
-    return session.search
-
-
-def content(search):
-    """Return all that a search decided and believed; names that are drawn aside."""
-    trials = [
-        (
-            name,
-            [(s.decision.action, s.x, s.next_x, s.belief.positive.tolist()) for s in trial.steps],
-            [None if s.observation is None else s.observation.tolist() for s in trial.steps],
-            trial.truth.tolist(),
-            trial.ended,
-        )
-        for name, trial in search.trials.items()
-    ]
-    named = (search.question, search.turns, search.states, search.claim, search.ended)
-    return trials, named, search.cost, search.none, search.turn_cost, search.success
-
-
-def assert_read_back(folder, search):
-    read = read_search(folder)
-    assert content(read) == content(search)
-    for name, trial in read.trials.items():
-        assert trial.task == search.trials[name].task
-        np.testing.assert_array_equal(trial.momdp.confusion, search.trials[name].momdp.confusion)
-    explored = [trial for trial in search.trials.values() if trial.steps]
-    assert len(list(read_trials(folder))) == len(explored)
-    assert not list(folder.glob("*.active"))
-    assert all(check_log(file).whole for file in folder.glob("*.mcap"))
-
-
-OPTIONS = {
-    "truth": {"a/b.search": {"red": True, "full": False}}, "turn_cost": 0.5, "none": -3.0,
-    "max_steps": 9, "key": "k",
-}  # fmt: skip
-
-
-def bury(session):
-    """Let go of what the process of a search held when it died."""
-    for recorder in (session._recorder, *(each._recorder for each in session.sessions.values())):
-        if recorder is not None:
-            recorder._file.close()
-            if recorder._resumed is not None:
-                recorder._resumed.release()
-
-
-def one_step(session, table):
-    while session.turn is not None:
-        session.turned(table.turn_to(session))
-    session.observe(table.execute(session))
-
-
-SEARCHING = SimpleNamespace(
-    CUPS=CUPS, OPTIONS=OPTIONS, Table=Table, drive=drive, content=content, bury=bury,
-    one_step=one_step, assert_read_back=assert_read_back,
-)  # fmt: skip
-
-
 @pytest.fixture(scope="session")
 def dataset():
     return make_dataset()
@@ -262,28 +169,3 @@ def make():
 def kills(monkeypatch):
     """What ends a process before the writes of its logs."""
     return Kills(monkeypatch)
-
-
-@pytest.fixture(scope="session")
-def searching():
-    """A table of cups that are searched, and what drives, ends and compares such searches."""
-    return SEARCHING
-
-
-@pytest.fixture(scope="module")
-def mind(dataset, make):
-    return make.learner(dataset, "greedy")
-
-
-@pytest.fixture(scope="module")
-def undisturbed(mind):
-    """The search that nothing disturbs, by the seed of its table."""
-    searches = {}
-
-    def of(seed):
-        if seed not in searches:
-            session = copy.deepcopy(mind).begin_find("red and not full", CUPS, **OPTIONS)
-            searches[seed] = drive(session, Table(seed))
-        return searches[seed]
-
-    return of

@@ -157,17 +157,6 @@ def test_a_trial_that_a_fault_ended_is_named_and_goes_on(dataset, make, tmp_path
         learner.resume()
 
 
-def test_a_search_that_a_fault_ended_is_named(dataset, make, tmp_path):
-    learner = make.learner(dataset, "greedy", logs=tmp_path)
-    session = learner.begin_find("red", ["mug", "pot"])
-    session.turned("table")
-    session.cancel("robot error: Broken: x")
-    (folder,) = (tmp_path / "kitchen").iterdir()
-    with pytest.raises(LogError, match=r"was ended \(robot error: Broken: x\)") as caught:
-        learner.resume_find()
-    assert f"resume_find({str(folder)!r})" in str(caught.value)
-
-
 @pytest.mark.parametrize("steps", range(3))
 def test_a_robot_that_was_moved_is_not_commanded(dataset, make, tmp_path, steps):
     agent = make.agent("lift", "reset", "look")

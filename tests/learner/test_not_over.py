@@ -16,12 +16,10 @@ from meal_bayes.trial_log import ACTIVE, Logs
 
 
 def killed(session):
-    """Let go of what the process of a session, or of a search, held when it died."""
-    for each in (session, *getattr(session, "sessions", {}).values()):
-        if each._recorder is not None:
-            each._recorder._file.close()
-            if each._recorder._resumed is not None:
-                each._recorder._resumed.release()
+    """Let go of what the process of a session held when it died."""
+    session._recorder._file.close()
+    if session._recorder._resumed is not None:
+        session._recorder._resumed.release()
 
 
 def torn(learner, make, steps, **options):
@@ -50,16 +48,6 @@ def resumed(learner, make, steps):
     killed(session)
 
 
-def searched(learner, searching, steps):
-    """Begin a search whose process dies after so many steps, at most."""
-    session = learner.begin_find("red and not full", searching.CUPS)
-    table = searching.Table(steps)
-    for _ in range(steps):
-        if not session.over:
-            searching.one_step(session, table)
-    killed(session)
-
-
 def held(experience):
     """Return by trial the behaviors that an experience holds, and whether they succeeded."""
     rows = experience.executions.values
@@ -73,7 +61,7 @@ def held(experience):
 
 EVENTS = st.lists(
     st.tuples(
-        st.sampled_from(["whole", "torn", "torn test", "resumed", "searched", "forgotten"]),
+        st.sampled_from(["whole", "torn", "torn test", "resumed", "forgotten"]),
         st.integers(0, 3),
     ),
     min_size=1,
@@ -83,12 +71,10 @@ EVENTS = st.lists(
 
 @given(events=EVENTS)
 @example(events=[("torn", 2)])
-@example(events=[("whole", 0), ("torn", 1), ("searched", 2)])
+@example(events=[("whole", 0), ("torn", 1), ("resumed", 2)])
 @example(events=[("forgotten", 0), ("torn", 2)])
 @settings(max_examples=max(settings().max_examples // 10, 4), deadline=None)
-def test_a_learner_is_rebuilt_with_all_that_is_not_over(
-    dataset, make, searching, tmp_path_factory, events
-):
+def test_a_learner_is_rebuilt_with_all_that_is_not_over(dataset, make, tmp_path_factory, events):
     folder = tmp_path_factory.mktemp("logs")
     first = make.learner(dataset, "greedy", logs=folder)
     for event, steps in events:
@@ -96,8 +82,6 @@ def test_a_learner_is_rebuilt_with_all_that_is_not_over(
             trial = first.ask("red", make.arm(seed=steps), object_name="mug")
             if event == "forgotten":
                 first.forget(trial, recordings=True)
-        elif event == "searched":
-            searched(first, searching, steps)
         elif event == "resumed":
             resumed(first, make, steps)
         else:
@@ -155,7 +139,7 @@ def test_a_trial_that_is_not_over_is_shown_as_far_as_it_went(dataset, make, tmp_
     assert result.exit_code == 0, result.output
     (draft,) = folder.rglob(f"*{ACTIVE}")
     assert f"Learner.resume({str(draft)!r}) goes on with it" in result.output.replace("\n", "")
-    (group,) = Logs(folder).shown()
+    (group,) = Logs(folder).begun()
     assert [len(trial.steps) for trial in group.trials] == [steps]
     with pytest.raises(LogCorruptError, match="goes on with it"):
         list(Logs(folder).trials())  # of which none has its outcome

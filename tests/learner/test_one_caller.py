@@ -12,10 +12,8 @@ from meal_bayes.planners import unvalued
 from meal_bayes.robots import Outcome
 from meal_bayes.trial_log import Logs, check_log
 from meal_bayes.trials.recorder import Recorder
-from meal_bayes.trials.search_session import SearchRecorder
 
 SEEN = Outcome("table", {"color": [9.0, 9.0, 9.0]})
-CUPS = ("mug", "glass")
 CALLS = {
     "observe": lambda session: session.observe(SEEN),
     "fail": lambda session: session.fail(),
@@ -24,15 +22,6 @@ CALLS = {
     "start": lambda session: session.start("table"),
     "command": lambda session: session.command(unvalued(session.momdp, 0)),
     "record": lambda session: session.record(Mock(spec=Recorder)),
-    "the end of its block": lambda session: session.__exit__(None, None, None),
-}
-SEARCH_CALLS = {
-    "observe": lambda session: session.observe(SEEN),
-    "fail": lambda session: session.fail(),
-    "cancel": lambda session: session.cancel(),
-    "repeat": lambda session: session.repeat(session.search),
-    "turned": lambda session: session.turned("table"),
-    "record": lambda session: session.record(Mock(spec=SearchRecorder)),
     "the end of its block": lambda session: session.__exit__(None, None, None),
 }
 
@@ -120,28 +109,6 @@ def test_a_call_inside_another_is_refused_and_changes_nothing(
     np.testing.assert_array_equal(session.report, plain.report)
     assert [len(trial.steps) for trial in Logs(tmp_path).trials()] == [len(actions[0])] * 2
     assert all(check_log(path).whole for path in (tmp_path / "kitchen").glob("*.mcap"))
-
-
-@pytest.mark.parametrize("way", WAYS)
-@pytest.mark.parametrize("name", SEARCH_CALLS)
-def test_a_call_inside_another_of_a_search_is_refused(dataset, make, watcher, tmp_path, name, way):
-    learner = make.learner(dataset, "greedy")
-    session = learner.begin_find("red", CUPS, log=tmp_path / "it", on_step=watcher)
-    watcher.session = session
-    watcher.what = WAYS[way](SEARCH_CALLS[name])
-    executed = 0
-    while not session.over:
-        if session.turn is not None:
-            session.turned("table")
-        else:
-            before = session.behavior
-            session.observe(SEEN if before == "look" else Outcome("table"))
-            executed += 1
-    check_refused(watcher, "cancel" if "end" in name else name)
-    trials = session.search.trials.values()
-    behaviors = sum(step.decision.action < 3 for trial in trials for step in trial.steps)
-    assert executed == behaviors > 0
-    assert session.search.ended == ""
 
 
 def test_an_error_of_its_block_is_told_though_another_call_is_inside(unlogged, watcher):

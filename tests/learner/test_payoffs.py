@@ -57,7 +57,7 @@ def test_payoffs_come_back_from_a_file(dataset, make, tmp_path):
     assert again.problem("red").payoffs == OF_LEARNER
 
 
-def test_replays_and_searches_have_them_too():
+def test_replays_have_them_too():
     table = load_percepts("roc36")
     learner = Learner("roc36", agent="olfc", payoffs=list(OF_LEARNER), logs=None).fit(table)
     asked = {"answer": "yes or no", "payoffs": OF_CALL}
@@ -65,9 +65,9 @@ def test_replays_and_searches_have_them_too():
     assert trial.momdp.payoffs == OF_CALL
     trial = learner.ask("heavy and blue", "heavy_blue_beans", answer="yes or no")
     assert earned(trial) in OF_LEARNER
-    (of_object,) = learner.begin_find("heavy", ["heavy_blue_beans"], none=-50.0).sessions.values()
-    claims = of_object.momdp.payoffs
-    assert claims == (OF_LEARNER.right_yes, OF_LEARNER.wrong_yes, -50.0, -50.0)
+    found = learner.find("heavy", ["heavy_blue_beans"])  # in which "no" claims nothing
+    claims = found.trials["heavy_blue_beans"].momdp.payoffs
+    assert claims == (OF_LEARNER.right_yes, OF_LEARNER.wrong_yes, 0.0, 0.0)
 
 
 @pytest.mark.parametrize("payoffs", [(1, 2, 3), "four", 5, (1, -1, 1, float("nan")), (0, 9, 0, 9)])

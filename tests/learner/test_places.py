@@ -7,7 +7,7 @@ import pytest
 from meal_bayes import Learner, Outcome
 from meal_bayes.errors import SettingsError
 from meal_bayes.learner import recall
-from meal_bayes.trial_log import ACTIVE, Logs, read_search
+from meal_bayes.trial_log import ACTIVE, Logs
 
 
 def seen(number):
@@ -21,17 +21,6 @@ def asked(learner, elsewhere):
         with elsewhere():
             session.observe(seen(len(session.steps)))
     return session.trial
-
-
-def searched(learner, elsewhere):
-    session = learner.begin_find("red", ["mug", "cup"])
-    while not session.over:
-        with elsewhere():
-            if session.turn is not None:
-                session.turned("table")
-            else:
-                session.observe(seen(2))
-    return session.search
 
 
 @pytest.fixture
@@ -74,15 +63,6 @@ def test_a_trial_and_its_labels_stay_together(dataset, make, tmp_path, elsewhere
         assert (told[0] == told[1]) == (key != trial.task.key)
     judged = {each.task.key: each.success for each in Logs(*places).trials()}
     assert all(success is not None for success in judged.values())
-
-
-def test_a_search_stays_in_its_folder(dataset, make, tmp_path, elsewhere):
-    learner = make.learner(dataset, "greedy", logs="logs")
-    search = searched(learner, elsewhere)
-    (folder,) = (tmp_path / "home" / "logs" / "kitchen").iterdir()
-    assert read_search(folder).turns == search.turns
-    assert not list((tmp_path / "other").iterdir())
-    assert not list(tmp_path.rglob(f"*{ACTIVE}"))
 
 
 def test_a_trial_is_resumed_in_another_folder(dataset, make, tmp_path, elsewhere):

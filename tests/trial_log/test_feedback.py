@@ -142,10 +142,9 @@ def test_logs_of_feedback_are_no_trials(answered, tmp_path):
     with pytest.raises(LogError, match="what was told of trials; name one of their logs"):
         list(Logs(told).groups())
     for name, form in (
-        ("b.feedback.mcap", "full"), ("b.mcap", "feedback"), ("b.search.mcap", "compact"),
-        ("b.feedback.mcap", "search"),
+        ("b.feedback.mcap", "full"), ("b.mcap", "feedback"), ("b.feedback.mcap", "compact"),
     ):  # fmt: skip
-        with pytest.raises(SettingsError, match=r"\.feedback\.mcap and \.search\.mcap are of"):
+        with pytest.raises(SettingsError, match=r"\.feedback\.mcap are of"):
             TrialWriter(tmp_path / name, {}, form)
 
 

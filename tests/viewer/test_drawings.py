@@ -9,7 +9,6 @@ import pytest
 from meal_bayes.domain import Query, load_domain
 from meal_bayes.momdp import build_momdp
 from meal_bayes.planners import Decision, TreeEdge
-from meal_bayes.trials.text import LEFT
 from meal_bayes.viewer.drawings import Diagram, box_size, search_tree
 from meal_bayes.viewer.palette import GREEN, ORANGE
 from meal_bayes.viewer.recorder import Clock
@@ -61,7 +60,7 @@ def test_the_diagram_shows_where_the_robot_is_and_what_it_did(trials):
 @pytest.mark.parametrize("answers", [True, False])
 @pytest.mark.parametrize(
     ("ended", "word"),
-    [("", None), (LEFT, "left"), ("on_step error: ValueError", "broken off")],  # at its last step
+    [("", None), ("on_step error: ValueError", "broken off")],  # at its last step
 )
 def test_the_diagram_says_how_a_trial_ended(trials, ended, word, answers):
     trial = replace(trials[0], ended=ended, report=trials[0].report if answers else None)

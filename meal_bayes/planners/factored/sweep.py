@@ -70,7 +70,7 @@ class Backups(NamedTuple):
     edge: Ints  # of `Edges`, as `outcome`
     outcome: Floats
     reward: Floats  # (M,B), or (M,1) where it is the same for every belief
-    floor: Floats  # (X-1,B) value of ending, or (1,B) where it is the same in every x
+    floor: Floats  # (B,) value of ending
     size: Ints  # (N,) of the axes
     point: Ints  # (N,E,G,J) columns of the percepts' matrices; -1 first: the belief stays
     weight: Floats  # (N,E,G,J) entries
@@ -147,7 +147,7 @@ def make_backups(momdp: MOMDP, edges: Edges, table: Table, percepts: Sequence[Ma
 
 
 def _best_reward(reports: Reports, table: Table) -> Floats:
-    """Compute the reward of the best report at all points of the grid, (X-1,B) or (1,B).
+    """Compute the reward of the best report at all points of the grid, (B,).
 
     It is convex in each marginal, as the largest of functions that are linear in it.
     """
@@ -155,12 +155,11 @@ def _best_reward(reports: Reports, table: Table) -> Floats:
     # Values: r- + (r+ - r-) prod_i max(b_i, 1 - b_i). Yes or no: max over assertion and denial.
     if event is None:
         sure = (np.maximum(axis, 1 - axis) for axis in table.axes)
-        return reports.of_right(table.combined(sure, np.multiply)[:, None])[None]
+        return reports.of_right(table.combined(sure, np.multiply)[:, None])
     literals = (p if yes else 1 - p for p, yes in zip(table.axes, event.allowed, strict=True))
     conjunction = table.combined(literals, np.multiply)
     holds = 1 - conjunction if event.complement else conjunction
-    no_cost = reports.no_cost[:-1, None] if reports.no_cost.any() else np.zeros((1, 1))
-    return np.asarray(reports.answers(holds, no_cost).max(axis=-1))
+    return np.asarray(reports.answers(holds).max(axis=-1))
 
 
 class Ending(NamedTuple):
@@ -198,9 +197,8 @@ def _update(backups, value, x, scratch, ending):
     edge = backups.edge
     points = value.shape[1]
     # scratch[0]: the best of ending and of the behaviors that leave x.
-    ending_here = x if backups.floor.shape[0] > 1 else 0
     for b in range(points):
-        scratch[0, b] = backups.floor[ending_here, b]
+        scratch[0, b] = backups.floor[b]
     for m in range(edge.shape[0]):
         if edge[m, 0] == x and edge[m, 2] == 0:
             _back_up(backups, value, m, scratch, np.int64(0))

@@ -75,7 +75,7 @@ class OpenLoopPolicy:
         total = belief.shown
         most = np.minimum(np.maximum(percepts_left(self.momdp, belief), 0), _PERCEPTS)
         coming = np.minimum(planned, most).astype(int)
-        ending = _ending_of_plans(self.momdp, belief, plan["end"], coming, rng)
+        ending = _ending_of_plans(self.momdp, belief, coming, rng)
         value = plan["discount"] * ending - plan["cost"]
         if plan["lost"].any():
             value += plan["lost"] * _lost_ending(self.momdp, belief, rng)
@@ -107,44 +107,35 @@ def _best_by_first(
 
 
 def _ending_of_plans(
-    momdp: MOMDP, belief: Belief, end: Ints, coming: Ints, rng: np.random.Generator
+    momdp: MOMDP, belief: Belief, coming: Ints, rng: np.random.Generator
 ) -> Floats:
     """Estimate the value of the best report where plans (J,) end, after their percepts (J,E).
 
-    Plans that end alike are valued once: with equal percepts, and where "no" costs the same.
+    Plans that end alike, with equal percepts, are valued once.
     """
-    # Most problems have one cost of "no", 0.
-    no_costs, cost_index = np.unique(momdp.no_cost[end], return_inverse=True)
-    distinct, row = np.unique(np.column_stack([coming, cost_index]), axis=0, return_inverse=True)
-    counts = distinct[:, :-1]
-    no_cost = no_costs[distinct[:, -1]]
-    return _ending(momdp, belief, counts, no_cost, rng)[row.ravel()]
+    counts, row = np.unique(coming, axis=0, return_inverse=True)
+    return _ending(momdp, belief, counts, rng)[row.ravel()]
 
 
 def _lost_ending(momdp: MOMDP, belief: Belief, rng: np.random.Generator) -> Floats:
-    """Value an answer at once, without a percept; at worst it is given where "no" costs most."""
+    """Value an answer at once, without a percept."""
     no_percepts = np.zeros((1, momdp.n_behaviors), int)
-    return _ending(momdp, belief, no_percepts, momdp.no_cost.max(keepdims=True), rng)
+    return _ending(momdp, belief, no_percepts, rng)
 
 
-def _ending(
-    momdp: MOMDP, belief: Belief, counts: Ints, no_cost: Floats, rng: np.random.Generator
-) -> Floats:
-    """Estimate the value of the best report after so many percepts of each behavior (J,E).
-
-    "No" costs `no_cost` (J,), s.
-    """
+def _ending(momdp: MOMDP, belief: Belief, counts: Ints, rng: np.random.Generator) -> Floats:
+    """Estimate the value of the best report after so many percepts of each behavior (J,E)."""
     reports = momdp.reports
     if reports.event is None:
         return reports.of_right(_right(momdp, belief, counts, rng)[:, None])
-    now = reports.answers(reports.probability(belief), no_cost)  # (J,2)
+    now = reports.answers(reports.probability(belief))  # (2,)
     evidence = _sampled_evidence(momdp, belief, int(counts.max(initial=0)), rng)
-    ending: Floats = now.max(axis=1)
+    ending: Floats = np.full(len(counts), now.max())
     for j, percepts in enumerate(counts):
         behaviors = np.flatnonzero(percepts)
         after = belief.log_prob + evidence[percepts[behaviors], behaviors].sum(axis=0)  # (S,N,C)
-        answers = reports.answers(reports.probability(truths_of(momdp, after)), no_cost[j])
-        ending[j] += (answers.max(axis=1) - answers[:, now[j].argmax()]).mean()
+        answers = reports.answers(reports.probability(truths_of(momdp, after)))
+        ending[j] += (answers.max(axis=1) - answers[:, now.argmax()]).mean()
     return ending
 
 

@@ -90,14 +90,14 @@ def true_chance(percepts, prob, i):
 
 
 @kernel
-def stop_value(model, conjunction, x, prob):
-    """Compute the value of ending now in x: of the best report or of the exit."""
+def stop_value(model, conjunction, prob):
+    """Compute the value of ending now: of the best report or of the exit."""
     if conjunction is not None:
         holds = 1.0
         for i in range(prob.shape[0]):
             b = true_chance(model.percepts, prob, i)
             holds *= b if conjunction.literal[i] else 1.0 - b
-        return max(yes_or_no_value(conjunction, x, holds), model.dynamics.exit_value)
+        return max(yes_or_no_value(conjunction, holds), model.dynamics.exit_value)
     right = 1.0
     for i in range(prob.shape[0]):
         b = true_chance(model.percepts, prob, i)
@@ -109,11 +109,10 @@ def stop_value(model, conjunction, x, prob):
 
 @kernel
 def _lost_value(evaluator, conjunction, prob):
-    """Bound what an answer at once is worth, by the belief of now, wherever a plan gets lost."""
+    """Compute what an answer at once is worth, by the belief of now, where a plan gets lost."""
     lost = evaluator.scratch.lost
     if lost[0] == np.inf:  # once for all plans at a belief
-        for x in range(evaluator.model.dynamics.step.shape[0]):
-            lost[0] = min(lost[0], stop_value(evaluator.model, conjunction, x, prob))
+        lost[0] = stop_value(evaluator.model, conjunction, prob)
     return lost[0]
 
 

@@ -23,11 +23,11 @@ _ROUNDS = 3  # in which the thresholds are improved
 
 
 @kernel
-def yes_or_no_value(conjunction, x, holds):
-    """Compute the value of the best of assertion and denial in x at Pr(all literals hold)."""
+def yes_or_no_value(conjunction, holds):
+    """Compute the value of the best of assertion and denial at Pr(all literals hold)."""
     affirm = mean_reward(conjunction.wrong_assertion, conjunction.assertion_gain, holds)
     deny = mean_reward(conjunction.wrong_denial, conjunction.denial_gain, 1.0 - holds)
-    return max(affirm - conjunction.assertion_cost[x], deny - conjunction.denial_cost[x])
+    return max(affirm, deny)
 
 
 @kernel
@@ -135,12 +135,9 @@ def planned_yes_or_no(evaluator, j, prob, floor, enumerated):
         b = evaluator.scratch.chance[i]
         holds *= b if conjunction.literal[i] else 1.0 - b
     # What an assertion adds to a denial where it is right, and takes from it where it is wrong.
-    x = evaluator.plans.plan[j].end
-    saved = conjunction.denial_cost[x] - conjunction.assertion_cost[x]
-    gain = conjunction.gain + saved
-    loss = conjunction.loss - saved
+    gain = conjunction.gain
+    loss = conjunction.loss
     deny = mean_reward(conjunction.wrong_denial, conjunction.denial_gain, 1.0 - holds)
-    deny -= conjunction.denial_cost[x]
     if deny + gain * holds <= floor:  # with percepts that tell all
         return deny + gain * holds
     for turn in range(_ROUNDS):

@@ -75,7 +75,7 @@ def expand(model, scratch, tree, edge, rng):
                 # An outcome of probability 0 takes no node: the next one overwrites it.
                 child.x = branch.x
                 child.visits = 0
-                child.stop = stop_value(model, model.conjunction, branch.x, prob)
+                child.stop = stop_value(model, model.conjunction, prob)
                 child.bonus = 0.0
                 tree.size[0] += 1
     tree.edge[node, a].count = tree.size[0] - tree.edge[node, a].first

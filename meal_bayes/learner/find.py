@@ -1,0 +1,105 @@
+"""Which of several objects is it? Ask about one after another, the most probable first."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from math import prod
+from typing import Any
+
+from meal_bayes.display import AMOUNT, facts_html, facts_repr, listed, percent
+from meal_bayes.domain import Domain, Payoffs, Query, read_question
+from meal_bayes.domain.event import wrong_reward
+from meal_bayes.domain.words import doubled
+from meal_bayes.errors import SettingsError
+from meal_bayes.learner.settings import LearnerSettings
+from meal_bayes.momdp import initial_belief
+from meal_bayes.momdp.model import MOMDP
+from meal_bayes.robots import Robot
+from meal_bayes.trials import Trial
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """The result of `Learner.find`: an object, or none of them, and the trials that say so.
+
+    Attributes
+    ----------
+    object_name : str | None
+        The object of which the answer was yes; None: of none that was asked about.
+    trials : Mapping[str, Trial]
+        The trial of each object that was asked about, in the order in which they were asked.
+    """
+
+    object_name: str | None
+    trials: Mapping[str, Trial]
+
+    __repr__ = facts_repr
+    _repr_html_ = facts_html
+
+    def _facts(self) -> tuple[str, dict[str, str]]:
+        return f"Found {self.object_name or 'none of them'}", {
+            "probability": percent(self.probability),
+            "asked about": listed(list(self.trials)),
+            "cost": f"{self.cost:{AMOUNT}} s",
+        }
+
+    @property
+    def probability(self) -> float:
+        """Pr(yes) of the object; of none, the product of Pr(no) of all that were asked about."""
+        yes = {name: trial.probability or 0.0 for name, trial in self.trials.items()}
+        if self.object_name is not None:
+            return yes[self.object_name]
+        return prod(1.0 - p for p in yes.values())
+
+    @property
+    def cost(self) -> float:
+        """Cost of all trials, s."""
+        return sum(trial.cost for trial in self.trials.values())
+
+    @property
+    def success(self) -> bool | None:
+        """Whether the result is right; None where the truth is not known."""
+        trials = [self.trials[self.object_name]] if self.object_name else [*self.trials.values()]
+        right = [trial.success for trial in trials]
+        if self.object_name is None and False in right:
+            return False
+        return None if None in right else all(right)
+
+
+def read_claim(
+    question: str | Sequence[str] | Query,
+    domain: Domain,
+    payoffs: Sequence[float] | None,
+    settings: LearnerSettings,
+) -> Query:
+    """Read a question of yes or no, in which by default only the answer yes is paid for.
+
+    A right and a wrong yes earn what they do in other questions, and "no" nothing: whoever goes on
+    to the next object has not claimed anything.
+    """
+    query = (
+        question if isinstance(question, Query) else read_question(question, domain, "yes or no")
+    )
+    if payoffs is None and query.payoffs is None:
+        usual = settings.payoffs or domain.payoffs
+        yes = usual[:2] if usual else (settings.reward, wrong_reward(settings.reward))
+        payoffs = (*yes, 0.0, 0.0)
+    return query if payoffs is None else replace(query, payoffs=Payoffs.of(payoffs))
+
+
+def checked_objects(objects: Any) -> dict[str, Robot | None]:
+    """Return the robot of each object by the object's name; None where it is replayed."""
+    if isinstance(objects, str) or not isinstance(objects, Mapping | Sequence) or not objects:
+        raise SettingsError(
+            f"objects is {objects!r:.60}; give names of recorded objects, or {{name: robot}}."
+        )
+    if fault := doubled("object", list(objects)):
+        raise SettingsError(fault)
+    return dict(objects) if isinstance(objects, Mapping) else dict.fromkeys(objects)
+
+
+def prior_of_yes(momdp: MOMDP) -> float:
+    """Compute Pr(yes) before the first behavior."""
+    belief = initial_belief(momdp)
+    reports = momdp.reports
+    one = reports.event is None  # one attribute, of which yes and no earn the same
+    return float(belief.positive[0] if one else reports.probability(belief))
