@@ -6,7 +6,7 @@ Every array field of a public type goes through `freeze` at birth.
 import dataclasses
 from collections.abc import Mapping
 from functools import cache
-from numbers import Real
+from numbers import Integral, Real
 from types import UnionType
 from typing import Any, TypeGuard, get_args, get_origin
 
@@ -231,6 +231,34 @@ def check_kind(name: str, value: object, kind: type[Any]) -> None:
         raise SettingsError(f"{name} is {value!r:.60}; give a value of class {kind.__name__}.")
 
 
+def plain(value: Any) -> Any:
+    """Return a setting in Python's own types, which JSON knows; also inside lists and tables.
+
+    A number, text or truth value of numpy, an array of no axes, and a fraction are what they say.
+
+    >>> plain({"seed": np.int64(3), "agents": (np.str_("bayes"), np.array(0.5))})
+    {'seed': 3, 'agents': ('bayes', 0.5)}
+    """
+    if isinstance(value, np.generic) or (isinstance(value, np.ndarray) and value.ndim == 0):
+        value = value.item()
+    if isinstance(value, bool | int | float):
+        return value
+    if isinstance(value, Real):  # a fraction, or a float of more bits than Python's
+        return int(value) if isinstance(value, Integral) else float(value)
+    if type(value) in (list, tuple):
+        return type(value)(map(plain, value))
+    if type(value) is dict:
+        return {plain(key): plain(part) for key, part in value.items()}
+    return value
+
+
+def plain_fields(instance: Any) -> None:
+    """Make the fields of a frozen dataclass `plain`, as classes of settings do at birth."""
+    for field in dataclasses.fields(instance):
+        if field.init:
+            object.__setattr__(instance, field.name, plain(getattr(instance, field.name)))
+
+
 def real_array(name: str, values: object) -> NDArray[np.float64]:
     """Return numbers as an array; refuse what is none, or is of lists of unequal lengths."""
     numbers: Any = values
@@ -289,10 +317,12 @@ def check_place(name: str, value: object, count: int) -> None:
         raise SettingsError(f"{name} is {value!r:.60}; give a whole number from 0 to {count - 1}.")
 
 
-def check_whole(name: str, value: object) -> None:
-    """Refuse a setting that is no whole number, 0 or more."""
-    if not is_whole(value) or value < 0:
+def check_whole(name: str, value: object) -> int:
+    """Return a whole number, 0 or more, as an int; refuse any other setting."""
+    number = plain(value)
+    if not is_whole(number) or number < 0:
         raise SettingsError(f"{name} is {value!r:.60}; give a whole number, 0 or more.")
+    return number
 
 
 def is_whole(value: object) -> TypeGuard[int]:
@@ -307,18 +337,20 @@ def is_number(value: object) -> TypeGuard[float]:
 
 def check_seconds(name: str, value: object, most: float = np.inf, *, or_none: bool = False) -> None:
     """Refuse a setting that is no number of seconds, from 0 to the most."""
+    value = plain(value)
     if not ((or_none and value is None) or (is_number(value) and 0 <= value <= most)):
         raise SettingsError(f"{name} is {value!r:.60}; give seconds, 0 or more.")
 
 
 def check_yes_no(name: str, value: object) -> None:
     """Refuse a setting that is neither True nor False: "no" would be as good as True."""
-    if not isinstance(value, bool | np.bool_):
+    if not isinstance(plain(value), bool):
         raise SettingsError(f"{name} is {value!r:.60}; give True or False.")
 
 
 def check_amount(name: str, value: object, most: float = _FINITE, *, or_none: bool = False) -> None:
     """Refuse a setting that is no number above 0, up to the most: finite, where that is."""
+    value = plain(value)
     if (or_none and value is None) or (is_number(value) and 0 < value <= most):
         return
     expected = "a number above 0" if np.isinf(most) else "a finite number above 0"

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from meal_bayes.agents.co_occurrence import joint_prior
 from meal_bayes.agents.exploration import ExplorationBonus, NoBonus
 from meal_bayes.agents.knowledge import Knowledge
+from meal_bayes.arrays import plain_fields
 from meal_bayes.domain import Domain, Payoffs, Query
 from meal_bayes.domain.event import wrong_reward
 from meal_bayes.errors import SettingsError
@@ -82,6 +83,7 @@ class Agent:
     trained_by: "Agent | None" = None
 
     def __post_init__(self) -> None:
+        plain_fields(self)
         fault = name_fault(self.name)
         if fault:
             raise SettingsError(f"The agent's name {self.name!a:.60} {fault}; rename it.")

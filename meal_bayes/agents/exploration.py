@@ -11,6 +11,7 @@ import numpy as np
 
 from meal_bayes.agents.learning_value import first_percept_value
 from meal_bayes.agents.progress import Progress
+from meal_bayes.arrays import plain_fields
 from meal_bayes.momdp import MOMDP, add_itrs_bonus
 
 # Percepts of a behavior in one trial that Eq. 11 pays for: as many as the paper's data sets have
@@ -47,6 +48,9 @@ class NoBonus:
 
     bonus_limit: float = np.inf
 
+    def __post_init__(self) -> None:
+        plain_fields(self)
+
     def shape(self, momdp: MOMDP, progress: Progress) -> MOMDP:
         """Return the MOMDP as it is."""
         return momdp
@@ -59,6 +63,9 @@ class ITRSBonus:
     alpha: float = 6.0
     beta: float = 30.0
     bonus_limit: float = _PAID_BY_ITRS
+
+    def __post_init__(self) -> None:
+        plain_fields(self)
 
     def shape(self, momdp: MOMDP, progress: Progress) -> MOMDP:
         """Return the MOMDP with the shaped reward of Eq. 11."""
@@ -76,6 +83,9 @@ class LearningBonus:
     """
 
     bonus_limit: float = 1.0
+
+    def __post_init__(self) -> None:
+        plain_fields(self)
 
     def shape(self, momdp: MOMDP, progress: Progress) -> MOMDP:
         """Return the MOMDP with a bonus on the first percept of each behavior."""

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meal_bayes.agents.knowledge import Knowledge
-from meal_bayes.arrays import ByValue, Floats
+from meal_bayes.arrays import ByValue, Floats, plain_fields
 
 _FIRST = 20.0  # questions that a robot expects before it was asked any
 
@@ -29,6 +29,9 @@ class Horizon:
 
     asked: int = 0
     expected: float | None = None
+
+    def __post_init__(self) -> None:
+        plain_fields(self)
 
     @property
     def questions(self) -> float:

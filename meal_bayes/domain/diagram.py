@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes.arrays import equal_values, freeze, hash_of
+from meal_bayes.arrays import equal_values, freeze, hash_of, plain_fields
 from meal_bayes.display import short_repr
 from meal_bayes.errors import DomainError
 
@@ -38,6 +38,9 @@ class Effect:
     target: str
     probability: float = 1.0
     senses: bool = True
+
+    def __post_init__(self) -> None:
+        plain_fields(self)
 
 
 class TransitionArrays(NamedTuple):
@@ -98,6 +101,7 @@ class TransitionDiagram:
     __repr__ = short_repr
 
     def __post_init__(self) -> None:
+        plain_fields(self)
         if fault := next(self._faults(), None):
             raise DomainError(fault)
 

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from meal_bayes.arrays import plain_fields
 from meal_bayes.display import facts_html, facts_repr, listed
 from meal_bayes.domain.diagram import TransitionDiagram
 from meal_bayes.domain.event import Payoffs, wrong_reward
@@ -39,6 +40,9 @@ class Behavior:
     cost: float
     modalities: tuple[str, ...] = ()
     answer_accuracy: float | None = None
+
+    def __post_init__(self) -> None:
+        plain_fields(self)
 
     @property
     def senses(self) -> bool:
@@ -117,6 +121,7 @@ class Domain:
         }
 
     def __post_init__(self) -> None:
+        plain_fields(self)
         if not self.data:
             object.__setattr__(self, "data", self.name)
         if fault := next(self._faults(), None):

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes.arrays import Floats
+from meal_bayes.arrays import Floats, plain_fields
 from meal_bayes.domain.words import denied
 from meal_bayes.errors import QueryError
 from meal_bayes.untrusted import LARGEST
@@ -80,6 +80,9 @@ class Event:
 
     allowed: tuple[bool, ...]
     complement: bool = False
+
+    def __post_init__(self) -> None:
+        plain_fields(self)
 
     def check(self, attributes: Sequence[str], variables: Variables) -> None:
         """Refuse an event of other attributes, or one that always or never holds."""

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes.arrays import freeze
+from meal_bayes.arrays import freeze, plain_fields
 from meal_bayes.domain.event import Event, Payoffs
 from meal_bayes.domain.words import denied
 from meal_bayes.errors import QueryError
@@ -84,6 +84,7 @@ class Query:
     payoffs: Payoffs | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
+        plain_fields(self)
         if not self.attributes:
             raise QueryError("The query names no attribute; name at least one.")
         for name in self.attributes:

@@ -26,6 +26,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from meal_bayes.arrays import plain
 from meal_bayes.domain.diagram import TERMINAL, Effect, TransitionDiagram
 from meal_bayes.domain.domain import Behavior, Domain
 from meal_bayes.domain.event import Payoffs
@@ -134,6 +135,7 @@ def domain_from_table(table: object) -> Domain:
     DomainError
         A table that is not well formed.
     """
+    table = plain(table)
     if not isinstance(table, dict):
         raise DomainError(f"A domain is a table of keys; found {type(table).__name__}.")
     # Keys and forms first, then sizes: `Domain` checks what the values mean together.

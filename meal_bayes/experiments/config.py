@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from meal_bayes.agents import Agent, ITRSBonus, as_agent
-from meal_bayes.arrays import check_whole, is_whole
+from meal_bayes.arrays import check_whole, is_whole, plain_fields
 from meal_bayes.datasets import Dataset, PerceptTable
 from meal_bayes.display import short, short_repr
 from meal_bayes.domain import unknown
@@ -95,6 +95,7 @@ class OfflineConfig:
     as_dict = _as_dict
 
     def __post_init__(self) -> None:
+        plain_fields(self)
         object.__setattr__(self, "agents", _checked(self.agents, self.seed, self.reward))
         check_answer(self.answer)
         object.__setattr__(self, "payoffs", checked_payoffs(self.payoffs))
@@ -182,6 +183,7 @@ class OnlineConfig:
     as_dict = _as_dict
 
     def __post_init__(self) -> None:
+        plain_fields(self)
         set_weights = {"alpha": self.alpha, "beta": self.beta}
         weights = {name: value for name, value in set_weights.items() if value is not None}
         agents = []

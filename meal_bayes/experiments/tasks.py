@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes.arrays import check_whole
+from meal_bayes.arrays import check_whole, is_whole, plain
 from meal_bayes.datasets import Dataset, PerceptTable
 from meal_bayes.domain import Domain, Event, Query
 from meal_bayes.errors import SettingsError
@@ -48,10 +48,11 @@ def offline_tasks(
         More attributes than can be asked or than any object has labels of, no trials.
     """
     check_answer(answer)
-    check_whole("trials", trials)
-    check_whole("seed", seed)
+    trials = check_whole("trials", trials)
+    seed = check_whole("seed", seed)
+    n_attributes = plain(n_attributes)
     names = askable(table)
-    whole = isinstance(n_attributes, int | np.integer)
+    whole = is_whole(n_attributes)
     if not whole or not 1 <= n_attributes <= len(names):
         raise SettingsError(
             f"{n_attributes!r:.60} attributes asked; {table.domain.name} has {len(names)} to ask, "

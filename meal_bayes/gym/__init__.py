@@ -112,9 +112,10 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
     ) -> None:
         if dataset is None:
             raise SettingsError("Give dataset=, a shipped name, or a percept table of your own.")
-        check_whole("seed", seed)
-        check_whole("attributes", attributes)
-        check_whole("max_steps", max_steps)
+        seed = check_whole("seed", seed)
+        attributes = check_whole("attributes", attributes)
+        max_steps = check_whole("max_steps", max_steps)
+        trials = check_whole("trials", trials)
         check_amount("scale", scale)
         check_yes_no("log_training", log_training)
         table = TableSource.of(dataset).load()
@@ -126,7 +127,7 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
         if not self.tasks:
             raise SettingsError(f"None of the {trials} tasks is about {sorted(names)}; give more.")
         self._max_steps = max_steps
-        self._scale = scale
+        self._scale = float(scale)
         place = None if logs is None else checked_path("logs", logs)
         folder = place if log_training or objects == "test" else None
         self._learner = Learner(table.domain, agent=chosen_agent, seed=seed, logs=folder).fit(table)
@@ -170,7 +171,7 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
         if index is None:
             index = int(self.np_random.integers(len(self.tasks)))
             seed_of_task = int(self.np_random.integers(_SEEDS))
-        check_whole("task", index)
+        index = check_whole("task", index)
         if index >= len(self.tasks):
             raise SettingsError(f"Task {index}; expected 0 to {len(self.tasks) - 1}.")
         task = self.tasks[index]

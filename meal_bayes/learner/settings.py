@@ -15,6 +15,7 @@ from meal_bayes.arrays import (
     check_whole,
     check_yes_no,
     is_number,
+    plain_fields,
 )
 from meal_bayes.datasets import Dataset, PerceptTable
 from meal_bayes.domain import Domain, Payoffs, unknown
@@ -64,6 +65,7 @@ class LearnerSettings(ByValue):
     drawn: NDArray[np.int8] | None = None
 
     def __post_init__(self) -> None:
+        plain_fields(self)
         check_whole("seed", self.seed)
         if self.percepts not in _PERCEPTS:
             raise SettingsError(unknown("percepts", str(self.percepts), _PERCEPTS))

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from typing import Any
 
+from meal_bayes.arrays import plain_fields
 from meal_bayes.datasets.levels import BIN_EDGES, level_edges
 from meal_bayes.domain import unknown
 from meal_bayes.errors import SettingsError
@@ -68,6 +69,7 @@ class PerceptionSettings:
     classifier: Any = None
 
     def __post_init__(self) -> None:
+        plain_fields(self)
         if self.method not in METHODS:
             raise SettingsError(unknown("method", self.method, METHODS))
         if (self.method == "classifier") != (self.classifier is not None):

@@ -10,7 +10,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes.arrays import Floats
+from meal_bayes.arrays import Floats, plain_fields
 from meal_bayes.domain.domain import LEGAL_BUDGET
 from meal_bayes.errors import SettingsError
 from meal_bayes.momdp import MOMDP, Belief, answer_value, best_answer, best_report
@@ -72,6 +72,9 @@ class RandomLegal:
     budget: float = LEGAL_BUDGET[0]
     barred: tuple[str, ...] = ()
 
+    def __post_init__(self) -> None:
+        plain_fields(self)
+
     def solve(self, momdp: MOMDP, rng: np.random.Generator) -> Baseline:
         """Return the policy."""
         allowed = np.array([name not in self.barred for name in momdp.behavior_names])
@@ -107,6 +110,9 @@ class Predefined:
 
     sequence: tuple[str, ...]
     persistent: bool = False
+
+    def __post_init__(self) -> None:
+        plain_fields(self)
 
     def solve(self, momdp: MOMDP, rng: np.random.Generator) -> Baseline:
         """Return the policy."""

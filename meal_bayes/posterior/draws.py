@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from scipy.interpolate import CubicSpline
 from scipy.special import expit, gammaln, log_softmax, logsumexp, softmax
 
-from meal_bayes.arrays import Bools, Floats, Ints
+from meal_bayes.arrays import Bools, Floats, Ints, plain_fields
 from meal_bayes.display import level_names
 from meal_bayes.posterior.dirichlet import ConfusionPosterior
 from meal_bayes.posterior.grid import (
@@ -53,6 +53,9 @@ class Sampling:
     chains: int = CHAINS
     cores: int | None = None
     seed: int = 0
+
+    def __post_init__(self) -> None:
+        plain_fields(self)
 
 
 def draws_of(

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from meal_bayes.arrays import check_seconds, check_whole
+from meal_bayes.arrays import check_seconds, check_whole, plain_fields
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,6 +21,7 @@ class Limits:
     max_cost: float | None = None
 
     def __post_init__(self) -> None:
+        plain_fields(self)
         check_whole("max_steps", self.max_steps)
         check_seconds("max_cost", self.max_cost, or_none=True)
 

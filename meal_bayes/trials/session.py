@@ -98,7 +98,7 @@ class Session(OneCaller):
         self._checker = checker
         self._counts = counts
         self.key = task.key if key is None else key
-        check_whole("seed", seed)
+        seed = check_whole("seed", seed)
         self.streams = Streams(seed, self.key)
         percept_rng = self.streams.of("percepts")  # the same for every agent
         self._told = set[str]()  # excluded moves of which a person was warned

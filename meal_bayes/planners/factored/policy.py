@@ -37,7 +37,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes.arrays import ByValue, Floats
+from meal_bayes.arrays import ByValue, Floats, plain_fields
 from meal_bayes.errors import SettingsError
 from meal_bayes.momdp import MOMDP, answer_value, initial_belief
 from meal_bayes.momdp.belief import percepts_left
@@ -87,6 +87,7 @@ class Factored:
     tolerance: float = 2e-4
 
     def __post_init__(self) -> None:
+        plain_fields(self)
         if self.points < 1 or not self.tolerance > 0:
             raise SettingsError(f"Factored needs points >= 1 and tolerance > 0; found {self}.")
 

@@ -21,7 +21,7 @@ from functools import cached_property
 
 import numpy as np
 
-from meal_bayes.arrays import Floats
+from meal_bayes.arrays import Floats, plain_fields
 from meal_bayes.errors import SettingsError
 from meal_bayes.momdp import MOMDP, Belief, answer_value
 from meal_bayes.momdp.belief import next_percept, percepts_left
@@ -80,6 +80,7 @@ class POMCP:
     backup: str = "expected"
 
     def __post_init__(self) -> None:
+        plain_fields(self)
         budget = self.simulations if self.milliseconds is None else self.milliseconds
         if budget < 0 or self.exploration < 0 or self.capacity < 1 or self.points < 0:
             needed = "a budget, exploration and points >= 0, and capacity >= 1"
