@@ -27,7 +27,7 @@ _WARNED = "MEAL_BAYES_CACHE_WARNED"  # set with the warning, so that workers do 
 
 def cache_root() -> Path:
     """Return the folder of all compiled code, which need not be there."""
-    return user_cache_path("meal_bayes", appauthor=False)
+    return user_cache_path("meal_bayes", appauthor=False).expanduser()
 
 
 @functools.cache
@@ -94,7 +94,7 @@ def compile_kernel(function: Callable[..., Any], **options: object) -> Callable[
     from numba import config, njit  # noqa: PLC0415  loaded by those who compile
 
     # Numba reads this setting while it decorates, and each function keeps what it was then.
-    configured = config.CACHE_DIR
+    configured = config.CACHE_DIR and str(Path(config.CACHE_DIR).expanduser())
     usable = configured and _writable(Path(configured))
     folder = configured if usable else private_folder("numba")
     config.CACHE_DIR = str(folder or "")

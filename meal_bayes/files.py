@@ -18,7 +18,7 @@ import sys
 import tempfile
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 from meal_bayes.errors import OutputError, SettingsError
 
@@ -49,14 +49,36 @@ def _shell_word(word: str | Path) -> str:
     return "$'" + "".join(f"\\x{byte:02x}" for byte in os.fsencode(text)) + "'"
 
 
+def path_text(value: Any) -> Any:
+    """Return a path that a user gives as a text, with the home folder in place of a first `~`.
+
+    What is no path is returned as it is; a name of something that ships stays a name, too.
+
+    >>> path_text(Path("own.toml")), path_text("roc36")
+    ('own.toml', 'roc36')
+    """
+    text = os.fspath(value) if isinstance(value, str | os.PathLike) else value
+    if not isinstance(text, str) or not text.startswith("~"):
+        return text
+    try:
+        return str(Path(text).expanduser())
+    except RuntimeError:
+        raise SettingsError(
+            f"{text!r:.300} is in the home folder of a user who is not known here; write "
+            f"'./{text:.300}' if the name begins so."
+        ) from None
+
+
 def checked_path(what: str, value: object) -> Path:
     """Return a path that a user gives; a `SettingsError` where it is none, such as 3 or "".
+
+    A first `~` is the home folder.
 
     >>> checked_path("log", 3)
     Traceback (most recent call last):
     meal_bayes.errors.SettingsError: log is 3; give a path, as a text or a Path.
     """
-    text = os.fspath(value) if isinstance(value, str | os.PathLike) else None
+    text = path_text(value)
     if not isinstance(text, str) or not text or "\0" in text:
         raise SettingsError(f"{what} is {value!r:.60}; give a path, as a text or a Path.")
     try:
@@ -107,7 +129,7 @@ def check_output(path: str | Path, *, inputs: Iterable[str | Path] = ()) -> Path
     target = Path(os.path.realpath(named))
     # Links are followed: an output may be a link to what is read.
     with _with_path(named):
-        for read in map(Path, inputs):
+        for read in (checked_path("The input", path) for path in inputs):
             if target.exists() and read.exists() and read.samefile(target):
                 raise OutputError(f"{named} is what is read; give the output another name.")
         if target.is_dir():

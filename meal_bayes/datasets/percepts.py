@@ -27,7 +27,7 @@ from meal_bayes.domain import (
     unknown,
 )
 from meal_bayes.errors import DataError, DomainError, SettingsError
-from meal_bayes.files import checked_path, draft_of
+from meal_bayes.files import checked_path, draft_of, path_text
 from meal_bayes.untrusted import UNREADABLE, read_array, read_meta, write_array
 
 _FORMAT = 1
@@ -175,7 +175,8 @@ def save_percepts(table: PerceptTable, path: str | Path) -> None:
     OutputError
         The file cannot be written; one that was there stays.
     """
-    if checked_path("The percept table", path).suffix != ".npz":
+    path = checked_path("The percept table", path)
+    if path.suffix != ".npz":
         raise SettingsError(f"{path}: a percept table is an .npz; give a name that ends in .npz.")
     sensing = table.domain.recorded
     meta = {
@@ -228,10 +229,11 @@ def load_percepts(
         A file that is not a percept table, or not one of this domain.
     """
     domain = None if domain is None else load_domain(domain)
-    if str(checked_path("The percept table", name)).endswith(".npz"):
-        if not Path(name).is_file():
-            raise SettingsError(f"No file {name}; give the path of a percept table (.npz).")
-        return _read(Path(name), str(name), domain)
+    path = checked_path("The percept table", name)
+    if path.suffix == ".npz":
+        if not path.is_file():
+            raise SettingsError(f"No file {path}; give the path of a percept table (.npz).")
+        return _read(path, str(path), domain)
     domain = load_domain(name) if domain is None else domain
     path = shipped_path(domain)
     if not path.is_file():
@@ -246,7 +248,8 @@ def load_percepts(
 
 def domain_of(name: str | Path) -> Domain:
     """Return the domain of a shipped name, of a TOML, or of a percept table (.npz)."""
-    return load_percepts(name).domain if str(name).endswith(".npz") else load_domain(name)
+    is_table = str(path_text(name)).endswith(".npz")
+    return load_percepts(name).domain if is_table else load_domain(name)
 
 
 def shipped_path(domain: Domain) -> Path:

@@ -30,7 +30,7 @@ from meal_bayes.datasets.percepts import load_percepts
 from meal_bayes.digests import checksum_of
 from meal_bayes.domain import Domain, load_domain, unknown
 from meal_bayes.errors import DataError, DownloadError, SettingsError
-from meal_bayes.files import checked_path
+from meal_bayes.files import checked_path, path_text
 
 log = logging.getLogger("meal_bayes.datasets")
 
@@ -249,7 +249,7 @@ def load_dataset(name: str | Path, *, root: str | Path | None = None) -> Dataset
     DownloadError
         Files that cannot be downloaded.
     """
-    if str(name).endswith(".npz"):
+    if str(path_text(name)).endswith(".npz"):
         raise SettingsError(
             f"{name} is a percept table, which holds no recordings; give the domain (a shipped "
             "name, or the path of its TOML) and, for your own, the folder of the CSV files."
@@ -271,7 +271,10 @@ def cache_folder() -> Path:
     """Return the cache folder: ``MEAL_BAYES_DATA_DIR``, or the system's."""
     import pooch  # noqa: PLC0415  loaded when needed, so that the package loads NumPy only
 
-    return Path(os.environ.get("MEAL_BAYES_DATA_DIR") or pooch.os_cache("meal_bayes"))
+    named = os.environ.get("MEAL_BAYES_DATA_DIR")
+    if named:
+        return checked_path("MEAL_BAYES_DATA_DIR", named)
+    return Path(pooch.os_cache("meal_bayes")).expanduser()
 
 
 def registry(data: str) -> dict[str, str]:
@@ -309,7 +312,7 @@ def fetch(data: str) -> Path:
 
     folder = cache_folder()
     base = os.environ.get("MEAL_BAYES_DATA_URL") or "https://raw.githubusercontent.com"
-    base = base.removeprefix("file://").rstrip("/") + "/"
+    base = str(path_text(base.removeprefix("file://"))).rstrip("/") + "/"
     if os.environ.get("MEAL_BAYES_OFFLINE", "0") not in ("", "0"):
         bad = [(path, state) for path, state in verify(data) if state != "ok"]
         if bad:

@@ -24,7 +24,7 @@ import tomllib
 from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from meal_bayes.arrays import plain
 from meal_bayes.domain.diagram import TERMINAL, Effect, TransitionDiagram
@@ -32,7 +32,7 @@ from meal_bayes.domain.domain import Behavior, Domain
 from meal_bayes.domain.event import Payoffs
 from meal_bayes.domain.words import unknown
 from meal_bayes.errors import DomainError, QueryError, SettingsError
-from meal_bayes.files import checked_path
+from meal_bayes.files import checked_path, path_text
 from meal_bayes.untrusted import (
     DIAGRAM_LIMIT,
     LINE_LIMIT,
@@ -108,6 +108,7 @@ def load_domain(name: str | Path | Mapping[str, Any] | Domain) -> Domain:
         table = dict(name)
         name = str(name.get("name", "of a dictionary"))
     else:
+        name = cast("str", path_text(name))
         table = _read(name)
     # The table that names the next parent: paths are relative to its own folder.
     source = str(name)
@@ -115,7 +116,7 @@ def load_domain(name: str | Path | Mapping[str, Any] | Domain) -> Domain:
     while "extends" in table:
         parent = str(table.pop("extends"))
         if parent.endswith(".toml") and source.endswith(".toml"):
-            parent = str(Path(source).parent / parent)
+            parent = str(Path(source).parent / str(path_text(parent)))
         if parent in seen:
             raise DomainError(f"Domain {name} extends itself through {parent!r}.")
         seen.add(parent)

@@ -4,7 +4,6 @@ import dataclasses
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 from meal_bayes.agents import Agent, ITRSBonus, as_agent
@@ -13,6 +12,7 @@ from meal_bayes.datasets import Dataset, PerceptTable
 from meal_bayes.display import short, short_repr
 from meal_bayes.domain import unknown
 from meal_bayes.errors import SettingsError
+from meal_bayes.files import path_text
 from meal_bayes.learner import LearnerSettings
 from meal_bayes.learner.settings import checked_payoffs
 from meal_bayes.untrusted import LARGEST
@@ -105,8 +105,7 @@ class OfflineConfig:
                 "(answer='yes or no', --yes-no), or give one reward (--reward)."
             )
         _check_size(self, ("trials",), ("attributes",))
-        if isinstance(self.dataset, Path):
-            object.__setattr__(self, "dataset", str(self.dataset))
+        object.__setattr__(self, "dataset", path_text(self.dataset))
         if not isinstance(self.dataset, str | Dataset | PerceptTable):
             raise SettingsError(
                 f"dataset is {self.dataset!r:.40}; give the name of a data set, a percept table, "
@@ -184,6 +183,8 @@ class OnlineConfig:
 
     def __post_init__(self) -> None:
         plain_fields(self)
+        for name in ("dataset", "root"):
+            object.__setattr__(self, name, path_text(getattr(self, name)))
         set_weights = {"alpha": self.alpha, "beta": self.beta}
         weights = {name: value for name, value in set_weights.items() if value is not None}
         agents = []

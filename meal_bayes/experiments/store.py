@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any
 from meal_bayes.agents import AGENTS, Agent
 from meal_bayes.digests import code_digest, digest_of
 from meal_bayes.errors import LogError
-from meal_bayes.files import file_name
+from meal_bayes.files import checked_path, file_name
 from meal_bayes.trial_log import log_info
 
 if TYPE_CHECKING:
@@ -54,7 +54,7 @@ def run_folder(
     sources = {name: digest for name, digest in sources.items() if digest}
     settings = {name: value for name, value in config.as_dict().items() if name not in ignore}
     digest = digest_of({**settings, "agents": sources, **facts}, environment())
-    return Path(root) / f"{file_name(name, _LONGEST)}-{digest[:8]}"
+    return checked_path("logs", root) / f"{file_name(name, _LONGEST)}-{digest[:8]}"
 
 
 def agent_folder(folder: Path, agent: str) -> Path:

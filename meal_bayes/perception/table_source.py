@@ -25,7 +25,7 @@ from meal_bayes.datasets.sources import SOURCES, find_folder
 from meal_bayes.digests import digest_of
 from meal_bayes.domain import Domain, domain_table, load_domain, unknown
 from meal_bayes.errors import SettingsError
-from meal_bayes.files import file_name
+from meal_bayes.files import checked_path, file_name, path_text
 from meal_bayes.perception.fitting import build_percept_table
 from meal_bayes.perception.settings import NAMED
 from meal_bayes.version import package_version
@@ -96,9 +96,11 @@ class TableSource:
             return cls._of_recordings(data, perception)
         if isinstance(data, PerceptTable):
             return cls._of_table(data, perception)
-        if str(data).endswith(".npz"):
-            return cls._of_file(str(data), perception, root)
-        return cls._of_domain(str(data), perception, None if root is None else Path(root))
+        name = str(path_text(data))
+        if name.endswith(".npz"):
+            return cls._of_file(name, perception, root)
+        folder = None if root is None else checked_path("root", root)
+        return cls._of_domain(name, perception, folder)
 
     @classmethod
     def _of_domain(cls, name: str, perception: str, root: Path | None) -> "TableSource":
@@ -192,17 +194,19 @@ def fingerprint(dataset: str, root: str | Path | None = None) -> str:
     A domain counts as it is after all that it extends; nothing of a shipped one, which is code.
     """
     parts = list[object]()
+    dataset = str(path_text(dataset))
     path = Path(dataset)
     if path.is_file() and path.suffix == ".npz":
         parts.append(path)
     elif path.is_file() and path.suffix == ".toml":
         parts.append(domain_table(load_domain(dataset)))
-    if root is not None and Path(root).is_dir():
+    folder = None if root is None else checked_path("root", root)
+    if folder is not None and folder.is_dir():
         data = load_domain(dataset).data
         if data in SOURCES:
-            parts.append(find_folder(data, Path(root)))
+            parts.append(find_folder(data, folder))
         else:
-            parts.extend(sorted(Path(root).glob("*.csv")))
+            parts.extend(sorted(folder.glob("*.csv")))
     return digest_of(*parts) if parts else ""
 
 

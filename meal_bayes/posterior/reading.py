@@ -1,7 +1,7 @@
 """Reading a posterior that is given as draws: our own file, or a model of somebody's own."""
 
+import os
 from itertools import compress
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,6 +10,7 @@ import xarray as xr
 from meal_bayes.display import level_names
 from meal_bayes.domain import Domain, unknown
 from meal_bayes.errors import DataError
+from meal_bayes.files import path_text
 from meal_bayes.posterior.dirichlet import ConfusionPosterior
 from meal_bayes.posterior.draws import ROW, TRUTHS, sensing, summarize_draws
 
@@ -34,10 +35,10 @@ def posterior_from(idata: Any, domain: Domain) -> ConfusionPosterior:
     DomainError
         A behavior that the domain does not have.
     """
-    if isinstance(idata, str | Path):
+    if isinstance(idata, str | os.PathLike):
         from meal_bayes.posterior.idata import load_netcdf  # noqa: PLC0415  imports ArviZ
 
-        idata = load_netcdf(idata)
+        idata = load_netcdf(path_text(idata))
     draws = _named_draws(idata)
     _check_draws(draws)
     names = {dim: list(map(str, draws[dim].values)) for dim in (*ROW, "level")}

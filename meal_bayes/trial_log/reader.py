@@ -280,7 +280,7 @@ def recover_log(path: str | Path, out: str | Path | None = None) -> Path:
     """
     scan = Scan(path, tolerant=True)
     beside = scan.path.with_name(f"{stem_of(scan.path)}{RECOVERED}{schema.SUFFIX}")
-    out = beside if out is None else Path(out)
+    out = beside if out is None else checked_path("The log", out)
     if out.exists():
         raise LogError(f"{out} exists already; remove it or name another file to recover into.")
     trials = scan.salvage()
