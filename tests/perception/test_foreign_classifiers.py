@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from sklearn.base import BaseEstimator, ClassifierMixin
 from sklearn.calibration import CalibratedClassifierCV
+from sklearn.decomposition import PCA
 from sklearn.discriminant_analysis import QuadraticDiscriminantAnalysis
 from sklearn.ensemble import (
     HistGradientBoostingClassifier,
@@ -18,6 +19,7 @@ from sklearn.ensemble import (
 from sklearn.linear_model import LogisticRegression
 from sklearn.naive_bayes import ComplementNB, GaussianNB
 from sklearn.neighbors import KNeighborsClassifier
+from sklearn.neural_network import MLPClassifier
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 from sklearn.svm import SVC
@@ -66,6 +68,26 @@ class Shared(Foreign):
 
     def __sklearn_clone__(self):
         return self
+
+
+@pytest.mark.filterwarnings("ignore:Stochastic Optimizer")  # twenty steps do not converge
+@pytest.mark.parametrize(
+    "pipeline",
+    [
+        make_pipeline(StandardScaler(), MLPClassifier((8,), max_iter=20)),
+        make_pipeline(PCA(3), LogisticRegression()),
+    ],
+    ids=["scaler and MLP", "PCA and logistic"],
+)
+def test_a_pipeline_is_judged_by_its_contract_and_not_by_its_quality(make, pipeline):
+    table = build_percept_table(make(3, objects=8), classifier=pipeline)
+    assert np.abs(table.log_odds[:, :, :2]).max() > 0
+
+
+@pytest.mark.parametrize("kind", [Foreign, object(), "forest"])
+def test_what_is_no_classifier_is_told(kind):
+    with pytest.raises(SettingsError, match=r"give an instance|expected a scikit-learn"):
+        with_classifier(kind)
 
 
 def test_what_is_its_own_copy_cannot_be_held_out():
