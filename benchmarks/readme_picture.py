@@ -4,11 +4,19 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from matplotlib.axes import Axes
 from readme_tables import RUNS, SUMMARIZED
 from scipy.special import stdtrit
 
-from meal_bayes.canvas import Axes, axes_to_draw, legend, name_axes, save
-from meal_bayes.palette import agent_style, lightened, readable
+from meal_bayes.look import (
+    agent_style,
+    axes_to_draw,
+    legend,
+    lightened,
+    name_axes,
+    readable,
+    save,
+)
 
 ASSETS = Path(__file__).resolve().parents[1] / "docs" / "assets"
 OBJECTS = {"ROC36": 36, "CY101": 101, "ISPY32": 32}  # clusters of standard errors

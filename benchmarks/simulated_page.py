@@ -17,8 +17,8 @@ import matplotlib as mpl
 import matplotlib.pyplot as plt
 import numpy as np
 
-from meal_bayes.canvas import save
 from meal_bayes.evaluation.plots import Series, lines
+from meal_bayes.look import save
 from meal_bayes.simulated_arm import SimulatedArm, draw_object
 from meal_bayes.simulated_arm.sensors import take_picture
 

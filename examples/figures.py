@@ -12,8 +12,8 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 import meal_bayes as mb
-from meal_bayes.canvas import save
 from meal_bayes.evaluation.plots import cost_distribution, reliability_diagram
+from meal_bayes.look import save
 
 AGENTS = ("random_legal", "predefined_plus", "greedy")
 

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from meal_bayes.agents.co_occurrence import NOTHING, CoOccurrence, learn_co_occurrence
 from meal_bayes.arrays import FrozenArrays, check_place, no_and_yes_of
 from meal_bayes.datasets import PerceptTable
-from meal_bayes.display import best_html, percent, short_repr
 from meal_bayes.domain import Domain
 from meal_bayes.domain.labels import PRIOR_OBJECTS
+from meal_bayes.look import short_repr
 from meal_bayes.perception import table_counts
 from meal_bayes.posterior import ConfusionPosterior
 from meal_bayes.posterior.trait import SharedTrait, learn_trait
@@ -46,13 +46,6 @@ class Knowledge(FrozenArrays):
     co_occurrence: CoOccurrence = NOTHING
 
     __repr__ = short_repr
-
-    def _repr_html_(self) -> str:
-        """Return what each behavior tells of each attribute, TPR - FPR of the mean, as HTML."""
-        names = zip(self.domain.attributes, map(percent, self.base_rates), strict=True)
-        header = ("attribute", "Pr", *self.domain.behavior_names)
-        title = f"{self.domain.name}: TPR - FPR of each behavior that was perceived"
-        return best_html(title, header, names, self.posterior.youden)
 
     def to_frame(self) -> Any:
         """Return a pandas data frame, a row an attribute: what tells most of it, and how well.

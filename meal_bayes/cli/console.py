@@ -109,7 +109,7 @@ def print_table(
 
 def print_json(facts: Mapping[str, object]) -> None:
     """Print one JSON object on standard output; null stands for what is not finite."""
-    from meal_bayes.display import json_value
+    from meal_bayes.look import json_value
 
     click.echo(json.dumps(json_value(facts), allow_nan=False))
 
@@ -142,7 +142,7 @@ def signed(value: object, form: str | None = None) -> str:
     >>> signed(2.0), signed(-0.25, ".2f"), signed(None)
     ('+2.0', '-0.25', '-')
     """
-    from meal_bayes.display import AMOUNT
+    from meal_bayes.look import AMOUNT
 
     finite = isinstance(value, float) and math.isfinite(value)
     return f"{value:+{form or AMOUNT}}" if finite else "-"

@@ -132,10 +132,10 @@ def percepts(
     """
     from meal_bayes.datasets import load_dataset, save_percepts
     from meal_bayes.datasets.sources import SOURCES
-    from meal_bayes.display import listed
     from meal_bayes.errors import SettingsError
     from meal_bayes.experiments.parallel import in_parallel
     from meal_bayes.files import check_output
+    from meal_bayes.look import listed
     from meal_bayes.perception import TableSource, build_percept_table
 
     if out is not None:
@@ -178,8 +178,8 @@ def percepts(
 
 
 def _print_contents(table: "PerceptTable | Dataset", *, as_json: bool) -> None:
-    from meal_bayes.display import listed
     from meal_bayes.experiments import askable
+    from meal_bayes.look import listed
 
     costs = {behavior.name: behavior.cost for behavior in table.domain.behaviors}
     asked = askable(table)

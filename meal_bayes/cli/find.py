@@ -35,8 +35,8 @@ def find(root: Path | None, logs: Path, as_json: bool, **options: Unpack[_Findin
     trial.
     """
     from meal_bayes.cli.narration import VERDICT_STYLES, note_reasons, trial_json
-    from meal_bayes.display import AMOUNT, percent
     from meal_bayes.learner import Learner
+    from meal_bayes.look import AMOUNT, percent
     from meal_bayes.trials.text import verdict_text, verdict_word
 
     dataset, table = opt.table_of(options["dataset"], root)

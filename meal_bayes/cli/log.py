@@ -104,8 +104,8 @@ def show(file: Path, number: int | None, picture: Path | None, dark: bool, narro
 
 def _draw(file: Path, group: "Group", row: int, path: Path, *, dark: bool, narrow: bool) -> None:
     """Write the picture of a trial."""
-    from meal_bayes.canvas import check_figure_name, save
     from meal_bayes.errors import SettingsError
+    from meal_bayes.look import check_figure_name, save
 
     if not group.trials:
         raise SettingsError(f"{file} holds outcomes alone; a picture needs a log with steps.")

@@ -7,8 +7,8 @@ from rich.console import Console
 from rich.text import Text
 
 from meal_bayes.cli.console import note, print_facts, print_rows
-from meal_bayes.display import AMOUNT, percent
 from meal_bayes.files import command_line
+from meal_bayes.look import AMOUNT, percent
 from meal_bayes.planners import RULE
 from meal_bayes.trials.percept_text import percept_labels
 from meal_bayes.trials.text import (

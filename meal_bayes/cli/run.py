@@ -13,7 +13,7 @@ from meal_bayes.cli import console as terminal
 from meal_bayes.cli import options as opt
 from meal_bayes.cli.program import Section
 from meal_bayes.files import command_line
-from meal_bayes.palette import REFERENCES
+from meal_bayes.look import REFERENCES
 
 if TYPE_CHECKING:
     from meal_bayes.evaluation import SummaryRow
@@ -156,9 +156,9 @@ def _print_rates(rates: "dict[str, Any]") -> None:
 
 
 def _print_summary(rows: "list[SummaryRow]", paired: "list[dict[str, object]]") -> None:
-    from meal_bayes.display import AMOUNT, ERROR_TEXT
     from meal_bayes.evaluation.statistics import MASS_TEXT
     from meal_bayes.evaluation.summary import accuracy_text, reward_text
+    from meal_bayes.look import AMOUNT, ERROR_TEXT
 
     console = terminal.output()
     columns = {
@@ -284,8 +284,8 @@ def online(
 
 
 def _print_learning(rows: "list[LearningRow]", summary: "list[LearningSummary]") -> None:
-    from meal_bayes.display import AMOUNT
     from meal_bayes.evaluation.learning import POOLED
+    from meal_bayes.look import AMOUNT
 
     last = max(row.batch for row in rows)
     cells = []
@@ -312,8 +312,8 @@ def _print_differences(summary: "list[LearningSummary]", repeats: int) -> None:
 
     Nothing is said of hours that an agent has not explored.
     """
-    from meal_bayes.display import AMOUNT
     from meal_bayes.evaluation.statistics import MASS_TEXT
+    from meal_bayes.look import AMOUNT
 
     first = summary[0]
     compared = summary[1:]

@@ -216,7 +216,7 @@ def live(trials: int, agent: str, seed: int, logs: Path, as_json: bool) -> None:
 
 def _point(done: "list[Trial]", start: int) -> list[str]:
     """Return accuracy and cost of a block of trials, a row of the curve."""
-    from meal_bayes.display import AMOUNT
+    from meal_bayes.look import AMOUNT
 
     block = done[start : start + _BLOCK]
     whole = [trial for trial in block if not trial.ended]

@@ -26,10 +26,10 @@ from meal_bayes.datasets.frames import (
     join_features,
     labeled,
 )
-from meal_bayes.display import listed
 from meal_bayes.domain import Domain, unknown
 from meal_bayes.errors import DataError, QueryError
 from meal_bayes.files import checked_path, write_whole
+from meal_bayes.look import listed
 from meal_bayes.untrusted import name_fault, read_bytes
 
 log = logging.getLogger("meal_bayes.datasets")

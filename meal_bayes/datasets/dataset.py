@@ -12,10 +12,10 @@ from meal_bayes.arrays import ByValue, check_kind, freeze, is_whole, label_value
 from meal_bayes.datasets.features import checked_features, warn_of_order
 from meal_bayes.datasets.frames import dataset_parts
 from meal_bayes.digests import digest_of, digest_of_arrays
-from meal_bayes.display import facts_html, facts_repr, listed, short_repr
 from meal_bayes.domain import Domain, domain_table, load_domain, unknown
 from meal_bayes.domain.words import doubled
 from meal_bayes.errors import DataError, QueryError, SettingsError
+from meal_bayes.look import facts_repr, listed, short_repr
 from meal_bayes.untrusted import name_fault
 
 
@@ -85,7 +85,6 @@ class Dataset(ByValue):
     rows_checked: InitVar[bool] = False  # whether a reader of rows has warned of their order
 
     __repr__ = facts_repr
-    _repr_html_ = facts_html
 
     def __post_init__(self, rows_checked: bool) -> None:
         check_kind("features", self.features, Mapping)

@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from meal_bayes.display import listed, warn_caller
 from meal_bayes.errors import DataError
+from meal_bayes.look import listed, warn_user
 
 # Words that alone name a number or a time of a row,
 _COUNTERS = frozenset({
@@ -138,7 +138,7 @@ def warn_of_order(
                 where = "the rows" if whole else "the rows of each object"
                 named.append(f"{name} only {verb} with {where}")
     if named:
-        warn_caller(
+        warn_user(
             f"{what}: column {'; '.join(named[:5])}{'; ...' if len(named) > 5 else ''}, as a row "
             "number or a clock does. Leave it out unless it measures the object."
         )

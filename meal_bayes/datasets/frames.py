@@ -16,9 +16,9 @@ from meal_bayes.datasets.features import (
     column_names,
     warn_of_order,
 )
-from meal_bayes.display import listed, warn_caller
 from meal_bayes.domain import Domain, unknown
 from meal_bayes.errors import DataError, QueryError
+from meal_bayes.look import listed, warn_user
 
 Context = tuple[str, str]  # behavior, modality
 KEYS = ("object", "recording")  # that name a row of features
@@ -309,7 +309,7 @@ def _without_a_modality(
     for behavior, keys in absent.items():
         if lost := sorted(keys & present[behavior]):
             texts = [f"{recording} of {name}" for name, recording in lost]
-            warn_caller(
+            warn_user(
                 f"Recordings of {behavior} are left out, as {' or '.join(modalities[behavior])} is "
                 f"missing (NaN): {listed(texts)}."
             )

@@ -17,7 +17,6 @@ from meal_bayes.arrays import ByValue, freeze, freeze_arrays, label_values, set_
 from meal_bayes.datasets.dataset import check_objects, complete_labels
 from meal_bayes.datasets.levels import BIN_COUNT, STORED, levels_of, merge_bins
 from meal_bayes.digests import digest_of, digest_of_arrays
-from meal_bayes.display import facts_html, facts_repr, listed
 from meal_bayes.domain import (
     Domain,
     domain_from_table,
@@ -28,6 +27,7 @@ from meal_bayes.domain import (
 )
 from meal_bayes.errors import DataError, DomainError, SettingsError
 from meal_bayes.files import checked_path, draft_of, path_text
+from meal_bayes.look import facts_repr, listed
 from meal_bayes.untrusted import UNREADABLE, read_array, read_meta, write_array
 
 _FORMAT = 1
@@ -93,7 +93,6 @@ class PerceptTable(ByValue):
     groups: NDArray[np.int64] = None  # type: ignore[assignment]
 
     __repr__ = facts_repr
-    _repr_html_ = facts_html
 
     def __post_init__(self) -> None:
         set_frozen(self, labels=label_values(self.labels), log_odds=np.asarray(self.log_odds))

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from meal_bayes.arrays import ByValue, freeze, label_values, set_frozen, whole_array
 from meal_bayes.datasets.dataset import Dataset, check_positions
-from meal_bayes.display import short_repr
 from meal_bayes.errors import DataError
+from meal_bayes.look import short_repr
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meal_bayes.arrays import equal_values, freeze, hash_of, plain_fields
-from meal_bayes.display import short_repr
 from meal_bayes.errors import DomainError
+from meal_bayes.look import short_repr
 
 TERMINAL = "term"
 ANY_STATE = "*"

@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meal_bayes.arrays import plain_fields
-from meal_bayes.display import facts_html, facts_repr, listed
 from meal_bayes.domain.diagram import TransitionDiagram
 from meal_bayes.domain.event import Payoffs, wrong_reward
 from meal_bayes.domain.labels import label_of, one_value
 from meal_bayes.domain.words import JOINING_WORDS, doubled, fold, unknown
 from meal_bayes.errors import DataError, DomainError, QueryError
+from meal_bayes.look import facts_repr, listed
 from meal_bayes.untrusted import LARGEST
 
 LEGAL_BUDGET = 50.0, 80.0, 80.0  # s of Random Legal, by the number of attributes asked
@@ -108,7 +108,6 @@ class Domain:
     payoffs: Payoffs | None = None
 
     __repr__ = facts_repr
-    _repr_html_ = facts_html
 
     def _facts(self) -> tuple[str, dict[str, str]]:
         costs = [f"{behavior.name} {behavior.cost:g} s" for behavior in self.behaviors]

@@ -4,7 +4,7 @@ import difflib
 import unicodedata
 from collections.abc import Iterable
 
-from meal_bayes.display import listed
+from meal_bayes.look import listed
 
 NOT = {"not", "no", "non", "without"}  # deny what is named next
 # Words that join or deny what a question names, and so name nothing themselves.

@@ -4,9 +4,9 @@ from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
+from matplotlib.axes import Axes
 from numpy.typing import ArrayLike, NDArray
 
-from meal_bayes.canvas import Axes, axes_to_draw, legend, name_axes
 from meal_bayes.evaluation.calibration import BINS, bins_of, checked_cases
 from meal_bayes.evaluation.statistics import (
     HIGH_QUANTILE,
@@ -15,7 +15,15 @@ from meal_bayes.evaluation.statistics import (
     Interval,
     wilson_interval,
 )
-from meal_bayes.palette import BLUE, LINE_GRAY, VERMILION, agent_style
+from meal_bayes.look import (
+    BLUE,
+    LINE_GRAY,
+    VERMILION,
+    agent_style,
+    axes_to_draw,
+    legend,
+    name_axes,
+)
 from meal_bayes.trials.picture import trial_picture
 
 __all__ = [

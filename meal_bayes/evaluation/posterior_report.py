@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from meal_bayes import canvas
+from meal_bayes import look
 from meal_bayes.arrays import yes_of
 from meal_bayes.evaluation import calibration, plots
 from meal_bayes.evaluation.statistics import HIGH_QUANTILE, LOW_QUANTILE
@@ -45,11 +45,11 @@ def write_posterior(fit: PosteriorFit, folder: Path, settings: dict[str, object]
     idata.save_netcdf(whole, folder / "posterior.nc")
     summary = idata.summary_of(whole)
     write_whole(folder / "summary.csv", summary.to_csv())
-    canvas.save(_forest(fit), folder / "forest.png")
-    canvas.save(plots.predictive(check.observed, check.predicted), folder / "predictive.png")
+    look.save(_forest(fit), folder / "forest.png")
+    look.save(plots.predictive(check.observed, check.predicted), folder / "predictive.png")
     for name, (positive, truth) in beliefs.items():
         figure = plots.reliability_diagram(positive, truth)
-        canvas.save(figure, folder / f"reliability_{name}.png")
+        look.save(figure, folder / f"reliability_{name}.png")
     epsilon = fit.draws.get("misperception")
     return {
         "convergence": idata.convergence(summary).to_dict("records"),

@@ -22,8 +22,6 @@ from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
 from meal_bayes.arrays import Bools
-from meal_bayes.canvas import render
-from meal_bayes.display import AMOUNT, ERROR_TEXT, FRACTION, percent
 from meal_bayes.errors import SettingsError
 from meal_bayes.evaluation import plots
 from meal_bayes.evaluation.learning import POOLED
@@ -48,7 +46,15 @@ from meal_bayes.evaluation.summary import (
     summarize,
 )
 from meal_bayes.files import check_output, checked_path, command_line, write_whole
-from meal_bayes.palette import ordered_agents, reference_agent
+from meal_bayes.look import (
+    AMOUNT,
+    ERROR_TEXT,
+    FRACTION,
+    ordered_agents,
+    percent,
+    reference_agent,
+    render,
+)
 from meal_bayes.trial_log import Group, Logs
 from meal_bayes.trial_log.names import begun_text
 from meal_bayes.trials import BatchOutcomes, Trial, TrialOutcomes

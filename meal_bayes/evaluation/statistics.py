@@ -10,8 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import stdtrit
 
 from meal_bayes.arrays import Floats, real_vector
-from meal_bayes.display import AMOUNT, json_value
 from meal_bayes.errors import SettingsError
+from meal_bayes.look import AMOUNT, json_value
 
 MASS = 0.95  # of intervals, on all pages
 MASS_TEXT = f"{100 * MASS:g} %"

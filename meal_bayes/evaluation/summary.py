@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meal_bayes.arrays import Ints
-from meal_bayes.display import AMOUNT, FRACTION, card, estimate_text
 from meal_bayes.errors import SettingsError
 from meal_bayes.evaluation.calibration import (
     brier,
@@ -25,7 +24,7 @@ from meal_bayes.evaluation.statistics import (
     clustered,
     paired_fractions,
 )
-from meal_bayes.palette import ordered_agents, reference_agent
+from meal_bayes.look import AMOUNT, FRACTION, card, estimate_text, ordered_agents, reference_agent
 from meal_bayes.trials import TrialOutcomes, Trials
 from meal_bayes.trials.text import UNKNOWN
 
@@ -137,9 +136,6 @@ class Summary(list[SummaryRow]):
             for row in self
         }
         return card(f"Summary of {sum(row.trials for row in self)} trials", facts)
-
-    def _repr_html_(self) -> str:
-        return str(self.to_frame().round(3).to_html(index=False))
 
 
 def summarize(trials: Trials, *, seconds: Mapping[str, float] | None = None) -> Summary:

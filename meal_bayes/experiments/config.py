@@ -9,12 +9,12 @@ from typing import Any
 from meal_bayes.agents import Agent, ITRSBonus, as_agent
 from meal_bayes.arrays import check_whole, is_whole, plain_fields
 from meal_bayes.datasets import Dataset, PerceptTable
-from meal_bayes.display import short, short_repr
 from meal_bayes.domain import unknown
 from meal_bayes.errors import SettingsError
 from meal_bayes.files import path_text
 from meal_bayes.learner import LearnerSettings
 from meal_bayes.learner.settings import checked_payoffs
+from meal_bayes.look import short, short_repr
 from meal_bayes.untrusted import LARGEST
 
 DEFAULT_AGENTS = (

@@ -9,14 +9,13 @@ from pathlib import Path
 from typing import Any
 
 from meal_bayes.datasets import PerceptTable
-from meal_bayes.display import short_repr
-from meal_bayes.evaluation import summarize
 from meal_bayes.experiments.config import OfflineConfig
 from meal_bayes.experiments.store import agent_folder, is_whole, run_folder
 from meal_bayes.experiments.tasks import offline_tasks
 from meal_bayes.experiments.units import run_units, timed, warm_up
 from meal_bayes.files import LOGS
 from meal_bayes.learner import Learner
+from meal_bayes.look import short_repr
 from meal_bayes.perception import TableSource
 from meal_bayes.trial_log import TrialWriter, read_outcomes, read_seconds, read_trials
 from meal_bayes.trials import Task, Trial, TrialOutcomes, trials_frame
@@ -69,9 +68,6 @@ class OfflineRun:
         return pd.concat(frames, ignore_index=True)
 
     __repr__ = short_repr
-
-    def _repr_html_(self) -> str:
-        return summarize(self)._repr_html_()
 
 
 @dataclass(frozen=True, slots=True)

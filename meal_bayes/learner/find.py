@@ -5,12 +5,12 @@ from dataclasses import dataclass, replace
 from math import prod
 from typing import Any
 
-from meal_bayes.display import AMOUNT, facts_html, facts_repr, listed, percent
 from meal_bayes.domain import Domain, Payoffs, Query, read_question
 from meal_bayes.domain.event import wrong_reward
 from meal_bayes.domain.words import doubled
 from meal_bayes.errors import SettingsError
 from meal_bayes.learner.settings import LearnerSettings
+from meal_bayes.look import AMOUNT, facts_repr, listed, percent
 from meal_bayes.momdp import initial_belief
 from meal_bayes.momdp.model import MOMDP
 from meal_bayes.robots import Robot
@@ -33,7 +33,6 @@ class Found:
     trials: Mapping[str, Trial]
 
     __repr__ = facts_repr
-    _repr_html_ = facts_html
 
     def _facts(self) -> tuple[str, dict[str, str]]:
         return f"Found {self.object_name or 'none of them'}", {

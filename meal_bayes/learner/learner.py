@@ -136,7 +136,7 @@ class Learner(Answerer):
         if table is None:
             return head + learned_html(self.knowledge(), labels)
         knowledge = table_knowledge(table, self.agent, self.settings)
-        return f"{head}{learned_html(knowledge, labels)}{table._repr_html_()}"
+        return f"{head}{learned_html(knowledge, labels)}"
 
     def find(
         self,

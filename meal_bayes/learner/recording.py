@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 from meal_bayes.arrays import Levels
 from meal_bayes.datasets import Instance
 from meal_bayes.datasets.detections import detected_levels
-from meal_bayes.display import warn_caller
 from meal_bayes.domain import Query, unknown
 from meal_bayes.errors import SettingsError
 from meal_bayes.learner.columns import NONE, Labels
 from meal_bayes.learner.experience import Experience
 from meal_bayes.learner.fit import Fit, OnStep
+from meal_bayes.look import warn_user
 from meal_bayes.momdp import MOMDP
 from meal_bayes.momdp.belief import percepts_left
 from meal_bayes.perception import Perception
@@ -121,7 +121,7 @@ def _warn_of_modalities(record: Experience, sensed: Instance) -> None:
     ):
         return
     record.warned_of.add(case)
-    warn_caller(
+    warn_user(
         f"Features of {spec.name} are of {modalities}; the domain {record.domain.name!r} has "
         f"{', '.join(spec.modalities) or 'none'}: they are left aside, percepts are those of the "
         "log. Load the domain of that log to learn from them."

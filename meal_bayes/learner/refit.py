@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 from meal_bayes.agents import Agent
 from meal_bayes.arrays import no_and_yes_of
 from meal_bayes.datasets import Dataset, TrainingSet
-from meal_bayes.display import listed, warn_caller
 from meal_bayes.learner import views
 from meal_bayes.learner.columns import FROM_DATASET, NONE, Labels
 from meal_bayes.learner.experience import Experience
 from meal_bayes.learner.settings import LearnerSettings
+from meal_bayes.look import listed, warn_user
 from meal_bayes.perception import (
     Perception,
     PerceptionSettings,
@@ -155,7 +155,7 @@ def warn_of_odd(record: Experience, sizes: views.Sizes) -> None:
     odd = [text for text in views.odd_recordings(record, sizes) if text not in record.warned_of]
     if odd:
         record.warned_of.update(odd)
-        warn_caller(f"Left out of what is learned: {listed(odd, 5)}.")
+        warn_user(f"Left out of what is learned: {listed(odd, 5)}.")
 
 
 def _selected(training: TrainingSet, rows: NDArray[np.bool_]) -> TrainingSet:

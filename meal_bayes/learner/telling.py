@@ -8,12 +8,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from meal_bayes.display import warn_caller
 from meal_bayes.domain import unknown
 from meal_bayes.errors import LogError, SettingsError
 from meal_bayes.learner import views
 from meal_bayes.learner.columns import Labels, key_of_name
 from meal_bayes.learner.experience import Experience
+from meal_bayes.look import warn_user
 from meal_bayes.seeds import Key
 from meal_bayes.trial_log.feedback import Feedback
 from meal_bayes.trial_log.writer import write_feedback
@@ -115,7 +115,7 @@ def warn_of_typo(experience: Experience, name: str) -> None:
     alike = [other for other in names if re.findall(r"\d+", other) == re.findall(r"\d+", name)]
     near = difflib.get_close_matches(name, alike, 1, _ALIKE)
     if name not in names and near:
-        warn_caller(
+        warn_user(
             f"There is no trial or recording of {name!r}; did you mean {near[0]!r}? It is taken "
             f"for another object; forget({name!r}) takes its labels back."
         )

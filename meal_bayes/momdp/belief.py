@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meal_bayes.arrays import FrozenArrays, check_place, freeze, shaped_array, whole_array
-from meal_bayes.display import bar_html, facts_repr, listed, table_html
 from meal_bayes.domain.query import value_table
 from meal_bayes.errors import ImpossibleObservation, SettingsError
+from meal_bayes.look import facts_repr, listed
 from meal_bayes.momdp.model import MOMDP
 from meal_bayes.momdp.observation import predictive
 from meal_bayes.momdp.truths import by_variable, truths_of
@@ -70,10 +70,6 @@ class Belief(FrozenArrays):
             "Pr(true)": listed([f"{value:.3f}" for value in self.positive], 10),
             "certainty": f"{self.certainty:.3f}, entropy {self.entropy:.2f} bits",
         }
-
-    def _repr_html_(self) -> str:
-        rows = [(str(i), bar_html(value)) for i, value in enumerate(self.positive.tolist())]
-        return table_html(self._facts()[0], ("attribute", "Pr(true)"), rows)
 
     def at(self, x: int) -> "Belief":
         """Return the same belief at another x."""

@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meal_bayes.arrays import ByValue, freeze, freeze_arrays, set_frozen, yes_of
-from meal_bayes.display import facts_html, facts_repr, listed
 from meal_bayes.domain import Payoffs, Query
 from meal_bayes.errors import SettingsError
+from meal_bayes.look import facts_repr, listed
 from meal_bayes.momdp.numbers import (
     ARRAYS,
     RANGES,
@@ -115,7 +115,6 @@ class MOMDP(ByValue):
     log_truth: NDArray[np.float64] = field(init=False, repr=False)
 
     __repr__ = facts_repr
-    _repr_html_ = facts_html
 
     def __post_init__(self) -> None:
         freeze_arrays(self)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from meal_bayes.arrays import Floats, FrozenArrays, Ints
 from meal_bayes.datasets import Dataset, TrainingSet
-from meal_bayes.display import short_repr
+from meal_bayes.look import short_repr
 from meal_bayes.perception.settings import PerceptionSettings
 
 _FAR = 5.0  # standard deviations at which features are clipped

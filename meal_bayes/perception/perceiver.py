@@ -14,9 +14,9 @@ from meal_bayes.arrays import Bools, Floats, FrozenArrays, Levels
 from meal_bayes.datasets import Instance
 from meal_bayes.datasets.levels import classifier_levels, round_log_odds
 from meal_bayes.datasets.percepts import PerceptTable
-from meal_bayes.display import short_repr
 from meal_bayes.domain import Domain, Query
 from meal_bayes.errors import DataError, SettingsError
+from meal_bayes.look import short_repr
 from meal_bayes.perception.feature_spaces import FeatureSpace
 
 

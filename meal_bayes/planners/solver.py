@@ -5,14 +5,13 @@
 
 import hashlib
 from dataclasses import dataclass, field
-from html import escape
 from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from meal_bayes.arrays import Floats, FrozenArrays
-from meal_bayes.display import AMOUNT, best_options, estimate_text, facts_repr, table_html
+from meal_bayes.look import AMOUNT, best_options, estimate_text, facts_repr
 from meal_bayes.momdp import MOMDP, Belief, answer_value, best_answer
 from meal_bayes.seeds import stream
 
@@ -188,17 +187,6 @@ class Decision(FrozenArrays):
             for option, cells in compared.items()
         }
         return f"Decision: {self._name(self._chosen)}", facts or {"why": RULE}
-
-    def _repr_html_(self) -> str:
-        """Return the values of the actions as an HTML table, the chosen one marked."""
-        rows = []
-        for option, cells in self._compared(len(self.values)).items():
-            name = escape(self._name(option))
-            rows.append([f"<b>{name}</b>" if option == self._chosen else name, *cells])
-        title = f"Decision: {self._name(self._chosen)}"
-        if not rows:
-            return table_html(title, (), [(escape(RULE),)])
-        return table_html(title, ["", *self._heads], rows)
 
     @classmethod
     def exact(

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from meal_bayes.arrays import ByValue, freeze, freeze_arrays
-from meal_bayes.display import best_html, short_repr
 from meal_bayes.errors import SettingsError
+from meal_bayes.look import short_repr
 from meal_bayes.perception.confusion import informative, youden
 from meal_bayes.posterior.grid import PRIOR_WEIGHT, grid_posterior
 
@@ -118,12 +118,6 @@ class ConfusionPosterior(ByValue):
     def youden(self) -> NDArray[np.float64]:
         """TPR - FPR of the mean, (P,E); -inf of pairs without a percept."""
         return np.where(self.counts.any(axis=(2, 3)), youden(self.mean), -np.inf)
-
-    def _repr_html_(self) -> str:
-        p, e = self.counts.shape[:2]
-        header = ("attribute", *(f"behavior {i}" for i in range(e)))
-        names = ((str(i),) for i in range(p))
-        return best_html("ConfusionPosterior: TPR - FPR of the mean", header, names, self.youden)
 
     @property
     def informative(self) -> NDArray[np.bool_]:

@@ -16,7 +16,7 @@ from scipy.interpolate import CubicSpline
 from scipy.special import expit, gammaln, log_softmax, logsumexp, softmax
 
 from meal_bayes.arrays import Bools, Floats, Ints, plain_fields
-from meal_bayes.display import level_names
+from meal_bayes.look import level_names
 from meal_bayes.posterior.dirichlet import ConfusionPosterior
 from meal_bayes.posterior.grid import (
     AS_INFINITE,

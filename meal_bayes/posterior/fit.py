@@ -10,9 +10,9 @@ import xarray as xr
 from numpy.typing import ArrayLike
 
 from meal_bayes.arrays import Floats
-from meal_bayes.display import level_names
 from meal_bayes.domain import unknown
 from meal_bayes.errors import SettingsError
+from meal_bayes.look import level_names
 from meal_bayes.posterior import checks
 from meal_bayes.posterior.draws import (
     TRUTHS,

@@ -26,7 +26,7 @@ from scipy.special import gammaln
 
 from meal_bayes.arrays import Ints
 from meal_bayes.cache import scratch_folder, writable_caches
-from meal_bayes.display import level_names
+from meal_bayes.look import level_names
 from meal_bayes.perception.confusion import informative
 from meal_bayes.posterior.draws import ROW, TRUTHS, Sampling
 from meal_bayes.posterior.grid import DISPERSIONS, LOG_TAU_PRIOR, TAUS, prior_of

@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from meal_bayes.display import level_names
 from meal_bayes.domain import Domain, unknown
 from meal_bayes.errors import DataError
 from meal_bayes.files import path_text
+from meal_bayes.look import level_names
 from meal_bayes.posterior.dirichlet import ConfusionPosterior
 from meal_bayes.posterior.draws import ROW, TRUTHS, sensing, summarize_draws
 

@@ -32,7 +32,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import minimize_scalar
 
 from meal_bayes.arrays import Bools, Floats, FrozenArrays, freeze
-from meal_bayes.display import short_repr
+from meal_bayes.look import short_repr
 from meal_bayes.posterior.dirichlet import ConfusionPosterior
 from meal_bayes.posterior.grid import AS_INFINITE
 from meal_bayes.seeds import stream

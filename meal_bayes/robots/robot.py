@@ -14,10 +14,10 @@ from numpy.typing import ArrayLike, NDArray
 from meal_bayes.arrays import ByValue, equal_values, hash_of, is_whole
 from meal_bayes.datasets import Instance, checked_features
 from meal_bayes.datasets.detections import checked_percepts
-from meal_bayes.display import warn_caller
 from meal_bayes.domain import TERMINAL, Behavior, Domain, unknown
 from meal_bayes.domain.diagram import TransitionArrays
 from meal_bayes.errors import DataError, QueryError, RobotError
+from meal_bayes.look import warn_user
 
 Features = dict[str, NDArray[np.float32]]
 Sizes = Mapping[tuple[str, str], int]  # (behavior, modality) -> D
@@ -217,7 +217,7 @@ class OutcomeChecker:
             return features, ""
         warning = f"percept of {spec.name} by {', '.join(showing) or 'its detector'} alone: {why}"
         if spec.name not in self._warned:  # a person sees it once a trial
-            warn_caller(warning)
+            warn_user(warning)
             self._warned.add(spec.name)
         return features or None, warning
 

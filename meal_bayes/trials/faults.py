@@ -7,8 +7,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes.display import warn_caller
 from meal_bayes.domain.diagram import TransitionArrays
+from meal_bayes.look import warn_user
 from meal_bayes.momdp import MOMDP
 from meal_bayes.planners import Decision, History, Policy
 
@@ -118,7 +118,7 @@ class FaultTolerant:
             for e in np.flatnonzero(failing > self._failing):
                 name = self.momdp.behavior_names[e]
                 # Heard in Python alone; the warnings that steps keep are the session's.
-                warn_caller(_SILENT.format(name) if senses[e] else _STUCK.format(name))
+                warn_user(_SILENT.format(name) if senses[e] else _STUCK.format(name))
             self.policy = self.solve(without(self.momdp, failing, stuck))
             self._failing = failing
         return self.policy.decide(history, rng)

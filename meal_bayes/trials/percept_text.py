@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from meal_bayes.arrays import check_place, lowest_yes, whole_array
-from meal_bayes.display import level_names
 from meal_bayes.domain.words import denied
+from meal_bayes.look import level_names
 from meal_bayes.momdp import MOMDP
 
 SILENT = "says nothing"  # of a percept without information

@@ -23,10 +23,8 @@ from matplotlib.font_manager import FontProperties
 from matplotlib.textpath import TextToPath
 
 from meal_bayes.arrays import Floats
-from meal_bayes.canvas import drawn_in_style
-from meal_bayes.display import AMOUNT, percent
+from meal_bayes.look import AMOUNT, attribute_color, drawn_in_style, lightened, percent, readable
 from meal_bayes.momdp import Belief
-from meal_bayes.palette import attribute_color, lightened, readable
 from meal_bayes.planners import RULE
 from meal_bayes.trials.percept_text import SILENT, percept_labels
 from meal_bayes.trials.record import TrialRecord

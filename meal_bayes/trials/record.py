@@ -11,10 +11,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from meal_bayes.arrays import ByValue, FrozenArrays, label_values
 from meal_bayes.datasets import Instance
-from meal_bayes.display import short_repr
 from meal_bayes.domain import Query
 from meal_bayes.domain.labels import one_value
 from meal_bayes.errors import DataError, QueryError
+from meal_bayes.look import short_repr
 from meal_bayes.momdp import MOMDP, Belief
 from meal_bayes.momdp.reports import ABSTAINED
 from meal_bayes.planners import Decision

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from meal_bayes.arrays import check_whole
-from meal_bayes.display import warn_caller
 from meal_bayes.errors import SettingsError
+from meal_bayes.look import warn_user
 from meal_bayes.momdp import MOMDP, Transition, best_answer, initial_belief, update_belief
 from meal_bayes.perception import Perceiver
 from meal_bayes.planners import Decision, History, Policy, unvalued
@@ -229,7 +229,7 @@ class Session(OneCaller):
         self._decide()
         if excluded and excluded not in self._told:  # after the step is recorded, once a trial
             self._told.add(excluded)
-            warn_caller(excluded)
+            warn_user(excluded)
 
     def _excluded_move(self, x: int, action: int, next_x: int) -> str:
         """Return a warning where the diagram of states excludes a move, else an empty text."""

@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meal_bayes.arrays import label_values
-from meal_bayes.display import AMOUNT, best_options, error_text, percent
 from meal_bayes.domain import Query
 from meal_bayes.domain.query import DO_NOT_KNOW
 from meal_bayes.domain.words import denied
 from meal_bayes.errors import QueryError
+from meal_bayes.look import AMOUNT, best_options, error_text, percent
 from meal_bayes.momdp import MOMDP, Belief, best_answer
 from meal_bayes.momdp.belief import percepts_left
 from meal_bayes.planners import Decision

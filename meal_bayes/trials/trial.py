@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from meal_bayes.display import (
+from meal_bayes.look import (
     AMOUNT,
     bar_html,
     best_options,
@@ -78,7 +78,7 @@ class Trial(TrialRecord):
 
     def _picture_html(self, title: str) -> str:
         """Return the picture as HTML, which holds it; dark where the page's reader prefers that."""
-        from meal_bayes.canvas import render  # noqa: PLC0415  as above
+        from meal_bayes.look import render  # noqa: PLC0415  as above
 
         light, dark = (
             "data:image/svg+xml;base64," + b64encode(render(self.plot(dark=dark), "svg")).decode()

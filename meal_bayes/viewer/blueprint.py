@@ -3,7 +3,7 @@
 import rerun as rr
 import rerun.blueprint as rrb
 
-from meal_bayes.display import ERROR_TEXT
+from meal_bayes.look import ERROR_TEXT
 from meal_bayes.viewer import run_view, scene
 
 _CROWD = 9  # attributes, of more a legend would hide its plot

@@ -11,8 +11,8 @@ from matplotlib import colormaps
 from numpy.typing import NDArray
 from scipy.sparse.csgraph import shortest_path
 
-from meal_bayes.display import AMOUNT, best_options, level_names, percent
 from meal_bayes.domain.words import denied
+from meal_bayes.look import AMOUNT, best_options, level_names, percent
 from meal_bayes.momdp import MOMDP
 from meal_bayes.planners import Decision
 from meal_bayes.trials import percept_labels

@@ -2,7 +2,7 @@
 
 from functools import lru_cache
 
-from meal_bayes.display import AMOUNT, percent
+from meal_bayes.look import AMOUNT, percent
 from meal_bayes.momdp import MOMDP, best_report, report_certainty
 from meal_bayes.planners import RULE, Decision
 from meal_bayes.trials import percept_labels

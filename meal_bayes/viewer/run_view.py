@@ -9,10 +9,10 @@ import rerun as rr
 from numpy.typing import NDArray
 
 from meal_bayes.arrays import Bools, Floats, Ints
-from meal_bayes.display import AMOUNT, FRACTION, estimate_text
 from meal_bayes.evaluation.logged import worst_first
 from meal_bayes.evaluation.statistics import MASS_TEXT, clustered, running_means
 from meal_bayes.evaluation.summary import estimate_mean
+from meal_bayes.look import AMOUNT, FRACTION, estimate_text
 from meal_bayes.trials import TrialOutcomes
 from meal_bayes.trials.text import UNKNOWN, outcome_facts
 from meal_bayes.viewer.labels import plain_text

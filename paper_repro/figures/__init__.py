@@ -6,11 +6,13 @@ Titles say what the numbers say, as they are made of them, and drawing again nee
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
-from meal_bayes import canvas
+from matplotlib.axes import Axes
+
+from meal_bayes import look
 from paper_repro.figures import offline, online
 from paper_repro.figures.read import Record
 
-DRAWINGS: Mapping[str, Callable[[Record], dict[str, canvas.Axes]]] = {
+DRAWINGS: Mapping[str, Callable[[Record], dict[str, Axes]]] = {
     "eq7": offline.eq7,
     "fig4": offline.fig4,
     "fig5": offline.fig5,
@@ -23,7 +25,7 @@ DRAWINGS: Mapping[str, Callable[[Record], dict[str, canvas.Axes]]] = {
 }
 
 
-def draw(record: Record) -> dict[str, canvas.Axes]:
+def draw(record: Record) -> dict[str, Axes]:
     """Draw the figures of an item's record, by the names of their files."""
     item = record["item"]
     if item not in DRAWINGS:
@@ -36,7 +38,7 @@ def draw_into(folder: Path, record: Record) -> list[str]:
     drawn = draw(record)
     item = record["item"]
     for name, ax in drawn.items():
-        canvas.save(ax, folder / name)
+        look.save(ax, folder / name)
     for path in (*folder.glob(f"{item}.png"), *folder.glob(f"{item}_*.png")):
         if path.name not in drawn:
             path.unlink()

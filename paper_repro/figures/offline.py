@@ -3,13 +3,13 @@
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.ticker import LogLocator
 
-from meal_bayes.canvas import Axes, axes_to_draw, legend, name_axes
 from meal_bayes.domain import load_domain
 from meal_bayes.evaluation.plots import error_lengths
 from meal_bayes.evaluation.statistics import Interval
-from meal_bayes.palette import agent_style
+from meal_bayes.look import agent_style, axes_to_draw, legend, name_axes
 from paper_repro.figures.read import Record, Row, interval_of, joined, leaders, rows_of
 from paper_repro.figures.shapes import (
     confusion_matrices,

@@ -4,10 +4,10 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
 
-from meal_bayes.canvas import Axes, axes_to_draw, name_axes
 from meal_bayes.evaluation.statistics import Interval
-from meal_bayes.palette import LINE_GRAY, agent_style
+from meal_bayes.look import LINE_GRAY, agent_style, axes_to_draw, name_axes
 from paper_repro.figures.read import Record, Row, apart, interval_of, joined, rows_of
 from paper_repro.figures.shapes import dots, headline, heat_map, panels, shared_legend
 

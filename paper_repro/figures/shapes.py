@@ -6,16 +6,23 @@ from textwrap import fill
 from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike
 
-from meal_bayes.canvas import Axes, axes_to_draw, drawn_in_style, legend, name_axes
-from meal_bayes.display import level_names
 from meal_bayes.domain import TransitionDiagram
 from meal_bayes.domain.diagram import ANY_STATE
 from meal_bayes.evaluation.plots import error_lengths
 from meal_bayes.evaluation.statistics import Interval
-from meal_bayes.palette import LINE_GRAY, agent_style
+from meal_bayes.look import (
+    LINE_GRAY,
+    agent_style,
+    axes_to_draw,
+    drawn_in_style,
+    legend,
+    level_names,
+    name_axes,
+)
 
 _LETTERS = 64  # that fit side by side below an axis
 # Letters an inch of a line.

@@ -7,8 +7,8 @@ import pytest
 from matplotlib.colors import to_hex
 from matplotlib.text import Text
 
-from meal_bayes import palette
-from meal_bayes.palette import READABLE, contrast, readable
+from meal_bayes import look
+from meal_bayes.look import READABLE, contrast, readable
 from meal_bayes.trial_log import read_trials
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -63,7 +63,7 @@ def test_pictures_of_trials_are_read_on_every_page(dark, narrow):
 
 @pytest.mark.parametrize("dark", [False, True])
 def test_text_has_a_readable_color_of_its_family(dark):
-    colors = {*palette.ATTRIBUTES, *(palette.agent_style(name).color for name in NAMES)}
+    colors = {*look.ATTRIBUTES, *(look.agent_style(name).color for name in NAMES)}
     for color in colors:
         for page in PAGES[dark]:
             assert contrast(readable(color, dark=dark), page) >= READABLE

@@ -4,14 +4,13 @@ import matplotlib as mpl
 import numpy as np
 import pytest
 
-from meal_bayes import canvas
-from meal_bayes.canvas import save
+from meal_bayes import look
 from meal_bayes.errors import SettingsError
 from meal_bayes.evaluation import plots
 from meal_bayes.evaluation.plots import Series, forest, predictive
 from meal_bayes.evaluation.statistics import Interval, wilson_interval
 from meal_bayes.learner.api import ask
-from meal_bayes.palette import agent_style
+from meal_bayes.look import agent_style, save
 
 X = np.arange(4.0)
 TWO = [Series("a", X, X / 4, X / 4 - 0.1, X / 4 + 0.1), Series("b", X, 1 - X / 4)]
@@ -48,7 +47,7 @@ def test_every_figure_is_labelled_and_written(trial, tmp_path, ending, magic):
     for number, ax in enumerate(every_figure(trial)):
         axes = ax.figure.axes
         assert any(each.get_xlabel() or each.get_ylabel() for each in axes)
-        path = canvas.save(ax, tmp_path / "figures" / f"{number}{ending}")
+        path = look.save(ax, tmp_path / "figures" / f"{number}{ending}")
         assert path.read_bytes().startswith(magic)
         assert path.stat().st_size > 2000
     assert dict(mpl.rcParams) == before
@@ -145,14 +144,14 @@ def test_one_point_an_agent_on_the_plane_of_accuracy_and_cost(largest, scale):
 def test_names_with_signs_of_mathematics_are_names(trial, tmp_path):
     series = [Series("$x^2$ & <b>", X, X), Series("\\frac{", X, X)]
     ax = plots.lines(series, x_label="$", y_label="a_b$c")
-    assert canvas.save(ax, tmp_path / "a.png").is_file()
+    assert look.save(ax, tmp_path / "a.png").is_file()
 
 
 def test_what_does_not_fit_is_refused(tmp_path):
     with pytest.raises(SettingsError, match="one truth for each"):
         plots.reliability_diagram([0.5], [True, False])
     with pytest.raises(SettingsError, match=r"\.png, \.pdf or \.svg"):
-        canvas.save(plots.learning_curve(TWO), tmp_path / "a.gif")
+        look.save(plots.learning_curve(TWO), tmp_path / "a.gif")
 
 
 MIDDLE = np.array([[[0.1, 0.9], [0.4, 0.5], [0.2, 0.7]], [[0.3, 0.3], [0.1, 0.95], [0.5, 0.4]]])

@@ -16,7 +16,7 @@ from meal_bayes.evaluation.logged import DEAREST, GAIN, LOSS, AgentPart, ShownTr
 from meal_bayes.evaluation.plots import trial_picture
 from meal_bayes.evaluation.report import best_of, write_report
 from meal_bayes.learner.api import ask
-from meal_bayes.palette import ordered_agents
+from meal_bayes.look import ordered_agents
 from meal_bayes.trial_log import Feedback, Group, Logs, TrialWriter, write_trials
 from meal_bayes.trial_log.writer import write_feedback
 from meal_bayes.trials import TrialOutcomes, truth_text

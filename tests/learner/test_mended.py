@@ -1,5 +1,6 @@
 """A driver that was wrong, or hardware that was broken, and is mended: what is learned of it."""
 
+import sys
 import warnings
 from dataclasses import replace
 
@@ -153,7 +154,8 @@ def test_a_name_that_may_be_a_typo_is_warned_of(dataset, make):
     learner = make.learner(dataset)
     with pytest.warns(UserWarning, match=r"no trial or recording of 'cup10'.*'cup 10'") as caught:
         learner.tell("cup10", {"full": True})
-    assert caught[0].filename == __file__
+    if sys.version_info >= (3, 12):  # which can pass over the lines of a package
+        assert caught[0].filename == __file__
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         learner.tell("cup10", {"full": False})
@@ -191,7 +193,8 @@ def test_warnings_point_at_the_line_that_asked(dataset, make):
     for outcome in (Outcome("table"), replace(odd, features={"color": [np.nan] * 3})):
         with pytest.warns(UserWarning, match="percept of|yielded nothing") as caught:
             learner.ask("red", make.faulty(outcome))
-        assert {warning.filename for warning in caught} == {__file__}
+        if sys.version_info >= (3, 12):
+            assert {warning.filename for warning in caught} == {__file__}
 
 
 @pytest.mark.long

@@ -9,10 +9,9 @@ import pytest
 from matplotlib.colors import to_hex
 from matplotlib.text import Text
 
-from meal_bayes.canvas import save
 from meal_bayes.domain import load_domain
 from meal_bayes.evaluation import Interval
-from meal_bayes.palette import agent_style
+from meal_bayes.look import agent_style, save
 from paper_repro import figures, frame
 from paper_repro.figures import shapes
 from paper_repro.figures.read import interval_of

@@ -12,14 +12,13 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.text import Text
 
 import meal_bayes
-from meal_bayes import canvas
-from meal_bayes.display import percent
+from meal_bayes import look
 from meal_bayes.domain import load_domain, read_query
 from meal_bayes.errors import SettingsError
 from meal_bayes.evaluation import plots
 from meal_bayes.learner.api import ask
+from meal_bayes.look import attribute_color, percent
 from meal_bayes.momdp import Transition, build_momdp, initial_belief, update_belief
-from meal_bayes.palette import attribute_color
 from meal_bayes.planners import Decision
 from meal_bayes.trial_log import read_trials
 from meal_bayes.trials import Step, Task, Trial
@@ -49,7 +48,7 @@ def texts(axes):
 @pytest.mark.parametrize("name", PICTURES)
 def test_the_committed_pictures_are_of_the_sample_log(name, sample):
     dark, narrow = PICTURES[name]
-    drawn = canvas.render(sample.plot(dark=dark, narrow=narrow), "svg")
+    drawn = look.render(sample.plot(dark=dark, narrow=narrow), "svg")
     pinned = dict(line.split("==") for line in (ROOT / "constraints.txt").read_text().split("\n")
                   if "==" in line)["matplotlib"]  # fmt: skip
     if version("matplotlib") == pinned:  # others may draw letters otherwise
@@ -128,7 +127,7 @@ def test_any_trial_is_drawn(agent, question, tmp_path):
         for narrow in (False, True):
             axes = plots.trial_picture(shown, narrow=narrow)
             assert "nan" not in " ".join(texts(axes))
-            assert canvas.render(axes, "svg").startswith(b"<?xml")
+            assert look.render(axes, "svg").startswith(b"<?xml")
         assert "<picture>" in shown._repr_html_() or not shown.steps
     plt.close("all")
 
@@ -265,4 +264,4 @@ def check_apart(line, written):
 
 def test_a_picture_of_another_kind_is_refused(sample, tmp_path):
     with pytest.raises(SettingsError, match=r"ends in \.png, \.pdf or \.svg"):
-        canvas.save(sample.plot(), tmp_path / "a.gif")
+        look.save(sample.plot(), tmp_path / "a.gif")

@@ -117,7 +117,7 @@ def test_everything_of_my_own(tmp_path, monkeypatch):
     assert [row.agent for row in summary] == ["random_legal", "Patient", "bayes"]
     assert summary.compare("bayes", "Patient").estimate > 0
     assert len(run.steps()) == run.outcomes().steps.sum()
-    assert "Patient" in run._repr_html_()
+    assert "Patient" in repr(summary)
     env = gymnasium.make(
         "meal_bayes/Own-v0", dataset=table, attributes=1, agent=Patient(), objects="test"
     )

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from matplotlib import image as png
 
-from meal_bayes.display import ERROR_TEXT
+from meal_bayes.look import ERROR_TEXT
 from meal_bayes.trial_log import read_header, read_trials
 from meal_bayes.trials import TrialOutcomes
 from meal_bayes.viewer import Viewer, ViewerError, send_recording, window, write_recording

@@ -1,8 +1,12 @@
 """What objects show of themselves: short texts, tables for a notebook, data frames."""
 
 import dataclasses
+import os
 import re
+import subprocess
+import sys
 from html.parser import HTMLParser
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -11,11 +15,11 @@ import pytest
 import meal_bayes
 from meal_bayes.agents import knowledge_without
 from meal_bayes.datasets import TrainingSet, load_percepts, make_synthetic
-from meal_bayes.display import percent
 from meal_bayes.domain import load_domain
 from meal_bayes.evaluation import summarize
 from meal_bayes.experiments import OfflineConfig, offline_tasks, run_offline
 from meal_bayes.learner import Learner
+from meal_bayes.look import percent
 from meal_bayes.perception import fit_and_validate
 from meal_bayes.planners import RULE
 from meal_bayes.trial_log import read_trials
@@ -87,18 +91,11 @@ def test_main_objects_show_themselves_in_a_few_lines(things):
     for name in ("Trial", "MOMDP", "Belief", "Dataset", "PerceptTable", "Domain"):
         thing = next(thing for thing in things if type(thing).__name__ == name)
         assert 3 <= len(repr(thing).splitlines()) <= 6
-        assert Outline(thing._repr_html_()).count["table"] == 1
 
 
 def test_a_learner_shows_what_it_has_learned():
     table = load_percepts("roc36")
     replays = Learner("roc36", agent="greedy", logs=None).fit(table)
-    assert table._repr_html_() in replays._repr_html_()
-    page = Outline(replays.knowledge(table.objects[0])._repr_html_())
-    assert page.count["tr"] == 1 + len(table.domain.attributes)
-    assert page.count["b"] == 1 + len(table.domain.attributes)  # a best behavior of each
-    alone = Outline(replays.knowledge(table.objects[0]).posterior._repr_html_())
-    assert (alone.count["tr"], alone.count["b"]) == (page.count["tr"], page.count["b"])
     shown = Outline(replays._repr_html_()).text
     assert "learned from 36 objects with labels" in shown
     heavy = shown.partition("heavy")[2]
@@ -152,26 +149,22 @@ def test_a_decision_names_what_it_compared(tmp_path):
     for shown in (trial, *read_trials(tmp_path / "one.mcap")):
         for step in shown.steps:
             decision = step.decision
-            page = Outline(decision._repr_html_())
             valued = np.flatnonzero(~np.isnan(decision.values[:-1]))
-            assert page.count["tr"] == 2 + len(valued)  # header, answer
-            assert page.count["b"] == 2  # title, chosen action
-            for text in (page.text, repr(decision)):
-                assert f"Decision: {shown.momdp.action_name(decision.action)}" in text
-                assert "behavior" not in text
-            assert all(behaviors[e] in page.text for e in valued)
-            assert ("simulations" in page.text) == (decision.simulations > 0)
+            text = repr(decision)
+            assert f"Decision: {shown.momdp.action_name(decision.action)}" in text
+            assert "behavior" not in text
+            named = sum(behaviors[e] in text for e in valued)
+            assert named == len(valued) or "..." in text
     bare = dataclasses.replace(decision, momdp=None)
-    assert "Decision: answer" in bare._repr_html_()
-    assert f"behavior {valued[0]}" in bare._repr_html_()
+    assert "Decision: answer" in repr(bare)
 
 
 def test_a_decision_by_a_rule_says_so():
     asked = {"dataset": "roc36", "object": "heavy_green_beans", "logs": None}
     trial = meal_bayes.ask("Is it heavy?", agent="predefined", **asked)
-    for text in (repr(trial.steps[0].decision), trial.steps[0].decision._repr_html_()):
-        assert "Decision: look" in text
-        assert RULE in text
+    text = repr(trial.steps[0].decision)
+    assert "Decision: look" in text
+    assert RULE in text
 
 
 def test_names_cannot_break_out_of_a_table(trial):
@@ -220,11 +213,35 @@ def test_frames_of_a_run_say_what_its_summary_says(tmp_path):
         np.testing.assert_allclose(means[name].astype(float), expected[column])
     tasks = offline_tasks(load_percepts("roc36"), 2, 6, 0)
     assert frame["object"].tolist() == [task.object_name for task in tasks] * 2
-    page = Outline(summary._repr_html_())
-    assert page.count["tr"] == 3
     assert "greedy" in repr(summary)
 
 
 def test_empty_lists_are_frames_too():
     assert len(trials_frame([])) == 0
     assert "accuracy" in summarize([]).to_frame().columns
+
+
+def test_only_learners_and_trials_have_html(things):
+    assert {type(thing) for thing in things if hasattr(thing, "_repr_html_")} == {Trial, Learner}
+
+
+@pytest.mark.parametrize("backend", ["module://no_such.backend", "nonsense"])
+def test_pictures_do_not_depend_on_a_notebook_s_backend_or_a_user_s_matplotlibrc(tmp_path, backend):
+    (tmp_path / "matplotlibrc").write_text(
+        "text.usetex: True\nfont.size: 30\naxes.facecolor: red\nsavefig.bbox: tight\n"
+    )
+    settings = {"MPLBACKEND": backend, "MATPLOTLIBRC": os.fspath(tmp_path / "matplotlibrc")}
+    sample = Path(__file__).resolve().parents[1] / "logs" / "sample.mcap"
+    for name, more in (("plain", {}), ("set", settings)):
+        for words in (
+            ("log", "show", sample, "--trial", "1", "--picture", tmp_path / f"{name}.svg"),
+            ("report", sample, "-o", tmp_path / f"{name}.html"),
+        ):
+            done = subprocess.run(
+                [sys.executable, "-m", "meal_bayes", *map(str, words)],
+                env={**os.environ, **more}, capture_output=True, text=True, check=False,
+            )  # fmt: skip
+            assert done.returncode == 0, done.stderr
+    for kind in ("svg", "html"):
+        drawn = [(tmp_path / f"{name}.{kind}").read_bytes() for name in ("plain", "set")]
+        assert drawn[0] == drawn[1]
