@@ -16,9 +16,26 @@ _FUNCTION_TEXT = (
     "it it's item its itself kind know like look made made-of me object of on one out please "
     "possible robot say see seem so some something sort tell that that's the then there these "
     "thing think this those to too us was we weight well were what what's whether which with "
-    "would you your also"
+    "would you your also will shall should may might must did am were they he she my much show "
+    "determine verify identify want now"
 )
 FUNCTION_WORDS = set(_FUNCTION_TEXT.split())
+# A word of these that is an attribute, too, is a verb where the words around it make it one.
+_AUXILIARIES = {
+    "can", "could", "will", "would", "shall", "should", "may", "might", "must", "do", "does", "did",
+}  # fmt: skip
+_VERBS = {
+    "look", "feel", "seem", "hold", "contain", "have", "be", "see", "tell", "say", "find", "check",
+    "describe", "think", "know", "show", "like", "weigh", "determine", "verify", "identify",
+}  # fmt: skip
+_SUBJECTS = {
+    "i", "you", "we", "it", "they", "he", "she", "one", "someone", "this", "that", "these", "those",
+    "the", "its", "robot", "object", "thing", "item", "please", "there",
+}  # fmt: skip
+_ARTICLES = {
+    "a", "an", "the", "any", "some", "another", "this", "that", "its", "no", "your", "my",
+}  # fmt: skip
+_KINDS = {"kind", "sort"}  # "what kind of object"
 # Signs that say something. "!" and "-" do where a word begins with them, not where they end one.
 _SIGN = r"!(?=[\w(=])|(?<![\w-])-(?=\w)|&+|\|+|[~^=<>+*/\\()\[\]{}]"
 BRACKETS = set("()[]{}")
@@ -31,7 +48,14 @@ def vocabulary_of(question: object, domain: Domain) -> dict[str, str]:
     if not isinstance(named, str | Sequence) or not all(isinstance(name, str) for name in named):
         raise QueryError(f"A question is a sentence or names; found {question!r:.60}.")
     plural = {fold(name) + "s": name for name in domain.groups}
-    return plural | {fold(name): name for name in domain.groups} | domain.words
+    named_by = plural | {fold(name): name for name in domain.groups} | domain.words
+    spelled = {
+        word.replace(*pair): name
+        for pair in (("colour", "color"), ("color", "colour"))
+        for word, name in named_by.items()
+    }
+    weighing = {"weigh": named_by["weight"]} if "weight" in named_by else {}
+    return weighing | spelled | named_by
 
 
 def query_of(names: Sequence[str], domain: Domain) -> Query:
@@ -62,7 +86,8 @@ def words_of(question: str, vocabulary: Mapping[str, str], domain: Domain) -> li
     """Split a sentence into words and signs; names of the domain stay whole, whatever is in them.
 
     Of two values of one group that stand side by side ("half full") the first is meant. More are a
-    list without commas.
+    list without commas. "How full" asks for the value of the group that "full" is of. A word that
+    is a verb where it stands ("Can you see ...") names no attribute there.
     """
     text = " ".join(fold(question).replace("\N{RIGHT SINGLE QUOTATION MARK}", "'").split())
     # The longest first, as a pattern takes the first alternative that fits.
@@ -80,7 +105,36 @@ def words_of(question: str, vocabulary: Mapping[str, str], domain: Domain) -> li
         elif word:
             runs.append([word])
         end = match.end()
-    return [word for run in runs for word in (run[:1] if len(run) == 2 else run)]
+    words = [word for run in runs for word in (run[:1] if len(run) == 2 else run)]
+    return _how([w for i, w in enumerate(words) if not _is_verb(words, i)], vocabulary, domain)
+
+
+def _how(words: Sequence[str], vocabulary: Mapping[str, str], domain: Domain) -> list[str]:
+    """Return words with the group in place of a value behind "how"."""
+    read = list[str]()
+    for before, word in zip(("", *words), words, strict=False):
+        group = next(
+            (g for g, values in domain.groups.items() if vocabulary.get(word) in values), ""
+        )
+        names = (fold(group), f"{fold(group)}s")  # a value may be called as its group
+        named = [name for name in names if vocabulary.get(name) == group and group]
+        read.append(named[0] if before == "how" and named else word)
+    return read
+
+
+def _is_verb(words: Sequence[str], place: int) -> bool:
+    """Return whether a word is a verb by the words around it, or the "kind" of "what kind"."""
+    word = words[place]
+    before = words[place - 1] if place else ""
+    after = words[place + 1] if place + 1 < len(words) else ""
+    if before in _ARTICLES and before not in ("this", "that"):
+        return False  # "a can"
+    if word in _AUXILIARIES:
+        return after in _SUBJECTS | _VERBS | {"not"} and before not in ("is", "are")
+    if word in _VERBS:
+        helped = any(other in _AUXILIARIES for other in words[:place])
+        return helped and before in _SUBJECTS | _AUXILIARIES
+    return word in _KINDS and before in ("what", "which")
 
 
 def is_sign(word: str) -> bool:

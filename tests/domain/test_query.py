@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from meal_bayes.datasets import Dataset
-from meal_bayes.domain import Query, load_domain, read_query
+from meal_bayes.domain import Query, load_domain, read_event, read_query
 from meal_bayes.errors import DataError, DomainError, QueryError
 
 CAFE = "Caf\N{LATIN SMALL LETTER E WITH ACUTE}"
@@ -160,3 +160,57 @@ def test_data_with_other_than_one_value_of_a_group_are_refused(row):
     Dataset(LAB, ("cup", "jar"), features, [[1, 0, 1, 0], [0, -1, -1, 0]])
     with pytest.raises(DataError, match=r"'jar' is .* of 'fill' .*exactly one is true"):
         Dataset(LAB, ("cup", "jar"), features, [[1, 0, 1, 0], row])
+
+
+OWN = domain_of(
+    "red", "green", "empty", "half", "full", "can", "will", "look", "kind", "heavy", "water",
+    groups={"fill": ["empty", "half", "full"], "colour": ["red", "green"]},
+)  # fmt: skip
+HOW = ["How {} is it?", "Can you tell me how {} it is?", "Please say how {} this object is."]
+OPENINGS = [
+    "Can you tell whether it is {}?", "Can it be {}?", "Could it be {}?", "Will it be {}?",
+    "Can the robot see if it is {}?", "Does it look {}?", "Did you check if it is {}?",
+    "What kind of object is it: {}?", "It can be {}?", "Should it look {}?", "Might it be {}?",
+    "Would you say it is {}?", "Can you please look whether it is {}?", "Must it be {}?",
+]  # fmt: skip
+
+
+@given(st.sampled_from(HOW), st.sampled_from(["empty", "half", "full", "red", "green"]))
+def test_how_asks_for_the_value_of_the_group(form, value):
+    group = next(name for name, values in OWN.groups.items() if value in values)
+    assert read_query(form.format(value), OWN).group_names == (group,)
+    with pytest.raises(QueryError, match="says which"):
+        read_event(form.format(value), OWN)
+
+
+def test_how_asks_for_an_attribute_where_there_is_no_group():
+    assert read_query("How heavy is it?", OWN).attributes == ("heavy",)
+
+
+@pytest.mark.parametrize("word", ["color", "colour", "colors"])
+def test_a_group_is_asked_for_in_either_spelling(word):
+    assert read_query(f"What {word} is it?", OWN).group_names == ("colour",)
+
+
+@given(st.sampled_from(OPENINGS), st.sampled_from(["heavy", "a can", "full", "red", "water"]))
+def test_a_verb_names_no_attribute(form, thing):
+    asked = (thing.removeprefix("a "),)
+    assert read_query(form.format(thing), OWN).attributes == asked
+    assert read_event(form.format(thing), OWN).attributes == asked
+
+
+@pytest.mark.parametrize(
+    ("question", "attributes"),
+    [
+        ("Is it a can?", ("can",)),
+        ("Is it can?", ("can",)),
+        ("red can", ("red", "can")),
+        ("can, heavy", ("can", "heavy")),
+        ("Is it a red can and heavy?", ("red", "can", "heavy")),
+        ("Is it a can you can look at?", ("can",)),
+        ("Is it kind?", ("kind",)),
+        ("Is it heavy and can it hold water?", ("heavy", "water")),
+    ],
+)
+def test_a_noun_that_is_a_verb_elsewhere_is_an_attribute(question, attributes):
+    assert read_query(question, OWN).attributes == attributes
