@@ -87,10 +87,8 @@ RUNS = (
     Run("compare", "--simulations 2 --measure success", {"FAMILY": 2}),
     Run("coupled", "--dataset roc36 --trials 40"),
     Run("digests", "now.json", {"DATASETS": ("roc36",), "SMALL": {"offline": "--trials 1"}}),
-    Run("forgetting", "--seeds 0-2 --trials 2", {"HALF_LIVES": (2.0, 5.0), "MET": 2}),
     Run("groups", "", {"load_percepts": lambda name: small_group(), "SIZES": (3,)}),
     Run("growth", "--task table", {"AXES": {"objects": (10, 20)}}),
-    Run("gym_steps", "", {"WAYS": ("any legal action",)}),
     Run("kill", "--rounds 1 --at-once 1", {"WORDS": {"offline": "--trials 20"}}),
     Run("kill_learner", "--kills 1", {"LIVES": 1}, apart=True),
     Run("learner", "", {"WORDS": 2, **DATA}),
@@ -100,7 +98,6 @@ RUNS = (
     Run("learning", "physics 0-1 --trials 1", needs="sim"),
     Run("peers_learning", "5-7 --tune 0-1 --trials 3", {"SCALES": (0.01,)}, "pymdp"),
     Run("perception", "--dataset small --permutations 1 --paper", DATA),
-    Run("percepts", "--dataset small", {"LEFT": (2,), "FOLDS": 2, **DATA}),
     Run("picture", "--log", PICTURES),
     Run("picture", "--log --viewer", PICTURES, "vulkan"),
     Run("questions", "A1 --episodes 3"),
@@ -113,8 +110,6 @@ RUNS = (
     Run("simulated", "--part live --trials 4", ARM, "sim"),
     Run("simulated", "--part population --crowd 6", ARM, "sim"),
     Run("start", "", {"COLD": {}, **HELP}),
-    Run("trials", "--trials 2", {"DISTINCT": 2}),
-    Run("trials", "--compact --trials 20", {"SIZE": 10}),
 )  # fmt: skip
 
 
