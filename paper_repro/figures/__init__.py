@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 
 from meal_bayes import look
 from paper_repro.figures import offline, online
-from paper_repro.figures.read import Record
+from paper_repro.figures.shapes import Record
 
 DRAWINGS: Mapping[str, Callable[[Record], dict[str, Axes]]] = {
     "eq7": offline.eq7,

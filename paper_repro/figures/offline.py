@@ -10,12 +10,17 @@ from meal_bayes.domain import load_domain
 from meal_bayes.evaluation.plots import error_lengths
 from meal_bayes.evaluation.statistics import Interval
 from meal_bayes.look import agent_style, axes_to_draw, legend, name_axes
-from paper_repro.figures.read import Record, Row, interval_of, joined, leaders, rows_of
 from paper_repro.figures.shapes import (
+    Record,
+    Row,
     confusion_matrices,
     dots,
     headline,
+    interval_of,
+    joined,
+    leaders,
     name_ends,
+    rows_of,
     transition_diagram,
 )
 

@@ -8,8 +8,19 @@ from matplotlib.axes import Axes
 
 from meal_bayes.evaluation.statistics import Interval
 from meal_bayes.look import LINE_GRAY, agent_style, axes_to_draw, name_axes
-from paper_repro.figures.read import Record, Row, apart, interval_of, joined, rows_of
-from paper_repro.figures.shapes import dots, headline, heat_map, panels, shared_legend
+from paper_repro.figures.shapes import (
+    Record,
+    Row,
+    apart,
+    dots,
+    headline,
+    heat_map,
+    interval_of,
+    joined,
+    panels,
+    rows_of,
+    shared_legend,
+)
 
 _BASE = "iterative_morc"
 _BEST = "morc_itrs"
@@ -45,20 +56,22 @@ def _leads(record: Record, tables: Sequence[Mapping[str, Any]], measure: str) ->
         with axes_to_draw(ax):
             ax.axhline(0, color=LINE_GRAY, lw=1)
             ax.set_title(table["title"].rpartition(", ")[0], fontsize=9, loc="left")
-            name_axes(ax, "exploration, h", f"{measure} less its")
+            name_axes(ax, "exploration, h", f"{measure} difference\nto Iterative MORC")
             ax.set_xscale("log")
             ax.set_xticks(_BUDGETS, [f"{h:g}" for h in _BUDGETS])
             ax.minorticks_off()
             ax.set_xlim(0.45, 4.4)
     for ax in axes[len(tables) :]:
         ax.remove()
-    finding = "; ".join(f"{agent} is {_counts(sides)}" for agent, sides in told.items())
+    others = "; ".join(
+        f"{agent} is {_counts(sides)}" for agent, sides in told.items() if agent != _BEST
+    )
     shared_legend(axes[: len(tables)])
     headline(
         axes[0],
-        f"{measure.capitalize()} less Iterative MORC's, number of panels: {finding}",
-        f"{record['size']} Bands: 95 % intervals over splits of the same objects "
-        "(Student's t). Lines end where either agent has explored no longer.",
+        f"{measure.capitalize()}: {_BEST} is {_counts(told.get(_BEST, []))} of {len(tables)}",
+        f"Number of panels; {others}. {record['size']} Bands: 95 % intervals over splits of the "
+        "same objects (Student's t). Lines end where either agent has explored no longer.",
     )
     return axes[0]
 
@@ -117,10 +130,9 @@ def fig11(record: Record) -> dict[str, Axes]:
         )
         headline(
             ax,
-            f"MORC-ITRS has the highest estimate on {ahead} of {len(rows)} attributes; "
-            f"its interval is apart from both others' on {clear}",
-            f"CY101, percepts {protocol}. {record['size']} 95 % intervals over splits of the "
-            "same objects.",
+            f"MORC-ITRS has the highest estimate on {ahead} of {len(rows)} attributes",
+            f"Its interval is apart from both others' on {clear}. CY101, percepts {protocol}. "
+            f"{record['size']} 95 % intervals over splits of the same objects.",
         )
         figures[f"_{protocol}"] = ax
     return figures
@@ -152,13 +164,14 @@ def fig12(record: Record) -> dict[str, Axes]:
         )
         best = max(rows, key=lambda row: row[moment][0])
         span = interval_of(best[moment])
+        where = f"alpha {best['alpha']}, beta {best['beta']}"
         near = sum(not apart(span, interval_of(row[moment])) for row in rows) - 1
         headline(
             ax,
-            f"{moment.capitalize()}: best at alpha {best['alpha']}, beta {best['beta']} "
-            f"({span.estimate:.3f} [{span.low:.3f}, {span.high:.3f}]), not told apart from "
-            f"{near} of the other {len(rows) - 1} pairs",
-            f"Accuracy of MORC-ITRS on CY101. {record['size']}",
+            f"{moment.capitalize()}: " + ("no pair of weights is clearly best" if near else where),
+            f"The highest is {where}: {span.estimate:.3f} [{span.low:.3f}, {span.high:.3f}], not "
+            f"told apart from {near} of the other {len(rows) - 1} pairs. Accuracy of MORC-ITRS on "
+            f"CY101. {record['size']}",
         )
         figures[f"_{moment}"] = ax
     return figures

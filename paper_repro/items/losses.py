@@ -5,13 +5,15 @@ from itertools import islice
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from meal_bayes import OfflineConfig, read_trials, run_offline
-from meal_bayes.datasets import PerceptTable, load_percepts
+from meal_bayes.datasets import Dataset, PerceptTable, load_dataset, load_percepts, save_percepts
 from meal_bayes.evaluation import Estimate, clustered, difference, estimate_mean
+from meal_bayes.perception import build_percept_table
 from meal_bayes.planners import Factored
+from meal_bayes.seeds import stream
 from paper_repro.frame import Cell, Result, Setting, Table, paper_values
-from paper_repro.halves import table_by_halves
 from paper_repro.offline import AGAINST, OWN, run_agent
 from paper_repro.statements import RECORDED
 
@@ -165,3 +167,43 @@ def cheapest_percept(table: PerceptTable) -> float:
     domain = table.domain
     legal = domain.diagram.successes(domain.diagram.start)
     return min(b.cost for b in domain.behaviors if b.modalities and b.name in legal)
+
+
+def table_by_halves(setting: Setting, name: str) -> str:
+    """Write the percept table of a data set by halves, and return its path."""
+    dataset = load_dataset(name)
+    whole = load_percepts(name)
+    order = stream(setting.seed, "halves", name).permutation(len(dataset.objects))
+    middle = len(order) // 2
+    parts = [np.sort(part) for part in (order[:middle], order[middle:])]
+    tables = [build_percept_table(_part(dataset, part)) for part in parts]
+    path = setting.logs / "tables" / f"{name}_halves_{setting.seed}.npz"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    save_percepts(joined(whole, parts, tables), path)
+    return str(path)
+
+
+def joined(
+    whole: PerceptTable, parts: list[NDArray[np.int64]], tables: list[PerceptTable]
+) -> PerceptTable:
+    """Join the tables of parts of the objects into one of all, for the tasks of all.
+
+    Objects of another part are no experience: their training counts are zero.
+    """
+    log_odds = np.full(whole.log_odds.shape, np.nan, np.float16)
+    objects = len(whole.objects)
+    bins = np.zeros((objects, *whole.training_bins.shape[1:]), np.uint8)
+    for part, table in zip(parts, tables, strict=True):
+        log_odds[part] = table.log_odds
+        bins[np.ix_(part, part)] = table.training_bins[table.groups]
+    return replace(whole, log_odds=log_odds, training_bins=bins, groups=np.arange(objects))
+
+
+def _part(dataset: Dataset, part: NDArray[np.int64]) -> Dataset:
+    return replace(
+        dataset,
+        objects=tuple(dataset.objects[o] for o in part),
+        labels=dataset.labels[part],
+        features={context: values[part] for context, values in dataset.features.items()},
+        partial=True,
+    )

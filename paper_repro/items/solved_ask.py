@@ -10,10 +10,10 @@ from meal_bayes.datasets import load_percepts
 from meal_bayes.evaluation import Estimate
 from meal_bayes.experiments.tasks import offline_tasks
 from paper_repro.agents import AGENTS, ASK
-from paper_repro.asking import ask_until_two_agree
 from paper_repro.frame import Result, Setting, Table, paper_values
 from paper_repro.items.fig9 import RELEVANT
 from paper_repro.items.pomdpsol import program_version
+from paper_repro.items.published_ask import ask_until_two_agree
 from paper_repro.published import plotted_ispy32
 from paper_repro.sarsop import Sarsop, problem_file, with_whole_answers
 from paper_repro.statements import THEIRS, Evidence, above, below

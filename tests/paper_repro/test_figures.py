@@ -14,7 +14,7 @@ from meal_bayes.evaluation import Interval
 from meal_bayes.look import agent_style, save
 from paper_repro import figures, frame
 from paper_repro.figures import shapes
-from paper_repro.figures.read import interval_of
+from paper_repro.figures.shapes import interval_of
 
 RESULTS = Path(frame.__file__).parent / "results"
 DRAWN = [item for item in frame.items() if item in figures.DRAWINGS]

@@ -11,9 +11,7 @@ from meal_bayes.domain import Domain
 from meal_bayes.evaluation import Estimate
 from meal_bayes.trials import TrialOutcomes
 from paper_repro import frame, published
-from paper_repro.asking import Asked, ask_until_two_agree
 from paper_repro.frame import Setting
-from paper_repro.halves import joined
 from paper_repro.inference import LEVEL
 from paper_repro.items import (
     eq7,
@@ -28,6 +26,8 @@ from paper_repro.items import (
     solved_ask,
     table3,
 )
+from paper_repro.items.losses import joined
+from paper_repro.items.published_ask import Asked, ask_until_two_agree
 from paper_repro.items.table5 import predicted
 from paper_repro.statements import CONSTRUCTED, FALLS, STANDS, THEIRS, UNDECIDED, Evidence
 
