@@ -14,10 +14,9 @@ logged.
 >>> trial.task.query.report_name(trial.report), trial.success, round(trial.cost, 1)
 ('heavy, beans', True, 19.1)
 
-These names are the public API; each is loaded with its package when it is first used, so that the
-import itself costs nothing. The packages (`meal_bayes.domain`, `.datasets`, `.perception`,
-`.posterior`, `.momdp`, `.planners`, `.robots`, `.trials`, `.agents`, `.trial_log`, `.learner`,
-`.experiments`, `.evaluation`, `.viewer`, `.gym`) hold the rest.
+The names in `__all__` are the public API, with `meal_bayes.testing` and `meal_bayes.gym`. Each
+name is loaded with its package when it is first used, so the import itself loads NumPy at most.
+Other names of the packages (`meal_bayes.planners`, ...) may change in any version.
 
 Shape comments, such as ``cost: (E,) s``, speak one alphabet everywhere:
 
@@ -46,41 +45,60 @@ from typing import TYPE_CHECKING
 from meal_bayes.version import package_version
 
 if TYPE_CHECKING:
-    from meal_bayes.datasets import Dataset, load_dataset, load_percepts, save_percepts
-    from meal_bayes.domain import Query, load_domain, read_query
-    from meal_bayes.errors import MealBayesError
-    from meal_bayes.evaluation import summarize
-    from meal_bayes.experiments import OfflineConfig, run_offline
-    from meal_bayes.learner import Learner, ask
-    from meal_bayes.momdp import build_momdp, initial_belief, update_belief
-    from meal_bayes.perception import build_percept_table
-    from meal_bayes.planners import POMCP
+    from meal_bayes.agents import Agent, load_agent
+    from meal_bayes.datasets import (
+        Dataset,
+        PerceptTable,
+        load_dataset,
+        load_percepts,
+        save_csv_folder,
+        save_percepts,
+    )
+    from meal_bayes.domain import Domain, Query, load_domain, read_query
+    from meal_bayes.errors import MealBayesError, RobotError
+    from meal_bayes.evaluation import compare, summarize
+    from meal_bayes.experiments import OfflineConfig, OnlineConfig, run_offline, run_online
+    from meal_bayes.learner import Learner, ask, recall
+    from meal_bayes.momdp import MOMDP, Belief, build_momdp, initial_belief, update_belief
+    from meal_bayes.perception import Perceiver, build_percept_table
+    from meal_bayes.planners import POMCP, Decision, Policy, Solver
     from meal_bayes.posterior import ConfusionPosterior
-    from meal_bayes.robots import Outcome
+    from meal_bayes.robots import Outcome, Robot
     from meal_bayes.trial_log import read_trials, write_trials
-    from meal_bayes.trials import Trial, run_trial
+    from meal_bayes.trials import Recorder, Session, Trial, run_trial
 
 __all__ = [
-    "POMCP", "ConfusionPosterior", "Dataset", "Learner", "MealBayesError", "OfflineConfig",
-    "Outcome", "Query", "Trial", "ask", "build_momdp", "build_percept_table", "initial_belief",
-    "load_dataset", "load_domain", "load_percepts", "read_query", "read_trials", "run_offline",
-    "run_trial", "save_percepts", "summarize", "update_belief", "write_trials",
+    "MOMDP", "POMCP", "Agent", "Belief", "ConfusionPosterior", "Dataset", "Decision", "Domain",
+    "Learner", "MealBayesError", "OfflineConfig", "OnlineConfig", "Outcome", "Perceiver",
+    "PerceptTable", "Policy", "Query", "Recorder", "Robot", "RobotError", "Session", "Solver",
+    "Trial", "ask", "build_momdp", "build_percept_table", "compare", "initial_belief",
+    "load_agent", "load_dataset", "load_domain", "load_percepts", "read_query", "read_trials",
+    "recall", "run_offline", "run_online", "run_trial", "save_csv_folder", "save_percepts",
+    "summarize", "update_belief", "write_trials",
 ]  # fmt: skip
 
 _ROOMS = {
-    "datasets": ("Dataset", "load_dataset", "load_percepts", "save_percepts"),
-    "domain": ("Query", "load_domain", "read_query"),
-    "errors": ("MealBayesError",),
-    "evaluation": ("summarize",),
-    "experiments": ("OfflineConfig", "run_offline"),
-    "learner": ("Learner", "ask"),
-    "momdp": ("build_momdp", "initial_belief", "update_belief"),
-    "perception": ("build_percept_table",),
-    "planners": ("POMCP",),
+    "agents": ("Agent", "load_agent"),
+    "datasets": (
+        "Dataset",
+        "PerceptTable",
+        "load_dataset",
+        "load_percepts",
+        "save_csv_folder",
+        "save_percepts",
+    ),
+    "domain": ("Domain", "Query", "load_domain", "read_query"),
+    "errors": ("MealBayesError", "RobotError"),
+    "evaluation": ("compare", "summarize"),
+    "experiments": ("OfflineConfig", "OnlineConfig", "run_offline", "run_online"),
+    "learner": ("Learner", "ask", "recall"),
+    "momdp": ("MOMDP", "Belief", "build_momdp", "initial_belief", "update_belief"),
+    "perception": ("Perceiver", "build_percept_table"),
+    "planners": ("POMCP", "Decision", "Policy", "Solver"),
     "posterior": ("ConfusionPosterior",),
-    "robots": ("Outcome",),
+    "robots": ("Outcome", "Robot"),
     "trial_log": ("read_trials", "write_trials"),
-    "trials": ("Trial", "run_trial"),
+    "trials": ("Recorder", "Session", "Trial", "run_trial"),
 }
 _HOME = {name: room for room, names in _ROOMS.items() for name in names}
 

@@ -5,7 +5,17 @@ Every message says what was found, what was expected, and how to repair it.
 
 
 class MealBayesError(Exception):
-    """Root of the family; the command line prints it in one line and exits with 2."""
+    """Root of the family; the command line prints it in one line and exits with 2.
+
+    Examples
+    --------
+    >>> import meal_bayes
+    >>> try:
+    ...     meal_bayes.load_domain("rock36")
+    ... except meal_bayes.MealBayesError as error:
+    ...     print(type(error).__name__)
+    SettingsError
+    """
 
 
 class SettingsError(MealBayesError):
@@ -29,7 +39,14 @@ class DownloadError(MealBayesError):
 
 
 class RobotError(MealBayesError):
-    """A robot that does not do what its driver promises, such as a state that is not known."""
+    """A robot that does not do what its driver promises, such as a state that is not known.
+
+    Examples
+    --------
+    >>> import meal_bayes
+    >>> isinstance(meal_bayes.RobotError("the gripper jams"), meal_bayes.MealBayesError)
+    True
+    """
 
 
 class ConformanceError(MealBayesError):

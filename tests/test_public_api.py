@@ -68,7 +68,10 @@ def test_every_name_is_found_and_documented():
         assert value.__doc__, name
         assert value.__name__ == name
         assert value.__module__.startswith("meal_bayes.")
-    assert 15 <= len(meal_bayes.__all__) <= 25
+        assert ">>> " in value.__doc__, name
+    assert len(meal_bayes.__all__) <= 45
+    page = (SOURCE.parents[1] / "docs" / "public.md").read_text(encoding="utf-8")
+    assert not [name for name in meal_bayes.__all__ if f"`{name}`" not in page]
     assert set(meal_bayes.__all__) <= set(dir(meal_bayes))
     assert "__version__" in dir(meal_bayes)
     assert re.fullmatch(r"\d+\.\d+\..+|unreleased", meal_bayes.__version__)
@@ -92,7 +95,7 @@ def test_type_checkers_see_the_same_names():
 
 
 def test_an_unknown_name_is_told():
-    with pytest.raises(AttributeError, match="no attribute 'asc'; its names are: POMCP,"):
+    with pytest.raises(AttributeError, match="no attribute 'asc'; its names are: MOMDP,"):
         _ = meal_bayes.asc
     with pytest.raises(ImportError):
         exec("from meal_bayes import asc")

@@ -65,6 +65,13 @@ class Agent:
         It learns from repeats which differences of features do not depend on the object.
     trained_by : Agent | None
         Who runs its training trials online; itself by default.
+
+    Examples
+    --------
+    >>> import meal_bayes
+    >>> from dataclasses import replace
+    >>> replace(meal_bayes.load_agent("bayes"), name="mine").name
+    'mine'
     """
 
     name: str

@@ -94,7 +94,14 @@ AGENTS = {
 
 
 def load_agent(name: str) -> Agent:
-    """Return the agent of a name; `SettingsError` with the nearest names where there is none."""
+    """Return the agent of a name; `SettingsError` with the nearest names where there is none.
+
+    Examples
+    --------
+    >>> import meal_bayes
+    >>> meal_bayes.load_agent("greedy").name
+    'greedy'
+    """
     if name not in AGENTS:
         raise SettingsError(unknown("agent", name, AGENTS))
     return AGENTS[name]

@@ -73,6 +73,16 @@ class Dataset(ByValue):
         Shapes that do not agree, a context without features, features that are not finite,
         modalities of a behavior that differ in their recordings, labels other than 1, 0 and -1, an
         object that is listed twice, or one with two values of a group.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import meal_bayes
+    >>> from meal_bayes.datasets import make_synthetic
+    >>> rng = np.random.default_rng(0)
+    >>> data = make_synthetic(meal_bayes.load_domain("toy"), objects=4, recordings=2, rng=rng)
+    >>> len(data.objects), data.recordings
+    (4, 2)
     """
 
     domain: Domain

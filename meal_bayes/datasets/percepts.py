@@ -80,6 +80,13 @@ class PerceptTable(ByValue):
     ------
     DataError
         Shapes that do not agree, edges that do not rise.
+
+    Examples
+    --------
+    >>> import meal_bayes
+    >>> table = meal_bayes.load_percepts("roc36")
+    >>> len(table.objects)
+    36
     """
 
     domain: Domain
@@ -173,6 +180,18 @@ def save_percepts(table: PerceptTable, path: str | Path) -> None:
         A name that does not end in .npz, by which no table would be read again.
     OutputError
         The file cannot be written; one that was there stays.
+
+    Examples
+    --------
+    >>> import meal_bayes
+    >>> from pathlib import Path
+    >>> from tempfile import TemporaryDirectory
+    >>> table = meal_bayes.load_percepts("roc36")
+    >>> with TemporaryDirectory() as folder:
+    ...     meal_bayes.save_percepts(table, Path(folder, "table.npz"))
+    ...     again = meal_bayes.load_percepts(Path(folder, "table.npz"))
+    >>> again.objects == table.objects
+    True
     """
     path = checked_path("The percept table", path)
     if path.suffix != ".npz":
@@ -226,6 +245,12 @@ def load_percepts(
         No shipped table and no file of that name.
     DataError
         A file that is not a percept table, or not one of this domain.
+
+    Examples
+    --------
+    >>> import meal_bayes
+    >>> meal_bayes.load_percepts("roc36").domain.name
+    'roc36'
     """
     domain = None if domain is None else load_domain(domain)
     path = checked_path("The percept table", name)

@@ -248,6 +248,20 @@ def load_dataset(name: str | Path, *, root: str | Path | None = None) -> Dataset
         Files that do not hold what their layout promises.
     DownloadError
         Files that cannot be downloaded.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import meal_bayes
+    >>> from tempfile import TemporaryDirectory
+    >>> from meal_bayes.datasets import make_synthetic
+    >>> rng = np.random.default_rng(0)
+    >>> data = make_synthetic(meal_bayes.load_domain("toy"), objects=4, recordings=2, rng=rng)
+    >>> with TemporaryDirectory() as folder:
+    ...     meal_bayes.save_csv_folder(data, folder)
+    ...     again = meal_bayes.load_dataset("toy", root=folder)
+    >>> again.objects == data.objects
+    True
     """
     if str(path_text(name)).endswith(".npz"):
         raise SettingsError(

@@ -92,6 +92,13 @@ class Domain:
     DomainError
         Repeated names, costs that are no time, a reward that is not finite, effects of behaviors
         that do not exist, behaviors that are nowhere legal, words for attributes that do not exist.
+
+    Examples
+    --------
+    >>> import meal_bayes
+    >>> domain = meal_bayes.load_domain("toy")
+    >>> [behavior.name for behavior in domain.behaviors]
+    ['look', 'lift', 'reinit']
     """
 
     name: str

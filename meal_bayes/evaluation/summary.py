@@ -147,6 +147,16 @@ def summarize(trials: Trials, *, seconds: Mapping[str, float] | None = None) -> 
         Of one data set, as objects' names are the clusters.
     seconds : Mapping[str, float] | None
         Computing time by agent; by default that of a run, which trials do not hold.
+
+    Examples
+    --------
+    >>> import meal_bayes
+    >>> trial = meal_bayes.ask(
+    ... "heavy", dataset="roc36", object="heavy_green_beans", agent="greedy", logs=None
+    ... )
+    >>> (row,) = meal_bayes.summarize([trial])
+    >>> row.agent
+    'greedy'
     """
     outcomes = TrialOutcomes.of(trials)
     times = seconds or getattr(trials, "seconds", {})
@@ -184,6 +194,18 @@ def compare(trials: Trials, first: str, second: str, *, measure: str = "reward")
     -------
     Interval
         Of the mean of first - second, in units of the measure: s, or a fraction of trials.
+
+    Examples
+    --------
+    >>> import meal_bayes
+    >>> trials = [
+    ...     meal_bayes.ask("heavy", dataset="roc36", object=name, agent=agent, logs=None)
+    ...     for name in meal_bayes.load_percepts("roc36").objects[:3]
+    ...     for agent in ("greedy", "predefined_plus")
+    ... ]
+    >>> interval = meal_bayes.compare(trials, "greedy", "predefined_plus")
+    >>> round(interval.estimate, 1)
+    -3.2
     """
     outcomes = TrialOutcomes.of(trials)
     outcomes_of_first = outcomes.of_agent(first)

@@ -78,6 +78,12 @@ class OfflineConfig:
     SettingsError
         An agent that is unknown or named twice, a negative seed, a reward that is not positive and
         finite, another kind of answer, payoffs that are none or of answers that are values.
+
+    Examples
+    --------
+    >>> import meal_bayes
+    >>> meal_bayes.OfflineConfig(dataset="roc36", attributes=2).dataset
+    'roc36'
     """
 
     dataset: Any
@@ -157,6 +163,12 @@ class OnlineConfig:
     ------
     SettingsError
         What is unknown, named twice, or out of range.
+
+    Examples
+    --------
+    >>> import meal_bayes
+    >>> meal_bayes.OnlineConfig(dataset="roc36").dataset
+    'roc36'
     """
 
     dataset: str

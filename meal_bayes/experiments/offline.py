@@ -145,6 +145,19 @@ def run_offline(
         Settings that cannot be run.
     OutputError, LogError
         Logs that cannot be written.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from tempfile import TemporaryDirectory
+    >>> import meal_bayes
+    >>> config = meal_bayes.OfflineConfig(
+    ...     dataset="roc36", attributes=1, trials=2, agents=("greedy",)
+    ... )
+    >>> with TemporaryDirectory() as folder:
+    ...     run = meal_bayes.run_offline(config, logs=folder)
+    >>> type(run).__name__
+    'OfflineRun'
     """
     source = TableSource.of(config.dataset, config.perception)
     table = _loaded(source)

@@ -182,6 +182,24 @@ def run_online(
     on_progress : Callable[[float, int], None] | None
         Called with (batches done, batches in all) after every trial, from processes once a second;
         from a cluster after a repeat of an agent.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import meal_bayes
+    >>> from meal_bayes.datasets import make_synthetic
+    >>> rng = np.random.default_rng(0)
+    >>> data = make_synthetic(meal_bayes.load_domain("toy"), objects=12, recordings=2, rng=rng)
+    >>> from tempfile import TemporaryDirectory
+    >>> with TemporaryDirectory() as folder:
+    ...     meal_bayes.save_csv_folder(data, f"{folder}/data")
+    ...     config = meal_bayes.OnlineConfig(
+    ...         dataset="toy", attributes=1, root=f"{folder}/data", agents=("greedy",), batches=1,
+    ...         trials=2, repeats=1,
+    ...     )
+    ...     run = meal_bayes.run_online(config, logs=f"{folder}/logs")
+    >>> type(run).__name__
+    'OnlineRun'
     """
     domain = _protocol(config, 0).dataset.domain  # raises here, not in a process, what is wrong
     if config.reward is None:

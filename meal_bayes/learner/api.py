@@ -66,6 +66,15 @@ def ask(
         An unknown data set, object or agent.
     QueryError
         A question that names no attribute, an unknown one, or one twice.
+
+    Examples
+    --------
+    >>> import meal_bayes
+    >>> trial = meal_bayes.ask(
+    ... "heavy", dataset="roc36", object="heavy_green_beans", agent="greedy", logs=None
+    ... )
+    >>> trial.report, trial.success
+    (array([ True]), True)
     """
     table = dataset if isinstance(dataset, PerceptTable) else load_percepts(dataset)
     learner = Learner(
@@ -103,6 +112,24 @@ def recall(learner: Learner, *logs: str | Path) -> list[Trial]:
         Logs that cannot be read, or of several data sets; none that is named.
     SettingsError
         Trials of another domain.
+
+    Examples
+    --------
+    >>> import meal_bayes
+    >>> class Still:
+    ...     def start(self):
+    ...         return "ready"
+    ...     def execute(self, behavior):
+    ...         return meal_bayes.Outcome("ready")
+    >>> learner = meal_bayes.Learner("toy", agent="greedy", logs=None)
+    >>> from pathlib import Path
+    >>> from tempfile import TemporaryDirectory
+    >>> with TemporaryDirectory() as folder:
+    ...     session = learner.begin("Is it red?", "a cup", log=Path(folder, "1.mcap"))
+    ...     trial = meal_bayes.run_trial(session, Still())
+    ...     restarted = meal_bayes.Learner("toy", agent="greedy", logs=None)
+    ...     len(meal_bayes.recall(restarted, folder))
+    1
     """
     files = Logs(*logs)
     experience = learner.experience

@@ -54,6 +54,17 @@ class Belief(FrozenArrays):
         Indices of attributes of which exactly one is true, as in the query.
     joint_table : NDArray[np.float64] | None
         (Y,) Pr(values) where the prior is a joint one; `log_odds` are of its margins.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import meal_bayes
+    >>> domain = meal_bayes.load_domain("toy")
+    >>> query = meal_bayes.Query(domain.attributes[:1])
+    >>> rows = np.full((1, len(domain.behaviors), 2, 2), 0.5)
+    >>> momdp = meal_bayes.build_momdp(domain, query, rows)
+    >>> meal_bayes.initial_belief(momdp).x
+    0
     """
 
     x: int
@@ -185,7 +196,19 @@ def _belief(
 
 
 def initial_belief(momdp: MOMDP) -> Belief:
-    """Return the belief at the start of a trial: x0, the prior, no percepts."""
+    """Return the belief at the start of a trial: x0, the prior, no percepts.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import meal_bayes
+    >>> domain = meal_bayes.load_domain("toy")
+    >>> query = meal_bayes.Query(domain.attributes[:1])
+    >>> rows = np.full((1, len(domain.behaviors), 2, 2), 0.5)
+    >>> momdp = meal_bayes.build_momdp(domain, query, rows)
+    >>> meal_bayes.initial_belief(momdp).x
+    0
+    """
     chance = np.stack([1.0 - momdp.prior, momdp.prior], axis=1)  # (N,2)
     with np.errstate(divide="ignore"):
         log_prob = np.log((chance[:, :, None] * momdp.latent_classes).sum(axis=1))
@@ -215,6 +238,20 @@ def update_belief(belief: Belief, momdp: MOMDP, transition: Transition) -> Belie
         The percept has probability 0 under every class that is possible.
     SettingsError
         An action, x or levels that the MOMDP does not have.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import meal_bayes
+    >>> domain = meal_bayes.load_domain("toy")
+    >>> query = meal_bayes.Query(domain.attributes[:1])
+    >>> rows = np.full((1, len(domain.behaviors), 2, 2), 0.5)
+    >>> momdp = meal_bayes.build_momdp(domain, query, rows)
+    >>> from meal_bayes.momdp import Transition
+    >>> belief = meal_bayes.initial_belief(momdp)
+    >>> look = Transition(0, belief.x, np.array([1]))
+    >>> meal_bayes.update_belief(belief, momdp, look).percept_counts[0, 0]
+    array([0, 1])
     """
     e, next_x, percept = transition
     n = len(momdp.query)

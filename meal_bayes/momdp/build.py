@@ -86,6 +86,17 @@ def build_momdp(
     ------
     SettingsError
         Arrays of other shapes, or values that a MOMDP cannot have.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import meal_bayes
+    >>> domain = meal_bayes.load_domain("toy")
+    >>> query = meal_bayes.Query(domain.attributes[:1])
+    >>> rows = np.full((1, len(domain.behaviors), 2, 2), 0.5)
+    >>> momdp = meal_bayes.build_momdp(domain, query, rows)
+    >>> momdp.n_behaviors == len(domain.behaviors)
+    True
     """
     domain = load_domain(domain)
     n = len(query)

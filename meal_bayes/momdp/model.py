@@ -88,6 +88,17 @@ class MOMDP(ByValue):
         (X-1,) what people read in place of the names of the x, or none; see `state_label`.
     log_truth : NDArray[np.float64]
         (N,2,C) ln Pr(truth | latent class) under the prior.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import meal_bayes
+    >>> domain = meal_bayes.load_domain("toy")
+    >>> query = meal_bayes.Query(domain.attributes[:1])
+    >>> rows = np.full((1, len(domain.behaviors), 2, 2), 0.5)
+    >>> momdp = meal_bayes.build_momdp(domain, query, rows)
+    >>> momdp.n_behaviors == len(domain.behaviors)
+    True
     """
 
     query: Query

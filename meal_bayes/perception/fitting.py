@@ -146,6 +146,16 @@ def build_percept_table(
         Called with (behaviors done, behaviors in all).
     map_behaviors : Map
         Calls a function on every behavior, perhaps at once; results may come in any order.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import meal_bayes
+    >>> from meal_bayes.datasets import make_synthetic
+    >>> rng = np.random.default_rng(0)
+    >>> data = make_synthetic(meal_bayes.load_domain("toy"), objects=4, recordings=2, rng=rng)
+    >>> meal_bayes.build_percept_table(data).objects == data.objects
+    True
     """
     if classifier is not None:
         if perception != "default":

@@ -22,7 +22,17 @@ from meal_bayes.perception.feature_spaces import FeatureSpace
 
 @runtime_checkable
 class Perceiver(Protocol):
-    """Source of the percepts of an executed behavior."""
+    """Source of the percepts of an executed behavior.
+
+    Examples
+    --------
+    >>> import meal_bayes
+    >>> class Nothing:
+    ...     def observe(self, instance, query, rng):
+    ...         return None
+    >>> isinstance(Nothing(), meal_bayes.Perceiver)
+    True
+    """
 
     def observe(self, instance: Instance, query: Query, rng: np.random.Generator) -> Levels | None:
         """Return percept levels (N,) of the queried attributes, from 0 (no) to K-1 (yes).

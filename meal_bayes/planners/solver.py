@@ -99,6 +99,18 @@ class Decision(FrozenArrays):
         None where `values` are this sum: in older logs, and of solvers that do not tell them apart.
     momdp : MOMDP | None
         The problem, after which actions are named; a trial sets it, so that solvers need not.
+
+    Examples
+    --------
+    >>> import meal_bayes
+    >>> trial = meal_bayes.ask(
+    ... "heavy", dataset="roc36", object="heavy_green_beans", agent="greedy", logs=None
+    ... )
+    >>> decision = trial.steps[0].decision
+    >>> decision.action
+    0
+    >>> len(decision.values) == trial.momdp.n_behaviors + 1
+    True
     """
 
     action: int
@@ -250,6 +262,20 @@ class Policy(Protocol):
 
     A policy may have an attribute `deterministic`: true where a decision depends on the belief
     alone (and on the generator), so that it may be remembered; a policy without one is asked again.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import meal_bayes
+    >>> domain = meal_bayes.load_domain("toy")
+    >>> query = meal_bayes.Query(domain.attributes[:1])
+    >>> rows = np.full((1, len(domain.behaviors), 2, 2), 0.5)
+    >>> momdp = meal_bayes.build_momdp(domain, query, rows)
+    >>> from meal_bayes.planners import History
+    >>> rng = np.random.default_rng(0)
+    >>> policy = meal_bayes.POMCP(simulations=50).solve(momdp, rng)
+    >>> isinstance(policy, meal_bayes.Policy)
+    True
     """
 
     def decide(self, history: History, rng: np.random.Generator) -> Decision:
@@ -259,7 +285,21 @@ class Policy(Protocol):
 
 @runtime_checkable
 class Solver(Protocol):
-    """The paper's Sol."""
+    """The paper's Sol.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import meal_bayes
+    >>> domain = meal_bayes.load_domain("toy")
+    >>> query = meal_bayes.Query(domain.attributes[:1])
+    >>> rows = np.full((1, len(domain.behaviors), 2, 2), 0.5)
+    >>> momdp = meal_bayes.build_momdp(domain, query, rows)
+    >>> from meal_bayes.planners import History
+    >>> rng = np.random.default_rng(0)
+    >>> isinstance(meal_bayes.POMCP(), meal_bayes.Solver)
+    True
+    """
 
     def solve(self, momdp: MOMDP, rng: np.random.Generator) -> Policy:
         """Return a policy for a MOMDP."""

@@ -47,6 +47,12 @@ class Outcome(ByValue):
         Of a detector of the robot's own, with or without features: by attribute True or False,
         "yes", "no", "surely yes" or "surely no", or the value of a group by its name. Attributes
         that it does not name are perceived from the features, if any.
+
+    Examples
+    --------
+    >>> import meal_bayes
+    >>> meal_bayes.Outcome("ready", {"color": [0.8, 0.1, 0.1]}).state
+    'ready'
     """
 
     state: str
@@ -58,7 +64,19 @@ class Outcome(ByValue):
 
 @runtime_checkable
 class Robot(Protocol):
-    """A robot with an object in front of it; implement these two methods for your own."""
+    """A robot with an object in front of it; implement these two methods for your own.
+
+    Examples
+    --------
+    >>> import meal_bayes
+    >>> class Still:
+    ...     def start(self):
+    ...         return "ready"
+    ...     def execute(self, behavior):
+    ...         return meal_bayes.Outcome("ready")
+    >>> isinstance(Still(), meal_bayes.Robot)
+    True
+    """
 
     def start(self) -> str:
         """Start a trial, and return the name of the observed state x0."""

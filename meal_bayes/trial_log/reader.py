@@ -64,6 +64,20 @@ def read_trials(path: str | Path) -> Iterator[Trial]:
         The file is unfinished, torn or changed.
     LogVersionError
         The file has another format version.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from tempfile import TemporaryDirectory
+    >>> import meal_bayes
+    >>> with TemporaryDirectory() as folder:
+    ...     log = Path(folder, "trial.mcap")
+    ...     trial = meal_bayes.ask(
+    ...         "heavy", dataset="roc36", object="heavy_green_beans", agent="greedy", log=log
+    ...     )
+    ...     (again,) = meal_bayes.read_trials(log)
+    >>> again.success
+    True
     """
     log = checked_path("The log", path)
     files = log_files(log) if log.is_dir() else [log]

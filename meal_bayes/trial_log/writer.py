@@ -227,6 +227,21 @@ def write_trials(
     ----------
     trials : Iterable[Trial | TrialOutcomes]
         Whole ones make a full log, outcomes a compact one: columns, 250 trials in a message.
+
+    Examples
+    --------
+    >>> import meal_bayes
+    >>> trial = meal_bayes.ask(
+    ... "heavy", dataset="roc36", object="heavy_green_beans", agent="greedy", logs=None
+    ... )
+    >>> from pathlib import Path
+    >>> from tempfile import TemporaryDirectory
+    >>> with TemporaryDirectory() as folder:
+    ...     log = Path(folder, "trials.mcap")
+    ...     meal_bayes.write_trials(log, [trial], header={})
+    ...     (again,) = meal_bayes.read_trials(log)
+    >>> again == trial
+    True
     """
     check_trials(trials)
     entries = iter(trials)

@@ -13,7 +13,23 @@ from meal_bayes.trials.trial import Trial
 
 @runtime_checkable
 class Recorder(Protocol):
-    """Writes a trial as it happens: each step before the next behavior is named."""
+    """Writes a trial as it happens: each step before the next behavior is named.
+
+    Examples
+    --------
+    >>> import meal_bayes
+    >>> from pathlib import Path
+    >>> class Printed:
+    ...     path = Path("nowhere")
+    ...     def begin(self, trial):
+    ...         print("asked", trial.task.query.attributes)
+    ...     def step(self, step):
+    ...         print("executed", step.decision.action)
+    ...     def end(self, trial):
+    ...         print("reported", trial.report)
+    >>> isinstance(Printed(), meal_bayes.Recorder)
+    True
+    """
 
     @property
     def path(self) -> Path:

@@ -14,6 +14,20 @@ def run_trial(session: Session, robot: Robot) -> Trial:
 
     An exception of robot, perceiver or policy, an interruption too, ends the trial: the recorder
     gets the trial so far, with `ended`, and the exception is raised again.
+
+    Examples
+    --------
+    >>> import meal_bayes
+    >>> class Still:
+    ...     def start(self):
+    ...         return "ready"
+    ...     def execute(self, behavior):
+    ...         return meal_bayes.Outcome("ready")
+    >>> learner = meal_bayes.Learner("toy", agent="greedy", logs=None)
+    >>> session = learner.begin("Is it red?", "a cup")
+    >>> trial = meal_bayes.run_trial(session, Still())
+    >>> trial.agent
+    'greedy'
     """
     check_kind("session", session, Session)
     if not hasattr(robot, "execute"):

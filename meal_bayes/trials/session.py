@@ -65,6 +65,20 @@ class Session(OneCaller):
         Called after every step.
     on_end : Callable[[Trial], None] | None
         Called with the trial, once, however it ended.
+
+    Examples
+    --------
+    >>> import meal_bayes
+    >>> class Still:
+    ...     def start(self):
+    ...         return "ready"
+    ...     def execute(self, behavior):
+    ...         return meal_bayes.Outcome("ready")
+    >>> learner = meal_bayes.Learner("toy", agent="greedy", logs=None)
+    >>> session = learner.begin("Is it red?", "a cup")
+    >>> trial = meal_bayes.run_trial(session, Still())
+    >>> session.behavior is None
+    True
     """
 
     def __init__(

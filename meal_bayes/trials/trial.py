@@ -30,6 +30,17 @@ class Trial(TrialRecord):
     """A trial: its record (the paper's xi, see `TrialRecord`), and what it looks like.
 
     What draws and words a trial reads the record alone, so that a trial can draw itself.
+
+    Examples
+    --------
+    >>> import meal_bayes
+    >>> trial = meal_bayes.ask(
+    ... "heavy", dataset="roc36", object="heavy_green_beans", agent="greedy", logs=None
+    ... )
+    >>> trial.agent, trial.success
+    ('greedy', True)
+    >>> len(trial.steps)
+    7
     """
 
     __repr__ = facts_repr

@@ -70,6 +70,12 @@ class POMCP:
     ------
     SettingsError
         A negative budget or exploration constant, no capacity, an unknown backup.
+
+    Examples
+    --------
+    >>> import meal_bayes
+    >>> isinstance(meal_bayes.POMCP(), meal_bayes.Solver)
+    True
     """
 
     simulations: int = 100
