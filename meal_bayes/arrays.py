@@ -4,17 +4,18 @@ Every array field of a public type goes through `freeze` at birth.
 """
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import cache
 from numbers import Integral, Real
 from types import UnionType
-from typing import Any, TypeGuard, get_args, get_origin
+from typing import Any, TypeGuard, TypeVar, get_args, get_origin
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from meal_bayes.errors import DataError, SettingsError
 
+Function = TypeVar("Function", bound=Callable[..., Any])
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
@@ -22,6 +23,15 @@ Levels = NDArray[np.int8]  # of percepts, 0 to K-1
 
 _HASHED = 64  # entries of an array that its hash depends on
 _FINITE = float(np.finfo(float).max)  # the largest finite number
+
+
+def tiny_is_zero(function: Function) -> Function:
+    """Let a function round to 0 what is too small for a float, as NumPy does by default.
+
+    Probabilities of much evidence are that small. Where the user has said `np.seterr(all="raise")`
+    or "warn", NumPy would not.
+    """
+    return np.errstate(under="ignore")(function)
 
 
 def freeze(values: ArrayLike, dtype: Any = np.float64) -> NDArray[Any]:

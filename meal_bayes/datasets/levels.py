@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from meal_bayes.arrays import freeze
+from meal_bayes.arrays import freeze, tiny_is_zero
 from meal_bayes.errors import SettingsError
 
 THRESHOLD = float(np.log(0.501 / 0.499))  # yes/no at .501: .5 +- 1e-16 would leak by rounding
@@ -52,6 +52,7 @@ def classifier_levels(log_odds: ArrayLike, levels: int) -> NDArray[np.int8]:
     return levels_of(round_log_odds(log_odds), BIN_EDGES, levels)
 
 
+@tiny_is_zero
 def round_log_odds(log_odds: ArrayLike) -> NDArray[np.float16]:
     """Clip to +-LIMIT and round as tables store them: percepts do not change by saving."""
     return np.clip(np.asarray(log_odds, dtype=np.float64), -LIMIT, LIMIT).astype(STORED)

@@ -9,7 +9,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes.arrays import FrozenArrays, check_place, freeze, shaped_array, whole_array
+from meal_bayes.arrays import (
+    FrozenArrays,
+    check_place,
+    freeze,
+    shaped_array,
+    tiny_is_zero,
+    whole_array,
+)
 from meal_bayes.domain.query import value_table
 from meal_bayes.errors import ImpossibleObservation, SettingsError
 from meal_bayes.look import facts_repr, listed
@@ -92,6 +99,7 @@ class Belief(FrozenArrays):
         return np.asarray(self.percept_counts.sum(axis=2).max(axis=0, initial=0), np.int64)
 
     @property
+    @tiny_is_zero
     def positive(self) -> NDArray[np.float64]:
         """Pr(attribute is true), (N,)."""
         with np.errstate(over="ignore"):
@@ -108,6 +116,7 @@ class Belief(FrozenArrays):
         return self.marginals if self.joint_table is None else [self.joint_table]
 
     @property
+    @tiny_is_zero
     def joint(self) -> NDArray[np.float64]:
         """Pr(y) of every value vector, (Y,); small N only."""
         if self.joint_table is not None:
@@ -140,11 +149,13 @@ class Belief(FrozenArrays):
         return np.asarray(np.where(report, self.positive, false))
 
     @property
+    @tiny_is_zero
     def certainty(self) -> float:
         """Pr(the most probable value vector)."""
         return float(self.right.prod())
 
     @property
+    @tiny_is_zero
     def right(self) -> NDArray[np.float64]:
         """Factors of `certainty`: Pr(variable's most probable value); (N,) without groups."""
         if self.joint_table is not None:
@@ -154,6 +165,7 @@ class Belief(FrozenArrays):
         return freeze(1.0 / (1.0 + np.exp(-np.abs(self.log_odds))))
 
     @property
+    @tiny_is_zero
     def entropy(self) -> float:
         """Entropy of the belief, bits."""
         rows = (np.clip(row, 1e-300, 1.0) for row in self.factors)
@@ -164,6 +176,7 @@ class Belief(FrozenArrays):
         return value_table(len(self.log_odds), self.groups)
 
 
+@tiny_is_zero
 def belief_of(
     momdp: MOMDP, x: int, log_prob: NDArray[np.float64], percept_counts: NDArray[np.int64]
 ) -> Belief:
@@ -195,6 +208,7 @@ def _belief(
     )
 
 
+@tiny_is_zero
 def initial_belief(momdp: MOMDP) -> Belief:
     """Return the belief at the start of a trial: x0, the prior, no percepts.
 
@@ -216,6 +230,7 @@ def initial_belief(momdp: MOMDP) -> Belief:
     return _belief(momdp, momdp.start, log_prob, percept_counts)
 
 
+@tiny_is_zero
 def update_belief(belief: Belief, momdp: MOMDP, transition: Transition) -> Belief:
     """Condition the belief on one executed action (Alg. 1, l. 10).
 
@@ -294,6 +309,7 @@ def update_belief(belief: Belief, momdp: MOMDP, transition: Transition) -> Belie
     return after
 
 
+@tiny_is_zero
 def next_percept(momdp: MOMDP, belief: Belief) -> NDArray[np.float64]:
     """Compute Pr(truth, level) of the next percept of each behavior and attribute, (N,E,2,K).
 
@@ -360,6 +376,7 @@ def expected_reward(momdp: MOMDP, belief: Belief, report: NDArray[np.bool_]) -> 
     return float(_yes_or_no_values(momdp, belief)[int(report[0])])
 
 
+@tiny_is_zero
 def report_certainty(momdp: MOMDP, belief: Belief, report: NDArray[np.bool_]) -> float:
     """Compute Pr(a report is right) at a belief, of (N,) values, or (1,) yes."""
     report = _checked_report(momdp, report)

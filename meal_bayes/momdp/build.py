@@ -14,7 +14,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from meal_bayes.arrays import Floats, freeze, real_array, shaped_array, spread_array, yes_of
+from meal_bayes.arrays import (
+    Floats,
+    freeze,
+    real_array,
+    shaped_array,
+    spread_array,
+    tiny_is_zero,
+    yes_of,
+)
 from meal_bayes.domain import Domain, Payoffs, Query, load_domain
 from meal_bayes.domain.event import wrong_reward
 from meal_bayes.errors import SettingsError
@@ -44,6 +52,7 @@ class Objective:
     payoffs: Payoffs | None = None
 
 
+@tiny_is_zero
 def build_momdp(
     domain: str | Path | Mapping[str, Any] | Domain,
     query: Query,

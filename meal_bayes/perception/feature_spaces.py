@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes.arrays import Floats, FrozenArrays, Ints
+from meal_bayes.arrays import Floats, FrozenArrays, Ints, tiny_is_zero
 from meal_bayes.datasets import Dataset, TrainingSet
 from meal_bayes.look import short_repr
 from meal_bayes.perception.settings import PerceptionSettings
@@ -256,6 +256,7 @@ def _coarse(features: Floats) -> bool:
     return bool(((spread > 0) & (spread < _FEWEST_STEPS * step)).any())
 
 
+@tiny_is_zero
 def fit_spaces(
     dataset: Dataset, gathered: TrainingSet, *, kernel: str = "rbf", whiten: bool = False
 ) -> Spaces:
@@ -290,6 +291,7 @@ def fit_spaces(
     return spaces
 
 
+@tiny_is_zero
 def gather(
     dataset: Dataset,
     training_set: TrainingSet,

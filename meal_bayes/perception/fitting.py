@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from meal_bayes.arrays import Floats, Ints
+from meal_bayes.arrays import Floats, Ints, tiny_is_zero
 from meal_bayes.datasets import Dataset, PerceptTable, TrainingSet
 from meal_bayes.datasets.levels import (
     BIN_COUNT,
@@ -61,6 +61,7 @@ def method_of(settings: PerceptionSettings) -> ModuleType:
     return fold_classifiers
 
 
+@tiny_is_zero
 def fit_and_validate(
     dataset: Dataset,
     training_set: TrainingSet,
@@ -124,6 +125,7 @@ def _count(recordings: BehaviorRecordings, nested: Floats, levels: int, n_object
     return counts
 
 
+@tiny_is_zero
 def build_percept_table(
     dataset: Dataset,
     *,

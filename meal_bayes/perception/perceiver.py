@@ -10,7 +10,7 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes.arrays import Bools, Floats, FrozenArrays, Levels
+from meal_bayes.arrays import Bools, Floats, FrozenArrays, Levels, tiny_is_zero
 from meal_bayes.datasets import Instance
 from meal_bayes.datasets.levels import classifier_levels, round_log_odds
 from meal_bayes.datasets.percepts import PerceptTable
@@ -34,6 +34,7 @@ class Perceiver(Protocol):
     True
     """
 
+    @tiny_is_zero
     def observe(self, instance: Instance, query: Query, rng: np.random.Generator) -> Levels | None:
         """Return percept levels (N,) of the queried attributes, from 0 (no) to K-1 (yes).
 
@@ -90,6 +91,7 @@ class RecordedPercepts:
     table: PerceptTable
     levels: int = 2
 
+    @tiny_is_zero
     def observe(self, instance: Instance, query: Query, rng: np.random.Generator) -> Levels:
         """Return the levels of the outputs, or a person's answer, (N,).
 
@@ -135,6 +137,7 @@ class SampledPercepts(FrozenArrays):
     labels: NDArray[np.int8]
     confusion: NDArray[np.float64]
 
+    @tiny_is_zero
     def observe(self, instance: Instance, query: Query, rng: np.random.Generator) -> Levels:
         """Draw each level from the row of the true value (of a coin if unknown), or an answer."""
         levels = self.confusion.shape[-1]
@@ -224,6 +227,7 @@ class Perception(FrozenArrays):
         columns = self.domain.columns(query.attributes)
         return round_log_odds(classifier.log_odds(features)[0, columns]).astype(np.float64)
 
+    @tiny_is_zero
     def observe(self, instance: Instance, query: Query, rng: np.random.Generator) -> Levels:
         """Return percept levels of the queried attributes, (N,), or a person's answer."""
         said = person_says(self.domain, self.labels, instance, query, levels=self.levels, rng=rng)

@@ -7,7 +7,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from meal_bayes.arrays import ByValue, freeze, freeze_arrays
+from meal_bayes.arrays import ByValue, freeze, freeze_arrays, tiny_is_zero
 from meal_bayes.errors import SettingsError
 from meal_bayes.look import short_repr
 from meal_bayes.perception.confusion import informative, youden
@@ -78,6 +78,7 @@ class ConfusionPosterior(ByValue):
         return cls(total, concentration, np.full(total.shape[:3], np.inf))
 
     @classmethod
+    @tiny_is_zero
     def from_objects(cls, counts: ArrayLike, *, prior: ArrayLike | None = None) -> Self:
         """Build the object-level posterior.
 
@@ -124,6 +125,7 @@ class ConfusionPosterior(ByValue):
         """Whether percepts tell anything, by their counts and by the mean, (P,E)."""
         return freeze(informative(self.counts) & informative(self.mean), np.bool_)
 
+    @tiny_is_zero
     def update(self, counts: ArrayLike, before: ArrayLike | None = None) -> Self:
         """Count the percepts of one object; n of a row are worth n(s+1)/(n+s).
 

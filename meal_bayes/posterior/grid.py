@@ -29,7 +29,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import expit, gammaln
 
-from meal_bayes.arrays import Bools, Floats, Ints
+from meal_bayes.arrays import Bools, Floats, Ints, tiny_is_zero
 from meal_bayes.errors import SettingsError
 from meal_bayes.perception.confusion import informative
 
@@ -92,6 +92,7 @@ class Profile(NamedTuple):
     diversity: Floats
 
 
+@tiny_is_zero
 def integrate(rows: RowStatistics, alpha: Floats) -> Profile:
     """Integrate m of two levels out at every s, under Dirichlet priors (S,2)."""
     m, log_width = quadrature(rows)
@@ -123,6 +124,7 @@ def integrate(rows: RowStatistics, alpha: Floats) -> Profile:
     return Profile(peak + np.log(norm), mean, diversity)
 
 
+@tiny_is_zero
 def approximate(rows: RowStatistics, alpha: Floats) -> Profile:
     """Replace m given s by a Dirichlet about the effective counts, under priors (S,K).
 
@@ -147,6 +149,7 @@ def approximate(rows: RowStatistics, alpha: Floats) -> Profile:
     return Profile(score, mean.transpose(1, 2, 0), diversity)
 
 
+@tiny_is_zero
 def quadrature(rows: RowStatistics) -> tuple[Floats, Floats]:
     """Return points (m, 1 - m) (2,M) for a sum over m, and the logarithms (M,) of their widths.
 
@@ -162,6 +165,7 @@ def quadrature(rows: RowStatistics) -> tuple[Floats, Floats]:
     return expit(np.stack([-log_odds, log_odds])), np.log(np.cosh(t))
 
 
+@tiny_is_zero
 def pool(log_evidence: Floats, votes: Bools) -> Floats:
     """Return the posterior over dispersions, (...,P,E,2,G), the attributes of a behavior pooled.
 
@@ -208,6 +212,7 @@ class GridPosterior(NamedTuple):
     dispersion: Floats
 
 
+@tiny_is_zero
 def grid_posterior(counts: ArrayLike, prior: ArrayLike | None = None) -> GridPosterior:
     """Compute the posterior of each row, counts (O,P,E,2,K), in the order (P,E,2).
 
@@ -221,6 +226,7 @@ def grid_posterior(counts: ArrayLike, prior: ArrayLike | None = None) -> GridPos
     return _posterior(rows, alpha, profile, votes)
 
 
+@tiny_is_zero
 def prior_of(counts: ArrayLike, prior: ArrayLike | None = None) -> Floats:
     """Return the Dirichlet parameters of m, (P,E,2,K), given or learned."""
     return _prior(*_rows(counts), prior)

@@ -31,7 +31,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import minimize_scalar
 
-from meal_bayes.arrays import Bools, Floats, FrozenArrays, freeze
+from meal_bayes.arrays import Bools, Floats, FrozenArrays, freeze, tiny_is_zero
 from meal_bayes.look import short_repr
 from meal_bayes.posterior.dirichlet import ConfusionPosterior
 from meal_bayes.posterior.grid import AS_INFINITE
@@ -114,6 +114,7 @@ class SharedTrait(FrozenArrays):
         return freeze(of_trait), freeze(np.repeat(within, m, axis=-1))
 
 
+@tiny_is_zero
 def learn_trait(
     posterior: ConfusionPosterior, levels: ArrayLike, labels: ArrayLike, base_rates: ArrayLike
 ) -> SharedTrait:
@@ -230,6 +231,7 @@ def _loss(
     return float((loss * weight).sum())
 
 
+@tiny_is_zero
 def truth_evidence(log_likelihood: Floating, log_classes: Floating) -> Floating:
     """Return the log likelihood ratio (...) of the truths, traits summed out.
 
