@@ -86,6 +86,7 @@ RUNS = (
     Run("co_occurrence", "--dataset roc36"),
     Run("compare", "--simulations 2 --measure success", {"FAMILY": 2}),
     Run("coupled", "--dataset roc36 --trials 40"),
+    Run("large_robots", "--sizes 11x6"),
     Run("digests", "now.json", {"DATASETS": ("roc36",), "SMALL": {"offline": "--trials 1"}}),
     Run("groups", "", {"load_percepts": lambda name: small_group(), "SIZES": (3,)}),
     Run("growth", "--task table", {"AXES": {"objects": (10, 20)}}),

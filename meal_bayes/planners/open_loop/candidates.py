@@ -16,6 +16,8 @@ from meal_bayes.planners.open_loop.growth import ShortestPaths, find_shortest_pa
 from meal_bayes.planners.open_loop.values import PLAN
 
 LENGTH = 96  # behaviors of a plan, at most
+_SIMPLE_PLANS = 6_000  # of all x; a diagram with more keeps the most promising
+_TOURS = 1_000  # of all x, likewise
 
 Walk = tuple[int, Sequence[int]]  # an x, and behaviors from there
 
@@ -42,23 +44,76 @@ class DiagramPaths:
     steps: PlanSteps
     shortest: ShortestPaths
 
-    @cached_property
-    def simple(self) -> Candidates:
-        """Every legal behavior; one or two percepts of one, then none, one or two of another."""
+    def simple(self, log_affinity: Floats) -> Candidates:
+        """Return every legal behavior, and plans of a few percepts of one or two behaviors.
+
+        These gather one or two percepts of a behavior, then none, one or two of another. Where a
+        diagram has too many, the most promising of each x are kept: those that tell most a second,
+        by the log coefficients (N,E,U) of what percepts tell.
+        """
         legal = self.dynamics.step["legal"]
-        paths = set[tuple[int, tuple[int, ...]]]((x, (a,)) for x, a in np.argwhere(legal).tolist())
+        n_states, n_behaviors = legal.shape
+        if 6 * n_states * n_behaviors**2 <= _SIMPLE_PLANS:
+            return self._all_simple
+        singles = [(x, (a,)) for x, a in np.argwhere(legal).tolist()]
+        most = max(_SIMPLE_PLANS // n_states - n_behaviors, n_behaviors)
+        tells = -log_affinity.sum(axis=0)  # (E,U)
+        chosen = (self._promising(x, tells, most) for x in range(n_states))
+        walks = (self._simple_walk(x, goals) for x, of_x in enumerate(chosen) for goals in of_x)
+        return cheapest(sum_up_walks(self, sorted({*singles, *walks})))
+
+    @cached_property
+    def _all_simple(self) -> Candidates:
+        """All simple plans; they do not depend on what percepts tell."""
+        legal = self.dynamics.step["legal"]
+        walks = set[tuple[int, tuple[int, ...]]]((x, (a,)) for x, a in np.argwhere(legal).tolist())
         for x in range(len(legal)):
             goals = np.flatnonzero(self.shortest.first_action[x] >= 0).tolist()
             for e, k, f, more in itertools.product(goals, (1, 2), goals, (0, 1, 2)):
-                path: tuple[int, ...] = ()
-                state = x
-                for goal in itertools.chain(itertools.repeat(e, k), itertools.repeat(f, more)):
-                    if self.shortest.first_action[state, goal] < 0:
-                        break  # none leads back
-                    path = (*path, *self.shortest.path(state, goal))
-                    state = int(self.shortest.end[state, goal])
-                paths.add((x, path[:LENGTH]))
-        return cheapest(sum_up_walks(self, sorted(paths)))
+                walks.add(self._simple_walk(x, (*(e,) * k, *(f,) * more)))
+        return cheapest(sum_up_walks(self, sorted(walks)))
+
+    def _simple_walk(self, x: int, goals: Sequence[int]) -> tuple[int, tuple[int, ...]]:
+        """Return x and the behaviors that gather percepts in turn, as far as paths lead."""
+        path: tuple[int, ...] = ()
+        state = x
+        for goal in goals:
+            if self.shortest.first_action[state, goal] < 0:
+                break  # none leads back
+            path = (*path, *self.shortest.path(state, goal))
+            state = int(self.shortest.end[state, goal])
+        return x, path[:LENGTH]
+
+    def _promising(self, x: int, tells: Floats, most: int) -> Iterator[tuple[int, ...]]:
+        """Yield the goals of the simple plans from x that tell most a second, `most` at most."""
+        shortest = self.shortest
+        reached = shortest.first_action >= 0
+        unreached = np.where(reached, shortest.cost, np.inf)  # (X,E)
+        for k in (1, 2):
+            goals = np.flatnonzero(reached[x])
+            end = shortest.end[x, goals]
+            cost = unreached[x, goals]
+            if k == 2:  # once more, from where the first percept left the robot
+                cost = cost + unreached[end, goals]
+                end = shortest.end[end, goals]
+            first = tells[goals, k]
+            second = unreached[end]  # (G,E)
+            last = shortest.end[end]  # (G,E)
+            third = unreached[last, np.arange(len(tells))]
+            # Columns: the first behavior alone; then one, then two percepts of each other.
+            gain = np.column_stack(
+                [first, first[:, None] + tells[:, 1], first[:, None] + tells[:, 2]]
+            )
+            price = cost[:, None] + np.column_stack([np.zeros(len(goals)), second, second + third])
+            with np.errstate(invalid="ignore"):
+                promise = np.where(np.isfinite(price), gain / (price + 1e-6), -np.inf)
+            promise[:, 0] = np.where(np.isfinite(cost), np.inf, -np.inf)  # each behavior alone
+            best = np.argsort(-promise, axis=None, kind="stable")[: most // 2]
+            for row, column in zip(*np.unravel_index(best, promise.shape), strict=True):
+                if promise[row, column] == -np.inf:
+                    break
+                more, other = divmod(int(column) - 1, len(tells))
+                yield (int(goals[row]),) * k + (other,) * (more + 1 if column else 0)
 
 
 _Number = TypeVar("_Number", np.int64, np.float64)
@@ -110,16 +165,24 @@ def sum_up(diagram: DiagramPaths, start: Ints, path: Ints, ends: Bools) -> Candi
         x=start[row],
         path=behavior,
         plan=plan,
-        observation_counts=_by_behavior(senses, path, n_behaviors)[row, end],
-        expected_percepts=_by_behavior(paid, path, n_behaviors)[row, end],
+        observation_counts=_by_behavior(senses, path, ends, n_behaviors),
+        expected_percepts=_by_behavior(paid, path, ends, n_behaviors),
     )
 
 
-def _by_behavior(amount: NDArray[_Number], path: Ints, n_behaviors: int) -> NDArray[_Number]:
-    """Sum an amount of every step of paths (R,L) up to it, by behavior, (R,L,E)."""
-    steps = np.zeros((*path.shape, n_behaviors), amount.dtype)
-    np.put_along_axis(steps, path[..., None], amount[..., None], axis=2)
-    return steps.cumsum(axis=1, out=steps)
+def _by_behavior(
+    amount: NDArray[_Number], path: Ints, ends: Bools, n_behaviors: int
+) -> NDArray[_Number]:
+    """Sum an amount of the steps of paths (R,L) by behavior, up to each of the J `ends`: (J,E)."""
+    rows = np.arange(len(path))
+    place = ends.ravel().cumsum().reshape(ends.shape) - 1  # of an end, row by row
+    so_far = np.zeros((len(path), n_behaviors), amount.dtype)
+    sums = np.empty((int(ends.sum()), n_behaviors), amount.dtype)
+    for t in range(path.shape[1]):
+        so_far[rows, path[:, t]] += amount[:, t]
+        ended = np.flatnonzero(ends[:, t])
+        sums[place[ended, t]] = so_far[ended]
+    return sums
 
 
 def sum_up_walks(
@@ -151,9 +214,16 @@ def distinct(rows: Ints) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
 
 
 def paid_tours(model: MOMDPArrays, shortest: ShortestPaths) -> Iterator[Walk]:
-    """Build tours: after every first behavior, to the best-paid first percept while it pays."""
+    """Build tours: after every first behavior, to the best-paid first percept while it pays.
+
+    Of a large diagram only the first behaviors of each x that are paid most a second begin one.
+    """
     pay = np.where(model.bonus_limit > 0, model.bonus.mean(axis=2).sum(axis=0), 0.0)
-    for x, first in np.argwhere(shortest.first_action >= 0).tolist():
+    begins = shortest.first_action >= 0
+    most = max(_TOURS // len(begins), 1)
+    promise = np.where(begins, pay / (shortest.cost + 1e-6), -np.inf)
+    begins &= (-promise).argsort(axis=1, kind="stable").argsort(axis=1) < most
+    for x, first in np.argwhere(begins).tolist():
         path: tuple[int, ...] = ()
         state = x
         goal = first

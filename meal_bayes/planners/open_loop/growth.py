@@ -28,6 +28,7 @@ class ShortestPaths(NamedTuple):
     discount: Floats  # (X,E) factor on what comes afterwards
     lost: Floats  # (X,E) discounted Pr(the path is lost before its end, and answered)
     observation_counts: Ints  # (X,E,E) percepts gathered on it, the last included
+    gathered: Ints  # (X,E,G) behaviors of these percepts, rising, padded by -1
 
     def path(self, x: int, behavior: int) -> tuple[int, ...]:
         """Return the behaviors from x to a percept of one of them; empty where none leads there."""
@@ -83,6 +84,7 @@ def find_shortest_paths(steps: PlanSteps, legal: Bools) -> ShortestPaths:
         discount=np.ones(shape),
         lost=np.zeros(shape),
         observation_counts=np.zeros((*shape, shape[1]), np.int64),
+        gathered=np.zeros((*shape, 0), np.int64),
     )
     for start in range(len(legal)):
         # States are settled in order of cost: the first path to a percept is the cheapest.
@@ -98,7 +100,16 @@ def find_shortest_paths(steps: PlanSteps, legal: Bools) -> ShortestPaths:
                     _record_path(shortest, steps, start, (*path, a))
                 after = cost + float(steps.cost[x, a])
                 heapq.heappush(queue, (after, int(shortest.target[x, a]), (*path, a)))
-    return shortest
+    return shortest._replace(gathered=_behaviors_of(shortest.observation_counts))
+
+
+def _behaviors_of(observation_counts: Ints) -> Ints:
+    """Return the behaviors with percepts of counts (X,E,E), rising, as (X,E,G) padded by -1."""
+    gathers = observation_counts > 0
+    most = int(gathers.sum(axis=2).max(initial=0))
+    # A stable sort puts the behaviors that gather first, in their order.
+    order = np.argsort(~gathers, axis=2, kind="stable")[..., :most]
+    return np.where(np.take_along_axis(gathers, order, axis=2), order, -1)
 
 
 def _record_path(
@@ -149,6 +160,7 @@ def _next_percept(shortest, growth, x, chance):
     log_affinity = growth.log_affinity
     counts = growth.counts
     log_r = growth.log_r
+    gathered = shortest.gathered
     n = counts.shape[0]
     right = _right(log_r[0], growth.rate, 0.0, chance)
     best = 1e-12
@@ -165,12 +177,14 @@ def _next_percept(shortest, growth, x, chance):
         while counts[e] + k <= growth.limit[e]:
             for i in range(log_r.shape[1]):
                 log_r[1, i] = log_r[0, i]
-                for o in range(n):
+                for g in range(gathered.shape[2]):
+                    o = gathered[x, e, g]
+                    if o < 0:
+                        break
                     more = shortest.observation_counts[x, e, o]
-                    if more > 0 or o == e:
-                        more += k - 1 if o == e else 0
-                        log_r[1, i] += _log_affinity(log_affinity, i, o, counts[o] + more)
-                        log_r[1, i] -= _log_affinity(log_affinity, i, o, counts[o])
+                    more += k - 1 if o == e else 0
+                    log_r[1, i] += _log_affinity(log_affinity, i, o, counts[o] + more)
+                    log_r[1, i] -= _log_affinity(log_affinity, i, o, counts[o])
             # (ln Pr(right | k more) - ln Pr(right)) / (cost of the path and of k - 1 repeats)
             price = shortest.cost[x, e] + (k - 1) * shortest.cost[end, e] + 1e-6
             gain = np.log(_right(log_r[1], growth.rate, 0.0, chance) / right) / price
@@ -268,8 +282,10 @@ def _grow_plan(shortest, growth, chance, path, origin):
 
 
 @entry_kernel
-def grow_plans(shortest, growth, chance, paths):
+def grow_plans(shortest, growth, chance, begins, paths):
     """Grow a plan for each x, belief (B,N) and first percept -> paths; return the longest's length.
+
+    `begins` (X,E) says to which first percepts.
 
     To fix the first percept in turn keeps expensive first steps in play. A plan is grown until
     nothing that could follow would pay, or it is full.
@@ -278,7 +294,7 @@ def grow_plans(shortest, growth, chance, paths):
     for x in range(paths.behavior.shape[0]):
         for b in range(paths.behavior.shape[1]):
             for e in range(paths.behavior.shape[2]):
-                if _informs(growth, e) and shortest.first_action[x, e] >= 0:
+                if begins[x, e] and _informs(growth, e) and shortest.first_action[x, e] >= 0:
                     path = Paths(paths.behavior[x, b, e], paths.ends[x, b, e])
                     length = _grow_plan(shortest, growth, chance[b], path, Origin(x, e))
                     longest = max(longest, length)

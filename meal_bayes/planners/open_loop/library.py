@@ -29,7 +29,7 @@ import itertools
 
 import numpy as np
 
-from meal_bayes.arrays import Floats, Ints
+from meal_bayes.arrays import Bools, Floats, Ints
 from meal_bayes.momdp import MOMDP
 from meal_bayes.planners.kernel_calls import best_plans
 from meal_bayes.planners.momdp_arrays import MOMDPArrays, Percepts
@@ -51,6 +51,7 @@ from meal_bayes.planners.open_loop.growth import Growth, Paths, grow_plans
 from meal_bayes.planners.open_loop.values import PLAN, Plans, make_evaluator
 
 _GROWTH_BELIEFS = 4  # beliefs for which plans are grown from every x, to every first percept
+_GROWN = 2_000  # plans that are grown; of a large diagram to the most telling first percepts alone
 _MOST_ATTRIBUTES = 5  # by whose number beliefs and candidates grow; with more no more are taken
 _BELIEFS = 16  # beliefs for each of these attributes, at which plans compete
 _ROUNDS = 6  # of correcting a belief that latent classes hold together
@@ -137,7 +138,10 @@ def _grow(
     model: MOMDPArrays, diagram: DiagramPaths, probabilities: Floats, log_affinity: Floats
 ) -> Candidates:
     """Return plans grown at beliefs (B,N), simple ones, and tours where exploring is paid."""
-    parts = [_grow_percepts(model, diagram, probabilities, log_affinity), diagram.simple]
+    parts = [
+        _grow_percepts(model, diagram, probabilities, log_affinity),
+        diagram.simple(log_affinity),
+    ]
     if model.shaped and (diagram.shortest.first_action >= 0).any():
         parts.append(sum_up_walks(diagram, paid_tours(model, diagram.shortest), prefixes=True))
     return cheapest(Candidates(*map(np.concatenate, zip(*parts, strict=True))))
@@ -149,6 +153,8 @@ def _grow_percepts(
     """Grow plans at beliefs (B,N) from every x to every first percept; with their prefixes."""
     legal = diagram.dynamics.step["legal"]
     n_states, n_behaviors = legal.shape
+    if n_states * n_behaviors * len(probabilities) > _GROWN:
+        probabilities = probabilities[:2]
     shape = n_states, len(probabilities), n_behaviors, LENGTH
     paths = Paths(behavior=np.full(shape, -1), ends=np.zeros(shape, np.bool_))
     cost = np.where(diagram.shortest.senses & legal, diagram.steps.cost, np.inf).min(axis=0)
@@ -162,10 +168,30 @@ def _grow_percepts(
         counts=np.zeros(n_behaviors, np.int64),
         log_r=np.zeros((2, len(log_affinity))),
     )
-    length = grow_plans(diagram.shortest, growth, probabilities, paths)
+    begins = _first_goals(diagram, log_affinity, _GROWN // (n_states * len(probabilities)))
+    length = grow_plans(diagram.shortest, growth, probabilities, begins, paths)
     start = np.repeat(np.arange(n_states), len(probabilities) * n_behaviors)
     path = paths.behavior[..., :length].reshape(-1, length)
     return sum_up(diagram, start, path, paths.ends[..., :length].reshape(-1, length))
+
+
+def _first_goals(diagram: DiagramPaths, log_affinity: Floats, most: int) -> Bools:
+    """Choose for each x the first percepts that plans are grown to, (X,E), `most` of them at most.
+
+    Half of them tell most a second, the others cost least: they lead to where more can be told.
+    """
+    shortest = diagram.shortest
+    tells = -log_affinity[..., 1].sum(axis=0)  # (E,)
+    reached = (shortest.first_action >= 0) & (tells > 0)
+    price = np.where(reached, shortest.cost + 1e-6, np.inf)
+    by_price, by_rate = (
+        order.argsort(axis=1, kind="stable").argsort(axis=1)
+        for order in (price, price / tells.clip(1e-12))
+    )
+    half = max(most // 2, 1)
+    return np.asarray(
+        reached & ((by_price < most - half) | (by_rate < half) | (most >= len(tells)))
+    )
 
 
 def _sift(
