@@ -153,3 +153,16 @@ def test_a_label_s_log_says_what_was_told(run, tmp_path):
     said = "what was told of blue cup: heavy, not beans, full taken back"
     assert said in " ".join(run("log", "info", path).stdout.split())
     assert "whole" in run("log", "check", path).stdout
+
+
+@pytest.mark.parametrize("measure", ["reward", "cost", "success"])
+def test_compare_says_who_is_ahead_or_that_it_cannot_be_said(run, fails, measure):
+    run("run", "offline", "--trials", "12", "--agent", "predefined_plus,prior", "--logs", "study")
+    words = ("compare", "study", "--measure", measure, "--reference", "prior")
+    (row,) = json.loads(run(*words, "--json").stdout)["comparisons"]
+    assert (row["agent"], row["reference"], row["tasks"]) == ("predefined_plus", "prior", 12)
+    better = -1 if measure == "cost" else 1
+    side = (row["low"] > 0) - (row["high"] < 0)
+    assert row["verdict"] == {1: "ahead", -1: "behind", 0: "cannot be said"}[better * side]
+    assert row["verdict"] in run(*words).stdout
+    assert "'nobody'" in fails("compare", "study", "--reference", "nobody")
