@@ -45,8 +45,8 @@ from meal_bayes import Learner, Outcome
 from meal_bayes.errors import LogError, OutputError
 from meal_bayes.learner import recall
 from meal_bayes.trial_log import Logs, recover_log, salvage
+from meal_bayes.trial_log.file import drafts_of, stem_of
 from meal_bayes.trial_log.live import Interrupted, interrupted
-from meal_bayes.trial_log.names import drafts_of, stem_of
 from meal_bayes.trials import Session, Trial
 
 TOGETHER = 2  # programs at a time

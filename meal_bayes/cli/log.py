@@ -22,7 +22,7 @@ from meal_bayes.files import check_output, command_line
 
 if TYPE_CHECKING:
     from meal_bayes.trial_log import LogInfo
-    from meal_bayes.trial_log.logs import Group
+    from meal_bayes.trial_log.folder import Group
 
 _file = click.argument("file", type=click.Path(path_type=Path))
 _logs = click.argument("logs", nargs=-1, required=True, type=click.Path(path_type=Path))
@@ -39,7 +39,7 @@ def log() -> None:
 def info(file: Path, as_json: bool) -> None:
     """Show what whole logs hold, of a file or a run's folder, and the configuration of the run."""
     from meal_bayes.trial_log import FORMAT_VERSION, log_files, log_info, read_feedback
-    from meal_bayes.trial_log.schema import FEEDBACK_FORM
+    from meal_bayes.trial_log.file import FEEDBACK_FORM
 
     infos = list(map(log_info, log_files(file)))
     if as_json:
@@ -80,7 +80,7 @@ def show(file: Path, number: int | None, picture: Path | None, dark: bool, narro
     stopped.
     """
     from meal_bayes.cli.narration import print_trial
-    from meal_bayes.trial_log.logs import going_on_text, of_learner
+    from meal_bayes.trial_log.folder import going_on_text, of_learner
     from meal_bayes.trials.text import UNFINISHED, outcome_facts
 
     if picture is None and (dark or narrow):

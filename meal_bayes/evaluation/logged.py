@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from meal_bayes.arrays import Bools, Floats, Ints
 from meal_bayes.evaluation.learning import POOLED
 from meal_bayes.trial_log import Group, Logs
-from meal_bayes.trial_log.schema import ASK
+from meal_bayes.trial_log.folder import ASK
 from meal_bayes.trials import BatchOutcomes, Trial, TrialOutcomes
 from meal_bayes.trials.outcomes import HOUR
 from meal_bayes.trials.text import outcome_facts

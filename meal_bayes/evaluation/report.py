@@ -56,7 +56,7 @@ from meal_bayes.look import (
     render,
 )
 from meal_bayes.trial_log import Group, Logs
-from meal_bayes.trial_log.names import begun_text
+from meal_bayes.trial_log.folder import begun_text
 from meal_bayes.trials import BatchOutcomes, Trial, TrialOutcomes
 from meal_bayes.trials.outcomes import HOUR
 from meal_bayes.trials.percept_text import attribute_labels

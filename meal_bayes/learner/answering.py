@@ -23,8 +23,8 @@ from meal_bayes.robots import Robot
 from meal_bayes.robots.recorded import RecordedRobot
 from meal_bayes.robots.robot import state_index
 from meal_bayes.seeds import Key
+from meal_bayes.trial_log.folder import ASK
 from meal_bayes.trial_log.live import Interrupted, LiveLog, resuming
-from meal_bayes.trial_log.schema import ASK
 from meal_bayes.trials import Session, Step, Task, Trial, run_trial
 
 

@@ -33,7 +33,7 @@ from meal_bayes.learner.trial import TrialOptions
 from meal_bayes.planners.solver import MAX_STEPS
 from meal_bayes.robots import Robot
 from meal_bayes.seeds import Key
-from meal_bayes.trial_log.schema import SUFFIX
+from meal_bayes.trial_log.file import SUFFIX
 from meal_bayes.trials import Step, Trial
 
 

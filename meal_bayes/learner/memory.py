@@ -14,9 +14,7 @@ from typing import NamedTuple
 from meal_bayes.files import file_name
 from meal_bayes.learner.learner import Learner
 from meal_bayes.trial_log import Feedback
-from meal_bayes.trial_log.names import feedback_files
-from meal_bayes.trial_log.reader import readable_feedback
-from meal_bayes.trial_log.writer import write_feedback
+from meal_bayes.trial_log.folder import feedback_files, readable_feedback, write_feedback
 
 log = logging.getLogger("meal_bayes.learner")
 

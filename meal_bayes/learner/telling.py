@@ -16,7 +16,7 @@ from meal_bayes.learner.experience import Experience
 from meal_bayes.look import warn_user
 from meal_bayes.seeds import Key
 from meal_bayes.trial_log.feedback import Feedback
-from meal_bayes.trial_log.writer import write_feedback
+from meal_bayes.trial_log.folder import write_feedback
 
 _ALIKE = 0.8  # of two names, at least where one may be meant by the other
 

@@ -7,8 +7,8 @@ from pathlib import Path
 from meal_bayes.errors import SettingsError
 from meal_bayes.files import file_name, lasting_path
 from meal_bayes.seeds import Key
-from meal_bayes.trial_log.names import dated_name
-from meal_bayes.trial_log.schema import SUFFIX
+from meal_bayes.trial_log.file import SUFFIX
+from meal_bayes.trial_log.folder import dated_name
 from meal_bayes.trials import Trial
 
 

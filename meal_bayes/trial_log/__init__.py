@@ -6,25 +6,34 @@ there are millions of trials, a compact log holds their outcomes alone, as colum
 """
 
 from meal_bayes.trial_log.feedback import Feedback
-from meal_bayes.trial_log.logs import Follower, Group, Logs
-from meal_bayes.trial_log.names import log_files, remove_drafts
-from meal_bayes.trial_log.reader import (
+from meal_bayes.trial_log.file import (
+    ACTIVE,
     LogInfo,
+    TrialWriter,
     check_log,
     log_info,
-    read_feedback,
     read_header,
     read_outcomes,
-    read_trials,
+    read_seconds,
     recover_log,
+    remove_drafts,
     salvage,
+    write_trials,
 )
-from meal_bayes.trial_log.schema import ACTIVE, FORMAT_VERSION
-from meal_bayes.trial_log.writer import TrialWriter, read_seconds, write_trials
+from meal_bayes.trial_log.folder import (
+    Follower,
+    Group,
+    Logs,
+    log_files,
+    read_feedback,
+    read_trials,
+    write_feedback,
+)
+from meal_bayes.trial_log.messages import FORMAT_VERSION
 
 __all__ = [
     "ACTIVE", "FORMAT_VERSION", "Feedback", "Follower", "Group", "LogInfo", "Logs", "TrialWriter",
     "check_log", "log_files", "log_info", "read_feedback", "read_header", "read_outcomes",
-    "read_seconds", "read_trials", "recover_log", "remove_drafts", "salvage",
+    "read_seconds", "read_trials", "recover_log", "remove_drafts", "salvage", "write_feedback",
     "write_trials",
 ]  # fmt: skip

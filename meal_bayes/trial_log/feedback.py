@@ -6,16 +6,22 @@ telling, so that nothing that was written is ever changed; readers of the trials
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from meal_bayes.errors import LogCorruptError, LogError
 from meal_bayes.seeds import Key
-from meal_bayes.trial_log import schema
+from meal_bayes.trial_log.messages import (
+    NAME_LIMIT,
+    FeedbackMessage,
+    LabelPart,
+    decode,
+    encode,
+    read_key,
+)
 from meal_bayes.trials import Trial, task_key
 from meal_bayes.trials.record import truth_of
-from meal_bayes.untrusted import name_fault, read_json
+from meal_bayes.untrusted import name_fault
 
 _WITHDRAWN = -1
 
@@ -52,8 +58,8 @@ class Feedback:
             raise LogError(f"The object's name {self.object_name!a:.60} {fault}.")
         if self.recordings and (self.key is None or {*self.labels.values()} - {_WITHDRAWN}):
             raise LogError("Recordings are forgotten of a trial, with its labels.")
-        if not 0 < len(self.labels) + self.recordings <= schema.NAME_LIMIT:
-            raise LogError(f"{len(self.labels)} labels; expected 1 to {schema.NAME_LIMIT}.")
+        if not 0 < len(self.labels) + self.recordings <= NAME_LIMIT:
+            raise LogError(f"{len(self.labels)} labels; expected 1 to {NAME_LIMIT}.")
         for name, label in self.labels.items():
             if label not in (_WITHDRAWN, 0, 1):
                 raise LogError(f"The label of {name!r:.60} is {label!r:.60}; expected 1, 0 or -1.")
@@ -67,33 +73,19 @@ class Feedback:
 
     def packed(self) -> bytes:
         """Return the message."""
-        message = schema.FeedbackMessage(
-            object_name=self.object_name,
-            key="" if self.key is None else task_key(self.key),
-            attributes=list(self.labels),
-            labels=[int(label) for label in self.labels.values()],
-            recordings=int(self.recordings),
-        )
-        data: bytes = message.SerializeToString()
-        return data
+        key = "" if self.key is None else task_key(self.key)
+        labels = (LabelPart(name, int(label)) for name, label in self.labels.items())
+        return encode(FeedbackMessage(self.object_name, key, tuple(labels), self.recordings))
 
     @classmethod
     def unpacked(cls, data: bytes) -> "Feedback":
         """Read a message."""
-        message: Any = schema.FeedbackMessage.FromString(data)
-        labels = dict(zip(message.attributes, message.labels, strict=True))
+        message = decode(data, FeedbackMessage)
+        labels = {part.attribute: part.label for part in message.labels}
         if len(labels) != len(message.labels):
             raise LogCorruptError("an attribute has two labels")
         key = read_key(message.key) if message.key else None
-        return cls(message.object_name, labels, key, recordings=bool(message.recordings))
-
-
-def read_key(text: str) -> Key:
-    """Read the key of a task."""
-    key = read_json(text)
-    if not isinstance(key, list) or not all(type(part) in (int, str) for part in key):
-        raise LogCorruptError(f"a trial's key is {text[:40]!r}, expected names and numbers")
-    return tuple(key)
+        return cls(message.object_name, labels, key, recordings=message.recordings)
 
 
 class FeedbackIndex:

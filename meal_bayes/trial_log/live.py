@@ -8,10 +8,18 @@ from typing import Any
 
 from meal_bayes.errors import LogError
 from meal_bayes.files import hold
-from meal_bayes.trial_log import names, schema
-from meal_bayes.trial_log.reader import read_header, salvage
-from meal_bayes.trial_log.schema import ACTIVE, SUFFIX
-from meal_bayes.trial_log.writer import TrialWriter
+from meal_bayes.trial_log.file import (
+    ACTIVE,
+    SUFFIX,
+    TrialWriter,
+    drafts_of,
+    named_form,
+    read_header,
+    remove_drafts,
+    salvage,
+    stem_of,
+)
+from meal_bayes.trial_log.folder import begun_text, dated_name
 from meal_bayes.trials import Trial
 
 
@@ -34,8 +42,8 @@ class LiveLog(TrialWriter):
         resumed: "Interrupted | None" = None,
     ) -> None:
         if path.suffix != SUFFIX:
-            path /= f"{names.dated_name(name, path)}{SUFFIX}"
-        super().__init__(path, header, schema.FULL)
+            path /= f"{dated_name(name, path)}{SUFFIX}"
+        super().__init__(path, header)
         self._resumed = resumed
         self.__enter__()
 
@@ -49,7 +57,7 @@ class LiveLog(TrialWriter):
         self.__exit__(None, None, None)
         if self._resumed is not None:
             self._resumed.release()
-        names.remove_drafts(self.path)
+        remove_drafts(self.path)
 
 
 class NotBrokenOff(LogError):
@@ -112,7 +120,7 @@ class Interrupted:
 
     def __str__(self) -> str:
         """Return what was asked, of which object, and when."""
-        begun = names.begun_text(self.path)
+        begun = begun_text(self.path)
         since = f", begun {begun} UTC" if begun else ""
         return f"{self.trial.task.name} of {self.trial.task.object_name}{since}"
 
@@ -123,14 +131,14 @@ class Interrupted:
 
 def _log_of(file: Path) -> Path:
     """Return the name that a draft gets when it is whole."""
-    return file.with_name(names.stem_of(file) + SUFFIX)
+    return file.with_name(stem_of(file) + SUFFIX)
 
 
 def _furthest(file: Path) -> Interrupted:
     """Return what any of a log's drafts holds most of; each resumption has one."""
     readable = list[Interrupted]()
     faults = list[LogError]()
-    for draft in names.drafts_of(_log_of(file)) or [file]:
+    for draft in drafts_of(_log_of(file)) or [file]:
         try:
             readable.append(Interrupted(draft))
         except LogError as fault:
@@ -146,7 +154,7 @@ def _furthest(file: Path) -> Interrupted:
 
 def _ended_last(folder: Path) -> str:
     """Say of the latest log of a folder that it was ended by a fault, and goes on by name."""
-    logs = [log for log in folder.rglob(f"*{SUFFIX}") if not names.named_form(log)]
+    logs = [log for log in folder.rglob(f"*{SUFFIX}") if not named_form(log)]
     for latest in sorted(logs, key=lambda log: log.stat().st_mtime)[-1:]:
         with contextlib.suppress(LogError):
             broken = Interrupted(latest)
@@ -185,7 +193,7 @@ def interrupted(path: Path) -> Interrupted:
         return _furthest(path)
     drafts = list[Interrupted]()
     logs = {_log_of(draft) for draft in path.rglob(f"*{ACTIVE}")}
-    for log in sorted(log for log in logs if not names.named_form(log)):
+    for log in sorted(log for log in logs if not named_form(log)):
         with contextlib.suppress(LogError):  # it is under way, or over, or holds no trial
             drafts.append(_furthest(log))
     if len(drafts) == 1:

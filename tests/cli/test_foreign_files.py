@@ -19,10 +19,9 @@ from meal_bayes.trial_log import (
     read_outcomes,
     read_trials,
     salvage,
-    schema,
     write_trials,
-    writer,
 )
+from meal_bayes.trial_log.file import FULL, PROFILES
 
 HEADER = {"config": {"dataset": "roc36", "agents": ["greedy"]}, "seed": 4}
 SAYS = "is no log of meal_bayes: {}; give a .mcap file that it wrote"
@@ -172,13 +171,13 @@ def test_a_draft_without_a_byte_is_a_log_to_come(file):
 
 
 def of_later_form(path, trials, monkeypatch):
-    monkeypatch.setitem(schema.PROFILES, schema.FULL, "meal_bayes/pictures")
+    monkeypatch.setitem(PROFILES, FULL, "meal_bayes/pictures")
     write_trials(path, trials, header=HEADER)
     monkeypatch.undo()
 
 
 def of_later_format(path, trials, monkeypatch):
-    monkeypatch.setattr(writer, "FORMAT_VERSION", FORMAT_VERSION + 1)
+    monkeypatch.setattr("meal_bayes.trial_log.file.FORMAT_VERSION", FORMAT_VERSION + 1)
     write_trials(path, trials, header=HEADER)
     monkeypatch.undo()
 

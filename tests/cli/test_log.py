@@ -12,9 +12,8 @@ from meal_bayes.trial_log import (
     check_log,
     read_trials,
     write_trials,
-    writer,
 )
-from meal_bayes.trial_log.writer import write_feedback
+from meal_bayes.trial_log.folder import write_feedback
 from meal_bayes.trials import TrialOutcomes
 
 SAMPLE = Path(__file__).resolve().parents[2] / "logs" / "sample.mcap"
@@ -108,8 +107,10 @@ def test_what_is_no_sound_log_is_told(fails, torn, log, monkeypatch):
     assert "text.mcap" in told
     assert "log recover" not in told  # nothing of it is a log
     assert "text.mcap" in fails("log", "recover", "text.mcap")
-    monkeypatch.setattr(writer, "FORMAT_VERSION", FORMAT_VERSION + 1)
-    write_trials("new.mcap", read_trials(log), header=HEADER)
+    trials = list(read_trials(log))
+    with monkeypatch.context() as later:
+        later.setattr("meal_bayes.trial_log.file.FORMAT_VERSION", FORMAT_VERSION + 1)
+        write_trials("new.mcap", trials, header=HEADER)
     for command in ("info", "show", "check", "recover"):
         told = fails("log", command, "new.mcap")
         assert f"format {FORMAT_VERSION + 1}" in told

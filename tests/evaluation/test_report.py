@@ -18,7 +18,7 @@ from meal_bayes.evaluation.report import best_of, write_report
 from meal_bayes.learner.api import ask
 from meal_bayes.look import ordered_agents
 from meal_bayes.trial_log import Feedback, Group, Logs, TrialWriter, write_trials
-from meal_bayes.trial_log.writer import write_feedback
+from meal_bayes.trial_log.folder import write_feedback
 from meal_bayes.trials import TrialOutcomes, truth_text
 from meal_bayes.viewer.labels import narrate
 from meal_bayes.viewer.recorder import Clock

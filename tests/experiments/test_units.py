@@ -17,7 +17,7 @@ from meal_bayes.experiments import OfflineConfig, run_offline, units
 from meal_bayes.experiments.parallel import in_parallel
 from meal_bayes.experiments.units import locked, run_units
 from meal_bayes.trial_log import read_trials
-from meal_bayes.trial_log.names import drafts_of, new_draft
+from meal_bayes.trial_log.file import drafts_of, new_draft
 
 ROOT = Path(units.__file__).resolve().parents[2]
 HOLD = """

@@ -11,8 +11,8 @@ from meal_bayes.domain import domain_from_table
 from meal_bayes.learner import Learner
 from meal_bayes.planners import OpenLoop, Predefined
 from meal_bayes.robots import Outcome
-from meal_bayes.trial_log import writer
-from meal_bayes.trial_log.writer import TrialWriter
+from meal_bayes.trial_log import file as log_file
+from meal_bayes.trial_log.file import TrialWriter
 
 OBJECTS = 12
 RECORDINGS = 3
@@ -101,7 +101,7 @@ class Kills:
         self.left = -1
         self.writers = []
         put = TrialWriter._put
-        replace = writer.replace_whole
+        replace = log_file.replace_whole
 
         def counted(log, *args, **options):
             self.writers.append(log)
@@ -113,7 +113,7 @@ class Kills:
             replace(*paths)
 
         monkeypatch.setattr(TrialWriter, "_put", counted)
-        monkeypatch.setattr(writer, "replace_whole", renamed)
+        monkeypatch.setattr(log_file, "replace_whole", renamed)
 
     def count(self):
         if self.left == 0:

@@ -12,8 +12,10 @@ from hypothesis import strategies as st
 from meal_bayes import Learner, load_domain
 from meal_bayes.errors import LogError, SettingsError
 from meal_bayes.learner import recall
-from meal_bayes.trial_log import Logs, names, writer
-from meal_bayes.trial_log.names import feedback_files
+from meal_bayes.trial_log import Logs
+from meal_bayes.trial_log import file as log_file
+from meal_bayes.trial_log import folder as log_folder
+from meal_bayes.trial_log.folder import feedback_files
 from meal_bayes.trials.text import UNFINISHED
 
 TELLINGS = st.lists(
@@ -171,18 +173,18 @@ def test_neither_a_clock_that_is_set_nor_a_full_disk_moves_a_label(
     agent = make.agent("look")
     Clock.seconds = 0.0
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(names, "datetime", Clock)
-        patch.setattr(names, "_chosen_last", [""])
+        patch.setattr(log_folder, "datetime", Clock)
+        patch.setattr(log_folder, "_chosen_last", [""])
         live = Learner(dataset.domain, agent=agent, logs=folder)
         trials = [live.ask("red", make.arm(), object_name="mug") for _ in range(2)]
         for whose, value, set_by, event in [*tellings, ("vase", True, 0.0, "")]:
             Clock.seconds += set_by
             if event == "restart":  # another process, that remembers no name
-                names._chosen_last[0] = ""
+                log_folder._chosen_last[0] = ""
             trial = trials[whose] if isinstance(whose, int) else whose
             with pytest.MonkeyPatch.context() as disk:
                 if event == "full":
-                    disk.setattr(writer, "replace_whole", full)
+                    disk.setattr(log_file, "replace_whole", full)
                 with contextlib.suppress(SettingsError, LogError):
                     if value is None:
                         live.forget(trial)
@@ -201,7 +203,7 @@ def test_neither_a_clock_that_is_set_nor_a_full_disk_moves_a_label(
 
 def test_a_full_disk_says_that_the_label_is_learned(dataset, make, tmp_path, monkeypatch):
     learner = begun(dataset, make, tmp_path)
-    monkeypatch.setattr(writer, "replace_whole", full)
+    monkeypatch.setattr(log_file, "replace_whole", full)
     with pytest.raises(LogError, match=r"No space left.*is learned; mend this"):
         learner.tell("mug", {"red": True})
     assert red(learner) == {"mug": 1}

@@ -1,6 +1,7 @@
 """Messages that no damage makes: they must be refused by name."""
 
 import itertools
+import json
 import random
 
 import numpy as np
@@ -8,29 +9,22 @@ import pytest
 
 from meal_bayes.domain import load_domain
 from meal_bayes.errors import LogCorruptError, LogError
-from meal_bayes.trial_log import TrialWriter, check_log, read_trials, salvage, schema
-from meal_bayes.trial_log.container import FAULTS
-from meal_bayes.trial_log.decode import TrialBuilder
-from meal_bayes.trial_log.encode import TrialEncoder
-from meal_bayes.trial_log.schema import MOMDPS, OUTCOME, STEP, TRIAL, OutcomeMessage
+from meal_bayes.trial_log import TrialWriter, check_log, messages, read_trials, salvage
+from meal_bayes.trial_log.file import FAULTS, TrialBuilder
+from meal_bayes.trial_log.messages import LINES, OUTCOME, Momdps, TrialEncoder
 from meal_bayes.trials import Trial
-
-KINDS = {
-    MOMDPS: schema.MomdpMessage, TRIAL: schema.TrialMessage, STEP: schema.StepMessage,
-    OUTCOME: OutcomeMessage,
-}  # fmt: skip
 
 
 def sealed(trial, change=lambda place, message: None, garble=lambda place, data: data):
     """Messages of a trial, changed; places count the MOMDP, the trial, its steps, its outcome."""
-    packed = TrialEncoder(0, schema.Momdps()).whole(trial)
-    messages = [(m.topic, m.data) for m in packed if m.topic in KINDS]
-    for place, (topic, data) in enumerate(messages):
-        message = KINDS[topic].FromString(data)
+    packed = TrialEncoder(0, Momdps()).whole(trial)
+    sealed = [(m.topic, m.data) for m in packed if m.topic != LINES]
+    for place, (topic, data) in enumerate(sealed):
+        message = json.loads(data)
         change(place, message)
-        changed = message.SerializeToString()
-        messages[place] = topic, changed if topic == OUTCOME else garble(place, changed)
-    return messages
+        changed = json.dumps(message).encode()
+        sealed[place] = topic, changed if topic == OUTCOME else garble(place, changed)
+    return sealed
 
 
 def built(messages):
@@ -57,32 +51,53 @@ def test_unchanged_messages_give_the_trial(trial, make):
 
 
 # place: 0 the MOMDP, 1 the start, 2 the first step, 5 the report, 6 the outcome
+def put(place, *path, value):
+    """Return a change of one message: of the entry that the path leads to."""
+    *inner, last = path
+
+    def change(message):
+        for name in inner:
+            message = message[name]
+        message[last] = value
+
+    return place, change
+
+
+# place: 0 the MOMDP, 1 the start, 2 the first step, 5 the report, 6 the outcome
 CHANGES = {
-    "no attribute": (0, lambda m: m.ClearField("attributes")),
-    "attribute twice": (0, lambda m: m.attributes.__setitem__(0, m.attributes[1])),
-    "rows do not sum": (0, lambda m: m.confusion.__setitem__(0, 5.0)),
-    "other momdp": (1, lambda m: setattr(m, "momdp", 3)),
-    "other query": (1, lambda m: m.attributes.__setitem__(0, "blue")),
-    "truth short": (1, lambda m: m.truth.pop()),
-    "key is no JSON": (1, lambda m: setattr(m, "key", "[1")),
-    "first belief short": (1, lambda m: m.log_prob.pop()),
-    "first x": (1, lambda m: setattr(m, "belief_x", -1)),
-    "counts short": (2, lambda m: m.percept_counts.extend([1, 2])),
-    "visits short": (2, lambda m: m.visits.pop()),
-    "next x": (2, lambda m: setattr(m, "next_x", 9)),
-    "percept long": (2, lambda m: m.observation.append(0)),
-    "percept level": (2, lambda m: m.observation.__setitem__(0, 4)),
-    "negative action": (2, lambda m: setattr(m, "action", -1)),
-    "tree percepts": (2, lambda m: m.tree_observation.append(1)),
-    "step number": (2, lambda m: setattr(m, "step", 1)),
-    "cost": (0, lambda m: m.cost.__setitem__(0, float("nan"))),
-    "truth too long": (1, lambda m: m.truth.extend([0] * 3_000_000)),
-    "reward": (2, lambda m: setattr(m, "reward", -float("inf"))),
-    "belief": (2, lambda m: m.log_prob.__setitem__(0, float("nan"))),
-    "edges": (2, lambda m: m.tree_level.extend([0] * 300_000)),
-    "report in a step": (5, lambda m: m.report.pop()),
-    "report": (6, lambda m: m.report.pop()),
-    "steps": (6, lambda m: setattr(m, "steps", 2)),
+    "no attribute": put(0, "attributes", value=[]),
+    "attribute twice": put(0, "attributes", value=["red", "red"]),
+    "rows do not sum": put(0, "confusion", "values", 0, value=5.0),
+    "another shape": put(0, "confusion", "shape", value=[-1]),
+    "a number is no list": put(0, "prior", value=0.5),
+    "a text is no number": put(0, "prior", 0, value="red"),
+    "a list in a list": put(0, "prior", 0, value=[0.5]),
+    "no field": (0, lambda m: m.pop("prior")),
+    "other momdp": put(1, "momdp", value=3),
+    "other query": put(1, "attributes", 0, value="blue"),
+    "truth short": (1, lambda m: m["truth"].pop()),
+    "truth of a larger type": put(1, "truth", 0, value=256),
+    "key is no JSON": put(1, "key", value="[1"),
+    "first belief short": (1, lambda m: m["belief"]["log_prob"]["values"].pop()),
+    "first x": put(1, "belief", "x", value=-1),
+    "counts short": put(2, "belief", "percept_counts", value={"shape": [2], "values": [1, 2]}),
+    "visits short": (2, lambda m: m["visits"].pop()),
+    "visits are no whole numbers": put(2, "visits", 0, value=0.5),
+    "next x": put(2, "next_x", value=9),
+    "percept long": (2, lambda m: m["observation"].append(0)),
+    "percept level": put(2, "observation", 0, value=4),
+    "negative action": put(2, "action", value=-1),
+    "tree percepts": put(2, "tree", 0, "observation", value=["a"]),
+    "step number": put(2, "step", value=1),
+    "cost": put(0, "cost", 0, value=None),
+    "truth too long": (1, lambda m: m["truth"].extend([0] * 3_000_000)),
+    "reward": put(2, "reward", value="-Infinity"),
+    "belief": put(2, "belief", "log_prob", "values", 0, value=None),
+    "edges": (2, lambda m: m["tree"].extend(m["tree"][:1] * 260_000)),
+    "report in a step": (5, lambda m: m["report"].pop()),
+    "no report in a step": (5, lambda m: m.pop("report")),
+    "report": (6, lambda m: m["report"].pop()),
+    "steps": put(6, "steps", value=2),
 }
 
 
@@ -128,7 +143,7 @@ def test_messages_out_of_order_are_refused(trial, places):
 def test_limits_hold_on_the_writing_side(trial, monkeypatch, tmp_path):
     with TrialWriter(tmp_path / "a.mcap", {}) as log:
         for limit in ("MESSAGE_LIMIT", "TRIAL_LIMIT"):
-            monkeypatch.setattr(schema, limit, 300)
+            monkeypatch.setattr(messages, limit, 300)
             with pytest.raises(LogError, match="at most 300"):
                 log.write(trial)
             monkeypatch.undo()
@@ -175,7 +190,7 @@ def test_a_broken_write_never_takes_the_whole_name(trial, monkeypatch, tmp_path)
 def test_an_outcome_that_its_steps_contradict_is_refused(place, field, trial):
     def change(at, message):
         if at == place:
-            setattr(message, field, getattr(message, field) + 1)
+            message[field] = message[field] + 1
 
     with pytest.raises(LogCorruptError, match="not that of its steps"):
         built(sealed(trial, change))

@@ -11,14 +11,13 @@ from meal_bayes.trial_log import (
     Logs,
     TrialWriter,
     log_files,
-    names,
     recover_log,
     remove_drafts,
-    schema,
     write_trials,
-    writer,
 )
-from meal_bayes.trial_log.names import drafts_of, stem_of, timing_of
+from meal_bayes.trial_log.file import drafts_of, stem_of, timing_of
+from meal_bayes.trial_log.folder import begun_text, dated_name
+from meal_bayes.trial_log.messages import FORMAT_VERSION
 
 
 def trials_of(logs):
@@ -57,12 +56,12 @@ def test_what_cannot_be_read_is_one_clear_error(make, tmp_path, monkeypatch):
     write_trials(tmp_path / "nothing.mcap", [], header={})
     with pytest.raises(LogError, match="holds no trial yet"):
         trials_of(Logs(tmp_path / "nothing.mcap"))
-    monkeypatch.setattr(writer, "FORMAT_VERSION", schema.FORMAT_VERSION + 1)
+    monkeypatch.setattr("meal_bayes.trial_log.file.FORMAT_VERSION", FORMAT_VERSION + 1)
     write_trials(tmp_path / "new.mcap", make.trials(1), header={})
     monkeypatch.undo()
-    with pytest.raises(LogVersionError, match="format 6"):
+    with pytest.raises(LogVersionError, match="format 7"):
         trials_of(Logs(tmp_path / "new.mcap"))
-    with pytest.raises(LogVersionError, match=r"new\.mcap was written in log format 6"):
+    with pytest.raises(LogVersionError, match=r"new\.mcap was written in log format 7"):
         list(Follower(tmp_path / "new.mcap").poll())
 
 
@@ -292,7 +291,7 @@ def test_what_killed_writers_left_is_removed(make, tmp_path):
 
 
 def test_when_a_log_began_is_read_as_it_was_written(monkeypatch):
-    monkeypatch.setattr(names, "_chosen_last", ["29990131-235959-999999"])
-    assert names.begun_text(Path(names.dated_name("blue cup"))) == "2999-02-01 00:00:00"
+    monkeypatch.setattr("meal_bayes.trial_log.folder._chosen_last", ["29990131-235959-999999"])
+    assert begun_text(Path(dated_name("blue cup"))) == "2999-02-01 00:00:00"
     for other in ("blue cup.mcap", "99999999-999999-999999-cup.mcap", "0001-cup.mcap"):
-        assert names.begun_text(Path(other)) == ""
+        assert begun_text(Path(other)) == ""

@@ -4,6 +4,8 @@ import json
 import subprocess
 from io import BytesIO
 
+import numpy as np
+import pandas as pd
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
@@ -11,7 +13,15 @@ from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 
 from meal_bayes.errors import LogCorruptError, LogError
-from meal_bayes.trial_log import check_log, log_info, read_trials, recover_log, write_trials
+from meal_bayes.trial_log import (
+    Feedback,
+    check_log,
+    log_info,
+    read_trials,
+    recover_log,
+    write_feedback,
+    write_trials,
+)
 from meal_bayes.trials import TrialOutcomes
 
 READ = """
@@ -22,16 +32,21 @@ const reader = new McapStreamReader({
   decompressHandlers: { zstd: (bytes) => require("fzstd").decompress(bytes) },
 });
 reader.append(fs.readFileSync(process.argv[1]));
-const channels = new Map(), counts = {};
+const text = new TextDecoder(), schemas = new Map(), channels = new Map(), read = {};
 for (let record; (record = reader.nextRecord()); ) {
-  if (record.type === "Channel") channels.set(record.id, record.topic);
+  if (record.type === "Schema") schemas.set(record.id, record);
+  if (record.type === "Channel") channels.set(record.id, record);
   if (record.type === "Message") {
-    const topic = channels.get(record.channelId);
-    counts[topic] = (counts[topic] || 0) + 1;
+    const channel = channels.get(record.channelId);
+    const schema = schemas.get(channel.schemaId);
+    if (channel.messageEncoding !== "json" || schema.encoding !== "jsonschema")
+      throw new Error(channel.messageEncoding);
+    read[channel.topic] ??= { schema: JSON.parse(text.decode(schema.data)), messages: [] };
+    read[channel.topic].messages.push(JSON.parse(text.decode(record.data)));
   }
 }
 if (!reader.done()) throw new Error("it does not end");
-console.log(JSON.stringify(counts));
+console.log(JSON.stringify(read));
 """
 WRITE = """
 const fs = require("fs");
@@ -191,16 +206,77 @@ def test_compact_logs_are_read_again_too(make, tmp_path):
     assert check_log(again).form == "compact"
 
 
-def test_mcap_core_reads_every_channel(log, mcap_core):
+def test_mcap_core_reads_every_message(log, mcap_core):
+    """Foxglove's reader: what JavaScript parses is what was written, bit by bit."""
     path, trials = log
     command = [*mcap_core, "-e", READ, path]
     done = subprocess.run(command, capture_output=True, text=True, check=True)
-    counts = json.loads(done.stdout)
-    assert counts["/run"] == 1
-    assert counts["/trial"] == counts["/outcome"] == len(trials)
-    assert counts["/step"] == sum(len(trial.steps) for trial in trials)
-    assert counts["/momdp"] >= 1
-    assert counts["/log"] >= len(trials)
+    read = json.loads(done.stdout)
+    steps = [step for trial in trials for step in trial.steps]
+    assert {topic: len(entry["messages"]) for topic, entry in read.items()} == {
+        "/run": 1, "/momdp": 1, "/trial": len(trials), "/step": len(steps), "/log": len(steps),
+        "/outcome": len(trials),
+    }  # fmt: skip
+    assert [step["cost"] for step in read["/step"]["messages"]] == [step.cost for step in steps]
+    for message, step in zip(read["/step"]["messages"], steps, strict=True):
+        values = np.array(message["values"], float)
+        assert np.array_equal(values, step.decision.values, equal_nan=True)
+    with path.open("rb") as file:
+        ours = [json.loads(m.data) for _, _, m in make_reader(file).iter_messages(topics="/step")]
+    assert read["/step"]["messages"] == ours
+    for entry in read.values():
+        for message in entry["messages"]:
+            fits(message, entry["schema"])
+
+
+def test_pandas_makes_a_table_of_the_steps(log):
+    path, trials = log
+    with path.open("rb") as file:
+        messages = make_reader(file).iter_messages(topics="/step")
+        table = pd.DataFrame([json.loads(message.data) for _, _, message in messages])
+    steps = [step for trial in trials for step in trial.steps]
+    assert table["reward"].dtype == float
+    assert table["cost"].tolist() == [step.cost for step in steps]
+    assert table.groupby("trial")["cost"].sum().tolist() == pytest.approx([t.cost for t in trials])
+    values = np.array(table["values"].tolist(), float)  # NaN is null
+    assert np.array_equal(values, [step.decision.values for step in steps], equal_nan=True)
+
+
+def fits(value, schema):
+    """Assert that a JSON value fits its schema, and that viewers know the kind of schema.
+
+    Foxglove reads no alternatives, no lists in lists and no references, and takes the "type" that
+    stands beside them.
+    """
+    kind = schema["type"]
+    if "$ref" in schema:
+        assert schema == {"$ref": "#/definitions/number", "type": "number"} | schema
+        assert value is None or value in ("Infinity", "-Infinity") or isinstance(value, int | float)
+    elif kind == "object":
+        assert set(schema.get("required", ())) <= value.keys()
+        for name, entry in value.items() if schema["properties"] else ():
+            fits(entry, schema["properties"][name])
+    elif kind == "array":
+        assert schema["items"]["type"] != "array"
+        for entry in value:
+            fits(entry, schema["items"])
+    else:
+        types = {"string": str, "boolean": bool, "integer": int, "number": int | float}
+        assert isinstance(value, types[kind])
+
+
+@pytest.mark.parametrize("form", ["full", "compact", "feedback"])
+def test_every_message_fits_its_schema(form, make, tmp_path):
+    trials = make.trials(3, 6, steps=3)
+    path = tmp_path / "a.mcap"
+    if form == "feedback":
+        path = write_feedback(tmp_path, Feedback("mug", {"red": 1}, ("a", 3)), header={})
+    else:
+        write_trials(path, trials if form == "full" else [TrialOutcomes.of(trials)], header={})
+    with path.open("rb") as file:
+        for schema, _, message in make_reader(file).iter_messages():
+            assert schema.encoding == "jsonschema"
+            fits(json.loads(message.data), json.loads(schema.data))
 
 
 @pytest.mark.parametrize("chunks", [0, 1, 4096])

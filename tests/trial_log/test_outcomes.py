@@ -1,5 +1,7 @@
 """Outcomes of trials: measures as the trials have them, whatever form their log has."""
 
+import json
+
 import numpy as np
 import pytest
 
@@ -14,9 +16,7 @@ from meal_bayes.trial_log import (
     read_trials,
     write_trials,
 )
-from meal_bayes.trial_log.decode import decode_outcomes
-from meal_bayes.trial_log.encode import encode_outcomes
-from meal_bayes.trial_log.schema import OutcomesMessage
+from meal_bayes.trial_log.messages import OutcomesMessage, decode, encode
 from meal_bayes.trials import TrialOutcomes
 from meal_bayes.trials.outcomes import INTEGERS, REALS, TEXTS
 
@@ -131,29 +131,33 @@ class TestCompactLogs:
 
 
 def test_messages_that_contradict_themselves_are_refused(outcomes):
-    data = encode_outcomes(outcomes, 0)
-    for field in (*COLUMNS, "texts", "trials", "queried", "behaviors", "first"):
+    data = encode(OutcomesMessage.of(outcomes, 0))
+    for name in (*COLUMNS, "behaviors", "first"):
         for change in (_shorter, _wrong):
-            message = OutcomesMessage.FromString(data)
-            change(message, field)
-            if field != "first" or change is _wrong:
+            message = json.loads(data)
+            change(message, name)
+            if name != "first" or change is _wrong:
                 with pytest.raises((LogCorruptError, SettingsError, ValueError)):
-                    decode_outcomes(message.SerializeToString())
+                    decode(json.dumps(message).encode(), OutcomesMessage).read()
 
 
-def _shorter(message, field):
-    value = getattr(message, field)
-    if hasattr(value, "pop"):
-        value.pop()
+def _shorter(message, name):
+    if name == "first":
+        return
+    values = message[name]
+    if isinstance(values, dict):
+        values["shape"][0] -= 1
     else:
-        setattr(message, field, value - 1)
+        values.pop()
 
 
-def _wrong(message, field):
-    value = getattr(message, field)
-    if field in ("texts", "behaviors"):
-        del value[:]
-    elif hasattr(value, "pop"):
-        value[0] = float("inf") if field in REALS else -9
+def _wrong(message, name):
+    values = message[name]
+    if name == "first":
+        message[name] = -1
+    elif name == "behaviors":
+        values.clear()
+    elif isinstance(values, dict):
+        values["values"][0] = "Infinity" if name in REALS else -9
     else:
-        setattr(message, field, -1)
+        values[0] = "Infinity" if name in REALS else -9

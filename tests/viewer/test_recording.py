@@ -17,7 +17,7 @@ from meal_bayes.domain import Query
 from meal_bayes.evaluation import summarize
 from meal_bayes.robots.robot import BALL, SHELL, SOLID, Frame
 from meal_bayes.trial_log import TrialWriter, read_trials, write_trials
-from meal_bayes.trial_log.schema import StepMessage, TrialMessage
+from meal_bayes.trial_log.messages import StepMessage, TrialMessage, decode
 from meal_bayes.trials import Task, TrialOutcomes
 from meal_bayes.viewer import replay, write_recording
 
@@ -31,9 +31,9 @@ def messages(log):
     with log.open("rb") as file:
         for _, channel, message in make_reader(file).iter_messages(log_time_order=False):
             if channel.topic == "/trial":
-                trials.append((TrialMessage.FromString(message.data), []))
+                trials.append((decode(message.data, TrialMessage), []))
             elif channel.topic == "/step":
-                trials[-1][1].append(StepMessage.FromString(message.data))
+                trials[-1][1].append(decode(message.data, StepMessage))
     return trials
 
 
@@ -64,11 +64,13 @@ def test_beliefs_entropy_and_cost_are_the_logs(messages, recorded):
             assert times[key].total_seconds() == pytest.approx(before)  # when a step began
             spent += message.cost if row else 0.0
             before += message.cost if row else 0.0
-            for name, p in zip(start.attributes, message.positive, strict=True):
+            for name, p in zip(start.attributes, message.belief.positive, strict=True):
                 logged = series(recorded, f"/belief/{name}", "Scalars:scalars")[key]
                 assert logged == pytest.approx([p], abs=1e-12)
                 compared += 1
-            bits = sum(-x * np.log2(x) for p in message.positive for x in (p, 1 - p) if x > 0)
+            bits = sum(
+                -x * np.log2(x) for p in message.belief.positive for x in (p, 1 - p) if x > 0
+            )
             assert entropy[key] == pytest.approx([bits], abs=1e-9)
             assert cost[key] == pytest.approx([spent])
         free = (start.trial, first + len(steps) + 1)  # where lines break

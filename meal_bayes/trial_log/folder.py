@@ -1,11 +1,18 @@
-"""The logs of a run, read as far as they can be, or followed while they are being written."""
+"""The logs of a folder: their names, what people told of their trials, and how all are read.
+
+`Logs` reads a run's logs as far as they can be read; `Follower` reads them while they are written.
+"""
 
 import contextlib
 import filecmp
+import itertools
 import json
 import os
-from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+import re
+import secrets
+from collections import Counter, deque
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from datetime import UTC, datetime, timedelta
 from functools import cached_property
 from pathlib import Path
 from typing import NamedTuple
@@ -14,19 +21,228 @@ from mcap.records import DataEnd
 
 from meal_bayes.digests import checksum_of
 from meal_bayes.errors import LogCorruptError, LogError, LogVersionError, QueryError
-from meal_bayes.files import checked_path
-from meal_bayes.trial_log.container import CUT_SHORT, FAULTS, TORN, fault_text, read_records
-from meal_bayes.trial_log.decode import TrialBuilder
+from meal_bayes.files import checked_path, command_line, file_name
 from meal_bayes.trial_log.feedback import Feedback, FeedbackIndex
-from meal_bayes.trial_log.foreign import ForeignFileError
-from meal_bayes.trial_log.names import feedback_of, log_files, named_form, stem_of
-from meal_bayes.trial_log.reader import Scan, grouped, read_header, readable_feedback
-from meal_bayes.trial_log.schema import ACTIVE, FULL, SUFFIX
+from meal_bayes.trial_log.file import (
+    ACTIVE,
+    CUT_SHORT,
+    FAULTS,
+    FEEDBACK_FORM,
+    FULL,
+    SUFFIX,
+    TORN,
+    ForeignFileError,
+    Scan,
+    TrialBuilder,
+    TrialWriter,
+    fault_text,
+    find_log,
+    grouped,
+    named_form,
+    read_header,
+    read_records,
+    stem_of,
+    wholest,
+)
 from meal_bayes.trials import Trial, TrialOutcomes
 
+ASK = "Learner.ask"  # command of the logs of trials with a robot
+_FEEDBACK_FOLDER = "feedback"  # beside the logs of trials
+_FEEDBACK = f".feedback{SUFFIX}"  # ends the names of its logs
+_TIME = "%Y%m%d-%H%M%S-%f"
+_DATED = re.compile(r"(\d{8}-\d{6}-\d{6})-")
+_TICK = timedelta(microseconds=1)
+_chosen_last = [""]  # time of the last name that this process has chosen
 # Settings that choose trials of a run, or the form of their log, and change none.
 _APART = ("agents", "repeats", "first", "log")
 _LATER = ("versions", "recovered_from")  # entries of a header that are no setting
+
+
+def dated_name(name: str, *folders: Path) -> str:
+    """Choose a unique name for a log by the time (UTC) and the name of an object.
+
+    An example is 20260131-142507-381904-blue_cup-a3f9c2; it has no ending. The names sort in the
+    order in which they are chosen, and behind all names in `folders`: if the clock was set back,
+    the time is one microsecond after the latest time.
+    """
+    begun = datetime.now(UTC).replace(tzinfo=None)
+    with contextlib.suppress(ValueError, OverflowError):  # of other files, whose digits are no time
+        latest = max(_times_in(folders), default=_chosen_last[0])
+        begun = max(begun, datetime.strptime(max(latest, _chosen_last[0]), _TIME) + _TICK)
+    _chosen_last[0] = f"{begun:{_TIME}}"
+    return f"{_chosen_last[0]}-{file_name(name)}-{secrets.token_hex(3)}"
+
+
+def begun_text(path: Path) -> str:
+    """Return the time (UTC) in a name that `dated_name` chose; "" for other names.
+
+    >>> begun_text(Path("20260131-142507-381904-blue_cup-a3f9c2.mcap"))
+    '2026-01-31 14:25:07'
+    """
+    dated = _DATED.match(path.name)
+    if dated is not None:
+        with contextlib.suppress(ValueError):  # of another file, whose digits are no time
+            begun = datetime.strptime(dated[1], _TIME).replace(tzinfo=UTC)
+            return f"{begun:%Y-%m-%d %H:%M:%S}"
+    return ""
+
+
+def _times_in(folders: Iterable[Path]) -> Iterator[str]:
+    """Return the times that names in folders begin with."""
+    for folder in filter(Path.is_dir, folders):
+        for file in folder.iterdir():
+            dated = _DATED.match(file.name)
+            if dated is not None:
+                yield dated[1]
+
+
+def log_files(path: str | Path) -> list[Path]:
+    """Find the logs of a run: the file itself, or all logs of a folder in the order of their names.
+
+    Each log is found once: as the whole file, else as its largest draft, else as its recovered
+    file. The same holds for the name of a log that does not exist (`find_log`). Logs of feedback
+    hold no trials, and are not found in a folder.
+
+    Raises
+    ------
+    LogError
+        There is no such file or folder, or it holds no log.
+    """
+    path = checked_path("The log", path)
+    if not path.is_dir():
+        return [find_log(path)]
+    file_of_log = wholest(path.rglob(f"*{SUFFIX}*"))
+    logs = sorted(file for log, file in file_of_log.items() if not named_form(log))
+    if not logs:
+        raise LogError(f"{path} holds no log (*{SUFFIX}).")
+    return logs
+
+
+def feedback_files(folder: Path) -> list[Path]:
+    """Find the whole logs of feedback in a folder, in the order in which they were written."""
+    return sorted((folder / _FEEDBACK_FOLDER).glob(f"*{_FEEDBACK}"))
+
+
+def feedback_of(folder: Path) -> list[Path]:
+    """Find the whole logs of feedback in a folder and in the folder above it, in their order.
+
+    Trials of `Learner.find` are in a folder below that of other trials.
+    """
+    files = [*feedback_files(folder), *feedback_files(folder.parent)]
+    return sorted(files, key=lambda file: file.name)  # a name begins with the time
+
+
+def feedback_name(folder: Path, name: str) -> Path:
+    """Choose a path for a log of feedback, by the name of the object.
+
+    The time in the name is later than in all logs of feedback that are read with it.
+    """
+    own_folder = folder / _FEEDBACK_FOLDER
+    begun = dated_name(name, own_folder, folder.parent / _FEEDBACK_FOLDER)
+    return own_folder / f"{begun}{_FEEDBACK}"
+
+
+def write_feedback(folder: Path, feedback: Feedback, *, header: Mapping[str, object]) -> Path:
+    """Write what a person told into a new log of a folder; return the path of the log.
+
+    When this returns, the log is whole on disk. Several processes may write at once.
+
+    Parameters
+    ----------
+    folder : Path
+        Folder with the logs of trials.
+    feedback : Feedback
+        Labels of a trial or of an object.
+    header : Mapping[str, object]
+        Description of the run in JSON values.
+
+    Raises
+    ------
+    LogError
+        The file cannot be written.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> folder = Path(tempfile.mkdtemp())
+    >>> path = write_feedback(folder, Feedback("mug", {"heavy": 1}), header={})
+    >>> read_feedback(path)[0].text
+    'heavy'
+    """
+    path = feedback_name(folder, feedback.object_name)
+    with TrialWriter(path, header, FEEDBACK_FORM) as log:
+        log.write_feedback(feedback)
+    return path
+
+
+def read_feedback(path: str | Path) -> list[Feedback]:
+    """Read what people told, from a log of feedback or from all such logs of a folder, in order.
+
+    Errors are those of `read_trials`; the list may be empty for a folder.
+    """
+    log = checked_path("The log", path)
+    files = feedback_files(log) if log.is_dir() else [log]
+    entries = list[Feedback]()
+    for file in files:
+        scan = Scan(file)
+        deque(scan.entries(), maxlen=0)
+        entries += scan.builder.feedback
+    return entries
+
+
+def readable_feedback(
+    files: Iterable[Path], on_fault: Callable[[str], object]
+) -> Iterator[Feedback]:
+    """Yield what people told, in the order of the files; call `on_fault` for a torn file."""
+    for file in files:
+        try:
+            yield from read_feedback(file)
+        except LogError as fault:
+            on_fault(str(fault))
+
+
+def read_trials(path: str | Path) -> Iterator[Trial]:
+    """Read the trials of a whole log one by one, or of a folder's logs in order of their names.
+
+    They are equal to what was written. Each is checked before it is yielded, its whole file after
+    the last one. `Logs` reads a folder as far as it can be read.
+
+    Raises
+    ------
+    LogError
+        There is no such file.
+    LogCorruptError
+        The file is unfinished, torn or changed.
+    LogVersionError
+        The file has another format version.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from tempfile import TemporaryDirectory
+    >>> import meal_bayes
+    >>> with TemporaryDirectory() as folder:
+    ...     log = Path(folder, "trial.mcap")
+    ...     trial = meal_bayes.ask(
+    ...         "heavy", dataset="roc36", object="heavy_green_beans", agent="greedy", log=log
+    ...     )
+    ...     (again,) = meal_bayes.read_trials(log)
+    >>> again.success
+    True
+    """
+    log = checked_path("The log", path)
+    files = log_files(log) if log.is_dir() else [log]
+    return itertools.chain.from_iterable([_trials(Scan(file)) for file in files])
+
+
+def _trials(scan: "Scan") -> Iterator[Trial]:
+    for entry in scan.entries():
+        if isinstance(entry, TrialOutcomes):
+            raise LogError(
+                f"{scan.path} is a compact log: outcomes without steps; see them with: "
+                + command_line("meal-bayes report", scan.path)
+            )
+        yield entry
 
 
 class Group(NamedTuple):
@@ -52,7 +268,7 @@ def of_learner(header: Mapping[str, object]) -> bool:
 
 
 def going_on_text(log: Path) -> str:
-    """Say of a trial that a learner has not ended how it goes on."""
+    """Say how a trial goes on that a learner has not ended."""
     return (
         f"{log}: the trial is not over; where its process died, Learner.resume({str(log)!r}) goes "
         "on with it"
@@ -80,7 +296,6 @@ class Logs:
     def __init__(self, *paths: str | Path) -> None:
         if not paths:
             raise LogError("No log is named; give files, or folders of them.")
-        self._paths = [checked_path("The log", path) for path in paths]
         files = {file.resolve(): file for path in paths for file in log_files(path)}
         self.files: Sequence[Path] = list(files.values())
         self.problems: list[str] = []  # grows while trials are read
@@ -143,7 +358,7 @@ class Logs:
                 self.problems += [f"{file}: {problem}" for problem in scan.problems]
         if empty and self.problems:
             raise LogCorruptError(f"Not one trial can be read: {self.problems[0]}.")
-        if empty and named_form(self.files[0]):
+        if empty and named_form(self.files[0]) == FEEDBACK_FORM:
             raise LogError(
                 f"{self.files[0]} holds what was told of trials; name one of their logs."
             )
@@ -164,9 +379,8 @@ class Logs:
             problem = going_on_text(draft)
         if damaged:
             self.problems.append(f"{draft}: {fault}")
-        if problem not in self.unfinished:
-            self.unfinished.append(problem)
-            self.problems.append(problem)
+        self.unfinished.append(problem)
+        self.problems.append(problem)
 
     def _judged(self, group: Group) -> Group:
         """Return a group with the truth that was told of its trials when they were over."""
