@@ -73,7 +73,8 @@ class Domain:
         The data set whose recordings fit this domain; by default the one of its name.
     groups : Mapping[str, tuple[str, ...]]
         Attributes of which every object has exactly one, by the group's name: the values of one
-        variable. What none of them describes is a value of its own, such as "other".
+        variable, kept in the order of `attributes`. What none of them describes is a value of its
+        own, such as "other".
     synonyms : Mapping[str, str]
         Other word -> attribute.
     predefined : tuple[str, ...]
@@ -132,6 +133,13 @@ class Domain:
             object.__setattr__(self, "data", self.name)
         if fault := next(self._faults(), None):
             raise DomainError(fault)
+        # In the order of the attributes, so that another order of a group's values is no other
+        # problem: a planner that samples would draw other numbers for it.
+        ordered = {
+            name: tuple(sorted(values, key=self.attributes.index))
+            for name, values in self.groups.items()
+        }
+        object.__setattr__(self, "groups", ordered)
 
     def _faults(self) -> Iterator[str]:
         if not 0 < self.report_reward <= LARGEST:

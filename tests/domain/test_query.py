@@ -214,3 +214,10 @@ def test_a_verb_names_no_attribute(form, thing):
 )
 def test_a_noun_that_is_a_verb_elsewhere_is_an_attribute(question, attributes):
     assert read_query(question, OWN).attributes == attributes
+
+
+@given(st.permutations(["empty", "half", "full"]), st.permutations(["red", "green"]))
+def test_values_of_a_group_in_another_order_are_the_same_problem(fill, colour):
+    domain = domain_of(*OWN.attributes, groups={"fill": fill, "colour": colour})
+    assert domain == OWN
+    assert read_query("fill, colour", domain) == read_query("fill, colour", OWN)
