@@ -5,7 +5,6 @@ import contextlib
 import logging
 import os
 import platform
-import sys
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Executor, wait
 from typing import Any, TypeVar
@@ -14,7 +13,7 @@ import cloudpickle
 from joblib.externals.loky import ProcessPoolExecutor
 
 from meal_bayes.errors import SettingsError
-from meal_bayes.experiments.store import environment, is_own
+from meal_bayes.experiments.store import environment, own_modules
 from meal_bayes.processes import end_with_parent
 
 Work = TypeVar("Work")
@@ -68,7 +67,7 @@ def _finished(
 def _pickled(function: Callable[[Work], Result], pieces: list[Work]) -> list[bytes]:
     """Return calls as bytes that a process can make which has none of the user's modules."""
     # Code that a worker cannot import travels by value: registered for this pickle alone.
-    modules = {module.__name__: module for module in [*sys.modules.values()] if is_own(module)}
+    modules = {module.__name__: module for module in own_modules()}
     with contextlib.ExitStack() as stack:
         for name in modules.keys() - cloudpickle.list_registry_pickle_by_value():
             cloudpickle.register_pickle_by_value(modules[name])

@@ -1,6 +1,5 @@
 """Agents given as values, in processes and after an edit, and what their digest covers."""
 
-import copy
 import importlib
 import json
 import os
@@ -15,15 +14,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from hypothesis import given
-from hypothesis import strategies as st
-from hypothesis.extra.numpy import array_shapes, arrays
 
 from meal_bayes.agents import AGENTS, Agent, as_agent
 from meal_bayes.cli import main
 from meal_bayes.errors import SettingsError
 from meal_bayes.experiments import OfflineConfig, OnlineConfig, run_offline, run_online, store
-from meal_bayes.experiments.store import Description, own_agent_digest
+from meal_bayes.experiments.store import own_agent_digest
 from meal_bayes.momdp import best_report
 from meal_bayes.planners import RandomLegal, unvalued
 
@@ -211,55 +207,6 @@ def test_two_planners_of_one_function_do_not_share_a_run(tmp_path):
     assert min(lengths[1]) > 1
 
 
-VALUES = st.recursive(
-    st.none() | st.booleans() | st.integers() | st.floats() | st.text() | st.binary()
-    | st.dates() | st.decimals() | st.fractions() | st.uuids()
-    | arrays(st.sampled_from([np.float32, np.int64, np.bool_]), array_shapes(max_side=3)),
-    lambda inner: st.lists(inner, max_size=3)
-    | st.tuples(inner, inner)
-    | st.dictionaries(st.text(max_size=2), inner, max_size=3)
-    | st.frozensets(st.integers() | st.text(), max_size=3)
-    | inner.map(lambda value: Settled(inside=value))
-    | inner.map(lambda value: partial(planner_of, value)),
-    max_leaves=6,
-)  # fmt: skip
-
-
-@given(VALUES, VALUES)
-def test_a_description_is_the_same_exactly_where_the_value_is(value, other):
-    description = Description().of(value)
-    assert description == Description().of(copy.deepcopy(value))
-    assert (description == Description().of(other)) == (written(value) == written(other))
-
-
-def written(value):
-    """Write a value so that equal texts are equal values, of equal types."""
-    if isinstance(value, np.ndarray):
-        return repr((value.dtype, value.shape, value.tobytes()))
-    if isinstance(value, Settled | partial):
-        inside = value.args[0] if isinstance(value, partial) else value.inside
-        return f"{type(value).__name__}({written(inside)})"
-    if isinstance(value, dict):
-        return f"dict({sorted((key, written(each)) for key, each in value.items())})"
-    if isinstance(value, frozenset):
-        return f"frozenset({sorted(map(repr, value))})"
-    if isinstance(value, list | tuple):
-        return f"{type(value).__name__}({list(map(written, value))})"
-    return f"{type(value).__name__}({value!r})"
-
-
-def test_what_a_program_sets_on_a_class_or_module_matters(folder, monkeypatch):
-    module = importlib.import_module("planner_of_mine")
-    digests = [own_agent_digest(as_agent(module.Planner()))]
-    monkeypatch.setattr(module.Planner, "sure", 0.4, raising=False)
-    digests.append(own_agent_digest(as_agent(module.Planner())))
-    monkeypatch.setattr(module.Planner, "sure", 0.9, raising=False)
-    digests.append(own_agent_digest(as_agent(module.Planner())))
-    monkeypatch.setattr(module, "best", 2, raising=False)
-    digests.append(own_agent_digest(as_agent(module.Planner())))
-    assert len(set(digests)) == 4
-
-
 def test_a_shipped_agent_with_other_settings_is_another(folder):
     ships = AGENTS["bayes"]
     digests = {own_agent_digest(replace(ships, discount=d)) for d in (0.5, 0.6, ships.discount)}
@@ -274,7 +221,7 @@ def test_the_digest_is_that_of_every_process(folder):
     code = (
         "from planner_of_mine import Planner; from meal_bayes.agents import as_agent;"
         "from meal_bayes.experiments.store import own_agent_digest;"
-        "p = Planner(); p.words = frozenset('abcdefgh'); print(own_agent_digest(as_agent(p)))"
+        "p = Planner(); p.words = set('abcdefgh'); print(own_agent_digest(as_agent(p)))"
     )
     digests = set()
     for seed in ("1", "2"):
