@@ -7,7 +7,7 @@ sample has exactly. The gain over reporting now is sampled as max_y b'(y) - b'(b
 whose second part is b(best) on average: a plan that changes no report gains nothing, without noise.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -58,16 +58,20 @@ class OpenLoopPolicy:
         belief = history.belief
         scratch = plan_values(self.model, self.plans, belief).scratch
         values = scratch.value
-        bonus = scratch.bonus
-        if self.momdp.coupled:
-            coupled, bonus = self._coupled_values(belief, rng)
-            values = np.where(np.isneginf(values), values, coupled)
-        return Decision.exact(*choose(self.momdp, belief, values, bonus))
+        if not self.momdp.coupled:
+            return Decision.exact(*choose(self.momdp, belief, values, scratch.bonus))
+        coupled, bonus, error = self._coupled_values(belief, rng)
+        values = np.where(np.isneginf(values), values, coupled)
+        decision = Decision.exact(*choose(self.momdp, belief, values, bonus))
+        return replace(decision, value_se=decision.value_se + np.append(error, 0.0))
 
-    def _coupled_values(self, belief: Belief, rng: np.random.Generator) -> tuple[Floats, Floats]:
-        """Estimate the value (E,) of the best plan of each first behavior, and its bonus (E,).
+    def _coupled_values(
+        self, belief: Belief, rng: np.random.Generator
+    ) -> tuple[Floats, Floats, Floats]:
+        """Estimate the value (E,) of the best plan of each first behavior, its bonus and its error.
 
-        The value is -inf where there is no plan.
+        The value is -inf where there is no plan. The error (E,) is the standard error of the mean
+        over the sampled objects and percepts.
         """
         from_x = slice(*self.plans.first[belief.x : belief.x + 2])
         plan = self.plans.plan[from_x]
@@ -75,7 +79,7 @@ class OpenLoopPolicy:
         total = belief.shown
         most = np.minimum(np.maximum(percepts_left(self.momdp, belief), 0), _PERCEPTS)
         coming = np.minimum(planned, most).astype(int)
-        ending = _ending_of_plans(self.momdp, belief, coming, rng)
+        ending, error = _ending_of_plans(self.momdp, belief, coming, rng)
         value = plan["discount"] * ending - plan["cost"]
         if plan["lost"].any():
             value += plan["lost"] * _lost_ending(self.momdp, belief, rng)
@@ -85,7 +89,8 @@ class OpenLoopPolicy:
             expected_percepts = self.plans.expected_percepts[from_x]
             pay = (expected_percepts * fraction * (coming > 0)) @ _mean_bonus(self.model, belief)
             value += pay
-        return _best_by_first(value, pay, plan["action"], self.momdp.n_behaviors)
+        error = plan["discount"] * error
+        return _best_by_first(value, pay, error, plan["action"], self.momdp.n_behaviors)
 
 
 def _mean_bonus(model: MOMDPArrays, belief: Belief) -> Floats:
@@ -95,55 +100,69 @@ def _mean_bonus(model: MOMDPArrays, belief: Belief) -> Floats:
 
 
 def _best_by_first(
-    value: Floats, pay: Floats, action: Ints, n_behaviors: int
-) -> tuple[Floats, Floats]:
-    """Return the value of the best plan of each first behavior, and what that one pays, (E,)."""
+    value: Floats, pay: Floats, error: Floats, action: Ints, n_behaviors: int
+) -> tuple[Floats, Floats, Floats]:
+    """Return value, pay and error (E,) of the best plan of each first behavior."""
     best = np.full(n_behaviors, -np.inf)
     np.maximum.at(best, action, value)
     pay_of_best = np.zeros(n_behaviors)
     is_best = value == best[action]
     pay_of_best[action[is_best]] = pay[is_best]
-    return best, pay_of_best
+    error_of_best = np.zeros(n_behaviors)
+    error_of_best[action[is_best]] = error[is_best]
+    return best, pay_of_best, error_of_best
 
 
 def _ending_of_plans(
     momdp: MOMDP, belief: Belief, coming: Ints, rng: np.random.Generator
-) -> Floats:
-    """Estimate the value of the best report where plans (J,) end, after their percepts (J,E).
+) -> tuple[Floats, Floats]:
+    """Estimate the value of the best report where plans (J,) end, and its standard error (J,).
 
-    Plans that end alike, with equal percepts, are valued once.
+    They end after so many percepts of each behavior (J,E). Those with equal percepts are valued
+    once.
     """
     counts, row = np.unique(coming, axis=0, return_inverse=True)
-    return _ending(momdp, belief, counts, rng)[row.ravel()]
+    value, error = _ending(momdp, belief, counts, rng)
+    return value[row.ravel()], error[row.ravel()]
 
 
 def _lost_ending(momdp: MOMDP, belief: Belief, rng: np.random.Generator) -> Floats:
     """Value an answer at once, without a percept."""
     no_percepts = np.zeros((1, momdp.n_behaviors), int)
-    return _ending(momdp, belief, no_percepts, rng)
+    return _ending(momdp, belief, no_percepts, rng)[0]
 
 
-def _ending(momdp: MOMDP, belief: Belief, counts: Ints, rng: np.random.Generator) -> Floats:
-    """Estimate the value of the best report after so many percepts of each behavior (J,E)."""
+def _ending(
+    momdp: MOMDP, belief: Belief, counts: Ints, rng: np.random.Generator
+) -> tuple[Floats, Floats]:
+    """Estimate the value of the best report after so many percepts (J,E), and its error (J,)."""
     reports = momdp.reports
     if reports.event is None:
-        return reports.of_right(_right(momdp, belief, counts, rng)[:, None])
+        right, error = _right(momdp, belief, counts, rng)
+        earned = reports.of_right(np.array([[0.0], [1.0]]))  # by a wrong report, and a right one
+        return reports.of_right(right[:, None]), float(np.ptp(earned)) * error
     now = reports.answers(reports.probability(belief))  # (2,)
     evidence = _sampled_evidence(momdp, belief, int(counts.max(initial=0)), rng)
     ending: Floats = np.full(len(counts), now.max())
+    error = np.zeros(len(counts))
     for j, percepts in enumerate(counts):
         behaviors = np.flatnonzero(percepts)
         after = belief.log_prob + evidence[percepts[behaviors], behaviors].sum(axis=0)  # (S,N,C)
         answers = reports.answers(reports.probability(truths_of(momdp, after)))
-        ending[j] += (answers.max(axis=1) - answers[:, now.argmax()]).mean()
-    return ending
+        gain = answers.max(axis=1) - answers[:, now.argmax()]
+        ending[j] += gain.mean()
+        error[j] = gain.std(ddof=1) / np.sqrt(_SAMPLES)
+    return ending, error
 
 
-def _right(momdp: MOMDP, belief: Belief, counts: Ints, rng: np.random.Generator) -> Floats:
-    """Estimate Pr(the best report is right) after so many percepts of each behavior (J,E)."""
+def _right(
+    momdp: MOMDP, belief: Belief, counts: Ints, rng: np.random.Generator
+) -> tuple[Floats, Floats]:
+    """Estimate Pr(the best report is right) after so many percepts (J,E), and its error (J,)."""
     evidence = _sampled_evidence(momdp, belief, int(counts.max(initial=0)), rng)
     best = [row.argmax() for row in belief.factors]
     right = np.full(len(counts), belief.certainty)
+    error = np.zeros(len(counts))
     for j, count in enumerate(counts):
         behavior = np.flatnonzero(count)
         after = belief.log_prob + evidence[count[behavior], behavior].sum(axis=0)  # (S,N,C)
@@ -153,8 +172,10 @@ def _right(momdp: MOMDP, belief: Belief, counts: Ints, rng: np.random.Generator)
         for probability, value in zip(factors, best, strict=True):
             likeliest = likeliest * probability.max(axis=1)
             unchanged = unchanged * probability[:, value]
-        right[j] += (likeliest - unchanged).mean()
-    return right
+        gain = likeliest - unchanged
+        right[j] += gain.mean()
+        error[j] = gain.std(ddof=1) / np.sqrt(_SAMPLES)
+    return right, error
 
 
 def _sampled_truths(momdp: MOMDP, belief: Belief, rng: np.random.Generator) -> Ints:
