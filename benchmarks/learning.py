@@ -14,6 +14,7 @@ physics one random attribute of each new object is asked, all labels are told (e
 import time
 from collections.abc import Iterator
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 from measuring import options_of, show
@@ -83,15 +84,16 @@ def detector_trials(learner: Learner, trials: int, seed: int) -> Iterator[Trial]
 
 def physics_trials(learner: Learner, trials: int, seed: int) -> Iterator[Trial]:
     """Ask about one new object of the simulated arm after another."""
-    from meal_bayes.simulated_arm.questions import learn_live  # noqa: PLC0415  needs MuJoCo
+    from simulated_arm.questions import learn_live  # noqa: PLC0415  needs MuJoCo
 
     yield from learn_live(learner, trials, seed)
 
 
+ARM = Path(__file__).resolve().parents[1] / "examples" / "simulated_arm" / "simulated_arm.toml"
 PARTS = {
     "toy": (TOY, toy_trials),
     "detector": (TOY, detector_trials),
-    "physics": ("simulated_arm", physics_trials),
+    "physics": (ARM, physics_trials),
 }
 OWN = {
     "bayes_same_objects": replace(

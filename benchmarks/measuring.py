@@ -14,7 +14,8 @@ from typing import Any, TypeVar
 
 T = TypeVar("T")
 # Benchmarks share functions with the paper's items, which lie beside them and are not installed.
-sys.path.append(str(Path(__file__).resolve().parents[1]))
+_ROOT = Path(__file__).resolve().parents[1]
+sys.path += [str(_ROOT), str(_ROOT / "examples")]
 SPAWN = multiprocessing.get_context("spawn")  # processes that hold nothing but what they need
 
 

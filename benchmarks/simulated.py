@@ -17,6 +17,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from measuring import options_of, show
+from simulated_arm import ask_new, learn_live, training_recordings
+from simulated_arm.objects import ObjectParameters
+from simulated_arm.recordings import (
+    DOMAIN,
+    record_objects,
+    save_recordings,
+    to_dataset,
+)
 
 from meal_bayes.domain import Query, load_domain
 from meal_bayes.evaluation.calibration import calibration_error, expected_calibration_error
@@ -29,14 +37,6 @@ from meal_bayes.learner import Learner
 from meal_bayes.learner.trial import QuestionCounts
 from meal_bayes.perception import build_percept_table
 from meal_bayes.seeds import stream
-from meal_bayes.simulated_arm import ask_new, learn_live, training_recordings
-from meal_bayes.simulated_arm.objects import ObjectParameters
-from meal_bayes.simulated_arm.recordings import (
-    DOMAIN,
-    record_objects,
-    save_recordings,
-    to_dataset,
-)
 
 AGENTS = ("bayes", "morc")
 CURVES = ("iterative_random_legal", "morc_itrs", "bayes")

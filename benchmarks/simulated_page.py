@@ -16,11 +16,11 @@ from typing import Any
 import matplotlib as mpl
 import matplotlib.pyplot as plt
 import numpy as np
+from simulated_arm import SimulatedArm, draw_object
+from simulated_arm.sensors import take_picture
 
 from meal_bayes.evaluation.plots import Series, lines
 from meal_bayes.look import save
-from meal_bayes.simulated_arm import SimulatedArm, draw_object
-from meal_bayes.simulated_arm.sensors import take_picture
 
 mpl.use("Agg")
 

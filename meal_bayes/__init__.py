@@ -63,18 +63,20 @@ if TYPE_CHECKING:
     from meal_bayes.perception import Perceiver, build_percept_table
     from meal_bayes.planners import POMCP, Decision, Policy, Solver
     from meal_bayes.posterior import ConfusionPosterior
-    from meal_bayes.robots import Outcome, Robot
+    from meal_bayes.robots import Frame, Outcome, Robot
     from meal_bayes.trial_log import read_trials, write_trials
     from meal_bayes.trials import Recorder, Session, Trial, run_trial
+    from meal_bayes.viewer import write_recording
 
 __all__ = [
     "MOMDP", "POMCP", "Agent", "Belief", "ConfusionPosterior", "Dataset", "Decision", "Domain",
+    "Frame",
     "Learner", "MealBayesError", "OfflineConfig", "OnlineConfig", "Outcome", "Perceiver",
     "PerceptTable", "Policy", "Query", "Recorder", "Robot", "RobotError", "Session", "Solver",
     "Trial", "ask", "build_momdp", "build_percept_table", "compare", "initial_belief",
     "load_agent", "load_dataset", "load_domain", "load_percepts", "read_query", "read_trials",
     "recall", "run_offline", "run_online", "run_trial", "save_csv_folder", "save_percepts",
-    "summarize", "update_belief", "write_trials",
+    "summarize", "update_belief", "write_recording", "write_trials",
 ]  # fmt: skip
 
 _ROOMS = {
@@ -96,9 +98,10 @@ _ROOMS = {
     "perception": ("Perceiver", "build_percept_table"),
     "planners": ("POMCP", "Decision", "Policy", "Solver"),
     "posterior": ("ConfusionPosterior",),
-    "robots": ("Outcome", "Robot"),
+    "robots": ("Frame", "Outcome", "Robot"),
     "trial_log": ("read_trials", "write_trials"),
     "trials": ("Recorder", "Session", "Trial", "run_trial"),
+    "viewer": ("write_recording",),
 }
 _HOME = {name: room for room, names in _ROOMS.items() for name in names}
 

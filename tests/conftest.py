@@ -201,10 +201,10 @@ def dask() -> None:
 
 @pytest.fixture(scope="session")
 def sim() -> ModuleType:
-    """Return the room of the robot in physics."""
+    """Return the example of a robot in physics."""
     if find_spec("mujoco") is None:
         missing("no MuJoCo; pip install 'meal-bayes[sim]'", required=all_required())
-    return import_module("meal_bayes.simulated_arm")
+    return import_module("simulated_arm")
 
 
 @pytest.fixture(scope="session")

@@ -15,7 +15,6 @@ from meal_bayes.cli.posterior import export, posterior
 from meal_bayes.cli.program import Program
 from meal_bayes.cli.reproduce import reproduce
 from meal_bayes.cli.run import run
-from meal_bayes.cli.sim import sim
 from meal_bayes.cli.view import view
 
 
@@ -35,7 +34,6 @@ from meal_bayes.cli.view import view
         data,
         log,
         export,
-        sim,
         doctor,
     ],
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},

@@ -4,6 +4,6 @@ In: a `Domain`, and recordings. Out: `Outcome`s, by names. A real robot
 implements `Robot`; `OutcomeChecker` checks what it returns.
 """
 
-from meal_bayes.robots.robot import Outcome, OutcomeChecker, Robot
+from meal_bayes.robots.robot import Frame, Outcome, OutcomeChecker, Robot
 
-__all__ = ["Outcome", "OutcomeChecker", "Robot"]
+__all__ = ["Frame", "Outcome", "OutcomeChecker", "Robot"]

@@ -6,7 +6,7 @@ viewer.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol, runtime_checkable
+from typing import ClassVar, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -21,7 +21,6 @@ from meal_bayes.look import warn_user
 
 Features = dict[str, NDArray[np.float32]]
 Sizes = Mapping[tuple[str, str], int]  # (behavior, modality) -> D
-SOLID, SHELL, BALL = range(3)
 NO_PERCEPT = "no percept"  # how a warning begins where what came could not be read
 _RECORDINGS = 2**31  # that a data set may have
 
@@ -276,13 +275,39 @@ def _checked(modality: str, sensed: Mapping[str, ArrayLike]) -> NDArray[np.float
         raise _NoPercept(f"{modality}: {fault}") from fault
 
 
-class Frame(NamedTuple):
-    """The geometry of a robot and its surroundings, `seconds` after the trial began.
+@dataclass(frozen=True, slots=True, eq=False)
+class Frame:
+    """The geometry of a robot and its surroundings at one moment, for the viewer.
 
-    B boxes and balls: centers (B,3) m, half sizes (B,3) m, quaternions (B,4) x, y, z, w, colors
-    (B,3) in [0, 1], and shapes (B,) `SOLID`, `SHELL` (a transparent box) or `BALL`. C points of
-    contact (C,3) m, and the forces (C,3) N that act there. The picture of the robot's camera,
-    (rows, columns, 3) in [0, 1].
+    Attributes
+    ----------
+    seconds : float
+        Time since the trial began, s.
+    centers, half_sizes : NDArray[np.float32]
+        (B,3) of B boxes and balls, m.
+    quaternions : NDArray[np.float32]
+        (B,4) their orientation: x, y, z, w.
+    colors : NDArray[np.float32]
+        (B,3) in [0, 1].
+    shapes : NDArray[np.int8]
+        (B,) `Frame.SOLID`, `Frame.SHELL` (a transparent box) or `Frame.BALL`.
+    contacts, forces : NDArray[np.float32]
+        (C,3) points of contact, m, and the forces that act there, N.
+    picture : NDArray[np.float32]
+        (rows, columns, 3) what the robot's camera sees, in [0, 1].
+
+    Examples
+    --------
+    A red ball on a table, without contacts:
+
+    >>> import numpy as np
+    >>> from meal_bayes import Frame
+    >>> none, pixels = np.zeros((0, 3)), np.zeros((4, 4, 3))
+    >>> place, size = np.array([[0, 0, 0.02]]), np.full((1, 3), 0.02)
+    >>> turned, red = np.array([[0, 0, 0, 1]]), np.array([[0.8, 0.1, 0.1]])
+    >>> ball = np.array([Frame.BALL])
+    >>> Frame(0.5, place, size, turned, red, ball, none, none, pixels).seconds
+    0.5
     """
 
     seconds: float
@@ -294,6 +319,10 @@ class Frame(NamedTuple):
     contacts: NDArray[np.float32]
     forces: NDArray[np.float32]
     picture: NDArray[np.float32]
+
+    SOLID: ClassVar[int] = 0
+    SHELL: ClassVar[int] = 1
+    BALL: ClassVar[int] = 2
 
     def __eq__(self, other: object) -> bool:
         return equal_values(self, other)

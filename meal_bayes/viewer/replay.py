@@ -132,9 +132,40 @@ def write_recording(
     only: int | None = None,
     frames: Sequence[Frame] = (),
 ) -> int:
-    """Send trials into an .rrd file, which replaces an earlier one when it is whole.
+    """Write what the viewer shows of trials into an .rrd file, for ``rerun FILE.rrd``.
 
-    Parameters are those of `send_recording`.
+    An earlier file is replaced when the new one is whole.
+
+    Parameters
+    ----------
+    trials : Iterable[Trial | TrialOutcomes]
+        Trials with their steps. Outcomes alone, of which a compact log consists, are shown in the
+        run's plots only.
+    path : str | Path
+        File to write.
+    header : Mapping[str, object]
+        Settings of the run, as in the header of a log; may be empty.
+    name : str
+        Name of the recording in the viewer.
+    only : int | None
+        Number of the single trial to show; None shows all.
+    frames : Sequence[Frame]
+        Geometry of the robot in the first trial.
+
+    Returns
+    -------
+    int
+        Number of trials.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from pathlib import Path
+    >>> from meal_bayes import ask, write_recording
+    >>> trial = ask("heavy", dataset="roc36", object="heavy_green_beans", agent="greedy", logs=None)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     write_recording([trial], Path(folder, "trial.rrd"), {})
+    1
     """
     with draft_of(path) as draft:
         return send_recording(trials, draft, header, name=name, only=only, frames=frames)

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 import rerun as rr
 
-from meal_bayes.robots.robot import BALL, SHELL, SOLID, Frame
+from meal_bayes.robots.robot import Frame
 from meal_bayes.trials import Trial, percept_labels
 from meal_bayes.trials.text import YES
 from meal_bayes.viewer.drawings import (
@@ -51,7 +51,7 @@ ROBOT = "/robot"
 CAMERA = "/camera"
 _PERCEPTS = 6  # lanes
 _GAP = [float("nan")]
-_BOXES = {SOLID: f"{ROBOT}/arm", SHELL: f"{ROBOT}/object"}
+_BOXES = {Frame.SOLID: f"{ROBOT}/arm", Frame.SHELL: f"{ROBOT}/object"}
 _BALLS = f"{ROBOT}/content"
 _ARROWS = f"{ROBOT}/forces"
 _METERS_PER_NEWTON = 0.008  # how long a force is drawn
@@ -232,7 +232,7 @@ def add_robot(to: Recorder, trial: Trial, frames: Sequence[Frame], start: Time) 
             centers = frame.centers[mask].tolist()
             quaternions = frame.quaternions[mask].tolist()
             to.add(entity, rr.Boxes3D, time, centers=centers, quaternions=quaternions)
-        balls = frame.shapes == BALL
+        balls = frame.shapes == Frame.BALL
         if balls.any():
             to.add(_BALLS, rr.Points3D, time, positions=frame.centers[balls].tolist())
         vectors = (_METERS_PER_NEWTON * frame.forces).tolist()
@@ -248,11 +248,11 @@ def _add_static(to: Recorder, frame: Frame) -> None:
         boxes = rr.Boxes3D.from_fields(
             half_sizes=frame.half_sizes[mask],
             colors=colors[mask],
-            fill_mode="solid" if shape == SOLID else "majorwireframe",
+            fill_mode="solid" if shape == Frame.SOLID else "majorwireframe",
             radii=_LINE,
         )
         to.add_static(entity, boxes)
-    balls = frame.shapes == BALL
+    balls = frame.shapes == Frame.BALL
     if balls.any():
         points = rr.Points3D.from_fields(radii=frame.half_sizes[balls, 0], colors=colors[balls])
         to.add_static(_BALLS, points)

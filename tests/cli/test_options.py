@@ -119,7 +119,7 @@ def test_an_empty_word_is_no_value(fails, words, tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize("command", [["ask"], ["sim", "ask"], ["report"], ["log", "show"]])
+@pytest.mark.parametrize("command", [["ask"], ["report"], ["log", "show"]])
 def test_an_empty_word_is_no_question_and_no_file(fails, command):
     assert f"what follows {command[-1]} is empty" in fails(*command, "")
 

@@ -16,21 +16,10 @@ WORDS = {  # of each option or argument that names a file to write
     "log show picture": ("log", "show", LOGGED, "--picture", "new.svg"),
     "export file": ("export", "--query", "red", "--dataset", "kitchen.npz", "new.pomdp"),
     "data percepts out": ("data", "percepts", "--out", "new.npz", "--dataset"),
-    "sim ask save": (
-        "sim",
-        "ask",
-        "Is it full?",
-        "--objects",
-        "6",
-        "--recordings",
-        "1",
-        "--save",
-        "new.rrd",
-    ),
 }
 KEPT = "log recover out"  # which refuses, as `test_log.py` shows
-NEEDS = {"view screenshot": "vulkan", "sim ask save": "sim", "data percepts out": "own_data"}
-LONG = {"view screenshot", "sim ask save"}
+NEEDS = {"view screenshot": "vulkan", "data percepts out": "own_data"}
+LONG = {"view screenshot"}
 
 
 def outputs(command, path=()):

@@ -55,7 +55,7 @@ WHERE = """
 import importlib.util, meal_bayes
 print(meal_bayes.__file__, importlib.util.find_spec("paper_repro"))
 """
-GROUPS = {"run", "log", "data", "sim"}
+GROUPS = {"run", "log", "data"}
 OURS = sorted(
     {
         " ".join(words[1:3] if words[1] in GROUPS else words[1:2])

@@ -67,7 +67,7 @@ def few_draws(*numbers, **how):
 
 
 def few_recordings():
-    return import_module("meal_bayes.simulated_arm").training_recordings(6, 1)
+    return import_module("simulated_arm").training_recordings(6, 1)
 
 
 DATA = {"load_dataset": lambda name, root=None: small_data()}

@@ -97,7 +97,7 @@ def test_equal_names_draw_equal_objects(sim):
 
 
 def test_every_attribute_of_the_domain_is_told_and_both_values_are_common(sim):
-    domain = load_domain("simulated_arm")
+    domain = load_domain(sim.arm.DOMAIN)
     truths = [sim.attributes_of(sim.draw_object(0, "count", n)) for n in range(300)]
     assert all(tuple(truth) == domain.attributes for truth in truths)
     positive = Counter(name for truth in truths for name, value in truth.items() if value)
@@ -124,7 +124,7 @@ def test_an_attribute_follows_from_its_threshold(sim, make_object, attribute, sa
 
 @pytest.fixture(scope="module")
 def room(sim):
-    return import_module("meal_bayes.simulated_arm.recordings")
+    return import_module("simulated_arm.recordings")
 
 
 @pytest.fixture(scope="module")
@@ -134,7 +134,7 @@ def made(room):
 
 @pytest.mark.long
 def test_a_recording_holds_every_context_of_the_domain(room, sim, made):
-    data = room.to_dataset(load_domain("simulated_arm"), made)
+    data = room.to_dataset(load_domain(sim.arm.DOMAIN), made)
     assert data.objects == ("object_000", "object_001")
     assert data.recordings == 2
     senses = [bool(kind.modalities) for kind in data.domain.behaviors]
@@ -163,7 +163,7 @@ def test_an_object_that_always_slips_is_ragged_and_everything_else_is_there(room
     assert sum(failed.values()) == room.ATTEMPTS
     assert {behavior for behavior, _ in contexts} == set(room.ORDER) - {"shake"}
     fine = room.record_object(1, recordings=1, seed=8)
-    data = room.to_dataset(load_domain("simulated_arm"), [slips, fine])
+    data = room.to_dataset(load_domain(room.DOMAIN), [slips, fine])
     shake = data.domain.behavior_index("shake")
     assert data.recording_counts[:, shake].tolist() == [0, 1]
 

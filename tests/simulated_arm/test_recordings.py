@@ -15,14 +15,12 @@ ATTRIBUTES = ("heavy", "tall", "soft", "red", "rattles")
 
 @pytest.fixture(scope="module")
 def training(sim, tmp_path_factory):
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("MEAL_BAYES_DATA_DIR", str(tmp_path_factory.mktemp("cache")))
-        yield sim.training_recordings(16, 1)
+    return sim.training_recordings(16, 1, cache=tmp_path_factory.getbasetemp() / "arm")
 
 
 def accuracy(sim, data, truths=None):
     """Ask one attribute of each of 30 new objects."""
-    learner = Learner("simulated_arm", agent="greedy", logs=None).fit(data)
+    learner = Learner(sim.arm.DOMAIN, agent="greedy", logs=None).fit(data)
     right = []
     for number in range(30):
         attribute = ATTRIBUTES[number % len(ATTRIBUTES)]
@@ -33,12 +31,10 @@ def accuracy(sim, data, truths=None):
 
 
 @pytest.mark.long
-def test_recordings_are_made_once_and_kept(sim, training, monkeypatch):
+def test_recordings_are_made_once_and_kept(sim, training, monkeypatch, tmp_path_factory):
     assert len(training.objects) == 16
-    monkeypatch.setattr(
-        "meal_bayes.simulated_arm.recordings.record_object", None
-    )  # it is not called again
-    again = sim.training_recordings(16, 1)
+    monkeypatch.setattr("simulated_arm.recordings.record_object", None)  # it is not called again
+    again = sim.training_recordings(16, 1, cache=tmp_path_factory.getbasetemp() / "arm")
     for context, values in training.features.items():
         np.testing.assert_array_equal(again.features[context], values)
 
@@ -70,7 +66,7 @@ def test_a_fault_of_the_body_is_logged_and_life_goes_on(sim, tmp_path, monkeypat
         return execute(arm, behavior)
 
     monkeypatch.setattr(sim.SimulatedArm, "execute", failing)
-    learner = Learner("simulated_arm", agent="random_legal", seed=3, logs=None)
+    learner = Learner(sim.arm.DOMAIN, agent="random_legal", seed=3, logs=None)
     done = list(sim.learn_live(learner, 3, 3, logs=tmp_path))
     fault = "robot error: RobotError: the object fell off the table"
     assert [trial.ended for trial in done] == ["", fault, ""]

@@ -28,9 +28,7 @@ def apart(nodes):
         assert abs(first.x - second.x) >= (w + v) / 2 or abs(first.y - second.y) >= (h + g) / 2
 
 
-@pytest.mark.parametrize(
-    "name", ["roc36", "roc36_published", "ispy32", "cy101", "simulated_arm", "toy"]
-)
+@pytest.mark.parametrize("name", ["roc36", "roc36_published", "ispy32", "cy101", "toy"])
 def test_the_diagram_shows_every_x_and_every_legal_behavior(name, trials):
     momdp = momdp_of(name)
     frame = next(Clock().frames(0, trials[0]))

@@ -15,7 +15,7 @@ from rerun.chunk import RrdReader
 from meal_bayes.cli import main
 from meal_bayes.domain import Query
 from meal_bayes.evaluation import summarize
-from meal_bayes.robots.robot import BALL, SHELL, SOLID, Frame
+from meal_bayes.robots.robot import Frame
 from meal_bayes.trial_log import TrialWriter, read_trials, write_trials
 from meal_bayes.trial_log.messages import StepMessage, TrialMessage, decode
 from meal_bayes.trials import Task, TrialOutcomes
@@ -281,7 +281,7 @@ def test_view_and_report_open_what_can_be_opened(trials, tmp_path, monkeypatch):
 
 def frame(seconds):
     rng = np.random.default_rng(int(seconds * 10))
-    shapes = np.array([SOLID, SHELL, SHELL, BALL, BALL, BALL], np.int8)
+    shapes = np.array([Frame.SOLID, *[Frame.SHELL] * 2, *[Frame.BALL] * 3], np.int8)
     half = np.full((6, 3), 0.5, np.float32)
     contacts = 2 * int(seconds > 0)
     return Frame(
@@ -317,8 +317,8 @@ def test_bodies_and_forces_are_the_frames(watched):
     shells = rows["/robot/object"]["Boxes3D:centers"]
     balls = rows["/robot/content"]["Points3D:positions"]
     for frame, boxes, points in zip(frames, shells, balls, strict=True):
-        np.testing.assert_allclose(boxes, frame.centers[frame.shapes == SHELL])
-        np.testing.assert_allclose(points, frame.centers[frame.shapes == BALL])
+        np.testing.assert_allclose(boxes, frame.centers[frame.shapes == Frame.SHELL])
+        np.testing.assert_allclose(points, frame.centers[frame.shapes == Frame.BALL])
     assert len(rows["/robot/forces"]["Arrows3D:vectors"][1]) == 2
 
 

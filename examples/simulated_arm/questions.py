@@ -4,14 +4,11 @@ import contextlib
 from collections.abc import Iterator
 from pathlib import Path
 
-from meal_bayes.domain import Query
-from meal_bayes.errors import RobotError
-from meal_bayes.learner import Learner
-from meal_bayes.seeds import stream
-from meal_bayes.simulated_arm.arm import SimulatedArm
-from meal_bayes.simulated_arm.objects import attributes_of, draw_object
-from meal_bayes.simulated_arm.physics import OnFrame
-from meal_bayes.trials import Trial, run_trial
+from meal_bayes import Learner, Query, RobotError, Trial, run_trial
+from simulated_arm.arm import SimulatedArm
+from simulated_arm.objects import attributes_of, draw_object
+from simulated_arm.physics import OnFrame
+from simulated_arm.streams import stream
 
 
 def ask_new(

@@ -5,10 +5,12 @@ from dataclasses import dataclass
 
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
 
-from meal_bayes.arrays import Floats
-from meal_bayes.errors import RobotError
-from meal_bayes.simulated_arm.objects import ObjectParameters, build_model
+from meal_bayes import RobotError
+from simulated_arm.objects import ObjectParameters, build_model
+
+Floats = NDArray[np.float64]
 
 CHANNELS = ("force", "push", "fingers", "height", "object_y", "object_z", "load")
 FRAMES_PER_SECOND = 30  # of simulated time

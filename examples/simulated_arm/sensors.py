@@ -8,10 +8,9 @@ from collections.abc import Callable, Mapping
 import mujoco
 import numpy as np
 
-from meal_bayes.arrays import Floats
-from meal_bayes.robots.robot import BALL, SHELL, SOLID, Frame
-from meal_bayes.simulated_arm.objects import SHELL_GROUP
-from meal_bayes.simulated_arm.physics import CHANNELS, ArmPhysics
+from meal_bayes import Frame
+from simulated_arm.objects import SHELL_GROUP
+from simulated_arm.physics import CHANNELS, ArmPhysics, Floats
 
 BINS = 10  # of a channel in time, each a feature
 
@@ -173,13 +172,14 @@ def frame_of(physics: ArmPhysics) -> Frame:
     for turn, matrix in zip(turns, data.geom_xmat, strict=True):
         mujoco.mju_mat2Quat(turn, matrix)  # w, x, y, z
     sizes = np.where(ball[:, None], model.geom_size[:, :1], model.geom_size)
+    shapes = np.where(ball, Frame.BALL, np.where(shell, Frame.SHELL, Frame.SOLID))
     return Frame(
         seconds=physics.seconds,
         centers=data.geom_xpos.astype(np.float32),
         half_sizes=sizes.astype(np.float32),
         quaternions=np.roll(turns, -1, axis=1).astype(np.float32),  # to x, y, z, w
         colors=model.geom_rgba[:, :3].astype(np.float32),
-        shapes=np.where(ball, BALL, np.where(shell, SHELL, SOLID)).astype(np.int8),
+        shapes=shapes.astype(np.int8),
         contacts=data.contact.pos.astype(np.float32),
         forces=(wrenches[:, None, :3] @ axes)[:, 0].astype(np.float32),
         picture=take_picture(physics).astype(np.float32),

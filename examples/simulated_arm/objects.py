@@ -8,8 +8,7 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
-from meal_bayes.arrays import check_whole
-from meal_bayes.seeds import stream
+from simulated_arm.streams import stream
 
 Vector = tuple[float, float, float]
 
@@ -64,7 +63,6 @@ def draw_object(seed: int, *path: str | int) -> ObjectParameters:
     >>> draw_object(7, "new", 3) == draw_object(7, "new", 3)
     True
     """
-    check_whole("seed", seed)
     rng = stream(seed, "simulated object", *path)
     color = str(rng.choice(list(_COLORS)))
     shade = np.clip(np.array(_COLORS[color]) + rng.normal(0.0, 0.08, 3), 0.0, 1.0)

@@ -1,20 +1,19 @@
 """The robot: executes behaviors by name in the physics, and returns their outcomes.
 
 A behavior is the arm's motions, some recorded; where it is legal, and which states a success ends
-in, is told by the diagram of the domain `simulated_arm`.
+in, is told by the diagram in `simulated_arm.toml`.
 """
 
 from collections import Counter
+from pathlib import Path
 
 import numpy as np
 
-from meal_bayes.domain import TERMINAL, load_domain, unknown
-from meal_bayes.errors import RobotError, SettingsError
-from meal_bayes.robots.robot import Outcome
-from meal_bayes.seeds import stream
-from meal_bayes.simulated_arm.objects import ObjectParameters
-from meal_bayes.simulated_arm.physics import HIGH, OPEN, ArmPhysics, Motion, OnFrame
-from meal_bayes.simulated_arm.sensors import features_of, picture_features
+from meal_bayes import Outcome, RobotError, load_domain
+from simulated_arm.objects import ObjectParameters
+from simulated_arm.physics import HIGH, OPEN, ArmPhysics, Motion, OnFrame
+from simulated_arm.sensors import features_of, picture_features
+from simulated_arm.streams import stream
 
 READY = "ready"
 GRASPED = "grasped"
@@ -59,7 +58,8 @@ BEHAVIORS: dict[str, tuple[Motion, ...]] = {
     "reinit": (Motion(1.0, width=OPEN), Motion(1.0, z=HIGH, y=0.0), Motion(4.0)),
 }
 
-_ARROWS = load_domain("simulated_arm").diagram.effects
+DOMAIN = Path(__file__).parent / "simulated_arm.toml"
+_ARROWS = load_domain(DOMAIN).diagram.effects
 LEGAL = {  # the states that a behavior may start from
     name: {arrow.source for arrow in _ARROWS if arrow.behavior == name} for name in BEHAVIORS
 }
@@ -106,7 +106,7 @@ class SimulatedArm:
     def physics(self) -> ArmPhysics:
         """The physics of this trial."""
         if self._physics is None:
-            raise SettingsError("The robot has no object yet; call start() first.")
+            raise RobotError("the robot has no object yet; call start() first")
         return self._physics
 
     def start(self) -> str:
@@ -124,13 +124,14 @@ class SimulatedArm:
         Raises
         ------
         RobotError
-            The object is gone, the gripper jams, or the physics broke down.
+            The behavior is not possible in this state, the object is gone, the gripper jams, or the
+            physics broke down.
         """
         if behavior not in BEHAVIORS:
-            raise SettingsError(unknown("behavior", behavior, BEHAVIORS))
+            raise RobotError(f"no behavior {behavior!r}; it has {', '.join(BEHAVIORS)}")
         physics = self.physics
         if self._state not in LEGAL[behavior]:
-            return Outcome(TERMINAL, None)
+            raise RobotError(f"{behavior} is not possible in the state {self._state!r}")
         self._executed[behavior] += 1
         count = self._executed[behavior]
         rng = stream(self._seed, *self._path, "sensors", self._starts, behavior, count)

@@ -1,24 +1,24 @@
 """Recordings of the arm in physics: every behavior, executed on objects drawn from a seed."""
 
+import contextlib
+import hashlib
+import shutil
+import tempfile
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from importlib import metadata, resources
+from importlib import metadata
 from pathlib import Path
 
+from joblib import Parallel, delayed
 from numpy.typing import ArrayLike
+from platformdirs import user_cache_path
 
-from meal_bayes.datasets import Dataset, cache_folder, load_dataset, save_csv_folder
-from meal_bayes.digests import digest_of
-from meal_bayes.domain import Domain, load_domain
-from meal_bayes.errors import RobotError
-from meal_bayes.experiments.parallel import in_parallel
-from meal_bayes.files import keep_folder
-from meal_bayes.simulated_arm.arm import GRASPED, LEGAL, LIFTED, READY, SimulatedArm
-from meal_bayes.simulated_arm.objects import ObjectParameters, attributes_of, draw_object
+from meal_bayes import Dataset, Domain, RobotError, load_dataset, load_domain, save_csv_folder
+from simulated_arm.arm import DOMAIN, GRASPED, LEGAL, LIFTED, READY, SimulatedArm
+from simulated_arm.objects import ObjectParameters, attributes_of, draw_object
 
-DOMAIN = "simulated_arm"
 TRAINING_SEED = 0
 ORDER = ("look", "press", "grasp", "lift", "hold", "lower", "shake", "drop", "push")
 ATTEMPTS = 4  # at each behavior of a recording
@@ -114,10 +114,10 @@ def record_objects(
         record_object, recordings=recordings, seed=seed, population=population, alter=alter
     )
     finished = []
-    for recorded in in_parallel(work, range(objects), jobs=jobs):
+    for recorded in Parallel(jobs, return_as="generator")(map(delayed(work), range(objects))):
         finished.append(recorded)
         progress(len(finished), objects)
-    return sorted(finished, key=lambda recorded: recorded.name)  # processes end in any order
+    return finished
 
 
 def to_dataset(domain: Domain, recorded: Sequence[Recorded]) -> Dataset:
@@ -136,24 +136,36 @@ def to_dataset(domain: Domain, recorded: Sequence[Recorded]) -> Dataset:
 def save_recordings(recorded: Sequence[Recorded], folder: Path) -> Path:
     """Write recordings and the domain's table; return the table's path."""
     save_csv_folder(to_dataset(load_domain(DOMAIN), recorded), folder)
-    table = resources.files("meal_bayes.domain") / "tables" / f"{DOMAIN}.toml"
-    path = folder / f"{DOMAIN}.toml"
-    path.write_bytes(table.read_bytes())
+    path = folder / DOMAIN.name
+    path.write_bytes(DOMAIN.read_bytes())
     return path
 
 
 def training_recordings(
-    objects: int = 30, recordings: int = 3, *, jobs: int = 1, progress: Progress = lambda *_: None
+    objects: int = 30,
+    recordings: int = 3,
+    *,
+    jobs: int = 1,
+    progress: Progress = lambda *_: None,
+    cache: Path | None = None,
 ) -> Dataset:
     """Return the recordings of training objects.
 
-    They are recorded once and kept in the cache folder, under a name with a digest of the physics.
+    They are recorded once and kept in a cache folder, under a name with a digest of the physics.
     """
-    room = Path(__file__).parent
-    sources = sorted(file for file in room.iterdir() if file.suffix in (".py", ".xml"))
-    digest = digest_of(metadata.version("mujoco"), *sources)
-    folder = cache_folder() / f"{DOMAIN}-{objects}x{recordings}-{digest[:8]}"
+    digest = hashlib.sha256(metadata.version("mujoco").encode())
+    for file in sorted(Path(__file__).parent.iterdir()):
+        if file.suffix in (".py", ".xml", ".toml") and not file.name.startswith("__"):
+            digest.update(file.read_bytes())
+    cache = user_cache_path("meal_bayes_simulated_arm") if cache is None else cache
+    folder = cache / f"{objects}x{recordings}-{digest.hexdigest()[:8]}"
     if not folder.is_dir():
         recorded = record_objects(objects, recordings, TRAINING_SEED, jobs=jobs, progress=progress)
-        keep_folder(folder, partial(save_recordings, recorded))
-    return load_dataset(DOMAIN, root=folder)
+        cache.mkdir(parents=True, exist_ok=True)
+        draft = Path(tempfile.mkdtemp(dir=cache))  # renamed when it is whole
+        save_recordings(recorded, draft)
+        with contextlib.suppress(OSError):  # another process may have been first
+            draft.rename(folder)
+        if draft.is_dir():
+            shutil.rmtree(draft)
+    return load_dataset(folder / DOMAIN.name, root=folder)
