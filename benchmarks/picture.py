@@ -16,7 +16,7 @@ from pathlib import Path
 
 from PIL import Image
 
-from meal_bayes.learner.api import ask
+from meal_bayes.learner import ask
 from meal_bayes.look import save
 from meal_bayes.trial_log import read_header, read_trials, write_trials
 from meal_bayes.viewer import take_picture, write_recording

@@ -34,7 +34,7 @@ from meal_bayes.experiments import OnlineConfig, run_online
 from meal_bayes.experiments.online_protocol import restricted
 from meal_bayes.experiments.parallel import in_parallel
 from meal_bayes.learner import Learner
-from meal_bayes.learner.trial import QuestionCounts
+from meal_bayes.learner.question import QuestionCounts
 from meal_bayes.perception import build_percept_table
 from meal_bayes.seeds import stream
 

@@ -18,7 +18,8 @@ from meal_bayes.files import command_line, file_name
 
 if TYPE_CHECKING:
     from meal_bayes.datasets import PerceptTable
-    from meal_bayes.learner.memory import Remembered
+    from meal_bayes.domain import Domain
+    from meal_bayes.learner import Learner
     from meal_bayes.trials import Trial
 
 _QUESTION = "Is it heavy, and does it hold beans?"
@@ -121,31 +122,27 @@ def ask(
     keeps the labels that it gets of an object, in logs beside the others.
     """
     from meal_bayes.cli.narration import note_reasons, print_answer, trial_json
-    from meal_bayes.learner.memory import LabelMemory, Remembered
+    from meal_bayes.trial_log import Feedback
 
     dataset, table = opt.table_of(options["dataset"], root)
     config = {"command": "ask", **options, "dataset": dataset}
-    memory = LabelMemory(logs, table.domain.data)
-    remembered = memory.read() if learn else None
-    # Labels change the answer, so their number is a part of what names the log.
-    if remembered is not None:
-        config["labels_before"] = len(remembered)
-    trial, path = _answer(table, config, logs, remembered)
+    told = None
+    if learn:  # labels change the answer, so the number of messages is a part of the log's name
+        told, config["told_before"] = _told(table.domain, logs)
+    trial, path = _answer(table, config, logs)
     if as_json:
         print_json({"config": config, "trial": trial_json(trial), "log": str(path)})
     else:
         print_answer(output(), trial)
-    if remembered is not None:
-        labels_of_object = (
-            entry.labels for entry in remembered if entry.object == options["object"]
-        )
-        labels = _ask_labels(trial, set().union(*labels_of_object))
+    if told is not None:
+        name = options["object"]
+        labels = _ask_labels(trial, set(_labels_of(told).get(name, {})))
         if not labels:
             note("no labels were given, none are kept")
             return
-        memory.add(options["object"], labels)
-        memorized = Remembered(options["object"], labels)
-        note(f"kept in {memory.folder}: {memorized.object} is {memorized.text}")
+        told.tell(name, labels)
+        text = Feedback(name, labels).text
+        note(f"kept in {logs / file_name(table.domain.name)}: {name} is {text}")
     elif not as_json:
         note_reasons(path)
 
@@ -154,31 +151,27 @@ def _answer(
     table: "PerceptTable",
     config: Mapping[str, Any],
     logs: Path,
-    remembered: "list[Remembered] | None" = None,
 ) -> "tuple[Trial, Path]":
-    """Ask what a command's settings say, and return the trial with the path of its log.
-
-    Remembered are the labels that people gave before, None where objects are not recognized.
-    """
-    from meal_bayes.domain import read_question
+    """Ask what a command's settings say, and return the trial with the path of its log."""
     from meal_bayes.files import check_folder, file_name
     from meal_bayes.learner import Learner
-    from meal_bayes.learner.memory import tell_remembered
+    from meal_bayes.learner.told import hear
     from meal_bayes.trial_log import write_trials
 
     agent = opt.agent_value(config["agent"])
     seed = config["seed"]
     learner = Learner(table.domain, agent=agent, seed=seed, logs=None).fit(table)
-    answer = "yes or no" if config.get("yes_no") else "values"
-    payoffs = config.get("payoffs") or None
-    query = read_question(config["question"], table.domain, answer, payoffs)
-    # The question as it was asked is what people read again.
-    task = replace(learner.task(query, config["object"]), name=str(config["question"]))
+    task = learner.task(
+        config["question"],
+        config["object"],
+        answer="yes or no" if config.get("yes_no") else "values",
+        payoffs=config.get("payoffs") or None,
+    )
     check_folder(logs)  # once agent, question and object are known to be some
     start = time.perf_counter()
-    if remembered is not None:
+    if "told_before" in config:
         learner.agent = replace(learner.agent, memory=True)
-        tell_remembered(learner, remembered)
+        hear(learner, logs / file_name(table.domain.name), _left_out)
     with terminal.showing_compilation():
         trial = learner.ask(task)
     path = logs / f"{config['command']}-{file_name(task.object_name)}-{opt.digest(config)}.mcap"
@@ -257,30 +250,22 @@ def memory() -> None:
 @memory.command()
 @opt.shared("dataset", "root", "logs", "json")
 def show(dataset: str, root: Path | None, logs: Path, as_json: bool) -> None:
-    """List the labels that `ask --learn` received, the latest last.
+    """List the labels that objects were told to have, by `ask --learn` or a Learner in Python.
 
-    What a Learner in Python is told stands beside its trials instead; `log show` tells it.
+    Labels that were told of a trial in Python are shown with that trial, by `log show`.
     """
     from meal_bayes.datasets.percepts import domain_of
-    from meal_bayes.learner.memory import LabelMemory
+    from meal_bayes.trial_log import Feedback
 
-    domain = domain_of(dataset)
-    remembered = LabelMemory(logs, domain.data).read()
+    labels_of = _labels_of(_told(domain_of(dataset), logs)[0])
     if as_json:
-        print_json({"memory": [entry._asdict() for entry in remembered]})
+        print_json({"memory": [{"object": o, "labels": labels_of[o]} for o in labels_of]})
         return
-    if not remembered:
+    if not labels_of:
         command = command_line('meal-bayes ask --learn "..." --logs', logs)
         note(f"no labels yet; ask with --learn: {command}")
-        folder = logs / file_name(domain.name)
-        if any(folder.glob("*.mcap")):
-            log_command = command_line("meal-bayes log show", folder)
-            note(
-                "what a Learner in Python was told stands beside its trials, in "
-                f"{folder}: {log_command}"
-            )
         return
-    cells = ((entry.object, entry.text) for entry in remembered)
+    cells = ((name, Feedback(name, labels).text) for name, labels in labels_of.items())
     terminal.print_table(("object", "is"), cells, left_aligned=("is",))
 
 
@@ -290,7 +275,38 @@ def show(dataset: str, root: Path | None, logs: Path, as_json: bool) -> None:
 def forget(name: str | None, dataset: str, root: Path | None, logs: Path) -> None:
     """Forget labels; the trials stay in their logs."""
     from meal_bayes.datasets.percepts import domain_of
-    from meal_bayes.learner.memory import LabelMemory
 
-    trials = LabelMemory(logs, domain_of(dataset).data).forget(name)
-    note(f"forgot the labels in {trials} trials")
+    told, _ = _told(domain_of(dataset), logs)
+    objects = [o for o in _labels_of(told) if name in (None, o)]
+    for o in objects:
+        told.forget(o)
+    note(f"forgot the labels of {len(objects)} objects")
+
+
+def _told(domain: "Domain", logs: Path) -> "tuple[Learner, int]":
+    """Return a learner that knows what was told of objects alone, and how many messages say it.
+
+    It is told and forgets beside the logs that it has heard.
+    """
+    from meal_bayes.learner import Learner
+    from meal_bayes.learner.told import hear
+
+    learner = Learner(domain, agent="prior", logs=logs)
+    return learner, hear(learner, logs / file_name(domain.name), _left_out)
+
+
+def _labels_of(learner: "Learner") -> dict[str, dict[str, bool]]:
+    """Return the labels that hold, by object, of those that were told by its name."""
+    from meal_bayes.learner.columns import key_of_name
+
+    labels_of = dict[str, dict[str, bool]]()
+    for name in learner.experience.objects:
+        labels = learner.experience.labels_of_trial(key_of_name(name)).tolist()
+        pairs = zip(learner.domain.attributes, labels, strict=True)
+        labels_of[name] = {attribute: label == 1 for attribute, label in pairs if label >= 0}
+    return {name: labels for name, labels in labels_of.items() if labels}
+
+
+def _left_out(fault: str) -> None:
+    """Say which message could not be read."""
+    note(f"left out of what was told: {fault}")

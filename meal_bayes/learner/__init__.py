@@ -4,10 +4,10 @@ In: questions, a robot, feedback, recordings or a percept table. Out: trials, ea
 happens, and a confusion posterior that is updated by feedback.
 """
 
-from meal_bayes.learner.api import ask, recall
 from meal_bayes.learner.experience import Experience
-from meal_bayes.learner.learner import Learner
+from meal_bayes.learner.learner import Learner, ask
+from meal_bayes.learner.question import implied
 from meal_bayes.learner.settings import LearnerSettings
-from meal_bayes.learner.trial import implied
+from meal_bayes.learner.told import recall
 
 __all__ = ["Experience", "Learner", "LearnerSettings", "ask", "implied", "recall"]

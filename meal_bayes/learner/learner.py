@@ -2,22 +2,37 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from html import escape
 from pathlib import Path
 from typing import Any, Self
 
-from meal_bayes.agents import as_agent
-from meal_bayes.datasets import Dataset, PerceptTable, object_index
+import numpy as np
+from numpy.typing import ArrayLike
+
+from meal_bayes.agents import Agent, Knowledge, as_agent
+from meal_bayes.datasets import Dataset, PerceptTable, load_percepts, object_index
 from meal_bayes.domain import Domain, Query, load_domain
 from meal_bayes.errors import QueryError, SettingsError
 from meal_bayes.files import LOGS, checked_path, file_name
 from meal_bayes.learner import views
-from meal_bayes.learner.answering import Answerer
 from meal_bayes.learner.card import JoinedRecordings, learned_html, next_html, table_knowledge
-from meal_bayes.learner.columns import key_of_name
+from meal_bayes.learner.columns import Objects, key_of_name
+from meal_bayes.learner.experience import Experience
 from meal_bayes.learner.find import Found, checked_objects, prior_of_yes, read_claim
-from meal_bayes.learner.fit import problem_of
+from meal_bayes.learner.fit import Fit, problem_of, solve, training_agent
 from meal_bayes.learner.fit_cache import FitCache
+from meal_bayes.learner.held_out import replay
+from meal_bayes.learner.online import Online
+from meal_bayes.learner.question import (
+    NO_CLASSIFIERS,
+    Question,
+    QuestionCounts,
+    TrialOptions,
+    read_task,
+    robot_or_name,
+    start_of,
+)
 from meal_bayes.learner.recording import check_domain, record_steps
 from meal_bayes.learner.saved import SavedLearner, read_learner, write_learner
 from meal_bayes.learner.settings import (
@@ -26,18 +41,27 @@ from meal_bayes.learner.settings import (
     check_data,
     check_object_name,
     checked_labels,
+    own_posterior,
     settings_of,
 )
-from meal_bayes.learner.telling import Telling, log_told, nothing_told, warn_of_typo
-from meal_bayes.learner.trial import TrialOptions
+from meal_bayes.learner.told import Telling, log_told, nothing_told, warn_of_typo
+from meal_bayes.learner.trial_logs import TrialLogs
+from meal_bayes.momdp import MOMDP
+from meal_bayes.planners import Policy
 from meal_bayes.planners.solver import MAX_STEPS
-from meal_bayes.robots import Robot
+from meal_bayes.processes import Lock
+from meal_bayes.robots import OutcomeChecker, Robot
+from meal_bayes.robots.recorded import RecordedRobot
+from meal_bayes.robots.robot import state_index
 from meal_bayes.seeds import Key
-from meal_bayes.trial_log.file import SUFFIX
-from meal_bayes.trials import Step, Trial
+from meal_bayes.trial_log.live import Interrupted, LiveLog, resuming
+from meal_bayes.trial_log.schema import ASK, SUFFIX
+from meal_bayes.trials import FaultTolerant, Session, Step, Task, Trial, run_trial
+
+NO_TABLE = "Give a robot, or fit a percept table (build_percept_table) to replay its objects."
 
 
-class Learner(Answerer):
+class Learner:
     """Answers questions about objects, and learns from what it does and is told.
 
     It works with any robot, from nothing or from recordings; with a percept table it replays its
@@ -116,7 +140,15 @@ class Learner(Answerer):
             "posterior": posterior,
         }
         settings = settings_of(settings, by_name, domain, chosen)
-        super().__init__(domain, chosen, settings, logs)
+        self.domain = domain
+        self.settings = settings
+        self.experience = Experience(domain)
+        self.table: PerceptTable | None = None  # that is replayed
+        self._agent = chosen
+        self._fits = FitCache(self.experience, settings)
+        self._questions = QuestionCounts()
+        self._logs = TrialLogs(logs, domain.name)
+        self._lock = Lock()
         self._joined = JoinedRecordings()
         self._file = ""  # id of the file that was read or written last
 
@@ -137,6 +169,209 @@ class Learner(Answerer):
             return head + learned_html(self.knowledge(), labels)
         knowledge = table_knowledge(table, self.agent, self.settings)
         return f"{head}{learned_html(knowledge, labels)}"
+
+    # What it knows.
+
+    @property
+    def agent(self) -> Agent:
+        """Who decides; another agent learns from the same experience."""
+        return self._agent
+
+    @agent.setter
+    def agent(self, agent: object) -> None:
+        chosen = as_agent(agent)
+        own_posterior(self.settings.posterior, self.domain, chosen)
+        with self._lock:
+            self._agent = chosen
+
+    def knowledge(self, object_name: str | None = None) -> Knowledge:
+        """Return what was learned; from a percept table, without one of its objects."""
+        if self.table is None:
+            return self.fitted(self.agent).knowledge
+        if object_name is None:
+            raise SettingsError("A percept table holds only what is known without an object of it.")
+        with self._lock:
+            o = object_index(self.table.objects, object_name)
+            return self._fits.held_out(self.table, self.agent, o).knowledge
+
+    def fitted(self, agent: Agent) -> Online:
+        """Return what an agent makes of the experience; learned when it is first needed."""
+        with self._lock:
+            return self._fits.of(agent)
+
+    def task(
+        self,
+        question: Question,
+        object_name: str | None = None,
+        *,
+        answer: str = "values",
+        payoffs: Sequence[float] | None = None,
+    ) -> Task:
+        """Return the task that a question would be; an object without a name gets one."""
+        return self._read(question, object_name, answer=answer, payoffs=payoffs)[0]
+
+    def problem(self, question: Question, object_name: str | None = None) -> MOMDP:
+        """Return the decision problem of a question, as a test of it would have it."""
+        task, _ = self._read(question, object_name)
+        with self._lock:
+            return problem_of(self._fit(task, learn=False), task)
+
+    def policy(self, question: Question, object_name: str | None = None) -> Policy:
+        """Return who decides about a question, as in a test of it."""
+        task, streams = self._read(question, object_name)
+        with self._lock:
+            return self._fit(task, learn=False).plan(task, streams, limit=np.inf, explore=False)[1]
+
+    def replay(
+        self, question: Question, object_name: str | None = None, *, seed: int | None = None
+    ) -> RecordedRobot:
+        """Return the robot that replays an object of the percept table.
+
+        The seed, by default the learner's, draws what fails and the order of recordings.
+        """
+        if self.table is None:
+            raise SettingsError(NO_TABLE)
+        seed = self.settings.seed if seed is None else seed
+        repeats = self.settings.percepts == "model"
+        return replay(self.table, self._read(question, object_name)[0], seed, repeats=repeats)
+
+    def _fit(self, task: Task, *, learn: bool, beside: Objects = ()) -> Fit:
+        """Return what is known for a trial, by who runs it: training may be another agent's."""
+        if self.table is not None:
+            return self._fits.held_out(self.table, self.agent, task.object_index, beside)
+        return self._fits.of(training_agent(self.agent) if learn else self.agent)
+
+    def _fit_agents(self) -> None:
+        """Let the agents learn from the record before it changes, if they have not."""
+        if self.table is None:
+            for agent in (self.agent, training_agent(self.agent)):
+                self._fits.of(agent)
+
+    # Questions.
+
+    def ask(
+        self,
+        question: Question,
+        robot: Robot | str | None = None,
+        *,
+        truth: Mapping[str, bool] | ArrayLike | None = None,
+        object_name: str | None = None,
+        answer: str = "values",
+        payoffs: Sequence[float] | None = None,
+        learn: bool = True,
+        log: str | Path | None = None,
+        key: str | int | None = None,
+        max_steps: int = MAX_STEPS,
+        max_cost: float | None = None,
+        on_step: Callable[[Step], None] | None = None,
+    ) -> Trial:
+        """Answer a question about the object in front of a robot.
+
+        Every step is on disk before the next behavior. What ends the trial early (the driver, an
+        interruption) is raised once it is logged so far.
+
+        Parameters
+        ----------
+        question : Question
+            A sentence ("Is it heavy?"), a comma list, or names of attributes.
+        robot : Robot or str, optional
+            See `Robot`; or the name of an object of the percept table, which is replayed.
+        truth : mapping or array, optional
+            {attribute: True or False} of what is known; compared with the report afterwards.
+        object_name : str, optional
+            An agent with `memory` recognizes it; by default it is a new object.
+        answer : str
+            "values" of what is asked, or "yes or no": "Is it red and not empty?", see `read_event`.
+        payoffs : Sequence[float], optional
+            What a right yes, a wrong yes, a right no and a wrong no earn; the learner's by default.
+        learn : bool
+            Whether it explores, and becomes experience; else a test, as replays of a table are.
+        log : str or Path, optional
+            Of the trial (.mcap); one in the folder of logs by default.
+        key : str or int, optional
+            Names the random streams; by default the number of questions so far, of tests apart
+            from those that it learned from; in replays nothing.
+        max_steps, max_cost, on_step : int, float, callable
+            See `Session`.
+
+        Raises
+        ------
+        QueryError
+            A question that cannot be understood.
+        SettingsError
+            No data were fitted of the kind that the robot needs.
+        RobotError
+            The robot came to a state that it cannot be in.
+        """
+        driver, object_name = robot_or_name(robot, object_name)
+        if (driver is None) == (self.table is None):
+            raise SettingsError(NO_TABLE if driver is None else NO_CLASSIFIERS)
+        options = TrialOptions(
+            truth=truth,
+            learn=learn,
+            limit=driver.limit if isinstance(driver, RecordedRobot) else np.inf,
+            max_steps=max_steps,
+            max_cost=max_cost,
+            on_step=on_step,
+        )
+        path = self._logs.log_path(log)
+        task, streams, header = self._asked(
+            question, object_name, options, key=key, answer=answer, payoffs=payoffs
+        )
+        session = self._session(task, streams, options, path, header)
+        return run_trial(session, self.replay(task) if driver is None else driver)
+
+    def begin(
+        self,
+        question: Question,
+        object_name: str | None = None,
+        *,
+        state: str | None = None,
+        truth: Mapping[str, bool] | ArrayLike | None = None,
+        answer: str = "values",
+        payoffs: Sequence[float] | None = None,
+        learn: bool = True,
+        log: str | Path | None = None,
+        key: str | int | None = None,
+        max_steps: int = MAX_STEPS,
+        max_cost: float | None = None,
+        on_step: Callable[[Step], None] | None = None,
+        commanded: bool = False,
+        seed: int | None = None,
+    ) -> Session:
+        """Begin a trial that somebody else drives; see `Session` for what to do with it.
+
+        Whoever drives executes `behavior`, and gives its `Outcome` to `observe`, until the
+        trial is `over`; then `report` is the answer.
+
+        Parameters
+        ----------
+        state : str, optional
+            Where the robot is, the domain's start by default; a `RobotError` where it cannot be.
+        commanded : bool
+            Whether somebody else decides, too, by `Session.command`.
+        seed : int, optional
+            Of what is drawn; the learner's by default.
+        question, object_name, truth, answer, payoffs, learn, log, key : Any
+            As for `ask`; so are `max_steps`, `max_cost` and `on_step`.
+        """
+        diagram = self.domain.diagram
+        state = diagram.start if state is None else state
+        state_index(diagram.states, state, "begin(state=)")  # before there is a log of it
+        options = TrialOptions(
+            truth=truth,
+            learn=learn,
+            max_steps=max_steps,
+            max_cost=max_cost,
+            on_step=on_step,
+            commanded=commanded,
+            seed=seed,
+        )
+        path = self._logs.log_path(log)
+        task, streams, header = self._asked(
+            question, object_name, options, key=key, answer=answer, payoffs=payoffs, state=state
+        )
+        return self._session(task, streams, options, path, header).start(state)
 
     def find(
         self,
@@ -203,30 +438,180 @@ class Learner(Answerer):
         folder = self._logs.folder_of_find(log)
         options = TrialOptions(learn=learn, max_steps=max_steps, max_cost=max_cost, on_step=on_step)
         if self.table is not None:
-            options = replace(
-                options, beside=tuple(object_index(self.table.objects, name) for name in robots)
-            )
+            rows = tuple(object_index(self.table.objects, name) for name in robots)
+            options = replace(options, beside=rows)
         prior = dict[str, float]()
         for name in robots:
-            task = self.task(query, name)
+            task, _ = self._read(query, name)
             with self._lock:
-                prior[name] = prior_of_yes(
-                    problem_of(self._fit(task, learn=False, beside=options.beside), task)
-                )
+                fit = self._fit(task, learn=False, beside=options.beside)
+                prior[name] = prior_of_yes(problem_of(fit, task))
         trials = dict[str, Trial]()
         for name in sorted(robots, key=lambda name: -prior[name]):
-            trials[name] = self._ask(
-                query,
-                robots[name],
-                name,
-                replace(options, truth=(truth or {}).get(name)),
-                key=None,
-                log=folder and folder / f"{len(trials) + 1:02d}-{file_name(name)}{SUFFIX}",
-            )
-            report = trials[name].report
-            if report is not None and report[0]:
+            robot = robots[name]
+            if (robot is None) == (self.table is None):
+                raise SettingsError(NO_TABLE if robot is None else NO_CLASSIFIERS)
+            limit = robot.limit if isinstance(robot, RecordedRobot) else np.inf
+            of_object = replace(options, truth=(truth or {}).get(name), limit=limit)
+            task, streams, header = self._asked(query, name, of_object)
+            path = folder and folder / f"{len(trials) + 1:02d}-{file_name(name)}{SUFFIX}"
+            session = self._session(task, streams, of_object, path, header)
+            trials[name] = trial = run_trial(session, self.replay(task) if robot is None else robot)
+            if trial.report is not None and trial.report[0]:
                 return Found(name, trials)
         return Found(None, trials)
+
+    def resume(self, log: str | Path | None = None, *, state: str | None = None) -> Session:
+        """Go on with a trial whose process ended in the middle of it, from its log.
+
+        The learner is the one that began it, or has been saved before and loaded since. What it
+        sensed until then is in the log, and is learned from.
+
+        Parameters
+        ----------
+        log : str or Path, optional
+            Of the trial, or its draft, or a folder of logs where one trial was broken off; by
+            default this learner's.
+        state : str, optional
+            Where the robot is now, which has to be where the log ends; needed of several states.
+
+        Raises
+        ------
+        LogError
+            There is no trial that was broken off, or several; it is another learner's, another
+            process drives the robot, or that is elsewhere.
+        """
+        path = self._logs.interrupted(log, "give resume() the trial's log")
+        with resuming(path) as broken:
+            trial = broken.trial
+            begun = dict(broken.header["begun"])
+            start = start_of(trial, begun.pop("state", None) or self.domain.diagram.start, state)
+            options = TrialOptions(truth=trial.truth, **begun)
+            session = self._session(trial.task, tuple(broken.header["streams"]), options)
+            session.start(start)
+            session.repeat(trial.steps)
+            self.note_question(broken.header)
+            self._record(session, broken.path, broken.header, broken)
+            return session
+
+    def note_question(self, header: Mapping[str, object]) -> None:
+        """Count the question of a log of before a restart, by its header, if it was not yet."""
+        with self._lock:
+            self._questions.count_resumed(header)
+
+    def _read(
+        self,
+        question: Question,
+        object_name: str | None,
+        key: str | int | None = None,
+        *,
+        learn: bool = False,
+        answer: str = "values",
+        payoffs: Sequence[float] | None = None,
+    ) -> tuple[Task, Key]:
+        """Read a question into a task; return it with the key of its random streams, by `key`."""
+        name = question.object_name if isinstance(question, Task) else object_name
+        if name is not None:
+            check_object_name(name, self.experience.met)
+        if key is None and self.table is None:
+            key = self._questions.next_key(learn=learn)
+        return read_task(
+            self.domain, self.table, question, object_name, key=key, answer=answer, payoffs=payoffs
+        )
+
+    def _asked(
+        self,
+        question: Question,
+        object_name: str | None,
+        options: TrialOptions,
+        *,
+        key: str | int | None = None,
+        answer: str = "values",
+        payoffs: Sequence[float] | None = None,
+        state: str | None = None,
+    ) -> tuple[Task, Key, dict[str, object]]:
+        """Read a question that is asked now, and count it; return what its log says of it, too."""
+        with self._lock:
+            task, streams = self._read(
+                question, object_name, key, learn=options.learn, answer=answer, payoffs=payoffs
+            )
+            counted: Mapping[str, object] = {}
+            if self.table is None and not isinstance(question, Task):
+                counted = self._questions.count(learn=options.learn, key=key)
+        config = {"command": ASK, "question": task.name, "agent": self.agent.name}
+        return task, streams, {"config": config, "begun": options.begun(state), **counted}
+
+    def _session(
+        self,
+        task: Task,
+        key: Key,
+        options: TrialOptions,
+        log: Path | None = None,
+        header: Mapping[str, object] | None = None,
+    ) -> Session:
+        """Plan a task whose random streams `key` names; return its session, logged where asked."""
+        domain = self.domain
+        columns = domain.columns(task.query.attributes)
+        with self._lock:
+            if options.learn:
+                self._fit_agents()
+            fit = self._fit(task, learn=options.learn, beside=options.beside)
+            learn = options.learn and fit.teaches  # replays teach nothing
+            if fit.teaches:
+                task = replace(task, learn=learn)
+            policy: Policy | None = None
+            if options.commanded:
+                momdp = fit.problem(task, options.limit)
+            else:
+                momdp, policy = fit.plan(task, key, limit=options.limit, explore=learn)
+                if task.object_index < 0:  # recordings run out, the sensors of a robot fail
+                    usual = domain.diagram.compile(domain.behavior_names)
+                    policy = FaultTolerant(momdp, policy, partial(solve, fit, task, key), usual)
+            if learn:
+                self.experience.trial_number(task.key)  # it is the learner's own from now on
+        truth = options.truth
+        if isinstance(truth, Mapping):
+            truth = domain.labels(truth)[columns]
+        perceiver, on_step = fit.perceiving(task, momdp, self._lock, options.on_step)
+        session = Session(
+            task,
+            momdp,
+            policy,
+            OutcomeChecker(domain, object_index=task.object_index, sizes=fit.expected_sizes),
+            perceiver,
+            agent=fit.agent.name,
+            seed=self.settings.seed if options.seed is None else options.seed,
+            key=key,
+            truth=fit.truth(task.query) if truth is None else truth,
+            counts=fit.knowledge.posterior.counts[columns],
+            max_steps=options.max_steps,
+            max_cost=options.max_cost,
+            on_step=on_step,
+            on_end=self._end if learn else None,
+        )
+        if log is not None:
+            self._record(session, log, header or {})
+        return session
+
+    def _record(
+        self,
+        session: Session,
+        path: Path,
+        header: Mapping[str, object],
+        resumed: Interrupted | None = None,
+    ) -> None:
+        """Log a session from now on, with a header that says how it came about."""
+        drawn = {"seed": self.settings.seed, "streams": list(session.key), "data": self.domain.data}
+        log = LiveLog(path, {**drawn, **header}, session.task.object_name, resumed=resumed)
+        self._logs.note({session.task.key: log.path.parent})
+        session.record(log)
+
+    def _end(self, trial: Trial) -> None:
+        """Learn from a trial: labels of an object that is recognized are known already."""
+        with self._lock:
+            self._fits.update(self.experience.instances_of_trial(trial.task.key), refit=False)
+
+    # Experience.
 
     def fit(self, data: Dataset | PerceptTable) -> Self:
         """Learn from recordings, which join the experience, or replay a percept table.
@@ -440,3 +825,71 @@ class Learner(Answerer):
             questions=self._questions,
             file=self._file,
         )
+
+
+def ask(
+    question: str | Sequence[str],
+    *,
+    dataset: str | Path | PerceptTable,
+    object: str,
+    agent: object = "bayes",
+    answer: str = "values",
+    payoffs: Sequence[float] | None = None,
+    seed: int = 0,
+    percepts: str = "recorded",
+    reward: float | None = None,
+    on_step: Callable[[Step], None] | None = None,
+    log: str | Path | None = None,
+    logs: str | Path | None = LOGS,
+) -> Trial:
+    """Answer a question about an object that was left out of everything the agent learned.
+
+    Equal arguments give equal trials.
+
+    Parameters
+    ----------
+    question : str | Sequence[str]
+        A sentence ("Is it heavy?"), a comma list, or a list of attribute names.
+    dataset : str | Path | PerceptTable
+        A shipped data set (roc36, ispy32, cy101), the path of an .npz of one's own made by
+        `save_percepts`, or a percept table.
+    object : str
+        The object's name.
+    agent : object
+        A name, an `Agent`, or a planner: see `meal_bayes.agents.as_agent`.
+    answer, payoffs : str, Sequence[float] | None
+        "values" or "yes or no", and what yes and no earn: as of `Learner.ask`.
+    seed : int
+        Of failures, of the recordings' order, and of planning.
+    percepts : str
+        "recorded", or "model": drawn from the learned confusion matrices.
+    reward : float | None
+        r+ = -r-, the domain's by default.
+    on_step : Callable[[Step], None] | None
+        Called after every step.
+    log : str | Path | None
+        Path of the trial's log (.mcap); one in the folder of logs by default.
+    logs : str | Path | None
+        Folder of logs; None logs nothing, unless `log` names a path.
+
+    Raises
+    ------
+    SettingsError
+        An unknown data set, object or agent.
+    QueryError
+        A question that names no attribute, an unknown one, or one twice.
+
+    Examples
+    --------
+    >>> import meal_bayes
+    >>> trial = meal_bayes.ask(
+    ... "heavy", dataset="roc36", object="heavy_green_beans", agent="greedy", logs=None
+    ... )
+    >>> trial.report, trial.success
+    (array([ True]), True)
+    """
+    table = dataset if isinstance(dataset, PerceptTable) else load_percepts(dataset)
+    learner = Learner(
+        table.domain, agent=agent, seed=seed, reward=reward, percepts=percepts, logs=logs
+    ).fit(table)
+    return learner.ask(question, object, answer=answer, payoffs=payoffs, on_step=on_step, log=log)

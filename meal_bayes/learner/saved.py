@@ -32,6 +32,7 @@ from meal_bayes.learner.experience import Experience
 from meal_bayes.learner.fit import training_agent
 from meal_bayes.learner.online import Online
 from meal_bayes.learner.packing import pack, unpack
+from meal_bayes.learner.question import QuestionCounts
 from meal_bayes.learner.saved_experience import (
     read_experience,
     read_features,
@@ -40,7 +41,6 @@ from meal_bayes.learner.saved_experience import (
 )
 from meal_bayes.learner.saved_fit import fit_of, state_of
 from meal_bayes.learner.settings import LearnerSettings, check_data, own_posterior
-from meal_bayes.learner.trial import QuestionCounts
 from meal_bayes.untrusted import UNREADABLE, read_array, read_member, read_meta, write_array
 
 _FORMAT = 15

@@ -17,7 +17,7 @@ from meal_bayes.datasets import PerceptTable
 from meal_bayes.datasets.levels import BIN_EDGES, THRESHOLD
 from meal_bayes.datasets.percepts import save_percepts
 from meal_bayes.domain import load_domain
-from meal_bayes.learner.api import ask
+from meal_bayes.learner import ask
 from meal_bayes.trials import Trial
 
 ROOT = Path(meal_bayes.__file__).resolve().parents[1]  # of the package that is tested

@@ -7,6 +7,8 @@ import pytest
 from click.testing import CliRunner
 
 from meal_bayes.cli import main
+from meal_bayes.learner import Learner
+from meal_bayes.learner.told import hear
 from meal_bayes.trial_log import read_trials
 from meal_bayes.trials import Trial
 
@@ -61,7 +63,7 @@ def test_y_and_n_are_enough_and_what_is_known_is_not_asked_again(ask, run):
     assert "'maybe' is not one of 'y', 'yes', 'n'" in result.stderr
     assert "Is it full?" in result.stderr
     assert "Is it red?" not in result.stderr  # it was told
-    assert remembered(run)[-1] == ("red_jar", {"full": False})
+    assert remembered(run) == [("red_jar", {"red": True, "full": False})]
 
 
 @pytest.mark.parametrize("answered", [True, False])
@@ -93,7 +95,7 @@ def test_show_and_forget(ask, run):
     assert [row["labels"] for row in told] == [{"red": True}, {"full": True}]
     logs = list(Path("logs").glob("ask-*.mcap"))
     before = {log: [trial.cost for trial in read_trials(log)] for log in logs}
-    assert "in 1 trials" in run("memory", "forget", *OWN, "--object", "red_jar").stderr
+    assert "of 1 objects" in run("memory", "forget", *OWN, "--object", "red_jar").stderr
     assert remembered(run) == [("blue_mug", {"full": True})]
     run("memory", "forget", *OWN)
     assert remembered(run) == []
@@ -112,20 +114,19 @@ def test_what_is_taken_back_may_be_told_again(ask, run):
 @pytest.mark.parametrize("end", [0, 9, -9])
 def test_a_torn_label_is_left_out_with_a_note(ask, run, end):
     ask("Is it red?", "yes\n", "blue_mug")
-    (path,) = Path("logs").glob("labels-*/**/*.feedback.mcap")
+    (path,) = Path("logs").rglob("*.feedback.mcap")
     path.write_bytes(torn := path.read_bytes()[:end])
-    assert "left out of the memory" in ask("Is it red?", "yes\n").stderr
+    assert "left out of what was told" in ask("Is it red?", "yes\n").stderr
     assert remembered(run) == [("red_jar", {"red": True})]
-    assert "in 1 trials" in run("memory", "forget", *OWN).stderr
+    assert "of 1 objects" in run("memory", "forget", *OWN).stderr
     assert path.read_bytes() == torn  # what nobody can read is not thrown away
 
 
-def test_labels_that_a_learner_was_told_are_elsewhere(run, table):
-    """Those of `ask --learn` and those of a `Learner` are two stores."""
-    assert "Learner" not in run("memory", "show", *OWN).stderr
-    place = Path("logs") / table.domain.name / "a.mcap"
-    place.parent.mkdir(parents=True)
-    place.touch()
-    told = run("memory", "show", *OWN).stderr
-    assert "what a Learner in Python was told stands beside its trials" in told
-    assert f"meal-bayes log show {place.parent}" in told
+def test_what_a_learner_in_python_is_told_is_remembered_too(ask, run, table):
+    learner = Learner(table.domain, agent="greedy", logs="logs")
+    learner.tell("red_jar", {"red": True})
+    assert remembered(run) == [("red_jar", {"red": True})]
+    assert facts(ask("Is it red?", "skip\n", "red_jar", "--json"))["cost_s"] == 0.0
+    run("memory", "forget", *OWN)
+    hear(learner, Path("logs") / table.domain.name, pytest.fail)
+    assert not (learner.experience.object_labels.values >= 0).any()

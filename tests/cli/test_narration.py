@@ -13,7 +13,7 @@ from meal_bayes.cli.console import note, output, print_facts
 from meal_bayes.cli.narration import print_answer, print_trial
 from meal_bayes.domain import Query, load_domain
 from meal_bayes.evaluation.report import write_report
-from meal_bayes.learner.api import ask
+from meal_bayes.learner import ask
 from meal_bayes.momdp import build_momdp, initial_belief, with_joint_prior
 from meal_bayes.planners import unvalued
 from meal_bayes.trial_log import Logs, write_trials

@@ -8,7 +8,7 @@ import pytest
 
 from meal_bayes.cli import console
 from meal_bayes.domain import load_domain
-from meal_bayes.learner.api import ask
+from meal_bayes.learner import ask
 from meal_bayes.trial_log import write_trials
 
 OWN = ("--dataset", "kitchen.npz")

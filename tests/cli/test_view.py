@@ -10,7 +10,7 @@ import pytest
 from rerun.chunk import RrdReader
 
 from meal_bayes import viewer
-from meal_bayes.learner.api import ask
+from meal_bayes.learner import ask
 from meal_bayes.trial_log import write_trials
 from meal_bayes.trials import TrialOutcomes
 from meal_bayes.viewer import window as viewer_window

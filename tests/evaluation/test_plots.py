@@ -9,7 +9,7 @@ from meal_bayes.errors import SettingsError
 from meal_bayes.evaluation import plots
 from meal_bayes.evaluation.plots import Series, forest, predictive
 from meal_bayes.evaluation.statistics import Interval, wilson_interval
-from meal_bayes.learner.api import ask
+from meal_bayes.learner import ask
 from meal_bayes.look import agent_style, save
 
 X = np.arange(4.0)

@@ -15,7 +15,7 @@ from meal_bayes.evaluation import compare, summarize
 from meal_bayes.evaluation.logged import DEAREST, GAIN, LOSS, AgentPart, ShownTrials
 from meal_bayes.evaluation.plots import trial_picture
 from meal_bayes.evaluation.report import best_of, write_report
-from meal_bayes.learner.api import ask
+from meal_bayes.learner import ask
 from meal_bayes.look import ordered_agents
 from meal_bayes.trial_log import Feedback, Group, Logs, TrialWriter, write_trials
 from meal_bayes.trial_log.folder import write_feedback

@@ -7,7 +7,7 @@ import pytest
 from meal_bayes import Learner, Outcome
 from meal_bayes.errors import LogError
 from meal_bayes.learner import recall
-from meal_bayes.learner.trial import QuestionCounts
+from meal_bayes.learner.question import QuestionCounts
 from meal_bayes.trial_log import Logs
 
 

@@ -16,7 +16,7 @@ from meal_bayes import look
 from meal_bayes.domain import load_domain, read_query
 from meal_bayes.errors import SettingsError
 from meal_bayes.evaluation import plots
-from meal_bayes.learner.api import ask
+from meal_bayes.learner import ask
 from meal_bayes.look import attribute_color, percent
 from meal_bayes.momdp import Transition, build_momdp, initial_belief, update_belief
 from meal_bayes.planners import Decision

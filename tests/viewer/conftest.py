@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 from rerun.chunk import RrdReader
 
-from meal_bayes.learner.api import ask
+from meal_bayes.learner import ask
 from meal_bayes.trial_log import read_header, read_trials, write_trials
 from meal_bayes.trials import Trial
 from meal_bayes.viewer import write_recording

@@ -1,11 +1,9 @@
-"""What a learner needs of a trial: its options, its task, and its session."""
+"""The door of a learner: a question becomes a task, and its options one value."""
 
 import re
 import secrets
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import AbstractContextManager
-from dataclasses import dataclass, replace
-from functools import partial
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -13,17 +11,15 @@ from numpy.typing import ArrayLike, NDArray
 
 from meal_bayes.arrays import check_whole, check_yes_no, real_vector
 from meal_bayes.datasets import PerceptTable, object_index
-from meal_bayes.domain import TERMINAL, Domain, Query, read_query, read_question
+from meal_bayes.domain import TERMINAL, Domain, Query, read_question
 from meal_bayes.errors import LogError, SettingsError
 from meal_bayes.learner.columns import Objects, unnamed
-from meal_bayes.learner.fit import Fit, solve
-from meal_bayes.momdp import MOMDP
-from meal_bayes.planners import Policy
 from meal_bayes.planners.solver import MAX_STEPS
-from meal_bayes.robots import OutcomeChecker, Robot
+from meal_bayes.robots import Robot
 from meal_bayes.robots.robot import state_index
 from meal_bayes.seeds import Key
-from meal_bayes.trials import FaultTolerant, Session, Step, Task, Trial
+from meal_bayes.trials import Step, Task, Trial
+from meal_bayes.trials.limits import Limits
 from meal_bayes.untrusted import name_fault
 
 Question = str | Sequence[str] | Query | Task
@@ -51,6 +47,7 @@ class TrialOptions:
     seed: int | None = None  # of what is drawn; the learner's by default
 
     def __post_init__(self) -> None:
+        Limits(self.max_steps, self.max_cost)  # which checks them
         check_yes_no("learn", self.learn)
         check_yes_no("commanded", self.commanded)
         if self.seed is not None:
@@ -112,18 +109,53 @@ class QuestionCounts:
             self.lessons = max(self.lessons, questions)
 
 
-def question_of(
-    question: Question, domain: Domain, answer: str, payoffs: Sequence[float] | None
-) -> Question:
-    """Read the question of a person who says how it is answered; others are read later."""
-    if answer == "values" and payoffs is None:
-        return question
-    if isinstance(question, Task | Query):
+def read_task(
+    domain: Domain,
+    table: PerceptTable | None,
+    question: Question,
+    object_name: str | None,
+    *,
+    key: str | int | None,
+    answer: str = "values",
+    payoffs: Sequence[float] | None = None,
+) -> tuple[Task, Key]:
+    """Read a question into a task; return it with the key of its random streams.
+
+    A trial with a robot has an identity in its task's key that no other trial has, of whatever
+    session, and so has an object without a name. What is drawn depends on `key` instead.
+    """
+    if isinstance(question, Task | Query) and (answer != "values" or payoffs is not None):
         raise SettingsError(
             "A Query says itself how it is answered, and what that earns; give no answer= or "
             "payoffs= beside it."
         )
-    return read_question(question, domain, answer, payoffs)
+    if isinstance(question, Task):
+        if object_name not in (None, question.object_name):
+            raise SettingsError(
+                f"The task is about {question.object_name!r}, not about {object_name!r}; "
+                "leave out the object's name."
+            )
+        return question, question.key
+    if not isinstance(key, str | int | None):
+        raise SettingsError(f"key is {key!r:.60}; give a text.")
+    if isinstance(key, str) and (fault := name_fault(key)):
+        raise SettingsError(f"The key {key!a:.60} {fault}; give another.")
+    query = question
+    if not isinstance(query, Query):
+        query = read_question(query, domain, answer, payoffs)
+    text = question if isinstance(question, str) else query.text
+    if table is not None:
+        if object_name is None:
+            raise SettingsError(NO_CLASSIFIERS)
+        o = object_index(table.objects, object_name)
+        named = () if key is None else ("key", key)
+        replayed: Key = (table.domain.data, "ask", object_name, *query.attributes, *named)
+        return Task(text, query, o, object_name, replayed), replayed
+    identity = secrets.token_hex(8)
+    name = unnamed(identity) if object_name is None else object_name
+    drawn = f"object {key}" if object_name is None else object_name
+    task = Task(text, query, -1, name, (domain.data, _LIVE, identity, *query.attributes))
+    return task, (domain.data, _LIVE, 0 if key is None else key, drawn, *query.attributes)
 
 
 def start_of(trial: Trial, start: str, state: str | None) -> str:
@@ -180,100 +212,6 @@ def robot_or_name(
             f"A robot is an object with start() and execute(behavior); found {driver!r:.60}."
         )
     return driver, object_name
-
-
-def task_of(
-    domain: Domain,
-    table: PerceptTable | None,
-    question: Question,
-    object_name: str | None,
-    key: str | int | None,
-) -> tuple[Task, Key]:
-    """Return the task of a question, and the key of its random streams.
-
-    With a robot the task's own key has an identity that no other trial has, of whatever session,
-    nor has an object without a name. What is drawn does not depend on it, but on `key`.
-    """
-    if isinstance(question, Task):
-        if object_name not in (None, question.object_name):
-            raise SettingsError(
-                f"The task is about {question.object_name!r}, not about {object_name!r}; "
-                "leave out the object's name."
-            )
-        return question, question.key
-    if not isinstance(key, str | int | None):
-        raise SettingsError(f"key is {key!r:.60}; give a text.")
-    if isinstance(key, str) and (fault := name_fault(key)):
-        raise SettingsError(f"The key {key!a:.60} {fault}; give another.")
-    query = question if isinstance(question, Query) else read_query(question, domain)
-    text = question if isinstance(question, str) else query.text
-    if table is not None:
-        if object_name is None:
-            raise SettingsError(NO_CLASSIFIERS)
-        o = object_index(table.objects, object_name)
-        named = () if key is None else ("key", key)
-        replayed: Key = (table.domain.data, "ask", object_name, *query.attributes, *named)
-        return Task(text, query, o, object_name, replayed), replayed
-    identity = secrets.token_hex(8)
-    name = unnamed(identity) if object_name is None else object_name
-    drawn = f"object {key}" if object_name is None else object_name
-    task = Task(text, query, -1, name, (domain.data, _LIVE, identity, *query.attributes))
-    return task, (domain.data, _LIVE, 0 if key is None else key, drawn, *query.attributes)
-
-
-def session_of(
-    fit: Fit,
-    task: Task,
-    key: Key,
-    options: TrialOptions,
-    *,
-    lock: AbstractContextManager[Any],
-    on_end: Callable[[Trial], None],
-) -> Session:
-    """Return the session of a task whose random streams `key` names; replays teach nothing."""
-    domain = fit.record.domain
-    learn = options.learn and fit.teaches
-    if fit.teaches:
-        task = replace(task, learn=learn)
-    with lock:
-        momdp, policy = plan_of(fit, task, key, options, explore=learn)
-        if learn:
-            fit.record.trial_number(task.key)  # it is the learner's own from now on
-    truth = options.truth
-    if isinstance(truth, Mapping):
-        truth = domain.labels(truth)[domain.columns(task.query.attributes)]
-    perceiver, on_step = fit.perceiving(task, momdp, lock, options.on_step)
-    checker = OutcomeChecker(domain, object_index=task.object_index, sizes=fit.expected_sizes)
-    return Session(
-        task,
-        momdp,
-        policy,
-        checker,
-        perceiver,
-        agent=fit.agent.name,
-        seed=fit.settings.seed if options.seed is None else options.seed,
-        key=key,
-        truth=fit.truth(task.query) if truth is None else truth,
-        counts=fit.knowledge.posterior.counts[domain.columns(task.query.attributes)],
-        max_steps=options.max_steps,
-        max_cost=options.max_cost,
-        on_step=on_step,
-        on_end=on_end if learn else None,
-    )
-
-
-def plan_of(
-    fit: Fit, task: Task, key: Key, options: TrialOptions, *, explore: bool
-) -> tuple[MOMDP, Policy | None]:
-    """Return the problem of a task and who decides; None where somebody commands."""
-    if options.commanded:
-        return fit.problem(task, options.limit), None
-    momdp, policy = fit.plan(task, key, limit=options.limit, explore=explore)
-    if task.object_index < 0:  # recordings run out, the sensors of a robot fail
-        domain = fit.record.domain
-        usual = domain.diagram.compile(domain.behavior_names)
-        policy = FaultTolerant(momdp, policy, partial(solve, fit, task, key), usual)
-    return momdp, policy
 
 
 def implied(report: NDArray[np.bool_], *, right: bool) -> NDArray[np.int8]:
