@@ -155,7 +155,7 @@ def _answer(
     """Ask what a command's settings say, and return the trial with the path of its log."""
     from meal_bayes.files import check_folder, file_name
     from meal_bayes.learner import Learner
-    from meal_bayes.learner.told import hear
+    from meal_bayes.learner.recalled import hear
     from meal_bayes.trial_log import write_trials
 
     agent = opt.agent_value(config["agent"])
@@ -289,7 +289,7 @@ def _told(domain: "Domain", logs: Path) -> "tuple[Learner, int]":
     It is told and forgets beside the logs that it has heard.
     """
     from meal_bayes.learner import Learner
-    from meal_bayes.learner.told import hear
+    from meal_bayes.learner.recalled import hear
 
     learner = Learner(domain, agent="prior", logs=logs)
     return learner, hear(learner, logs / file_name(domain.name), _left_out)

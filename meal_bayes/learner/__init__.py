@@ -7,7 +7,7 @@ happens, and a confusion posterior that is updated by feedback.
 from meal_bayes.learner.experience import Experience
 from meal_bayes.learner.learner import Learner, ask
 from meal_bayes.learner.question import implied
+from meal_bayes.learner.recalled import recall
 from meal_bayes.learner.settings import LearnerSettings
-from meal_bayes.learner.told import recall
 
 __all__ = ["Experience", "Learner", "LearnerSettings", "ask", "implied", "recall"]

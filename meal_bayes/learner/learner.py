@@ -54,8 +54,9 @@ from meal_bayes.robots import OutcomeChecker, Robot
 from meal_bayes.robots.recorded import RecordedRobot
 from meal_bayes.robots.robot import state_index
 from meal_bayes.seeds import Key
+from meal_bayes.trial_log.file import SUFFIX
+from meal_bayes.trial_log.folder import ASK
 from meal_bayes.trial_log.live import Interrupted, LiveLog, resuming
-from meal_bayes.trial_log.schema import ASK, SUFFIX
 from meal_bayes.trials import FaultTolerant, Session, Step, Task, Trial, run_trial
 
 NO_TABLE = "Give a robot, or fit a percept table (build_percept_table) to replay its objects."

@@ -8,7 +8,7 @@ from click.testing import CliRunner
 
 from meal_bayes.cli import main
 from meal_bayes.learner import Learner
-from meal_bayes.learner.told import hear
+from meal_bayes.learner.recalled import hear
 from meal_bayes.trial_log import read_trials
 from meal_bayes.trials import Trial
 

@@ -1,0 +1,133 @@
+"""Experience from logs: what a robot did in its trials, and what people told.
+
+A learner that is built again, from logs or for the next question of the command line, hears here
+what the logs say.
+"""
+
+import warnings
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+from meal_bayes.files import lasting_path
+from meal_bayes.learner import views
+from meal_bayes.learner.learner import Learner
+from meal_bayes.learner.recording import check_domain
+from meal_bayes.learner.told import tell_again
+from meal_bayes.seeds import Key
+from meal_bayes.trial_log import Logs
+from meal_bayes.trial_log.folder import feedback_files, readable_feedback
+from meal_bayes.trials import Trial
+
+
+def recall(learner: Learner, *logs: str | Path) -> list[Trial]:
+    """Rebuild the experience of a learner from the logs of its robot's trials.
+
+    What was executed, whether it succeeded, what the robot sensed, and the labels that people told
+    of it are in the logs; a trial that was forgotten with its recordings is so again. One that was
+    broken off, or is under way, is learned from as far as it went, and later to its end; where it
+    is to go on, `resume` it first, as its agent would decide by what it has learned. Trials that
+    the learner has had to their end, tests, and trials with other levels than its agent's are
+    passed over, but for what people have told of them, or taken back, since: in the order in which
+    it was told, whatever the order of the folders. What the learner has told or recalled before is
+    not told again. A replay shows recordings of its object that the learner was given, if it was.
+    What is damaged is named in a warning.
+
+    Parameters
+    ----------
+    logs : str or Path
+        Files, or folders of them.
+
+    Returns
+    -------
+    trials : list[Trial]
+        That are experience now, in their order.
+
+    Raises
+    ------
+    LogError
+        Logs that cannot be read, or of several data sets; none that is named.
+    SettingsError
+        Trials of another domain.
+
+    Examples
+    --------
+    >>> import meal_bayes
+    >>> class Still:
+    ...     def start(self):
+    ...         return "ready"
+    ...     def execute(self, behavior):
+    ...         return meal_bayes.Outcome("ready")
+    >>> learner = meal_bayes.Learner("toy", agent="greedy", logs=None)
+    >>> from pathlib import Path
+    >>> from tempfile import TemporaryDirectory
+    >>> with TemporaryDirectory() as folder:
+    ...     session = learner.begin("Is it red?", "a cup", log=Path(folder, "1.mcap"))
+    ...     trial = meal_bayes.run_trial(session, Still())
+    ...     restarted = meal_bayes.Learner("toy", agent="greedy", logs=None)
+    ...     len(meal_bayes.recall(restarted, folder))
+    1
+    """
+    files = Logs(*logs)
+    experience = learner.experience
+    recalled = list[Trial]()
+    places = dict[Key, Path]()
+    headers = list[Mapping[str, object]]()
+    for group in files.begun():
+        headers.append(group.header)
+        for trial in group.trials:
+            task = trial.task
+            places[task.key] = lasting_path("The log", group.file.parent)
+            fits = trial.momdp.levels == learner.agent.levels
+            if (
+                task.learn
+                and fits
+                and (task.key not in experience.trials or views.unrecorded(experience, trial))
+            ):
+                recalled.append(trial)
+    for trial in recalled:  # all of them, before one is experience
+        check_domain(experience, trial)
+    for trial in recalled:
+        learner.record(trial)
+    learner.note_folders(places)
+    for header in headers:
+        learner.note_question(header)
+    entries = files.told()
+    tell_again(experience, entries)
+    learner.refit()
+    faults = [fault for fault in dict.fromkeys(files.problems) if fault not in files.unfinished]
+    if faults:
+        more = f"; and {len(faults) - 1} more" if faults[1:] else ""
+        warnings.warn(
+            f"Not all of the logs was recalled: {faults[0]}{more}. Labels in a file that is "
+            "damaged may have replaced others; tell them again.",
+            stacklevel=2,
+        )
+    forgotten = {feedback.key for _, feedback in entries if feedback.recordings}
+    return [trial for trial in recalled if trial.task.key not in forgotten]
+
+
+def hear(learner: Learner, folder: Path, on_fault: Callable[[str], object]) -> int:
+    """Let a learner hear what the logs of a folder say of objects by their names, or take back.
+
+    Parameters
+    ----------
+    learner : Learner
+        It may replay a percept table.
+    folder : Path
+        Folder of the logs of trials, beside which feedback lies; it may be missing.
+    on_fault : Callable[[str], object]
+        Called with what is wrong with each log that cannot be read.
+
+    Returns
+    -------
+    n : int
+        Number of messages in the folder.
+    """
+    entries = [
+        (file.name, feedback)
+        for file in feedback_files(folder)
+        for feedback in readable_feedback([file], on_fault)
+    ]
+    tell_again(learner.experience, entries)
+    learner.refit()
+    return len(entries)
