@@ -297,7 +297,7 @@ def _told(domain: "Domain", logs: Path) -> "tuple[Learner, int]":
 
 def _labels_of(learner: "Learner") -> dict[str, dict[str, bool]]:
     """Return the labels that hold, by object, of those that were told by its name."""
-    from meal_bayes.learner.columns import key_of_name
+    from meal_bayes.learner.experience import key_of_name
 
     labels_of = dict[str, dict[str, bool]]()
     for name in learner.experience.objects:

@@ -8,8 +8,7 @@ from meal_bayes.agents import Agent, Knowledge
 from meal_bayes.agents.knowledge import knowledge_of
 from meal_bayes.datasets import PerceptTable
 from meal_bayes.learner import views
-from meal_bayes.learner.columns import Labels
-from meal_bayes.learner.experience import Experience
+from meal_bayes.learner.experience import Experience, Labels
 from meal_bayes.learner.settings import LearnerSettings
 from meal_bayes.look import percent, table_html
 from meal_bayes.perception.confusion import percept_counts

@@ -7,11 +7,16 @@ in one data set, are two; in two data sets they are one. Rows are added at the e
 A label is told in a trial, or of an object by its name, as those of a data set are. Each row of
 labels (of an instance, of an object) is what `Domain.replace` makes of all that was told of it, in
 order.
+
+Feedback is never erased: a row of value -1 withdraws the earlier ones of its trial.
 """
 
+import hashlib
+import re
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,26 +24,159 @@ from numpy.typing import ArrayLike, NDArray
 from meal_bayes.arrays import Rows
 from meal_bayes.datasets import Dataset, Instance
 from meal_bayes.domain import Domain
-from meal_bayes.learner import label_history
-from meal_bayes.learner.columns import (
-    EXECUTION,
-    FEEDBACK,
-    FROM_DATASET,
-    FROM_TRIAL,
-    INSTANCE,
-    NONE,
-    WITHDRAWN,
-    Context,
-    ExecutionRow,
-    FeedbackRow,
-    InstanceRow,
-    Labels,
-    features_digest,
-    is_key_of_name,
-    key_of_name,
-)
+from meal_bayes.errors import QueryError
 from meal_bayes.seeds import Key
 from meal_bayes.trial_log.feedback import Feedback
+
+Labels = NDArray[np.int8]
+Objects = tuple[int, ...]  # by their rows in a percept table
+Context = tuple[str, str]  # (behavior, modality)
+
+FROM_DATASET = 0  # an instance's origin: a data set that was fitted
+FROM_TRIAL = 1  # or a trial of the robot
+WITHDRAWN = 2  # or nothing any more: it was forgotten; so is what an execution's success was
+NONE = -1  # in place of a row's number
+
+_NAME_KEY = "told"  # begins the key of labels that are told of an object by its name
+
+
+class InstanceRow(NamedTuple):
+    """What stands in the record of an instance."""
+
+    object: int
+    behavior: int
+    digest: int  # of its features; 0: there are none
+    copy: int  # how many with this digest came before it
+    recording: int  # its number in the data set that is replayed; NONE
+    origin: int
+    scale: int  # K, of its percepts in the trial; 0 where it is of a data set
+
+
+class ExecutionRow(NamedTuple):
+    """What stands in the record of an execution."""
+
+    trial: int
+    behavior: int
+    instance: int  # NONE: nothing was perceived
+    success: int  # 1, 0, -1 where failing and succeeding look the same; WITHDRAWN
+
+
+class FeedbackRow(NamedTuple):
+    """What stands in the record of one label that was told."""
+
+    trial: int
+    call: int  # labels that were told together
+    object: int
+    attribute: int
+    value: int  # 1, 0, or -1 where those of the trial before it were withdrawn
+    given: int  # 1: by a data set, 0: by a person
+
+
+INSTANCE = np.dtype([(name, np.int64) for name in InstanceRow._fields])
+EXECUTION = np.dtype([(name, np.int64) for name in ExecutionRow._fields])
+FEEDBACK = np.dtype([(name, np.int64) for name in FeedbackRow._fields])
+
+
+def features_digest(features: Mapping[str, NDArray[np.float32]] | None) -> int:
+    """Compute the digest of a recording's features by modality; 0 where there are none."""
+    if not features:
+        return 0
+    digest = hashlib.blake2b(digest_size=8)
+    for modality in sorted(features):
+        values = np.ascontiguousarray(features[modality], "<f4")
+        digest.update(f"{modality}\0{len(values)}\0".encode())
+        digest.update(values.tobytes())
+    return int.from_bytes(digest.digest()) >> 1 or 1
+
+
+def unnamed(identity: str) -> str:
+    """Return what an object is called that nobody has named, by 16 hexadecimal digits.
+
+    `trial.task_of` draws them, as names of two programs must differ; `nobody_named` tells such a
+    name from a person's, and `views.in_order` lets no order come of it.
+    """
+    return f"object {identity}"
+
+
+def nobody_named(name: str) -> bool:
+    """Return whether an object's name was drawn.
+
+    >>> nobody_named(unnamed("30a0d9a3fcdbb969")), nobody_named("object 3")
+    (True, False)
+    """
+    return re.fullmatch("object [0-9a-f]{16}", name) is not None
+
+
+def key_of_name(name: str) -> Key:
+    """Return what stands for a trial's key where labels are told of an object by its name."""
+    return (_NAME_KEY, name)
+
+
+def is_key_of_name(key: Key) -> bool:
+    """Return whether a key stands for an object's name, and not for a trial.
+
+    >>> is_key_of_name(key_of_name("cup")), is_key_of_name(("toy", "ask", "cup", "heavy"))
+    (True, False)
+    """
+    return key == key_of_name(str(key[-1]))
+
+
+class LabelCall(NamedTuple):
+    """Labels (P,) that were told together in a trial; -1 unknown."""
+
+    trial: int
+    labels: Labels
+
+
+def no_labels(domain: Domain) -> Labels:
+    """Return labels (P,) of which none is known."""
+    return np.full(len(domain.attributes), -1, np.int8)
+
+
+def calls_that_hold(domain: Domain, feedback: NDArray[Any]) -> list[LabelCall]:
+    """Return what holds of the feedback (l,) of an object, in the order in which it was told."""
+    rows = [FeedbackRow(*row) for row in feedback.tolist()]
+    withdrawn: dict[tuple[int, int], int] = {}  # position of the last withdrawal
+    for position, row in enumerate(rows):
+        if row.value < 0:
+            withdrawn[row.trial, row.attribute] = position
+    calls: dict[int, LabelCall] = {}
+    # A label holds where no withdrawal of its trial follows.
+    for position, row in enumerate(rows):
+        if row.value < 0 or position < withdrawn.get((row.trial, row.attribute), -1):
+            continue
+        if row.call not in calls:
+            calls[row.call] = LabelCall(row.trial, no_labels(domain))
+        calls[row.call].labels[row.attribute] = row.value
+    return list(calls.values())
+
+
+def fold(domain: Domain, calls: Iterable[LabelCall]) -> Labels:
+    """Return the labels (P,) after calls, in order.
+
+    Where what a denial referred to was withdrawn, so that none of a group is left, it holds
+    alone.
+    """
+    folded = no_labels(domain)
+    for _, labels in calls:
+        try:
+            folded = domain.replace(folded, labels)
+        except QueryError:
+            groups = map(domain.columns, domain.groups.values())
+            denied = [columns for columns in groups if (labels[columns] >= 0).any()]
+            rest = folded.copy()
+            rest[[p for columns in denied for p in columns]] = -1
+            folded = domain.replace(rest, labels)
+    return folded
+
+
+def fold_by_trial(domain: Domain, calls: Iterable[LabelCall]) -> Labels:
+    """Return the labels (trials,P) of each trial after its calls, in order."""
+    calls_of: dict[int, list[LabelCall]] = {}
+    for call in calls:
+        calls_of.setdefault(call.trial, []).append(call)
+    rows = [fold(domain, of_trial) for of_trial in calls_of.values()]
+    return np.array(rows, np.int8).reshape(-1, len(domain.attributes))
 
 
 class Experience:
@@ -119,7 +257,7 @@ class Experience:
     @property
     def no_labels(self) -> Labels:
         """Labels (P,) of which none is known."""
-        return label_history.no_labels(self.domain)
+        return no_labels(self.domain)
 
     def instances_of_object(self, o: int) -> NDArray[np.intp]:
         """Return the instances (k,) of an object, by its number."""
@@ -297,16 +435,16 @@ class Experience:
         number = self.trials.get(trial, NONE)
         objects = self._objects_told_in(number)
         calls = self._calls(int(objects[0])) if len(objects) else []
-        return label_history.fold(self.domain, (call for call in calls if call.trial == number))
+        return fold(self.domain, (call for call in calls if call.trial == number))
 
     def labels_by_trial(self, o: int) -> Labels:
         """Return what each trial says of an object, (trials,P); -1 nothing."""
-        return label_history.fold_by_trial(self.domain, self._calls(o))
+        return fold_by_trial(self.domain, self._calls(o))
 
-    def _calls(self, o: int) -> list[label_history.LabelCall]:
+    def _calls(self, o: int) -> list[LabelCall]:
         """Return what was told of an object and holds, in order."""
         rows = self.feedback.values
-        return label_history.calls_that_hold(self.domain, rows[rows["object"] == o])
+        return calls_that_hold(self.domain, rows[rows["object"] == o])
 
     def _relabel(self, instances: ArrayLike, objects: Iterable[int] = ()) -> None:
         """Fold all that was told of instances (k,), and of objects, into their labels."""
@@ -320,9 +458,9 @@ class Experience:
             # What was told of its object by name holds for it, too, whatever trial showed it.
             trials.add(self.trials.get(key_of_name(names[o]), NONE))
             told = (call for call in calls[o] if call.trial in trials)
-            self.labels.values[i] = label_history.fold(self.domain, told)
+            self.labels.values[i] = fold(self.domain, told)
         for o in objects:
-            self.object_labels.values[o] = label_history.fold(self.domain, calls[o])
+            self.object_labels.values[o] = fold(self.domain, calls[o])
 
     def _add_instance(
         self,

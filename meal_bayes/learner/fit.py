@@ -14,8 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from meal_bayes.agents import Agent, Knowledge
 from meal_bayes.domain import Query
-from meal_bayes.learner.columns import Context, Labels
-from meal_bayes.learner.experience import Experience
+from meal_bayes.learner.experience import Context, Experience, Labels
 from meal_bayes.learner.settings import LearnerSettings
 from meal_bayes.learner.views import votes
 from meal_bayes.momdp import MOMDP

@@ -5,8 +5,7 @@ from numpy.typing import NDArray
 
 from meal_bayes.agents import Agent
 from meal_bayes.datasets import PerceptTable
-from meal_bayes.learner.columns import Objects
-from meal_bayes.learner.experience import Experience
+from meal_bayes.learner.experience import Experience, Objects
 from meal_bayes.learner.held_out import HeldOut
 from meal_bayes.learner.online import Online
 from meal_bayes.learner.settings import LearnerSettings

@@ -11,8 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from meal_bayes.agents import Agent, Knowledge, knowledge_without
 from meal_bayes.datasets import PerceptTable
 from meal_bayes.domain import Query
-from meal_bayes.learner.columns import Context, Labels, Objects
-from meal_bayes.learner.experience import Experience
+from meal_bayes.learner.experience import Context, Experience, Labels, Objects
 from meal_bayes.learner.fit import OnStep, problem_of, sampled, solve
 from meal_bayes.learner.settings import LearnerSettings
 from meal_bayes.learner.views import labeled_table

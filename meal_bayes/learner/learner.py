@@ -17,8 +17,7 @@ from meal_bayes.errors import QueryError, SettingsError
 from meal_bayes.files import LOGS, checked_path, file_name
 from meal_bayes.learner import views
 from meal_bayes.learner.card import JoinedRecordings, learned_html, next_html, table_knowledge
-from meal_bayes.learner.columns import Objects, key_of_name
-from meal_bayes.learner.experience import Experience
+from meal_bayes.learner.experience import Experience, Objects, key_of_name
 from meal_bayes.learner.find import Found, checked_objects, prior_of_yes, read_claim
 from meal_bayes.learner.fit import Fit, problem_of, solve, training_agent
 from meal_bayes.learner.fit_cache import FitCache

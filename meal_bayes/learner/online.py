@@ -18,20 +18,21 @@ from meal_bayes.arrays import Rows
 from meal_bayes.datasets import Instance
 from meal_bayes.domain import Query, learn_success
 from meal_bayes.learner import views
-from meal_bayes.learner.columns import Context, Labels
-from meal_bayes.learner.experience import Experience
+from meal_bayes.learner.experience import Context, Experience, Labels
 from meal_bayes.learner.fit import OnStep, limits_of, problem_of, sampled, solve, votes_of
-from meal_bayes.learner.percept_levels import expected_sizes, levels_of, levels_since
-from meal_bayes.learner.recording import RecordingPerceiver
-from meal_bayes.learner.refit import (
+from meal_bayes.learner.perceived import (
     classify,
     count_detections,
+    expected_sizes,
     experience_of,
     fractions,
     labels_used,
+    levels_of,
+    levels_since,
     trained_cells,
     warn_of_odd,
 )
+from meal_bayes.learner.recording import RecordingPerceiver
 from meal_bayes.learner.settings import LearnerSettings
 from meal_bayes.momdp import MOMDP
 from meal_bayes.perception import Perceiver, Perception

@@ -13,7 +13,7 @@ from meal_bayes.arrays import check_whole, check_yes_no, real_vector
 from meal_bayes.datasets import PerceptTable, object_index
 from meal_bayes.domain import TERMINAL, Domain, Query, read_question
 from meal_bayes.errors import LogError, SettingsError
-from meal_bayes.learner.columns import Objects, unnamed
+from meal_bayes.learner.experience import Objects, unnamed
 from meal_bayes.planners.solver import MAX_STEPS
 from meal_bayes.robots import Robot
 from meal_bayes.robots.robot import state_index

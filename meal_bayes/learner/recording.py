@@ -12,8 +12,7 @@ from meal_bayes.datasets import Instance
 from meal_bayes.datasets.detections import detected_levels
 from meal_bayes.domain import Query, unknown
 from meal_bayes.errors import SettingsError
-from meal_bayes.learner.columns import NONE, Labels
-from meal_bayes.learner.experience import Experience
+from meal_bayes.learner.experience import NONE, Experience, Labels
 from meal_bayes.learner.fit import Fit, OnStep
 from meal_bayes.look import warn_user
 from meal_bayes.momdp import MOMDP

@@ -10,38 +10,392 @@ A file has an id, and that of the file which its learner read or wrote before: w
 not write over what somebody else has saved there.
 """
 
+import dataclasses
+import functools
+import hashlib
+import inspect
 import json
 import secrets
 import zipfile
-from dataclasses import asdict, dataclass, fields
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import asdict, dataclass, fields, replace
 from functools import partial
 from itertools import count
 from pathlib import Path
-from typing import Any
+from types import CodeType
+from typing import Any, NamedTuple
 
+import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes.agents import Agent, as_agent
+from meal_bayes.agents import Agent, Knowledge, as_agent
+from meal_bayes.agents.co_occurrence import CoOccurrence
 from meal_bayes.agents.named import AGENTS
+from meal_bayes.arrays import Rows
 from meal_bayes.datasets import PerceptTable
-from meal_bayes.domain import domain_from_table, domain_table
+from meal_bayes.domain import Domain, Payoffs, domain_from_table, domain_table
 from meal_bayes.errors import DataError, MealBayesError, OutputError, SettingsError
 from meal_bayes.files import alone_in, draft_of
-from meal_bayes.learner.digest import agent_digest
-from meal_bayes.learner.experience import Experience
+from meal_bayes.learner.experience import NONE, WITHDRAWN, Experience
 from meal_bayes.learner.fit import training_agent
 from meal_bayes.learner.online import Online
-from meal_bayes.learner.packing import pack, unpack
+from meal_bayes.learner.perceived import classify
 from meal_bayes.learner.question import QuestionCounts
-from meal_bayes.learner.saved_experience import (
-    read_experience,
-    read_features,
-    write_experience,
-    write_features,
-)
-from meal_bayes.learner.saved_fit import fit_of, state_of
 from meal_bayes.learner.settings import LearnerSettings, check_data, own_posterior
+from meal_bayes.perception import Perception
+from meal_bayes.perception.feature_spaces import FeatureSpace, Whitening
+from meal_bayes.perception.kernel_ridge import KernelFit, Stacker
+from meal_bayes.perception.perceiver import BehaviorClassifier
+from meal_bayes.posterior import ConfusionPosterior
+from meal_bayes.posterior.trait import SharedTrait
 from meal_bayes.untrusted import UNREADABLE, read_array, read_member, read_meta, write_array
+
+_DEEPEST = 12  # fields inside each other
+
+
+def agent_digest(agent: Agent) -> str:
+    """Compute the digest of all fields of an agent, its planner's and its functions' included."""
+    return hashlib.sha256("\0".join(_parts(agent, _DEEPEST)).encode()).hexdigest()[:16]
+
+
+def _parts(value: Any, depth: int) -> Iterator[str]:
+    """Yield texts that name a value, whatever process it is in."""
+    kind = f"{type(value).__module__}.{type(value).__qualname__}"
+    if depth == 0:
+        return
+    if value is None or isinstance(value, str | bytes | bool | int | float | complex):
+        yield repr(value)
+    elif isinstance(value, np.ndarray):
+        yield f"{value.dtype}{value.shape}{hashlib.sha256(value.tobytes()).hexdigest()}"
+    elif isinstance(value, tuple | list):
+        yield f"{kind}{len(value)}"
+        for entry in value:
+            yield from _parts(entry, depth - 1)
+    elif isinstance(value, dict | set | frozenset):
+        entries = value.items() if isinstance(value, dict) else value
+        yield kind
+        yield from sorted("\0".join(_parts(entry, depth - 1)) for entry in entries)
+    elif dataclasses.is_dataclass(value) and not isinstance(value, type):
+        yield kind
+        for field in dataclasses.fields(value):
+            yield field.name
+            yield from _parts(getattr(value, field.name), depth - 1)
+    elif isinstance(value, functools.partial):
+        yield from _parts((value.func, value.args, value.keywords), depth - 1)
+    elif inspect.ismethod(value):
+        yield from _parts((value.__func__, value.__self__), depth - 1)
+    elif inspect.isfunction(value):
+        cells = tuple(cell.cell_contents for cell in value.__closure__ or ())
+        yield f"{value.__module__}.{value.__qualname__}"
+        yield from _code(value.__code__)
+        yield from _parts((value.__defaults__, value.__kwdefaults__, cells), depth - 1)
+    elif isinstance(value, type):
+        yield f"{value.__module__}.{value.__qualname__}"
+    else:  # of any other object, what its constructor is given and keeps under that name
+        yield kind
+        for name in sorted(inspect.signature(type(value)).parameters):
+            if hasattr(value, name):
+                yield name
+                yield from _parts(getattr(value, name), depth - 1)
+
+
+def _code(code: CodeType) -> Iterator[str]:
+    """Yield what a function does: its instructions, names and constants."""
+    yield code.co_code.hex()
+    yield repr(code.co_names)
+    for constant in code.co_consts:
+        if isinstance(constant, CodeType):
+            yield from _code(constant)
+        else:
+            yield repr(constant)
+
+
+_KINDS: tuple[type[Any], ...] = (
+    Perception,
+    BehaviorClassifier,
+    KernelFit,
+    FeatureSpace,
+    Whitening,
+    Stacker,
+    Knowledge,
+    CoOccurrence,
+    ConfusionPosterior,
+    SharedTrait,
+    PerceptTable,
+    Payoffs,
+)
+_CLASSES = {kind.__name__: kind for kind in _KINDS}
+
+Json = Any
+
+
+def pack(value: Any, keep: Callable[[NDArray[Any]], str]) -> Json:
+    """Return an object as JSON values; `keep` stores an array and returns its name.
+
+    Of a domain, which a learner has, only the probabilities of success are written.
+    """
+    if value is None or isinstance(value, str | bool | int | float):
+        return value
+    if isinstance(value, Rows):
+        value = value.values
+    if isinstance(value, np.ndarray):
+        return {"array": keep(value), "dtype": value.dtype.str, "axes": value.ndim}
+    if isinstance(value, Domain):
+        return {"domain": [effect.probability for effect in value.diagram.effects]}
+    if isinstance(value, Mapping):
+        return {"table": {str(name): pack(entry, keep) for name, entry in value.items()}}
+    if isinstance(value, tuple) and not hasattr(value, "_fields"):
+        return [pack(entry, keep) for entry in value]
+    name = type(value).__name__
+    if _CLASSES.get(name) is not type(value):
+        raise TypeError(f"{name} cannot be saved")
+    names = getattr(value, "_fields", None)  # of a named tuple
+    names = names or [field.name for field in fields(value)]
+    return {"class": name, "fields": {n: pack(getattr(value, n), keep) for n in names}}
+
+
+def unpack(packed: Json, read: Callable[[str, str, int], NDArray[Any]], domain: Domain) -> Any:
+    """Return the object that `pack` wrote; `read` reads an array by name, dtype and axes."""
+    if isinstance(packed, list):
+        return tuple(unpack(entry, read, domain) for entry in packed)
+    if not isinstance(packed, dict):
+        return packed
+    if "domain" in packed:
+        return _succeeding(domain, packed["domain"])
+    if "array" in packed:
+        return read(str(packed["array"]), packed["dtype"], int(packed["axes"]))
+    entries = packed["table"] if "table" in packed else packed["fields"]
+    values = {str(name): unpack(entry, read, domain) for name, entry in entries.items()}
+    return values if "table" in packed else _CLASSES[packed["class"]](**values)
+
+
+def _succeeding(domain: Domain, probabilities: list[float]) -> Domain:
+    """Return a domain whose behaviors succeed with other probabilities, an effect each."""
+    effects = tuple(
+        replace(effect, probability=float(probability))
+        for effect, probability in zip(domain.diagram.effects, probabilities, strict=True)
+    )
+    return replace(domain, diagram=replace(domain.diagram, effects=effects))
+
+
+_TABLES = ("instances", "levels", "detected", "labels", "executions", "feedback", "object_labels")
+_NAMES = ("objects", "trials", "feedback_logs")  # JSON values, a line each
+_LARGE = 2**62
+_MOST_LEVELS = 64
+
+Limits = tuple[int, int]  # the least value, and the end
+Tables = Mapping[str, NDArray[Any]]
+FeatureParts = list[Any]  # [number of the context, name of the rows' array, of the values']
+
+
+class _Sizes(NamedTuple):
+    """How many of each there are that a number of the record may name."""
+
+    instances: int
+    objects: int
+    trials: int
+    behaviors: int
+    attributes: int
+
+
+def write_experience(archive: zipfile.ZipFile, experience: Experience) -> None:
+    """Write the tables of the record, and the names of its objects, trials and logs."""
+    for name in _TABLES:
+        write_array(archive, name, getattr(experience, name).values)
+    for name in _NAMES:
+        archive.writestr(name, "\n".join(map(json.dumps, getattr(experience, name))))
+
+
+def read_experience(archive: zipfile.ZipFile, domain: Domain) -> Experience:
+    """Read a record, once every number in it is known to fit.
+
+    Raises
+    ------
+    ValueError
+        What does not fit the domain, or what else is in the file.
+    """
+    experience = Experience(domain)
+    empty = {name: getattr(experience, name).values for name in _TABLES}
+    tables = {
+        name: read_array(archive, name, values.dtype, values.ndim) for name, values in empty.items()
+    }
+    objects = _read_lines(archive, "objects")
+    trials = [tuple(key) for key in _read_lines(archive, "trials")]
+    feedback_logs = _read_lines(archive, "feedback_logs")
+    sizes = _Sizes(
+        instances=len(tables["instances"]),
+        objects=len(objects),
+        trials=len(trials),
+        behaviors=len(domain.behaviors),
+        attributes=len(domain.attributes),
+    )
+    _check_tables(tables, sizes)
+    if len(set(objects)) < len(objects) or len(set(trials)) < len(trials):
+        raise ValueError("objects or trials are named twice")
+    if not all(isinstance(name, str) for name in [*objects, *feedback_logs]):
+        raise ValueError("objects or logs are not named by text")
+    experience.feedback_logs = dict.fromkeys(feedback_logs)
+    experience.objects = {name: number for number, name in enumerate(objects)}
+    experience.trials = {key: number for number, key in enumerate(trials)}
+    for name, values in tables.items():
+        getattr(experience, name).extend(values)
+    return experience
+
+
+def _column_limits(sizes: _Sizes) -> dict[str, dict[str, Limits]]:
+    """Return the limits of each column of the record's tables (`columns.py`)."""
+    n, o, t, e, p = sizes
+    return {
+        "instances": {
+            "object": (0, o),
+            "behavior": (0, e),
+            "digest": (0, 2**63 - 1),
+            "copy": (0, _LARGE),
+            "recording": (NONE, _LARGE),
+            "origin": (0, WITHDRAWN + 1),
+            "scale": (0, _MOST_LEVELS),
+        },
+        "executions": {
+            "trial": (0, t),
+            "behavior": (0, e),
+            "instance": (NONE, n),
+            "success": (-1, WITHDRAWN + 1),
+        },
+        "feedback": {
+            "trial": (0, t),
+            "call": (0, _LARGE),
+            "object": (0, o),
+            "attribute": (0, p),
+            "value": (-1, 2),
+            "given": (0, 2),
+        },
+    }
+
+
+def _check_tables(tables: Tables, sizes: _Sizes) -> None:
+    """Raise a `ValueError` where a table names what there is not, or has another length."""
+    for name, limits in _column_limits(sizes).items():
+        for column in tables[name].dtype.names or ():
+            check_limits(name, tables[name][column], limits[column])
+    for name in ("levels", "detected"):
+        check_limits(name, tables[name], (-1, _MOST_LEVELS))
+    for name in ("labels", "object_labels"):
+        check_limits(name, tables[name], (-1, 2))
+    if any(len(tables[name]) != sizes.instances for name in ("levels", "detected", "labels")):
+        raise ValueError("percepts or labels do not fit the instances")
+    if len(tables["object_labels"]) != sizes.objects:
+        raise ValueError("labels do not fit the objects")
+
+
+def check_limits(name: str, values: NDArray[Any], limits: Limits) -> None:
+    """Raise a `ValueError` where a value lies outside of limits."""
+    least, end = limits
+    if ((values < least) | (values >= end)).any():
+        raise ValueError(f"{name} names what there is not")
+
+
+def write_features(experience: Experience, keep: Callable[[NDArray[Any]], str]) -> FeatureParts:
+    """Write features, an array of each context and size; return where they are."""
+    parts = []
+    for number, context in enumerate(experience.domain.contexts):
+        by_size: dict[int, list[int]] = {}
+        for i, values in experience.features[context].items():
+            by_size.setdefault(len(values), []).append(i)
+        for rows in by_size.values():
+            values = np.stack([experience.features[context][i] for i in rows])
+            parts.append([number, keep(np.array(rows, np.int64)), keep(values)])
+    return parts
+
+
+def read_features(
+    parts: FeatureParts, read: Callable[[str, str, int], NDArray[Any]], experience: Experience
+) -> None:
+    """Read features into the record, in the order of instances.
+
+    Raises
+    ------
+    ValueError
+        Features that are not finite, or of no instance of their behavior.
+    """
+    contexts = experience.domain.contexts
+    by_context: list[dict[int, NDArray[np.float32]]] = [{} for _ in contexts]
+    behaviors = experience.instances.values["behavior"]
+    for number, rows_name, values_name in parts:
+        values = read(str(values_name), "<f4", 2)
+        rows = read(str(rows_name), "<i8", 1)
+        name = f"features of {contexts[number]}"
+        if not np.isfinite(values).all() or values.shape[0] != len(rows) or not values.shape[1]:
+            raise ValueError(f"{name} are not finite, or not of instances")
+        check_limits(name, rows, (0, len(behaviors)))
+        behavior = experience.domain.behavior_index(contexts[number][0])
+        if (behaviors[rows] != behavior).any():
+            raise ValueError(f"{name} are of another behavior's instances")
+        by_context[number].update(zip(rows.tolist(), values, strict=True))
+    for context, by_instance in zip(contexts, by_context, strict=True):
+        experience.features[context] = dict(sorted(by_instance.items()))
+
+
+def _read_lines(archive: zipfile.ZipFile, name: str) -> list[Any]:
+    """Read JSON values, a line each."""
+    return [json.loads(line) for line in read_member(archive, name).splitlines()]
+
+
+State = dict[str, Any]  # by field
+
+_ELSEWHERE = ("record", "agent", "settings", "policies", "plan_libraries")
+_FIELDS = tuple(field.name for field in fields(Online) if field.name not in _ELSEWHERE)
+_GROWING = ("levels", "counted_labels")
+
+
+def state_of(fit: Online, *, with_perception: bool) -> State:
+    """Return the fields of what an agent made of the record.
+
+    Classifiers of one's own are left out, as they cannot be written.
+    """
+    state = {name: getattr(fit, name) for name in _FIELDS}
+    return state if with_perception else {**state, "perception": None}
+
+
+def fit_of(experience: Experience, agent: Agent, settings: LearnerSettings, state: State) -> Online:
+    """Return what an agent made of the record; a `ValueError` where it is another's."""
+    _check_state(state, experience, agent)
+    state = dict(state)
+    for name in _GROWING:
+        rows = Rows(np.int8, len(experience.domain.attributes))
+        rows.extend(state[name])
+        state[name] = rows
+    if settings.classifier is not None:
+        used = state["labels_at_refit"]
+        state["perception"] = classify(experience, agent, settings, used, state["sizes"])[2]
+    return Online(experience, agent, settings, **state)
+
+
+def _check_state(state: State, experience: Experience, agent: Agent) -> None:
+    """Raise a `ValueError` where arrays do not fit the record or its domain."""
+    domain = experience.domain
+    p = len(domain.attributes)
+    e = len(domain.behaviors)
+    for name in ("knowledge", "knowledge_at_refit"):
+        _check_shape(name, state[name].posterior.counts, (p, e, 2, agent.levels))
+    # Of the first instances, or objects: others may have come since.
+    limits = {"labels_at_refit": 2, "levels": agent.levels, "counted_labels": 2}
+    for name, end in limits.items():
+        _check_shape(name, state[name], (min(len(state[name]), len(experience.instances)), p))
+        check_limits(name, state[name], (-1, end))
+    cells = state["trained_cells"]
+    _check_shape("trained_cells", cells, (min(len(cells), len(experience.objects)), e, p))
+    for name in ("percepts", "percepts_at_refit"):
+        _check_shape(name, state[name], (p, e, 2, 2))
+        if not (state[name] >= 0).all():
+            raise ValueError(f"{name} are not all 0 or more")
+    _check_shape("experience_at_refit", state["experience_at_refit"], (2, p, e))
+    _check_shape("sizes", state["sizes"], (len(domain.contexts),))
+
+
+def _check_shape(name: str, values: Any, expected: tuple[int, ...]) -> None:
+    if values.shape != expected:
+        raise ValueError(f"{name} has shape {values.shape}, expected {expected}")
+
 
 _FORMAT = 15
 _TEXT = "learner.json"

@@ -11,8 +11,7 @@ import numpy as np
 from meal_bayes.domain import unknown
 from meal_bayes.errors import LogError, SettingsError
 from meal_bayes.learner import views
-from meal_bayes.learner.columns import Labels, key_of_name
-from meal_bayes.learner.experience import Experience
+from meal_bayes.learner.experience import Experience, Labels, key_of_name
 from meal_bayes.look import warn_user
 from meal_bayes.seeds import Key
 from meal_bayes.trial_log.feedback import Feedback

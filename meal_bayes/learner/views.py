@@ -13,15 +13,15 @@ from numpy.typing import NDArray
 
 from meal_bayes.datasets import Dataset, PerceptTable, TrainingSet
 from meal_bayes.domain import Query
-from meal_bayes.learner.columns import (
+from meal_bayes.learner.experience import (
     FROM_DATASET,
     NONE,
     WITHDRAWN,
+    Experience,
     Labels,
     is_key_of_name,
     nobody_named,
 )
-from meal_bayes.learner.experience import Experience
 from meal_bayes.seeds import Key
 from meal_bayes.trials import Step, Trial
 

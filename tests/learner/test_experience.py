@@ -10,7 +10,7 @@ from meal_bayes.domain import load_domain
 from meal_bayes.errors import QueryError, SettingsError
 from meal_bayes.experiments.online_protocol import Recordings
 from meal_bayes.learner import Experience, Learner, implied
-from meal_bayes.learner.columns import key_of_name
+from meal_bayes.learner.experience import key_of_name
 from meal_bayes.learner.views import attempts, labeled, labels_for, labels_of, sizes, training
 from meal_bayes.robots import Outcome
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from meal_bayes.cli import main
 from meal_bayes.errors import LogCorruptError, LogError
 from meal_bayes.learner import recall
-from meal_bayes.learner.columns import WITHDRAWN
+from meal_bayes.learner.experience import WITHDRAWN
 from meal_bayes.trial_log import ACTIVE, Logs
 
 
