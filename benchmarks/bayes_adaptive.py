@@ -22,8 +22,8 @@ import numpy as np
 from learning_problems import PROBLEMS, Problem, drawn_problem
 from measuring import options_of, show
 
+from meal_bayes.agents.exploration import percept_entropy
 from meal_bayes.agents.label_prices import AHEAD, explained, prices, rates_ahead
-from meal_bayes.agents.learning_value import deviated, percept_entropy
 from meal_bayes.arrays import Bools, Floats, Ints
 
 ALPHAS = (0.0, 3.0, 10.0, 30.0, 60.0, 100.0)  # of Eq. 11, s a bit
@@ -175,19 +175,12 @@ def no_bonus(problem: Problem, counts: Ints, to_come: int) -> Floats:
 
 
 def learning(problem: Problem, counts: Ints, to_come: int) -> Floats:
-    """Pay the price of one labeled object: `LearningBonus` where labels are told."""
+    """Pay the price of one labeled object, as `LearningBonus` does."""
     alpha = counts + problem.weight
     gain = gains(problem, counts, rates_ahead(alpha))
     known = explained(alpha, np.full((len(counts), 1), problem.prior))
     left = np.maximum(to_come + 1 - AHEAD, 0.0)
     return prices(gain, known, left, np.array(problem.costs)[problem.unknown])
-
-
-def deviation(problem: Problem, counts: Ints, to_come: int) -> Floats:
-    """Pay for rates one standard deviation better: `LearningBonus` where few labels are told."""
-    better = deviated(counts + problem.weight)[..., None, :]
-    gain = np.maximum(gains(problem, counts, better)[..., 0], 0.0)
-    return np.asarray(to_come * gain / (counts.sum(axis=(-2, -1)) + 1))
 
 
 def equation_11(
@@ -210,7 +203,7 @@ def gains(problem: Problem, counts: Ints, ahead: Floats) -> Floats:
     return gain
 
 
-BONUSES: dict[str, Bonus] = {"LearningBonus": learning, "one deviation": deviation}
+BONUSES: dict[str, Bonus] = {"LearningBonus": learning}
 
 
 def score(problem: Problem, *, weights: bool = False) -> dict[str, object]:

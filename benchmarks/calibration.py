@@ -28,7 +28,7 @@ from measuring import options_of, show
 from numpy.typing import NDArray
 
 from meal_bayes.agents import knowledge_without
-from meal_bayes.agents.knowledge import base_rates
+from meal_bayes.agents.base_rates import learn_base_rates
 from meal_bayes.arrays import Floats
 from meal_bayes.datasets import PerceptTable, load_percepts
 from meal_bayes.datasets.levels import LIMIT
@@ -78,7 +78,7 @@ def folds(table: PerceptTable, columns: list[int]) -> Iterator[Fold]:
         posteriors[levels] = list(map(ConfusionPosterior.from_objects, counts))
     for o in range(len(labels)):
         others = np.delete(labels, o, axis=0)
-        rates = base_rates(table.domain, others)
+        rates = learn_base_rates(table.domain, others).mean
         prior = np.log(rates) - np.log1p(-rates)
         models = {}
         for levels, graded in ((2, "object level"), (4, "graded")):

@@ -22,8 +22,8 @@ from measuring import options_of, show
 from numpy.typing import NDArray
 from scipy.special import expit
 
+from meal_bayes.agents.base_rates import learn_base_rates
 from meal_bayes.agents.co_occurrence import learn_co_occurrence
-from meal_bayes.agents.knowledge import base_rates
 from meal_bayes.arrays import Floats
 from meal_bayes.datasets import PerceptTable, load_percepts
 from meal_bayes.experiments import askable
@@ -60,7 +60,9 @@ def cases(
     """Yield a case for each coupled pair, object and set of recordings."""
     for held_out, fold in enumerate(known):
         others = np.delete(table.labels, held_out, axis=0)
-        learned = learn_co_occurrence(table.domain, others, base_rates(table.domain, others))
+        learned = learn_co_occurrence(
+            table.domain, others, learn_base_rates(table.domain, others).mean
+        )
         beliefs = believed(table, columns, fold, held_out, kind)  # (S,P)
         rates = expit(fold.prior)
         for pair, prior in zip(learned.pairs.tolist(), learned.probability, strict=True):

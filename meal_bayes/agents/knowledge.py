@@ -7,18 +7,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from meal_bayes.agents.base_rates import BaseRates, learn_base_rates
 from meal_bayes.agents.co_occurrence import NOTHING, CoOccurrence, learn_co_occurrence
 from meal_bayes.arrays import FrozenArrays, check_place, no_and_yes_of
 from meal_bayes.datasets import PerceptTable
 from meal_bayes.domain import Domain
-from meal_bayes.domain.labels import PRIOR_OBJECTS
 from meal_bayes.look import short_repr
 from meal_bayes.perception import table_counts
 from meal_bayes.posterior import ConfusionPosterior
 from meal_bayes.posterior.trait import SharedTrait, learn_trait
-
-_ROUNDS = 100  # of sharing out objects whose value of a group is known in part
-_SAME = 1e-12  # rates that move by less stay
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,11 +29,13 @@ class Knowledge(FrozenArrays):
     posterior : ConfusionPosterior
         Of the confusion matrices.
     base_rates : NDArray[np.float64]
-        (P,) of the training objects, see `base_rates`; over the values of a group they sum to 1.
+        (P,) Pr(attribute) of a new object; over the values of a group they sum to 1.
     trait : SharedTrait | None
         Latent trait that percepts of an object share; None: they share the truth alone.
     co_occurrence : CoOccurrence
         Attributes that exclude or imply each other among the training objects.
+    rates : BaseRates | None
+        Posterior of the base rates, of which `base_rates` are the means; None: they are known.
     """
 
     domain: Domain
@@ -44,6 +43,7 @@ class Knowledge(FrozenArrays):
     base_rates: NDArray[np.float64]
     trait: SharedTrait | None = None
     co_occurrence: CoOccurrence = NOTHING
+    rates: BaseRates | None = None
 
     __repr__ = short_repr
 
@@ -80,11 +80,16 @@ class Knowledge(FrozenArrays):
         accuracy = float(rate * said[1, 1] + (1.0 - rate) * said[0, 0])
         return self.domain.behavior_names[best], float(youden[best]), accuracy
 
-    def with_labels(self, labels: NDArray[np.int8]) -> "Knowledge":
-        """Return the same knowledge with the priors that labels (O,P) tell: alone, and jointly."""
-        rates = base_rates(self.domain, labels)
-        pairs = learn_co_occurrence(self.domain, labels, rates)
-        return replace(self, base_rates=rates, co_occurrence=pairs)
+    def with_labels(self, labels: NDArray[np.int8], *, pool: bool = True) -> "Knowledge":
+        """Return the same knowledge with the priors that labels (O,P) tell: alone, and jointly.
+
+        Unless they are to `pool` rates anew, how far these are pooled stays as it was learned.
+        """
+        weights = None if pool or self.rates is None else self.rates.weights
+        rates = learn_base_rates(self.domain, labels, weights)
+        mean = rates.mean
+        pairs = learn_co_occurrence(self.domain, labels, mean)
+        return replace(self, base_rates=mean, co_occurrence=pairs, rates=rates)
 
 
 def knowledge_without(
@@ -133,46 +138,13 @@ def knowledge_of(
     Counts are (O,P,E,2,K). Of objects in no training set all labels are unknown; `object_level` is
     as in `knowledge_without`.
     """
-    rates = base_rates(domain, labels)
-    pairs = learn_co_occurrence(domain, labels, rates)
+    rates = learn_base_rates(domain, labels)
+    mean = rates.mean
+    pairs = learn_co_occurrence(domain, labels, mean)
     if not object_level:
         posterior = ConfusionPosterior.from_counts(counts)
-        return Knowledge(domain, posterior, rates, co_occurrence=pairs)
+        return Knowledge(domain, posterior, mean, co_occurrence=pairs, rates=rates)
     posterior = ConfusionPosterior.from_objects(counts)
     percepts = counts.sum(axis=3)  # (O,P,E,K)
-    trait = learn_trait(posterior, percepts, labels, rates)
-    return Knowledge(domain, posterior, rates, trait, pairs)
-
-
-def base_rates(domain: Domain, labels: NDArray[np.int8]) -> NDArray[np.float64]:
-    """Compute the posterior mean of Pr(attribute), (P,), from labels (O,P) of objects.
-
-    It is (n+ + 1) / (n + 2) of an attribute, and (n_k + 1) / (n + K) of the K values of a group,
-    of which each object has one: both under a uniform prior (`PRIOR_OBJECTS`).
-    """
-    n_labels = (labels >= 0).sum(axis=0)
-    rates = ((labels == 1).sum(axis=0) + PRIOR_OBJECTS) / (n_labels + 2 * PRIOR_OBJECTS)
-    for members in domain.groups.values():
-        columns = domain.columns(members)
-        rates[columns] = _value_rates(labels[:, columns])
-    return np.asarray(rates)
-
-
-def _value_rates(labels: NDArray[np.int8]) -> NDArray[np.float64]:
-    """Compute the rates (K,) of a group's values from labels (O,K).
-
-    An object of which only some values are ruled out counts for the others by their rates, which
-    are those at which all counts agree (expectation maximization; one step where values are known).
-    """
-    n_values = labels.shape[1]
-    possible = np.where((labels == 1).any(axis=1, keepdims=True), labels == 1, labels != 0)
-    possible = possible[possible.any(axis=1) & ~possible.all(axis=1)]  # else nothing is known
-    rates = np.full(n_values, 1.0 / n_values)
-    for _ in range(_ROUNDS):
-        shared = possible * rates
-        counts = (shared / shared.sum(axis=1, keepdims=True)).sum(axis=0)
-        updated = (counts + PRIOR_OBJECTS) / (len(possible) + n_values * PRIOR_OBJECTS)
-        if np.allclose(updated, rates, rtol=0.0, atol=_SAME):
-            return np.asarray(updated)
-        rates = updated
-    return rates
+    trait = learn_trait(posterior, percepts, labels, mean)
+    return Knowledge(domain, posterior, mean, trait, pairs, rates)

@@ -71,6 +71,7 @@ class Online:
     percepts_at_refit: NDArray[np.float64]  # (P,E,2,2) of labeled objects, see `Progress`
     percepts: NDArray[np.float64]  # the same now
     n_labels_at_refit: int  # of instances, whether the refit used them or not
+    n_labels_pooled: int  # of objects, when it was learned how far base rates are pooled
     levels: Rows  # (n,P) percepts of all instances; -1 unknown
     counted_labels: Rows  # (n,P) labels that were counted since the refit; -1 none
     # Without a bonus, and with one: functions of what stands above, kept until that moves.
@@ -115,6 +116,7 @@ class Online:
             percepts=percepts,
             percepts_at_refit=percepts,
             n_labels_at_refit=int((labels >= 0).sum()),
+            n_labels_pooled=int((record.object_labels.values >= 0).sum()),
             levels=Rows(np.int8, n_attributes),
             counted_labels=Rows(np.int8, n_attributes),
         )
@@ -154,7 +156,8 @@ class Online:
             self.knowledge = replace(self.knowledge, posterior=posterior)
             moved |= (counts_before != counts).any(axis=(1, 2, 3))
         earlier = self.knowledge
-        self.knowledge = earlier.with_labels(self.record.object_labels.values)
+        object_labels = self.record.object_labels.values
+        self.knowledge = earlier.with_labels(object_labels, pool=self._pool(object_labels))
         if self.agent.base_rates:
             moved |= self.knowledge.base_rates != earlier.base_rates
         if self.agent.co_occurrence:
@@ -166,6 +169,19 @@ class Online:
             if not moved[domain.columns(key.query.attributes)].any()
         }
         self._succeed()
+
+    def _pool(self, object_labels: Labels) -> bool:
+        """Return whether to learn anew how far rates are pooled: as often as all else, by labels.
+
+        It takes no recordings, so that a robot that only is told things learns it without a refit.
+        """
+        every = self.settings.refit_every
+        number = int((object_labels >= 0).sum())
+        grown = number - self.n_labels_pooled
+        pool = every is not None and grown >= max(every * self.n_labels_pooled, 1)
+        if pool:
+            self.n_labels_pooled = number
+        return pool
 
     def _succeed(self) -> None:
         """Learn how often behaviors succeed, where that is now another by more than 1 in 20."""

@@ -29,6 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meal_bayes.agents import Agent, Knowledge, as_agent
+from meal_bayes.agents.base_rates import BaseRates
 from meal_bayes.agents.co_occurrence import CoOccurrence
 from meal_bayes.agents.named import AGENTS
 from meal_bayes.arrays import Rows
@@ -118,6 +119,7 @@ _KINDS: tuple[type[Any], ...] = (
     Whitening,
     Stacker,
     Knowledge,
+    BaseRates,
     CoOccurrence,
     ConfusionPosterior,
     SharedTrait,

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 from bayes_adaptive import (
-    deviation,
     earned,
     executes,
     learning,
@@ -51,7 +50,7 @@ def test_the_bonus_loses_nothing_where_nothing_can_be_gained(problem):
 @pytest.mark.parametrize("problem", GAINFUL + HOPELESS, ids=name_of)
 def test_nothing_beats_the_optimum(problem):
     best, _ = optimum(problem)
-    for bonus in (no_bonus, learning, deviation):
+    for bonus in (no_bonus, learning):
         assert earned(problem, bonus) <= best + 1e-9
 
 

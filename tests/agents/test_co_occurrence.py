@@ -9,8 +9,9 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
 from meal_bayes.agents import load_agent
+from meal_bayes.agents.base_rates import learn_base_rates
 from meal_bayes.agents.co_occurrence import NOTHING, joint_prior, learn_co_occurrence
-from meal_bayes.agents.knowledge import base_rates, knowledge_of
+from meal_bayes.agents.knowledge import knowledge_of
 from meal_bayes.domain import Query, load_domain
 
 DOMAIN = load_domain("roc36")
@@ -36,7 +37,7 @@ def drawn_labels(rng, objects):
 
 def learned(labels):
     """Return base rates, and the pairs that labels couple."""
-    rates = base_rates(DOMAIN, labels)
+    rates = learn_base_rates(DOMAIN, labels).mean
     return rates, learn_co_occurrence(DOMAIN, labels, rates)
 
 

@@ -8,14 +8,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from meal_bayes.agents import Horizon, LearningBonus, Progress
+from meal_bayes.agents.base_rates import learn_base_rates
+from meal_bayes.agents.exploration import as_equation_11, experience_bits, learning_prices
 from meal_bayes.agents.knowledge import Knowledge
 from meal_bayes.agents.label_prices import AHEAD, explained, prices, rates_ahead
-from meal_bayes.agents.learning_value import (
-    as_equation_11,
-    experience_bits,
-    first_percept_value,
-    learning_prices,
-)
 from meal_bayes.domain import Query, load_domain
 from meal_bayes.momdp import build_momdp
 from meal_bayes.posterior import ConfusionPosterior
@@ -148,24 +144,48 @@ class TestEquation11:
         assert 0.99 <= 1.79 * (n + 2) * teaches <= 1.29
 
 
+def paid(known, asked=0):
+    """Seconds that a first percept of each behavior is paid where one attribute is asked, (E,)."""
+    query = Query((TOY.attributes[asked],))
+    momdp = build_momdp(TOY, query, np.full((1, E, 2, 2), 0.5), np.inf)
+    return LearningBonus().shape(momdp, known).bonus[0, :, 0]
+
+
 class TestBonus:
     def test_a_pair_that_is_recorded_pays_nothing(self):
         fresh = np.ones((P, E), bool)
         fresh[:, 0] = False
-        paid = first_percept_value(progress(fresh=fresh), [0])
-        assert paid[0] == 0
-        assert paid[1] > 0
+        each = paid(progress(fresh=fresh))
+        assert each[0] == 0
+        assert each[1] > 0
 
-    def test_others_attributes_are_paid_as_often_as_they_are_told(self):
-        known = progress(told_fraction=0.8)
+    @pytest.mark.parametrize("told", [0.01, 0.3, 0.8])
+    def test_others_attributes_are_paid_as_often_as_they_are_told(self, told):
+        known = progress(told_fraction=told)
         each = learning_prices(known, 1)
-        np.testing.assert_allclose(first_percept_value(known, [0]), each[0] + 0.8 * each[1])
+        np.testing.assert_allclose(paid(known), each[0] + told * each[1])
 
-    def test_where_the_asked_label_alone_is_told_others_are_worth_nothing(self):
-        shy = progress(told_fraction=0.1)
+    def test_an_object_that_is_known_again_is_paid_for_what_was_told_of_it(self):
+        known = progress(told_fraction=0.1, labeled=np.array([False, True]))
+        each = learning_prices(known, 1)
+        np.testing.assert_allclose(paid(known), each[0] + each[1])
+
+    def test_gains_are_means_over_the_rates_that_may_be_true(self):
+        """Of a rate that is hardly known a percept may change the answer; of one that is not."""
+        labels = np.zeros((2, P), np.int8)
+        few = learn_base_rates(TOY, labels)
+        known = knowledge_of(NEW, few.mean)
+        uncertain = learning_prices(progress(knowledge=replace(known, rates=few)), 1)
+        certain = learning_prices(progress(knowledge=known), 1)
+        senses = np.isin(np.arange(E), TOY.recorded)
+        assert (uncertain[:, senses] > 0).all()
+        assert not np.allclose(uncertain, certain)
+        many = learn_base_rates(TOY, np.tile(np.array([[0, 1]], np.int8), (4000, 1)))
+        sure = knowledge_of(NEW, many.mean)
         np.testing.assert_allclose(
-            first_percept_value(shy, [0]) + first_percept_value(shy, [1]),
-            first_percept_value(replace(shy, labeled=np.array([True, True])), [0]),
+            learning_prices(progress(knowledge=replace(sure, rates=many)), 1),
+            learning_prices(progress(knowledge=sure), 1),
+            atol=0.5,
         )
 
     def test_it_is_paid_whatever_the_truth(self):

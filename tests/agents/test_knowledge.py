@@ -4,12 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from meal_bayes.agents import knowledge_without
-from meal_bayes.agents.knowledge import base_rates
-from meal_bayes.domain import load_domain
 from meal_bayes.perception import table_counts
 
 HELD_OUT = 3
@@ -55,42 +51,6 @@ def test_a_frame_says_where_nothing_tells_anything(table):
     frame = knowledge_without(nothing, HELD_OUT).to_frame()
     assert frame["behavior"].isna().all()
     assert frame[["youden", "right"]].isna().all(axis=None)
-
-
-def test_base_rates_are_laplace_s_of_the_known_labels(table):
-    labels = np.array(table.labels)
-    labels[0, 0] = -1
-    labels[5, 0] = -1
-    knowledge = knowledge_without(replace(table, labels=labels), HELD_OUT)
-    others = np.delete(labels[:, 0], HELD_OUT)
-    expected = ((others == 1).sum() + 1) / ((others >= 0).sum() + 2)
-    assert knowledge.base_rates[0] == pytest.approx(expected)
-    others = np.delete(labels[:, 1], HELD_OUT)
-    assert knowledge.base_rates[1] == pytest.approx(((others == 1).sum() + 1) / 9)
-
-
-@given(st.lists(st.integers(-1, 2), min_size=1, max_size=9), st.integers(0, 2))
-def test_rates_of_a_group_sum_to_one(values, ruled_out):
-    """Of each object the weight is one of three values, or not known, or known not to be one."""
-    domain = load_domain("roc36")
-    columns = domain.columns(domain.groups["weight"])
-    labels = np.full((len(values), len(domain.attributes)), -1, np.int8)
-    for row, value in zip(labels, values, strict=True):
-        row[columns] = -1 if value < 0 else np.arange(3) == value
-    rates = base_rates(domain, labels)
-    for members in domain.groups.values():
-        assert rates[domain.columns(members)].sum() == pytest.approx(1.0)
-    known = [values.count(value) for value in range(3)]
-    np.testing.assert_allclose(rates[columns], (np.array(known) + 1) / (sum(known) + 3))
-    # One more object that is not one of the values: the odds of the two others stay.
-    more = np.append(labels, np.full_like(labels[:1], -1), axis=0)
-    more[-1, columns[ruled_out]] = 0
-    after = base_rates(domain, more)[columns]
-    assert after.sum() == pytest.approx(1.0)
-    assert after[ruled_out] < rates[columns][ruled_out]
-    others = np.delete(np.arange(3), ruled_out)
-    before = rates[columns][others]
-    np.testing.assert_allclose(after[others] / after[others].sum(), before / before.sum())
 
 
 def test_the_paper_s_reading_takes_percepts_as_independent(table):

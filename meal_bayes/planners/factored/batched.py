@@ -26,7 +26,7 @@ class Problems(NamedTuple):
     """What the kernel reads of B problems; priors are points of the grid."""
 
     rates: Floats  # (B,E,2)
-    prior_position: Floats  # (B,) among the points of the grid
+    prior_position: Floats  # (B,R) among the points of the grid
     worse: Bools  # (B,) do the next ones start from its values?
     floor: Floats  # (G,) value of ending
     belief: Floats  # (G,)
@@ -50,7 +50,9 @@ class Buffers(NamedTuple):
 def batched_value_iteration(
     momdp: MOMDP, rates: Floats, prior: Floats, worse: Bools | None = None
 ) -> Floats:
-    """Compute the values of B single-attribute problems at their priors, (B,), s of reward.
+    """Compute the values of B single-attribute problems at their priors, s of reward.
+
+    Returns (B,), or (B,R) where each problem has R priors, which cost nothing more.
 
     Parameters
     ----------
@@ -60,12 +62,14 @@ def batched_value_iteration(
     rates : Floats
         (B,E,2) Pr(yes | false) and Pr(yes | true); equal rates carry no information.
     prior : Floats
-        (B,) Pr(the attribute is true).
+        (B,) or (B,R) Pr(the attribute is true).
     worse : Bools, optional
         (B,) problems in which no value is above that of the problems that follow, up to the next
         such: these start from its values. By default each starts from answering at once.
     """
-    prior = real_vector("prior", prior)
+    prior = np.asarray(prior, float)
+    if prior.ndim < 2:
+        prior = real_vector("prior", prior)
     rates = shaped_array("rates", rates, len(prior), momdp.n_behaviors, 2)
     starts_anew = np.ones(len(prior)) if worse is None else shaped_array("worse", worse, len(prior))
     dynamics = dynamics_of(momdp)
@@ -89,7 +93,7 @@ def batched_value_iteration(
     width = float(grid[1] - grid[0])
     problems = Problems(
         rates=np.ascontiguousarray(np.clip(rates, _LEAST, 1.0), np.float64),
-        prior_position=(log_odds + _LARGEST) / width,
+        prior_position=((log_odds + _LARGEST) / width).reshape(len(prior), -1),
         worse=starts_anew != 0,
         floor=floor,
         belief=belief,
@@ -97,14 +101,14 @@ def batched_value_iteration(
         settled=_SETTLED * float(momdp.correct - momdp.incorrect),
         start=int(momdp.start),
     )
-    values = np.zeros(len(prior))
+    values = np.zeros(problems.prior_position.shape)
     _solve_each(dynamics.step, dynamics.branch, problems, scratch, values)
-    return values
+    return values.reshape(prior.shape)
 
 
 @entry_kernel
 def _solve_each(step, branch, problems, scratch, values):
-    """Solve problem after problem, and write each one's value at its prior."""
+    """Solve problem after problem, and write each one's values at its priors."""
     value = scratch.value
     floor = problems.floor
     start = problems.start
@@ -123,11 +127,12 @@ def _solve_each(step, branch, problems, scratch, values):
             for g in range(points):
                 if problems.worse[b]:
                     scratch.earlier_value[x, g] = value[x, g]
-        # V at the prior, linear between the two points beside its log-odds.
-        position = problems.prior_position[b]
-        low = min(int(position), points - 2)
-        fraction = position - low
-        values[b] = (1 - fraction) * value[start, low] + fraction * value[start, low + 1]
+        # V at a prior is linear between the two points beside its log-odds.
+        for r in range(values.shape[1]):
+            position = problems.prior_position[b, r]
+            low = min(int(position), points - 2)
+            fraction = position - low
+            values[b, r] = (1 - fraction) * value[start, low] + fraction * value[start, low + 1]
 
 
 @kernel

@@ -1,0 +1,309 @@
+"""What a robot earns that knows little: base rates, a few known objects, nothing, a detector.
+
+    python benchmarks/knowing_little.py rates cy101,ispy32,roc36 [--json]
+    python benchmarks/knowing_little.py known cy101 --known 0,1,2 --seeds 0-10 --json > now.json
+    python benchmarks/knowing_little.py nothing cy101,ispy32 --seeds 0-4 --json > now.json
+    python benchmarks/knowing_little.py detector cy101 --known 0,2,4,8 --seeds 0-6 --json > now.json
+    python benchmarks/knowing_little.py compare before.json now.json
+
+`rates`: 40 splits of a label table; n objects are known, and the answers that base rates alone give
+are judged on the others: how many are right, and log-loss; pooled, and each attribute alone.
+
+The others are run in two checkouts (PYTHONPATH) or by two agents, and compared: equal seeds have
+the same objects, questions and luck. `known`: recordings and all labels of n objects are given,
+then QUESTIONS questions about others follow, of one attribute each. `nothing`: TRIALS objects, one
+attribute of each asked and told, then TESTS on objects that were not met; `--agent alone` prices
+exploring by rates of each attribute alone. `detector`: as `known`, with the shipped percepts as a
+detector's, in place of recordings; `--agent chance` has a detector that says anything. `compare`
+prints paired differences with 95 % t-intervals over the seeds.
+"""
+
+import json
+import time
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from measuring import options_of, show
+from scipy import stats
+
+from meal_bayes import Learner, Outcome, load_dataset, load_percepts
+from meal_bayes.agents import Agent, Progress, load_agent
+from meal_bayes.datasets import Dataset
+from meal_bayes.datasets.percepts import PerceptTable
+from meal_bayes.domain import Domain, Query
+from meal_bayes.momdp import MOMDP
+from meal_bayes.planners import Predefined, Solver
+from meal_bayes.robots.recorded import RecordedRobot, replayable
+from meal_bayes.seeds import stream
+from meal_bayes.trials import Trial
+
+SPLITS = 40
+QUESTIONS = 150
+TRIALS = 300
+TESTS = 100
+KNOWN = (0, 1, 2, 4, 8, 16)
+SAID = ("surely no", "no", "yes", "surely yes")  # by level
+Row = dict[str, object]
+
+
+def rates(name: str) -> list[Row]:
+    """Judge base rates by the labels of objects that they were not learned from."""
+    from meal_bayes.agents.base_rates import learn_base_rates  # noqa: PLC0415  new
+
+    table = load_percepts(name)
+    rng = np.random.default_rng(5)
+    orders = [rng.permutation(len(table.labels)) for _ in range(SPLITS)]
+    rows = []
+    for n in KNOWN:
+        found = []
+        for order in orders:
+            told = table.labels[order[:n]]
+            truth = table.labels[order[max(KNOWN) :]]  # the same, however many are known
+            known = truth >= 0
+            alone = ((told == 1).sum(axis=0) + 1) / ((told >= 0).sum(axis=0) + 2)
+            for rate in (learn_base_rates(table.domain, told).mean, alone):
+                right = (((rate >= 0.5) == truth) & known).sum() / known.sum()
+                loss = -(np.log(np.where(truth == 1, rate, 1 - rate)) * known).sum() / known.sum()
+                found += [right, loss]
+        columns = np.reshape(found, (SPLITS, 4)).mean(axis=0).tolist()
+        labels = ("right", "log-loss", "right, alone", "log-loss, alone")
+        rows.append({"data": name, "known": n, **dict(zip(labels, columns, strict=True))})
+    return rows
+
+
+@dataclass(frozen=True)
+class Laplace:
+    """The bonus of `bayes`, priced by rates (k + 1) / (n + 2) of each attribute alone."""
+
+    bonus_limit: float = 1.0
+
+    def shape(self, momdp: MOMDP, progress: Progress) -> MOMDP:
+        """Return the MOMDP with the bonus."""
+        known = progress.knowledge
+        alone = (known.rates.true + 1) / (known.rates.labeled + 2)
+        progress = replace(progress, knowledge=replace(known, base_rates=alone, rates=None))
+        return load_agent("bayes").exploration.shape(momdp, progress)
+
+
+def agent_of(name: str) -> Agent:
+    """Return an agent by name, or `bayes` with the bonus of an arm."""
+    bayes = load_agent("bayes")
+    if name == "alone":
+        return replace(bayes, exploration=Laplace())
+    return bayes if name == "chance" else load_agent(name)
+
+
+def first_objects(dataset: Dataset, places: np.ndarray) -> Dataset:
+    """Return a data set of some of the objects."""
+    features = {context: values[places] for context, values in dataset.features.items()}
+    names = tuple(dataset.objects[o] for o in places.tolist())
+    return Dataset(dataset.domain, names, features, dataset.labels[places])
+
+
+def answers(truth: dict[str, bool], rng: np.random.Generator, accuracy: float) -> dict[str, bool]:
+    """Return what a person says who is right with such an accuracy."""
+    return {name: bool(rng.random() < accuracy) == value for name, value in truth.items()}
+
+
+def question(
+    data: Dataset | PerceptTable, o: int, rng: np.random.Generator
+) -> tuple[dict[str, bool], int]:
+    """Draw a known attribute of an object; return its label, and its place."""
+    p = int(rng.choice(np.flatnonzero(data.labels[o] >= 0)))
+    return {data.domain.attributes[p]: bool(data.labels[o, p])}, p
+
+
+def replayed(data: Dataset, o: int, truth: dict[str, bool], *key: object) -> RecordedRobot:
+    """Return the robot of a trial; its luck has the trial's key."""
+    luck = (stream(*key, part) for part in ("order", "failures"))
+    person = partial(answers, truth, stream(*key, "errors"))
+    return RecordedRobot(data.domain, o, replayable(data)[o], *luck, data, person=person)
+
+
+def of_trials(trials: list[Trial], start: float) -> Row:
+    """Sum up trials of which truth is known."""
+    return {
+        "reward": float(np.mean([trial.reward for trial in trials])),
+        "right": float(np.mean([bool(trial.success) for trial in trials])),
+        "s": float(np.mean([trial.cost for trial in trials])),
+        "cpu": time.process_time() - start,
+    }
+
+
+def known_objects(name: str, seed: int, n: int, agent: str) -> Row:
+    """Measure questions about objects after n others are known."""
+    start = time.process_time()
+    data = load_dataset(name)
+    rng = stream(seed, "knowing little", name)
+    order = rng.permutation(len(data.objects))
+    learner = Learner(data.domain, agent=agent_of(agent), seed=seed, logs=None)
+    if n:
+        learner.fit(first_objects(data, order[:n]))
+    asked = order[max(KNOWN) :]  # the same, however many are known
+    trials = []
+    for q in range(QUESTIONS):
+        o = int(asked[q % len(asked)])
+        truth, _ = question(data, o, rng)
+        robot = replayed(data, o, truth, seed, "known", q)
+        trials.append(learner.ask(list(truth), robot, truth=truth, learn=False))
+    return {"data": name, "known": n, "seed": seed, **of_trials(trials, start)}
+
+
+def from_nothing(name: str, seed: int, agent: str) -> Row:
+    """Measure a robot that begins with nothing, and is told what it was asked."""
+    start = time.process_time()
+    data = load_dataset(name)
+    rng = stream(seed, "from nothing", name)
+    objects = rng.permutation(len(data.objects))
+    tested = len(objects) // 3
+    learner = Learner(data.domain, agent=agent_of(agent), seed=seed, logs=None)
+    rewards = []
+    for t in range(TRIALS + TESTS):
+        part = objects[tested:] if t < TRIALS else objects[:tested]
+        o = int(part[t % len(part)])
+        truth, _ = question(data, o, rng)
+        robot = replayed(data, o, truth, seed, "nothing", t)
+        learns = t < TRIALS
+        trial = learner.ask(
+            list(truth), robot, truth=truth, object_name=data.objects[o], learn=learns
+        )
+        if learns:
+            learner.tell(trial, truth)
+        rewards.append(trial.reward)
+    return {
+        "data": name,
+        "seed": seed,
+        "first 100": sum(rewards[:100]),
+        "first 300": sum(rewards[:TRIALS]),
+        "tests": float(np.mean(rewards[TRIALS:])),
+        "cpu": time.process_time() - start,
+    }
+
+
+class Detecting:
+    """A robot that replays the shipped percepts of an object as a detector's."""
+
+    def __init__(
+        self, table: PerceptTable, o: int, robot: RecordedRobot, luck: np.random.Generator | None
+    ) -> None:
+        self.table = table
+        self.object = o
+        self.robot = robot
+        self.luck = luck  # of a detector at chance
+
+    def start(self) -> str:
+        """Start a trial."""
+        return self.robot.start()
+
+    def execute(self, behavior: str) -> Outcome:
+        """Say of each attribute whether it is so."""
+        outcome = self.robot.execute(behavior)
+        if outcome.recording is None or outcome.recording < 0:
+            return outcome
+        domain = self.table.domain
+        e = domain.behavior_index(behavior)
+        odds = self.table.log_odds[self.object, outcome.recording, e]
+        levels = self.table.levels_of(odds, len(SAID))
+        if self.luck is not None:
+            levels = self.luck.integers(len(SAID), size=len(odds))
+        said = zip(domain.attributes, (SAID[level] for level in levels), strict=True)
+        return Outcome(outcome.state, percepts=dict(said))
+
+
+def meeting(domain: Domain, query: Query) -> Solver:
+    """Execute all behaviors where two attributes are asked, else plan as `bayes` does."""
+    if len(query) > 1:
+        return Predefined(domain.default_sequence)
+    return load_agent("bayes").solver(domain, query)
+
+
+def with_detector(name: str, seed: int, n: int, agent: str) -> Row:
+    """Measure questions after a detector was heard of n objects, all labels of which were told."""
+    start = time.process_time()
+    table = load_percepts(name)
+    domain = table.domain
+    rng = stream(seed, "detector", name)
+    order = rng.permutation(len(table.objects))
+    bayes = replace(agent_of(agent), solver=meeting)
+    learner = Learner(domain, agent=bayes, seed=seed, logs=None)
+
+    def robot(o: int, *key: object) -> Detecting:
+        luck = (stream(seed, *key, part) for part in ("order", "failures"))
+        replay = RecordedRobot(domain, o, replayable(table)[o], *luck)
+        return Detecting(
+            table, o, replay, stream(seed, *key, "chance") if agent == "chance" else None
+        )
+
+    for o in order[:n].tolist():
+        trial = learner.ask(list(domain.attributes[:2]), robot(o, "met", o))
+        known = np.flatnonzero(table.labels[o] >= 0).tolist()
+        labels = {domain.attributes[p]: bool(table.labels[o, p]) for p in known}
+        learner.tell(trial, labels)
+    asked = order[max(KNOWN) :]
+    trials = []
+    for q in range(QUESTIONS):
+        o = int(asked[q % len(asked)])
+        truth, _ = question(table, o, rng)
+        trials.append(learner.ask(list(truth), robot(o, "asked", q), truth=truth, learn=False))
+    return {"data": name, "known": n, "seed": seed, **of_trials(trials, start)}
+
+
+def compare(before: Path, now: Path) -> list[Row]:
+    """Compare two runs seed by seed."""
+    first, second = (json.loads(path.read_text("utf-8")) for path in (before, now))
+
+    def place(row: Row) -> tuple[object, ...]:
+        return row["data"], row.get("known"), row["seed"]
+
+    earlier = {place(row): row for row in first}
+    groups: dict[tuple[object, object], list[Row]] = {}
+    for row in second:
+        if place(row) in earlier:
+            was = earlier[place(row)]
+            differences = {k: float(v) - float(was[k]) for k, v in row.items() if k in _MEASURES}
+            groups.setdefault((row["data"], row.get("known")), []).append(differences)
+    rows = []
+    for (data, known), pairs in groups.items():
+        row: Row = {"data": data, "known": known, "seeds": len(pairs)}
+        for measure in pairs[0]:
+            values = np.array([pair[measure] for pair in pairs])
+            width = stats.t.ppf(0.975, len(values) - 1) * stats.sem(values)
+            row[measure] = f"{values.mean():+.4g} ± {width:.3g}"
+        rows.append(row)
+    return rows
+
+
+_MEASURES = ("reward", "right", "s", "first 100", "first 300", "tests")
+
+
+def main() -> None:
+    """Measure, and print a table or JSON."""
+    parser = options_of(__doc__)
+    parser.add_argument("part", choices=("rates", "known", "nothing", "detector", "compare"))
+    parser.add_argument("what", nargs="+", help="data sets, with commas; or two files")
+    parser.add_argument("--known", default=",".join(map(str, KNOWN)))
+    parser.add_argument("--seeds", default="0-4", metavar="FIRST-END")
+    parser.add_argument("--agent", default="bayes")
+    options = parser.parse_args()
+    if options.part == "compare":
+        rows = compare(*map(Path, options.what))
+        show(rows, rows if options.json else None)
+        return
+    names = options.what[0].split(",")
+    seeds = range(*map(int, options.seeds.split("-")))
+    known = [int(n) for n in options.known.split(",")]
+    if options.part == "rates":
+        rows = [row for name in names for row in rates(name)]
+    elif options.part == "nothing":
+        rows = [from_nothing(name, seed, options.agent) for name in names for seed in seeds]
+    else:
+        measure = known_objects if options.part == "known" else with_detector
+        cells = ((name, seed, n) for name in names for seed in seeds for n in known)
+        rows = [measure(*cell, options.agent) for cell in cells]
+    show(rows, rows if options.json else None)
+
+
+if __name__ == "__main__":
+    main()
