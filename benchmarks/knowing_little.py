@@ -4,6 +4,7 @@
     python benchmarks/knowing_little.py known cy101 --known 0,1,2 --seeds 0-10 --json > now.json
     python benchmarks/knowing_little.py nothing cy101,ispy32 --seeds 0-4 --json > now.json
     python benchmarks/knowing_little.py detector cy101 --known 0,2,4,8 --seeds 0-6 --json > now.json
+    python benchmarks/knowing_little.py offline cy101,ispy32,roc36 --seeds 0-10 --json > now.json
     python benchmarks/knowing_little.py compare before.json now.json
 
 `rates`: 40 splits of a label table; n objects are known, and the answers that base rates alone give
@@ -13,7 +14,8 @@ The others are run in two checkouts (PYTHONPATH) or by two agents, and compared:
 the same objects, questions and luck. `known`: recordings and all labels of n objects are given,
 then QUESTIONS questions about others follow, of one attribute each. `nothing`: TRIALS objects, one
 attribute of each asked and told, then TESTS on objects that were not met; `--agent alone` prices
-exploring by rates of each attribute alone. `detector`: as `known`, with the shipped percepts as a
+exploring by rates of each attribute alone. `offline`: questions about objects of the shipped
+percept table, of which all others are known. `detector`: as `known`, with the shipped percepts as a
 detector's, in place of recordings; `--agent chance` has a detector that says anything. `compare`
 prints paired differences with 95 % t-intervals over the seeds.
 """
@@ -182,6 +184,20 @@ def from_nothing(name: str, seed: int, agent: str) -> Row:
     }
 
 
+def all_labels_known(name: str, seed: int, agent: str) -> Row:
+    """Measure questions about objects of a percept table that are left out of all the others."""
+    start = time.process_time()
+    table = load_percepts(name)
+    rng = stream(seed, "offline", name)
+    learner = Learner(table.domain, agent=agent_of(agent), seed=seed, logs=None).fit(table)
+    trials = []
+    for _ in range(QUESTIONS // 5):
+        o = int(rng.integers(len(table.objects)))
+        truth, _ = question(table, o, rng)
+        trials.append(learner.ask(list(truth), object_name=table.objects[o], truth=truth))
+    return {"data": name, "seed": seed, **of_trials(trials, start)}
+
+
 class Detecting:
     """A robot that replays the shipped percepts of an object as a detector's."""
 
@@ -236,12 +252,14 @@ def with_detector(name: str, seed: int, n: int, agent: str) -> Row:
             table, o, replay, stream(seed, *key, "chance") if agent == "chance" else None
         )
 
+    # One object is met of which nothing is told, so that it is known what the detector speaks of.
+    learner.ask(list(domain.attributes[:2]), robot(int(order[-1]), "first"))
     for o in order[:n].tolist():
         trial = learner.ask(list(domain.attributes[:2]), robot(o, "met", o))
         known = np.flatnonzero(table.labels[o] >= 0).tolist()
         labels = {domain.attributes[p]: bool(table.labels[o, p]) for p in known}
         learner.tell(trial, labels)
-    asked = order[max(KNOWN) :]
+    asked = order[max(KNOWN) : -1]
     trials = []
     for q in range(QUESTIONS):
         o = int(asked[q % len(asked)])
@@ -281,7 +299,8 @@ _MEASURES = ("reward", "right", "s", "first 100", "first 300", "tests")
 def main() -> None:
     """Measure, and print a table or JSON."""
     parser = options_of(__doc__)
-    parser.add_argument("part", choices=("rates", "known", "nothing", "detector", "compare"))
+    parts = ("rates", "known", "nothing", "detector", "offline", "compare")
+    parser.add_argument("part", choices=parts)
     parser.add_argument("what", nargs="+", help="data sets, with commas; or two files")
     parser.add_argument("--known", default=",".join(map(str, KNOWN)))
     parser.add_argument("--seeds", default="0-4", metavar="FIRST-END")
@@ -296,12 +315,13 @@ def main() -> None:
     known = [int(n) for n in options.known.split(",")]
     if options.part == "rates":
         rows = [row for name in names for row in rates(name)]
-    elif options.part == "nothing":
-        rows = [from_nothing(name, seed, options.agent) for name in names for seed in seeds]
+    elif options.part in ("nothing", "offline"):
+        measure = from_nothing if options.part == "nothing" else all_labels_known
+        rows = [measure(name, seed, options.agent) for name in names for seed in seeds]
     else:
-        measure = known_objects if options.part == "known" else with_detector
+        after = known_objects if options.part == "known" else with_detector
         cells = ((name, seed, n) for name in names for seed in seeds for n in known)
-        rows = [measure(*cell, options.agent) for cell in cells]
+        rows = [after(*cell, options.agent) for cell in cells]
     show(rows, rows if options.json else None)
 
 

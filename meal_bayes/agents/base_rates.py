@@ -71,7 +71,7 @@ class BaseRates(FrozenArrays):
     >>> learn_base_rates(domain, np.full((1, 2), -1)).mean.round(3).tolist()
     [0.333, 0.333]
     >>> learn_base_rates(domain, [[1, -1], [1, -1], [1, -1]]).mean.round(2).tolist()
-    [0.85, 0.58]
+    [0.78, 0.61]
     """
 
     true: NDArray[np.float64]

@@ -132,11 +132,12 @@ def knowledge_of(
     labels: NDArray[np.int8],
     *,
     object_level: bool = True,
+    given: NDArray[np.bool_] | None = None,
 ) -> Knowledge:
     """Learn from percepts of held-out classifiers, and labels (O,P) of the objects; -1 unknown.
 
     Counts are (O,P,E,2,K). Of objects in no training set all labels are unknown; `object_level` is
-    as in `knowledge_without`.
+    as in `knowledge_without`, `given` as in `ConfusionPosterior.from_objects`.
     """
     rates = learn_base_rates(domain, labels)
     mean = rates.mean
@@ -144,7 +145,7 @@ def knowledge_of(
     if not object_level:
         posterior = ConfusionPosterior.from_counts(counts)
         return Knowledge(domain, posterior, mean, co_occurrence=pairs, rates=rates)
-    posterior = ConfusionPosterior.from_objects(counts)
+    posterior = ConfusionPosterior.from_objects(counts, given=given)
     percepts = counts.sum(axis=3)  # (O,P,E,K)
     trait = learn_trait(posterior, percepts, labels, mean)
     return Knowledge(domain, posterior, mean, trait, pairs, rates)

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meal_bayes.agents.knowledge import Knowledge
-from meal_bayes.arrays import ByValue, Floats, plain_fields
+from meal_bayes.arrays import ByValue, Floats, no_and_yes_of, plain_fields
 
 _FIRST = 20.0  # questions that a robot expects before it was asked any
 
@@ -91,5 +91,13 @@ class Progress(ByValue):
 
     @property
     def beta(self) -> NDArray[np.float64]:
-        """Beta parameters (P,E,2,2) of the rates, no and yes by truth, under a uniform prior."""
-        return np.asarray(1 + self.percepts)
+        """Beta parameters (P,E,2,2) of the rates, no and yes by truth.
+
+        The prior is uniform, or that of percepts which the robot brings.
+        """
+        posterior = self.knowledge.posterior
+        prior = np.ones(self.percepts.shape)
+        if posterior.given_prior is not None:
+            given = posterior.given
+            prior[given] = no_and_yes_of(posterior.given_prior)[given]
+        return np.asarray(prior + self.percepts)

@@ -94,7 +94,11 @@ class Online:
             counts = np.zeros((1, *counts.shape[1:]), np.int64)
             object_labels = np.full(counts.shape[:2], -1, np.int8)
         knowledge = knowledge_of(
-            record.domain, counts, object_labels, object_level=agent.object_level
+            record.domain,
+            counts,
+            object_labels,
+            object_level=agent.object_level,
+            given=views.given_pairs(record),
         )
         if settings.posterior is not None:  # one's own, in place of what these counts say
             knowledge = replace(knowledge, posterior=settings.posterior)
@@ -155,6 +159,10 @@ class Online:
             posterior = self.knowledge.posterior.update(counts, counts_before)
             self.knowledge = replace(self.knowledge, posterior=posterior)
             moved |= (counts_before != counts).any(axis=(1, 2, 3))
+        if self.agent.object_level:
+            believed = self.knowledge.posterior.believe(views.given_pairs(self.record))
+            moved |= (believed.given & ~self.knowledge.posterior.given).any(axis=1)
+            self.knowledge = replace(self.knowledge, posterior=believed)
         earlier = self.knowledge
         object_labels = self.record.object_labels.values
         self.knowledge = earlier.with_labels(object_labels, pool=self._pool(object_labels))

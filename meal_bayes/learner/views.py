@@ -264,3 +264,11 @@ def percepts_given(record: Experience, k: int) -> Labels:
         detections == scale - 1, k - 1, np.where(detections == 0, 0, detections * k // scale)
     )
     return np.where(detections >= 0, scaled, levels).astype(np.int8)
+
+
+def given_pairs(record: Experience) -> NDArray[np.bool_]:
+    """Return of which attributes and behaviors (P,E) the robot's own detector said anything."""
+    given = np.zeros((len(record.domain.attributes), len(record.domain.behaviors)), np.bool_)
+    instance, attribute = np.nonzero(record.detected.values >= 0)
+    given[attribute, record.instances.values["behavior"][instance]] = True
+    return given

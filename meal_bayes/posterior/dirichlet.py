@@ -1,7 +1,7 @@
 """The posterior of the confusion matrices Theta: one Dirichlet a row, conjugate and closed-form."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
@@ -11,6 +11,7 @@ from meal_bayes.arrays import ByValue, freeze, freeze_arrays, tiny_is_zero
 from meal_bayes.errors import SettingsError
 from meal_bayes.look import short_repr
 from meal_bayes.perception.confusion import informative, youden
+from meal_bayes.posterior.given import generic_prior, given_rows
 from meal_bayes.posterior.grid import PRIOR_WEIGHT, grid_posterior
 
 _DIMENSIONS = 4  # (P,E,2,K)
@@ -31,6 +32,10 @@ class ConfusionPosterior(ByValue):
         (P,E,2,K) Dirichlet parameters of the mean row, A x mean.
     dispersion : NDArray[np.float64]
         (P,E,2) s of the objects' rows, inf = all objects alike.
+    given_prior : NDArray[np.float64] | None
+        (P,E,2,K) Dirichlet parameters, before any percept, of the mean rows of pairs whose percepts
+        the robot brings: these are believed to tell something, see `posterior.given`. Zeros of all
+        other pairs; None where there are only others.
 
     Examples
     --------
@@ -41,6 +46,7 @@ class ConfusionPosterior(ByValue):
     counts: NDArray[np.float64]
     concentration: NDArray[np.float64]
     dispersion: NDArray[np.float64]
+    given_prior: NDArray[np.float64] | None = None
 
     __repr__ = short_repr
 
@@ -51,6 +57,11 @@ class ConfusionPosterior(ByValue):
             raise SettingsError(
                 f"Confusion counts have shape {shape}; expected numbers >= 0 of shape (attributes, "
                 "behaviors, 2, levels)."
+            )
+        if self.given_prior is not None and self.given_prior.shape != shape:
+            raise SettingsError(
+                f"given_prior must be of shape {shape}, as the counts have; found shape "
+                f"{self.given_prior.shape}."
             )
         for name in ("concentration", "dispersion"):
             values = getattr(self, name)
@@ -79,7 +90,13 @@ class ConfusionPosterior(ByValue):
 
     @classmethod
     @tiny_is_zero
-    def from_objects(cls, counts: ArrayLike, *, prior: ArrayLike | None = None) -> Self:
+    def from_objects(
+        cls,
+        counts: ArrayLike,
+        *,
+        prior: ArrayLike | None = None,
+        given: NDArray[np.bool_] | None = None,
+    ) -> Self:
         """Build the object-level posterior.
 
         Parameters
@@ -89,13 +106,45 @@ class ConfusionPosterior(ByValue):
         prior : ArrayLike, optional
             As in `from_counts`; by default one for each behavior and truth, learned from what its
             attributes have in common.
+        given : NDArray[np.bool_], optional
+            (P,E) pairs whose percepts the robot brings, by a detector: their prior says that these
+            tell something, whatever `prior` is.
         """
         total = np.asarray(counts).sum(axis=0)
         alpha = None if prior is None else _prior(prior, total.shape)
         rows, alpha, _, mean, s = grid_posterior(counts, alpha)
         weight = (alpha + rows.effective(s)).sum(axis=-1, keepdims=True)
-        concentration = (weight * mean).reshape(total.shape)
-        return cls(total, concentration, s.reshape(total.shape[:3]))
+        concentration = weight * mean
+        concentration = concentration.reshape(total.shape)
+        dispersion = s.reshape(total.shape[:3])
+        if given is None or not given.any():
+            return cls(total, concentration, dispersion)
+        of_given = given_rows(counts, given)
+        concentration[given] = of_given.concentration
+        dispersion[given] = of_given.dispersion
+        given_prior = np.zeros(total.shape)
+        given_prior[given] = of_given.prior
+        return cls(total, concentration, dispersion, given_prior)
+
+    def believe(self, given: NDArray[np.bool_]) -> Self:
+        """Return the same posterior, where pairs (P,E) that were never perceived are now given.
+
+        Pairs with counts, and those that are given already, stay as they are until the next fit.
+        """
+        new = given & ~self.given & ~self.counts.any(axis=(2, 3))
+        if not new.any():
+            return self
+        generic = np.where(new[..., None, None], generic_prior(self.counts.shape[-1]), 0.0)
+        given_prior = generic if self.given_prior is None else self.given_prior + generic
+        concentration = np.where(new[..., None, None], generic, self.concentration)
+        return replace(self, concentration=concentration, given_prior=given_prior)
+
+    @property
+    def given(self) -> NDArray[np.bool_]:
+        """Pairs whose percepts the robot brings, (P,E)."""
+        if self.given_prior is None:
+            return np.zeros(self.counts.shape[:2], np.bool_)
+        return freeze(self.given_prior.any(axis=(2, 3)), np.bool_)
 
     @property
     def mean(self) -> NDArray[np.float64]:
@@ -117,13 +166,18 @@ class ConfusionPosterior(ByValue):
 
     @property
     def youden(self) -> NDArray[np.float64]:
-        """TPR - FPR of the mean, (P,E); -inf of pairs without a percept."""
-        return np.where(self.counts.any(axis=(2, 3)), youden(self.mean), -np.inf)
+        """TPR - FPR of the mean, (P,E); -inf of pairs of which no percept is known."""
+        known = self.counts.any(axis=(2, 3)) | self.given
+        return np.where(known, youden(self.mean), -np.inf)
 
     @property
     def informative(self) -> NDArray[np.bool_]:
-        """Whether percepts tell anything, by their counts and by the mean, (P,E)."""
-        return freeze(informative(self.counts) & informative(self.mean), np.bool_)
+        """Whether percepts tell anything, by the mean and, unless they are given, by counts; (P,E).
+
+        Classifiers of few objects look better than they are, so that their counts have to agree.
+        """
+        counted = informative(self.counts) | self.given
+        return freeze(counted & informative(self.mean), np.bool_)
 
     @tiny_is_zero
     def update(self, counts: ArrayLike, before: ArrayLike | None = None) -> Self:
@@ -144,7 +198,7 @@ class ConfusionPosterior(ByValue):
         final = np.asarray(counts, dtype=float)
         counted = np.zeros(self.counts.shape) if before is None else np.asarray(before, dtype=float)
         concentration = self.concentration + (self._effective(final) - self._effective(counted))
-        return type(self)(self.counts + (final - counted), concentration, self.dispersion)
+        return replace(self, counts=self.counts + (final - counted), concentration=concentration)
 
     def _effective(self, counts: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the independent percepts that those of one object are worth.

@@ -193,6 +193,13 @@ def hyperparameters() -> tuple[Floats, Floats]:
     return density / density.sum(axis=1, keepdims=True), np.tile(LOG_TAU_PRIOR, len(log_s))
 
 
+def dispersion_prior() -> Floats:
+    """Return Pr(s), (G,), before any percept."""
+    prior, log_weight = hyperparameters()
+    weight = np.exp(log_weight)
+    return np.asarray(weight @ prior / weight.sum())
+
+
 def _tails(counts: Ints) -> Floats:
     top = max(int(counts.max()), 1)
     return np.stack([(counts > i).sum(axis=1) for i in range(top)], axis=-1).astype(float)
@@ -219,20 +226,23 @@ def grid_posterior(counts: ArrayLike, prior: ArrayLike | None = None) -> GridPos
     Two levels are integrated exactly; with more, m given s is Dirichlet about the effective counts.
     The prior of m, (P,E,2,K) or what broadcasts to it, is learned by default.
     """
-    rows, votes = _rows(counts)
-    levels = rows.totals.shape[-1]
-    alpha = _prior(rows, votes, prior).reshape(-1, levels)
-    profile = integrate(rows, alpha) if levels == _BINARY else approximate(rows, alpha)
-    return _posterior(rows, alpha, profile, votes)
+    rows, votes = row_statistics(counts)
+    alpha = _prior(rows, votes, prior).reshape(-1, rows.totals.shape[-1])
+    return _posterior(rows, alpha, profile(rows, alpha), votes)
+
+
+def profile(rows: RowStatistics, alpha: Floats) -> Profile:
+    """Integrate m out at every s, under Dirichlet priors (S,K): exactly where there are two."""
+    return integrate(rows, alpha) if alpha.shape[-1] == _BINARY else approximate(rows, alpha)
 
 
 @tiny_is_zero
 def prior_of(counts: ArrayLike, prior: ArrayLike | None = None) -> Floats:
     """Return the Dirichlet parameters of m, (P,E,2,K), given or learned."""
-    return _prior(*_rows(counts), prior)
+    return _prior(*row_statistics(counts), prior)
 
 
-def _rows(counts: ArrayLike) -> tuple[RowStatistics, Bools]:
+def row_statistics(counts: ArrayLike) -> tuple[RowStatistics, Bools]:
     """Summarize the rows of counts (O,P,E,2,K), and which pairs inform of others (P,E)."""
     table = np.asarray(counts)
     if table.ndim != 5 or not table.size or (table < 0).any() or (table % 1).any():
@@ -250,11 +260,17 @@ def _prior(rows: RowStatistics, votes: Bools, prior: ArrayLike | None) -> Floats
     """Learn the prior of m from the rows, their dispersions found under a flat one, or take it."""
     levels = rows.totals.shape[-1]
     if prior is None:
-        flat = np.full((len(rows.sums), levels), PRIOR_WEIGHT / levels)
-        s = _posterior(rows, flat, approximate(rows, flat), votes).dispersion
         learn = _common_prior if levels == _BINARY else _graded_prior
-        prior = learn(rows.effective(s).reshape(*votes.shape, 2, levels), votes)
+        prior = learn(effective_counts(rows, votes), votes)
     return np.broadcast_to(np.asarray(prior, float), (*votes.shape, 2, levels))
+
+
+def effective_counts(rows: RowStatistics, votes: Bools) -> Floats:
+    """Weight counts by the dispersions that are found under a flat prior, (P,E,2,K)."""
+    levels = rows.totals.shape[-1]
+    flat = np.full((len(rows.sums), levels), PRIOR_WEIGHT / levels)
+    s = _posterior(rows, flat, approximate(rows, flat), votes).dispersion
+    return np.asarray(rows.effective(s).reshape(*votes.shape, 2, levels))
 
 
 def _posterior(rows: RowStatistics, alpha: Floats, profile: Profile, votes: Bools) -> GridPosterior:
@@ -296,12 +312,27 @@ def _graded_prior(effective: Floats, votes: Bools) -> Floats:
     show level k, over all pairs with a vote: 2 q_k r_k / (1 + r_k) and 2 q_k / (1 + r_k). Pairs
     have the weight of their rarer truth.
     """
-    levels = effective.shape[-1]
-    n = effective.sum(axis=-1, keepdims=True)
-    rows = (_FLAT / levels + effective) / (_FLAT + n)
-    vote = n.min(axis=-2, keepdims=True) * votes[..., None, None]
-    pooled = (rows * vote).sum(axis=(-4, -3), keepdims=True) + 1 / levels  # (...,1,1,2,K)
-    log_ratio = np.log(pooled[..., 1:, :]) - np.log(pooled[..., :1, :])
-    used = rows.mean(axis=-2, keepdims=True)
+    log_ratio = pooled_log_ratio(effective, votes)
+    used = use_of_levels(effective)
     prior = np.concatenate([used * expit(-log_ratio), used * expit(log_ratio)], axis=-2)
     return np.asarray(_GRADED * prior / prior.sum(axis=-1, keepdims=True))
+
+
+def use_of_levels(effective: Floats) -> Floats:
+    """Return the balanced mean (...,P,E,1,K) of a pair's two rows, from effective counts."""
+    return np.asarray(_flattened(effective).mean(axis=-2, keepdims=True))
+
+
+def pooled_log_ratio(effective: Floats, votes: Bools) -> Floats:
+    """Return ln of the ratio (K,) in which true and false objects show a level, of all pairs."""
+    rows = _flattened(effective)
+    vote = effective.sum(axis=-1, keepdims=True).min(axis=-2, keepdims=True)
+    vote = vote * votes[..., None, None]
+    pooled = (rows * vote).sum(axis=(-4, -3)) + 1 / rows.shape[-1]  # (2,K)
+    return np.asarray(np.log(pooled[1]) - np.log(pooled[0]))
+
+
+def _flattened(effective: Floats) -> Floats:
+    """Return rows (...,K) of effective counts, with one flat percept more."""
+    n = effective.sum(axis=-1, keepdims=True)
+    return np.asarray((_FLAT / effective.shape[-1] + effective) / (_FLAT + n))

@@ -8,6 +8,7 @@ import pytest
 
 from meal_bayes.agents import AGENTS
 from meal_bayes.agents.base_rates import learn_base_rates
+from meal_bayes.agents.exploration import as_equation_11
 from meal_bayes.agents.knowledge import knowledge_of
 from meal_bayes.datasets import Dataset, TrainingSet, make_synthetic
 from meal_bayes.domain import (
@@ -184,6 +185,26 @@ def test_random_legal_keeps_to_its_budget_and_draws_anew():
     trials = [learner.test(task_of(int(o), "red")) for o in TEST]
     assert all(budget <= trial.cost < budget + dearest for trial in trials)
     assert len({tuple(facts(trial)[0]) for trial in trials}) == len(trials)
+
+
+@pytest.mark.parametrize("answers", ["verdict", "joint"])
+def test_every_bonus_of_ours_is_by_equation_11(answers):
+    """From the first question on, and though people tell nothing but what was asked."""
+    run = Run("bayes", answers=answers)
+    bonuses = 0
+    for k in range(12):
+        task = task_of(int(TRAIN[k % len(TRAIN)]), TOY.attributes[k % 2], index=k)
+        known = run.learner.fitted(run.learner.agent).progress(task, task.object_name)
+        terms = as_equation_11(known)
+        each = terms.weight * terms.entropy - terms.weight * terms.experience
+        told = np.where(
+            np.array(TOY.attributes) == task.query.attributes[0], 1, known.told_fraction
+        )
+        expected = (each * told[:, None] * known.fresh).sum(axis=0)
+        paid = run.train(task).momdp.bonus[0, :, 0]
+        np.testing.assert_allclose(paid, expected, atol=1e-9)
+        bonuses += bool(paid.any())
+    assert bonuses == 12
 
 
 @pytest.mark.parametrize("name", ["iterative_morc", "bayes"])
