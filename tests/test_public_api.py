@@ -222,7 +222,7 @@ def imported():
 
 @pytest.mark.long
 def test_what_is_imported_is_declared():
-    extras = [PROJECT["optional-dependencies"][name] for name in ("cluster", "gym", "sim")]
+    extras = [PROJECT["optional-dependencies"][name] for name in ("bags", "cluster", "gym", "sim")]
     declared = names([*PROJECT["dependencies"], *chain(*extras)]) | {"distributed"}
     homes = metadata.packages_distributions()
     libraries = {name.partition(".")[0] for name in imported()} - {"meal_bayes"}

@@ -57,7 +57,7 @@ def load_csv_folder(domain: Domain, folder: Path) -> Dataset:
     """
     files = _files(domain, folder)
     _check_names(domain, folder, [path.name for path in files.values()])
-    objects, labels = _read_labels(folder / _LABELS, domain)
+    objects, labels = read_labels(folder / _LABELS, domain)
     contexts = ((c, read_features(path, KEYS, header=True)) for c, path in files.items())
     features = join_features(objects, contexts)
     dataset = Dataset(domain, objects, features, labels, rows_checked=True)
@@ -145,7 +145,8 @@ def _check_names(domain: Domain, folder: Path, contexts: Sequence[str]) -> None:
         log.warning("%s: not read, as %s: %s", folder, reason, listed(strangers))
 
 
-def _read_labels(path: Path, domain: Domain) -> tuple[tuple[str, ...], NDArray[np.int8]]:
+def read_labels(path: Path, domain: Domain) -> tuple[tuple[str, ...], NDArray[np.int8]]:
+    """Read a `labels.csv`: names of the objects (O,), and labels (O,P), 1, 0, or -1 unknown."""
     (where, header), *rows = read_rows(path)
     if header[0] != "object":
         expected = f"object,{','.join(domain.attributes[:3])},..."

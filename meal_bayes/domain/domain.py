@@ -87,6 +87,9 @@ class Domain:
         What yes and no earn, where they do not earn alike; r+ and r- by default.
     asked_minimum : int
         Experiments ask attributes with more than this many objects of each value.
+    sources : Mapping[str, Mapping[str, Any]]
+        Where each modality comes from: its topic, fields, feature and settings, as
+        `meal_bayes.features` reads them.
 
     Raises
     ------
@@ -114,6 +117,7 @@ class Domain:
     legal_budget: tuple[float, ...] = LEGAL_BUDGET
     asked_minimum: int = 0
     payoffs: Payoffs | None = None
+    sources: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
     __repr__ = facts_repr
 
@@ -175,6 +179,8 @@ class Domain:
         grouped = [name for members in self.groups.values() for name in members]
         for name in sorted({*self.synonyms.values(), *grouped} - {*self.attributes}):
             yield f"Groups or synonyms name {name!r}, which is no attribute."
+        for name in sorted({*self.sources} - {name for _, name in self.contexts}):
+            yield f"sources names {name!r}, which is no modality."
         for group, members in self.groups.items():
             if len(members) < 2 or any(grouped.count(name) > 1 for name in members):
                 values = f"The group {group!r} is {list(members)}"

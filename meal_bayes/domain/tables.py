@@ -4,6 +4,9 @@ Keys, with their defaults in brackets:
 
 name, attributes
     Of the domain; what can be asked.
+sources
+    By modality: topic, feature, fields [those of the message type], encoding ["s16le", of sound]
+    and settings of the feature [its defaults], for `meal_bayes.features`.
 behaviors
     Rows of name, cost (s), modalities [none] and answer_accuracy [it asks nobody].
 diagram
@@ -58,13 +61,16 @@ _DOMAIN_KEYS = {
     "name": _TEXT, "data": _TEXT, "note": _TEXT, "attributes": _LIST, "groups": _TABLE,
     "synonyms": _TABLE, "predefined": _LIST, "report_reward": _NUMBER, "legal_budget": _NUMBERS,
     "asked_minimum": _COUNT, "payoffs": _TABLE, "behaviors": _ROWS,
-    "diagram": _TABLE,
+    "diagram": _TABLE, "sources": _TABLE,
 }  # fmt: skip
 _DIAGRAM_KEYS = {
     "states": _LIST, "start": _TEXT, "effects": _ROWS, "illegal": _TEXT, "labels": _LIST,
 }  # fmt: skip
 _BEHAVIOR_KEYS = {
     "name": _TEXT, "cost": _NUMBER, "modalities": _LIST, "answer_accuracy": _NUMBER,
+}  # fmt: skip
+_SOURCE_KEYS = {
+    "topic": _TEXT, "feature": _TEXT, "fields": _LIST, "encoding": _TEXT, "settings": _TABLE,
 }  # fmt: skip
 # Fields of `Effect` by key; others are called as their keys.
 _EFFECT_FIELDS = {"from": "source", "do": "behavior", "to": "target"}
@@ -156,6 +162,13 @@ def domain_from_table(table: object) -> Domain:
     for part, form in (("groups", _LIST), ("synonyms", _TEXT)):
         entries = table.get(part, {})
         fields[part] = _checked_fields(f"[{part}]", entries, dict.fromkeys(entries, form), ())
+    sources = _checked_fields(
+        "[sources]", table.get("sources", {}), dict.fromkeys(table.get("sources", {}), _TABLE), ()
+    )
+    fields["sources"] = {
+        name: _checked_fields(f"[sources.{name}]", row, _SOURCE_KEYS, ("topic", "feature"))
+        for name, row in sources.items()
+    }
     behaviors = list[Behavior]()
     effects = list[Effect]()
     for row in table["behaviors"]:
@@ -180,6 +193,8 @@ def domain_table(domain: Domain) -> dict[str, Any]:
     True
     """
     table = asdict(domain)
+    if not domain.sources:  # of most domains; their digests stay what they were
+        del table["sources"]
     payoffs = table.pop("payoffs")
     if payoffs is not None:
         table["payoffs"] = payoffs._asdict()

@@ -1,0 +1,172 @@
+"""Bags of three formats become the same recordings; damage is one line for each bag."""
+
+import runpy
+import shutil
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from meal_bayes import load_dataset
+from meal_bayes.cli import main
+from meal_bayes.datasets.bags import find_bags, read_bags, read_executions, save_recordings
+from meal_bayes.domain import load_domain
+from meal_bayes.errors import DataError, OutputError, SettingsError
+from meal_bayes.features import Recorder
+
+EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "bags"
+LAB = load_domain(EXAMPLE / "lab.toml")
+MAKER = runpy.run_path(str(EXAMPLE / "make_bags.py"))
+WAYS = ("cup.bag", "cup", "cup.mcap")  # ROS 1, ROS 2 sqlite, ROS 2 MCAP
+
+
+def write(path, seed=1, rounds=2, name="cup"):
+    MAKER["write_bag"](path, name, (1, 0, 1), seed, rounds)
+    return path
+
+
+def read(*paths, **more):
+    return read_bags(LAB, find_bags(paths), **{"markers": "/markers", **more})
+
+
+def same(first, second):
+    assert len(first) == len(second) > 0
+    for one, two in zip(first, second, strict=True):
+        assert (one.behavior, one.object_name) == (two.behavior, two.object_name)
+        assert one.features.keys() == two.features.keys()
+        for name, vector in one.features.items():
+            assert vector.tobytes() == two.features[name].tobytes()
+
+
+def test_three_formats_and_the_live_driver_give_the_same_bits(tmp_path):
+    folders = []
+    for number, way in enumerate(WAYS):
+        report = read(write(tmp_path / way))
+        assert report.faults == []
+        folders.append(tmp_path / f"recordings{number}")
+        save_recordings(LAB, report, folders[-1])
+    texts = [{path.name: path.read_bytes() for path in folder.iterdir()} for folder in folders]
+    assert texts[0] == texts[1] == texts[2]
+
+    held = load_dataset(EXAMPLE / "lab.toml", root=folders[0])
+    store = MAKER["type_store"]()
+    recorder = None
+    counts = dict.fromkeys(LAB.behavior_names, 0)
+    rng = np.random.default_rng(1)
+    for time, topic, message in MAKER["messages"](store, "cup", (1, 0, 1), rng, 2):
+        if topic != "/markers":
+            recorder.add(topic, time, message)
+        elif message.data:
+            recorder = Recorder(LAB, message.data.partition(":")[0])
+        else:
+            name = recorder.behavior
+            for modality, vector in recorder.features().items():
+                recorded = held.features[name, modality][0, counts[name]]
+                assert vector.tobytes() == recorded.tobytes()
+            counts[name] += 1
+    assert counts == {"look": 2, "lift": 2, "shake": 2}
+
+
+def test_a_csv_of_executions_gives_what_markers_give(tmp_path):
+    bag = write(tmp_path / "cup.mcap", rounds=1)
+    marked = read(bag)
+    rows = ["bag,object,behavior,start,end"]
+    starts = (0, 0.5, 1.7), (0.3, 1.5, 2.2)
+    for behavior, start, end in zip(("look", "lift", "shake"), *starts, strict=True):
+        rows.append(f"cup,cup,{behavior},{start},{end}")
+    (tmp_path / "runs.csv").write_text("\n".join(rows))
+    runs = read_executions(tmp_path / "runs.csv", LAB, [bag.name])
+    same(read(bag, markers=None, executions=runs).executions, marked.executions)
+    for wrong in ("mug,cup,look,0,1", "cup,cup,loook,0,1", "cup,cup,look,1,1", "cup,cup,look,a,1"):
+        (tmp_path / "runs.csv").write_text(f"{rows[0]}\n{wrong}")
+        with pytest.raises(DataError, match="line 2"):
+            read_executions(tmp_path / "runs.csv", LAB, [bag.name])
+
+
+@pytest.mark.parametrize("seed", range(50))
+def test_a_damaged_bag_is_one_line_and_the_others_go_on(tmp_path, seed):
+    rng = np.random.default_rng(seed)
+    whole = write(tmp_path / "whole.mcap", rounds=1)
+    expected = read(whole).executions
+    bag = write(tmp_path / f"torn{('.bag', '', '.mcap')[seed % 3]}", seed, rounds=1)
+    undamaged = read(bag).executions
+    path = bag if bag.is_file() else next(bag.glob("*.[dm][bc][3a]*"))
+    path = max(path.glob("*"), key=lambda one: one.stat().st_size) if path.is_dir() else path
+    data = bytearray(path.read_bytes())
+    if rng.random() < 0.5:
+        del data[rng.integers(len(data)) :]
+    else:
+        start = rng.integers(len(data))
+        data[start : start + 200] = rng.bytes(len(data[start : start + 200]))
+    path.write_bytes(data)
+    report = read(bag, whole)
+    same([one for one in report.executions if one.bag == whole.name], expected)
+    torn = [one for one in report.executions if one.bag == bag.name]
+    if not report.faults:  # the damage did no harm, or changed values, which no checksum covers
+        assert [one.behavior for one in torn] == [one.behavior for one in undamaged]
+    assert all(bag.name in fault and "\n" not in fault for fault in report.faults)
+
+
+def test_faults_name_bag_topic_and_time(tmp_path):
+    messages = MAKER["messages"]
+
+    def changed(*args):
+        for time, topic, message in messages(*args):
+            late = time - MAKER["START"]
+            if topic == "/audio" or (topic == "/camera/image" and late > 2e9):
+                continue
+            if topic == "/joint_states" and late > 1e9:
+                message.header.stamp.sec += 100
+            yield time, topic, message
+
+    MAKER["write_bag"].__globals__["messages"] = changed
+    try:
+        report = read(write(tmp_path / "cup", rounds=2))
+    finally:
+        MAKER["write_bag"].__globals__["messages"] = messages
+    text = "\n".join(report.faults)
+    assert "cup: no message on /audio" in report.faults
+    assert "look of cup at 1700000002" in text
+    assert "/camera/image: no message in the window" in text
+    assert "/joint_states: the clock jumps at 1700000001" in text
+    with pytest.raises(DataError, match=r"audio of shake"):
+        save_recordings(LAB, report, tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_folder_that_is_there_and_bags_that_are_not(tmp_path):
+    report = read(write(tmp_path / "cup.mcap", rounds=1))
+    with pytest.raises(OutputError, match="there already"):
+        save_recordings(LAB, report, tmp_path)
+    with pytest.raises(SettingsError, match="no bag"):
+        find_bags([tmp_path / "none"])
+    shutil.copytree(tmp_path / "cup.mcap", tmp_path / "more" / "cup.mcap")
+    with pytest.raises(SettingsError, match=r"cup\.mcap"):
+        find_bags([tmp_path, tmp_path / "more"])
+
+
+def test_without_rosbags_the_extra_is_named(tmp_path, monkeypatch):
+    bag = write(tmp_path / "cup.mcap", rounds=1)
+    monkeypatch.setitem(sys.modules, "rosbags.highlevel", None)
+    with pytest.raises(SettingsError, match=r"meal-bayes\[bags\]"):
+        read(bag)
+
+
+def test_the_commands(tmp_path):
+    write(tmp_path / "cup.bag")
+    (tmp_path / "labels.csv").write_text("object,heavy,full,red\ncup,1,0,1\n")
+    domain = ["--domain", str(EXAMPLE / "lab.toml"), "--markers", "/markers"]
+    out = ["--labels", str(tmp_path / "labels.csv"), "--out", str(tmp_path / "recordings")]
+    made = CliRunner().invoke(main, ["data", "import", str(tmp_path), *domain, *out])
+    assert made.exit_code == 0, made.output
+    assert "/joint_states" in made.output
+    assert "6 executions with 1 objects" in made.output
+    held = load_dataset(EXAMPLE / "lab.toml", root=tmp_path / "recordings")
+    assert held.labels.tolist() == [[1, 0, 1]]
+    figure = ["--number", "2", "--out", str(tmp_path / "a.png")]
+    drawn = CliRunner().invoke(main, ["data", "show", str(tmp_path / "cup.bag"), *domain, *figure])
+    assert drawn.exit_code == 0, drawn.output
+    assert "lift of cup" in drawn.output
+    assert (tmp_path / "a.png").stat().st_size > 1000

@@ -1,0 +1,71 @@
+"""The ROS 2 node's logic, against stand-ins of rclpy's classes that publish during a behavior."""
+
+import runpy
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+import meal_bayes as mb
+
+ROOT = Path(__file__).resolve().parents[2]
+LAB = ROOT / "examples" / "bags" / "lab.toml"
+
+
+@pytest.fixture
+def explorer(monkeypatch):
+    before = set(sys.modules)
+    monkeypatch.syspath_prepend(str(ROOT / "tests" / "stand_ins"))
+    import rclpy.node  # noqa: PLC0415  the stand-in
+    from lab_interfaces.action import Explore  # noqa: PLC0415
+
+    def subscribe(self, kind, topic, callback, depth):
+        self.__dict__.setdefault("callbacks", {})[topic] = callback
+
+    clock = SimpleNamespace(now=lambda: SimpleNamespace(nanoseconds=1))
+    monkeypatch.setattr(rclpy.node.Node, "create_subscription", subscribe, raising=False)
+    monkeypatch.setattr(rclpy.node.Node, "get_clock", lambda self: clock, raising=False)
+    monkeypatch.setattr(Explore, "execute", classmethod(execute))
+    yield runpy.run_path(str(ROOT / "examples" / "ros2" / "explorer.py"))
+    for name in set(sys.modules) - before:
+        if name.partition(".")[0] in {"rclpy", "action_msgs", "lab_interfaces"}:
+            del sys.modules[name]
+
+
+def execute(cls, goal, fails):
+    state = "hand" if goal.behavior == "shake" or (goal.behavior == "lift" and not fails) else ""
+    cls.state = state or getattr(cls, "now", "table")
+    cls.now = cls.state
+    return SimpleNamespace(state=cls.state)
+
+
+def test_the_node_makes_features_of_what_came_during_a_behavior(explorer):
+    import rclpy  # noqa: PLC0415  the stand-in
+
+    learner = mb.Learner(LAB, logs=None)
+    session = learner.begin("Is it heavy?")
+    topics = dict.fromkeys(("/joint_states", "/camera/image", "/audio"))
+    node = explorer["Explorer"](session, learner.domain, topics)
+
+    def message(kind, **fields):
+        return type(kind, (SimpleNamespace,), {})(**fields)
+
+    pixels = np.zeros(3, np.uint8)
+    image = {"height": 1, "width": 1, "step": 3, "encoding": "rgb8", "data": pixels}
+    while not node.done.done():
+        if node.recorder is not None:
+            node.callbacks["/joint_states"](message("JointState", name=["b", "a"], effort=[2, 1]))
+            node.callbacks["/camera/image"](message("Image", is_bigendian=0, **image))
+            node.callbacks["/audio"](message("AudioData", data=np.zeros(800, np.uint8)))
+        rclpy.QUEUE.popleft()()
+    trial = node.done.result()
+    assert session.over
+    assert trial.ended == ""
+    sensed = [step.sensed.features for step in trial.steps if step.sensed is not None]
+    assert sensed
+    made = {"color": [1] + [0] * 7, "haptics": [1] * 5 + [2] * 5, "audio": [-10] * 16}
+    for features in sensed:
+        for name, vector in features.items():
+            assert vector.tolist() == made[name]
