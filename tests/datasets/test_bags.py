@@ -3,13 +3,14 @@
 import runpy
 import shutil
 import sys
+import tracemalloc
 from pathlib import Path
 
 import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from meal_bayes import load_dataset
+from meal_bayes import ask, build_percept_table, load_dataset
 from meal_bayes.cli import main
 from meal_bayes.datasets.bags import find_bags, read_bags, read_executions, save_recordings
 from meal_bayes.domain import load_domain
@@ -170,3 +171,32 @@ def test_the_commands(tmp_path):
     assert drawn.exit_code == 0, drawn.output
     assert "lift of cup" in drawn.output
     assert (tmp_path / "a.png").stat().st_size > 1000
+
+
+@pytest.mark.long
+def test_memory_does_not_grow_with_the_length_of_a_bag(tmp_path):
+    peaks = []
+    for rounds in (5, 50):
+        bag = write(tmp_path / f"cup{rounds}", rounds=rounds)
+        read(bag)
+        tracemalloc.start()
+        found = len(read(bag).executions)
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+        assert found == 3 * rounds
+    features = 45 * 3 * 2000  # bytes of what the executions leave, generously
+    assert peaks[1] < 1.2 * peaks[0] + features
+
+
+@pytest.mark.long
+def test_questions_about_held_out_cups_are_answered(tmp_path):
+    MAKER["make_bags"](tmp_path / "bags")
+    report = read(tmp_path / "bags")
+    save_recordings(LAB, report, tmp_path / "out", tmp_path / "bags" / "labels.csv")
+    table = build_percept_table(load_dataset(EXAMPLE / "lab.toml", root=tmp_path / "out"))
+    questions = ("Is it heavy?", "Is it full?", "Is it red?", "Is it heavy, full and red?")
+    trials = [
+        ask(questions[seed % 4], dataset=table, object=f"cup_{seed * 7 % 16}", seed=seed)
+        for seed in range(20)
+    ]
+    assert sum(bool(trial.success) for trial in trials) >= 18
