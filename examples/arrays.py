@@ -39,4 +39,4 @@ features = {  # (behavior, modality): (objects, recordings, numbers)
 dataset = mb.Dataset.from_frames(mb.load_domain(LAB), features, labels, objects=cups)
 learner = mb.Learner(LAB, logs=None).fit(mb.build_percept_table(dataset))  # each cup by the others
 trial = learner.ask("Is it heavy, and what fill is it?", "cup 9")
-print(trial.task.query.report_name(trial.report), trial.success)
+print(trial.answer, trial.success)

@@ -25,5 +25,5 @@ recordings = {("look", "camera"): look, ("lift", "wrist"): lift}  # three of eac
 domain = mb.load_domain("examples/kitchen.toml")
 learner = mb.Learner(domain).fit(mb.Dataset.from_frames(domain, recordings, cups))
 trial = learner.ask("Is it red, and is it full?", Arm(), object_name="my cup")
-print(trial.task.query.report_name(trial.report))
+print(trial.answer)
 learner.tell(trial, {"red": False, "full": True})  # the posterior is updated at once

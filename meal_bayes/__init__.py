@@ -11,8 +11,8 @@ logged.
 ...     object="heavy_green_beans",
 ...     agent="predefined_plus",
 ... )
->>> trial.task.query.report_name(trial.report), trial.success, round(trial.cost, 1)
-('heavy, beans', True, 19.1)
+>>> trial.answer, trial.success, round(trial.cost, 1)
+({'heavy': True, 'beans': True}, True, 19.1)
 
 The names in `__all__` are the public API, with `meal_bayes.testing` and `meal_bayes.gym`. Each
 name is loaded with its package when it is first used, so the import itself loads NumPy at most.

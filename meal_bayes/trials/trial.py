@@ -19,7 +19,13 @@ from meal_bayes.look import (
 from meal_bayes.planners import Decision
 from meal_bayes.trials.percept_text import percept_labels
 from meal_bayes.trials.record import TrialRecord
-from meal_bayes.trials.text import believed, cost_text, together_text, verdict_word
+from meal_bayes.trials.text import (
+    believed,
+    cost_text,
+    together_text,
+    verdict_text,
+    verdict_word,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -39,11 +45,51 @@ class Trial(TrialRecord):
     ... )
     >>> trial.agent, trial.success
     ('greedy', True)
-    >>> len(trial.steps)
-    7
+    >>> print(trial)
+    heavy? heavy_green_beans, asked by greedy
+      answer  heavy, >99.9 % sure, right
+      cost    22.3 s, reward 477.7
+    <BLANKLINE>
+                 s     percept  Pr(heavy)
+      before                    50.0 %
+      look       0.5   no       46.8 %
+      tap        4.2   yes      89.9 %
+      reinit     10.0           89.9 %
+      look       0.5   yes      91.0 %
+      grasp      4.5   yes      96.1 %
+      lift_slow  2.6   yes      >99.9 %
     """
 
     __repr__ = facts_repr
+
+    def __str__(self) -> str:
+        """Return question, answer, how sure it is and what it cost, and a line for each step."""
+        answer = verdict_text(self)
+        if self.report is not None:
+            answer = (
+                f"{self.task.query.report_name(self.report)}, {percent(self.certainty)} sure, "
+                f"{verdict_word(self.success)}"
+            )
+        beliefs = believed(self, self.first_belief)
+        rows = [("", "s", "percept", *(f"Pr({name})" for name, _ in beliefs))]
+        rows.append(("before", "", "", *(percent(value) for _, value in beliefs)))
+        for step in self.steps:
+            action = step.decision.action
+            if action >= self.momdp.n_behaviors:
+                continue
+            percept = ""
+            if step.observation is not None:
+                percept = ", ".join(percept_labels(self.momdp, action, step.observation))
+            values = [percent(value) for _, value in believed(self, step.belief)]
+            rows.append((self.momdp.action_name(action), f"{step.cost:{AMOUNT}}", percept, *values))
+        widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+        table = ["  " + "  ".join(map(str.ljust, row, widths)).rstrip() for row in rows]
+        head = [
+            f"{self.task.question} {self.task.object_name}, asked by {self.agent or 'an agent'}",
+            f"  answer  {answer}",
+            f"  cost    {cost_text(self.cost, self.reward)}",
+        ]
+        return "\n".join([*head, "", *table])
 
     def _facts(self) -> tuple[str, dict[str, str]]:
         query = self.task.query

@@ -50,7 +50,7 @@ def test_examples_are_short(script):
 def test_own_robot(folder, monkeypatch, capsys):
     shutil.copytree(EXAMPLES, folder / "examples")
     play(EXAMPLES / "own_robot.py", monkeypatch)
-    assert capsys.readouterr().out == "not red, full\n"
+    assert capsys.readouterr().out == "{'red': False, 'full': True}\n"
     (log,) = (folder / "logs" / "kitchen").glob("*.mcap")
     (trial,) = read_trials(log)
     assert trial.agent == "bayes"
@@ -67,7 +67,7 @@ def test_the_driver_needs_nothing_but_the_package():
 
 def test_arrays(folder, monkeypatch, capsys):
     play(EXAMPLES / "arrays.py", monkeypatch)
-    assert capsys.readouterr().out == "heavy, half True\n"
+    assert capsys.readouterr().out == "{'heavy': True, 'fill': 'half'} True\n"
 
 
 def test_own_planner(folder, monkeypatch, capsys):
