@@ -97,14 +97,6 @@ def _numbers(text: str) -> list[float]:
     return [float(number) for number in _NUMBER.findall(text)]
 
 
-ALONE = (DOCS / "how-to" / "callbacks.md",)  # pages of which a reader needs one section
-
-
-def sections(page: Path) -> list[str]:
-    """Return the sections of a page, each from its heading on."""
-    return re.split(r"^(?=## )", page.read_text(encoding="utf-8"), flags=re.MULTILINE)
-
-
 def run_command(line: str) -> str:
     """Run a line of a console block, which must end well; return what it prints."""
     prompt, name, *arguments = shlex.split(line)
@@ -144,19 +136,6 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 )
 def test_every_block_runs(page: Path, folder: Path) -> None:
     play(page)
-
-
-@pytest.mark.long
-@pytest.mark.parametrize(
-    ("page", "number"),
-    [(page, n) for page in ALONE for n in range(1, len(sections(page)))],
-    ids=lambda value: value if isinstance(value, int) else value.stem,
-)
-def test_every_section_runs_alone(page: Path, number: int, folder: Path) -> None:
-    alone = folder / page.name
-    alone.write_text(sections(page)[number], encoding="utf-8")
-    assert any(map(runs, blocks(alone)))
-    play(alone)
 
 
 def test_blocks_are_of_known_languages() -> None:
