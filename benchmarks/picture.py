@@ -41,7 +41,7 @@ def make_log(path: Path) -> None:
     asked = {"dataset": "roc36", "agent": "bayes", "seed": 0}
     trials = [ask(question, object=name, **asked) for question, name in QUESTIONS]
     config = {"command": "sample", **asked, "questions": [question for question, _ in QUESTIONS]}
-    write_trials(path, trials, header={"config": config, "seed": asked["seed"]})
+    write_trials(path, trials, header={"config": config, "seed": asked["seed"]}, overwrite=True)
     print(f"{path}: {len(trials)} trials, {path.stat().st_size:,} bytes")
 
 

@@ -3,7 +3,17 @@
 Every output goes through `draft_of`: a draft of a unique name in the same folder, which is synced
 to the disk and renamed when it is whole. What stood under the name before stays until then, also
 when the disk is full or the process is killed. Drafts of logs, which programs read while they
-grow, are named in `trial_log/names.py`.
+grow, are named in `trial_log/file.py`.
+
+What may be replaced:
+
+- A log of trials is replaced by the run or the command that wrote it, which chose its name by its
+  settings, or where a program says `overwrite=True`; by nothing else (`name_new`).
+- The file of a learner is replaced by `Learner.save` alone, and one that another program has saved
+  since only where a program says `overwrite=True`.
+- Reports, figures, pictures, recordings of the viewer, percept tables and other results can be
+  computed again: they replace what has their name, and that is told in the log (INFO).
+- A file that the same command reads, a folder, a device and a pipe are never replaced.
 """
 
 import contextlib
@@ -16,6 +26,7 @@ import shlex
 import stat
 import sys
 import tempfile
+import zipfile
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -28,6 +39,7 @@ if sys.platform != "win32":
 log = logging.getLogger("meal_bayes.files")
 LOGS = "logs"  # folder of the logs of trials and runs, by default
 _LOG_MAGIC = b"\x89MCAP0\r\n"
+LEARNER = "learner.json"  # member of the file of a learner, which tells it from other archives
 
 
 def command_line(command: str, *words: str | Path) -> str:
@@ -119,11 +131,14 @@ def file_name(text: str, longest: int = 60) -> str:
     return name
 
 
-def check_output(path: str | Path, *, inputs: Iterable[str | Path] = ()) -> Path:
+def check_output(
+    path: str | Path, *, inputs: Iterable[str | Path] = (), expected: bool = False
+) -> Path:
     """Check that a file can be written, before the work that it is to hold; creates its folder.
 
     Returns the path with links followed; an `OutputError` where it is one of the inputs (files, or
-    folders of files, that the same command reads), a trial log, or no regular file.
+    folders of files, that the same command reads), a trial log, the file of a learner (unless it is
+    `expected` to be there), or no regular file.
     """
     named = checked_path("The output", path)
     target = Path(os.path.realpath(named))
@@ -138,11 +153,24 @@ def check_output(path: str | Path, *, inputs: Iterable[str | Path] = ()) -> Path
             with target.open("rb") as file:
                 if file.read(len(_LOG_MAGIC)) == _LOG_MAGIC:
                     raise OutputError(f"{named} is a trial log, which stays; give another name.")
+            if not expected and _is_learner(target):
+                raise OutputError(
+                    f"{named} is the file of a learner, which stays; give another name."
+                )
         elif target.exists():
             raise OutputError(f"{named} is a device or a pipe; give the name of a regular file.")
         _check_way(named.parent)  # before links are followed
         check_folder(target.parent)
     return target
+
+
+def _is_learner(path: Path) -> bool:
+    """Return whether a file is the whole file of a learner."""
+    try:
+        with zipfile.ZipFile(path) as archive:
+            return LEARNER in archive.namelist()
+    except (zipfile.BadZipFile, ValueError, NotImplementedError, RuntimeError):
+        return False
 
 
 def check_folder(folder: str | Path) -> Path:
@@ -187,7 +215,7 @@ def draft_of(
     command line shows that.
     """
     named = checked_path("The output", path)
-    target = check_output(named, inputs=inputs)
+    target = check_output(named, inputs=inputs, expected=expected)
     # Of a long name a part: file systems allow 255 bytes, of up to four a character.
     draft = target.parent / f".{target.name[:50]}.{os.getpid()}-{secrets.token_hex(4)}.part"
     with _with_path(named):
@@ -270,6 +298,25 @@ def replace_whole(draft: Path, target: Path) -> None:
         draft.chmod(stat.S_IMODE(target.stat().st_mode))
     _sync(draft)
     draft.replace(target)
+    with contextlib.suppress(OSError):  # not every file system syncs folders
+        _sync(target.parent)
+
+
+def name_new(draft: Path, target: Path) -> None:
+    """Sync a draft to the disk and rename it; a `FileExistsError` where the name is taken.
+
+    The draft then stays. No file is lost, however late another process writes the same name.
+    """
+    _sync(draft)
+    try:
+        os.link(draft, target)
+    except FileExistsError:
+        raise
+    except OSError:  # a file system without hard links: an empty file reserves the name
+        target.open("xb").close()
+        draft.replace(target)
+    else:
+        draft.unlink()
     with contextlib.suppress(OSError):  # not every file system syncs folders
         _sync(target.parent)
 

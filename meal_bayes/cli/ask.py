@@ -176,7 +176,8 @@ def _answer(
         trial = learner.ask(task)
     path = logs / f"{config['command']}-{file_name(task.object_name)}-{opt.digest(config)}.mcap"
     header = {"config": dict(config), "seed": seed, "data": table.domain.data}
-    write_trials(path, [trial], header=header, seconds=[time.perf_counter() - start])
+    seconds = [time.perf_counter() - start]
+    write_trials(path, [trial], header=header, seconds=seconds, overwrite=True)  # asked again
     return trial, path
 
 

@@ -102,7 +102,7 @@ class _TrialBlock:
             logs=None,
         ).fit(table)
         header = {"config": config.as_dict(), "seed": config.seed}
-        with TrialWriter(self.path, header) as log:
+        with TrialWriter(self.path, header, overwrite=True) as log:
             for trial, seconds in timed(learner.ask, self.tasks, advance):
                 log.write(trial, seconds=seconds)
 

@@ -150,9 +150,10 @@ class _AgentRepeat:
             header["pretrained"] = pretrained
         if part == TEST and self.config.log == "compact":
             logged, seconds = zip(*trials, strict=True)
-            write_trials(path, [TrialOutcomes.of(logged)], header=header, seconds=seconds)
+            outcomes = [TrialOutcomes.of(logged)]
+            write_trials(path, outcomes, header=header, seconds=seconds, overwrite=True)
             return
-        with TrialWriter(path, header) as log:
+        with TrialWriter(path, header, overwrite=True) as log:
             for trial, seconds_of_trial in trials:
                 log.write(trial, seconds=seconds_of_trial)
 

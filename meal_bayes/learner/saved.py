@@ -36,7 +36,7 @@ from meal_bayes.arrays import Rows
 from meal_bayes.datasets import PerceptTable
 from meal_bayes.domain import Domain, Payoffs, domain_from_table, domain_table
 from meal_bayes.errors import DataError, MealBayesError, OutputError, SettingsError
-from meal_bayes.files import alone_in, draft_of
+from meal_bayes.files import LEARNER, alone_in, draft_of
 from meal_bayes.learner.experience import NONE, WITHDRAWN, Experience
 from meal_bayes.learner.fit import training_agent
 from meal_bayes.learner.online import Online
@@ -400,7 +400,7 @@ def _check_shape(name: str, values: Any, expected: tuple[int, ...]) -> None:
 
 
 _FORMAT = 15
-_TEXT = "learner.json"
+_TEXT = LEARNER
 
 
 @dataclass(frozen=True, slots=True)

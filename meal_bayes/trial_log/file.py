@@ -49,6 +49,7 @@ from meal_bayes.files import (
     command_line,
     hold,
     make_folder,
+    name_new,
     replace_whole,
     write_whole,
 )
@@ -107,6 +108,7 @@ _SCHEMAS = {  # names of the messages of topics
     FEEDBACK: "meal_bayes.Feedback", LINES: "foxglove.Log",
 }  # fmt: skip
 END = "end.json"  # attachment behind the last trial: trials, steps and summed cost (s)
+_TIMING = "trial,seconds\n"  # begins a table of seconds
 ROWS = 250  # trials in a message of the compact form
 
 SUFFIX = ".mcap"
@@ -251,17 +253,21 @@ class TrialWriter:
     Parameters
     ----------
     path : str | Path
-        File to write, with the ending .mcap. Missing folders are made; an existing file is
-        replaced.
+        File to write, with the ending .mcap. Missing folders are made.
     header : Mapping[str, object]
         Description of the run in JSON values: config, seed, git. `versions` is filled in.
     form : str
         "full" for trials, "compact" for their outcomes, or "feedback".
+    overwrite : bool
+        Whether a file with the name `path` is replaced when the log is whole.
 
     Raises
     ------
     SettingsError
         Another ending of `path`, a name of another form, or a header that JSON cannot hold.
+    LogError
+        When the block begins: something has the name `path`. When it ends: another writer has
+        made a file with this name meanwhile, and the trials stay in the draft.
 
     Examples
     --------
@@ -271,8 +277,18 @@ class TrialWriter:
     0
     """
 
-    def __init__(self, path: str | Path, header: Mapping[str, object], form: str = FULL) -> None:
+    way_out = "give another name, or say overwrite=True"  # where the name is taken
+
+    def __init__(
+        self,
+        path: str | Path,
+        header: Mapping[str, object],
+        form: str = FULL,
+        *,
+        overwrite: bool = False,
+    ) -> None:
         self.path = checked_path("The log", path)
+        self._overwrite = overwrite
         self._form = form
         if self.path.suffix != SUFFIX:
             raise SettingsError(f"A log's name ends in {SUFFIX}; found {self.path.name!r}.")
@@ -304,6 +320,11 @@ class TrialWriter:
             make_folder(self.path.parent)
             if self.path.exists() and not self.path.is_file():
                 raise OSError(f"{self.path} is no file")
+            if not self._overwrite and os.path.lexists(self.path):  # also a link to nothing
+                raise LogError(
+                    f"{self.path} is there already, and is not replaced; {self.way_out}."
+                )
+            _check_timing(timing_of(self.path))
             self._file: BinaryIO = self.active_path.open("xb")
             hold(self._file)  # nobody else resumes or removes it while this process lives
             self._mcap: Any = Writer(self._file, enable_data_crcs=True)
@@ -340,14 +361,27 @@ class TrialWriter:
                     end = _json(self.written._asdict()).encode()
                     self._mcap.add_attachment(0, 0, END, "application/json", end)
                     self._mcap.finish()
-            if whole:
-                rows = [f"{number},{seconds:.6f}\n" for number, seconds in self._seconds.items()]
-                if rows:
-                    table = "".join(["trial,seconds\n", *rows])
-                    write_whole(timing_of(self.path), table, expected=True)
-                else:
-                    timing_of(self.path).unlink(missing_ok=True)
+            if whole and self._overwrite:
+                self._write_seconds()
                 replace_whole(self.active_path, self.path)  # last: with it the log is there
+            elif whole:
+                try:
+                    name_new(self.active_path, self.path)
+                except FileExistsError:
+                    raise LogError(
+                        f"{self.path} was written by another process meanwhile, and is not "
+                        f"replaced; the trials are in {self.active_path}. Save them with: "
+                        + command_line("meal-bayes log recover", self.active_path)
+                    ) from None
+                self._write_seconds()
+
+    def _write_seconds(self) -> None:
+        """Write the table of seconds beside the log, in place of an earlier log's."""
+        rows = [f"{number},{seconds:.6f}\n" for number, seconds in self._seconds.items()]
+        if rows:
+            write_whole(timing_of(self.path), "".join([_TIMING, *rows]), expected=True)
+        else:
+            timing_of(self.path).unlink(missing_ok=True)
 
     def _put(self, messages: Iterable[Packed], *, sync: bool = False) -> None:
         """Write messages; when this returns they have left the process, or (sync) are on disk."""
@@ -443,24 +477,28 @@ def write_trials(
     *,
     header: Mapping[str, object],
     seconds: Sequence[float] = (),
+    overwrite: bool = False,
 ) -> None:
     """Write trials into one log.
 
     Parameters
     ----------
     path : str | Path
-        File to write, with the ending .mcap; an existing file is replaced.
+        File to write, with the ending .mcap.
     trials : Iterable[Trial | TrialOutcomes]
         Trials, for a full log; or outcomes, for a compact log with 250 trials in a message.
     header : Mapping[str, object]
         Description of the run in JSON values: config, seed, git.
     seconds : Sequence[float]
         (M,) wall-clock seconds of the first M trials.
+    overwrite : bool
+        Whether an existing file is replaced.
 
     Raises
     ------
     LogError
-        The file cannot be written, or a trial has arrays that do not fit each other.
+        The file is there already, or cannot be written; or a trial has arrays that do not fit each
+        other.
 
     Examples
     --------
@@ -475,12 +513,25 @@ def write_trials(
     times = iter(seconds)
     first = next(entries, None)
     form = COMPACT if isinstance(first, TrialOutcomes) else FULL
-    with TrialWriter(path, header, form) as log:
+    with TrialWriter(path, header, form, overwrite=overwrite) as log:
         for entry in chain([] if first is None else [first], entries):
             if isinstance(entry, TrialOutcomes):
                 log.write_outcomes(entry, times)
             else:
                 log.write(entry, seconds=next(times, None))
+
+
+def _check_timing(path: Path) -> None:
+    """Refuse to replace what is no table of seconds."""
+    if os.path.lexists(path):
+        if path.is_file():
+            with path.open("rb") as file:
+                if _TIMING.encode().startswith(file.read(len(_TIMING))):  # or a part of it
+                    return
+        raise LogError(
+            f"{path} is where the seconds of the trials are written, and is no such table; give "
+            "the log another name."
+        )
 
 
 def read_seconds(path: str | Path) -> list[float]:

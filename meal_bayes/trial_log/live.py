@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from meal_bayes.errors import LogError
+from meal_bayes.errors import LogCorruptError, LogError
 from meal_bayes.files import hold
 from meal_bayes.trial_log.file import (
     ACTIVE,
@@ -31,7 +31,11 @@ class LiveLog(TrialWriter):
     was begun before stands behind it.
 
     `resumed` is the draft that it goes on from, held until this log is whole.
+
+    A `LogError` where a file has its name, or a draft of it holds a trial that is not over.
     """
+
+    way_out = "give another name"
 
     def __init__(
         self,
@@ -41,11 +45,28 @@ class LiveLog(TrialWriter):
         *,
         resumed: "Interrupted | None" = None,
     ) -> None:
-        if path.suffix != SUFFIX:
+        if path.suffix.lower() not in (SUFFIX, ACTIVE):
             path /= f"{dated_name(name, path)}{SUFFIX}"
-        super().__init__(path, header)
+        # What was broken off goes on under its own name; its file then holds the same steps.
+        goes_on = resumed is not None and path == resumed.file == resumed.path
+        super().__init__(path, header, overwrite=goes_on)
         self._resumed = resumed
+        if resumed is None:
+            self._check_drafts()
         self.__enter__()
+
+    def _check_drafts(self) -> None:
+        """Refuse a name under which a trial is under way, or was broken off."""
+        for draft in drafts_of(self.path):
+            with contextlib.suppress(FileNotFoundError), draft.open("rb") as file:
+                if not hold(file):
+                    raise LogError(f"{self.path} is being written ({draft}); {self.way_out}.")
+                with contextlib.suppress(LogCorruptError):  # nothing in it can be read
+                    if next(salvage(draft), None) is not None:
+                        raise LogError(
+                            f"{self.path} holds a trial that was broken off: "
+                            f"Learner.resume({str(draft)!r}) goes on with it; or {self.way_out}."
+                        )
 
     def end(self, trial: Trial) -> None:
         """Write the outcome, give the whole log its name, and remove drafts of dead processes."""
@@ -71,6 +92,8 @@ class Interrupted:
     ----------
     path : Path
         The name that the log gets.
+    file : Path
+        The draft; or the log itself, where a fault ended the trial.
     header : dict
         The header of the log.
     trial : Trial
@@ -97,6 +120,7 @@ class Interrupted:
                 "time. Wait for it, or end it, and resume again."
             )
         self.path = _log_of(draft)
+        self.file = draft
         try:
             self.header: dict[str, Any] = read_header(draft)
             self.trial = self._read(draft)

@@ -101,19 +101,23 @@ class Kills:
         self.left = -1
         self.writers = []
         put = TrialWriter._put
-        replace = log_file.replace_whole
+        renamings = {name: getattr(log_file, name) for name in ("replace_whole", "name_new")}
 
         def counted(log, *args, **options):
             self.writers.append(log)
             self.count()
             put(log, *args, **options)
 
-        def renamed(*paths):
-            self.count()
-            replace(*paths)
+        def counting(rename):
+            def renamed(*paths):
+                self.count()
+                rename(*paths)
+
+            return renamed
 
         monkeypatch.setattr(TrialWriter, "_put", counted)
-        monkeypatch.setattr(log_file, "replace_whole", renamed)
+        for name, rename in renamings.items():
+            monkeypatch.setattr(log_file, name, counting(rename))
 
     def count(self):
         if self.left == 0:

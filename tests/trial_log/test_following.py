@@ -131,7 +131,7 @@ CONFIG = {"config": {"dataset": "toy", "agents": ["bayes"], "seed": 3}}
 
 def torn(path, trials):
     """Leave a draft, as a killed process does."""
-    log = TrialWriter(path, CONFIG).__enter__()
+    log = TrialWriter(path, CONFIG, overwrite=True).__enter__()
     for trial in trials:
         log.write(trial)
     log._file.close()
@@ -270,7 +270,8 @@ def test_two_versions_of_one_run_are_not_mixed(make, tmp_path):
 
 def test_drafts_have_names_of_their_own(make, tmp_path):
     path = tmp_path / "a [1].mcap"
-    with TrialWriter(path, {}) as first, TrialWriter(path, {}) as second:
+    both = (TrialWriter(path, {}, overwrite=True) for _ in range(2))
+    with next(both) as first, next(both) as second:
         assert first.active_path != second.active_path
         for log in (first, second):
             log.write(*make.trials(1), seconds=1.0)

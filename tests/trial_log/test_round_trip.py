@@ -93,7 +93,7 @@ def test_any_trials_come_back_equal(seed, text, name, key, make, tmp_path_factor
     task = Task(text, momdp.query, 999, name, key)
     trials[0] = dataclasses.replace(trials[0], task=task, agent=text)
     path = tmp_path_factory.getbasetemp() / "any.mcap"
-    write_trials(path, trials, header={})
+    write_trials(path, trials, header={}, overwrite=True)
     back = list(read_trials(path))
     assert len(back) == 2
     assert all(map(make.equal, trials, back))
@@ -108,7 +108,7 @@ def test_features_beyond_what_a_log_holds_stay_out_of_it(make, tmp_path):
         sensed = Instance(-1, behavior, -1, many, percepts)
         steps = (dataclasses.replace(first, sensed=sensed), *others)
         large = dataclasses.replace(trial, steps=steps)
-        write_trials(tmp_path / "a.mcap", [large], header={})
+        write_trials(tmp_path / "a.mcap", [large], header={}, overwrite=True)
         (back,) = read_trials(tmp_path / "a.mcap")
         left = None if percepts is None else dataclasses.replace(sensed, features=None)
         assert back.steps[0].sensed == left
