@@ -35,22 +35,27 @@ def find(root: Path | None, logs: Path, as_json: bool, **options: Unpack[_Findin
     trial.
     """
     from meal_bayes.cli.narration import VERDICT_STYLES, note_reasons, trial_json
+    from meal_bayes.files import check_folder, file_name
     from meal_bayes.learner import Learner
     from meal_bayes.look import AMOUNT, percent
+    from meal_bayes.trial_log import write_trials
     from meal_bayes.trials.text import verdict_text, verdict_word
 
     dataset, table = opt.table_of(options["dataset"], root)
     config = {"command": "find", **options, "dataset": dataset}
     agent = opt.agent_value(options["agent"])
     learner = Learner(table.domain, agent=agent, seed=options["seed"], logs=None).fit(table)
-    folder = logs / f"find-{opt.digest(config)}"
+    folder = check_folder(logs) / f"find-{opt.digest(config)}"
     with terminal.showing_compilation():
         found = learner.find(
             options["question"],
             opt.comma_list(options["objects"]),
             payoffs=options["payoffs"] or None,
-            log=folder,
         )
+    header = {"config": config, "seed": options["seed"], "data": table.domain.data}
+    for number, (name, trial) in enumerate(found.trials.items(), 1):
+        path = folder / f"{number:02}-{file_name(name)}.mcap"
+        write_trials(path, [trial], header=header, overwrite=True)  # of an equal question
     if as_json:
         print_json(
             {
