@@ -1,5 +1,6 @@
 """The `Learner`: an agent and its experience; asked questions, updated by feedback, and saved."""
 
+import contextlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
@@ -13,7 +14,7 @@ from numpy.typing import ArrayLike
 from meal_bayes.agents import Agent, Knowledge, as_agent
 from meal_bayes.datasets import Dataset, PerceptTable, load_percepts, object_index
 from meal_bayes.domain import Domain, Query, load_domain
-from meal_bayes.errors import QueryError, SettingsError
+from meal_bayes.errors import LogError, QueryError, SettingsError
 from meal_bayes.files import LOGS, checked_path, file_name
 from meal_bayes.learner import views
 from meal_bayes.learner.card import JoinedRecordings, learned_html, next_html, table_knowledge
@@ -32,7 +33,7 @@ from meal_bayes.learner.question import (
     robot_or_name,
     start_of,
 )
-from meal_bayes.learner.recording import check_domain, record_steps
+from meal_bayes.learner.recording import check_domain, check_resumed, record_steps
 from meal_bayes.learner.saved import SavedLearner, read_learner, write_learner
 from meal_bayes.learner.settings import (
     REFIT_EVERY,
@@ -55,7 +56,7 @@ from meal_bayes.robots.robot import state_index
 from meal_bayes.seeds import Key
 from meal_bayes.trial_log.file import SUFFIX
 from meal_bayes.trial_log.folder import ASK
-from meal_bayes.trial_log.live import Interrupted, LiveLog, resuming
+from meal_bayes.trial_log.live import Interrupted, LiveLog, end_broken, resuming
 from meal_bayes.trials import FaultTolerant, Session, Step, Task, Trial, run_trial
 
 NO_TABLE = "Give a robot, or fit a percept table (build_percept_table) to replay its objects."
@@ -465,7 +466,9 @@ class Learner:
         """Go on with a trial whose process ended in the middle of it, from its log.
 
         The learner is the one that began it, or has been saved before and loaded since. What it
-        sensed until then is in the log, and is learned from.
+        sensed until then is in the log, and is learned from. The trial goes on behind the steps in
+        its log, also where the agent would now decide otherwise; a warning says so. `give_up` ends
+        a trial that is not to go on, without deciding anything.
 
         Parameters
         ----------
@@ -478,21 +481,80 @@ class Learner:
         Raises
         ------
         LogError
-            There is no trial that was broken off, or several; it is another learner's, another
-            process drives the robot, or that is elsewhere.
+            There is no trial that was broken off, or several; it is of other states or levels,
+            another process drives the robot, or that is elsewhere.
+        SettingsError
+            A trial of another domain; a robot of several states without `state`.
+
+        Examples
+        --------
+        >>> from pathlib import Path
+        >>> from tempfile import TemporaryDirectory
+        >>> learner = Learner("toy", agent="greedy", logs=None)
+        >>> with TemporaryDirectory() as folder:
+        ...     log = Path(folder, "1.mcap")
+        ...     ended = learner.begin("Is it red?", "a cup", log=log, commanded=True)
+        ...     ended.cancel()
+        ...     session = learner.resume(log, state="x0")
+        ...     print(session.begun, session.over)
+        ...     session.cancel()
+        True False
         """
         path = self._logs.interrupted(log, "give resume() the trial's log")
         with resuming(path) as broken:
             trial = broken.trial
+            check_resumed(trial, self.experience, self.agent)
             begun = dict(broken.header["begun"])
             start = start_of(trial, begun.pop("state", None) or self.domain.diagram.start, state)
             options = TrialOptions(truth=trial.truth, **begun)
             session = self._session(trial.task, tuple(broken.header["streams"]), options)
-            session.start(start)
-            session.repeat(trial.steps)
+            session.start(start, steps=trial.steps)
             self.note_question(broken.header)
             self._record(session, broken.path, broken.header, broken)
             return session
+
+    def give_up(self, log: str | Path | None = None) -> Trial:
+        """End a trial whose process ended in the middle of it; its log is whole from then on.
+
+        Nothing is planned or decided, and the robot may be anywhere. What the trial did until then
+        is learned from, if it is of this learner's domain and levels.
+
+        Parameters
+        ----------
+        log : str or Path, optional
+            As for `resume`.
+
+        Returns
+        -------
+        trial : Trial
+            As far as it went, ended by "cancelled"; one that had answered keeps its answer.
+
+        Raises
+        ------
+        LogError
+            There is no trial that was broken off, or several; another process drives it.
+
+        Examples
+        --------
+        >>> from pathlib import Path
+        >>> from tempfile import TemporaryDirectory
+        >>> learner = Learner("toy", agent="greedy", logs=None)
+        >>> with TemporaryDirectory() as folder:
+        ...     log = Path(folder, "1.mcap")
+        ...     ended = learner.begin("Is it red?", "a cup", log=log, commanded=True)
+        ...     ended.cancel("the driver failed")
+        ...     learner.give_up(log).ended
+        'cancelled'
+        """
+        path = self._logs.interrupted(log, "give give_up() the trial's log")
+        trial, header = end_broken(path)
+        with contextlib.suppress(LogError, SettingsError):
+            check_resumed(trial, self.experience, self.agent)
+            if trial.task.learn and self.table is None:
+                self.note_question(header)
+                self.record(trial)
+                self._end(trial)
+        return trial
 
     def note_question(self, header: Mapping[str, object]) -> None:
         """Count the question of a log of before a restart, by its header, if it was not yet."""

@@ -191,8 +191,7 @@ def start_of(trial: Trial, start: str, state: str | None) -> str:
     if state != end:
         raise LogError(
             f"The log ends with the robot in {end!r}, and it is in {state!r}. Bring it to "
-            f"{end!r} and resume again, or give up what was broken off, by "
-            f"resume(state={end!r}).cancel(), and ask again."
+            f"{end!r} and resume again, or end the trial by give_up(), and ask again."
         )
     return start
 

@@ -7,11 +7,12 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from meal_bayes.agents import Agent
 from meal_bayes.arrays import Levels
 from meal_bayes.datasets import Instance
 from meal_bayes.datasets.detections import detected_levels
 from meal_bayes.domain import Query, unknown
-from meal_bayes.errors import SettingsError
+from meal_bayes.errors import LogError, SettingsError
 from meal_bayes.learner.experience import NONE, Experience, Labels
 from meal_bayes.learner.fit import Fit, OnStep
 from meal_bayes.look import warn_user
@@ -95,6 +96,23 @@ def check_domain(record: Experience, trial: Trial) -> None:
         raise SettingsError(
             f"The trial {trial.task.name!r} has the behaviors {', '.join(theirs)}; this learner's "
             f"domain has {', '.join(ours)}. Load the domain of that trial."
+        )
+
+
+def check_resumed(trial: Trial, record: Experience, agent: Agent) -> None:
+    """Refuse a trial that cannot go on with a domain and an agent: its steps mean other things."""
+    check_domain(record, trial)
+    end = "Load the learner that began it, or end it by give_up()."
+    states = trial.momdp.x_names
+    if tuple(states) != tuple(record.domain.diagram.states):
+        raise LogError(
+            f"The trial {trial.task.name!r} has the states {', '.join(states)}; this learner's "
+            f"domain has {', '.join(record.domain.diagram.states)}. {end}"
+        )
+    if trial.momdp.levels != agent.levels:
+        raise LogError(
+            f"The trial {trial.task.name!r} has percepts of {trial.momdp.levels} levels, those of "
+            f"this learner's agent have {agent.levels}. {end}"
         )
 
 

@@ -3,6 +3,7 @@
 import contextlib
 import re
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -199,6 +200,19 @@ def resuming(path: Path) -> Iterator[Interrupted]:
     except BaseException:
         broken.release()
         raise
+
+
+def end_broken(path: Path, why: str = "cancelled") -> tuple[Trial, Mapping[str, object]]:
+    """End what `interrupted` returns; return the trial and the header of its log, now whole."""
+    with resuming(path) as broken:
+        trial = broken.trial
+        log = LiveLog(broken.path, broken.header, trial.task.object_name, resumed=broken)
+        log.begin(replace(trial, steps=(), report=None, ended=""))
+        for step in trial.steps:
+            log.step(step)
+        trial = replace(trial, ended="" if trial.report is not None else why)
+        log.end(trial)
+        return trial, broken.header
 
 
 def interrupted(path: Path) -> Interrupted:

@@ -66,12 +66,3 @@ def noted(fault: BaseException, recorder: Recorder | None) -> Iterator[None]:
         if recorder is not None:
             show = command_line("meal-bayes log show", recorder.path)
             fault.add_note(f"the trial, as far as it went: {show}")
-
-
-def otherwise(then: str, now: str) -> LogError:
-    """Return what is raised where a log goes on otherwise than the agent now decides."""
-    return LogError(
-        f"{then}, but the agent now decides for {now}; it has learned other things since, or less. "
-        "One that was saved before other trials learns these from their logs, by "
-        "recall(learner, folder) of meal_bayes.learner; then resume again."
-    )

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from meal_bayes.arrays import check_whole
-from meal_bayes.errors import SettingsError
+from meal_bayes.errors import ImpossibleObservation, SettingsError
 from meal_bayes.look import warn_user
 from meal_bayes.momdp import MOMDP, Transition, best_answer, initial_belief, update_belief
 from meal_bayes.perception import Perceiver
@@ -25,8 +25,13 @@ from meal_bayes.trials.limits import Limits
 from meal_bayes.trials.one_caller import OneCaller, alone
 from meal_bayes.trials.perceiving import PerceptReader
 from meal_bayes.trials.record import Step, Task, answer_step, truth_of
-from meal_bayes.trials.recorder import Recorder, breaking, noted, otherwise
+from meal_bayes.trials.recorder import Recorder, breaking, noted
 from meal_bayes.trials.trial import Trial
+
+_OTHERWISE = (
+    "The log goes on with {1} at step {0}, where the agent would now decide for {2}: it has "
+    "learned other things since, or less. The trial goes on from the steps in its log."
+)
 
 
 class Session(OneCaller):
@@ -173,8 +178,17 @@ class Session(OneCaller):
         )
 
     @alone
-    def start(self, state: str) -> Self:
+    def start(self, state: str, *, steps: Sequence[Step] = ()) -> Self:
         """Begin in a state of the domain's, where the robot is, and decide for the first time.
+
+        Parameters
+        ----------
+        state : str
+            Where the robot is, or was before the steps.
+        steps : Sequence[Step]
+            Steps that were executed before a restart, of the trial's log. The trial goes on behind
+            them, whatever the policy would decide now in their place; a warning tells the first
+            step at which that differs.
 
         Raises
         ------
@@ -188,6 +202,8 @@ class Session(OneCaller):
         self.belief = self.belief.at(self._checker.start(state))
         self._begun = True
         self.history = History(self.belief)
+        for step in steps:
+            self._repeat(step)
         self._decide()
         return self
 
@@ -283,25 +299,37 @@ class Session(OneCaller):
             raise SettingsError(f"command() takes a Decision; found {decision!r:.60}.")
         self._follow(decision)
 
-    @alone
-    def repeat(self, steps: Sequence[Step]) -> None:
-        """Repeat steps that were executed before a restart; the robot does not move.
+    def _repeat(self, step: Step) -> None:
+        """Repeat a step of a log, whatever the policy decides now; the robot does not move.
 
-        A policy decides again, so that its random stream stands where it stood, and answers again.
-
-        Raises
-        ------
-        LogError
-            The policy decides otherwise than it did then.
+        The policy decides all the same: its random stream goes on where it stood if it decides as
+        it did. What was perceived is evidence for the model that is held now.
         """
-        for step in steps:
-            decision = self.steps[-1].decision if self.over else self._decision or step.decision
-            if decision.action != step.decision.action:
-                then, now = (self.momdp.action_name(d.action) for d in (step.decision, decision))
-                raise otherwise(f"Step {len(self.steps) - self.over} was {then}", now)
-            if not self.over:
-                self._append(step)
-                self._decide()
+        momdp = self.momdp
+        action = step.decision.action
+        if self._policy is not None:
+            with breaking(self._end_by):
+                self._running_part = "planner"
+                decision = self._within(self._chosen(self._policy))[0]
+                self._running_part = "robot"
+            if decision.action != action and _OTHERWISE not in self._told:
+                self._told.add(_OTHERWISE)
+                then, now = (momdp.action_name(d.action) for d in (step.decision, decision))
+                warn_user(_OTHERWISE.format(len(self.steps), then, now))
+        if action >= momdp.n_behaviors:
+            right = self.task.query.report_truth(self._truth)
+            self._append(answer_step(momdp, self.belief, step.decision, right, step.warning))
+            return
+        moved = Transition(action, step.next_x, step.observation)
+        try:
+            belief = update_belief(self.belief, momdp, moved)
+        except ImpossibleObservation:  # by what was learned since; the robot is there all the same
+            belief = self.belief.at(step.next_x)
+        self._append(replace(step, belief=belief))
+
+    def _chosen(self, policy: Policy) -> Decision:
+        """Let the policy decide by what was done and perceived so far."""
+        return decide(policy, self.history, self.streams.of("planner", self.agent))
 
     def _end_by(self, fault: BaseException) -> None:
         """End the trial by an exception, unless it is over."""
@@ -318,8 +346,7 @@ class Session(OneCaller):
             return
         with breaking(self._end_by):
             self._running_part = "planner"
-            decision = decide(self._policy, self.history, self.streams.of("planner", self.agent))
-            self._follow(*self._within(decision))
+            self._follow(*self._within(self._chosen(self._policy)))
             self._running_part = "robot"
 
     def _within(self, decision: Decision) -> tuple[Decision, str]:

@@ -172,19 +172,10 @@ def test_a_robot_that_was_moved_is_not_commanded(dataset, make, tmp_path, steps)
         learner.resume()
     with pytest.raises(RobotError, match=r"resume\(state=\)"):
         learner.resume(state="nowhere")
-    with pytest.raises(LogError, match=rf"Bring it to '{arm.state}'.*\.cancel\(\)"):
+    with pytest.raises(LogError, match=rf"Bring it to '{arm.state}'.*give_up\(\)"):
         learner.resume(state=other)
     resumed = learner.resume(state=arm.state)  # whoever was refused holds nothing
     assert len(resumed.steps) == steps
     assert resumed.behavior == session.behavior
     resumed.cancel()
     assert not list(tmp_path.rglob(f"*{ACTIVE}"))
-
-
-def test_a_learner_that_was_saved_before_other_trials_is_told_what_to_do(dataset, make, tmp_path):
-    learner = make.learner(dataset, make.agent("look"), logs=tmp_path)
-    session = learner.begin("red", "mug")
-    session.observe(seen())
-    learner.begin("red", "pot").cancel()
-    with pytest.raises(LogError, match=r"other things since, or less\..*recall\(learner, folder\)"):
-        learner.begin("red").repeat([*session.steps, *session.steps])

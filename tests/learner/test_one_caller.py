@@ -18,7 +18,6 @@ CALLS = {
     "observe": lambda session: session.observe(SEEN),
     "fail": lambda session: session.fail(),
     "cancel": lambda session: session.cancel(),
-    "repeat": lambda session: session.repeat([]),
     "start": lambda session: session.start("table"),
     "command": lambda session: session.command(unvalued(session.momdp, 0)),
     "record": lambda session: session.record(Mock(spec=Recorder)),

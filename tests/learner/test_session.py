@@ -240,7 +240,7 @@ def test_a_restart_goes_on_being_commanded(dataset, make, tmp_path):
     second.cancel()
 
 
-def test_a_restart_with_other_knowledge_is_refused(dataset, make, tmp_path):
+def test_a_restart_with_other_knowledge_goes_on_from_the_log(dataset, make, tmp_path):
     learner = make.learner(dataset, make.agent(*PLAN, **make.ours), logs=tmp_path)
     session = learner.begin("red")
     arm = started(make.arm())
@@ -248,8 +248,31 @@ def test_a_restart_with_other_knowledge_is_refused(dataset, make, tmp_path):
     other = make.learner(dataset, make.agent("lift", **make.ours), logs=tmp_path)
     (draft,) = (tmp_path / "kitchen").glob("*.active")
     session._recorder._file.close()
-    with pytest.raises(LogError, match="Step 0 was look, but the agent now decides for lift"):
-        other.resume(draft, state="table")
+    with pytest.warns(UserWarning, match="with look at step 0, where the agent would .* for lift"):
+        resumed = other.resume(draft, state="table")
+    assert resumed.steps[0].decision.action == session.steps[0].decision.action
+    resumed.cancel()
+    assert len(other.experience.executions) == 1
+    assert not list(tmp_path.rglob("*.active"))
+
+
+def test_a_trial_is_given_up_without_its_agent(dataset, make, tmp_path):
+    learner = make.learner(dataset, make.agent(*PLAN, **make.ours), logs=tmp_path)
+    session = learner.begin("red")
+    session.observe(started(make.arm()).execute("look"))
+    session._recorder._file.close()
+    for levels in (2, 4):  # of others the steps mean other things
+        agent = make.agent("look", **{**make.ours, "levels": levels})
+        other = make.learner(dataset, agent, logs=tmp_path)
+        if levels == 2:
+            with pytest.raises(LogError, match=r"4 levels.*give_up\(\)"):
+                other.resume(state="table")
+    trial = other.give_up()
+    assert (len(trial.steps), trial.ended) == (1, "cancelled")
+    assert len(other.experience.executions) == 1
+    assert not list(tmp_path.rglob("*.active"))
+    with pytest.raises(LogError, match="nothing to resume"):
+        other.give_up()
 
 
 def test_a_restart_knows_how_the_trial_was_begun(dataset, make, tmp_path):
