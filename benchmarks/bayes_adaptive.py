@@ -22,8 +22,7 @@ import numpy as np
 from learning_problems import PROBLEMS, Problem, drawn_problem
 from measuring import options_of, show
 
-from meal_bayes.agents.exploration import percept_entropy
-from meal_bayes.agents.label_prices import AHEAD, explained, prices, rates_ahead
+from meal_bayes.agents.exploration import AHEAD, explained, percept_entropy, prices, rates_ahead
 from meal_bayes.arrays import Bools, Floats, Ints
 
 ALPHAS = (0.0, 3.0, 10.0, 30.0, 60.0, 100.0)  # of Eq. 11, s a bit

@@ -31,7 +31,7 @@ from meal_bayes.agents import knowledge_without
 from meal_bayes.agents.base_rates import learn_base_rates
 from meal_bayes.arrays import Floats
 from meal_bayes.datasets import PerceptTable, load_percepts
-from meal_bayes.datasets.levels import LIMIT
+from meal_bayes.datasets.percepts import LIMIT
 from meal_bayes.evaluation import (
     brier,
     calibration_error,

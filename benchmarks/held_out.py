@@ -5,12 +5,12 @@ from numpy.typing import NDArray
 
 from meal_bayes.arrays import Floats
 from meal_bayes.datasets import Dataset, TrainingSet
-from meal_bayes.datasets.levels import BIN_EDGES, levels_of, round_log_odds
+from meal_bayes.datasets.percepts import BIN_EDGES, levels_of, round_log_odds
 from meal_bayes.perception import DEFAULT, PerceptionSettings
 from meal_bayes.perception.confusion import by_truth
 from meal_bayes.perception.feature_spaces import gather, groups_of, number_in_object
 from meal_bayes.perception.fitting import method_of
-from meal_bayes.perception.kernel_widths import learned_widths
+from meal_bayes.perception.kernel_ridge import learned_widths
 
 
 def held_out_log_odds(dataset: Dataset, *, settings: PerceptionSettings = DEFAULT) -> Floats:

@@ -31,7 +31,7 @@ from meal_bayes.evaluation.calibration import calibration_error, expected_calibr
 from meal_bayes.evaluation.learning import LearningRow, learning_rows
 from meal_bayes.evaluation.statistics import clustered
 from meal_bayes.experiments import OnlineConfig, run_online
-from meal_bayes.experiments.online_protocol import restricted
+from meal_bayes.experiments.online import restricted
 from meal_bayes.experiments.parallel import in_parallel
 from meal_bayes.learner import Learner
 from meal_bayes.learner.question import QuestionCounts

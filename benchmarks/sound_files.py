@@ -7,8 +7,7 @@ import numpy as np
 
 from meal_bayes.datasets import load_percepts, make_synthetic
 from meal_bayes.datasets.csv_files import save_csv_folder
-from meal_bayes.datasets.levels import BIN_EDGES
-from meal_bayes.datasets.percepts import PerceptTable, save_percepts
+from meal_bayes.datasets.percepts import BIN_EDGES, PerceptTable, save_percepts
 from meal_bayes.domain import load_domain
 from meal_bayes.experiments import offline_tasks
 from meal_bayes.learner import Learner

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from meal_bayes.datasets import PerceptTable, load_percepts, save_percepts
 from meal_bayes.datasets.sources import fetch, source
 from meal_bayes.domain import Domain, load_domain
-from meal_bayes.experiments.online_protocol import restricted_domain
+from meal_bayes.experiments.online import restricted_domain
 from paper_repro.agents import ASK
 from paper_repro.frame import HERE, Setting, paper_values
 

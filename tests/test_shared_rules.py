@@ -6,9 +6,7 @@ import numpy as np
 import pytest
 
 from meal_bayes.arrays import _array_fields, lowest_yes, no_and_yes_of, yes_of
-from meal_bayes.datasets.detections import detected_levels
-from meal_bayes.datasets.levels import BIN_COUNT, STORED
-from meal_bayes.datasets.percepts import PerceptTable
+from meal_bayes.datasets.percepts import BIN_COUNT, STORED, PerceptTable, detected_levels
 from meal_bayes.domain import load_domain
 from meal_bayes.momdp import observation
 from meal_bayes.planners.open_loop import bayes_error

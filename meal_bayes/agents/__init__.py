@@ -7,14 +7,15 @@ Algorithm 1 is `learner/held_out.py`, Algorithm 2 `learner/online.py`, their inn
 from meal_bayes.agents.agent import Agent
 from meal_bayes.agents.exploration import (
     ExplorationBonus,
+    Horizon,
     ITRSBonus,
     LearningBonus,
     NoBonus,
+    Progress,
     add_bonus,
 )
 from meal_bayes.agents.knowledge import Knowledge, knowledge_without
 from meal_bayes.agents.named import AGENTS, as_agent, load_agent
-from meal_bayes.agents.progress import Horizon, Progress
 
 __all__ = [
     "AGENTS", "Agent", "ExplorationBonus", "Horizon", "ITRSBonus", "Knowledge", "LearningBonus",

@@ -17,7 +17,7 @@ from meal_bayes.errors import SettingsError
 from meal_bayes.momdp import MOMDP, Objective, build_momdp, with_joint_prior
 from meal_bayes.momdp.model import DISCOUNT
 from meal_bayes.planners import Solver, warm_up
-from meal_bayes.planners.boundary import checked_solver
+from meal_bayes.planners.solver import checked_solver
 from meal_bayes.untrusted import name_fault
 
 _TRUST = 0.99  # Pr(a label that a person gave is right)

@@ -10,7 +10,6 @@ from meal_bayes.cli.console import note, print_facts, print_rows
 from meal_bayes.files import command_line
 from meal_bayes.look import AMOUNT, percent
 from meal_bayes.planners import RULE
-from meal_bayes.trials.percept_text import percept_labels
 from meal_bayes.trials.text import (
     belief_before,
     believed,
@@ -18,6 +17,7 @@ from meal_bayes.trials.text import (
     final_facts,
     gap_text,
     outcome_text,
+    percept_labels,
     together_text,
 )
 

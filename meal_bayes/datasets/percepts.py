@@ -1,6 +1,9 @@
 """Percept tables: the outputs of held-out classifiers on every recording, in levels.
 
 As files they ship with the package by name, or are your own .npz.
+
+A classifier's log-odds are rounded and cut into fine bins, which merge to K levels. A detector of
+the robot's own gives percepts as such, in place of features.
 """
 
 import json
@@ -13,9 +16,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from meal_bayes.arrays import ByValue, freeze, freeze_arrays, label_values, set_frozen
+from meal_bayes.arrays import (
+    ByValue,
+    freeze,
+    freeze_arrays,
+    label_values,
+    lowest_yes,
+    set_frozen,
+    tiny_is_zero,
+)
 from meal_bayes.datasets.dataset import check_objects, complete_labels
-from meal_bayes.datasets.levels import BIN_COUNT, STORED, levels_of, merge_bins
 from meal_bayes.digests import digest_of, digest_of_arrays
 from meal_bayes.domain import (
     Domain,
@@ -29,6 +39,58 @@ from meal_bayes.errors import DataError, DomainError, SettingsError
 from meal_bayes.files import checked_path, draft_of, path_text
 from meal_bayes.look import facts_repr, listed
 from meal_bayes.untrusted import UNREADABLE, read_array, read_meta, write_array
+
+THRESHOLD = float(np.log(0.501 / 0.499))  # yes/no at .501: .5 +- 1e-16 would leak by rounding
+BIN_COUNT = np.dtype("|u1")  # of an object's recordings in a fine bin, in tables and files
+STORED = np.dtype("<f2")  # log-odds, in tables and files,
+LIMIT = 8.0  # and within +-8, where that is good to .004
+BIN_EDGES = freeze(THRESHOLD + np.array([-3.0, -1.5, -0.5, 0.0, 0.5, 1.5, 3.0]))
+
+
+def lowest_bins(bins: int, levels: int) -> NDArray[np.intp]:
+    """Return the lowest of the fine bins of each of K levels, (K,): how bins become levels.
+
+    Each level merges L / K neighboring bins; K is even, so that yes and no are never merged.
+
+    >>> lowest_bins(8, 4).tolist()
+    [0, 2, 4, 6]
+    """
+    if levels < 2 or levels % 2 or bins % levels:
+        fitting = [k for k in range(2, bins + 1, 2) if bins % k == 0]
+        raise SettingsError(f"Percepts of {levels} levels; expected one of {fitting}.")
+    return np.arange(0, bins, bins // levels)
+
+
+def level_edges(edges: NDArray[np.float64], levels: int) -> NDArray[np.float64]:
+    """Return the edges (K-1,) between K levels, of the fine bins' edges (L-1,)."""
+    return edges[lowest_bins(len(edges) + 1, levels)[1:] - 1]
+
+
+def merge_bins(counts: NDArray[np.integer], levels: int) -> NDArray[np.int64]:
+    """Sum counts (...,L) in fine bins to counts (...,K) in levels."""
+    lowest = lowest_bins(counts.shape[-1], levels)
+    return np.add.reduceat(counts, lowest, axis=-1, dtype=np.int64)
+
+
+def levels_of(log_odds: ArrayLike, edges: NDArray[np.float64], levels: int) -> NDArray[np.int8]:
+    """Return the percept levels 0 .. K-1 of log-odds of any shape."""
+    return np.searchsorted(level_edges(edges, levels), log_odds).astype(np.int8)
+
+
+def classifier_levels(log_odds: ArrayLike, levels: int) -> NDArray[np.int8]:
+    """Return the percept levels 0 .. K-1 of what a classifier says, live as in a table.
+
+    >>> classifier_levels([-5.0, -1.0, 0.0, 1.0, 5.0], 4).tolist()
+    [0, 1, 1, 2, 3]
+    """
+    return levels_of(round_log_odds(log_odds), BIN_EDGES, levels)
+
+
+@tiny_is_zero
+def round_log_odds(log_odds: ArrayLike) -> NDArray[np.float16]:
+    """Clip to +-LIMIT and round as tables store them: percepts do not change by saving."""
+    return np.clip(np.asarray(log_odds, dtype=np.float64), -LIMIT, LIMIT).astype(STORED)
+
 
 _FORMAT = 1
 _MEMBERS = {  # name -> dtype, axes
@@ -49,7 +111,7 @@ class PerceptTable(ByValue):
     """Held-out percepts of a data set, and the training-side counts for each held-out object.
 
     Log-odds are class-balanced (prior 1/2): positive speaks for "true". They are cut into L fine
-    bins by `edges`; the middle edge divides yes/no. Bins become levels in `levels.py`.
+    bins by `edges`; the middle edge divides yes/no. Bins become levels by `lowest_bins`.
     Where nothing was computed (reinit, ask, an attribute left out) they are NaN and bins zero.
 
     Attributes
@@ -347,3 +409,83 @@ def _in_domain_order(
         recording_counts=padded_counts[:, rows],
         groups=arrays.get("groups"),  # type: ignore[arg-type]
     )
+
+
+# --- Detections
+
+# How sure a detector is, from -1 (no) to 1 (yes).
+_SURENESS = {
+    "surely yes": 1.0, "yes": 0.5, "no": -0.5, "not": -0.5, "surely no": -1.0, "surely not": -1.0,
+}  # fmt: skip
+
+
+def checked_percepts(values: object, domain: Domain) -> dict[str, float]:
+    """Return how sure a detector is of each attribute, from -1 (surely no) to 1 (surely yes).
+
+    A value is True or False (1 or 0), "yes", "no", "surely yes" or "surely no"; of a group, by its
+    name, the value that is seen. None says nothing.
+
+    Parameters
+    ----------
+    values : object
+        By attribute, or a group's name.
+    domain : Domain
+        Of the attributes.
+
+    Raises
+    ------
+    DataError
+        No mapping, a name that the domain does not have, or a value that is none of these.
+
+    Examples
+    --------
+    >>> from meal_bayes.domain import load_domain
+    >>> toy = load_domain("toy")
+    >>> checked_percepts({toy.attributes[0]: True, toy.attributes[1]: "no"}, toy)
+    {'red': 1.0, 'heavy': -0.5}
+    """
+    if not isinstance(values, Mapping):
+        raise DataError(f"percepts are {values!r:.60}; expected {{attribute: True or False}}")
+    sure: dict[str, float] = {}
+    for name, value in values.items():
+        members = domain.groups.get(name, ()) if name not in domain.attributes else ()
+        if members and value is not None:
+            if value not in members:
+                raise DataError(unknown(f"value of {name!r}", str(value), members))
+            sure |= {member: 1.0 if member == value else -1.0 for member in members}
+        elif name in domain.attributes:
+            sure |= _sureness(name, value)
+        elif not members:
+            raise DataError(unknown("attribute", str(name), (*domain.attributes, *domain.groups)))
+    return sure
+
+
+def _sureness(name: str, value: object) -> dict[str, float]:
+    """Return how sure one value is, by the attribute's name; nothing where it says nothing."""
+    if isinstance(value, str) and value in _SURENESS:
+        return {name: _SURENESS[value]}
+    try:
+        label = int(label_values(value))
+    except (DataError, TypeError, ValueError):
+        names = ", ".join(_SURENESS)
+        raise DataError(
+            f"the percept of {name!r} is {value!r:.60}; expected True or False, or one of {names}"
+        ) from None
+    if label < 0:
+        return {}
+    return {name: 1.0 if label else -1.0}
+
+
+def detected_levels(
+    percepts: Mapping[str, float] | None, domain: Domain, levels: int
+) -> NDArray[np.int8]:
+    """Return what a detector gave as percept levels (P,), of 0 to K - 1; -1 none.
+
+    A bare "yes" or "no" is one of the two middle levels, what is sure one of the extremes.
+    """
+    percept = np.full(len(domain.attributes), -1, np.int8)
+    for name, sure in (percepts or {}).items():
+        middle = lowest_yes(levels) - (sure < 0)
+        extreme = levels - 1 if sure > 0 else 0
+        percept[domain.attribute_index(name)] = extreme if abs(sure) == 1 else middle
+    return percept

@@ -6,9 +6,8 @@ In: TOML tables (shipped or one's own). Out: `Domain`, `TransitionDiagram`, `Que
 from meal_bayes.domain.diagram import TERMINAL, Effect, TransitionDiagram
 from meal_bayes.domain.domain import Behavior, Domain
 from meal_bayes.domain.event import Event, Payoffs
-from meal_bayes.domain.event_reading import read_event
 from meal_bayes.domain.query import Query
-from meal_bayes.domain.reading import read_query, read_question
+from meal_bayes.domain.reading import read_event, read_query, read_question
 from meal_bayes.domain.success import learn_success
 from meal_bayes.domain.tables import domain_from_table, domain_names, domain_table, load_domain
 from meal_bayes.domain.words import unknown

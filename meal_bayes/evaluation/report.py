@@ -59,9 +59,9 @@ from meal_bayes.trial_log import Group, Logs
 from meal_bayes.trial_log.folder import begun_text
 from meal_bayes.trials import BatchOutcomes, Trial, TrialOutcomes
 from meal_bayes.trials.outcomes import HOUR
-from meal_bayes.trials.percept_text import attribute_labels
 from meal_bayes.trials.text import (
     UNKNOWN,
+    attribute_labels,
     outcome_facts,
     trial_reward_text,
     verdict_word,

@@ -1,9 +1,8 @@
 """Many trials of a config: task lists, stores, processes; their logs `evaluation` reads."""
 
 from meal_bayes.experiments.config import DEFAULT_AGENTS, OfflineConfig, OnlineConfig
-from meal_bayes.experiments.offline import OfflineRun, run_offline
+from meal_bayes.experiments.offline import OfflineRun, askable, offline_tasks, run_offline
 from meal_bayes.experiments.online import OnlineRun, run_online
-from meal_bayes.experiments.tasks import askable, offline_tasks
 from meal_bayes.experiments.units import warm_up
 
 __all__ = [

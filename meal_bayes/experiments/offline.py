@@ -1,6 +1,10 @@
-"""OFFLINE-MEAL (Sect. 7.2): agents answer the same queries about objects new to them."""
+"""OFFLINE-MEAL (Sect. 7.2): agents answer the same queries about objects new to them.
+
+`offline_tasks` draws what is asked: objects, attributes, and for yes or no which of them hold.
+"""
 
 import dataclasses
+import itertools
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -8,17 +12,208 @@ from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
 
-from meal_bayes.datasets import PerceptTable
-from meal_bayes.experiments.config import OfflineConfig
-from meal_bayes.experiments.store import agent_folder, is_whole, run_folder
-from meal_bayes.experiments.tasks import offline_tasks
+import numpy as np
+from numpy.typing import NDArray
+
+from meal_bayes.arrays import check_whole, is_whole, plain
+from meal_bayes.datasets import Dataset, PerceptTable
+from meal_bayes.domain import Domain, Event, Query
+from meal_bayes.errors import SettingsError
+from meal_bayes.experiments.config import OfflineConfig, check_answer
+from meal_bayes.experiments.store import agent_folder, is_finished, run_folder
 from meal_bayes.experiments.units import run_units, timed, warm_up
 from meal_bayes.files import LOGS
 from meal_bayes.learner import Learner
 from meal_bayes.look import short_repr
 from meal_bayes.perception import TableSource
+from meal_bayes.seeds import Key, stream
 from meal_bayes.trial_log import TrialWriter, read_outcomes, read_seconds, read_trials
 from meal_bayes.trials import Task, Trial, TrialOutcomes, trials_frame
+
+_LISTED = 200_000  # (object, query) pairs up to which all are listed and shuffled
+
+_Pair = tuple[int, tuple[str, ...]]
+
+
+def askable(table: PerceptTable | Dataset) -> tuple[str, ...]:
+    """Return the attributes with enough positive and negative objects for the domain."""
+    positive = (table.labels == 1).sum(axis=0)
+    negative = (table.labels == 0).sum(axis=0)
+    enough = np.minimum(positive, negative) > table.domain.asked_minimum
+    return tuple(name for name, ok in zip(table.domain.attributes, enough, strict=True) if ok)
+
+
+def offline_tasks(
+    table: PerceptTable, n_attributes: int, trials: int, seed: int, *, answer: str = "values"
+) -> list[Task]:
+    """Draw the tasks of an offline run.
+
+    Objects are uniform; attributes are distinct and uniform among the askable ones. Where the
+    domain has N groups or more (ROC36), a query takes one attribute of each of N groups, and in
+    half of the trials the values named are the object's own. Pairs of object and attribute set come
+    in seeded order, none twice before all have come; with groups, of the pairs that the object is,
+    and of those that it is not, each by itself. The answer is one of `OfflineConfig`; what it is
+    changes neither objects, attributes nor random streams, save that whether two values of a group
+    hold together is not asked: the groups say it.
+
+    Raises
+    ------
+    SettingsError
+        More attributes than can be asked or than any object has labels of, no trials.
+    """
+    check_answer(answer)
+    trials = check_whole("trials", trials)
+    seed = check_whole("seed", seed)
+    n_attributes = plain(n_attributes)
+    names = askable(table)
+    whole = is_whole(n_attributes)
+    if not whole or not 1 <= n_attributes <= len(names):
+        raise SettingsError(
+            f"{n_attributes!r:.60} attributes asked; {table.domain.name} has {len(names)} to ask, "
+            f"give a number from 1 to {len(names)}."
+        )
+    if trials < 1:
+        raise SettingsError(f"{trials} trials asked; give at least 1.")
+    _check_labeled(table, names, n_attributes, conjunctions=answer == "yes or no")
+    # The stream names no agent: all are asked the same.
+    rng = stream(seed, "tasks", table.domain.data, n_attributes)
+    groups = list(table.domain.groups.values())
+    objects = range(len(table.objects))
+    count = len(objects) * math.comb(len(names), n_attributes)
+    # By groups (ROC36); one by one where a list would be too long; else all, shuffled.
+    if groups and n_attributes <= len(groups):
+        pairs = _grouped(table, groups, n_attributes, rng)
+    elif count > _LISTED:
+        pairs = _draws(len(objects), names, n_attributes, count, rng)
+    else:
+        queries = itertools.combinations(names, n_attributes)
+        pairs = _rounds(list(itertools.product(objects, queries)), rng)
+    has_label = dict(zip(table.domain.attributes, (table.labels >= 0).T, strict=True))
+    judgeable = (
+        (o, attributes)
+        for o, attributes in pairs
+        if all(has_label[name][o] for name in attributes)
+        and (answer != "yes or no" or table.domain.can_be(dict.fromkeys(attributes, True)))
+    )
+    tasks = []
+    for index, (o, attributes) in enumerate(itertools.islice(judgeable, trials)):
+        name = table.objects[o]
+        key: Key = (table.domain.data, index, name, *attributes)
+        tasks.append(Task(f"{index:05d} {name}", Query(attributes), o, name, key))
+    if answer == "values":
+        return tasks
+    return _of_yes_or_no(tasks, table, balanced=answer == "balanced", seed=seed)
+
+
+def _check_labeled(
+    table: PerceptTable, names: tuple[str, ...], n_attributes: int, *, conjunctions: bool
+) -> None:
+    """Refuse more attributes than any object has labels of; of conjunctions, one of a group."""
+    columns = table.domain.columns(names)
+    labeled = table.labels[:, columns] >= 0
+    most = int(labeled.sum(axis=1).max())
+    if n_attributes > most:
+        raise SettingsError(
+            f"{n_attributes} attributes asked, but no object has labels of more than {most} "
+            "of those that can be asked; ask fewer, or label more."
+        )
+    if not conjunctions:
+        return
+    variables: dict[tuple[str, ...], list[int]] = {}
+    for index, name in enumerate(names):
+        variables.setdefault(table.domain.group_of(name) or (name,), []).append(index)
+    together = np.stack([labeled[:, indices].any(axis=1) for indices in variables.values()])
+    most = int(together.sum(axis=0).max())
+    if n_attributes > most:
+        raise SettingsError(
+            f"Whether {n_attributes} attributes hold together is asked, but of a group one value "
+            f"is true, and no object has labels of more than {most} attributes that can hold "
+            "together; ask fewer, or 'balanced' questions (--yes-no-balanced), which deny some."
+        )
+
+
+def _of_yes_or_no(
+    tasks: list[Task], table: PerceptTable, *, balanced: bool, seed: int
+) -> list[Task]:
+    """Ask whether all attributes of each task hold; if balanced, literals of which half hold.
+
+    Of the other half a subset of the literals is wrong, which is drawn uniformly of those that the
+    domain's groups leave open.
+    """
+    rng = stream(seed, "literals", table.domain.data, len(tasks))
+    halves = rng.permutation(np.arange(len(tasks)) % 2 == 0)
+    new_tasks = []
+    for task, holds in zip(tasks, halves.tolist(), strict=True):
+        n = len(task.query)
+        literals = np.ones(n, bool)
+        if balanced:
+            columns = table.domain.columns(task.query.attributes)
+            literals = table.labels[task.object_index, columns] == 1
+            if not holds:
+                literals = _others(literals, task.query.attributes, table.domain, rng)
+        query = task.query
+        if n > 1 or not literals.all():  # else it is the value of one attribute
+            query = dataclasses.replace(query, event=Event(tuple(literals.tolist())))
+        new_tasks.append(dataclasses.replace(task, query=query))
+    return new_tasks
+
+
+def _others(
+    literals: NDArray[np.bool_], names: tuple[str, ...], domain: Domain, rng: np.random.Generator
+) -> NDArray[np.bool_]:
+    """Draw values other than these, which some object may have."""
+    while True:
+        wrong = int(rng.integers(1, 2 ** len(names)))
+        drawn = np.asarray(literals ^ ((wrong >> np.arange(len(names))) % 2 == 1))
+        if domain.can_be(dict(zip(names, drawn.tolist(), strict=True))):
+            return drawn
+
+
+def _draws(
+    n_objects: int, names: tuple[str, ...], n: int, pairs: int, rng: np.random.Generator
+) -> Iterator[_Pair]:
+    """Draw pairs one by one, none twice before all have come."""
+    drawn: set[_Pair] = set()
+    while True:
+        columns = sorted(rng.choice(len(names), size=n, replace=False))
+        pair = int(rng.integers(n_objects)), tuple(names[i] for i in columns)
+        if pair in drawn:
+            continue
+        drawn.add(pair)
+        yield pair
+        if len(drawn) == pairs:
+            drawn.clear()
+
+
+def _grouped(
+    table: PerceptTable, groups: list[tuple[str, ...]], n: int, rng: np.random.Generator
+) -> Iterator[_Pair]:
+    """Yield queries that describe the object and queries that do not, in turn (ROC36)."""
+    true = list[_Pair]()
+    false = list[_Pair]()
+    labels = dict(zip(table.domain.attributes, table.labels.T, strict=True))
+    for o in range(len(table.objects)):
+        for of_query in itertools.combinations(groups, n):
+            for attributes in itertools.product(*of_query):
+                values = [int(labels[name][o]) for name in attributes]
+                if min(values) >= 0:
+                    (true if all(values) else false).append((o, attributes))
+    if not true and not false:
+        raise SettingsError(
+            f"No object has labels of an attribute of each of {n} groups; label more."
+        )
+    if not true or not false:
+        return _rounds(true + false, rng)
+    in_turn = zip(_rounds(true, rng), _rounds(false, rng), strict=True)
+    return itertools.chain.from_iterable(in_turn)
+
+
+def _rounds(pairs: list[_Pair], rng: np.random.Generator) -> Iterator[_Pair]:
+    """Repeat all pairs without end, each time in another random order."""
+    while pairs:
+        for i in rng.permutation(len(pairs)):
+            yield pairs[i]
+
 
 UNIT = 100  # trials of one agent in a file
 
@@ -85,7 +280,7 @@ class _TrialBlock:
 
     @property
     def done(self) -> int:
-        return 0 if self.fresh or not is_whole(self.path) else self.size
+        return 0 if self.fresh or not is_finished(self.path) else self.size
 
     def run(self, advance: Callable[[float], None]) -> None:
         if self.done:  # by another process, meanwhile

@@ -60,7 +60,7 @@ def agent_folder(folder: Path, agent: str) -> Path:
     return folder / file_name(agent, _LONGEST)
 
 
-def is_whole(path: Path) -> bool:
+def is_finished(path: Path) -> bool:
     """Check a unit's log to its end; what is damaged is warned of."""
     try:
         return path.is_file() and log_info(path).whole

@@ -28,8 +28,7 @@ from meal_bayes.files import LOGS, checked_path
 from meal_bayes.learner import Learner
 from meal_bayes.perception import TableSource
 from meal_bayes.planners import Policy, unvalued
-from meal_bayes.planners.boundary import decide
-from meal_bayes.planners.solver import MAX_STEPS
+from meal_bayes.planners.solver import MAX_STEPS, decide
 from meal_bayes.robots.recorded import RecordedRobot
 from meal_bayes.seeds import stream
 from meal_bayes.trials import Session, Trial

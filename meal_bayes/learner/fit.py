@@ -19,7 +19,8 @@ from meal_bayes.learner.settings import LearnerSettings
 from meal_bayes.learner.views import votes
 from meal_bayes.momdp import MOMDP
 from meal_bayes.perception import Perceiver, SampledPercepts
-from meal_bayes.planners import Policy, boundary
+from meal_bayes.planners import Policy
+from meal_bayes.planners.solver import solve as solve_checked
 from meal_bayes.seeds import Key, stream
 from meal_bayes.trials import Step, Task
 
@@ -108,7 +109,7 @@ def votes_of(fit: Fit, task: Task) -> NDArray[np.int64] | None:
 def solve(fit: Fit, task: Task, streams: Key, momdp: MOMDP) -> Policy:
     """Solve a problem of a task by the agent's planner (Alg. 1, l. 5)."""
     solver = fit.agent.planner(fit.knowledge.domain, task.query)
-    return boundary.solve(
+    return solve_checked(
         solver, momdp, stream(fit.settings.seed, "solver", fit.agent.name, *streams)
     )
 

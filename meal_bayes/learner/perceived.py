@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 from meal_bayes.agents import Agent
 from meal_bayes.arrays import no_and_yes_of
 from meal_bayes.datasets import Dataset, Instance, TrainingSet
-from meal_bayes.datasets.detections import detected_levels
-from meal_bayes.datasets.levels import classifier_levels
+from meal_bayes.datasets.percepts import classifier_levels, detected_levels
 from meal_bayes.domain import Query
 from meal_bayes.learner import views
 from meal_bayes.learner.experience import FROM_DATASET, NONE, Context, Experience, Labels

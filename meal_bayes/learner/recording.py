@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from meal_bayes.agents import Agent
 from meal_bayes.arrays import Levels
 from meal_bayes.datasets import Instance
-from meal_bayes.datasets.detections import detected_levels
+from meal_bayes.datasets.percepts import detected_levels
 from meal_bayes.domain import Query, unknown
 from meal_bayes.errors import LogError, SettingsError
 from meal_bayes.learner.experience import NONE, Experience, Labels

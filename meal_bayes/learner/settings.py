@@ -123,7 +123,7 @@ def own_posterior(posterior: object, domain: Domain, agent: Agent) -> ConfusionP
     if posterior is None:
         return None
     if not isinstance(posterior, ConfusionPosterior):
-        from meal_bayes.posterior.reading import posterior_from  # noqa: PLC0415  loads xarray
+        from meal_bayes.posterior.idata import posterior_from  # noqa: PLC0415  loads xarray
 
         posterior = posterior_from(posterior, domain)
     shape = posterior.counts.shape

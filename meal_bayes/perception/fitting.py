@@ -21,7 +21,7 @@ from threadpoolctl import threadpool_limits
 
 from meal_bayes.arrays import Floats, Ints, tiny_is_zero
 from meal_bayes.datasets import Dataset, PerceptTable, TrainingSet
-from meal_bayes.datasets.levels import (
+from meal_bayes.datasets.percepts import (
     BIN_COUNT,
     BIN_EDGES,
     STORED,
@@ -41,7 +41,7 @@ from meal_bayes.perception.feature_spaces import (
     groups_of,
     number_in_object,
 )
-from meal_bayes.perception.kernel_widths import Map, learned_widths
+from meal_bayes.perception.kernel_ridge import Map, learned_widths
 from meal_bayes.perception.perceiver import BehaviorClassifier, Perception
 from meal_bayes.perception.settings import DEFAULT, NAMED, PerceptionSettings, with_classifier
 from meal_bayes.version import package_version

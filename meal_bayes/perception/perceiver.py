@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 
 from meal_bayes.arrays import Bools, Floats, FrozenArrays, Levels, tiny_is_zero
 from meal_bayes.datasets import Instance
-from meal_bayes.datasets.levels import classifier_levels, round_log_odds
-from meal_bayes.datasets.percepts import PerceptTable
+from meal_bayes.datasets.percepts import PerceptTable, classifier_levels, round_log_odds
 from meal_bayes.domain import Domain, Query
 from meal_bayes.errors import DataError, SettingsError
 from meal_bayes.look import short_repr

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from meal_bayes.arrays import plain_fields
-from meal_bayes.datasets.levels import BIN_EDGES, level_edges
+from meal_bayes.datasets.percepts import BIN_EDGES, level_edges
 from meal_bayes.domain import unknown
 from meal_bayes.errors import SettingsError
 
@@ -24,7 +24,7 @@ class PerceptionSettings:
         "stacked"; "paper": support vector machines, weighted by Cohen's kappa; "classifier".
     width : float | None
         "stacked" only: w of the kernels exp(-d^2 / w^2), in median distances; None: learned, one of
-        `kernel_widths.WIDTHS`.
+        `kernel_ridge.WIDTHS`.
     joint : bool
         "stacked" only: one more kernel, of all modalities at once.
     levels : int

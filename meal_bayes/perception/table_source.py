@@ -15,9 +15,9 @@ from meal_bayes.datasets import (
     Dataset,
     PerceptTable,
     cache_folder,
-    levels,
     load_dataset,
     load_percepts,
+    percepts,
     save_percepts,
 )
 from meal_bayes.datasets.percepts import shipped_path
@@ -232,7 +232,7 @@ def _check_method(table: PerceptTable, perception: str, name: str) -> None:
 def _computed_path(domain: Domain, perception: str, content: str) -> Path:
     """Name the file of a table that is computed from recordings of this content."""
     # With other code, or another version of the package, the percepts may be others.
-    code = digest_of(Path(__file__).resolve().parent, Path(levels.__file__).resolve())[:8]
+    code = digest_of(Path(__file__).resolve().parent, Path(percepts.__file__).resolve())[:8]
     parts = [file_name(domain.data), perception, package_version(), code, content[:12]]
     return _cached(f"{'-'.join(filter(None, parts))}.npz")
 

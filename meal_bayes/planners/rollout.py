@@ -22,8 +22,7 @@ from meal_bayes.momdp import (
 from meal_bayes.momdp.belief import percepts_left
 from meal_bayes.momdp.observation import sample_rows
 from meal_bayes.momdp.reports import ABSTAINED
-from meal_bayes.planners.boundary import decide
-from meal_bayes.planners.solver import MAX_STEPS, History, Policy
+from meal_bayes.planners.solver import MAX_STEPS, History, Policy, decide
 
 
 @dataclass(frozen=True, slots=True)

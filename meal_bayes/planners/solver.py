@@ -1,16 +1,19 @@
 """The seams of planning: a `Solver` (the paper's Sol) makes a `Policy`, which makes `Decision`s.
 
 `POMCP`, `OpenLoop` and `Factored` go on or answer by `choose`; baselines have rules of their own.
+
+What a user's own planner returns is checked here, where it enters (`solve`, `decide`).
 """
 
 import hashlib
 from dataclasses import dataclass, field
-from typing import NamedTuple, Protocol, runtime_checkable
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from meal_bayes.arrays import Floats, FrozenArrays
+from meal_bayes.errors import SettingsError
 from meal_bayes.look import AMOUNT, best_options, estimate_text, facts_repr
 from meal_bayes.momdp import MOMDP, Belief, answer_value, best_answer
 from meal_bayes.seeds import stream
@@ -372,3 +375,39 @@ def choose(
         bonuses[:-1] = np.where(np.isneginf(values), 0.0, bonus)
     total = np.append(values, ending)
     return action, np.where(np.isneginf(total), np.nan, total) - bonuses, bonuses
+
+
+# --- The boundary
+
+
+def checked_solver(value: object, agent: str) -> Solver:
+    """Return what plans for an agent; `SettingsError` where it cannot."""
+    if not callable(getattr(value, "solve", None)):
+        raise SettingsError(
+            f"The planner of agent {agent!r} is {value!r:.60}; expected an object with a method "
+            "solve(momdp, rng)."
+        )
+    solver: Any = value
+    return solver  # type: ignore[no-any-return]
+
+
+def solve(solver: Solver, momdp: MOMDP, rng: np.random.Generator) -> Policy:
+    """Return a planner's policy; `SettingsError` where it returns none."""
+    policy: Any = solver.solve(momdp, rng)
+    if not callable(getattr(policy, "decide", None)):
+        raise SettingsError(
+            f"solve() of the planner {type(solver).__name__} returned {policy!r:.60}; expected a "
+            "policy, an object with a method decide(history, rng)."
+        )
+    return policy  # type: ignore[no-any-return]
+
+
+def decide(policy: Policy, history: History, rng: np.random.Generator) -> Decision:
+    """Return a policy's decision; `SettingsError` where it is none."""
+    decision: object = policy.decide(history, rng)
+    if not isinstance(decision, Decision):
+        raise SettingsError(
+            f"decide() of the policy {type(policy).__name__} returned {decision!r:.60}; expected a "
+            "Decision, as of `unvalued(momdp, action)`."
+        )
+    return decision

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from meal_bayes.arrays import ByValue, equal_values, hash_of, is_whole
 from meal_bayes.datasets import Instance, checked_features
-from meal_bayes.datasets.detections import checked_percepts
+from meal_bayes.datasets.percepts import checked_percepts
 from meal_bayes.domain import TERMINAL, Behavior, Domain, unknown
 from meal_bayes.domain.diagram import TransitionArrays
 from meal_bayes.errors import DataError, QueryError, RobotError

@@ -26,9 +26,15 @@ from meal_bayes.arrays import Floats
 from meal_bayes.look import AMOUNT, attribute_color, drawn_in_style, lightened, percent, readable
 from meal_bayes.momdp import Belief
 from meal_bayes.planners import RULE
-from meal_bayes.trials.percept_text import SILENT, percept_labels
 from meal_bayes.trials.record import TrialRecord
-from meal_bayes.trials.text import YES, came_to_nothing, end_word, verdict_text
+from meal_bayes.trials.text import (
+    SILENT,
+    YES,
+    came_to_nothing,
+    end_word,
+    percept_labels,
+    verdict_text,
+)
 
 _ATTRIBUTES = 12  # drawn at most; the caption says that there are more
 _LINE = 1.3  # height of a line of text, of the size of the font

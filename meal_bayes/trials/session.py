@@ -17,8 +17,7 @@ from meal_bayes.look import warn_user
 from meal_bayes.momdp import MOMDP, Transition, best_answer, initial_belief, update_belief
 from meal_bayes.perception import Perceiver
 from meal_bayes.planners import Decision, History, Policy, unvalued
-from meal_bayes.planners.boundary import decide
-from meal_bayes.planners.solver import MAX_STEPS
+from meal_bayes.planners.solver import MAX_STEPS, decide
 from meal_bayes.robots.robot import Outcome, OutcomeChecker
 from meal_bayes.seeds import Key, Streams
 from meal_bayes.trials.limits import Limits

@@ -17,11 +17,11 @@ from meal_bayes.look import (
     table_html,
 )
 from meal_bayes.planners import Decision
-from meal_bayes.trials.percept_text import percept_labels
 from meal_bayes.trials.record import TrialRecord
 from meal_bayes.trials.text import (
     believed,
     cost_text,
+    percept_labels,
     together_text,
     verdict_text,
     verdict_word,

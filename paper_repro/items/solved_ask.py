@@ -8,7 +8,7 @@ from meal_bayes.agents import knowledge_without
 from meal_bayes.arrays import Floats
 from meal_bayes.datasets import load_percepts
 from meal_bayes.evaluation import Estimate
-from meal_bayes.experiments.tasks import offline_tasks
+from meal_bayes.experiments.offline import offline_tasks
 from paper_repro.agents import AGENTS, ASK
 from paper_repro.frame import Result, Setting, Table, paper_values
 from paper_repro.items.fig9 import RELEVANT

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from meal_bayes.datasets import PerceptTable
-from meal_bayes.datasets.levels import BIN_EDGES
+from meal_bayes.datasets.percepts import BIN_EDGES
 from meal_bayes.domain import Query, load_domain
 from meal_bayes.learner import Learner
 from meal_bayes.trials import Task

@@ -9,9 +9,16 @@ from hypothesis import strategies as st
 
 from meal_bayes.agents import Horizon, LearningBonus, Progress
 from meal_bayes.agents.base_rates import learn_base_rates
-from meal_bayes.agents.exploration import as_equation_11, experience_bits, learning_prices
+from meal_bayes.agents.exploration import (
+    AHEAD,
+    as_equation_11,
+    experience_bits,
+    explained,
+    learning_prices,
+    prices,
+    rates_ahead,
+)
 from meal_bayes.agents.knowledge import Knowledge
-from meal_bayes.agents.label_prices import AHEAD, explained, prices, rates_ahead
 from meal_bayes.domain import Query, load_domain
 from meal_bayes.momdp import build_momdp
 from meal_bayes.posterior import ConfusionPosterior

@@ -14,8 +14,7 @@ from click.testing import CliRunner, Result
 import meal_bayes
 from meal_bayes.cli import main
 from meal_bayes.datasets import PerceptTable
-from meal_bayes.datasets.levels import BIN_EDGES, THRESHOLD
-from meal_bayes.datasets.percepts import save_percepts
+from meal_bayes.datasets.percepts import BIN_EDGES, THRESHOLD, save_percepts
 from meal_bayes.domain import load_domain
 from meal_bayes.learner import ask
 from meal_bayes.trials import Trial

@@ -18,8 +18,7 @@ from meal_bayes.momdp import build_momdp, initial_belief, with_joint_prior
 from meal_bayes.planners import unvalued
 from meal_bayes.trial_log import Logs, write_trials
 from meal_bayes.trials import Step
-from meal_bayes.trials.percept_text import percept_labels
-from meal_bayes.trials.text import outcome_text, together_text
+from meal_bayes.trials.text import outcome_text, percept_labels, together_text
 from meal_bayes.viewer.labels import explain_decision, narrate
 from meal_bayes.viewer.recorder import Clock
 

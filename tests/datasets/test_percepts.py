@@ -9,15 +9,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from meal_bayes.datasets.levels import (
+from meal_bayes.datasets.percepts import (
     BIN_EDGES,
     LIMIT,
     THRESHOLD,
+    PerceptTable,
     level_edges,
     levels_of,
+    load_percepts,
     round_log_odds,
+    save_percepts,
 )
-from meal_bayes.datasets.percepts import PerceptTable, load_percepts, save_percepts
 from meal_bayes.domain import domain_table, load_domain
 from meal_bayes.errors import DataError, SettingsError
 
@@ -99,7 +101,7 @@ def test_levels_merge_neighboring_bins(table):
 def test_percepts_and_counts_follow_one_rule_of_merging(table, monkeypatch):
     """Were surely yes and surely no to be rare, that would be said in one place."""
     lowest = np.array([0, 1, 4, 7])
-    monkeypatch.setattr("meal_bayes.datasets.levels.lowest_bins", lambda bins, levels: lowest)
+    monkeypatch.setattr("meal_bayes.datasets.percepts.lowest_bins", lambda bins, levels: lowest)
     middles = np.interp(np.arange(-0.5, 7), np.arange(7), BIN_EDGES)
     middles[[0, -1]] = BIN_EDGES[0] - 1, BIN_EDGES[-1] + 1
     of_bin = table.levels_of(middles, 4)

@@ -19,8 +19,7 @@ from meal_bayes.domain import (
     load_domain,
 )
 from meal_bayes.experiments import OnlineConfig
-from meal_bayes.experiments.online import _learner
-from meal_bayes.experiments.online_protocol import Environment, Protocol
+from meal_bayes.experiments.online import Environment, Protocol, _learner
 from meal_bayes.learner.views import labeled
 from meal_bayes.momdp import observation_entropy
 from meal_bayes.perception import fit_and_validate

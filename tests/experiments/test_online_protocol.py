@@ -6,7 +6,7 @@ import pytest
 from meal_bayes.datasets import Dataset, make_synthetic
 from meal_bayes.domain import load_domain
 from meal_bayes.errors import SettingsError
-from meal_bayes.experiments.online_protocol import Protocol, learnable, restricted
+from meal_bayes.experiments.online import Protocol, learnable, restricted
 
 LEARNABLE = (
     "aluminum", "red", "can", "full", "empty", "metallic", "tall", "short", "liquid", "metal",

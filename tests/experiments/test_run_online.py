@@ -9,7 +9,7 @@ import pytest
 from meal_bayes.datasets import load_dataset
 from meal_bayes.errors import SettingsError
 from meal_bayes.experiments import OnlineConfig, run_online
-from meal_bayes.experiments.online_protocol import Environment, Protocol, Recordings
+from meal_bayes.experiments.online import Environment, Protocol, Recordings
 from meal_bayes.learner import Learner, LearnerSettings
 from meal_bayes.robots.recorded import RecordedRobot
 from meal_bayes.seeds import stream

@@ -3,7 +3,7 @@
 import pytest
 
 from meal_bayes.experiments import OfflineConfig, run_offline, store
-from meal_bayes.experiments.store import is_whole, run_folder
+from meal_bayes.experiments.store import is_finished, run_folder
 
 CONFIG = OfflineConfig("roc36", 2, 3, ("random",), seed=5)
 
@@ -28,7 +28,7 @@ def test_a_damaged_unit_is_made_again(unit, content, damage, caplog):
     flipped = bytearray(content)
     flipped[len(content) // 2] ^= 1
     unit.write_bytes({"flipped": flipped, "torn": content[:-10], "text": b"hello"}[damage])
-    assert not is_whole(unit)
+    assert not is_finished(unit)
     assert "it is made again" in caplog.text
     run_offline(CONFIG, logs=unit.parents[2])
     assert unit.read_bytes() == content

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from meal_bayes.datasets import Instance, make_synthetic
 from meal_bayes.domain import load_domain
 from meal_bayes.errors import QueryError, SettingsError
-from meal_bayes.experiments.online_protocol import Recordings
+from meal_bayes.experiments.online import Recordings
 from meal_bayes.learner import Experience, Learner, implied
 from meal_bayes.learner.experience import key_of_name
 from meal_bayes.learner.views import attempts, labeled, labels_for, labels_of, sizes, training

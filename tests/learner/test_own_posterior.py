@@ -14,8 +14,7 @@ from meal_bayes.errors import DataError, SettingsError
 from meal_bayes.learner import Learner
 from meal_bayes.planners import Predefined
 from meal_bayes.posterior.draws import draw_grid
-from meal_bayes.posterior.idata import save_netcdf, to_idata
-from meal_bayes.posterior.reading import posterior_from
+from meal_bayes.posterior.idata import posterior_from, save_netcdf, to_idata
 
 ROOT = Path(__file__).resolve().parents[2]
 SAMPLE = "pm.sample(100, tune=200, chains=2, cores=1, random_seed=0, progressbar=False)"

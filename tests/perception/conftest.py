@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from meal_bayes.datasets import Dataset, PerceptTable, make_synthetic
-from meal_bayes.datasets.levels import BIN_EDGES
+from meal_bayes.datasets.percepts import BIN_EDGES
 from meal_bayes.domain import Behavior, Domain, load_domain
 
 MakeDataset = Callable[..., Dataset]

@@ -31,8 +31,7 @@ from meal_bayes.perception import (
     table_counts,
     with_classifier,
 )
-from meal_bayes.perception.fold_classifiers import FoldProblem
-from meal_bayes.perception.kappa_pool import KappaPool, fit_sigmoid
+from meal_bayes.perception.fold_classifiers import FoldProblem, KappaPool, fit_sigmoid
 
 BY_HEART = KNeighborsClassifier(1)
 

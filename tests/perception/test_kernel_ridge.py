@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from scipy.optimize import minimize
 
 from meal_bayes.datasets import TrainingSet
-from meal_bayes.datasets.levels import BIN_EDGES, THRESHOLD, levels_of, round_log_odds
+from meal_bayes.datasets.percepts import BIN_EDGES, THRESHOLD, levels_of, round_log_odds
 from meal_bayes.perception import DEFAULT, build_percept_table, fit_and_validate, table_counts
 from meal_bayes.perception.compiled_stacking import fit_stacker
 from meal_bayes.perception.confusion import youden

@@ -17,7 +17,7 @@ from meal_bayes.perception.feature_spaces import (
     gather,
     joint_kernel,
 )
-from meal_bayes.perception.kernel_widths import WIDTHS, _losses_of_widths, learned_widths
+from meal_bayes.perception.kernel_ridge import WIDTHS, _losses_of_widths, learned_widths
 
 
 def gram(space):

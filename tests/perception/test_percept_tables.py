@@ -14,7 +14,7 @@ from meal_bayes.datasets import (
     load_percepts,
     save_percepts,
 )
-from meal_bayes.datasets.levels import BIN_EDGES, round_log_odds
+from meal_bayes.datasets.percepts import BIN_EDGES, round_log_odds
 from meal_bayes.perception import (
     DEFAULT,
     PAPER,
@@ -24,8 +24,7 @@ from meal_bayes.perception import (
     with_classifier,
 )
 from meal_bayes.perception.feature_spaces import assign_folds, gather
-from meal_bayes.perception.kernel_ridge import NOISE, each_group, kernel_problem
-from meal_bayes.perception.kernel_widths import learned_widths
+from meal_bayes.perception.kernel_ridge import NOISE, each_group, kernel_problem, learned_widths
 
 ALL = replace(DEFAULT, positive_youden_only=False)
 FEW = [DEFAULT, replace(PAPER, folds=4), with_classifier(GaussianNB(), folds=4)]

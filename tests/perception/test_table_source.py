@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from meal_bayes.datasets import levels, load_percepts, make_synthetic, save_percepts
+from meal_bayes.datasets import load_percepts, make_synthetic, percepts, save_percepts
 from meal_bayes.digests import digest_of
 from meal_bayes.domain import load_domain
 from meal_bayes.errors import SettingsError
@@ -151,10 +151,10 @@ def test_a_table_of_other_bins_is_computed_anew(tmp_path, monkeypatch):
     monkeypatch.setenv("MEAL_BAYES_DATA_DIR", str(tmp_path / "cache"))
     (tmp_path / "own.toml").write_text('extends = "toy"\nname = "own"\ndata = "own"\n')
     before = TableSource.of(str(tmp_path / "own.toml"), root=tmp_path).path
-    code = Path(levels.__file__).read_text(encoding="utf-8")
+    code = Path(percepts.__file__).read_text(encoding="utf-8")
     assert "-3.0" in code
-    (tmp_path / "levels.py").write_text(code.replace("-3.0", "-2.5"), encoding="utf-8")
-    monkeypatch.setattr(levels, "__file__", str(tmp_path / "levels.py"))
+    (tmp_path / "percepts.py").write_text(code.replace("-3.0", "-2.5"), encoding="utf-8")
+    monkeypatch.setattr(percepts, "__file__", str(tmp_path / "percepts.py"))
     assert TableSource.of(str(tmp_path / "own.toml"), root=tmp_path).path != before
 
 

@@ -17,7 +17,7 @@ from meal_bayes.posterior.draws import (
     summarize_draws,
 )
 from meal_bayes.posterior.grid import DISPERSIONS
-from meal_bayes.posterior.reading import posterior_from
+from meal_bayes.posterior.idata import posterior_from
 
 
 @pytest.fixture

@@ -11,7 +11,7 @@ import pytest
 from scipy.special import gammaln, xlogy
 
 from meal_bayes import Outcome, load_domain, read_query
-from meal_bayes.datasets.detections import detected_levels
+from meal_bayes.datasets.percepts import detected_levels
 from meal_bayes.momdp import build_momdp
 from meal_bayes.planners import unvalued
 from meal_bayes.robots.robot import OutcomeChecker

@@ -13,9 +13,8 @@ import numpy as np
 
 from meal_bayes.arrays import Floats, Ints
 from meal_bayes.momdp import MOMDP, Belief
-from meal_bayes.momdp.belief import percepts_left
+from meal_bayes.momdp.belief import percepts_left, truths_of
 from meal_bayes.momdp.observation import predictive, sample_rows
-from meal_bayes.momdp.truths import truths_of
 from meal_bayes.planners.kernel_calls import plan_values
 from meal_bayes.planners.momdp_arrays import MOMDPArrays, arrays_of, paid_share
 from meal_bayes.planners.open_loop.library import plan_library
