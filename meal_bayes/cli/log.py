@@ -225,6 +225,8 @@ def report(logs: tuple[Path, ...], out: Path, reference: str | None) -> None:
         outcomes = write_report(files, out, reference=reference, on_progress=advance)
     for problem in files.problems:
         note(f"warning: {problem}; the report counts what can be read")
+    if files.copies:
+        note(f"warning: {files.copies}")
     trials = len(outcomes)
     agents = len(outcomes.agents)
     counted = f"{_counted(trials, 'trial')} of {_counted(agents, 'agent')}"
@@ -256,7 +258,10 @@ def compare(logs: tuple[Path, ...], measure: str, reference: str | None, as_json
     from meal_bayes.evaluation.statistics import MASS_TEXT
     from meal_bayes.trial_log import Logs
 
-    logged = LoggedOutcomes.read(Logs(*logs))
+    files = Logs(*logs)
+    logged = LoggedOutcomes.read(files)
+    if files.copies:
+        note(f"warning: {files.copies}")
     rows = comparisons(logged.measured().outcomes, measure=measure, reference=reference)
     if logged.heading:
         note(logged.heading)

@@ -180,6 +180,11 @@ def _page(logged: LoggedOutcomes, trials: ShownTrials, logs: Logs, reference: st
         sections.append(
             {"title": "Warning", "says": says, "kind": "warning", "problems": logs.problems}
         )
+    if logs.copies:
+        says = "Some of the logs are there more than once."
+        sections.append(
+            {"title": "Copies", "says": says, "kind": "warning", "problems": [logs.copies]}
+        )
     if len(logged.outcomes) == 1:
         (only,) = trials.newest
         head = _single(only)

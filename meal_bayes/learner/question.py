@@ -18,6 +18,7 @@ from meal_bayes.planners.solver import MAX_STEPS
 from meal_bayes.robots import Robot
 from meal_bayes.robots.robot import state_index
 from meal_bayes.seeds import Key
+from meal_bayes.trial_log.folder import LIVE
 from meal_bayes.trials import Step, Task, Trial
 from meal_bayes.trials.limits import Limits
 from meal_bayes.untrusted import name_fault
@@ -27,7 +28,6 @@ NO_CLASSIFIERS = (
     "A percept table holds no classifiers for a robot's sensors; fit recordings (load_dataset), or "
     "name an object of the table."
 )
-_LIVE = "live"  # in the keys of trials with a robot
 # A key by `QuestionCounts.next_key`.
 _COUNTED = re.compile(r"(?P<test>test )?(?P<number>[0-9]{1,18})$")
 
@@ -94,7 +94,7 @@ class QuestionCounts:
         """Count a question of before a restart, by its log, so that none repeats its streams."""
         self._skip(header.get("asked"))
         key = header.get("streams")
-        if isinstance(key, list) and len(key) > 2 and key[1] == _LIVE:
+        if isinstance(key, list) and len(key) > 2 and key[1] == LIVE:
             self._skip(key[2])
 
     def _skip(self, key: object) -> None:
@@ -154,8 +154,8 @@ def read_task(
     identity = secrets.token_hex(8)
     name = unnamed(identity) if object_name is None else object_name
     drawn = f"object {key}" if object_name is None else object_name
-    task = Task(text, query, -1, name, (domain.data, _LIVE, identity, *query.attributes))
-    return task, (domain.data, _LIVE, 0 if key is None else key, drawn, *query.attributes)
+    task = Task(text, query, -1, name, (domain.data, LIVE, identity, *query.attributes))
+    return task, (domain.data, LIVE, 0 if key is None else key, drawn, *query.attributes)
 
 
 def start_of(trial: Trial, start: str, state: str | None) -> str:

@@ -10,6 +10,7 @@ import json
 import os
 import re
 import secrets
+import warnings
 from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from datetime import UTC, datetime, timedelta
@@ -17,11 +18,14 @@ from functools import cached_property
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
 from mcap.records import DataEnd
 
+from meal_bayes.arrays import Bools
 from meal_bayes.digests import checksum_of
 from meal_bayes.errors import LogCorruptError, LogError, LogVersionError, QueryError
 from meal_bayes.files import checked_path, command_line, file_name
+from meal_bayes.seeds import Key
 from meal_bayes.trial_log.feedback import Feedback, FeedbackIndex
 from meal_bayes.trial_log.file import (
     ACTIVE,
@@ -47,6 +51,7 @@ from meal_bayes.trial_log.file import (
 from meal_bayes.trials import Trial, TrialOutcomes
 
 ASK = "Learner.ask"  # command of the logs of trials with a robot
+LIVE = "live"  # in the keys of such trials, before what no other trial has
 _FEEDBACK_FOLDER = "feedback"  # beside the logs of trials
 _FEEDBACK = f".feedback{SUFFIX}"  # ends the names of its logs
 _TIME = "%Y%m%d-%H%M%S-%f"
@@ -55,6 +60,7 @@ _TICK = timedelta(microseconds=1)
 _chosen_last = [""]  # time of the last name that this process has chosen
 # Settings that choose trials of a run, or the form of their log, and change none.
 _APART = ("agents", "repeats", "first", "log")
+_NAMED = 10  # copies that a warning names
 _LATER = ("versions", "recovered_from")  # entries of a header that are no setting
 
 
@@ -100,8 +106,9 @@ def log_files(path: str | Path) -> list[Path]:
     """Find the logs of a run: the file itself, or all logs of a folder in the order of their names.
 
     Each log is found once: as the whole file, else as its largest draft, else as its recovered
-    file. The same holds for the name of a log that does not exist (`find_log`). Logs of feedback
-    hold no trials, and are not found in a folder.
+    file. Hidden files and folders, such as `._run.mcap`, are passed over. The same holds for the
+    name of a log that does not exist (`find_log`). Logs of feedback hold no trials, and are not
+    found in a folder.
 
     Raises
     ------
@@ -111,16 +118,24 @@ def log_files(path: str | Path) -> list[Path]:
     path = checked_path("The log", path)
     if not path.is_dir():
         return [find_log(path)]
-    file_of_log = wholest(path.rglob(f"*{SUFFIX}*"))
+    file_of_log = wholest(_shown(path.rglob(f"*{SUFFIX}*"), path))
     logs = sorted(file for log, file in file_of_log.items() if not named_form(log))
     if not logs:
         raise LogError(f"{path} holds no log (*{SUFFIX}).")
     return logs
 
 
+def _shown(files: Iterable[Path], folder: Path) -> Iterator[Path]:
+    """Yield the files of a folder that neither are hidden nor lie in a hidden folder below it."""
+    for file in files:
+        if not any(part.startswith(".") for part in file.relative_to(folder).parts):
+            yield file
+
+
 def feedback_files(folder: Path) -> list[Path]:
     """Find the whole logs of feedback in a folder, in the order in which they were written."""
-    return sorted((folder / _FEEDBACK_FOLDER).glob(f"*{_FEEDBACK}"))
+    own_folder = folder / _FEEDBACK_FOLDER
+    return sorted(_shown(own_folder.glob(f"*{_FEEDBACK}"), own_folder))
 
 
 def feedback_of(folder: Path) -> list[Path]:
@@ -205,7 +220,8 @@ def read_trials(path: str | Path) -> Iterator[Trial]:
     """Read the trials of a whole log one by one, or of a folder's logs in order of their names.
 
     They are equal to what was written. Each is checked before it is yielded, its whole file after
-    the last one. `Logs` reads a folder as far as it can be read.
+    the last one. A trial that several files of a folder hold, as copies do, is yielded once, and a
+    warning names the copies. `Logs` reads a folder as far as it can be read.
 
     Raises
     ------
@@ -231,8 +247,9 @@ def read_trials(path: str | Path) -> Iterator[Trial]:
     True
     """
     log = checked_path("The log", path)
-    files = log_files(log) if log.is_dir() else [log]
-    return itertools.chain.from_iterable([_trials(Scan(file)) for file in files])
+    if not log.is_dir():
+        return _trials(Scan(log))
+    return _trials_once([Scan(file) for file in log_files(log)])
 
 
 def _trials(scan: "Scan") -> Iterator[Trial]:
@@ -243,6 +260,117 @@ def _trials(scan: "Scan") -> Iterator[Trial]:
                 + command_line("meal-bayes report", scan.path)
             )
         yield entry
+
+
+def _trials_once(scans: Sequence["Scan"]) -> Iterator[Trial]:
+    copies = Copies([(scan.path, read_header(scan.path)) for scan in scans])
+    for scan in scans:
+        for trial in _trials(scan):
+            if not copies.are_files or copies.new_rows(scan.path, TrialOutcomes.of([trial])).all():
+                yield trial
+    if copies.of:
+        warnings.warn(copies.text, stacklevel=2)
+
+
+def _run_text(header: Mapping[str, object]) -> str:
+    """Return by what a run is told from others: all settings that change its trials."""
+    settings = {name: value for name, value in header.items() if name not in _LATER}
+    config = header.get("config")
+    if isinstance(config, dict):
+        settings["config"] = {name: value for name, value in config.items() if name not in _APART}
+    return json.dumps(settings, sort_keys=True)
+
+
+def _is_live(header: Mapping[str, object]) -> bool:
+    """Return whether a log holds a trial with a robot, whose key no other trial has."""
+    streams = header.get("streams")
+    return of_learner(header) and isinstance(streams, list) and streams[1:2] == [LIVE]
+
+
+class Copies:
+    """Tells trials that several files hold from trials that are alike, so that each counts once.
+
+    A trial with a robot has a key that no other trial has; of its files the one that goes furthest
+    counts. Any other trial is that of another file where the settings of the run, the agent, the
+    key of the task and all that came out of it are equal: what is drawn follows from these.
+
+    Parameters
+    ----------
+    files : Sequence[tuple[Path, Mapping[str, object]]]
+        Logs with their headers, in the order in which they are read.
+
+    Attributes
+    ----------
+    of : dict[Path, Path]
+        By file that holds trials of another one: that other file. It grows while rows are asked.
+    shorter : set[Path]
+        Files of a trial with a robot that another file holds, as far as it went or further.
+    are_files : bool
+        Whether any of the files may hold trials of another one.
+    """
+
+    def __init__(self, files: Sequence[tuple[Path, Mapping[str, object]]]) -> None:
+        self.of = dict[Path, Path]()
+        self._run = {file: _run_text(header) for file, header in files}
+        self._files_of_run = Counter(self._run.values())
+        self.are_files = len(self._files_of_run) < len(files)
+        self._seen = dict[int, Path]()  # by the hash of what identifies a trial
+        self.shorter = set[Path]()
+        best = dict[Key, tuple[tuple[bool, int, bool], Path]]()
+        for file, header in files:
+            if self._files_of_run[self._run[file]] > 1 and _is_live(header):
+                self._keep_furthest(file, best)
+
+    def _keep_furthest(
+        self, file: Path, best: dict[Key, tuple[tuple[bool, int, bool], Path]]
+    ) -> None:
+        trial: Trial | TrialOutcomes | None = None
+        with contextlib.suppress(LogError):  # told where it is read
+            trial = next(iter(Scan(file, tolerant=True).entries(unfinished=True)), None)
+        if not isinstance(trial, Trial):
+            return
+        merit = (trial.ended == "", len(trial.steps), not file.name.endswith(ACTIVE))
+        key = trial.task.key
+        if key not in best:
+            best[key] = merit, file
+            return
+        before, other = best[key]
+        kept, copy = (file, other) if merit > before else (other, file)
+        best[key] = max(merit, before), kept
+        self.shorter.add(copy)
+        self.of = {name: kept if name_of == copy else name_of for name, name_of in self.of.items()}
+        self.of[copy] = kept
+
+    def new_rows(self, file: Path, outcomes: TrialOutcomes) -> Bools:
+        """Return which trials of a file no file before it holds, (n,)."""
+        new = np.ones(len(outcomes), bool)
+        run = self._run[file]
+        if file in self.shorter:
+            return ~new
+        if self._files_of_run[run] < 2:
+            return new
+        reals = (outcomes.cost, outcomes.reward, outcomes.certainty)
+        columns = [column.tolist() for column in (outcomes.agent, outcomes.key, outcomes.steps)]
+        # By their bits, as NaN is the same here.
+        columns += [np.ascontiguousarray(real).view(np.int64).tolist() for real in reals]
+        for row, values in enumerate(zip(*columns, strict=True)):
+            first = self._seen.setdefault(hash((run, *values)), file)
+            if first != file:
+                new[row] = False
+                self.of.setdefault(file, first)
+        return new
+
+    @property
+    def text(self) -> str:
+        """Name the copies; "" where there are none."""
+        pairs = [f"{copy} (of {first})" for copy, first in self.of.items()]
+        if not pairs:
+            return ""
+        more = f", and {len(pairs) - _NAMED} more" if len(pairs) > _NAMED else ""
+        return (
+            f"Files hold trials of other files, and each trial counts once: "
+            f"{', '.join(pairs[:_NAMED])}{more}"
+        )
 
 
 class Group(NamedTuple):
@@ -275,12 +403,22 @@ def going_on_text(log: Path) -> str:
     )
 
 
+def _rows(group: Group, chosen: Bools) -> Group:
+    """Return some trials of a group, by a mask."""
+    return group._replace(
+        numbers=list(itertools.compress(group.numbers, chosen)),
+        outcomes=group.outcomes.rows(chosen),
+        trials=tuple(itertools.compress(group.trials, chosen)),
+    )
+
+
 class Logs:
     """One or more logs, damaged ones included: faults are noted, whole trials are read.
 
-    A unit that several files hold, such as a draft and a later run of it, is read once. Trials
-    have the truth that was told of them since, by the logs of feedback in their folder and the one
-    above it.
+    A unit that several files hold, such as a draft and a later run of it, is read once, and so is a
+    trial of which there are copies under other names; `copies` says which those are. Trials have
+    the truth that was told of them since, by the logs of feedback in their folder and the one above
+    it.
 
     Parameters
     ----------
@@ -300,6 +438,7 @@ class Logs:
         self.files: Sequence[Path] = list(files.values())
         self.problems: list[str] = []  # grows while trials are read
         self.unfinished: list[str] = []  # those of drafts, which another process may be writing
+        self.copies = ""  # names the files whose trials others hold; whole once trials are read
         self._feedback: dict[Path, FeedbackIndex] = {}  # by folder
 
     @property
@@ -341,21 +480,29 @@ class Logs:
     def _groups(self, *, begun: bool) -> Iterator[Group]:
         """Yield the trials in groups; with those without an outcome that a learner has begun."""
         empty = True
-        for file, header in self._distinct():
+        copies = Copies(list(zip(self.files, self._headers, strict=True)))
+        for file, header in self._distinct(copies):
+            if file in copies.shorter:
+                continue
             scan = Scan(file, tolerant=True)
             next_number = 0
             for outcomes, trials in grouped(scan, unfinished=begun and of_learner(header)):
                 empty = False
                 first_number = next_number
                 next_number = next_number + len(outcomes)
-                numbers = range(first_number, next_number)
-                yield self._judged(Group(header, scan.path, numbers, outcomes, trials))
+                group = Group(header, scan.path, range(first_number, next_number), outcomes, trials)
+                new = copies.new_rows(file, outcomes)
+                if not new.all():
+                    group = _rows(group, new)
+                if new.any():
+                    yield self._judged(group)
             if scan.path.name.endswith(ACTIVE):
                 self._note_draft(scan.path, header, scan.problems)
             elif scan.foreign is not None:
                 self.problems.append(scan.foreign.of(file))
             else:
                 self.problems += [f"{file}: {problem}" for problem in scan.problems]
+        self.copies = copies.text
         if empty and self.problems:
             raise LogCorruptError(f"Not one trial can be read: {self.problems[0]}.")
         if empty and named_form(self.files[0]) == FEEDBACK_FORM:
@@ -414,7 +561,7 @@ class Logs:
             entries += [(file.name, feedback) for feedback in feedback_of_file]
         return entries
 
-    def _distinct(self) -> list[tuple[Path, dict[str, object]]]:
+    def _distinct(self, copies: Copies) -> list[tuple[Path, dict[str, object]]]:
         """Return the files but for copies; check that they are of one data set, and of one run."""
         data_files = dict[str, Path]()
         units = dict[tuple[str, str, str], Path]()
@@ -422,13 +569,12 @@ class Logs:
         for file, header in zip(self.files, self._headers, strict=True):
             config = header.get("config")
             config = config if isinstance(config, dict) else {}
-            if config:
-                settings = {name: value for name, value in header.items() if name not in _LATER}
-                settings["config"] = {k: v for k, v in config.items() if k not in _APART}
-                text = json.dumps(settings, sort_keys=True)
-                other = units.setdefault((text, file.parent.name, stem_of(file)), file)
+            if config and not _is_live(header):
+                name = (_run_text(header), file.parent.name, stem_of(file))
+                other = units.setdefault(name, file)
                 if other is not file:
                     if filecmp.cmp(file, other, shallow=False):
+                        copies.of[file] = other
                         continue
                     raise LogError(
                         f"{other} and {file} hold different trials under equal settings, as other "
@@ -436,9 +582,9 @@ class Logs:
                     )
             files.append((file, header))
             # Objects are known by their numbers in a data set, so trials of two do not mix.
-            name = config.get("dataset") or header.get("data")
-            if isinstance(name, str):
-                data_files.setdefault(name, file)
+            data = config.get("dataset") or header.get("data")
+            if isinstance(data, str):
+                data_files.setdefault(data, file)
         if len(data_files) > 1 and len(set(map(_content, data_files))) > 1:
             listing = ", ".join(f"{name} (such as {file})" for name, file in data_files.items())
             raise LogError(
