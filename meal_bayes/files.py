@@ -31,7 +31,7 @@ from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from meal_bayes.errors import OutputError, SettingsError
+from meal_bayes.errors import DataError, OutputError, SettingsError
 
 if sys.platform != "win32":
     import fcntl
@@ -102,6 +102,19 @@ def checked_path(what: str, value: object) -> Path:
     except UnicodeEncodeError:  # half a character
         raise SettingsError(f"{what} {text!a:.300} is no name of a file; give another.") from None
     return Path(text)
+
+
+def regular_file(what: str, value: object) -> Path:
+    """Return a `checked_path` to read; a `DataError` where it is a folder, a pipe or a device.
+
+    Whoever opens a pipe that nobody writes to waits for ever. What is not there is told by its
+    reader.
+    """
+    path = checked_path(what, value)
+    if path.exists() and not path.is_file():
+        kind = "a folder" if path.is_dir() else "a pipe or a device"
+        raise DataError(f"{what} {path} is {kind}; give the path of a regular file.")
+    return path
 
 
 def lasting_path(what: str, value: object) -> Path:

@@ -15,7 +15,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from meal_bayes.cli.console import printable
-from meal_bayes.datasets import load_dataset
+from meal_bayes.datasets import load_dataset, load_percepts
+from meal_bayes.datasets.csv_files import read_text
+from meal_bayes.domain import load_domain
 from meal_bayes.errors import MealBayesError, OutputError
 from meal_bayes.files import (
     check_folder,
@@ -26,6 +28,7 @@ from meal_bayes.files import (
     write_whole,
 )
 from meal_bayes.learner import Learner
+from meal_bayes.posterior.idata import load_netcdf
 from meal_bayes.trial_log import (
     Logs,
     TrialWriter,
@@ -56,6 +59,34 @@ def test_text_and_bytes_are_written_into_new_folders(tmp_path):
     (tmp_path / "a" / "plain").touch()
     assert sorted(p.name for p in (tmp_path / "a").iterdir()) == ["b.txt", "c.bin", "plain"]
     assert len({path.stat().st_mode for path in (tmp_path / "a").iterdir()}) == 1
+
+
+@pytest.mark.parametrize("kind", ["folder", "pipe", "device", "linked pipe"])
+@pytest.mark.parametrize(
+    "read",
+    [
+        load_netcdf,
+        load_percepts,
+        Learner.load,
+        load_domain,
+        load_dataset,
+        lambda path: Learner("toy", posterior=path, logs=None),
+        lambda path: list(read_trials(path)),
+        check_log,
+        read_text,
+    ],
+)
+def test_what_is_no_regular_file_is_told_and_not_waited_for(tmp_path, kind, read):
+    path = tmp_path / "file.npz"
+    if kind == "folder":
+        path.mkdir()
+    elif kind == "device":
+        path.symlink_to("/dev/zero")
+    else:
+        os.mkfifo(tmp_path / "pipe")
+        path.symlink_to(tmp_path / "pipe")
+    with pytest.raises(MealBayesError):
+        read(path)
 
 
 def test_a_full_disk_is_told_by_name_and_what_was_there_stays(tmp_path):

@@ -66,7 +66,7 @@ def view(
     if screenshot is not None and screenshot.suffix.lower() != ".png":
         raise click.UsageError(f"--screenshot {screenshot}: give a name that ends in .png.")
     from meal_bayes import viewer
-    from meal_bayes.errors import OutputError
+    from meal_bayes.errors import LogError, OutputError
     from meal_bayes.trial_log import Logs
     from meal_bayes.viewer.window import check_recording_name
 
@@ -76,11 +76,17 @@ def view(
         check_output(screenshot)
     logs = None if live else Logs(log)
     last = 0
+    named = number
     if number is None and not every and not live:
         number = 0
     if number is not None or screenshot is not None:
         group, row = numbered(log, number or 0)
         last = max(len(group.trials[row].steps) - 1, 0) if group.trials else 0
+        if named is not None and not group.trials:
+            raise LogError(
+                f"{group.file} is a compact log, which holds no steps of trial {named}; leave out "
+                "--trial to see the run."
+            )
     if save is not None and logs is not None:
         if number is None:
             warn_of_size(logs)

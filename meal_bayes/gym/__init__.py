@@ -196,7 +196,8 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
             raise SettingsError("The episode is over; call reset() first.")
         momdp = running.momdp
         try:
-            index = operator.index(action)  # 2.7 or "3" is no action
+            # 2.7 or "3" is no action, nor is True, which is a number to Python.
+            index = operator.index(None if isinstance(action, bool) else action)  # type: ignore[arg-type]
         except TypeError:
             message = f"The action is {action!r:.60}; give a whole number of {self.action_space}."
             raise SettingsError(message) from None

@@ -21,7 +21,7 @@ import xarray as xr
 from meal_bayes.cache import writable_caches
 from meal_bayes.domain import Domain, unknown
 from meal_bayes.errors import DataError
-from meal_bayes.files import checked_path, draft_of, path_text
+from meal_bayes.files import checked_path, draft_of, path_text, regular_file
 from meal_bayes.look import level_names
 from meal_bayes.posterior.dirichlet import ConfusionPosterior
 from meal_bayes.posterior.draws import ROW, TRUTHS, sensing, summarize_draws
@@ -88,8 +88,9 @@ def save_netcdf(idata: Any, path: str | Path) -> Path:
 
 def load_netcdf(path: str | Path) -> Any:
     """Read what `save_netcdf` wrote; a `DataError` where there is none."""
+    file = regular_file("The posterior", path)
     try:
-        return az.from_netcdf(str(checked_path("The posterior", path)))
+        return az.from_netcdf(str(file))
     except (OSError, ValueError) as fault:
         raise DataError(f"{path} is no posterior in netCDF: {fault}.") from None
 

@@ -90,6 +90,10 @@ def test_a_compact_log_shows_its_run(run):
     trial = ask("heavy, beans", dataset="roc36", object="heavy_blue_beans", agent="greedy")
     write_trials("c.mcap", [TrialOutcomes.of([trial, trial])], header={"seed": 0})
     assert run("view", "c.mcap", "--save", "c.rrd").stdout.startswith("c.rrd: 2 trials")
+    told = run("view", "c.mcap", "--trial", "0", "--save", "d.rrd")
+    assert told.exit_code != 0
+    assert "no steps" in told.stderr
+    assert not Path("d.rrd").exists()
 
 
 @pytest.mark.long

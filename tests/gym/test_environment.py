@@ -195,7 +195,9 @@ def test_an_action_that_is_not_there_changes_nothing(action):
     assert env.step(0)[0]["cost"] > before["cost"]
 
 
-@pytest.mark.parametrize("action", [2.7, "3", np.array([3]), float("nan"), None, np.float64(2)])
+@pytest.mark.parametrize(
+    "action", [2.7, "3", True, np.bool_(True), np.array([3]), float("nan"), None, np.float64(2)]
+)
 def test_what_is_no_whole_number_is_no_action(action):
     env = gymnasium.make("meal_bayes/ROC36-v0", attributes=1, agent="greedy").unwrapped
     env.reset(seed=0)
