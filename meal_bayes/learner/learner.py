@@ -25,12 +25,15 @@ from meal_bayes.learner.fit_cache import FitCache
 from meal_bayes.learner.held_out import replay
 from meal_bayes.learner.online import Online
 from meal_bayes.learner.question import (
+    IDLE,
     NO_CLASSIFIERS,
     Question,
     QuestionCounts,
     TrialOptions,
+    is_idle,
     read_task,
     robot_or_name,
+    start_again,
     start_of,
 )
 from meal_bayes.learner.recording import check_domain, check_resumed, record_steps
@@ -46,6 +49,7 @@ from meal_bayes.learner.settings import (
 )
 from meal_bayes.learner.told import Telling, log_told, nothing_told, warn_of_typo
 from meal_bayes.learner.trial_logs import TrialLogs
+from meal_bayes.look import warn_user
 from meal_bayes.momdp import MOMDP
 from meal_bayes.planners import Policy
 from meal_bayes.planners.solver import MAX_STEPS
@@ -152,6 +156,8 @@ class Learner:
         self._lock = Lock()
         self._joined = JoinedRecordings()
         self._file = ""  # id of the file that was read or written last
+        self._robot_state: str | None = None  # where the last trial with a robot left it
+        self._idle_told = False  # a person was warned of an agent that does not explore
 
     def __repr__(self) -> str:
         data = "a percept table"
@@ -348,16 +354,24 @@ class Learner:
         Parameters
         ----------
         state : str, optional
-            Where the robot is, the domain's start by default; a `RobotError` where it cannot be.
+            Where the robot is; a `RobotError` where it cannot be. By default the domain's start,
+            unless the last trial left the robot elsewhere.
         commanded : bool
             Whether somebody else decides, too, by `Session.command`.
         seed : int, optional
             Of what is drawn; the learner's by default.
         question, object_name, truth, answer, payoffs, learn, log, key : Any
             As for `ask`; so are `max_steps`, `max_cost` and `on_step`.
+
+        Raises
+        ------
+        SettingsError
+            No `state`, although the last trial, whatever ended it, left the robot in another state
+            than the domain's start.
         """
         diagram = self.domain.diagram
-        state = diagram.start if state is None else state
+        if state is None:
+            state = start_again(diagram.start, self._robot_state)
         state_index(diagram.states, state, "begin(state=)")  # before there is a log of it
         options = TrialOptions(
             truth=truth,
@@ -372,7 +386,10 @@ class Learner:
         task, streams, header = self._asked(
             question, object_name, options, key=key, answer=answer, payoffs=payoffs, state=state
         )
-        return self._session(task, streams, options, path, header).start(state)
+        session = self._session(task, streams, options, path, header)
+        if self.table is None:
+            self._robot_state = state
+        return session.start(state)
 
     def find(
         self,
@@ -490,7 +507,7 @@ class Learner:
         --------
         >>> from pathlib import Path
         >>> from tempfile import TemporaryDirectory
-        >>> learner = Learner("toy", agent="greedy", logs=None)
+        >>> learner = Learner("toy", agent="prior", logs=None)
         >>> with TemporaryDirectory() as folder:
         ...     log = Path(folder, "1.mcap")
         ...     ended = learner.begin("Is it red?", "a cup", log=log, commanded=True)
@@ -538,7 +555,7 @@ class Learner:
         --------
         >>> from pathlib import Path
         >>> from tempfile import TemporaryDirectory
-        >>> learner = Learner("toy", agent="greedy", logs=None)
+        >>> learner = Learner("toy", agent="prior", logs=None)
         >>> with TemporaryDirectory() as folder:
         ...     log = Path(folder, "1.mcap")
         ...     ended = learner.begin("Is it red?", "a cup", log=log, commanded=True)
@@ -548,6 +565,7 @@ class Learner:
         """
         path = self._logs.interrupted(log, "give give_up() the trial's log")
         trial, header = end_broken(path)
+        self.note_state([trial])
         with contextlib.suppress(LogError, SettingsError):
             check_resumed(trial, self.experience, self.agent)
             if trial.task.learn and self.table is None:
@@ -555,6 +573,14 @@ class Learner:
                 self.record(trial)
                 self._end(trial)
         return trial
+
+    def note_state(self, trials: Sequence[Trial]) -> None:
+        """Remember where the last of these trials with a robot that moved in one left it."""
+        for trial in trials:
+            ends = [step.next_x for step in trial.steps if step.next_x != trial.momdp.terminal]
+            names = trial.momdp.x_names
+            if trial.task.object_index < 0 and ends and names == self.domain.diagram.states:
+                self._robot_state = names[ends[-1]]
 
     def note_question(self, header: Mapping[str, object]) -> None:
         """Count the question of a log of before a restart, by its header, if it was not yet."""
@@ -634,7 +660,10 @@ class Learner:
         truth = options.truth
         if isinstance(truth, Mapping):
             truth = domain.labels(truth)[columns]
-        perceiver, on_step = fit.perceiving(task, momdp, self._lock, options.on_step)
+        on_step = options.on_step
+        if task.object_index < 0:
+            on_step = partial(self._follow, momdp, on_step)
+        perceiver, on_step = fit.perceiving(task, momdp, self._lock, on_step)
         session = Session(
             task,
             momdp,
@@ -655,6 +684,13 @@ class Learner:
             self._record(session, log, header or {})
         return session
 
+    def _follow(self, momdp: MOMDP, on_step: Callable[[Step], None] | None, step: Step) -> None:
+        """Remember where a robot is after a step."""
+        if step.next_x != momdp.terminal:
+            self._robot_state = momdp.x_names[step.next_x]
+        if on_step is not None:
+            on_step(step)
+
     def _record(
         self,
         session: Session,
@@ -672,6 +708,9 @@ class Learner:
         """Learn from a trial: labels of an object that is recognized are known already."""
         with self._lock:
             self._fits.update(self.experience.instances_of_trial(trial.task.key), refit=False)
+        if not self._idle_told and is_idle(trial, training_agent(self.agent)):
+            self._idle_told = True
+            warn_user(IDLE.format(trial.agent))
 
     # Experience.
 
@@ -872,6 +911,7 @@ class Learner:
         learner.table = saved.table
         learner._questions = saved.questions
         learner._file = saved.file
+        learner._robot_state = saved.robot_state
         learner._fits = FitCache(saved.experience, saved.settings)
         learner._fits.online = saved.fitted
         return learner
@@ -886,6 +926,7 @@ class Learner:
             fitted=self._fits.online,
             questions=self._questions,
             file=self._file,
+            robot_state=self._robot_state,
         )
 
 

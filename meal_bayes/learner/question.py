@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from meal_bayes.agents import Agent, LearningBonus
 from meal_bayes.arrays import check_whole, check_yes_no, real_vector
 from meal_bayes.datasets import PerceptTable, object_index
 from meal_bayes.domain import TERMINAL, Domain, Query, read_question
@@ -27,6 +28,12 @@ Question = str | Sequence[str] | Query | Task
 NO_CLASSIFIERS = (
     "A percept table holds no classifiers for a robot's sensors; fit recordings (load_dataset), or "
     "name an object of the table."
+)
+IDLE = (
+    "The agent {!r} answered without touching anything: it has learned nothing of what was asked, "
+    "so no behavior promises more than it costs, and it does not explore to learn. It answers so "
+    "until it is given recordings or labels of what it has felt; the agent 'bayes' explores from "
+    "nothing."
 )
 # A key by `QuestionCounts.next_key`.
 _COUNTED = re.compile(r"(?P<test>test )?(?P<number>[0-9]{1,18})$")
@@ -156,6 +163,37 @@ def read_task(
     drawn = f"object {key}" if object_name is None else object_name
     task = Task(text, query, -1, name, (domain.data, LIVE, identity, *query.attributes))
     return task, (domain.data, LIVE, 0 if key is None else key, drawn, *query.attributes)
+
+
+def start_again(start: str, left: str | None) -> str:
+    """Return the state in which a trial starts of which nobody says it, the domain's start.
+
+    Raises
+    ------
+    SettingsError
+        The last trial left the robot elsewhere.
+    """
+    if left not in (None, start):
+        raise SettingsError(
+            f"The last trial left the robot in {left!r}, and a trial begins in {start!r} unless "
+            f"you say where the robot is. Give begin(..., state={left!r}) if it is still there, or "
+            f"state={start!r} once it was brought there; ask() with a robot asks its start()."
+        )
+    return start
+
+
+def is_idle(trial: Trial, agent: Agent) -> bool:
+    """Return whether an agent that does not explore answered at once, as it had learned nothing.
+
+    Ours explores by what it does not know; that of the paper is paid for ambiguous percepts alone.
+    """
+    if isinstance(agent.exploration, LearningBonus) or len(trial.steps) != 1:
+        return False
+    counts = trial.counts
+    nothing = counts is not None and not counts.any()
+    # Who compares no values, such as a script or a limit, did not find touching worth too little.
+    valued = np.isfinite(trial.steps[0].decision.values).any()
+    return bool(nothing and valued and trial.report is not None)
 
 
 def start_of(trial: Trial, start: str, state: str | None) -> str:

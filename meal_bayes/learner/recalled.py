@@ -57,13 +57,13 @@ def recall(learner: Learner, *logs: str | Path) -> list[Trial]:
     ...         return "ready"
     ...     def execute(self, behavior):
     ...         return meal_bayes.Outcome("ready")
-    >>> learner = meal_bayes.Learner("toy", agent="greedy", logs=None)
+    >>> learner = meal_bayes.Learner("toy", agent="prior", logs=None)
     >>> from pathlib import Path
     >>> from tempfile import TemporaryDirectory
     >>> with TemporaryDirectory() as folder:
     ...     session = learner.begin("Is it red?", "a cup", log=Path(folder, "1.mcap"))
     ...     trial = meal_bayes.run_trial(session, Still())
-    ...     restarted = meal_bayes.Learner("toy", agent="greedy", logs=None)
+    ...     restarted = meal_bayes.Learner("toy", agent="prior", logs=None)
     ...     len(meal_bayes.recall(restarted, folder))
     1
     """
@@ -88,6 +88,7 @@ def recall(learner: Learner, *logs: str | Path) -> list[Trial]:
         check_domain(experience, trial)
     for trial in recalled:
         learner.record(trial)
+    learner.note_state(recalled)
     learner.note_folders(places)
     for header in headers:
         learner.note_question(header)

@@ -49,6 +49,7 @@ from meal_bayes.perception.kernel_ridge import KernelFit, Stacker
 from meal_bayes.perception.perceiver import BehaviorClassifier
 from meal_bayes.posterior import ConfusionPosterior
 from meal_bayes.posterior.trait import SharedTrait
+from meal_bayes.robots.robot import state_index
 from meal_bayes.untrusted import UNREADABLE, read_array, read_member, read_meta, write_array
 
 _DEEPEST = 12  # fields inside each other
@@ -399,7 +400,7 @@ def _check_shape(name: str, values: Any, expected: tuple[int, ...]) -> None:
         raise ValueError(f"{name} has shape {values.shape}, expected {expected}")
 
 
-_FORMAT = 15
+_FORMAT = 16
 _TEXT = LEARNER
 
 
@@ -414,6 +415,7 @@ class SavedLearner:
     fitted: list[Online]
     questions: QuestionCounts
     file: str  # id of the file
+    robot_state: str | None  # where the last trial left the robot
 
 
 def write_learner(learner: SavedLearner, path: Path, *, overwrite: bool) -> str:
@@ -458,6 +460,7 @@ def write_learner(learner: SavedLearner, path: Path, *, overwrite: bool) -> str:
             "classifier": None if classifier is None else type(classifier).__name__,
             "settings": pack({**written, "classifier": None}, keep),
             "questions": asdict(learner.questions),
+            "robot_state": learner.robot_state,
             "fitted": fitted,
             "table": pack(learner.table, keep),
             "features": write_features(experience, keep),
@@ -500,6 +503,7 @@ def read_learner(path: Path, *, agent: object, classifier: object) -> SavedLearn
                 fitted=fitted,
                 questions=QuestionCounts(**meta["questions"]),
                 file=str(meta["file"]),
+                robot_state=_state_of(meta["robot_state"], domain),
             )
     except SettingsError:
         raise
@@ -509,6 +513,13 @@ def read_learner(path: Path, *, agent: object, classifier: object) -> SavedLearn
         ) from fault
     except OSError as fault:
         raise DataError(f"{path} cannot be read: {fault}.") from fault
+
+
+def _state_of(name: object, domain: Domain) -> str | None:
+    """Return where a file says that the robot was left."""
+    if name is None:
+        return None
+    return domain.diagram.states[state_index(domain.diagram.states, name, "robot_state")]
 
 
 def _refuse_what_others_saved(path: Path, file: str) -> None:

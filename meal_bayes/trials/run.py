@@ -23,11 +23,11 @@ def run_trial(session: Session, robot: Robot) -> Trial:
     ...         return "ready"
     ...     def execute(self, behavior):
     ...         return meal_bayes.Outcome("ready")
-    >>> learner = meal_bayes.Learner("toy", agent="greedy", logs=None)
+    >>> learner = meal_bayes.Learner("toy", agent="prior", logs=None)
     >>> session = learner.begin("Is it red?", "a cup")
     >>> trial = meal_bayes.run_trial(session, Still())
     >>> trial.agent
-    'greedy'
+    'prior'
     """
     check_kind("session", session, Session)
     if not hasattr(robot, "execute"):

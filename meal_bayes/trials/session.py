@@ -78,7 +78,7 @@ class Session(OneCaller):
     ...         return "ready"
     ...     def execute(self, behavior):
     ...         return meal_bayes.Outcome("ready")
-    >>> learner = meal_bayes.Learner("toy", agent="greedy", logs=None)
+    >>> learner = meal_bayes.Learner("toy", agent="prior", logs=None)
     >>> session = learner.begin("Is it red?", "a cup")
     >>> trial = meal_bayes.run_trial(session, Still())
     >>> session.behavior is None

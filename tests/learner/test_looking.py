@@ -95,11 +95,13 @@ def check_going_on(make, folder, agent, seed, looks, restart):
 
 
 @pytest.mark.long
+@pytest.mark.filterwarnings("ignore:The agent .* answered without touching")
 @pytest.mark.parametrize("agent", sorted(EVERY))
 def test_going_on_from_a_file_changes_nothing_for_any_agent(make, tmp_path, agent):
     check_going_on(make, tmp_path, agent, len(agent), [sorted(LOOKS)] * TRIALS, restart=2)
 
 
+@pytest.mark.filterwarnings("ignore:The agent .* answered without touching")
 @settings(
     max_examples=settings().max_examples // 5,  # 500: pytest --hypothesis-profile=bars
     suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],

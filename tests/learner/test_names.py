@@ -26,7 +26,7 @@ FULL = {"red": True, "full": False}
 def test_a_name_is_refused_at_every_door_or_kept(name):
     domain = Path(__file__).parents[2] / "examples" / "kitchen.toml"
     with TemporaryDirectory() as folder:
-        learner = Learner(domain, agent="greedy", logs=Path(folder))
+        learner = Learner(domain, agent="prior", logs=Path(folder))
         doors = {
             "tell": lambda: learner.tell(name, FULL),
             "begin": lambda: learner.begin("red", object_name=name, key=name).cancel(),

@@ -47,7 +47,7 @@ def logs_of(folder):
 
 def test_a_session_makes_the_trial_of_ask(learner, make):
     asked = learner.ask("red", make.arm(), key="k")
-    trial = drive(learner.begin("red", key="k"), started(make.arm()))
+    trial = drive(learner.begin("red", state="table", key="k"), started(make.arm()))
     assert_same(trial, asked)
     assert trial.report is not None
     assert trial.task.key != asked.task.key
@@ -93,7 +93,7 @@ def test_limits_bring_the_best_report(learner, make):
     for wrong in ({"max_steps": "a"}, {"max_steps": 2.5}, {"max_steps": -1}, {"max_cost": "a"},
                   {"max_cost": float("nan")}):  # fmt: skip
         with pytest.raises(SettingsError, match="; give "):
-            learner.begin("red", **wrong)
+            learner.begin("red", state="table", **wrong)
 
 
 def test_a_cancelled_session_is_logged_without_a_report(learner, make, tmp_path):
@@ -351,3 +351,32 @@ def test_several_broken_trials_are_listed(learner, tmp_path):
         learner.resume()
     with pytest.raises(LogError, match="no trial"):
         learner.resume(tmp_path / "none")
+
+
+ENDS = {
+    "cancelled": lambda session, arm: session.cancel(),
+    "failed": lambda session, arm: session.fail(),
+    "abandoned": lambda session, arm: None,
+    "answered": drive,
+}
+
+
+@pytest.mark.parametrize("end", ENDS)
+def test_a_trial_does_not_begin_where_the_robot_is_not(dataset, make, tmp_path, end):
+    plan = ("look", "lift") if end == "answered" else ("look", "lift", "reset")
+    agent = make.agent(*plan, **make.ours)
+    learner = make.learner(dataset, agent, logs=tmp_path)
+    arm = started(make.arm())
+    session = learner.begin("red", learn=end != "answered")
+    for _ in range(2):
+        if session.behavior:
+            session.observe(arm.execute(session.behavior))
+    ENDS[end](session, arm)
+    learner.save(tmp_path / "mind")
+    for heir in (learner, Learner.load(tmp_path / "mind", agent=agent, logs=None)):
+        with pytest.raises(SettingsError, match=r"in 'held'.*begin\(\.\.\., state='held'\)"):
+            heir.begin("red")
+        assert heir.ask("red", make.arm()).report is not None  # start() says where it is
+        heir.begin("red", state="table", commanded=True).cancel()
+        heir.begin("red").cancel()
+    session.cancel()

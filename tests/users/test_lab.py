@@ -153,6 +153,7 @@ class Bot:
         return mb.Outcome(self.state, percept if senses else None)
 
 
+@pytest.mark.filterwarnings("ignore:The agent .* answered without touching")
 @pytest.mark.parametrize("asked", [["full"], ["full", "metal"]])
 @pytest.mark.parametrize("agent", AGENTS)
 def test_what_senses_nothing_is_no_plan(agent, asked):
