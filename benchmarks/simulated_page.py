@@ -15,6 +15,7 @@ from typing import Any
 
 import matplotlib as mpl
 import matplotlib.pyplot as plt
+import measuring  # noqa: F401  puts the folder of examples on the path
 import numpy as np
 from simulated_arm import SimulatedArm, draw_object
 from simulated_arm.sensors import take_picture

@@ -1,6 +1,6 @@
 """Ask the arm in physics about new objects, let it learn from nothing, or record objects with it.
 
-python examples/simulated_arm ask "Is it heavy, and does it rattle?" --seed 7
+python examples/simulated_arm ask "Is it heavy, and does it rattle?" --seed 7 --save arm.rrd
 python examples/simulated_arm live --trials 200
 python examples/simulated_arm record --objects 30 --recordings 5 --out recordings
 """
@@ -23,7 +23,11 @@ _BLOCK = 20  # trials of one line of the curve
 
 def main(arguments: list[str] | None = None) -> int:
     """Read the command line and do what it says; return 1 where the robot failed."""
-    parser = argparse.ArgumentParser(prog="python examples/simulated_arm")
+    parser = argparse.ArgumentParser(
+        prog="python examples/simulated_arm",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
     commands = parser.add_subparsers(required=True)
     ask = commands.add_parser("ask", help="ask about a new object, which the arm then touches")
     ask.set_defaults(run=_ask)

@@ -248,7 +248,7 @@ def memory() -> None:
     """Show or forget the labels that `ask --learn` received."""
 
 
-@memory.command()
+@memory.command(short_help="List the labels that objects were told to have.")
 @opt.shared("dataset", "root", "logs", "json")
 def show(dataset: str, root: Path | None, logs: Path, as_json: bool) -> None:
     """List the labels that objects were told to have, by `ask --learn` or a Learner in Python.

@@ -13,14 +13,13 @@ from meal_bayes.cli import console as terminal
 from meal_bayes.cli import options as opt
 from meal_bayes.cli.program import Section
 from meal_bayes.files import command_line
-from meal_bayes.look import REFERENCES
 
 if TYPE_CHECKING:
     from meal_bayes.evaluation import SummaryRow
     from meal_bayes.evaluation.learning import LearningRow, LearningSummary
     from meal_bayes.evaluation.summary import Summary
 
-_AGAINST = REFERENCES[0]  # the paper's agent, which the others are compared with
+_AGAINST = "morc"  # the paper's agent, which the others are compared with
 _MEASURE = "reward"
 _HOW = ("logs", "jobs", "cluster", "fresh")  # options that are no settings of a run
 _LEAST_SPLITS = 5  # splits, below which an interval over them says nothing

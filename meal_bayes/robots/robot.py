@@ -11,7 +11,7 @@ from typing import ClassVar, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from meal_bayes.arrays import ByValue, equal_values, hash_of, is_whole
+from meal_bayes.arrays import ByValue, is_whole
 from meal_bayes.datasets import Instance, checked_features
 from meal_bayes.datasets.percepts import checked_percepts
 from meal_bayes.domain import TERMINAL, Behavior, Domain, unknown
@@ -275,8 +275,8 @@ def _checked(modality: str, sensed: Mapping[str, ArrayLike]) -> NDArray[np.float
         raise _NoPercept(f"{modality}: {fault}") from fault
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Frame:
+@dataclass(frozen=True, slots=True)
+class Frame(ByValue):
     """The geometry of a robot and its surroundings at one moment, for the viewer.
 
     Attributes
@@ -323,12 +323,3 @@ class Frame:
     SOLID: ClassVar[int] = 0
     SHELL: ClassVar[int] = 1
     BALL: ClassVar[int] = 2
-
-    def __eq__(self, other: object) -> bool:
-        return equal_values(self, other)
-
-    def __ne__(self, other: object) -> bool:
-        return not equal_values(self, other)
-
-    def __hash__(self) -> int:
-        return hash_of(self)

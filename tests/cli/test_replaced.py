@@ -19,6 +19,7 @@ WORDS = {  # of each option or argument that names a file to write
 }
 KEPT = "log recover out"  # which refuses, as `test_log.py` shows
 NEEDS = {"view screenshot": "vulkan", "data percepts out": "own_data"}
+ELSEWHERE = {"data import labels", "data show out"}  # an input; needs a bag, see `test_bags.py`
 LONG = {"view screenshot"}
 
 
@@ -26,7 +27,7 @@ def outputs(command, path=()):
     """Yield what names a file to write, of a command and those in it."""
     for parameter in command.params:
         kind = parameter.type
-        if isinstance(kind, click.Path) and kind.file_okay and not kind.dir_okay:
+        if isinstance(kind, click.Path) and kind.file_okay and not (kind.dir_okay or kind.exists):
             yield " ".join((*path, parameter.name))
     if isinstance(command, click.Group):
         for name, inner in command.commands.items():
@@ -34,7 +35,7 @@ def outputs(command, path=()):
 
 
 def test_every_output_is_tested():
-    assert {*outputs(main)} == {*WORDS, KEPT}
+    assert {*outputs(main)} - ELSEWHERE == {*WORDS, KEPT}
 
 
 @pytest.mark.parametrize(

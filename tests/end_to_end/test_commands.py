@@ -24,7 +24,7 @@ PAGES = [
 TEXT = "\n".join(page.read_text(encoding="utf-8") for page in PAGES)
 FENCE = re.compile(r"^```(\w*)[^\n]*\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 # Programs of others: the CI runs what is said of them, or no test can (a network, a scheduler).
-OTHERS = {"pip", "git", "pytest", "cd", "dask", ".ci/run"}
+OTHERS = {"pip", "git", "pytest", "cd", "dask", "rerun", "zip", ".ci/run"}
 SMALLEST = {"examples/policy_gradient.py": "1"}  # episodes; it has no --help
 
 
@@ -84,7 +84,7 @@ def run(tmp_path_factory):
 
     def start(script, *words):
         # -S: an editable install would put the checkout on the path.
-        script = ROOT / script if script.endswith(".py") else folder / script
+        script = ROOT / script if "/" in script else folder / script
         return subprocess.run(
             [sys.executable, "-S", str(script), *words],
             cwd=ROOT, env=environment, capture_output=True, text=True, check=False,

@@ -94,6 +94,7 @@ RUNS = (
     Run("kill_learner", "--kills 1", {"LIVES": 1}, apart=True),
     Run("learner", "", {"WORDS": 2, **DATA}),
     Run("learner", "--refits 1", REFITS),
+    Run("knowing_little", "rates roc36 --seeds 0-1"),
     Run("learning", "toy 0-2 --trials 3"),
     Run("learning", "detector 0-1 --trials 3 --agent bayes_same_objects"),
     Run("learning", "physics 0-1 --trials 1", needs="sim"),
