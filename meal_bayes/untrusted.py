@@ -26,6 +26,8 @@ TEXT_LIMIT = 1 << 28  # bytes of a file of numbers: 256 MB
 TABLE_LIMIT = 1 << 18  # bytes of a domain's TOML
 LINE_LIMIT = 10_000  # characters of a line of it
 MEMBER_LIMIT = 1 << 31  # bytes that a member of a zip may unpack to, unless its reader says less
+FREE_BYTES = 64 << 20  # that any file may unpack to
+UNPACKING = 256  # times its own size that a larger one may
 JSON_LIMIT = 4 << 20  # bytes of one JSON text
 DEPTH_LIMIT = 32  # lists and tables inside each other
 LARGEST = 1e6  # s: rewards, costs and shaping; beyond it a search may not come to an end
@@ -134,6 +136,17 @@ def read_array(
     if kind != np.dtype(dtype) or len(shape) != axes or fortran or min(shape) < 0:
         raise ValueError(f"{name} is {kind} {shape}, expected {dtype} with {axes} axes")
     return np.frombuffer(content, dtype, offset=buffer.tell()).reshape(shape)
+
+
+def check_unpacked(archive: zipfile.ZipFile, size: int) -> None:
+    """Raise a `ValueError` where a zip of so many bytes claims to unpack to far more.
+
+    Zeros compress a thousandfold: a small file may ask for gigabytes.
+    """
+    claimed = sum(info.file_size for info in archive.infolist())
+    most = FREE_BYTES + UNPACKING * size
+    if claimed > most:
+        raise ValueError(f"it has {size:,} bytes and claims to unpack to {claimed:,}")
 
 
 def read_member(archive: zipfile.ZipFile, name: str, limit: int = MEMBER_LIMIT) -> bytes:

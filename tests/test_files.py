@@ -8,6 +8,7 @@ import stat
 import subprocess
 import sys
 import tracemalloc
+import zipfile
 from pathlib import Path
 
 import pytest
@@ -18,7 +19,7 @@ from meal_bayes.cli.console import printable
 from meal_bayes.datasets import load_dataset, load_percepts
 from meal_bayes.datasets.csv_files import read_text
 from meal_bayes.domain import load_domain
-from meal_bayes.errors import MealBayesError, OutputError
+from meal_bayes.errors import DataError, MealBayesError, OutputError
 from meal_bayes.files import (
     check_folder,
     check_output,
@@ -87,6 +88,21 @@ def test_what_is_no_regular_file_is_told_and_not_waited_for(tmp_path, kind, read
         path.symlink_to(tmp_path / "pipe")
     with pytest.raises(MealBayesError):
         read(path)
+
+
+@pytest.mark.parametrize("read", [Learner.load, load_percepts])
+def test_a_small_file_that_unpacks_to_gigabytes_is_refused_before_memory(tmp_path, read):
+    path = tmp_path / "bomb.npz"
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name in ("learner.json", "meta.npy"):
+            archive.writestr(name, bytes(100 << 20))
+    tracemalloc.start()
+    try:
+        with pytest.raises(DataError, match="claims to unpack"):
+            read(path)
+        assert tracemalloc.get_traced_memory()[1] < 10 << 20
+    finally:
+        tracemalloc.stop()
 
 
 def test_a_full_disk_is_told_by_name_and_what_was_there_stays(tmp_path):

@@ -38,7 +38,7 @@ from meal_bayes.domain import (
 from meal_bayes.errors import DataError, DomainError, SettingsError
 from meal_bayes.files import checked_path, draft_of, path_text
 from meal_bayes.look import facts_repr, listed
-from meal_bayes.untrusted import UNREADABLE, read_array, read_meta, write_array
+from meal_bayes.untrusted import UNREADABLE, check_unpacked, read_array, read_meta, write_array
 
 THRESHOLD = float(np.log(0.501 / 0.499))  # yes/no at .501: .5 +- 1e-16 would leak by rounding
 BIN_COUNT = np.dtype("|u1")  # of an object's recordings in a fine bin, in tables and files
@@ -347,6 +347,7 @@ def _read(path: Path, where: str, domain: Domain | None) -> PerceptTable:
     """Read a table, with attributes and behaviors in the order of the domain (the file's own)."""
     try:
         with zipfile.ZipFile(path) as archive:
+            check_unpacked(archive, path.stat().st_size)
             arrays = {
                 name: read_array(archive, name, *spec, _LARGEST)
                 for name, spec in _MEMBERS.items()

@@ -50,7 +50,14 @@ from meal_bayes.perception.perceiver import BehaviorClassifier
 from meal_bayes.posterior import ConfusionPosterior
 from meal_bayes.posterior.trait import SharedTrait
 from meal_bayes.robots.robot import state_index
-from meal_bayes.untrusted import UNREADABLE, read_array, read_member, read_meta, write_array
+from meal_bayes.untrusted import (
+    UNREADABLE,
+    check_unpacked,
+    read_array,
+    read_member,
+    read_meta,
+    write_array,
+)
 
 _DEEPEST = 12  # fields inside each other
 
@@ -477,6 +484,7 @@ def read_learner(path: Path, *, agent: object, classifier: object) -> SavedLearn
         raise DataError(f"No file {path}; give the path of a learner that save() wrote.")
     try:
         with zipfile.ZipFile(path) as archive:
+            check_unpacked(archive, path.stat().st_size)
             read = partial(read_array, archive)
             meta = read_meta(read_member(archive, _TEXT), _FORMAT)
             domain = domain_from_table(meta["domain"])

@@ -87,7 +87,7 @@ from meal_bayes.trial_log.messages import (
 from meal_bayes.trials import Step, Trial, TrialOutcomes
 from meal_bayes.trials.outcomes import check_trials
 from meal_bayes.trials.text import UNFINISHED
-from meal_bayes.untrusted import read_json
+from meal_bayes.untrusted import FREE_BYTES, UNPACKING, read_json
 from meal_bayes.version import package_version
 
 FULL = "full"  # the form of a log that holds whole trials
@@ -145,8 +145,6 @@ _SEARCHED = 4  # blocks of the record limit
 _HEAD = 9  # bytes of a record before its content
 _CRC = 4  # bytes of a checksum
 _PROBLEMS = 20  # that are kept of one file
-_FREE_BYTES = 64 << 20  # that any file may unpack to
-_UNPACKING = 256  # times its own size that a larger one may
 _GROUP = 100  # trials whose outcomes are computed at a time
 
 
@@ -974,7 +972,7 @@ class Scan:
                 offset = begin  # behind the last whole record
                 file.seek(begin)
                 # A small file may claim to unpack to gigabytes: zeros compress a thousandfold.
-                builder = TrialBuilder(limit=_FREE_BYTES + _UNPACKING * size)
+                builder = TrialBuilder(limit=FREE_BYTES + UNPACKING * size)
                 self.builder = builder if begin == 0 else self.builder
                 with self._noting():
                     check_size(self.path, size)
