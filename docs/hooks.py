@@ -27,7 +27,7 @@ BOOSTS = {"concepts/": 2.0, "results/": 0.5, "decisions.md": 0.5, "paper_repro/"
 HEADING = "    options: { show_root_heading: true, show_root_full_path: false }"
 FUNCTIONS = {  # functions that a package takes from modules as a whole
     "meal_bayes.trial_log": f"\n::: meal_bayes.trial_log.file.salvage\n{HEADING}\n",
-    "meal_bayes.planners": f"\n::: meal_bayes.planners.kernel_calls.warm_up\n{HEADING}\n",
+    "meal_bayes.planners": f"\n::: meal_bayes.planners.precompile.warm_up\n{HEADING}\n",
 }
 LINK = re.compile(r"\]\((?!\w+:|#)([^)\s]+)")
 EQUATION = re.compile(r'<(span|div) class="arithmatex">\\([(\[])(.*?)\\[)\]]</\1>', re.DOTALL)
