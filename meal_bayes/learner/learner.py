@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from meal_bayes.agents import Agent, Knowledge, as_agent
 from meal_bayes.datasets import Dataset, PerceptTable, load_percepts, object_index
@@ -62,6 +62,7 @@ from meal_bayes.trial_log.file import SUFFIX
 from meal_bayes.trial_log.folder import ASK
 from meal_bayes.trial_log.live import Interrupted, LiveLog, end_broken, resuming
 from meal_bayes.trials import FaultTolerant, Session, Step, Task, Trial, run_trial
+from meal_bayes.trials.text import UNFINISHED
 
 NO_TABLE = "Give a robot, or fit a percept table (build_percept_table) to replay its objects."
 
@@ -573,6 +574,18 @@ class Learner:
                 self.record(trial)
                 self._end(trial)
         return trial
+
+    def hear_trial(self, trial: Trial) -> None:
+        """Record a trial of a log, and learn from it as when it ended, if it did."""
+        self.record(trial)
+        if trial.ended != UNFINISHED:
+            with self._lock:
+                self._fits.update(self.experience.instances_of_trial(trial.task.key), refit=False)
+
+    def hear_moved(self, rows: NDArray[np.intp], anew: bool) -> None:
+        """Learn from labels of instances (k,) as when they were told: refit where that is due."""
+        with self._lock:
+            self._fits.update(rows, refit=True, anew=anew)
 
     def note_state(self, trials: Sequence[Trial]) -> None:
         """Remember where the last of these trials with a robot that moved in one left it."""

@@ -5,7 +5,7 @@ what the logs say.
 """
 
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
 from meal_bayes.files import lasting_path
@@ -14,8 +14,8 @@ from meal_bayes.learner.learner import Learner
 from meal_bayes.learner.recording import check_domain
 from meal_bayes.learner.told import tell_again
 from meal_bayes.seeds import Key
-from meal_bayes.trial_log import Logs
-from meal_bayes.trial_log.folder import feedback_files, readable_feedback
+from meal_bayes.trial_log import Feedback, Logs
+from meal_bayes.trial_log.folder import begun_text, feedback_files, readable_feedback
 from meal_bayes.trials import Trial
 
 
@@ -24,13 +24,15 @@ def recall(learner: Learner, *logs: str | Path) -> list[Trial]:
 
     What was executed, whether it succeeded, what the robot sensed, and the labels that people told
     of it are in the logs; a trial that was forgotten with its recordings is so again. One that was
-    broken off, or is under way, is learned from as far as it went, and later to its end; where it
-    is to go on, `resume` it first, as its agent would decide by what it has learned. Trials that
-    the learner has had to their end, tests, and trials with other levels than its agent's are
-    passed over, but for what people have told of them, or taken back, since: in the order in which
-    it was told, whatever the order of the folders. What the learner has told or recalled before is
-    not told again. A replay shows recordings of its object that the learner was given, if it was.
-    What is damaged is named in a warning.
+    broken off, or is under way, is recorded as far as it went, and later to its end: `resume` goes
+    on with it. Trials and labels are learned from in the order of their times, so that all is
+    learned anew at the moments at which the learner that wrote the logs did, but for its calls of
+    `refit`, which are not in them. Where the name of a log does not say when it was begun, all is
+    learned anew at the end. Trials that the learner has had to their end, tests, and trials with
+    other levels than its agent's are passed over, but for what people have told of them, or taken
+    back, since: in the order in which it was told, whatever the order of the folders. What the
+    learner has told or recalled before is not told again. A replay shows recordings of its object
+    that the learner was given, if it was. What is damaged is named in a warning.
 
     Parameters
     ----------
@@ -71,11 +73,13 @@ def recall(learner: Learner, *logs: str | Path) -> list[Trial]:
     experience = learner.experience
     recalled = list[Trial]()
     places = dict[Key, Path]()
+    names = dict[Key, str]()  # of the logs, which begin with the time
     headers = list[Mapping[str, object]]()
     for group in files.begun():
         headers.append(group.header)
         for trial in group.trials:
             task = trial.task
+            names[task.key] = group.file.name
             places[task.key] = lasting_path("The log", group.file.parent)
             fits = trial.momdp.levels == learner.agent.levels
             if (
@@ -86,15 +90,32 @@ def recall(learner: Learner, *logs: str | Path) -> list[Trial]:
                 recalled.append(trial)
     for trial in recalled:  # all of them, before one is experience
         check_domain(experience, trial)
-    for trial in recalled:
-        learner.record(trial)
     learner.note_state(recalled)
     learner.note_folders(places)
     for header in headers:
         learner.note_question(header)
     entries = files.told()
-    tell_again(experience, entries)
-    learner.refit()
+    waiting = list(recalled)
+
+    def in_order() -> Iterator[tuple[str, Feedback]]:
+        """Yield what was told; before it, the trials of before are learned from."""
+        for file, feedback in entries:
+            keys = [trial.task.key for trial in waiting]
+            earlier = [names[key] < file for key in keys]
+            count = [*earlier, False].index(False)
+            if feedback.key in keys:
+                count = max(count, keys.index(feedback.key) + 1)
+            for trial in waiting[:count]:
+                learner.hear_trial(trial)
+            del waiting[:count]
+            yield file, feedback
+
+    # At the moments at which the learner that wrote the logs did, so that refits are the same.
+    tell_again(experience, in_order(), None if learner.table else learner.hear_moved)
+    for trial in waiting:
+        learner.hear_trial(trial)
+    if not all(map(begun_text, map(Path, names.values()))):  # in what order is not known
+        learner.refit()
     faults = [fault for fault in dict.fromkeys(files.problems) if fault not in files.unfinished]
     if faults:
         more = f"; and {len(faults) - 1} more" if faults[1:] else ""

@@ -2,11 +2,12 @@
 
 import difflib
 import re
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from meal_bayes.domain import unknown
 from meal_bayes.errors import LogError, SettingsError
@@ -73,7 +74,11 @@ def log_told(experience: Experience, folder: Path, telling: Telling) -> None:
         experience.unlogged.pop(0)
 
 
-def tell_again(experience: Experience, entries: Iterable[tuple[str, Feedback]]) -> None:
+def tell_again(
+    experience: Experience,
+    entries: Iterable[tuple[str, Feedback]],
+    on_moved: Callable[[NDArray[np.intp], bool], object] | None = None,
+) -> None:
     """Let an experience hold what was told, or taken back, of trials that it has and of objects.
 
     Parameters
@@ -82,6 +87,9 @@ def tell_again(experience: Experience, entries: Iterable[tuple[str, Feedback]]) 
         With the names of their logs, in the order in which they were told. What was heard before
         is told again only behind what others had told of its object before and is heard now: other
         things may have been told since.
+    on_moved : Callable[[NDArray[np.intp], bool], object] | None
+        Called after each telling with the instances (k,) whose labels moved, and whether recordings
+        were forgotten.
     """
     domain = experience.domain
     unheard = set[str]()  # objects of which something is told that was not heard yet
@@ -100,11 +108,15 @@ def tell_again(experience: Experience, entries: Iterable[tuple[str, Feedback]]) 
                 labels[domain.columns([name])] = label
         # What was told before in the same trial is not told again: it may have been replaced.
         if feedback.recordings:
-            experience.forget(key, recordings=True)
+            moved = experience.forget(key, recordings=True)
         elif (labels >= 0).any():
-            experience.add_labels(key, feedback.object_name, labels)
+            moved = experience.add_labels(key, feedback.object_name, labels)
         elif (experience.labels_of_trial(key) >= 0).any():
-            experience.forget(key)
+            moved = experience.forget(key)
+        else:
+            continue
+        if on_moved is not None:
+            on_moved(moved, feedback.recordings)
 
 
 def warn_of_typo(experience: Experience, name: str) -> None:

@@ -203,7 +203,8 @@ def test_what_a_detector_said_is_recalled_and_nothing_else(
         live.tell(live.ask(asked, robot), {"red": True, "full": False})
     heir = Learner(make.kitchen, agent=agent, logs=None, refit_every=None)
     recall(heir, folder)
-    live.refit()
+    for learner in (live, heir):
+        learner.refit()
     for name in ("executions", "detected"):
         expected = getattr(live.experience, name).values
         np.testing.assert_array_equal(getattr(heir.experience, name).values, expected)
