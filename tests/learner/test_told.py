@@ -184,7 +184,7 @@ def test_neither_a_clock_that_is_set_nor_a_full_disk_moves_a_label(
             trial = trials[whose] if isinstance(whose, int) else whose
             with pytest.MonkeyPatch.context() as disk:
                 if event == "full":
-                    disk.setattr(log_file, "replace_whole", full)
+                    disk.setattr(log_file, "name_new", full)
                 with contextlib.suppress(SettingsError, LogError):
                     if value is None:
                         live.forget(trial)
@@ -203,7 +203,7 @@ def test_neither_a_clock_that_is_set_nor_a_full_disk_moves_a_label(
 
 def test_a_full_disk_says_that_the_label_is_learned(dataset, make, tmp_path, monkeypatch):
     learner = begun(dataset, make, tmp_path)
-    monkeypatch.setattr(log_file, "replace_whole", full)
+    monkeypatch.setattr(log_file, "name_new", full)
     with pytest.raises(LogError, match=r"No space left.*is learned; mend this"):
         learner.tell("mug", {"red": True})
     assert red(learner) == {"mug": 1}
