@@ -70,7 +70,7 @@ def test_every_name_is_found_and_documented():
         assert value.__module__.startswith("meal_bayes.")
         assert ">>> " in value.__doc__, name
     assert len(meal_bayes.__all__) <= 45
-    page = (SOURCE.parents[1] / "docs" / "public.md").read_text(encoding="utf-8")
+    page = (Path(__file__).resolve().parents[1] / "docs" / "public.md").read_text(encoding="utf-8")
     assert not [name for name in meal_bayes.__all__ if f"`{name}`" not in page]
     assert set(meal_bayes.__all__) <= set(dir(meal_bayes))
     assert "__version__" in dir(meal_bayes)
