@@ -102,6 +102,7 @@ def answered(trials, domain):
 
 @pytest.mark.long
 @pytest.mark.filterwarnings("ignore:.*yielded nothing several times")
+@pytest.mark.filterwarnings("ignore:.*answered without touching anything")
 @pytest.mark.parametrize("planner", PLANNERS)
 @pytest.mark.parametrize("bonus", BONUSES)
 @settings(max_examples=max(settings().max_examples // 25, 2))  # 100: --hypothesis-profile=bars

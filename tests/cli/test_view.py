@@ -102,7 +102,7 @@ def test_a_run_is_followed(run, log, window):
     beliefs = {key for key in contents(Path("saved.rrd")) if key[0].startswith("/belief/")}
     torn = log / "c.mcap"
     whole = (log / "b.mcap").read_bytes()
-    torn.write_bytes(whole[: len(whole) // 2] + b"torn" + whole[len(whole) // 2 + 4 :])
+    torn.write_bytes(whole[: len(whole) // 8] + b"torn" + whole[len(whole) // 8 + 4 :])
     told = run("view", log, "--live")
     assert told.exit_code == 0
     assert "3 trials" in told.stderr

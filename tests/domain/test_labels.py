@@ -123,6 +123,7 @@ def by_attribute(labels):
     return {name: v == 1 for name, v in zip(LAB.attributes, labels, strict=True) if v >= 0}
 
 
+@pytest.mark.filterwarnings("ignore:The agent .* answered without touching anything")
 @pytest.mark.parametrize("said", EQUAL)
 def test_all_doors_understand_the_same(said, tmp_path):
     expected = LAB.labels(said[0])
