@@ -114,10 +114,12 @@ def equal_values(first: object, second: object) -> bool:  # noqa: PLR0911  a kin
     """
     if first is second:
         return True
+    if first is None or second is None:
+        return False
     try:
         if any(hasattr(v, "__array__") and not isinstance(v, np.generic) for v in (first, second)):
             a, b = np.asarray(first), np.asarray(second)
-            return np.array_equal(a, b, equal_nan=a.dtype.kind in "fc" and b.dtype.kind in "fc")
+            return np.array_equal(a, b, equal_nan=_may_lack(a) and _may_lack(b))
         if isinstance(first, Mapping) and isinstance(second, Mapping):
             keys = first.keys()
             return keys == second.keys() and all(equal_values(first[k], second[k]) for k in keys)
@@ -133,6 +135,11 @@ def equal_values(first: object, second: object) -> bool:  # noqa: PLR0911  a kin
         return False
 
 
+def _may_lack(array: NDArray[Any]) -> bool:
+    """Return whether entries may be missing, as nan or as no time, which equals itself here."""
+    return array.dtype.kind in "fcmM"
+
+
 def hash_of(value: Any) -> int:
     """Compute a hash that is the same for values that `equal_values` finds equal.
 
@@ -143,9 +150,10 @@ def hash_of(value: Any) -> int:
     if hasattr(value, "__array__") or isinstance(value, list | tuple):
         try:
             array = np.asarray(value)
-            first = array.ravel()[:_HASHED].astype(float) + 0.0  # -0 equals 0
+            # Real parts alone: equal complex numbers have equal ones. -0 equals 0.
+            first = array.ravel()[:_HASHED].real.astype(float) + 0.0
             first[np.isnan(first)] = np.nan
-            return hash((array.shape, first.tobytes())) if array.shape else hash(float(array))
+            return hash((array.shape, first.tobytes())) if array.shape else hash(float(first[0]))
         except (TypeError, ValueError):
             return hash(tuple(map(hash_of, value))) if isinstance(value, list | tuple) else 0
     try:
