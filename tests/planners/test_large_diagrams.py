@@ -2,50 +2,12 @@
 
 import numpy as np
 import pytest
+from large_robots import problem
 
-from meal_bayes import build_momdp, initial_belief, load_domain
-from meal_bayes.domain import Query
+from meal_bayes import initial_belief
 from meal_bayes.planners import POMCP
 from meal_bayes.planners.kernel_calls import plan_values
 from meal_bayes.planners.open_loop import candidates, library
-
-
-def problem(behaviors, states, seed):
-    """Return a problem of two attributes on a drawn diagram, in which every x is reached."""
-    rng = np.random.default_rng([behaviors, states, seed])
-    names = [f"b{e}" for e in range(behaviors)]
-    effects = [
-        {
-            "from": f"x{x}",
-            "do": name,
-            "to": f"x{(x + 1) % states if e == 0 else rng.choice([x, rng.integers(states)])}",
-            "probability": float(rng.choice([1.0, 0.95, 0.9])),
-        }
-        for e, name in enumerate(names)
-        for x in range(states)
-        if e == 0 or x == e % states or rng.random() < 0.3
-    ]
-    domain = load_domain(
-        {
-            "name": "large",
-            "attributes": ["a", "b"],
-            "report_reward": 500.0,
-            "behaviors": [
-                {"name": name, "cost": round(float(rng.lognormal(1.0, 0.8)), 2)}
-                | ({"modalities": ["m"]} if rng.random() < 0.8 else {})
-                for name in names
-            ],
-            "diagram": {
-                "states": [f"x{x}" for x in range(states)],
-                "start": "x0",
-                "effects": effects,
-            },
-        }
-    )
-    apart = rng.beta(1.2, 3.0, (2, behaviors))
-    middle = rng.uniform(0.15, 0.85, (2, behaviors))
-    yes = np.stack([middle * (1 - apart), middle + apart * (1 - middle)], axis=2).clip(0.03, 0.97)
-    return build_momdp(domain, Query(("a", "b")), np.stack([1 - yes, yes], axis=3))
 
 
 def plans_of(momdp):
