@@ -192,3 +192,19 @@ def test_a_broken_part_is_told_and_hides_no_other(run, monkeypatch):
     facts = json.loads(run("doctor", "--json").stdout)
     assert facts["viewer"].startswith("broken: ZeroDivisionError")
     assert facts["system"].startswith("Python 3")
+
+
+def test_the_shell_completes_commands_and_options():
+    """As docs/how-to/command-line.md says."""
+    words = {"COMP_WORDS": "meal-bayes run offline --attr", "COMP_CWORD": "3"}
+    for start, expected in ((words, "--attributes"), ({"COMP_WORDS": "meal-bayes f"}, "find")):
+        setting = {"COMP_CWORD": "1", **start, "_MEAL_BAYES_COMPLETE": "bash_complete"}
+        code = "import sys; sys.argv[0] = 'meal-bayes'; from meal_bayes.cli import main; main()"
+        done = subprocess.run(
+            [sys.executable, "-c", code],
+            env={**os.environ, **setting},
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        assert done.stdout.split() == [f"plain,{expected}"]
