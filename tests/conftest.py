@@ -34,6 +34,23 @@ settings.register_profile("bars", STEADY, max_examples=2500)  # minutes to hours
 settings.load_profile("quick")
 
 
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark all but n cases of a test that is marked `quick(n)` as long; the n are spread evenly."""
+    cases = dict[tuple[Path, str], list[pytest.Item]]()
+    for item in items:
+        if item.get_closest_marker("quick"):
+            function = item.nodeid.partition("[")[0]
+            cases.setdefault((item.path, function), []).append(item)
+    for of_one_test in cases.values():
+        marker = of_one_test[0].get_closest_marker("quick")
+        number = min(marker.args[0], len(of_one_test)) if marker else 0
+        kept = set(np.linspace(0, len(of_one_test) - 1, number).round().astype(int).tolist())
+        for place, item in enumerate(of_one_test):
+            if place not in kept:
+                item.add_marker(pytest.mark.long)
+
+
 def missing(reason: str, *, required: bool) -> NoReturn:
     """Skip and say why, or fail where what is missing is required. No test skips but here."""
     if required:

@@ -355,6 +355,7 @@ SIGNS = st.characters(codec="utf-8", exclude_characters="\0") | st.sampled_from(
 )
 
 
+@pytest.mark.long
 @given(st.lists(st.text(SIGNS, max_size=6), max_size=8))
 def test_a_shell_reads_the_words_of_a_shown_command(words):
     line = command_line("printf '%s\\0'", *words)

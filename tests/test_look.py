@@ -227,6 +227,7 @@ def test_only_learners_and_trials_have_html(things):
     assert {type(thing) for thing in things if hasattr(thing, "_repr_html_")} == {Trial, Learner}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("backend", ["module://no_such.backend", "nonsense"])
 def test_pictures_do_not_depend_on_a_notebook_s_backend_or_a_user_s_matplotlibrc(tmp_path, backend):
     (tmp_path / "matplotlibrc").write_text(

@@ -191,6 +191,7 @@ def test_free_behaviors_that_say_nothing_are_not_used(make, table, agent):
 PLAN_AS_BAYES = [name for name in AGENTS if "bayes" in name and name != "bayes"]
 
 
+@pytest.mark.quick(20)
 @pytest.mark.parametrize("trials", [4, pytest.param(96, marks=pytest.mark.long)])
 @pytest.mark.parametrize("signal", [0.0, 2.0])
 @pytest.mark.parametrize("name", AGENTS)
@@ -270,6 +271,7 @@ def test_the_answer_is_the_value():
     assert "heavy (right)" in repr(trial)
 
 
+@pytest.mark.long
 def test_known_values_end_a_trial_sooner_than_attributes_that_seem_independent():
     alone = Query(WEIGHT.attributes)
     pairs = [(run("olfc", WEIGHT, o), run("olfc", alone, o)) for o in range(0, 36, 3)]

@@ -9,6 +9,7 @@ from meal_bayes.datasets import make_synthetic
 QUESTIONS = [("red", "values"), ("red, heavy", "values"), ("red and not heavy", "yes or no")]
 
 
+@pytest.mark.quick(2)
 @pytest.mark.parametrize("agent", ["bayes", "morc", "olfc", "greedy", "morc_itrs"])
 def test_trials_are_as_they_are_without(agent):
     table = load_percepts("roc36")

@@ -131,6 +131,7 @@ def test_labels_are_dim_and_what_they_say_is_not():
         assert words in bright
 
 
+@pytest.mark.long
 def test_every_surface_has_the_same_words_for_percepts(tmp_path):
     trial = ask("heavy, blue", dataset="roc36", object="heavy_blue_beans", agent="greedy")
     blind = replace(trial, momdp=replace(trial.momdp, confusion=np.full_like(

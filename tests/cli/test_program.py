@@ -114,6 +114,7 @@ def test_what_nobody_foresaw_is_not_hidden():
         broken(["now"])
 
 
+@pytest.mark.long
 def test_a_reader_that_goes_away_ends_it_quietly(start):
     with start("data", "list", "cy101") as process:
         process.stdout.close()

@@ -64,6 +64,7 @@ def cases(largest=np.inf):
     return out
 
 
+@pytest.mark.quick(3)
 @pytest.mark.parametrize(("name", "n", "levels"), cases())
 def test_every_solver_everywhere(name, n, levels):
     domain = load_domain(name)
@@ -77,6 +78,7 @@ def test_every_solver_everywhere(name, n, levels):
             follow(momdp_of(domain, n, levels, seed, **both), solver, seed)
 
 
+@pytest.mark.quick(3)
 @pytest.mark.parametrize(("name", "n", "levels"), cases(largest=16))
 def test_offline_solvers(name, n, levels):
     domain = load_domain(name)
@@ -90,6 +92,7 @@ def test_offline_solvers(name, n, levels):
             follow(momdp_of(domain, n, levels, seed, **options), solver, seed)
 
 
+@pytest.mark.quick(3)
 @pytest.mark.parametrize("abstain", [False, True])
 @pytest.mark.parametrize("precision", [4.0, np.inf])
 @pytest.mark.parametrize("name", ["toy", "roc36", pytest.param("ispy32", marks=pytest.mark.long)])
@@ -131,6 +134,7 @@ def test_certain_reports_are_right():
         assert action == momdp.n_behaviors + 0b101
 
 
+@pytest.mark.quick(2)
 @pytest.mark.parametrize("name", DOMAINS)
 def test_used_up_recordings(name):
     """Every percept has been had: whatever is decided tells nothing more, so values report."""
@@ -176,6 +180,7 @@ def odd_domains():
     ]
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("limit", [2, np.inf])
 @pytest.mark.parametrize("discount", [0.9, 1.0])
 def test_odd_domains(limit, discount):

@@ -86,6 +86,7 @@ def test_a_csv_of_executions_gives_what_markers_give(tmp_path):
             read_executions(tmp_path / "runs.csv", LAB, [bag.name])
 
 
+@pytest.mark.quick(15)
 @pytest.mark.parametrize("seed", range(50))
 def test_a_damaged_bag_is_one_line_and_the_others_go_on(tmp_path, seed):
     rng = np.random.default_rng(seed)

@@ -231,9 +231,3 @@ def test_every_link_leads_to_a_file_of_the_repository() -> None:
     ]
     assert len(links) > 80
     assert [link for link in links if not (link[0].parent / link[1]).exists()] == []
-
-
-def test_decisions_are_numbered_and_dated() -> None:
-    text = text_of(DOCS / "decisions.md")
-    numbers = re.findall(r"^## (\d+)\. .+\n\n\d{4}-\d\d-\d\d\n", text, re.MULTILINE)
-    assert [int(number) for number in numbers] == list(range(1, text.count("\n## ") + 1))

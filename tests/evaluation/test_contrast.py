@@ -48,6 +48,7 @@ def test_the_site_is_read_in_both_themes():
         assert contrast(color, "#1e2129" if scheme == "slate" else "#ffffff") >= READABLE
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("dark", [False, True])
 @pytest.mark.parametrize("narrow", [False, True])
 def test_pictures_of_trials_are_read_on_every_page(dark, narrow):

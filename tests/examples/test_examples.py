@@ -1,6 +1,5 @@
 """Every example runs, is short, and says what it should."""
 
-import ast
 import re
 import runpy
 import shutil
@@ -54,15 +53,6 @@ def test_own_robot(folder, monkeypatch, capsys):
     (log,) = (folder / "logs" / "kitchen").glob("*.mcap")
     (trial,) = read_trials(log)
     assert trial.agent == "bayes"
-
-
-def test_the_driver_needs_nothing_but_the_package():
-    tree = ast.parse((EXAMPLES / "own_robot.py").read_text(encoding="utf-8"))
-    imported = {
-        name.name for node in ast.walk(tree) if isinstance(node, ast.Import) for name in node.names
-    }
-    assert imported == {"numpy", "meal_bayes"}
-    assert not [node for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)]
 
 
 def test_arrays(folder, monkeypatch, capsys):

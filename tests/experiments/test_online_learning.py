@@ -116,6 +116,7 @@ def learned(trials, run):
     }
 
 
+@pytest.mark.quick(5)
 @pytest.mark.parametrize("name", EVERY)
 def test_each_labelled_instance_is_one_count(name):
     trials, run = trained_once(name)
@@ -139,6 +140,7 @@ def altered():
 
 
 class TestLeaks:
+    @pytest.mark.quick(6)
     @pytest.mark.parametrize("name", EVERY)
     def test_test_objects_change_nothing(self, altered, name):
         assert learned(*trained_once(name)) == learned(*trained(name, altered))

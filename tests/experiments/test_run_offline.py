@@ -63,6 +63,7 @@ class TestRunningAgain:
         assert not torn.exists()
         assert {path: path.stat().st_mtime_ns for path in times} == times
 
+    @pytest.mark.long
     def test_fresh_runs_everything_again(self, finished, contents):
         before = contents(finished.folder)
         steps = []

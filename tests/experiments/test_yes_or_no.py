@@ -60,6 +60,7 @@ def refused(task, domain):
     return ""
 
 
+@pytest.mark.quick(10)
 @pytest.mark.parametrize("groups", [*GROUPS, TABLE.domain.groups])
 @pytest.mark.parametrize("n", [2, 3, 4])
 @pytest.mark.parametrize("answer", ["yes or no", "balanced"])
@@ -155,6 +156,7 @@ def test_a_run_reports_rates_and_calibration_of_the_event(tmp_path):
         answer_rates(run_offline(OfflineConfig("roc36", 2, 2, ("random",)), logs=tmp_path))
 
 
+@pytest.mark.long
 def test_more_misses_are_avoided_where_they_are_dear(tmp_path):
     """The same questions, paired: a miss ten times as dear as a false alarm."""
     learner = Learner("cy101", agent="olfc", logs=None).fit(load_percepts("cy101"))

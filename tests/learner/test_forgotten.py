@@ -55,6 +55,7 @@ EVENTS = st.lists(
 )
 
 
+@pytest.mark.long
 @given(events=EVENTS, later=st.booleans())
 @example(events=[("pot", "answers at once", {"red": True}, True)], later=False)
 @example(events=[("pot", "senses", {}, True), ("mug", "senses", {"red": True}, False)], later=True)

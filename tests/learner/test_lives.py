@@ -40,6 +40,7 @@ def live(make, folder, seed, *, dies):
     return learner
 
 
+@pytest.mark.quick(5)
 @pytest.mark.parametrize("seed", range(20))
 def test_a_killed_life_equals_an_undisturbed_one(make, tmp_path, seed):
     whole = live(make, tmp_path / "whole", seed, dies=False)

@@ -101,6 +101,7 @@ def test_going_on_from_a_file_changes_nothing_for_any_agent(make, tmp_path, agen
     check_going_on(make, tmp_path, agent, len(agent), [sorted(LOOKS)] * TRIALS, restart=2)
 
 
+@pytest.mark.long
 @pytest.mark.filterwarnings("ignore:The agent .* answered without touching")
 @settings(
     max_examples=settings().max_examples // 5,  # 500: pytest --hypothesis-profile=bars

@@ -44,6 +44,7 @@ def learned(learner):
     return [*(array.tolist() for array in arrays), knowledge.trait.sd, success]
 
 
+@pytest.mark.long
 @settings(max_examples=max(settings().max_examples // 20, 2), deadline=None)
 @given(names=NAMES, seed=st.integers(0, 99))
 @example(names=[None] * 14, seed=0)
@@ -83,6 +84,7 @@ def test_what_was_forgotten_has_never_been(make, dataset, agent, names, later, o
     assert learned(learner) == before
 
 
+@pytest.mark.long
 @settings(max_examples=max(settings().max_examples // 10, 3), deadline=None)
 @given(
     fates=st.lists(

@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from meal_bayes import read_trials
 from meal_bayes.agents import load_agent
@@ -40,6 +41,7 @@ def test_planning_weighs_giving_up_by_its_cost():
     assert seen == [(501.0, -499.0), (2000.0, -500.0)]
 
 
+@pytest.mark.long
 def test_trials_without_a_report_pay_for_how_they_ended(tmp_path):
     """On the log a trial that is given up costs its behaviors; the illegal one comes on top."""
     setting = frame.Setting(quick=True, logs=tmp_path)

@@ -1,6 +1,5 @@
 import fnmatch
 import json
-import re
 from dataclasses import replace
 from math import inf, nan
 from pathlib import Path
@@ -216,10 +215,6 @@ def test_items_are_named_in_the_papers_order():
 def test_an_item_is_a_script_and_a_section():
     scripts = {path.stem for path in FOLDER.glob("items/*.py")} - {"__init__"}
     assert scripts == set(frame.items())
-    shared = [path for path in FOLDER.glob("*.py") if path.stem != "rules"]  # a page's text
-    for path in shared:
-        words = set(re.findall(r"\w+", path.read_text(encoding="utf-8")))
-        assert not words & (scripts - {"errata", "pomdpsol"}), path.name  # a file, a program
 
 
 def test_runs_are_as_long_as_asked_for():

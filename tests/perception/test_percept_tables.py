@@ -73,6 +73,7 @@ def test_the_training_side_is_that_of_a_robot_without_the_object(make):
                 np.testing.assert_array_equal(bins, expected)
 
 
+@pytest.mark.quick(3)
 @ANY_SIZE
 def test_labels_of_what_is_held_out_do_not_reach_its_table(make, relabel, settings):
     dataset = make(3, objects=14)

@@ -114,6 +114,7 @@ def bound_at(policy, x, b):
 
 
 class TestTheBound:
+    @pytest.mark.quick(14)
     @pytest.mark.parametrize("seed", range(50))
     def test_no_plan_is_worth_more(self, seed):
         """At the start and at other beliefs, however coarse the grid."""

@@ -110,6 +110,7 @@ def test_one_plan_fetches_every_bonus(small):
     assert added.max() > 200.0 * senses.sum() - 150.0  # a tour's cost, s
 
 
+@pytest.mark.quick(3)
 @pytest.mark.parametrize(
     "options", [{}, {"own_classes": 2}, {"shared": 3}, {"objective": Objective(abstain=True)}]
 )
@@ -159,6 +160,7 @@ def test_every_legal_behavior_has_a_plan(small, name, precision, n, options):
         np.testing.assert_array_equal(np.isfinite(values), problem.dynamics.step["legal"][x])
 
 
+@pytest.mark.quick(8)
 @pytest.mark.parametrize(
     "options",
     [

@@ -37,6 +37,7 @@ class TestAgainstTheOptimum:
 
         return make
 
+    @pytest.mark.quick(5)
     @pytest.mark.parametrize("abstain", [False, True])
     @pytest.mark.parametrize("problem", PROBLEMS)
     @pytest.mark.parametrize("simulations", [30, 300, 3000])
@@ -84,6 +85,7 @@ class TestAgainstTheOptimum:
         best = optimum.value(0, optimum.nothing_seen())
         assert small.best_value(small.search(momdp, 3000)) == pytest.approx(best, abs=1.0)
 
+    @pytest.mark.quick(4)
     @pytest.mark.parametrize("problem", PROBLEMS)
     def test_its_policy_is_worth_at_most_the_optimum_and_nearly_that(self, solved, problem):
         momdp, optimum, best = solved(problem)

@@ -22,6 +22,7 @@ def test_one_behavior_that_is_worth_it_needs_no_search(small, n, points):
     assert np.nanmax(decision.values) <= np.nanmax(searched.values) + 1e-9
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("seeds", [[0], pytest.param([1, 2, 3], marks=pytest.mark.long)])
 @pytest.mark.parametrize(
     "options",

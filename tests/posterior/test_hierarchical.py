@@ -53,6 +53,7 @@ def potential(model, name, point):
     return float(compiled(*(point[variable.name] for variable in variables))[0])
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("levels", [2, pytest.param(4, marks=pytest.mark.long)])
 def test_same_is_the_grids_model(levels):
     rng = np.random.default_rng(0)

@@ -49,6 +49,7 @@ def convergence_of(draws):
     return idata.convergence(idata.summary_of(idata.to_idata(draws))).set_index("variable")
 
 
+@pytest.mark.long
 def test_convergence_tells_the_worst(draws):
     told = convergence_of(draws)
     assert told.loc["mean", "entries"] == 24

@@ -106,6 +106,7 @@ with TrialWriter({path!r}, {{"seed": 3}}) as log:
 """
 
 
+@pytest.mark.long
 def test_kill_9_loses_no_finished_trial(make, tmp_path):
     path = tmp_path / "run.mcap"
     code = KILLED.format(folder=str(Path(__file__).parent), path=str(path))
@@ -243,6 +244,7 @@ def test_a_bomb_is_refused(size, count, said, tmp_path):
     assert said in " ".join(check_log(path).problems)
 
 
+@pytest.mark.quick(1)
 def test_a_hole_ends_the_reading(whole, tmp_path):
     data, _ = whole
     path = tmp_path / "a.mcap"

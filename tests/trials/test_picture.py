@@ -110,6 +110,7 @@ def test_what_failed_is_hatched_and_a_rule_compares_nothing(sample):
     assert "this agent follows a rule and compares nothing" in texts(plots.trial_picture(trial))
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("agent", ["random", "random_legal", "greedy", "olfc", "predefined_plus"])
 @pytest.mark.parametrize("question", ["red", "red, plastic, full, soft, container, glass, metal"])
 def test_any_trial_is_drawn(agent, question, tmp_path):
@@ -132,6 +133,7 @@ def test_any_trial_is_drawn(agent, question, tmp_path):
     plt.close("all")
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("question", ["heavy and not blue", "heavy or blue"])
 def test_a_question_of_yes_or_no_has_a_line_of_its_own(question):
     learner = meal_bayes.Learner("roc36", agent="olfc", logs=None)
@@ -223,6 +225,7 @@ def boxes(axes):
     return [(t, t.get_window_extent()) for t in shown if t not in hidden]
 
 
+@pytest.mark.quick(3)
 @pytest.mark.parametrize("narrow", [False, True])
 @pytest.mark.parametrize("attributes", [1, 2, 4, 7, 12])
 def test_no_text_is_cut_or_on_another_one_or_on_a_belief(attributes, narrow):

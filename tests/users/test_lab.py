@@ -62,6 +62,7 @@ class Bench:
         return mb.Outcome(self.state, percept)
 
 
+@pytest.mark.long
 @pytest.mark.filterwarnings("ignore:.*yielded nothing:UserWarning")  # lift may fail twice
 def test_a_lab_begins_with_nothing(tmp_path):
     rng = np.random.default_rng(5)
