@@ -21,7 +21,7 @@ from meal_bayes.robots.robot import state_index
 from meal_bayes.seeds import Key
 from meal_bayes.trial_log.folder import LIVE
 from meal_bayes.trials import Step, Task, Trial
-from meal_bayes.trials.limits import Limits
+from meal_bayes.trials.session import Limits
 from meal_bayes.untrusted import name_fault
 
 Question = str | Sequence[str] | Query | Task

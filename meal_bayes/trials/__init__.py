@@ -6,9 +6,7 @@ In: a MOMDP, a policy, a robot, a perceiver. Out: a `Trial` with every belief an
 from meal_bayes.trials.faults import FaultTolerant
 from meal_bayes.trials.outcomes import BatchOutcomes, TrialOutcomes, Trials, task_key
 from meal_bayes.trials.record import Step, Task, TrialRecord, truth_of
-from meal_bayes.trials.recorder import Recorder
-from meal_bayes.trials.run import run_trial
-from meal_bayes.trials.session import Session
+from meal_bayes.trials.session import Recorder, Session, run_trial
 from meal_bayes.trials.text import percept_labels, trials_frame, truth_text
 from meal_bayes.trials.trial import Trial
 

@@ -1,30 +1,33 @@
-"""The inner loop that Algorithms 1 and 2 share, turned inside out: decide, and wait for an outcome.
+"""A trial under way: the inner loop that Algorithms 1 and 2 share, as calls of the robot's driver.
 
-A `Session` names the next behavior, and is given what came of it, by whoever drives the robot: a
-loop (`run_trial`), a callback, another thread. Between two steps nothing runs.
+A `Session` names the next behavior and is given its outcome by whoever drives the robot: a loop
+(`run_trial`), a callback, or another thread, one call at a time. Between two steps nothing runs.
 """
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
-from typing import Self
+import threading
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, replace
+from functools import wraps
+from pathlib import Path
+from typing import Concatenate, ParamSpec, Protocol, Self, TypeVar, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from meal_bayes.arrays import check_whole
-from meal_bayes.errors import ImpossibleObservation, SettingsError
+from meal_bayes.arrays import check_kind, check_seconds, check_whole, plain_fields
+from meal_bayes.errors import ImpossibleObservation, LogError, SettingsError
+from meal_bayes.files import command_line
 from meal_bayes.look import warn_user
 from meal_bayes.momdp import MOMDP, Transition, best_answer, initial_belief, update_belief
 from meal_bayes.perception import Perceiver
 from meal_bayes.planners import Decision, History, Policy, unvalued
 from meal_bayes.planners.solver import MAX_STEPS, decide
+from meal_bayes.robots import Robot
 from meal_bayes.robots.robot import Outcome, OutcomeChecker
 from meal_bayes.seeds import Key, Streams
-from meal_bayes.trials.limits import Limits
-from meal_bayes.trials.one_caller import OneCaller, alone
 from meal_bayes.trials.perceiving import PerceptReader
 from meal_bayes.trials.record import Step, Task, answer_step, truth_of
-from meal_bayes.trials.recorder import Recorder, breaking, noted
 from meal_bayes.trials.trial import Trial
 
 _OTHERWISE = (
@@ -33,7 +36,119 @@ _OTHERWISE = (
 )
 
 
-class Session(OneCaller):
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """How long a trial may be; at a limit the best answer so far is given.
+
+    Attributes
+    ----------
+    max_steps : int
+        Behaviors.
+    max_cost : float | None
+        s; None: no limit.
+    """
+
+    max_steps: int
+    max_cost: float | None = None
+
+    def __post_init__(self) -> None:
+        plain_fields(self)
+        check_whole("max_steps", self.max_steps)
+        check_seconds("max_cost", self.max_cost, or_none=True)
+
+    def reached(self, steps: int, cost: float) -> str:
+        """Return which limit forbids a behavior after so many steps, in words; empty: none.
+
+        The cost, s, is that of the trial with this behavior.
+
+        >>> Limits(100, 60.0).reached(3, 61.5)
+        'max_cost = 60 s'
+        """
+        if steps >= self.max_steps:
+            return f"max_steps = {self.max_steps}"
+        if self.max_cost is not None and cost > self.max_cost:
+            return f"max_cost = {self.max_cost:g} s"
+        return ""
+
+
+@runtime_checkable
+class Recorder(Protocol):
+    """Writes a trial as it happens: each step before the next behavior is named.
+
+    Examples
+    --------
+    >>> import meal_bayes
+    >>> from pathlib import Path
+    >>> class Printed:
+    ...     path = Path("nowhere")
+    ...     def begin(self, trial):
+    ...         print("asked", trial.task.query.attributes)
+    ...     def step(self, step):
+    ...         print("executed", step.decision.action)
+    ...     def end(self, trial):
+    ...         print("reported", trial.report)
+    >>> isinstance(Printed(), meal_bayes.Recorder)
+    True
+    """
+
+    @property
+    def path(self) -> Path:
+        """Where the trial is recorded."""
+
+    def begin(self, trial: Trial) -> None:
+        """Record a trial that has no steps yet."""
+
+    def step(self, step: Step) -> None:
+        """Record the next step."""
+
+    def end(self, trial: Trial) -> None:
+        """Record the whole trial."""
+
+
+class _Entrance:
+    """Lets one call in; a copy of what holds it, in this process or another, has its own."""
+
+    def __init__(self) -> None:
+        self._held = threading.Lock()
+
+    @contextmanager
+    def taken(self, name: str) -> Iterator[None]:
+        """Let a call in for a block; `SettingsError`, by the call's name, while one is inside."""
+        if not self._held.acquire(blocking=False):
+            raise SettingsError(
+                f"{name} came while another call of this session is under way, in another thread "
+                "or in a callback; it takes one at a time. Call it when that one has returned; a "
+                "callback ends the session by raising."
+            )
+        try:
+            yield
+        finally:
+            self._held.release()
+
+    def __reduce__(self) -> tuple[type["_Entrance"], tuple[()]]:
+        return _Entrance, ()
+
+
+_Given = ParamSpec("_Given")
+_Returned = TypeVar("_Returned")
+
+
+def _alone(
+    method: Callable[Concatenate["Session", _Given], _Returned],
+) -> Callable[Concatenate["Session", _Given], _Returned]:
+    """Make a session's method refuse to be called while another of its methods is inside."""
+
+    @wraps(method)
+    def called(
+        session: "Session", /, *arguments: _Given.args, **options: _Given.kwargs
+    ) -> _Returned:
+        with session._entrance.taken(f"{method.__name__}()"):
+            return method(session, *arguments, **options)
+
+    return called
+
+
+class Session:
     """A trial under way (Alg. 1, l. 6-11): it names a behavior, is given its outcome, and so on.
 
     As a context manager it ends the trial however its block is left: where it is not answered yet
@@ -103,7 +218,7 @@ class Session(OneCaller):
         on_step: Callable[[Step], None] | None = None,
         on_end: Callable[[Trial], None] | None = None,
     ) -> None:
-        super().__init__()
+        self._entrance = _Entrance()
         self.task = task
         self.momdp = momdp
         self.agent = agent
@@ -130,7 +245,22 @@ class Session(OneCaller):
         self._begun = False
         self._ended: str | None = None
 
-    @alone
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, _: object, fault: BaseException | None, __: object) -> None:
+        if fault is None:
+            self.cancel("left before the answer")
+            return
+        with ExitStack() as inside:
+            try:
+                inside.enter_context(self._entrance.taken("The end of its block"))
+            except SettingsError as busy:  # what has to be told is the fault
+                fault.add_note(f"the session has not ended: {busy}")
+            else:
+                self._end_by(fault)
+
+    @_alone
     def record(self, recorder: Recorder) -> None:
         """Record what there is of the trial, and every step before the next behavior is named."""
         self._recorder = recorder
@@ -176,7 +306,7 @@ class Session(OneCaller):
             counts=self._counts,
         )
 
-    @alone
+    @_alone
     def start(self, state: str, *, steps: Sequence[Step] = ()) -> Self:
         """Begin in a state of the domain's, where the robot is, and decide for the first time.
 
@@ -206,7 +336,7 @@ class Session(OneCaller):
         self._decide()
         return self
 
-    @alone
+    @_alone
     def observe(self, outcome: Outcome, *, step: int | None = None) -> None:
         """Perceive the outcome of `behavior`, update the belief, and decide again.
 
@@ -277,13 +407,13 @@ class Session(OneCaller):
         index = len(self.steps) if step is None else step  # before the state: no later one's
         self.observe(Outcome(self.momdp.x_names[self.belief.x]), step=index)
 
-    @alone
+    @_alone
     def cancel(self, why: str = "cancelled") -> None:
         """End the trial without a report; one that is over stays as it is."""
         if not self.over:
             self._end(why)
 
-    @alone
+    @_alone
     def command(self, decision: Decision) -> None:
         """Decide in the policy's place: for a behavior, which `observe` follows, or an answer.
 
@@ -307,7 +437,7 @@ class Session(OneCaller):
         momdp = self.momdp
         action = step.decision.action
         if self._policy is not None:
-            with breaking(self._end_by):
+            with _breaking(self._end_by):
                 self._running_part = "planner"
                 decision = self._within(self._chosen(self._policy))[0]
                 self._running_part = "robot"
@@ -333,7 +463,7 @@ class Session(OneCaller):
     def _end_by(self, fault: BaseException) -> None:
         """End the trial by an exception, unless it is over."""
         if not self.over:
-            with noted(fault, self._recorder):
+            with _noted(fault, self._recorder):
                 text = f"{self._running_part} error: {type(fault).__name__}: {fault}"
                 self._end(text.removesuffix(": "))
 
@@ -343,7 +473,7 @@ class Session(OneCaller):
         self._running_part = "robot"
         if self._policy is None or self.over:
             return
-        with breaking(self._end_by):
+        with _breaking(self._end_by):
             self._running_part = "planner"
             self._follow(*self._within(self._chosen(self._policy)))
             self._running_part = "robot"
@@ -385,7 +515,7 @@ class Session(OneCaller):
         if step.decision.action >= self.momdp.n_behaviors:
             self.report = self.momdp.reported(step.decision.action)
         # On the disk before the next behavior is named: a robot may go on after a crash.
-        with breaking(self._end_by):
+        with _breaking(self._end_by):
             if self._recorder is not None:
                 self._running_part = "log"
                 self._recorder.step(step)
@@ -405,3 +535,59 @@ class Session(OneCaller):
         finally:  # what was executed is known, logged or not
             if self._on_end is not None:
                 self._on_end(trial)
+
+
+@contextmanager
+def _breaking(end: Callable[[BaseException], None]) -> Iterator[None]:
+    """End a trial where the block raises: the robot has moved, and nobody may wait for it."""
+    try:
+        yield
+    except BaseException as fault:
+        end(fault)
+        raise
+
+
+@contextmanager
+def _noted(fault: BaseException, recorder: Recorder | None) -> Iterator[None]:
+    """Let the block end a trial that a fault broke off, and note at the fault where its log is."""
+    try:
+        yield
+    except LogError as unlogged:  # as where the disk is full: the fault itself says why
+        fault.add_note(f"the end of the trial is not logged: {unlogged}")
+    else:
+        if recorder is not None:
+            show = command_line("meal-bayes log show", recorder.path)
+            fault.add_note(f"the trial, as far as it went: {show}")
+
+
+def run_trial(session: Session, robot: Robot) -> Trial:
+    """Run a trial to its end: execute what the session names, until it answers.
+
+    One that has begun goes on: the robot is where the session says, and is not started.
+
+    An exception of robot, perceiver or policy, an interruption too, ends the trial: the recorder
+    gets the trial so far, with `ended`, and the exception is raised again.
+
+    Examples
+    --------
+    >>> import meal_bayes
+    >>> class Still:
+    ...     def start(self):
+    ...         return "ready"
+    ...     def execute(self, behavior):
+    ...         return meal_bayes.Outcome("ready")
+    >>> learner = meal_bayes.Learner("toy", agent="prior", logs=None)
+    >>> session = learner.begin("Is it red?", "a cup")
+    >>> trial = meal_bayes.run_trial(session, Still())
+    >>> trial.agent
+    'prior'
+    """
+    check_kind("session", session, Session)
+    if not hasattr(robot, "execute"):
+        raise SettingsError(f"robot is {robot!r:.60}; give one that has execute(behavior).")
+    with session:
+        if not session.begun:
+            session.start(robot.start())
+        while (behavior := session.behavior) is not None:
+            session.observe(robot.execute(behavior))
+    return session.trial

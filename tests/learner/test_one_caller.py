@@ -11,7 +11,7 @@ from meal_bayes.errors import SettingsError
 from meal_bayes.planners import unvalued
 from meal_bayes.robots import Outcome
 from meal_bayes.trial_log import Logs, check_log
-from meal_bayes.trials.recorder import Recorder
+from meal_bayes.trials.session import Recorder
 
 SEEN = Outcome("table", {"color": [9.0, 9.0, 9.0]})
 CALLS = {
