@@ -18,9 +18,6 @@ When five pairs of programs are dead, one goes on undisturbed to where nothing i
 - unequal: files whose learner differs from one that recalls all logs;
 - two drivers: objects that two living programs drove;
 - errors: what is neither one of these nor an error that says what to do.
-
-Refused are trials that could not go on, with an error, as the learner has learned other things
-since; they are recovered from the log as far as they went, and count like the others.
 """
 
 import json
@@ -44,9 +41,8 @@ from measuring import options_of, show
 from meal_bayes import Learner, Outcome
 from meal_bayes.errors import LogError, OutputError
 from meal_bayes.learner import recall
-from meal_bayes.trial_log import Logs, recover_log, salvage
-from meal_bayes.trial_log.file import drafts_of, stem_of
-from meal_bayes.trial_log.live import Interrupted, interrupted
+from meal_bayes.trial_log import Logs, salvage
+from meal_bayes.trial_log.file import stem_of
 from meal_bayes.trials import Session, Trial
 
 TOGETHER = 2  # programs at a time
@@ -115,7 +111,7 @@ def main() -> None:
             run(place, Journal(place, LIVES + 1, 0), trials=0)
             found += check(place)
         print(dict(found), file=sys.stderr)
-    facts = ("killed", "trials", "behaviors", "labels", "resumed", "refused", "saved by another")
+    facts = ("killed", "trials", "behaviors", "labels", "resumed", "saved by another")
     row = {name: found[name] for name in (*facts, *FOUND)}
     show([row], row if options.json else None)
     sys.exit(any(found[name] for name in FOUND))
@@ -171,10 +167,7 @@ def go_on(learner: Learner, place: Path, journal: Journal) -> Learner:
     for name, draft in drafts.items():
         try:
             session = learner.resume(draft)
-        except LogError as fault:
-            if "learned other things" in str(fault):
-                journal.note("refused", name)
-                recover(draft)
+        except LogError:
             continue  # another program drives it, or has ended it; or nothing had begun
         journal.note("resumed", name)
         finish(session, journal)
@@ -185,18 +178,6 @@ def go_on(learner: Learner, place: Path, journal: Journal) -> Learner:
         if trial.task.key in untold:
             tell(learner, trial, journal)
     return save(learner, place, journal)
-
-
-def recover(draft: Path) -> None:
-    """Keep a trial that cannot go on as far as it went, as `meal-bayes log recover` does."""
-    try:
-        broken = interrupted(draft, Interrupted)
-    except LogError:  # the other program drives it, or has recovered it
-        return
-    recover_log(broken.path)
-    for each in drafts_of(broken.path):
-        each.unlink()
-    broken.release()
 
 
 def finish(session: Session, journal: Journal) -> None:
@@ -253,7 +234,7 @@ def check(place: Path) -> Counter[str]:
     of_kind: dict[str, list] = defaultdict(list)
     for event in events:
         of_kind[event["event"]].append(event)
-    for kind in ("resumed", "refused", "saved by another"):
+    for kind in ("resumed", "saved by another"):
         found[kind] = len(of_kind[kind])
     for error in of_kind["error"]:
         print(error["what"], file=sys.stderr)

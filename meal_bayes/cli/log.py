@@ -38,7 +38,7 @@ def log() -> None:
 @shared("json")
 def info(file: Path, as_json: bool) -> None:
     """Show what whole logs hold, of a file or a run's folder, and the configuration of the run."""
-    from meal_bayes.trial_log import FORMAT_VERSION, log_files, log_info, read_feedback
+    from meal_bayes.trial_log import FORMAT_VERSION, Feedback, log_files, log_info, read_feedback
     from meal_bayes.trial_log.file import FEEDBACK_FORM
 
     infos = list(map(log_info, log_files(file)))
@@ -53,7 +53,9 @@ def info(file: Path, as_json: bool) -> None:
     holds = f"{trials} trials, {steps} steps"
     if forms == FEEDBACK_FORM:
         (entry,) = read_feedback(file)
-        holds = f"what was told of {entry.object_name}: {entry.text}"
+        holds = f"a change of the learner: {entry.text}"
+        if isinstance(entry, Feedback):
+            holds = f"what was told of {entry.object_name}: {entry.text}"
     facts = {
         "file": f"{file}{files}, {size:,} bytes, format {FORMAT_VERSION}, {forms}",
         "holds": holds,

@@ -26,7 +26,7 @@ from meal_bayes.datasets import Dataset, Instance
 from meal_bayes.domain import Domain
 from meal_bayes.errors import QueryError
 from meal_bayes.seeds import Key
-from meal_bayes.trial_log.feedback import Feedback
+from meal_bayes.trial_log.feedback import Change, Feedback
 
 Labels = NDArray[np.int8]
 Objects = tuple[int, ...]  # by their rows in a percept table
@@ -220,7 +220,7 @@ class Experience:
             context: {} for context in domain.contexts
         }
         self.feedback_logs: dict[str, None] = {}
-        self.unlogged = list[tuple[Path, Feedback]]()
+        self.unlogged = list[tuple[Path, Feedback | Change]]()
         self.warned_of = set[str]()
 
     def __repr__(self) -> str:
@@ -234,10 +234,20 @@ class Experience:
         return f"{recordings} recordings of {len(self.met)} objects, {labels} labels{contradicted}"
 
     @property
+    def is_empty(self) -> bool:
+        """Whether nothing was recorded, executed or told."""
+        return not (len(self.instances) or len(self.executions) or len(self.feedback))
+
+    @property
     def met(self) -> dict[str, int]:
         """Objects with their numbers, but for those of which all was forgotten."""
+        return self.met_without(np.empty(0, np.intp))
+
+    def met_without(self, apart: NDArray[np.intp]) -> dict[str, int]:
+        """Objects with their numbers, as `met`, as if there were no instances `apart` (k,)."""
         rows = self.instances.values
         withdrawn = rows["origin"] == WITHDRAWN
+        withdrawn[apart] = True
         labeled = np.flatnonzero((self.object_labels.values >= 0).any(axis=1))
         left = {*rows["object"][~withdrawn].tolist(), *labeled.tolist()}
         forgotten = {*rows["object"][withdrawn].tolist(), *self.feedback.values["object"].tolist()}

@@ -37,6 +37,10 @@ class FitCache:
         self.online.append(fit)
         return fit
 
+    def has(self, agent: Agent) -> bool:
+        """Return whether an agent has made anything of the record."""
+        return any(fit.agent == agent for fit in self.online)
+
     def held_out(self, table: PerceptTable, agent: Agent, o: int, beside: Objects = ()) -> HeldOut:
         """Return what an agent makes of the objects of a table but one, and those beside it."""
         for fit in self._held_out:

@@ -1,7 +1,7 @@
 """The `Learner`: an agent and its experience; asked questions, updated by feedback, and saved."""
 
 import contextlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from html import escape
@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from meal_bayes.agents import Agent, Knowledge, as_agent
+from meal_bayes.agents.named import AGENTS
 from meal_bayes.datasets import Dataset, PerceptTable, load_percepts, object_index
 from meal_bayes.domain import Domain, Query, load_domain
 from meal_bayes.errors import LogError, QueryError, SettingsError
@@ -37,7 +38,7 @@ from meal_bayes.learner.question import (
     start_of,
 )
 from meal_bayes.learner.recording import check_domain, check_resumed, record_steps
-from meal_bayes.learner.saved import SavedLearner, read_learner, write_learner
+from meal_bayes.learner.saved import SavedLearner, agent_digest, read_learner, write_learner
 from meal_bayes.learner.settings import (
     REFIT_EVERY,
     LearnerSettings,
@@ -58,6 +59,7 @@ from meal_bayes.robots import OutcomeChecker, Robot
 from meal_bayes.robots.recorded import RecordedRobot
 from meal_bayes.robots.robot import state_index
 from meal_bayes.seeds import Key
+from meal_bayes.trial_log.feedback import Change
 from meal_bayes.trial_log.file import SUFFIX
 from meal_bayes.trial_log.folder import ASK
 from meal_bayes.trial_log.live import Interrupted, LiveLog, end_broken, resuming
@@ -65,6 +67,12 @@ from meal_bayes.trials import FaultTolerant, Session, Step, Task, Trial, run_tri
 from meal_bayes.trials.text import UNFINISHED
 
 NO_TABLE = "Give a robot, or fit a percept table (build_percept_table) to replay its objects."
+
+_STRANGER = (
+    "By the logs the agent {!r} decided from then on, which is not a shipped one: load() the "
+    "learner with this agent=, or set learner.agent, before recall(); else what it learned is not "
+    "repeated."
+)
 
 
 class Learner:
@@ -158,6 +166,8 @@ class Learner:
         self._joined = JoinedRecordings()
         self._file = ""  # id of the file that was read or written last
         self._robot_state: str | None = None  # where the last trial with a robot left it
+        self._under_way = set[Key]()  # trials that teach, and are not over
+        self._stranger = False  # who decided then is not known, where a log is heard
         self._idle_told = False  # a person was warned of an agent that does not explore
 
     def __repr__(self) -> str:
@@ -190,7 +200,10 @@ class Learner:
         chosen = as_agent(agent)
         own_posterior(self.settings.posterior, self.domain, chosen)
         with self._lock:
+            change = self._change(chosen)
             self._agent = chosen
+            if change.digest != change.before:
+                self._log_change(change)
 
     def knowledge(self, object_name: str | None = None) -> Knowledge:
         """Return what was learned; from a percept table, without one of its objects."""
@@ -251,7 +264,7 @@ class Learner:
 
     def _fit_agents(self) -> None:
         """Let the agents learn from the record before it changes, if they have not."""
-        if self.table is None:
+        if self.table is None and not self._stranger:
             for agent in (self.agent, training_agent(self.agent)):
                 self._fits.of(agent)
 
@@ -525,8 +538,12 @@ class Learner:
             begun = dict(broken.header["begun"])
             start = start_of(trial, begun.pop("state", None) or self.domain.diagram.start, state)
             options = TrialOptions(truth=trial.truth, **begun)
-            session = self._session(trial.task, tuple(broken.header["streams"]), options)
-            session.start(start, steps=trial.steps)
+            try:
+                session = self._session(trial.task, tuple(broken.header["streams"]), options)
+                session.start(start, steps=trial.steps)
+            except Exception as fault:
+                fault.add_note("give_up() ends the trial, and needs no agent for it")
+                raise
             self.note_question(broken.header)
             self._record(session, broken.path, broken.header, broken)
             return session
@@ -575,10 +592,10 @@ class Learner:
                 self._end(trial)
         return trial
 
-    def hear_trial(self, trial: Trial) -> None:
-        """Record a trial of a log, and learn from it as when it ended, if it did."""
-        self.record(trial)
-        if trial.ended != UNFINISHED:
+    def hear_trial(self, trial: Trial, n_steps: int | None = None) -> None:
+        """Record a trial of a log, or its first steps; where it ended, learn from it."""
+        self.record(trial if n_steps is None else replace(trial, steps=trial.steps[:n_steps]))
+        if n_steps is None and trial.ended != UNFINISHED:
             with self._lock:
                 self._fits.update(self.experience.instances_of_trial(trial.task.key), refit=False)
 
@@ -586,6 +603,43 @@ class Learner:
         """Learn from labels of instances (k,) as when they were told: refit where that is due."""
         with self._lock:
             self._fits.update(rows, refit=True, anew=anew)
+
+    def hear_change(self, change: Change, own: Agent) -> None:
+        """Learn all anew, or let another agent learn, as when a log says that it was done."""
+        with self._lock:
+            if change.refit:
+                self.hear_refit()
+            else:
+                if change.used and agent_digest(self.agent) == change.before:
+                    self._fit_agents()  # by what was known until then
+                self._decide_by(change.digest, own)
+                if self._stranger:
+                    warn_user(_STRANGER.format(change.agent))
+
+    @contextlib.contextmanager
+    def hearing_changes(self, changes: Sequence[Change]) -> Iterator[Agent]:
+        """Yield its own agent; the block hears these changes of the agent, in their order.
+
+        Who decides behind the block is the last one, if this learner had the agent of before the
+        first change; else its own agent decides again.
+        """
+        own = self.agent
+        follows = not changes or agent_digest(own) == changes[0].before
+        if not follows:
+            self._decide_by(changes[0].before, own)
+        try:
+            yield own
+        finally:
+            self._stranger = False
+            if not follows:
+                self._agent = own
+
+    def _decide_by(self, digest: str, own: Agent) -> None:
+        """Let the agent of a digest decide; if it is not known, nothing is learned for it."""
+        agents = (own, *(fit.agent for fit in self._fits.online), *AGENTS.values())
+        known = [agent for agent in agents if agent_digest(agent) == digest]
+        self._stranger = not known
+        self._agent = known[0] if known else own
 
     def note_state(self, trials: Sequence[Trial]) -> None:
         """Remember where the last of these trials with a robot that moved in one left it."""
@@ -670,6 +724,7 @@ class Learner:
                     policy = FaultTolerant(momdp, policy, partial(solve, fit, task, key), usual)
             if learn:
                 self.experience.trial_number(task.key)  # it is the learner's own from now on
+                self._under_way.add(task.key)
         truth = options.truth
         if isinstance(truth, Mapping):
             truth = domain.labels(truth)[columns]
@@ -720,6 +775,7 @@ class Learner:
     def _end(self, trial: Trial) -> None:
         """Learn from a trial: labels of an object that is recognized are known already."""
         with self._lock:
+            self._under_way.discard(trial.task.key)
             self._fits.update(self.experience.instances_of_trial(trial.task.key), refit=False)
         if not self._idle_told and is_idle(trial, training_agent(self.agent)):
             self._idle_told = True
@@ -744,16 +800,42 @@ class Learner:
                 joined = self.experience.add_dataset(data)
                 offered = int(data.recording_counts[:, data.domain.recorded].sum())
                 self._joined = JoinedRecordings(joined, offered, views.rows(self.experience))
-            return self.refit()
+            self.hear_refit()
+        return self
 
     def refit(self) -> Self:
         """Learn everything anew from the experience."""
+        with self._lock:
+            self.hear_refit()
+            self._log_change(self._change(self.agent, refit=True))
+        return self
+
+    def hear_refit(self) -> None:
+        """Learn everything anew, as `refit` does; no log says so."""
         with self._lock:
             self._fits.clear()
             if self.table is None:
                 self._fits.of(self.agent)
                 self.agent.warm_up(self.domain, Query(self.domain.attributes[:1]))
-        return self
+
+    def _change(self, agent: Agent, *, refit: bool = False) -> Change:
+        """Return the change to an agent, or to what is learned anew."""
+        before = agent_digest(self.agent)
+        used = self._fits.has(self.agent)
+        under_way = self._steps_under_way()
+        return Change(agent.name, agent_digest(agent), before, used, refit, under_way)
+
+    def _log_change(self, change: Change) -> None:
+        """Log a change of what is learned from now on; without experience there is none."""
+        folder = self._logs.log_path(None)
+        if folder is not None and self.table is None and not self.experience.is_empty:
+            log_told(self.experience, folder, change)
+
+    def _steps_under_way(self) -> dict[Key, int]:
+        """Return how many steps are recorded of each trial that is under way."""
+        trials = self.experience.trials
+        recorded = np.bincount(self.experience.executions.values["trial"], minlength=len(trials))
+        return {key: int(recorded[trials[key]]) for key in self._under_way}
 
     def tell(self, trial: Trial | str, values: Mapping[str, bool | None]) -> None:
         """Learn from labels of a trial's object; the posterior is updated at once.
@@ -800,10 +882,9 @@ class Learner:
                 self.domain.replace(views.labels_for(self.experience, [name])[0], labels)
             except QueryError as fault:
                 raise QueryError(f"Then {name!r} would be {fault}.") from None
-            self._fit_agents()
-            before = views.labels_touched(self.experience, key, name)
-            self._fits.update(self.experience.add_labels(key, name, labels), refit=True)
-            self._log_told(trial, Telling(name, key, before))
+            telling = self._telling(name, key)
+            moved = self.experience.add_labels(key, name, labels)
+            self._learn_told(trial, telling, moved)
 
     def forget(self, trial: Trial | str, *, recordings: bool = False) -> None:
         """Forget the labels of a trial; refit without them if the last refit has used them.
@@ -829,22 +910,31 @@ class Learner:
             whole = recordings and views.has_taught(self.experience, key)
             if not whole and not (self.experience.labels_of_trial(key) >= 0).any():
                 raise nothing_told(self.experience, name, key, recordings=recordings)
-            self._fit_agents()
-            before = views.labels_touched(self.experience, key, name)
+            telling = self._telling(name, key, recordings=whole)
             moved = self.experience.forget(key, recordings=whole)
-            self._fits.update(moved, refit=True, anew=whole)
-            self._log_told(trial, Telling(name, key, before, whole))
+            self._learn_told(trial, telling, moved)
 
     def note_folders(self, folders: Mapping[Key, Path]) -> None:
         """Note in which folders the logs of trials lie: beside them labels are logged."""
         if self._logs.log_path(None) is not None:
             self._logs.note(folders)
 
-    def _log_told(self, trial: Trial | str, telling: Telling) -> None:
-        """Log what was told, beside the log of its trial where that can be written."""
+    def _telling(self, name: str, key: Key, *, recordings: bool = False) -> Telling:
+        """Return what is about to be told, with what was known before."""
+        self._fit_agents()
+        before = views.labels_touched(self.experience, key, name)
+        return Telling(name, key, before, recordings, self._steps_under_way())
+
+    def _learn_told(self, trial: Trial | str, telling: Telling, moved: NDArray[np.intp]) -> None:
+        """Learn from what was told, of instances (k,); log it, beside its trial's log if it can be.
+
+        What says nothing new is no reason to learn all anew: the logs do not say it either.
+        """
+        feedback = telling.feedback(self.experience)
+        self._fits.update(moved, refit=feedback is not None, anew=telling.recordings)
         folder = self._logs.told_folder(trial)
         if folder is not None:
-            log_told(self.experience, folder, telling)
+            log_told(self.experience, folder, feedback)
 
     def record(self, trial: Trial) -> None:
         """Record a trial of another learner's, or of a log, as experience.

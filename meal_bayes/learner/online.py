@@ -294,7 +294,9 @@ class Online:
         if object_name is None:
             return at_refit
         record = self.record
-        (instances, objects), unit = experience_of(record, self.agent, self.settings)
+        # A trial that is resumed is planned as it was when it began: its own steps do not count.
+        own = record.instances_of_trial(task.key)
+        (instances, objects), unit = experience_of(record, self.agent, self.settings, own)
         now = replace(
             at_refit,
             knowledge=self.knowledge,
@@ -308,7 +310,7 @@ class Online:
         if object_name not in record.objects:
             return now
         o = record.objects[object_name]
-        fresh = views.labeled(record, memory=self.agent.memory)[o].T == 0
+        fresh = views.labeled(record, memory=self.agent.memory, apart=own)[o].T == 0
         return replace(
             now, fresh=fresh, labeled=(record.object_labels.values[o] >= 0) & self.agent.memory
         )

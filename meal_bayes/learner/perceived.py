@@ -185,12 +185,16 @@ def trained_cells(
 
 
 def experience_of(
-    record: Experience, agent: Agent, settings: LearnerSettings
+    record: Experience, agent: Agent, settings: LearnerSettings, apart: views.Rows = views.NO_ROWS
 ) -> tuple[NDArray[np.int64], float]:
-    """Count labeled instances and objects, (2,P,E), and those that make one unit of Eq. 10."""
-    labeled = views.labeled(record, memory=agent.memory)
-    counted = views.labeled(record, memory=agent.memory, given=settings.count_given)
-    unit = settings.unit or max(1.0, float(counted.max(initial=0)) * len(record.met))
+    """Count labeled instances and objects, (2,P,E), and those that make one unit of Eq. 10.
+
+    Instances `apart` (k,) do not count.
+    """
+    labeled = views.labeled(record, memory=agent.memory, apart=apart)
+    counted = views.labeled(record, memory=agent.memory, given=settings.count_given, apart=apart)
+    met = record.met_without(apart)
+    unit = settings.unit or max(1.0, float(counted.max(initial=0)) * len(met))
     return np.stack([counted.sum(axis=0).T, (labeled > 0).sum(axis=0).T]), unit
 
 

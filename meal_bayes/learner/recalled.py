@@ -5,16 +5,17 @@ what the logs say.
 """
 
 import warnings
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 from meal_bayes.files import lasting_path
 from meal_bayes.learner import views
+from meal_bayes.learner.experience import Experience
 from meal_bayes.learner.learner import Learner
 from meal_bayes.learner.recording import check_domain
 from meal_bayes.learner.told import tell_again
 from meal_bayes.seeds import Key
-from meal_bayes.trial_log import Feedback, Logs
+from meal_bayes.trial_log import Change, Feedback, Logs
 from meal_bayes.trial_log.folder import begun_text, feedback_files, readable_feedback
 from meal_bayes.trials import Trial
 
@@ -25,13 +26,15 @@ def recall(learner: Learner, *logs: str | Path) -> list[Trial]:
     What was executed, whether it succeeded, what the robot sensed, and the labels that people told
     of it are in the logs; a trial that was forgotten with its recordings is so again. One that was
     broken off, or is under way, is recorded as far as it went, and later to its end: `resume` goes
-    on with it. Trials and labels are learned from in the order of their times, so that all is
-    learned anew at the moments at which the learner that wrote the logs did, but for its calls of
-    `refit`, which are not in them. Where the name of a log does not say when it was begun, all is
-    learned anew at the end. Trials that the learner has had to their end, tests, and trials with
-    other levels than its agent's are passed over, but for what people have told of them, or taken
-    back, since: in the order in which it was told, whatever the order of the folders. What the
-    learner has told or recalled before is not told again. A replay shows recordings of its object
+    on with it. Trials and labels are learned from in the order of their times, and all is
+    learned anew at the moments at which the learner that wrote the logs did, so that this one knows
+    the same, to the last bit. A change of the agent is repeated where the agent is a shipped one or
+    known to this learner; one that had another agent than that learner keeps it. Where the name of
+    a log does not say when it was begun, all is learned anew at the end. Trials that the learner
+    has had to their end, tests, and trials with percepts of other levels than its agent's and no
+    features are passed over, but for what people have told of them, or taken back, since: in the
+    order in which it was told, whatever the order of the folders. What the learner has told or
+    recalled before is not told again. A replay shows recordings of its object
     that the learner was given, if it was. What is damaged is named in a warning.
 
     Parameters
@@ -81,10 +84,9 @@ def recall(learner: Learner, *logs: str | Path) -> list[Trial]:
             task = trial.task
             names[task.key] = group.file.name
             places[task.key] = lasting_path("The log", group.file.parent)
-            fits = trial.momdp.levels == learner.agent.levels
             if (
                 task.learn
-                and fits
+                and _is_readable(trial, learner.agent.levels)
                 and (task.key not in experience.trials or views.unrecorded(experience, trial))
             ):
                 recalled.append(trial)
@@ -99,23 +101,30 @@ def recall(learner: Learner, *logs: str | Path) -> list[Trial]:
 
     def in_order() -> Iterator[tuple[str, Feedback]]:
         """Yield what was told; before it, the trials of before are learned from."""
-        for file, feedback in entries:
+        for file, entry in entries:
             keys = [trial.task.key for trial in waiting]
             earlier = [names[key] < file for key in keys]
             count = [*earlier, False].index(False)
-            if feedback.key in keys:
-                count = max(count, keys.index(feedback.key) + 1)
-            for trial in waiting[:count]:
-                learner.hear_trial(trial)
-            del waiting[:count]
-            yield file, feedback
+            if isinstance(entry, Feedback) and entry.key in keys:
+                count = max(count, keys.index(entry.key) + 1)
+            before = waiting[:count]
+            # Of a trial that was under way the later steps are learned from behind this.
+            waiting[:count] = [trial for trial in before if trial.task.key in entry.under_way]
+            for trial in before:
+                learner.hear_trial(trial, entry.under_way.get(trial.task.key))
+            if isinstance(entry, Feedback):
+                yield file, entry
+            elif file not in experience.feedback_logs:
+                experience.feedback_logs[file] = None
+                learner.hear_change(entry, own)
 
     # At the moments at which the learner that wrote the logs did, so that refits are the same.
-    tell_again(experience, in_order(), None if learner.table else learner.hear_moved)
-    for trial in waiting:
-        learner.hear_trial(trial)
+    with learner.hearing_changes(_unheard_changes(experience, entries)) as own:
+        tell_again(experience, in_order(), None if learner.table else learner.hear_moved)
+        for trial in waiting:
+            learner.hear_trial(trial)
     if not all(map(begun_text, map(Path, names.values()))):  # in what order is not known
-        learner.refit()
+        learner.hear_refit()
     faults = [fault for fault in dict.fromkeys(files.problems) if fault not in files.unfinished]
     if faults:
         more = f"; and {len(faults) - 1} more" if faults[1:] else ""
@@ -124,8 +133,25 @@ def recall(learner: Learner, *logs: str | Path) -> list[Trial]:
             "damaged may have replaced others; tell them again.",
             stacklevel=2,
         )
-    forgotten = {feedback.key for _, feedback in entries if feedback.recordings}
+    told = (entry for _, entry in entries if isinstance(entry, Feedback))
+    forgotten = {feedback.key for feedback in told if feedback.recordings}
     return [trial for trial in recalled if trial.task.key not in forgotten]
+
+
+def _is_readable(trial: Trial, levels: int) -> bool:
+    """Return whether percepts of a trial are of so many levels, or their features are known."""
+    if trial.momdp.levels == levels:
+        return True
+    return all(step.sensed is not None for step in trial.steps if step.observation is not None)
+
+
+def _unheard_changes(
+    experience: Experience, entries: Sequence[tuple[str, Feedback | Change]]
+) -> list[Change]:
+    """Return the changes of the agent that an experience has not heard of, in their order."""
+    heard = experience.feedback_logs
+    changes = (entry for file, entry in entries if file not in heard)
+    return [entry for entry in changes if isinstance(entry, Change) and not entry.refit]
 
 
 def hear(learner: Learner, folder: Path, on_fault: Callable[[str], object]) -> int:
@@ -149,7 +175,8 @@ def hear(learner: Learner, folder: Path, on_fault: Callable[[str], object]) -> i
         (file.name, feedback)
         for file in feedback_files(folder)
         for feedback in readable_feedback([file], on_fault)
+        if isinstance(feedback, Feedback)
     ]
     tell_again(learner.experience, entries)
-    learner.refit()
+    learner.hear_refit()
     return len(entries)

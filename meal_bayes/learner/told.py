@@ -2,7 +2,7 @@
 
 import difflib
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import NamedTuple
 
@@ -15,7 +15,7 @@ from meal_bayes.learner import views
 from meal_bayes.learner.experience import Experience, Labels, key_of_name
 from meal_bayes.look import warn_user
 from meal_bayes.seeds import Key
-from meal_bayes.trial_log.feedback import Feedback
+from meal_bayes.trial_log.feedback import Change, Feedback
 from meal_bayes.trial_log.folder import write_feedback
 
 _ALIKE = 0.8  # of two names, at least where one may be meant by the other
@@ -34,34 +34,42 @@ class Telling(NamedTuple):
         What `views.labels_touched` was before.
     recordings : bool
         Whether what the trial recorded is forgotten, too.
+    under_way : Mapping[Key, int]
+        As of `Feedback`.
     """
 
     name: str
     key: Key
     labels_before: Labels
-    recordings: bool = False
+    recordings: bool
+    under_way: Mapping[Key, int]
+
+    def feedback(self, experience: Experience) -> Feedback | None:
+        """Return the labels that moved any of their object since then; None where none did.
+
+        They have not been learned from yet.
+        """
+        after = views.labels_touched(experience, self.key, self.name)
+        said = (self.labels_before[0] >= 0) | (after[0] >= 0)
+        changed = np.flatnonzero(said & (after != self.labels_before).any(axis=0))
+        labels = {experience.domain.attributes[p]: int(after[0, p]) for p in changed}
+        if not labels and not self.recordings:
+            return None
+        key = None if self.key == key_of_name(self.name) else self.key
+        return Feedback(self.name, labels, key, self.recordings, self.under_way)
 
 
-def log_told(experience: Experience, folder: Path, telling: Telling) -> None:
-    """Log the labels that moved any of their object, and whether recordings were forgotten.
-
-    What could not be logged before is logged first.
+def log_told(experience: Experience, folder: Path, entry: Feedback | Change | None) -> None:
+    """Log what was told or changed; what could not be logged before is logged first.
 
     Raises
     ------
     LogError
         A full disk, for example; what was told is kept, and logged with what is told next.
     """
-    name, key, before, recordings = telling
-    after = views.labels_touched(experience, key, name)
-    said = (before[0] >= 0) | (after[0] >= 0)
-    changed = np.flatnonzero(said & (after != before).any(axis=0))
-    domain = experience.domain
-    labels = {domain.attributes[p]: int(after[0, p]) for p in changed}
-    if labels or recordings:
-        feedback = Feedback(name, labels, None if key == key_of_name(name) else key, recordings)
-        experience.unlogged.append((folder, feedback))
-    header = {"config": {"command": "Learner.tell"}, "data": domain.data}
+    if entry is not None:
+        experience.unlogged.append((folder, entry))
+    header = {"config": {"command": "Learner.tell"}, "data": experience.domain.data}
     for log_folder, feedback in tuple(experience.unlogged):
         try:
             log = write_feedback(log_folder, feedback, header=header)

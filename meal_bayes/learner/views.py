@@ -128,10 +128,16 @@ def labels_of(record: Experience, *, memory: bool) -> Labels:
     return np.where(withdrawn[:, None], -1, labels).astype(np.int8)
 
 
-def labeled(record: Experience, *, memory: bool, given: bool = True) -> NDArray[np.int64]:
+Rows = NDArray[np.intp]
+NO_ROWS: Rows = np.empty(0, np.intp)
+
+
+def labeled(
+    record: Experience, *, memory: bool, given: bool = True, apart: Rows = NO_ROWS
+) -> NDArray[np.int64]:
     """Count the labeled instances of object, behavior, attribute, (O,E,P).
 
-    Those not gathered in trials count if `given`.
+    Those not gathered in trials count if `given`; instances `apart` (k,) do not.
     """
     instances = record.instances.values
     counted = given | (instances["origin"] != FROM_DATASET)
@@ -139,6 +145,7 @@ def labeled(record: Experience, *, memory: bool, given: bool = True) -> NDArray[
     p = len(record.domain.attributes)
     counts = np.zeros((len(record.objects), e, p), int)
     labels = (labels_of(record, memory=memory) >= 0) & counted[:, None]
+    labels[apart] = False
     np.add.at(counts, (instances["object"], instances["behavior"]), labels)
     return counts
 

@@ -5,7 +5,7 @@ trials, readable by any MCAP tool; and from the file the equal `Trial`s, every b
 there are millions of trials, a compact log holds their outcomes alone, as columns.
 """
 
-from meal_bayes.trial_log.feedback import Feedback
+from meal_bayes.trial_log.feedback import Change, Feedback
 from meal_bayes.trial_log.file import (
     ACTIVE,
     LogInfo,
@@ -32,8 +32,8 @@ from meal_bayes.trial_log.folder import (
 from meal_bayes.trial_log.messages import FORMAT_VERSION
 
 __all__ = [
-    "ACTIVE", "FORMAT_VERSION", "Feedback", "Follower", "Group", "LogInfo", "Logs", "TrialWriter",
-    "check_log", "log_files", "log_info", "read_feedback", "read_header", "read_outcomes",
-    "read_seconds", "read_trials", "recover_log", "remove_drafts", "salvage", "write_feedback",
-    "write_trials",
+    "ACTIVE", "FORMAT_VERSION", "Change", "Feedback", "Follower", "Group", "LogInfo", "Logs",
+    "TrialWriter", "check_log", "log_files", "log_info", "read_feedback", "read_header",
+    "read_outcomes", "read_seconds", "read_trials", "recover_log", "remove_drafts", "salvage",
+    "write_feedback", "write_trials",
 ]  # fmt: skip

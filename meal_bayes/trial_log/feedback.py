@@ -2,10 +2,12 @@
 
 A trial's log is whole when the trial ends. What is told later is a log of its own beside it, one a
 telling, so that nothing that was written is ever changed; readers of the trials put both together.
+Other changes of a learner between its trials, which decide what it has learned since, are logged in
+the same place.
 """
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -13,8 +15,10 @@ from meal_bayes.errors import LogCorruptError, LogError
 from meal_bayes.seeds import Key
 from meal_bayes.trial_log.messages import (
     NAME_LIMIT,
+    ChangeMessage,
     FeedbackMessage,
     LabelPart,
+    UnderWayPart,
     decode,
     encode,
     read_key,
@@ -41,6 +45,8 @@ class Feedback:
         Of the trial's task; None where the object was named, so that they are of all its trials.
     recordings : bool
         Whether what the trial recorded was forgotten, with all labels that it had.
+    under_way : Mapping[Key, int]
+        Trials that were under way then, by their keys, with the number of steps that they had.
 
     Raises
     ------
@@ -52,6 +58,7 @@ class Feedback:
     labels: Mapping[str, int | bool]
     key: Key | None = None
     recordings: bool = False
+    under_way: Mapping[Key, int] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if fault := name_fault(self.object_name):
@@ -75,7 +82,11 @@ class Feedback:
         """Return the message."""
         key = "" if self.key is None else task_key(self.key)
         labels = (LabelPart(name, int(label)) for name, label in self.labels.items())
-        return encode(FeedbackMessage(self.object_name, key, tuple(labels), self.recordings))
+        under_way = _under_way_parts(self.under_way)
+        message = FeedbackMessage(
+            self.object_name, key, tuple(labels), self.recordings, under_way=under_way
+        )
+        return encode(message)
 
     @classmethod
     def unpacked(cls, data: bytes) -> "Feedback":
@@ -85,7 +96,71 @@ class Feedback:
         if len(labels) != len(message.labels):
             raise LogCorruptError("an attribute has two labels")
         key = read_key(message.key) if message.key else None
-        return cls(message.object_name, labels, key, recordings=message.recordings)
+        under_way = _steps_under_way(message.under_way)
+        return cls(message.object_name, labels, key, message.recordings, under_way)
+
+
+@dataclass(frozen=True, slots=True)
+class Change:
+    """A change of a learner that no trial shows: all was learned anew, or another agent decides.
+
+    Attributes
+    ----------
+    agent : str
+        Name of the agent that decides from then on.
+    digest, before : str
+        Digests of that agent, and of the one that decided until then.
+    used : bool
+        Whether the learner had learned anything for the agent that decided until then.
+    refit : bool
+        Whether all was learned anew, by `Learner.refit`.
+    under_way : Mapping[Key, int]
+        As of `Feedback`.
+    """
+
+    agent: str
+    digest: str
+    before: str
+    used: bool
+    refit: bool
+    under_way: Mapping[Key, int] = field(default_factory=dict)
+
+    @property
+    def text(self) -> str:
+        """The change in words, such as "all was learned anew"."""
+        if self.refit:
+            return "all was learned anew"
+        return f"the agent {self.agent} decides from then on"
+
+    def packed(self) -> bytes:
+        """Return the message."""
+        parts = _under_way_parts(self.under_way)
+        message = ChangeMessage(
+            self.agent, self.digest, self.before, used=self.used, refit=self.refit, under_way=parts
+        )
+        return encode(message)
+
+    @classmethod
+    def unpacked(cls, data: bytes) -> "Change":
+        """Read a message."""
+        message = decode(data, ChangeMessage)
+        under_way = _steps_under_way(message.under_way)
+        return cls(
+            message.agent,
+            message.digest,
+            message.before,
+            used=message.used,
+            refit=message.refit,
+            under_way=under_way,
+        )
+
+
+def _under_way_parts(under_way: Mapping[Key, int]) -> tuple[UnderWayPart, ...]:
+    return tuple(UnderWayPart(task_key(key), steps) for key, steps in under_way.items())
+
+
+def _steps_under_way(parts: Iterable[UnderWayPart]) -> dict[Key, int]:
+    return {read_key(part.key): part.steps for part in parts}
 
 
 class FeedbackIndex:
@@ -93,15 +168,15 @@ class FeedbackIndex:
 
     Parameters
     ----------
-    entries : Iterable[Feedback]
-        In the order in which they were told, which they keep.
+    entries : Iterable[Feedback | Change]
+        In the order in which they were told; changes of a learner are passed over.
     """
 
-    def __init__(self, entries: Iterable[Feedback]) -> None:
+    def __init__(self, entries: Iterable[Feedback | Change]) -> None:
         # By the trial, or by the object where that was named: (number of the entry, label).
         self._labels: dict[Key | str, dict[str, tuple[int, int]]] = {}
-        self.entries = list(entries)
-        for number, entry in enumerate(self.entries):
+        told = (entry for entry in entries if isinstance(entry, Feedback))
+        for number, entry in enumerate(told):
             whose = entry.object_name if entry.key is None else entry.key
             labels = self._labels.setdefault(whose, {})
             labels |= {name: (number, label) for name, label in entry.labels.items()}

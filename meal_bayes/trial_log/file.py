@@ -53,8 +53,9 @@ from meal_bayes.files import (
     replace_whole,
     write_whole,
 )
-from meal_bayes.trial_log.feedback import Feedback
+from meal_bayes.trial_log.feedback import Change, Feedback
 from meal_bayes.trial_log.messages import (
+    CHANGE,
     FEEDBACK,
     FORMAT_VERSION,
     LINES,
@@ -100,12 +101,12 @@ _FORMS = {profile: form for form, profile in PROFILES.items()}
 TOPICS = {  # of a form, in the order of their channels' ids
     FULL: (RUN, MOMDPS, TRIAL, STEP, OUTCOME, LINES),
     COMPACT: (RUN, OUTCOMES),
-    FEEDBACK_FORM: (RUN, FEEDBACK),
+    FEEDBACK_FORM: (RUN, FEEDBACK, CHANGE),
 }
 _SCHEMAS = {  # names of the messages of topics
     RUN: "meal_bayes.Run", MOMDPS: "meal_bayes.Momdp", TRIAL: "meal_bayes.Trial",
     STEP: "meal_bayes.Step", OUTCOME: "meal_bayes.Outcome", OUTCOMES: "meal_bayes.Outcomes",
-    FEEDBACK: "meal_bayes.Feedback", LINES: "foxglove.Log",
+    FEEDBACK: "meal_bayes.Feedback", CHANGE: "meal_bayes.Change", LINES: "foxglove.Log",
 }  # fmt: skip
 END = "end.json"  # attachment behind the last trial: trials, steps and summed cost (s)
 _TIMING = "trial,seconds\n"  # begins a table of seconds
@@ -438,9 +439,10 @@ class TrialWriter:
             self._seconds.update(zip(range(number, number + len(rows)), seconds, strict=False))
             self.written = self.written.after(rows)
 
-    def write_feedback(self, feedback: Feedback) -> None:
-        """Write what a person told to disk, into a log of feedback."""
-        self._put([Packed(FEEDBACK, 0, feedback.packed())], sync=True)
+    def write_feedback(self, feedback: Feedback | Change) -> None:
+        """Write what a person told, or changed of the learner, into a log of feedback, to disk."""
+        topic = FEEDBACK if isinstance(feedback, Feedback) else CHANGE
+        self._put([Packed(topic, 0, feedback.packed())], sync=True)
 
     def begin(self, trial: Trial) -> None:
         """Write the start of a trial to disk; its steps follow one by one, then its end."""
@@ -751,7 +753,7 @@ class TrialBuilder:
     header: dict[str, object] | None = None
     read: End = End()  # noqa: RUF009  immutable
     end: End | None = None  # as the writer counted
-    feedback: list[Feedback] = field(default_factory=list)  # of a log of that form
+    feedback: list[Feedback | Change] = field(default_factory=list)  # of a log of that form
     ours: bool = False  # whether a profile says so
     _channels: ChainMap[int, str] = field(default_factory=ChainMap)  # as declared, then as usual
     _runs: int = 0  # headers of runs
@@ -811,6 +813,8 @@ class TrialBuilder:
                 raise LogCorruptError(f"a trial is longer than {TRIAL_LIMIT} bytes")
         elif topic == FEEDBACK:
             self.feedback.append(Feedback.unpacked(data))
+        elif topic == CHANGE:
+            self.feedback.append(Change.unpacked(data))
         elif topic in (OUTCOME, OUTCOMES):
             entry: Trial | TrialOutcomes
             if topic == OUTCOME:

@@ -26,7 +26,7 @@ from meal_bayes.digests import checksum_of
 from meal_bayes.errors import LogCorruptError, LogError, LogVersionError, QueryError
 from meal_bayes.files import checked_path, command_line, file_name
 from meal_bayes.seeds import Key
-from meal_bayes.trial_log.feedback import Feedback, FeedbackIndex
+from meal_bayes.trial_log.feedback import Change, Feedback, FeedbackIndex
 from meal_bayes.trial_log.file import (
     ACTIVE,
     CUT_SHORT,
@@ -54,6 +54,7 @@ ASK = "Learner.ask"  # command of the logs of trials with a robot
 LIVE = "live"  # in the keys of such trials, before what no other trial has
 _FEEDBACK_FOLDER = "feedback"  # beside the logs of trials
 _FEEDBACK = f".feedback{SUFFIX}"  # ends the names of its logs
+_CHANGE = "learner"  # in such names, in place of an object: of changes of a learner
 _TIME = "%Y%m%d-%H%M%S-%f"
 _DATED = re.compile(r"(\d{8}-\d{6}-\d{6})-")
 _TICK = timedelta(microseconds=1)
@@ -157,8 +158,10 @@ def feedback_name(folder: Path, name: str) -> Path:
     return own_folder / f"{begun}{_FEEDBACK}"
 
 
-def write_feedback(folder: Path, feedback: Feedback, *, header: Mapping[str, object]) -> Path:
-    """Write what a person told into a new log of a folder; return the path of the log.
+def write_feedback(
+    folder: Path, feedback: Feedback | Change, *, header: Mapping[str, object]
+) -> Path:
+    """Write what a person told, or changed, into a new log of a folder; return the log's path.
 
     When this returns, the log is whole on disk. Several processes may write at once.
 
@@ -166,8 +169,8 @@ def write_feedback(folder: Path, feedback: Feedback, *, header: Mapping[str, obj
     ----------
     folder : Path
         Folder with the logs of trials.
-    feedback : Feedback
-        Labels of a trial or of an object.
+    feedback : Feedback | Change
+        Labels of a trial or of an object, or a change of the learner.
     header : Mapping[str, object]
         Description of the run in JSON values.
 
@@ -184,20 +187,22 @@ def write_feedback(folder: Path, feedback: Feedback, *, header: Mapping[str, obj
     >>> read_feedback(path)[0].text
     'heavy'
     """
-    path = feedback_name(folder, feedback.object_name)
+    name = feedback.object_name if isinstance(feedback, Feedback) else _CHANGE
+    path = feedback_name(folder, name)
     with TrialWriter(path, header, FEEDBACK_FORM) as log:
         log.write_feedback(feedback)
     return path
 
 
-def read_feedback(path: str | Path) -> list[Feedback]:
+def read_feedback(path: str | Path) -> list[Feedback | Change]:
     """Read what people told, from a log of feedback or from all such logs of a folder, in order.
 
-    Errors are those of `read_trials`; the list may be empty for a folder.
+    Changes of a learner (all learned anew, another agent) are among them. Errors are those of
+    `read_trials`; the list may be empty for a folder.
     """
     log = checked_path("The log", path)
     files = feedback_files(log) if log.is_dir() else [log]
-    entries = list[Feedback]()
+    entries = list[Feedback | Change]()
     for file in files:
         scan = Scan(file)
         deque(scan.entries(), maxlen=0)
@@ -207,7 +212,7 @@ def read_feedback(path: str | Path) -> list[Feedback]:
 
 def readable_feedback(
     files: Iterable[Path], on_fault: Callable[[str], object]
-) -> Iterator[Feedback]:
+) -> Iterator[Feedback | Change]:
     """Yield what people told, in the order of the files; call `on_fault` for a torn file."""
     for file in files:
         try:
@@ -550,12 +555,12 @@ class Logs:
             self._feedback[folder] = FeedbackIndex(readable_feedback(files, self.problems.append))
         return self._feedback[folder]
 
-    def told(self) -> list[tuple[str, Feedback]]:
-        """Return what people told of the trials of all folders, in order, with its logs' names."""
+    def told(self) -> list[tuple[str, Feedback | Change]]:
+        """Return what people told, or changed, in all folders, in order, with its logs' names."""
         folders = {file.parent for file in self.files}
         feedback_logs = (file for folder in folders for file in feedback_of(folder))
         files = {file.resolve(): file for file in feedback_logs}.values()
-        entries = list[tuple[str, Feedback]]()
+        entries = list[tuple[str, Feedback | Change]]()
         for file in sorted(files, key=lambda file: file.name):  # which begins with the time
             feedback_of_file = readable_feedback([file], self.problems.append)
             entries += [(file.name, feedback) for feedback in feedback_of_file]

@@ -72,7 +72,8 @@ TRIAL = "/trial"
 STEP = "/step"
 OUTCOME = "/outcome"
 OUTCOMES = "/outcomes"  # of the compact form: columns of many trials in one message
-FEEDBACK = "/feedback"  # of the form of that name: one message
+FEEDBACK = "/feedback"  # of the form of that name: one message, of this topic or the next
+CHANGE = "/change"
 LINES = "/log"  # for other tools; reading takes nothing from it
 
 _INFINITE = {math.inf: "Infinity", -math.inf: "-Infinity"}
@@ -477,6 +478,14 @@ class LabelPart:
 
 
 @dataclass(frozen=True, slots=True)
+class UnderWayPart:
+    """A trial that was under way when something was told, and how far it was."""
+
+    key: str  # of the trial's task, in JSON
+    steps: int
+
+
+@dataclass(frozen=True, slots=True)
 class FeedbackMessage:
     """What a person told of a trial when that was over, or of an object by its name."""
 
@@ -484,6 +493,19 @@ class FeedbackMessage:
     key: str  # of the trial's task, in JSON; "" where the object was named
     labels: tuple[LabelPart, ...]
     recordings: bool  # whether what the trial recorded was forgotten
+    under_way: tuple[UnderWayPart, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class ChangeMessage:
+    """A change of a learner that no trial shows: all is learned anew, or another agent decides."""
+
+    agent: str  # name of the agent that decides from now on
+    digest: str  # of that agent
+    before: str  # digest of the agent that decided until then
+    used: bool  # whether anything was learned for that one
+    refit: bool
+    under_way: tuple[UnderWayPart, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -519,13 +541,13 @@ class LineMessage:
 
 Message = (
     RunMessage | MomdpMessage | TrialMessage | StepMessage | OutcomeMessage | OutcomesMessage
-    | FeedbackMessage | LineMessage
+    | FeedbackMessage | ChangeMessage | LineMessage
 )  # fmt: skip
 Kind = TypeVar("Kind", bound=Message)
 MESSAGES: dict[str, type[Message]] = {  # by topic
     RUN: RunMessage, MOMDPS: MomdpMessage, TRIAL: TrialMessage, STEP: StepMessage,
     OUTCOME: OutcomeMessage, OUTCOMES: OutcomesMessage, FEEDBACK: FeedbackMessage,
-    LINES: LineMessage,
+    CHANGE: ChangeMessage, LINES: LineMessage,
 }  # fmt: skip
 
 
