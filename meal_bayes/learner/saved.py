@@ -10,6 +10,7 @@ A file has an id, and that of the file which its learner read or wrote before: w
 not write over what somebody else has saved there.
 """
 
+import contextlib
 import dataclasses
 import functools
 import hashlib
@@ -37,7 +38,7 @@ from meal_bayes.datasets import PerceptTable
 from meal_bayes.domain import Domain, Payoffs, domain_from_table, domain_table
 from meal_bayes.errors import DataError, MealBayesError, OutputError, SettingsError
 from meal_bayes.files import LEARNER, alone_in, draft_of
-from meal_bayes.learner.experience import NONE, WITHDRAWN, Experience
+from meal_bayes.learner.experience import NONE, WITHDRAWN, Context, Experience
 from meal_bayes.learner.fit import training_agent
 from meal_bayes.learner.online import Online
 from meal_bayes.learner.perceived import classify
@@ -176,7 +177,13 @@ def unpack(packed: Json, read: Callable[[str, str, int], NDArray[Any]], domain: 
         return read(str(packed["array"]), packed["dtype"], int(packed["axes"]))
     entries = packed["table"] if "table" in packed else packed["fields"]
     values = {str(name): unpack(entry, read, domain) for name, entry in entries.items()}
-    return values if "table" in packed else _CLASSES[packed["class"]](**values)
+    kind = None if "table" in packed else _CLASSES[packed["class"]]
+    for name, value in values.items():
+        if isinstance(value, np.ndarray) and value.dtype.kind == "f" and kind is not PerceptTable:
+            infinite = name == "dispersion" and np.isposinf(value)  # objects that are all alike
+            if not (np.isfinite(value) | infinite).all():
+                raise ValueError(f"{name} is not finite")
+    return values if kind is None else kind(**values)
 
 
 def _succeeding(domain: Domain, probabilities: list[float]) -> Domain:
@@ -385,8 +392,14 @@ def _check_state(state: State, experience: Experience, agent: Agent) -> None:
     domain = experience.domain
     p = len(domain.attributes)
     e = len(domain.behaviors)
+    _check_shape("sizes", state["sizes"], (len(domain.contexts),))
+    check_limits("sizes", state["sizes"], (NONE, _LARGE))
     for name in ("knowledge", "knowledge_at_refit"):
         _check_shape(name, state[name].posterior.counts, (p, e, 2, agent.levels))
+        _check_knowledge(state[name], p)
+    if state["perception"] is not None:
+        sizes = dict(zip(domain.contexts, state["sizes"].tolist(), strict=True))
+        _check_perception(state["perception"], domain, agent.levels, sizes)
     # Of the first instances, or objects: others may have come since.
     limits = {"labels_at_refit": 2, "levels": agent.levels, "counted_labels": 2}
     for name, end in limits.items():
@@ -399,7 +412,88 @@ def _check_state(state: State, experience: Experience, agent: Agent) -> None:
         if not (state[name] >= 0).all():
             raise ValueError(f"{name} are not all 0 or more")
     _check_shape("experience_at_refit", state["experience_at_refit"], (2, p, e))
-    _check_shape("sizes", state["sizes"], (len(domain.contexts),))
+    check_limits("experience_at_refit", state["experience_at_refit"], (0, _LARGE))
+
+
+def _check_knowledge(knowledge: Knowledge, p: int) -> None:
+    """Raise a `ValueError` where rates or pairs of P attributes are none."""
+    _check_shape("base_rates", knowledge.base_rates, (p,))
+    _check_within("base_rates", knowledge.base_rates, 0, 1)
+    pairs = knowledge.co_occurrence.pairs
+    _check_shape("pairs", pairs, (len(pairs), 2))
+    check_limits("pairs", pairs, (0, p))
+    _check_shape("log_bayes_factor", knowledge.co_occurrence.log_bayes_factor, (len(pairs),))
+    _check_distributions("probability", knowledge.co_occurrence.probability, (len(pairs), 4))
+    trait = knowledge.trait
+    if trait is not None:
+        _check_shape("points", trait.points, (len(trait.points),))
+        _check_distributions("latent_classes", trait.latent_classes, (2, len(trait.points)))
+    rates = knowledge.rates
+    if rates is not None:
+        for name in ("true", "labeled", "values"):
+            _check_shape(name, getattr(rates, name), (p,))
+        _check_within("true", rates.true, 0, rates.labeled)
+        check_limits("values", rates.values, (0, p + 1))
+        _check_distributions("weights", rates.weights, (len(rates.weights),))
+        _check_within("rates", rates.mean, 0, 1)
+
+
+def _check_perception(
+    perception: Perception, domain: Domain, levels: int, sizes: Mapping[Context, int]
+) -> None:
+    """Raise a `ValueError` where classifiers do not fit each other, or a domain."""
+    p = len(domain.attributes)
+    if perception.levels != levels:
+        raise ValueError(f"classifiers of {perception.levels} levels, expected {levels}")
+    _check_shape("labels", perception.labels, (len(perception.labels), p))
+    check_limits("labels", perception.labels, (-1, 2))
+    for behavior, classifier in perception.classifiers.items():
+        spaces = classifier.spaces
+        if not {*spaces} <= {*domain.behaviors[domain.behavior_index(behavior)].modalities}:
+            raise ValueError(f"{behavior} has other modalities")
+        for modality, space in spaces.items():
+            _check_space(space, sizes[behavior, modality])
+        recordings = {len(space.rows) for space in spaces.values()}
+        dual, weights = classifier.fit.dual, classifier.fit.pool.weights
+        kernels = len(spaces), len(spaces) + 1  # with that of all of them
+        if len(dual) not in kernels or {dual.shape[2:]} != {(n,) for n in recordings}:
+            raise ValueError(f"dual has shape {dual.shape}, which its recordings have not")
+        _check_shape("dual", dual, (len(dual), p, *dual.shape[2:]))
+        _check_shape("weights", weights, (p, 1 + len(dual)))
+        _check_shape("used", classifier.used, (p,))
+
+
+def _check_space(space: FeatureSpace, size: int) -> None:
+    """Raise a `ValueError` where parts of a space of so many features do not fit each other."""
+    d = len(space.varying)
+    check_limits("varying", space.varying, (0, size))
+    if (np.diff(space.varying) <= 0).any():
+        raise ValueError("varying is not rising")
+    _check_shape("center", space.center, (d,))
+    _check_shape("scale", space.scale, (d,))
+    _check_shape("rows", space.rows, (len(space.rows), d))
+    if not (space.scale > 0).all() or not 0 < space.width < np.inf:
+        raise ValueError("scale or width is not above 0")
+    if space.whitening is not None:
+        gain = space.whitening.gain
+        _check_shape("gain", gain, (len(gain),))
+        _check_shape("basis", space.whitening.basis, (len(gain), d))
+        _check_within("gain", gain, -1, 0)
+
+
+def _check_within(
+    name: str, values: NDArray[Any], least: float, most: float | NDArray[Any]
+) -> None:
+    if ((values < least) | (values > most)).any():
+        raise ValueError(f"{name} is out of range")
+
+
+def _check_distributions(name: str, values: NDArray[Any], shape: tuple[int, ...]) -> None:
+    """Raise a `ValueError` where rows are no probabilities."""
+    _check_shape(name, values, shape)
+    _check_within(name, values, 0, 1)
+    if not np.allclose(values.sum(axis=-1), 1.0):
+        raise ValueError(f"{name} does not sum to 1")
 
 
 def _check_shape(name: str, values: Any, expected: tuple[int, ...]) -> None:
@@ -407,7 +501,7 @@ def _check_shape(name: str, values: Any, expected: tuple[int, ...]) -> None:
         raise ValueError(f"{name} has shape {values.shape}, expected {expected}")
 
 
-_FORMAT = 16
+_FORMAT = 17
 _TEXT = LEARNER
 
 
@@ -474,47 +568,74 @@ def write_learner(learner: SavedLearner, path: Path, *, overwrite: bool) -> str:
         }
         write_experience(archive, experience)
         # Last, as it names the arrays that were kept.
-        archive.writestr(_TEXT, json.dumps(meta, allow_nan=False))
+        meta["checksums"] = {info.filename: info.CRC for info in archive.infolist()}
+        text = json.dumps(meta, allow_nan=False).encode()
+        archive.writestr(_TEXT, text)
+        archive.comment = checksum(text)
     return file
+
+
+def checksum(text: bytes) -> bytes:
+    """Return what the comment of a learner's file says of its text, which has the other sums."""
+    return hashlib.sha256(text).hexdigest().encode()
+
+
+def _check_unchanged(archive: zipfile.ZipFile, text: bytes, meta: dict[str, Any]) -> None:
+    """Raise a `ValueError` where a member is not the one that was written."""
+    if checksum(text) != archive.comment:
+        raise ValueError(f"{_TEXT} was changed since it was written")
+    written = meta["checksums"]
+    found = {info.filename: info.CRC for info in archive.infolist() if info.filename != _TEXT}
+    changed = [name for name in {**written, **found} if written.get(name) != found.get(name)]
+    if changed:
+        raise ValueError(f"{changed[0]} was changed since it was written")
 
 
 def read_learner(path: Path, *, agent: object, classifier: object) -> SavedLearner:
     """Read a learner; raise as `Learner.load` does."""
     if not path.is_file():
         raise DataError(f"No file {path}; give the path of a learner that save() wrote.")
+    with _refusing(path), zipfile.ZipFile(path) as archive:
+        check_unpacked(archive, path.stat().st_size)
+        text = read_member(archive, _TEXT)
+        meta = read_meta(text, _FORMAT)
+        _check_unchanged(archive, text, meta)
+        domain = domain_from_table(meta["domain"])
+    chosen = _agent(meta, agent, classifier)
+    with _refusing(path), zipfile.ZipFile(path) as archive:
+        read = partial(read_array, archive)
+        table = unpack(meta["table"], read, domain)
+        settings = unpack(meta["settings"], read, domain)
+        settings = LearnerSettings(**{**settings, "classifier": classifier})
+        experience = read_experience(archive, domain)
+        read_features(meta["features"], read, experience)
+        if table is not None:
+            check_data(table, domain)
+        fitted = []
+        for entry in meta["fitted"]:
+            fit_agent = _known(entry, chosen)
+            if fit_agent is not None:  # else it is made anew when it is asked
+                state = unpack(entry["state"], read, domain)
+                fitted.append(fit_of(experience, fit_agent, settings, state))
+        saved = SavedLearner(
+            agent=chosen,
+            settings=settings,
+            experience=experience,
+            table=table,
+            fitted=fitted,
+            questions=QuestionCounts(**meta["questions"]),
+            file=str(meta["file"]),
+            robot_state=_state_of(meta["robot_state"], domain),
+        )
+    own_posterior(settings.posterior, domain, chosen)
+    return saved
+
+
+@contextlib.contextmanager
+def _refusing(path: Path) -> Iterator[None]:
+    """Turn what a file makes the block raise into a `DataError` that names the file."""
     try:
-        with zipfile.ZipFile(path) as archive:
-            check_unpacked(archive, path.stat().st_size)
-            read = partial(read_array, archive)
-            meta = read_meta(read_member(archive, _TEXT), _FORMAT)
-            domain = domain_from_table(meta["domain"])
-            settings = unpack(meta["settings"], read, domain)
-            table = unpack(meta["table"], read, domain)
-            chosen = _agent(meta, agent, classifier)
-            own_posterior(settings["posterior"], domain, chosen)
-            settings = LearnerSettings(**{**settings, "classifier": classifier})
-            experience = read_experience(archive, domain)
-            read_features(meta["features"], read, experience)
-            if table is not None:
-                check_data(table, domain)
-            fitted = []
-            for entry in meta["fitted"]:
-                fit_agent = _known(entry, chosen)
-                if fit_agent is not None:  # else it is made anew when it is asked
-                    state = unpack(entry["state"], read, domain)
-                    fitted.append(fit_of(experience, fit_agent, settings, state))
-            return SavedLearner(
-                agent=chosen,
-                settings=settings,
-                experience=experience,
-                table=table,
-                fitted=fitted,
-                questions=QuestionCounts(**meta["questions"]),
-                file=str(meta["file"]),
-                robot_state=_state_of(meta["robot_state"], domain),
-            )
-    except SettingsError:
-        raise
+        yield
     except (*UNREADABLE, MealBayesError) as fault:
         raise DataError(
             f"{path} is not a whole learner ({fault}); save it again, or fit a new one."

@@ -1,8 +1,10 @@
 """A learner comes back as it was; a file that is none is one clear error."""
 
+import contextlib
 import io
 import json
 import zipfile
+import zlib
 
 import numpy as np
 import pytest
@@ -11,6 +13,7 @@ from sklearn.linear_model import LogisticRegression
 from meal_bayes.datasets import load_percepts
 from meal_bayes.errors import DataError, MealBayesError, OutputError, SettingsError
 from meal_bayes.learner import Learner
+from meal_bayes.learner.saved import checksum
 from meal_bayes.learner.views import attempts
 
 STATE = ("counts", "concentration", "dispersion")
@@ -140,14 +143,23 @@ def test_a_folder_that_is_not_there_or_a_place_that_cannot_be_written(taught, tm
         taught[0].save(tmp_path / "file" / "a.mind")
 
 
-def rewritten(path, change):
-    """Write the archive anew with other members."""
+def rewritten(path, change, *, signed=True):
+    """Write the archive anew with other members, and with checksums of these."""
     with zipfile.ZipFile(path) as archive:
         members = {name: archive.read(name) for name in archive.namelist()}
+        comment = archive.comment
     change(members)
+    text = members.get("learner.json", b"")
+    if signed:
+        with contextlib.suppress(ValueError, RecursionError):
+            sums = {name: zlib.crc32(content) for name, content in members.items()}
+            sums.pop("learner.json", None)
+            text = members["learner.json"] = json.dumps({**json.loads(text), "checksums": sums})
+            text = text.encode()
     with zipfile.ZipFile(path, "w") as archive:
         for name, content in members.items():
             archive.writestr(name, content)
+        archive.comment = checksum(text) if signed else comment
 
 
 def text(**changes):
@@ -264,6 +276,64 @@ def test_what_is_not_a_learner_is_one_line(saved, agent, kind):
     with pytest.raises(MealBayesError) as raised:
         Learner.load(saved, agent=agent, logs=None)
     assert "\n" not in str(raised.value)
+
+
+def damaged(values, kind, place):
+    """Return an array with one fault; None where it can have no such."""
+    values = values.copy()
+    if values.dtype.names:
+        values = values if kind in ("shape", "dtype") else values[values.dtype.names[0]]
+    if not values.size or not values.ndim:
+        return None
+    if kind == "shape":
+        return values[:-1]
+    if kind == "dtype":
+        other = np.uint8 if values.dtype.names or values.dtype != np.uint8 else np.int16
+        return np.zeros(values.shape, other)
+    most = np.finfo(np.float32).max if values.dtype.kind == "f" else np.iinfo(np.int8).max
+    value = {"NaN": np.nan, "inf": np.inf, "-1": -7, "too large": most}[kind]
+    if values.dtype.kind == "b" or not (np.isfinite(value) or values.dtype.kind == "f"):
+        return None
+    values.flat[place % values.size] = value
+    return values
+
+
+@pytest.mark.filterwarnings("ignore:'l")  # a behavior yields nothing
+@pytest.mark.parametrize("signed", [False, True])
+@pytest.mark.parametrize("kind", ["NaN", "inf", "-1", "too large", "shape", "dtype"])
+def test_a_damaged_array_is_refused_wherever_it_is(kind, signed, dataset, make, tmp_path):
+    """Where checksums are those of the damage: it is refused, or what is believed is finite."""
+    learner = make.learner(dataset, "greedy", seed=5)
+    for n, name in enumerate(("mug", "mug", None)):
+        trial = learner.ask("red, full", make.arm(seed=n), object_name=name)
+        learner.tell(trial, {"red": bool(n % 2)})
+    learner.save(tmp_path / "whole")
+    content = (tmp_path / "whole").read_bytes()
+    with zipfile.ZipFile(tmp_path / "whole") as archive:
+        arrays = {
+            name: np.load(io.BytesIO(archive.read(name)))
+            for name in archive.namelist()
+            if name.endswith(".npy")
+        }
+    assert len(arrays) > 40
+    path = tmp_path / "mind"
+    for place, (name, values) in enumerate(arrays.items()):
+        wrong = damaged(values, kind, place)
+        if wrong is None or wrong.tobytes() == values.tobytes():
+            continue
+        buffer = io.BytesIO()
+        np.save(buffer, wrong)
+        path.write_bytes(content)
+        rewritten(path, lambda members: members.update({name: buffer.getvalue()}), signed=signed)  # noqa: B023  called at once
+        again = None
+        with contextlib.suppress(DataError):
+            again = Learner.load(path, logs=None)
+        assert signed or again is None
+        if again is None:
+            continue
+        with np.errstate(over="ignore"):
+            asked = again.ask("red, full", make.arm(seed=7), learn=False)
+        assert not np.isnan(asked.last_belief.log_prob).any()
 
 
 def test_object_arrays_are_never_unpickled(saved, agent, tmp_path):
