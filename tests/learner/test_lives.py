@@ -17,8 +17,8 @@ from meal_bayes.errors import SettingsError
 from meal_bayes.learner import recall
 
 TRIALS = 7
-LIVES = min(settings.default.max_examples, 300)
-LIVES = LIVES if LIVES > 20 else 5  # of the quick profile few: each takes a second
+_EXAMPLES = settings.default.max_examples
+LIVES = _EXAMPLES if _EXAMPLES > 20 else 5  # of the quick profile few: each takes a second
 PLAN = ("look", "lift", "reset", "look")
 
 
