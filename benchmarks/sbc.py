@@ -174,7 +174,7 @@ def fit_crossed(work: tuple[int, np.ndarray]) -> Fit:
 
     number, counts = work
     sample, of_chains = fit_hierarchical(
-        counts, **PAIRS, model="crossed", sampling=Sampling(250, 400, 2, cores=1, seed=number)
+        counts, **PAIRS, model="crossed", sampling=Sampling(250, 400, 2, jobs=1, seed=number)
     )
     mean, s, epsilon = rows_of(sample)
     return number, int(of_chains["diverging"].sum()), (yes(mean), s, epsilon)

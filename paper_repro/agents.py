@@ -1,15 +1,17 @@
 """The published baselines and solver, and MORC as the paper lets it end a trial.
 
-This module imports nothing that judges or shows: the names of their runs go by its code.
+This module imports nothing that judges or shows: the names of their runs go by its code (`key`).
 """
 
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import lru_cache, partial
+from pathlib import Path
 
 import numpy as np
 
 from meal_bayes.agents import Agent, ITRSBonus, load_agent
 from meal_bayes.arrays import Floats
+from meal_bayes.digests import digest_of
 from meal_bayes.domain import Domain, Query
 from meal_bayes.momdp import MOMDP
 from meal_bayes.planners import Decision, History, Policy, Random, Solver, unvalued
@@ -147,6 +149,12 @@ AGENTS = {
     "random_legal": Agent("random_legal", _random_legal),
     "sarsop": Agent("sarsop", _sarsop, abstain=True),
 }
+
+
+@lru_cache(maxsize=1)
+def key() -> str:
+    """Return what names the code of these agents, by which their trials are reused."""
+    return digest_of(*(Path(__file__).with_name(name) for name in ("agents.py", "sarsop.py")))[:16]
 
 
 def online_agent(name: str) -> Agent:

@@ -19,6 +19,8 @@ from meal_bayes.digests import digest_of
 from meal_bayes.domain import unknown
 from meal_bayes.errors import MealBayesError, SettingsError
 from meal_bayes.evaluation import Estimate
+from meal_bayes.experiments.online import plan_online
+from meal_bayes.experiments.units import Planned, run_units
 from meal_bayes.files import LOGS, write_whole
 from meal_bayes.trial_log import read_seconds
 from paper_repro import figures
@@ -47,7 +49,6 @@ class Setting:
     jobs: int = 1
     logs: Path = Path(LOGS)
     as_published: bool = False  # the paper's own settings alone
-    cluster: str | None = None  # address of a Dask scheduler
     trials: int | None = None  # of an agent offline, at most
     repeats: int | None = None  # of online runs, at most; 0 leaves them out
     only: str = ""  # of an item's panels, those with this in their title
@@ -169,6 +170,8 @@ def run_item(item: str, setting: Setting, folder: Path) -> dict[str, Any]:
     """Run one item and write what came of it into a folder; returns the facts."""
     begin = time.perf_counter()
     setting = dataclasses.replace(setting, spent={})
+    progress = setting.progress_in("batches")
+    run_units(planned_runs(item, setting), jobs=setting.jobs, on_progress=progress)
     result: Result = import_module(f"paper_repro.items.{item}").run(setting)
     # Trials that the logs hold already took their time in an earlier run, which counts as well.
     seconds = max(time.perf_counter() - begin, math.fsum(setting.spent.values()))
@@ -179,6 +182,16 @@ def run_item(item: str, setting: Setting, folder: Path) -> dict[str, Any]:
     write_whole(timing, json.dumps(by_item, indent=1, sort_keys=True) + "\n")
     note_provenance(item, folder)
     return record
+
+
+def planned_runs(item: str, setting: Setting) -> list[Planned]:
+    """Plan the online runs that an item lists in `runs`, whose units run as one list.
+
+    What an item does not list it runs itself, one run after another.
+    """
+    listed = getattr(import_module(f"paper_repro.items.{item}"), "runs", None)
+    configs = [] if listed is None else listed(setting)
+    return [plan_online(config, logs=setting.logs) for config in configs]
 
 
 def write_record(folder: Path, record: dict[str, Any]) -> dict[str, Any]:

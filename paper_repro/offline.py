@@ -62,13 +62,10 @@ def run_agent(
         perception=perception,
         reward=paper_values("offline_reward") if reward is None else reward,
         answer=answer,
+        key=agents.key(),
     )
     done = run_offline(
-        config,
-        logs=setting.logs,
-        jobs=setting.jobs,
-        cluster=setting.cluster,
-        on_progress=setting.progress_in("trials"),
+        config, logs=setting.logs, jobs=setting.jobs, on_progress=setting.progress_in("trials")
     )
     setting.spend(done.paths)
     outcomes = done.outcomes()

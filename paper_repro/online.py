@@ -76,7 +76,7 @@ def repeats_of(setting: Setting, protocol: str) -> int:
     return setting.repeats_of(SPLITS if protocol == THEIRS else REPEATS)
 
 
-def run_curves(
+def curves_config(
     setting: Setting,
     dataset: str,
     *,
@@ -86,12 +86,12 @@ def run_curves(
     protocol: str = "recorded",
     split: Split | None = None,
     **options: Any,
-) -> Curves:
-    """Run an agent's repeats, or read those that the logs hold.
+) -> OnlineConfig:
+    """Return the online run of an agent's repeats.
 
     Parameters
     ----------
-    setting : seed, processes, logs.
+    setting : seed, and whether the run is quick.
     dataset, n : what is asked, and how many attributes at a time.
     agent, repeats : who, and how often in all.
     protocol : "recorded", or "theirs": four departures of the published code
@@ -100,8 +100,7 @@ def run_curves(
     options : other settings of `OnlineConfig`.
     """
     code = protocol == THEIRS
-    split = split or setting.choose(PUBLISHED[n] if code else THIRDS, FEW_TESTED)
-    config = OnlineConfig(
+    return OnlineConfig(
         f"{dataset}_published" if code else dataset,
         attributes=n,
         agents=(agents.online_agent(agent) if code else load_agent(agent),),
@@ -111,27 +110,32 @@ def run_curves(
         seed=setting.seed,
         reward=paper_values("online_reward"),
         **(VARIANTS if code else {}),
-        split=split,
+        split=split or setting.choose(PUBLISHED[n] if code else THIRDS, FEW_TESTED),
+        key=agents.key(),
         **options,
     )
+
+
+def run_curves(setting: Setting, dataset: str, *, agent: str, **how: Any) -> Curves:
+    """Run an agent's repeats, or read those that the logs hold; see `curves_config`."""
+    config = curves_config(setting, dataset, agent=agent, **how)
     run = run_online(
-        config,
-        logs=setting.logs,
-        jobs=setting.jobs,
-        cluster=setting.cluster,
-        on_progress=setting.progress_in("batches"),
+        config, logs=setting.logs, jobs=setting.jobs, on_progress=setting.progress_in("batches")
     )
-    folders = [repeat_folder(run.folder, agent, s) for s in range(repeats)]
+    folders = [repeat_folder(run.folder, agent, s) for s in range(config.repeats)]
     setting.spend(path for folder in folders for path in folder.glob("*.mcap"))
     logs = tuple(
         tuple(batch_log(folder, batch, TRAINING) for batch in range(1, config.batches + 1))
         for folder in folders
     )
-    pretrained, trained, tested = (part if isinstance(part, int) else len(part) for part in split)
+    sizes = [part if isinstance(part, int) else len(part) for part in config.split]
+    pretrained, trained, tested = sizes
     # Splits of few recorded objects share them, and their results are not independent. By the
     # published settings the objects are the whole population, and a split is a fresh draw.
+    code = config.percepts == VARIANTS["percepts"]
     ratio = 0.0 if code else tested / (pretrained + trained)
-    return curves_of(run.results(), repeats, ATTRIBUTES.get(dataset, ()), logs=logs, ratio=ratio)
+    names = ATTRIBUTES.get(dataset, ())
+    return curves_of(run.results(), config.repeats, names, logs=logs, ratio=ratio)
 
 
 def curves_of(

@@ -134,7 +134,7 @@ def percepts(
     from meal_bayes.datasets import load_dataset, save_percepts
     from meal_bayes.datasets.sources import SOURCES
     from meal_bayes.errors import SettingsError
-    from meal_bayes.experiments.parallel import in_parallel
+    from meal_bayes.experiments.parallel import in_parallel, on_cluster
     from meal_bayes.files import check_output
     from meal_bayes.look import listed
     from meal_bayes.perception import TableSource, build_percept_table
@@ -159,13 +159,14 @@ def percepts(
     missing = [] if shipped else recordings.missing()
     if missing:
         terminal.note(f"fewer than {recordings.recordings} recordings: {listed(missing)}")
-    with terminal.progress(f"percepts of {recordings.domain.name}", "behaviors") as advance:
+    shown = terminal.progress(f"percepts of {recordings.domain.name}", "behaviors")
+    with on_cluster(cluster), shown as advance:
         table = build_percept_table(
             recordings,
             perception=perception,
             classifier=estimator,
             progress=advance,
-            map_behaviors=partial(in_parallel, jobs=jobs, cluster=cluster),
+            map_behaviors=partial(in_parallel, jobs=jobs),
         )
     if classifier is None and not shipped:  # what `ask` and runs would compute once more
         source = TableSource.of(dataset, perception, root=root)

@@ -106,6 +106,10 @@ _SHARED = {
         help="What a right yes, a wrong yes, a right no and a wrong no earn.",
     ),
     "seed": seed_option(),
+    "key": option(
+        "--key", None, "", "TEXT",
+        "Names the version of your own agents' code; trials of a run with the same key are reused.",
+    ),
     "jobs": option("--jobs", click.IntRange(1, 1024), 1, None, "Processes."),
     "cluster": option(
         "--cluster", None, None, "ADDRESS", "Of a Dask scheduler, whose workers run it instead."

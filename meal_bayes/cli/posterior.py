@@ -61,10 +61,21 @@ class _Fitting(TypedDict):
 @opt.option("--draws", click.IntRange(10, 100_000), 1000, None, "Of each chain.")
 @opt.option("--tune", click.IntRange(10, 1_000_000), 1000, None, "Steps before them (pymc).")
 @opt.option("--chains", click.IntRange(2, 64), 4, None, "Of the sampler.")
+@opt.option(
+    "--jobs",
+    click.IntRange(1, 1024),
+    None,
+    None,
+    "Chains at a time (pymc); as many as there are processors by default.",
+)
 @opt.option("--seed", opt.SEED, 0, "S", "Equal seeds give equal draws.")
 @opt.shared("json")
 def posterior(
-    root: Path | None, out: Path | None, as_json: bool, **options: Unpack[_Fitting]
+    root: Path | None,
+    out: Path | None,
+    jobs: int | None,
+    as_json: bool,
+    **options: Unpack[_Fitting],
 ) -> None:
     """Fit how likely each percept is of true and of false objects, and how far objects differ.
 
@@ -97,7 +108,8 @@ def posterior(
     sampled = options["method"] == "pymc"
     if sampled:
         terminal.note("the model is compiled first, which takes half a minute or two")
-    sampling = Sampling(options["draws"], options["tune"], options["chains"], seed=options["seed"])
+    draws, tune, chains = options["draws"], options["tune"], options["chains"]
+    sampling = Sampling(draws, tune, chains, jobs, options["seed"])
     with terminal.progress("NUTS", "steps") as advance:
         fit = fit_posterior(
             counts,

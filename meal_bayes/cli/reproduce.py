@@ -39,13 +39,18 @@ _PACKAGE = "paper_repro"
     "TEXT",
     "Of Fig. 10's panels, those with TEXT in their title; the others are not run.",
 )
+@click.option("--dry-run", is_flag=True, help="Say how many units would run at once, and end.")
 @opt.shared("json")
-def reproduce(items: tuple[str, ...], as_json: bool, **setting: Any) -> None:
+def reproduce(
+    items: tuple[str, ...], cluster: str | None, dry_run: bool, as_json: bool, **setting: Any
+) -> None:
     """Run ITEMs of the paper (table3, fig8, ...), or all, and judge its statements.
 
     Trials are kept under the logs, so a run that was stopped goes on. A full run writes tables and
     figures to results/ beside the items; `readme` makes the pages that show them.
     """
+    from meal_bayes.experiments.parallel import on_cluster
+
     # The items are no part of the wheel: they are imported from the checkout.
     sys.path.insert(0, str(checkout()))
     frame = import_module(f"{_PACKAGE}.frame")
@@ -54,12 +59,16 @@ def reproduce(items: tuple[str, ...], as_json: bool, **setting: Any) -> None:
         for path in pages.write_pages():
             click.echo(path)
         return
+    if dry_run:
+        for item in frame.named(items):
+            click.echo(_units_of(frame, item, frame.Setting(**setting)))
+        return
     results = []
     skipped = {}
     for item in frame.named(items):
         terminal.note(f"{item} ...")
         try:
-            with terminal.progress(item, "trials") as advance:
+            with on_cluster(cluster), terminal.progress(item, "trials") as advance:
                 settings = frame.Setting(**setting, on_progress=advance)
                 results.append(frame.reproduce(item, settings))
         except (DownloadError, frame.NotRun) as fault:  # no recordings; the rest does without
@@ -73,6 +82,19 @@ def reproduce(items: tuple[str, ...], as_json: bool, **setting: Any) -> None:
         return
     for result in results:
         click.echo(f"{result['item']}: {result['verdict']}")
+
+
+def _units_of(frame: Any, item: str, setting: Any) -> str:
+    """Say how many units of an item would run at once."""
+    try:
+        planned = frame.planned_runs(item, setting)
+    except (DownloadError, frame.NotRun) as fault:
+        return f"{item} is skipped: {fault}"
+    if not planned:
+        return f"{item} runs at once what it compares, one comparison after another"
+    units = {unit.path: unit for run in planned for unit in run.units}.values()
+    left = sum(unit.done < unit.size for unit in units)
+    return f"{item}: {len(units)} units in one list, {left} to run, which can all run at once"
 
 
 def checkout() -> Path:

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 _AGAINST = "morc"  # the paper's agent, which the others are compared with
 _MEASURE = "reward"
-_HOW = ("logs", "jobs", "cluster", "fresh")  # options that are no settings of a run
+_HOW = ("logs", "jobs", "fresh")  # options that are no settings of a run
 _LEAST_SPLITS = 5  # splits, below which an interval over them says nothing
 _FIRST_LOOK = 10  # repeats after which a run that goes on until it is decided looks first
 _MOST_REPEATS = 40  # of such a run
@@ -44,7 +44,7 @@ def run() -> None:
     f"{opt.AGENTS}; or {opt.OWN}; may be repeated, or a comma list. All but olfc by default.",
     multiple=True,
 )
-@opt.shared("seed", "jobs", "cluster")
+@opt.shared("seed", "key", "jobs", "cluster")
 @opt.option(
     "--percepts",
     click.Choice(["recorded", "model"]),
@@ -71,7 +71,13 @@ def run() -> None:
     help='The same with literals ("red and not empty") such that half of the answers are yes.',
 )
 @opt.shared("payoffs", "logs", "fresh", "json")
-def offline(root: Path | None, agents: tuple[str, ...], as_json: bool, **settings: Any) -> None:
+def offline(
+    root: Path | None,
+    agents: tuple[str, ...],
+    cluster: str | None,
+    as_json: bool,
+    **settings: Any,
+) -> None:
     """Run agents on the same queries about objects they never learned from.
 
     An interrupted run continues when the same command is given again.
@@ -79,6 +85,7 @@ def offline(root: Path | None, agents: tuple[str, ...], as_json: bool, **setting
     from meal_bayes import experiments
     from meal_bayes.evaluation import answer_rates, summarize
     from meal_bayes.evaluation.summary import no_better_than_prior
+    from meal_bayes.experiments.parallel import on_cluster
 
     how = {name: settings.pop(name) for name in _HOW}
     settings["answer"] = _answer(settings.pop("yes_no"), settings.pop("yes_no_balanced"))
@@ -90,7 +97,7 @@ def offline(root: Path | None, agents: tuple[str, ...], as_json: bool, **setting
     # Compiled before the bar of the trials, which would stand still meanwhile.
     with terminal.showing_compilation():
         experiments.warm_up(config, table.domain)
-    with terminal.resumed("trials") as advance:
+    with on_cluster(cluster), terminal.resumed("trials") as advance:
         how |= {"on_progress": advance, "on_note": terminal.note}
         finished = experiments.run_offline(config, **how)
     rows = summarize(finished)
@@ -227,7 +234,7 @@ def _print_summary(rows: "list[SummaryRow]", paired: "list[dict[str, object]]") 
     None,
     "Of Eq. 10: experience gathered in training, as in the paper, or in pretraining too.",
 )
-@opt.shared("seed", "jobs", "cluster")
+@opt.shared("seed", "key", "jobs", "cluster")
 @opt.option(
     "--log",
     click.Choice(["compact", "full"]),
@@ -237,7 +244,12 @@ def _print_summary(rows: "list[SummaryRow]", paired: "list[dict[str, object]]") 
 )
 @opt.shared("logs", "fresh", "json")
 def online(
-    root: Path | None, agents: tuple[str, ...], until_decided: bool, as_json: bool, **settings: Any
+    root: Path | None,
+    agents: tuple[str, ...],
+    until_decided: bool,
+    cluster: str | None,
+    as_json: bool,
+    **settings: Any,
 ) -> None:
     """Train agents on their own trials by feedback, and test them after every batch.
 
@@ -247,6 +259,7 @@ def online(
     from meal_bayes.domain import load_domain
     from meal_bayes.evaluation.learning import decided, learning_rows, summarize_learning
     from meal_bayes.experiments import OnlineConfig, run_online, warm_up
+    from meal_bayes.experiments.parallel import on_cluster
 
     # Options of how to run are no settings of what is run: they do not name the folder.
     how = {name: settings.pop(name) for name in _HOW}
@@ -257,7 +270,7 @@ def online(
     config = OnlineConfig(**settings)
     with terminal.showing_compilation():
         warm_up(config, load_domain(config.dataset))
-    with terminal.resumed("batches") as advance:
+    with on_cluster(cluster), terminal.resumed("batches") as advance:
         how |= {"on_progress": advance, "on_note": terminal.note}
         repeats = min(_FIRST_LOOK, config.repeats) if until_decided else config.repeats
         # Repeats double until the intervals decide; those that are there are not run again.

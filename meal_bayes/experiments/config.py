@@ -72,6 +72,9 @@ class OfflineConfig:
         literals ("red and not empty") such that yes is right in half of the trials.
     payoffs : Sequence[float] | None
         Of a right and a wrong yes, a right and a wrong no, in place of the domain's or r+ and r-.
+    key : str
+        Names the version of the code of agents of your own, whose trials a later run with the same
+        key and settings then reuses. Change it with the code. With "" their trials are not reused.
 
     Raises
     ------
@@ -96,6 +99,7 @@ class OfflineConfig:
     reward: float | None = None
     answer: str = "values"
     payoffs: Sequence[float] | None = None
+    key: str = ""
 
     __repr__ = short_repr
     as_dict = _as_dict
@@ -158,6 +162,8 @@ class OnlineConfig:
         Queries to come, for which exploring is valued.
     log : str
         "compact", logs of test trials hold outcomes only; or "full".
+    key : str
+        As of `OfflineConfig`.
 
     Raises
     ------
@@ -189,6 +195,7 @@ class OnlineConfig:
     normalizer: str = "paper"
     horizon: int = 1000
     log: str = "compact"
+    key: str = ""
 
     __repr__ = short_repr
     as_dict = _as_dict

@@ -21,7 +21,7 @@ from meal_bayes.domain import Domain, Event, Query
 from meal_bayes.errors import SettingsError
 from meal_bayes.experiments.config import OfflineConfig, check_answer
 from meal_bayes.experiments.store import agent_folder, is_finished, run_folder
-from meal_bayes.experiments.units import run_units, timed, warm_up
+from meal_bayes.experiments.units import Planned, run_units, timed, warm_up
 from meal_bayes.files import LOGS
 from meal_bayes.learner import Learner
 from meal_bayes.look import short_repr
@@ -302,12 +302,40 @@ class _TrialBlock:
                 log.write(trial, seconds=seconds)
 
 
+def plan_offline(config: OfflineConfig, *, logs: str | Path = LOGS, fresh: bool = False) -> Planned:
+    """Plan an offline run: its units go round the agents, each up to 100 trials of one agent.
+
+    Arguments are those of `run_offline`.
+    """
+    source = TableSource.of(config.dataset, config.perception)
+    table = _loaded(source)
+    config = dataclasses.replace(config, dataset=source.name)  # by which other processes find it
+    tasks = offline_tasks(
+        table, config.attributes, config.trials, config.seed, answer=config.answer
+    )
+    name = f"offline-{table.domain.name}-n{config.attributes}-seed{config.seed}"
+    # Whole units of a short run are the first units of a longer one, so both share a folder.
+    ignore = ("trials",) if config.trials % UNIT == 0 else ()
+    folder = run_folder(logs, name, config, ignore=ignore, table=source.fingerprint)
+    absolute = folder.absolute()  # a cluster's workers live elsewhere
+    units = [
+        _TrialBlock(
+            dataclasses.replace(config, agents=(agent,)),
+            agent_folder(absolute, agent.name) / f"unit-{first // UNIT:04d}.mcap",
+            tasks[first:][:UNIT],
+            fresh,
+        )
+        for first in range(0, len(tasks), UNIT)
+        for agent in config.agents
+    ]
+    return Planned(config, folder, units, partial(warm_up, config, table.domain))
+
+
 def run_offline(
     config: OfflineConfig,
     *,
     logs: str | Path = LOGS,
     jobs: int = 1,
-    cluster: str | None = None,
     fresh: bool = False,
     on_progress: Callable[[float, int], None] | None = None,
     on_note: Callable[[str], None] | None = None,
@@ -323,14 +351,13 @@ def run_offline(
     logs : str | Path
         Folder for the trials; on a cluster, one that all its machines see.
     jobs : int
-        Processes.
-    cluster : str | None
-        Address of a Dask scheduler, such as tcp://127.0.0.1:8786, instead of processes here.
+        Processes; with another backend of joblib, as in `with joblib.parallel_config("dask"):`, the
+        workers of a cluster run it.
     fresh : bool
         Run again what is there already; it is replaced unit by unit.
     on_progress : Callable[[float, int], None] | None
-        Called with (trials done, trials in all), from processes once a second; from a cluster after
-        100 trials.
+        Called with (trials done, trials in all), once a second, from a thread; for workers on other
+        machines after every 100 trials.
     on_note : Callable[[str], None] | None
         Called with a line that says which other process is waited for; logged by default.
 
@@ -354,35 +381,9 @@ def run_offline(
     >>> type(run).__name__
     'OfflineRun'
     """
-    source = TableSource.of(config.dataset, config.perception)
-    table = _loaded(source)
-    config = dataclasses.replace(config, dataset=source.name)  # by which other processes find it
-    tasks = offline_tasks(
-        table, config.attributes, config.trials, config.seed, answer=config.answer
-    )
-    name = f"offline-{table.domain.name}-n{config.attributes}-seed{config.seed}"
-    # Whole units of a short run are the first units of a longer one, so both share a folder.
-    ignore = ("trials",) if config.trials % UNIT == 0 else ()
-    folder = run_folder(logs, name, config, ignore=ignore, table=source.fingerprint)
-    absolute = folder.absolute()  # a cluster's workers live elsewhere
-    units = [
-        _TrialBlock(
-            dataclasses.replace(config, agents=(agent,)),
-            agent_folder(absolute, agent.name) / f"unit-{first // UNIT:04d}.mcap",
-            tasks[first:][:UNIT],
-            fresh,
-        )
-        for first in range(0, len(tasks), UNIT)
-        for agent in config.agents
-    ]
-    run_units(
-        units,
-        partial(warm_up, config, table.domain),
-        jobs=jobs,
-        cluster=cluster,
-        on_progress=on_progress,
-        on_note=on_note,
-    )
+    planned = plan_offline(config, logs=logs, fresh=fresh)
+    run_units([planned], jobs=jobs, on_progress=on_progress, on_note=on_note)
+    units = planned.units
     paths = list[Path]()
     seconds = {}
     for number, agent in enumerate(config.agents):
@@ -391,7 +392,7 @@ def run_offline(
         times = list(map(read_seconds, logs_of_agent))
         seconds[agent.name] = math.fsum(map(math.fsum, times)) if all(times) else math.nan
         paths += logs_of_agent
-    return OfflineRun(config, folder, tuple(paths), seconds)
+    return OfflineRun(planned.config, planned.folder, tuple(paths), seconds)
 
 
 @lru_cache(maxsize=4)

@@ -21,7 +21,7 @@ from meal_bayes.errors import SettingsError
 from meal_bayes.evaluation.logged import TEST, TRAINING
 from meal_bayes.experiments.config import OnlineConfig
 from meal_bayes.experiments.store import agent_folder, is_finished, run_folder
-from meal_bayes.experiments.units import run_units, timed, warm_up
+from meal_bayes.experiments.units import Planned, run_units, timed, warm_up
 from meal_bayes.files import LOGS
 from meal_bayes.learner import Learner, LearnerSettings, implied
 from meal_bayes.perception.perceiver import answer
@@ -441,12 +441,32 @@ class _AgentRepeat:
                 log.write(trial, seconds=seconds_of_trial)
 
 
+def plan_online(config: OnlineConfig, *, logs: str | Path = LOGS, fresh: bool = False) -> Planned:
+    """Plan an online run: its units go round the agents, each one agent in one repeat.
+
+    Arguments are those of `run_online`.
+    """
+    domain = _protocol(config, 0).dataset.domain  # raises here, not in a process, what is wrong
+    if config.reward is None:
+        reward = _REWARD if domain.data in SOURCES else domain.report_reward
+        config = dataclasses.replace(config, reward=reward)
+    name = f"online-{domain.name}-n{config.attributes}"
+    data = fingerprint(config.dataset, config.root)
+    folder = run_folder(logs, name, config, ignore=("repeats",), data=data)
+    absolute = folder.absolute()  # a cluster's workers live elsewhere
+    units = [
+        _AgentRepeat(dataclasses.replace(config, agents=(agent,)), repeat, absolute, fresh)
+        for repeat in range(config.repeats)
+        for agent in config.agents
+    ]
+    return Planned(config, folder, units, partial(warm_up, config, domain))
+
+
 def run_online(
     config: OnlineConfig,
     *,
     logs: str | Path = LOGS,
     jobs: int = 1,
-    cluster: str | None = None,
     fresh: bool = False,
     on_progress: Callable[[float, int], None] | None = None,
     on_note: Callable[[str], None] | None = None,
@@ -459,13 +479,13 @@ def run_online(
     ----------
     config : OnlineConfig
         What to run; objects, tasks, failures and recordings are the same for all its agents.
-    logs, jobs, cluster, on_note : Any
+    logs, jobs, on_note : Any
         As of `run_offline`.
     fresh : bool
         Run again what is there already; it is replaced batch by batch.
     on_progress : Callable[[float, int], None] | None
-        Called with (batches done, batches in all) after every trial, from processes once a second;
-        from a cluster after a repeat of an agent.
+        Called with (batches done, batches in all), once a second, from a thread; for workers on
+        other machines after every repeat of an agent.
 
     Examples
     --------
@@ -485,28 +505,9 @@ def run_online(
     >>> type(run).__name__
     'OnlineRun'
     """
-    domain = _protocol(config, 0).dataset.domain  # raises here, not in a process, what is wrong
-    if config.reward is None:
-        reward = _REWARD if domain.data in SOURCES else domain.report_reward
-        config = dataclasses.replace(config, reward=reward)
-    name = f"online-{domain.name}-n{config.attributes}"
-    data = fingerprint(config.dataset, config.root)
-    folder = run_folder(logs, name, config, ignore=("repeats",), data=data)
-    absolute = folder.absolute()  # a cluster's workers live elsewhere
-    units = [
-        _AgentRepeat(dataclasses.replace(config, agents=(agent,)), repeat, absolute, fresh)
-        for repeat in range(config.repeats)
-        for agent in config.agents
-    ]
-    run_units(
-        units,
-        partial(warm_up, config, domain),
-        jobs=jobs,
-        cluster=cluster,
-        on_progress=on_progress,
-        on_note=on_note,
-    )
-    return OnlineRun(config, folder)
+    planned = plan_online(config, logs=logs, fresh=fresh)
+    run_units([planned], jobs=jobs, on_progress=on_progress, on_note=on_note)
+    return OnlineRun(planned.config, planned.folder)
 
 
 @lru_cache(maxsize=2)

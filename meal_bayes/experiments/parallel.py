@@ -1,103 +1,107 @@
-"""Many tasks at once: processes of our own here (loky's), or the workers of a Dask cluster."""
+"""Many pieces of work at once, by joblib: processes here, or whatever backend the caller set.
 
-import asyncio
+`with joblib.parallel_config("dask"): ...` sends the work to the workers of a Dask cluster.
+"""
+
 import contextlib
+import functools
 import logging
 import os
 import platform
+import sys
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import FIRST_COMPLETED, CancelledError, Executor, wait
+from concurrent.futures import BrokenExecutor, CancelledError
+from importlib import metadata
+from pathlib import Path
+from types import ModuleType
 from typing import Any, TypeVar
 
 import cloudpickle
-from joblib.externals.loky import ProcessPoolExecutor
+from joblib import Parallel, delayed, effective_n_jobs, parallel_config
+from joblib.parallel import get_active_backend
 
+from meal_bayes.digests import code_digest
 from meal_bayes.errors import SettingsError
-from meal_bayes.experiments.store import environment, own_modules
 from meal_bayes.processes import end_with_parent
 
 Work = TypeVar("Work")
 Result = TypeVar("Result")
 
-_PATIENCE = 10.0  # s for a scheduler to answer
-_LOOK = 1.0  # s between calls of `meanwhile`
-_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
+_INSTALLED = {"site-packages", "dist-packages"}  # folders of pip's and of the system's
+_LIBRARIES = ("numpy", "scipy", "numba", "scikit-learn")  # whose versions may change a number
+_PATIENCE = 10  # s for a scheduler to answer
 
 
 def in_parallel(
     function: Callable[[Work], Result],
     work: Iterable[Work],
     *,
-    jobs: int,
-    cluster: str | None = None,
-    meanwhile: Callable[[], None] = lambda: None,
+    jobs: int = 1,
+    on_done: Callable[[int], None] | None = None,
 ) -> Iterator[Result]:
-    """Call a function on every piece of work; results come as they are ready, in any order.
+    """Call a function on every piece of work; results come in any order.
 
-    Work derives its random streams from its own coordinates, so no order changes a result. Code
-    that is neither installed nor this package's goes with it, by value. The processes, no more than
-    pieces of work, end with this one, however it ends; `meanwhile` is called every second.
+    Each piece derives its random streams from its own coordinates, so neither the order nor the
+    number of processes changes a result. The user's modules go to the workers by value. The
+    processes, no more than there are pieces, end with this one, however it ends.
 
-    With the address of a Dask scheduler as `cluster` its workers do the work, if they have
-    the same code; what a worker that dies had in hand goes to another.
+    Parameters
+    ----------
+    function : Callable[[Work], Result]
+        Function of one piece.
+    work : Iterable[Work]
+        Pieces of work.
+    jobs : int
+        Number of processes. With 1 the work is done here, or as the caller's `parallel_config`
+        says; Dask's backend uses all of its workers, whatever the number.
+    on_done : Callable[[int], None] | None
+        Called with the number of pieces that are done, from any thread.
+
+    Raises
+    ------
+    SettingsError
+        A process died, or a worker of a cluster has other versions of code than this process.
     """
     pieces = list(work)
-    jobs = min(jobs, len(pieces))
-    if not pieces or (cluster is None and jobs <= 1):
+    # One job is joblib's default, which a caller's `parallel_config` replaces.
+    workers = min(effective_n_jobs(None if jobs == 1 else jobs), len(pieces))
+    if workers <= 1:
         yield from map(function, pieces)
         return
-    calls = _pickled(function, pieces)
-    if cluster is None:
-        yield from _here(calls, jobs, meanwhile)
-    else:
-        yield from _on_cluster(calls, cluster, meanwhile)
-
-
-def _finished(
-    pool: Executor, call: Callable[[bytes], Any], calls: list[bytes], look: Callable[[], None]
-) -> Iterator[Any]:
-    """Yield what calls return as they end, and look every second."""
-    running = {pool.submit(call, pickled) for pickled in calls}
-    while running:
-        ended, running = wait(running, timeout=_LOOK, return_when=FIRST_COMPLETED)
-        yield from (future.result() for future in ended)
-        look()
-
-
-def _pickled(function: Callable[[Work], Result], pieces: list[Work]) -> list[bytes]:
-    """Return calls as bytes that a process can make which has none of the user's modules."""
-    # Code that a worker cannot import travels by value: registered for this pickle alone.
-    modules = {module.__name__: module for module in own_modules()}
-    with contextlib.ExitStack() as stack:
-        for name in modules.keys() - cloudpickle.list_registry_pickle_by_value():
-            cloudpickle.register_pickle_by_value(modules[name])
-            stack.callback(cloudpickle.unregister_pickle_by_value, modules[name])
-        return [cloudpickle.dumps((function, piece)) for piece in pieces]
-
-
-def _call(pickled: bytes) -> Any:
-    function, piece = cloudpickle.loads(pickled)
-    return function(piece)
-
-
-def _here(calls: list[bytes], jobs: int, meanwhile: Callable[[], None]) -> Iterator[Any]:
-    threads = str(max(1, (os.cpu_count() or 1) // jobs))  # of libraries, in each process
-    pool = ProcessPoolExecutor(
-        jobs,
-        initializer=end_with_parent,
-        initargs=(os.getpid(),),
-        env={name: threads for name in _THREADS if name not in os.environ},
-    )
-    # Workers that still run when the generator is left are killed, or the program would wait.
-    whole = False
+    # Dask's backend returns all results at the end; the others yield them as they come.
+    backend = get_active_backend()[0]
+    form = "generator_unordered" if backend.supports_return_generator else "list"
+    pool = _Counting(workers, batch_size=1, pre_dispatch="all", return_as=form)
+    pool.on_done = on_done
+    call = delayed(functools.partial(_call, parent=os.getpid(), expected=environment()))
     try:
-        yield from _finished(pool, _call, calls, meanwhile)
-        whole = True
-    finally:
-        pool.shutdown(kill_workers=not whole)
+        yield from pool(map(call, _pickled(function, pieces)))
+    except BrokenExecutor as fault:
+        raise SettingsError(
+            "A process died while it worked (the system ends processes when memory is short). What "
+            "is finished is kept: run the same again, with fewer jobs."
+        ) from fault
 
 
-def _on_cluster(calls: list[bytes], address: str, meanwhile: Callable[[], None]) -> Iterator[Any]:
+class _Counting(Parallel):  # type: ignore[misc]  # joblib has no types
+    """joblib's `Parallel`, which also tells a function how many pieces are done."""
+
+    on_done: Callable[[int], None] | None = None
+
+    def print_progress(self) -> None:
+        if self.on_done is not None:
+            self.on_done(self.n_completed_tasks)
+
+
+@contextlib.contextmanager
+def on_cluster(address: str | None) -> Iterator[None]:
+    """Let the workers of a Dask scheduler do what the block runs; None changes nothing.
+
+    A piece of work whose worker dies goes to another worker.
+    """
+    if address is None:
+        yield
+        return
     try:
         import dask.distributed  # noqa: PLC0415  an extra
     except ImportError as fault:
@@ -105,65 +109,83 @@ def _on_cluster(calls: list[bytes], address: str, meanwhile: Callable[[], None])
             "A cluster needs Dask: pip install 'meal-bayes[cluster]', here and on its machines."
         ) from fault
     distributed: Any = dask.distributed  # without types
-
-    async def answer() -> None:
-        async with distributed.rpc(address) as scheduler:
-            await asyncio.wait_for(scheduler.identity(), _PATIENCE)
-
+    logging.getLogger("distributed.client").setLevel(logging.CRITICAL)  # errors are raised here
     try:
-        asyncio.run(answer())  # a client would wait for ever for one that is silent
+        client = distributed.Client(address, timeout=_PATIENCE, set_as_default=False)
     except (OSError, ValueError, TimeoutError) as fault:
         raise SettingsError(
             f"No Dask scheduler answers at {address}; start one with `dask scheduler --host "
             "127.0.0.1`, and its workers with `dask worker ADDRESS`."
         ) from fault
-    logging.getLogger("distributed.client").setLevel(logging.CRITICAL)  # errors are raised here
-    # As the default it would be Dask's scheduler for this whole process.
-    client = distributed.Client(address, timeout=_PATIENCE, set_as_default=False)
-
-    def checked(call: bytes) -> tuple[str, dict[str, str], Any]:
-        """Make a call where the code is that of `expected`; it goes by value, as it is nested."""
-        try:
-            from meal_bayes.experiments.store import environment as of_worker  # noqa: PLC0415
-
-            versions = of_worker()
-        except ImportError as fault:
-            return platform.node(), {"meal_bayes": str(fault)}, None
-        function, piece = cloudpickle.loads(call) if versions == expected else (id, None)
-        return platform.node(), versions, function(piece)
-
-    def look() -> None:
-        meanwhile()
-        try:
-            client.sync(client.scheduler.identity, callback_timeout=_PATIENCE)
-        except (TimeoutError, OSError) as fault:
-            raise CancelledError from fault
-
-    expected = environment()
-    pool = client.get_executor(pure=False, retries=3)
     try:
-        for machine, versions, result in _finished(pool, checked, calls, look):
-            if versions != expected:
-                raise _other_code(machine, versions, expected)
-            yield result
-    except CancelledError as fault:
+        cores = sum(client.ncores().values())
+        if cores < 2:
+            raise SettingsError(  # joblib makes no use of a single core
+                f"The cluster at {address} has {cores} cores, expected 2 or more; start its "
+                "workers first, with `dask worker ADDRESS`."
+            )
+        with parallel_config("dask", client=client):
+            yield
+    except (CancelledError, distributed.KilledWorker, TimeoutError) as fault:
         raise SettingsError(
-            f"The Dask scheduler at {address} has ended or does not answer; start it again, and "
-            "then the same command: what is finished is not run again."
+            f"The cluster at {address} has ended, or its workers died ({fault}). What is finished "
+            "is kept: start the cluster again, and then the same command."
         ) from fault
     finally:
         with contextlib.suppress(TimeoutError, OSError):  # where the scheduler is gone
             client.close(timeout=1)
 
 
-def _other_code(machine: str, versions: dict[str, str], expected: dict[str, str]) -> SettingsError:
-    """Return the error that names what a worker has in other versions than this process."""
+@functools.cache
+def environment() -> dict[str, str]:
+    """Return what may change a number beside settings: the package's code, and versions."""
+    versions = {name: metadata.version(name) for name in _LIBRARIES}
+    python = {"python": platform.python_version(), "system": sys.platform}
+    return {"meal_bayes": code_digest(), **python, **versions}
+
+
+def _pickled(function: Callable[[Work], Result], pieces: list[Work]) -> list[bytes]:
+    """Pickle calls such that a process can make them which cannot import the user's modules."""
+    modules = {module.__name__: module for module in [*sys.modules.values()] if _is_own(module)}
+    with contextlib.ExitStack() as stack:
+        for name in modules.keys() - cloudpickle.list_registry_pickle_by_value():
+            cloudpickle.register_pickle_by_value(modules[name])
+            stack.callback(cloudpickle.unregister_pickle_by_value, modules[name])
+        return [cloudpickle.dumps((function, piece)) for piece in pieces]
+
+
+def _is_own(module: ModuleType) -> bool:
+    """Return whether a module is the user's: it has a file, and is neither installed nor ours."""
+    file = getattr(module, "__file__", None)
+    if file is None or module.__name__ not in sys.modules or _INSTALLED & {*Path(file).parts}:
+        return False
+    return module.__name__.partition(".")[0] not in {"meal_bayes", *sys.stdlib_module_names}
+
+
+def _call(pickled: bytes, *, parent: int, expected: dict[str, str]) -> Any:
+    """Make a pickled call in a worker, which has the same code."""
+    if os.getppid() == parent:  # a process here, not a worker of a cluster
+        _watch_parent(parent)
+    _check_code(expected)
+    function, piece = cloudpickle.loads(pickled)
+    return function(piece)
+
+
+@functools.cache
+def _watch_parent(parent: int) -> None:
+    end_with_parent(parent)
+
+
+def _check_code(expected: dict[str, str]) -> None:
+    """Raise where this worker has not the code and the versions that are expected."""
+    here = environment()
     differing = ", ".join(
-        f"{name} {versions.get(name, 'missing')} (here {expected.get(name, 'missing')})"
-        for name in expected | versions
-        if versions.get(name) != expected.get(name)
+        f"{name} {here[name]} (expected {version})"
+        for name, version in expected.items()
+        if here[name] != version
     )
-    return SettingsError(
-        f"A worker on {machine} has other code: {differing}; "
-        "install the same versions on all machines of the cluster."
-    )
+    if differing:
+        raise SettingsError(
+            f"A worker on {platform.node()} has other code: {differing}; install the same "
+            "versions on all machines of the cluster."
+        )

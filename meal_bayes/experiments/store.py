@@ -1,26 +1,24 @@
 """Where runs lie: logs/<experiment>/<agent>/<unit>.mcap; a unit is done when its file is sound.
 
 The name of a run has a digest of all that it depends on: the settings, the code of the package (its
-files, so that a changed working tree is another version), and the versions of the libraries. For an
-agent that does not ship with the package, its settings and the files of the user's imported modules
-count too. A trial is reused only where it is known to be the agent's own.
+files, so that every commit and every edit is another version), and the versions of the libraries.
+Agents of the user's own count by their settings and by the `key` that the user gives: nobody can
+see whether a user's code is the same as before. Without a key no trial of theirs is reused.
 """
 
+import dataclasses
 import logging
-import platform
-import sys
 import uuid
-from importlib import metadata
+from functools import partial
 from pathlib import Path
-from types import ModuleType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-import cloudpickle
 import joblib
 
 from meal_bayes.agents import AGENTS, Agent
-from meal_bayes.digests import checksum_of, code_digest, digest_of
+from meal_bayes.digests import digest_of
 from meal_bayes.errors import LogError
+from meal_bayes.experiments.parallel import environment
 from meal_bayes.files import checked_path, file_name
 from meal_bayes.trial_log import log_info
 
@@ -29,9 +27,7 @@ if TYPE_CHECKING:
 
 log = logging.getLogger("meal_bayes.experiments")
 
-_INSTALLED = {"site-packages", "dist-packages"}  # folders of pip's and of the system's
 _LONGEST = 200  # bytes of a folder's name
-_LIBRARIES = ("numpy", "scipy", "numba", "scikit-learn")  # whose versions may change a number
 
 
 def run_folder(
@@ -45,13 +41,14 @@ def run_folder(
     """Name the folder of an experiment under `root` by any text, its settings and its code.
 
     It changes with either, so a run that is called again finds its own units, whole, and nobody
-    else's. Agents name folders in it: of them the user's code counts alone. Facts stand beside the
-    settings; those to ignore are the ones that only say how much of the same is run.
+    else's. Facts stand beside the settings; those to ignore are the ones that only say how much of
+    the same is run. Shipped agents are no settings of it, as each has a folder of its own in it.
     """
-    sources = {agent.name: own_agent_digest(agent) for agent in config.agents}
-    sources = {name: digest for name, digest in sources.items() if digest}
-    settings = {name: value for name, value in config.as_dict().items() if name not in ignore}
-    digest = digest_of({**settings, "agents": sources, **facts}, environment())
+    own = {agent.name: agent_digest(agent, config.key) for agent in config.agents}
+    own = {name: digest for name, digest in own.items() if digest}
+    ignored = {"key", *ignore}  # a key is in the digest of the agents that need one
+    settings = {name: value for name, value in config.as_dict().items() if name not in ignored}
+    digest = digest_of({**settings, "agents": own, **facts}, environment())
     return checked_path("logs", root) / f"{file_name(name, _LONGEST)}-{digest[:8]}"
 
 
@@ -69,58 +66,41 @@ def is_finished(path: Path) -> bool:
         return False
 
 
-def environment() -> dict[str, str]:
-    """Return what may change a number beside settings: the package's code, and versions."""
-    versions = {name: metadata.version(name) for name in _LIBRARIES}
-    python = {"python": platform.python_version(), "system": sys.platform}
-    return {"meal_bayes": code_digest(), **python, **versions}
+def agent_digest(agent: Agent, key: str) -> str:
+    """Return what names an agent's trials beside its name: "" for an agent that ships.
 
-
-def is_own(module: ModuleType) -> bool:
-    """Return whether a module is the user's: it has a file, and is neither installed nor ours."""
-    file = getattr(module, "__file__", None)
-    if file is None or module.__name__ not in sys.modules or _INSTALLED & {*Path(file).parts}:
-        return False
-    return module.__name__.partition(".")[0] not in {"meal_bayes", *sys.stdlib_module_names}
-
-
-def own_modules() -> list[ModuleType]:
-    """Return the imported modules that are the user's."""
-    return [module for module in [*sys.modules.values()] if is_own(module)]
-
-
-def own_agent_digest(agent: Agent) -> str:
-    """Compute a digest of an agent's settings and of the user's code.
-
-    The code is the files of all modules of the user's that are imported now, whether the agent
-    needs them or not: an edit of any of them is another run. The digest is "" for an agent that
-    ships with the package. It is different at every call for an agent that holds something without
-    a name or value, such as a local function, a class of a notebook or an open file: then nobody
-    can know whether the agent is the same as before, and no trial is reused. What a program assigns
-    to a class or a module after the import is not seen. Use sets, not frozensets, in
-    settings: the order of a frozenset of texts differs from process to process.
+    An agent of the package's own parts and plain values is named by its settings, any other by its
+    settings and the key. Where there is no key, or the settings have no value that can be told
+    again (a function in a function, an open file), the digest is another one at every call.
     """
     if agent == AGENTS.get(agent.name):
         return ""
-    try:
-        # The code of an interactive session is in no file; this pickle holds it by value.
-        if not hasattr(sys.modules["__main__"], "__file__") and (
-            b"__main__" in cloudpickle.dumps(agent)
-        ):
-            return _unrecognized(agent, "it is defined in an interactive session")
-        settings = joblib.hash(agent, "sha1")
-        code = sorted(checksum_of(Path(str(module.__file__))) for module in own_modules())
-    except Exception as why:  # whatever an object raises that has no value
-        return _unrecognized(agent, why)
-    return digest_of(settings, code)[:16]
-
-
-def _unrecognized(agent: Agent, why: object) -> str:
-    """Return a digest that no other agent has."""
+    why = "its code may have changed; name the code by a key (--key, `key` of the config)"
+    if key or _is_of_package(agent):
+        try:
+            return digest_of(joblib.hash(agent, "sha1"), key)
+        except Exception as fault:  # whatever an object raises that has no value
+            why = str(fault)
     log.warning(
-        "agent %r cannot be recognized in a later run (%s): this run has a folder of its own, "
-        "and no earlier trial is reused; define the agent in a module",
+        "agent %r cannot be recognized in a later run: this run has a folder of its own, and no "
+        "earlier trial is reused (%s)",
         agent.name,
         why,
     )
     return uuid.uuid4().hex
+
+
+def _is_of_package(value: Any) -> bool:
+    """Return whether a value consists of plain values and of what the package defines."""
+    if value is None or type(value) in (bool, int, float, str):
+        return True
+    if type(value) is tuple:
+        return all(map(_is_of_package, value))
+    if type(value) is partial:
+        return all(map(_is_of_package, (value.func, value.args, *value.keywords.values())))
+    defined = value if hasattr(value, "__qualname__") else type(value)  # a function or class itself
+    if not str(defined.__module__).startswith("meal_bayes."):
+        return False
+    if not dataclasses.is_dataclass(value) or isinstance(value, type):
+        return defined is value and "<" not in value.__qualname__  # as <locals> and <lambda>
+    return all(_is_of_package(getattr(value, field.name)) for field in dataclasses.fields(value))

@@ -1,4 +1,4 @@
-"""Units of an experiment, run by processes here or on a cluster, and shared with other commands.
+"""Units of experiments, which joblib runs as one list, and which several commands share.
 
 A unit is locked by the file system, which releases the lock when its holder ends, however it ends,
 on this machine or another: no lock is stale. Results do not rest on locks, as drafts have unique
@@ -12,13 +12,14 @@ import itertools
 import logging
 import os
 import platform
+import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from filelock import FileLock, Timeout
@@ -34,6 +35,7 @@ from meal_bayes.trials import Task, Trial
 log = logging.getLogger("meal_bayes.experiments")
 
 _POLL = 0.2  # s between looks at locks of others
+_LOOK = 1.0  # s between reports of what is done
 
 
 class Unit(Protocol):
@@ -55,6 +57,15 @@ class Unit(Protocol):
         """Run what another process has not done meanwhile; `advance` by what is done."""
 
 
+class Planned(NamedTuple):
+    """What a run consists of, before any of it runs; several of them may run as one list."""
+
+    config: Any  # its settings, complete: an `OfflineConfig` or an `OnlineConfig`
+    folder: Path  # of its logs
+    units: Sequence[Unit]
+    warm_up: Callable[[], None]  # compiles what its units need
+
+
 def warm_up(config: OfflineConfig | OnlineConfig, domain: Domain) -> None:
     """Compile the kernels that the agents need, once, before every process would."""
     query = Query(domain.attributes[: config.attributes])
@@ -69,119 +80,106 @@ def warm_up(config: OfflineConfig | OnlineConfig, domain: Domain) -> None:
 
 
 def run_units(
-    units: Sequence[Unit],
-    warm_up: Callable[[], None],
+    runs: Iterable[Planned],
     *,
     jobs: int = 1,
-    cluster: str | None = None,
     on_progress: Callable[[float, int], None] | None = None,
     on_note: Callable[[str], None] | None = None,
 ) -> None:
-    """Run all units that are not done; any number of processes may do so at a time.
+    """Run all units of some runs that are not done, as one list.
 
-    What another process has locked is left to the end and waited for, and `on_note` called with a
-    line that says so. `warm_up` compiles what units need, once, before every process would;
-    `on_progress` is called with (parts done, parts in all), those of units under way here included,
-    after an interruption with what is kept. See `in_parallel` for jobs and cluster.
+    Any number of programs may do so at a time. What another program has locked is left to the end
+    and waited for, and `on_note` called with a line that says so. What units need is compiled
+    once, before every process would. `on_progress` is called with (parts done, parts in all): at
+    the beginning and at the end, from a thread every second, those of units under way included,
+    and after an interruption with what is kept. See `in_parallel` for jobs and clusters.
     """
     if jobs < 1:
         raise SettingsError(f"jobs is {jobs}; give the number of processes, 1 or more.")
-    remaining = {unit.path: unit.size - unit.done for unit in units}
+    planned = list(runs)
+    units = {unit.path: unit for run in planned for unit in run.units}.values()
     total = sum(unit.size for unit in units)
-    done = total - sum(remaining.values())
+    remaining = {unit.path: unit.size - unit.done for unit in units}
+    kept = total - sum(remaining.values())
     report = on_progress or (lambda *_: None)
-    report(done, total)
+    report(kept, total)
     todo = [unit for unit in units if remaining[unit.path]]
     if not todo:
         return
     for folder in {unit.path.parent for unit in todo}:
         check_folder(folder)
-    warm_up()
+    for planned_run in planned:
+        if any(remaining[unit.path] for unit in planned_run.units):
+            planned_run.warm_up()
     announced = set[str]()
     with TemporaryDirectory(prefix="meal_bayes-") as name:
-        progress = SharedProgress(Path(name, "parts"), len(todo))
+        parts = Path(name, "parts")
+        parts.touch()
+        # Other machines do not see that file; of them it is known how many units ended.
+        ended = [0]
+        mean = (total - kept) / len(todo)
 
         def look() -> None:
-            report(done + progress.under_way, total)
+            done = max(float(np.fromfile(parts).sum()), mean * ended[-1])
+            report(min(kept + done, total), total)
 
         try:
             # First what nobody has locked; then what others had, once they let go of it.
             for wait in (False, True):
-                locked_by_others: list[Unit] = []
-                alone = cluster is None and min(jobs, len(todo)) == 1
-                run = partial(
-                    _run_locked, file=progress.file, then=look if alone else None, wait=wait
-                )
-                for number, holder in in_parallel(
-                    run, enumerate(todo), jobs=jobs, cluster=cluster, meanwhile=look
-                ):
-                    unit = todo[number]
-                    progress.clear(number)  # it counts as a whole from here on, or not at all
-                    if holder is None:
-                        done += remaining[unit.path]
-                        look()
-                        continue
-                    locked_by_others.append(unit)
-                    if holder not in announced:
-                        announced.add(holder)
-                        waiting = f"{unit.path} is being made by {holder}; waiting for it"
-                        (on_note or log.warning)(waiting)
-                todo = locked_by_others
+                run = partial(_run_locked, parts=parts, wait=wait)
+                on_done = None if wait else ended.append
+                locked_by_others = set[Path]()
+                with _every_second(look):
+                    for path, holder in in_parallel(run, todo, jobs=jobs, on_done=on_done):
+                        if holder is None:
+                            continue
+                        locked_by_others.add(path)
+                        if holder not in announced:
+                            announced.add(holder)
+                            waiting = f"{path} is being made by {holder}; waiting for it"
+                            (on_note or log.warning)(waiting)
+                todo = [unit for unit in todo if unit.path in locked_by_others]
         except KeyboardInterrupt:
-            report(done, total)
+            report(sum(unit.done for unit in units), total)
             raise
+    report(total, total)
 
 
-class SharedProgress:
-    """How much of each unit under way is done, in a file that processes of this machine share."""
+@contextlib.contextmanager
+def _every_second(look: Callable[[], None]) -> Iterator[None]:
+    """Call a function every second while the block runs, from a thread."""
+    over = threading.Event()
 
-    def __init__(self, file: Path, units: int) -> None:
-        self.file = file
-        self._done = np.memmap(file, float, "w+", shape=units)
+    def keep_looking() -> None:
+        while not over.wait(_LOOK):
+            look()
 
-    @property
-    def under_way(self) -> float:
-        """Trials or batches done of all units under way."""
-        return float(self._done.sum())
-
-    def clear(self, number: int) -> None:
-        """Forget a unit that has ended."""
-        self._done[number] = 0
-
-    @staticmethod
-    def counter(file: Path, number: int) -> Callable[[float], None]:
-        """Return what a process calls with how much more of its unit is done."""
-        try:
-            done = np.memmap(file, float, "r+")
-        except FileNotFoundError:  # a machine of a cluster, where nobody looks
-            return lambda _: None
-
-        def advance(amount: float) -> None:
-            done[number] += amount
-
-        return advance
+    thread = threading.Thread(target=keep_looking, daemon=True, name="progress")
+    thread.start()
+    try:
+        yield
+    finally:
+        over.set()
+        thread.join()
 
 
-def _run_locked(
-    numbered: tuple[int, Unit], *, file: Path, then: Callable[[], None] | None, wait: bool
-) -> tuple[int, str | None]:
-    """Run a unit once nobody else holds it; return its number, and who holds it."""
-    number, unit = numbered
-    count = SharedProgress.counter(file, number)
+def _run_locked(unit: Unit, *, parts: Path, wait: bool) -> tuple[Path, str | None]:
+    """Run a unit once nobody else holds it; return its path, and who holds it."""
 
     def advance(amount: float) -> None:
-        count(amount)
-        if then is not None:
-            then()
+        """Append to the file of what is done, which other machines do not have."""
+        if parts.exists():
+            with parts.open("ab") as file:
+                file.write(np.float64(amount).tobytes())
 
     with locked(unit.path, wait=wait) as lock:
         if isinstance(lock, str):
-            return number, lock
+            return unit.path, lock
         unit.run(advance)
         if lock:  # else another process may still be writing its drafts
             for path in unit.path.glob("*.mcap") if unit.path.is_dir() else [unit.path]:
                 remove_drafts(path)
-    return number, None
+    return unit.path, None
 
 
 def timed(

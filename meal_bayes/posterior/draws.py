@@ -42,16 +42,16 @@ CHAINS = 4
 
 @dataclass(frozen=True, slots=True)
 class Sampling:
-    """How many `draws` of each chain; by NUTS after `tune` steps, `cores` chains at a time.
+    """How many `draws` of each chain; by NUTS after `tune` steps, `jobs` chains at a time.
 
-    As many as there are processors where `cores` is None; draws repeat under their `seed`. The
+    As many as there are processors where `jobs` is None; draws repeat under their `seed`. The
     options of `meal-bayes posterior` (`cli/posterior.py`) have the same defaults.
     """
 
     draws: int = DRAWS
     tune: int = 1000
     chains: int = CHAINS
-    cores: int | None = None
+    jobs: int | None = None
     seed: int = 0
 
     def __post_init__(self) -> None:

@@ -271,7 +271,7 @@ def sample(
                 tune=sampling.tune,
                 chains=sampling.chains,
                 # PyMC's own default counts half of the processors
-                cores=sampling.cores or min(sampling.chains, os.cpu_count() or 1),
+                cores=sampling.jobs or min(sampling.chains, os.cpu_count() or 1),
                 mp_ctx=ending_context(),
                 random_seed=int(stream(sampling.seed, name).integers(2**31)),
                 target_accept=ACCEPT,

@@ -1,8 +1,12 @@
 """Eq. 10: experience counted in training alone, as the paper reads, or in pretraining as well."""
 
+from collections.abc import Iterator
+from typing import Any
+
+from meal_bayes.experiments import OnlineConfig
 from paper_repro.frame import Cell, Result, Setting, Table
 from paper_repro.items.fig10 import area
-from paper_repro.online import BEST, REPEATS, mean_of, paired, run_curves
+from paper_repro.online import BEST, REPEATS, curves_config, mean_of, paired, run_curves
 from paper_repro.statements import RECORDED
 
 READINGS = {
@@ -14,13 +18,22 @@ NOTE = """CY101, one attribute, on recordings. Both readings are settings of an 
 [table4](table4.md)."""
 
 
+def runs(setting: Setting) -> Iterator[OnlineConfig]:
+    """List the runs under both readings."""
+    for normalizer in READINGS:
+        yield curves_config(setting, **how_run(setting, normalizer))
+
+
+def how_run(setting: Setting, normalizer: str) -> dict[str, Any]:
+    """Return the arguments of the run under a reading."""
+    repeats = setting.repeats_of(REPEATS, column=RECORDED)
+    run = {"dataset": "cy101", "n": 1, "agent": BEST, "repeats": repeats}
+    return run | {"normalizer": normalizer}
+
+
 def run(setting: Setting) -> Result:
     """Run MORC-ITRS under both readings, on the same tasks."""
-    repeats = setting.repeats_of(REPEATS, column=RECORDED)
-    first, second = (
-        run_curves(setting, "cy101", n=1, agent=BEST, repeats=repeats, normalizer=name)
-        for name in READINGS
-    )
+    first, second = (run_curves(setting, **how_run(setting, name)) for name in READINGS)
     lead = paired(*area(second, first, "reward"), first.ratio)
     rows: list[tuple[Cell, ...]] = []
     for name, curves, less in zip(READINGS, (first, second), (None, lead), strict=True):

@@ -1,12 +1,14 @@
 """Fig. 10: learning curves on three data sets, one and two attributes."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from typing import Any
 
 import numpy as np
 
 from meal_bayes.datasets import load_dataset
 from meal_bayes.evaluation import Estimate
 from meal_bayes.evaluation.learning import mean_until
+from meal_bayes.experiments import OnlineConfig
 from paper_repro.frame import Cell, Result, Setting, Table, asked, paper_values
 from paper_repro.online import (
     BASE,
@@ -16,6 +18,7 @@ from paper_repro.online import (
     PAPERS,
     Curves,
     at_hours,
+    curves_config,
     mean_of,
     paired,
     repeats_of,
@@ -74,27 +77,46 @@ together."""
 Panel = Mapping[str, Curves]
 
 
+def runs(setting: Setting) -> Iterator[OnlineConfig]:
+    """List the runs of every panel, and those on the published code's split."""
+    for title, dataset, n, protocol in panels_of(setting):
+        if setting.only not in title:
+            continue
+        repeats = repeats_of(setting, protocol)
+        for agent in agents_of(protocol):
+            yield curves_config(
+                setting, dataset, n=n, agent=agent, repeats=repeats, protocol=protocol
+            )
+        if protocol == THEIRS and n == 1:
+            for agent in (BEST, BASE):
+                yield curves_config(setting, agent=agent, **published_split())
+
+
+def panels_of(setting: Setting) -> Iterator[tuple[str, str, int, str]]:
+    """Yield the title, the data set, the number of attributes and the column of every panel."""
+    for dataset, n in setting.choose(PANELS, PANELS[2:3]):
+        for protocol in setting.protocols[:2]:
+            if protocol != THEIRS or dataset == "cy101":  # the published code has CY101 alone
+                yield f"{dataset.upper()}, {asked(n)}", dataset, n, protocol
+
+
 def run(setting: Setting) -> Result:
     """Run every panel, of the data set that was published under the paper's settings too."""
     evidence: dict[str, dict[str, Evidence | None]] = {name: {} for name in setting.protocols}
     panels: dict[tuple[str, str], Panel] = {}  # by title and column
     placed = list[Table]()
-    for dataset, n in setting.choose(PANELS, PANELS[2:3]):
-        title = f"{dataset.upper()}, {asked(n)}"
-        for protocol in setting.protocols[:2]:
-            if protocol == THEIRS and dataset != "cy101":
-                continue  # the published code has CY101 alone
-            if setting.only not in title:
-                evidence[protocol] |= dict.fromkeys(texts(title))
-                continue
-            panel = run_panel(setting, dataset, n, protocol)
-            panels[title, protocol] = panel
-            evidence[protocol] |= judge(panel, title, one_agent=protocol == RECORDED)
-            if protocol == RECORDED:
-                evidence[OURS] |= judge_ours(panel, title)
-            elif n == 1:
-                published, others = published_split_leads(setting, panel)
-                placed.append(place(title, published, others))
+    for title, dataset, n, protocol in panels_of(setting):
+        if setting.only not in title:
+            evidence[protocol] |= dict.fromkeys(texts(title))
+            continue
+        panel = run_panel(setting, dataset, n, protocol)
+        panels[title, protocol] = panel
+        evidence[protocol] |= judge(panel, title, one_agent=protocol == RECORDED)
+        if protocol == RECORDED:
+            evidence[OURS] |= judge_ours(panel, title)
+        elif n == 1:
+            published, others = published_split_leads(setting, panel)
+            placed.append(place(title, published, others))
     tables = [compared(panel, f"{title}, {column}") for (title, column), panel in panels.items()]
     carried = []
     for (title, protocol), panel in panels.items():
@@ -116,11 +138,15 @@ def run(setting: Setting) -> Result:
 def run_panel(setting: Setting, dataset: str, n: int, protocol: str) -> Panel:
     """Run the paper's three agents, and ours on recordings, on the same splits and tasks."""
     repeats = repeats_of(setting, protocol)
-    names = PAPERS if protocol == THEIRS else (*PAPERS, OUR_AGENT)
     return {
         agent: run_curves(setting, dataset, n=n, agent=agent, repeats=repeats, protocol=protocol)
-        for agent in names
+        for agent in agents_of(protocol)
     }
+
+
+def agents_of(protocol: str) -> tuple[str, ...]:
+    """Return the agents of a column: the paper's, and ours on recordings."""
+    return PAPERS if protocol == THEIRS else (*PAPERS, OUR_AGENT)
 
 
 def lead_over_hours(panel: Panel) -> Estimate:
@@ -178,26 +204,21 @@ def _effects(panels: Mapping[tuple[str, str], Panel]) -> dict[str, str]:
 
 def published_split_leads(setting: Setting, panel: Panel) -> tuple[float, np.ndarray]:
     """Return MORC-ITRS's lead on the one split of the published code, and on those of a panel."""
+    one = {agent: run_curves(setting, agent=agent, **published_split()) for agent in (BEST, BASE)}
+    published = np.subtract(*area(one[BEST], one[BASE], "accuracy"))
+    others = np.subtract(*area(panel[BEST], panel[BASE], "accuracy"))
+    return float(published[0]), others
+
+
+def published_split() -> dict[str, Any]:
+    """Return the arguments of a run on the one split of the published code."""
     paper = paper_values("fig10")
     pretraining = tuple(paper["pretraining"])
     training = tuple(paper["training"])
     taught = {*pretraining, *training}
     tests = tuple(name for name in load_dataset("cy101").objects if name not in taught)
-    one = {
-        agent: run_curves(
-            setting,
-            "cy101",
-            n=1,
-            agent=agent,
-            repeats=1,
-            protocol=THEIRS,
-            split=(pretraining, training, tests),
-        )
-        for agent in (BEST, BASE)
-    }
-    published = np.subtract(*area(one[BEST], one[BASE], "accuracy"))
-    others = np.subtract(*area(panel[BEST], panel[BASE], "accuracy"))
-    return float(published[0]), others
+    split = (pretraining, training, tests)
+    return {"dataset": "cy101", "n": 1, "repeats": 1, "protocol": THEIRS, "split": split}
 
 
 def place(title: str, published: float, others: np.ndarray) -> Table:

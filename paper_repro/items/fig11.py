@@ -1,11 +1,12 @@
 """Fig. 11: CY101, accuracy of each attribute after two hours of exploration."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
 
 from meal_bayes.evaluation import Estimate
+from meal_bayes.experiments import OnlineConfig
 from paper_repro.frame import Cell, Result, Setting, Table, paper_values
 from paper_repro.online import (
     ATTRIBUTES,
@@ -14,6 +15,7 @@ from paper_repro.online import (
     LEGAL,
     PAPERS,
     Curves,
+    curves_config,
     mean_of,
     repeats_of,
     run_curves,
@@ -40,6 +42,16 @@ and EMPTY are last, no more than 80 % for all three, BLUE, FULL and CONTAINER ar
 MORC-ITRS is ahead on 7."""
 
 Scores = Mapping[str, NDArray[np.float64]]  # (S,P) by agent
+
+
+def runs(setting: Setting) -> Iterator[OnlineConfig]:
+    """List the runs of Fig. 10 that it reads."""
+    for protocol in setting.protocols[:2]:
+        repeats = repeats_of(setting, protocol)
+        for agent in PAPERS:
+            yield curves_config(
+                setting, "cy101", n=1, agent=agent, repeats=repeats, protocol=protocol
+            )
 
 
 def run(setting: Setting) -> Result:

@@ -1,14 +1,15 @@
 """Fig. 12: CY101, accuracy of MORC-ITRS over a grid of alpha and beta."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import product
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from meal_bayes.experiments import OnlineConfig
 from paper_repro.frame import Cell, Result, Setting, Table
-from paper_repro.online import BEST, Curves, mean_of, run_curves
+from paper_repro.online import BEST, Curves, curves_config, mean_of, run_curves
 from paper_repro.statements import RECORDED, Evidence, above, below, every, judged
 
 ALPHAS = (0, 3, 6, 12, 24)
@@ -28,23 +29,37 @@ and improves less. The maps below share their colors."""
 Grid = Mapping[str, NDArray[np.float64]]  # accuracy (S,B) by "alpha, beta"
 
 
+def runs(setting: Setting) -> Iterator[OnlineConfig]:
+    """List the runs of all pairs of weights."""
+    for alpha, beta in product(*weights(setting)):
+        yield curves_config(setting, **how_run(setting, alpha, beta))
+
+
+def weights(setting: Setting) -> tuple[tuple[int, ...], tuple[int, ...]]:
+    """Return the alphas and the betas of the grid."""
+    return setting.choose(ALPHAS, (3, 24)), setting.choose(BETAS, (0, 30, 120))
+
+
+def how_run(setting: Setting, alpha: float, beta: float) -> dict[str, Any]:
+    """Return the arguments of the run of a pair of weights."""
+    repeats = setting.repeats_of(REPEATS, column=RECORDED)
+    weighed = {"alpha": float(alpha), "beta": float(beta)}
+    return {"dataset": "cy101", "n": 1, "agent": BEST, "repeats": repeats, **weighed}
+
+
 def run(setting: Setting) -> Result:
     """Run the grid on recordings."""
-    alphas = setting.choose(ALPHAS, (3, 24))
-    betas = setting.choose(BETAS, (0, 30, 120))
+    alphas, betas = weights(setting)
     repeats = setting.repeats_of(REPEATS, column=RECORDED)
-    pairs = {f"{a}, {b}": (a, b) for a, b in product(alphas, betas)}
-    runs: dict[str, Curves] = {
-        name: run_curves(
-            setting, "cy101", n=1, agent=BEST, repeats=repeats, alpha=float(a), beta=float(b)
-        )
-        for name, (a, b) in pairs.items()
+    curves: dict[str, Curves] = {
+        f"{alpha}, {beta}": run_curves(setting, **how_run(setting, alpha, beta))
+        for alpha, beta in product(alphas, betas)
     }
     # Repeat s of every pair of weights has the same split, so that grids are compared repeat by
     # repeat; splits share their objects, by one ratio.
-    ratio = next(iter(runs.values())).ratio
-    grid = {name: curves.accuracy for name, curves in runs.items()}
-    moments = {name: _moments(curves.accuracy) for name, curves in runs.items()}
+    ratio = next(iter(curves.values())).ratio
+    grid = {name: entry.accuracy for name, entry in curves.items()}
+    moments = {name: _moments(accuracy) for name, accuracy in grid.items()}
     rows: list[tuple[Cell, ...]] = [
         (*name.split(", "), repeats, *(mean_of(part, ratio, fraction=True) for part in values))
         for name, values in moments.items()

@@ -142,7 +142,7 @@ def planning_gap(setting: Setting, dataset: str, n: int, trials: int) -> Estimat
         percepts="model",
         reward=paper_values("offline_reward"),
     )
-    done = run_offline(config, logs=setting.logs, jobs=setting.jobs, cluster=setting.cluster)
+    done = run_offline(config, logs=setting.logs, jobs=setting.jobs)
     setting.spend(done.paths)
     bounds: dict[tuple[object, ...], float] = {}
     rewards = []

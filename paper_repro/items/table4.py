@@ -1,15 +1,16 @@
 """Table 4 and T1, T2: how a robot perceives SOFT by pressing, and what it does, early and late."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from meal_bayes import read_trials
+from meal_bayes.experiments import OnlineConfig
 from paper_repro.frame import Cell, Result, Setting, Table, paper_values
 from paper_repro.items.t1t2 import PRESS
-from paper_repro.online import BEST, mean_of, repeats_of, run_curves
+from paper_repro.online import BEST, curves_config, mean_of, repeats_of, run_curves
 from paper_repro.statements import RECORDED, THEIRS, Evidence, fact, placed
 
 GRASP = "grasp"
@@ -32,6 +33,13 @@ might give it; the paper prints none. Under `theirs` percepts are drawn from tab
 classifiers."""
 
 Traits = Mapping[str, NDArray[np.float64]]  # (S,) by trait
+
+
+def runs(setting: Setting) -> Iterator[OnlineConfig]:
+    """List the runs of Fig. 10 that it reads."""
+    for protocol in setting.protocols[:2]:
+        repeats = repeats_of(setting, protocol)
+        yield curves_config(setting, "cy101", n=1, agent=BEST, repeats=repeats, protocol=protocol)
 
 
 def run(setting: Setting) -> Result:

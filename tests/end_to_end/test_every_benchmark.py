@@ -63,7 +63,7 @@ def small_group():
 
 
 def few_draws(*numbers, **how):
-    return Sampling(20, 20, 2, cores=1, seed=how["seed"])
+    return Sampling(20, 20, 2, jobs=1, seed=how["seed"])
 
 
 def few_recordings():

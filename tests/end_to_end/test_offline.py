@@ -21,7 +21,7 @@ import os, signal, sys
 from meal_bayes.learner import Learner
 from meal_bayes.experiments import OfflineConfig, run_offline, store
 
-store.code_digest = lambda: "pinned"
+store.environment = lambda: {"code": "pinned"}
 run, done = Learner.ask, 0
 
 def run_until(self, task, **options):
@@ -43,7 +43,7 @@ def logs_of(folder):
 
 @pytest.mark.long
 def test_a_killed_run_is_taken_up_where_it_was(tmp_path, monkeypatch):
-    monkeypatch.setattr("meal_bayes.experiments.store.code_digest", lambda: "pinned")
+    monkeypatch.setattr("meal_bayes.experiments.store.environment", lambda: {"code": "pinned"})
     config = OfflineConfig("roc36", 2, 120, ("random", "predefined_plus", "greedy"), seed=5)
     whole = run_offline(config, logs=tmp_path / "whole")
     killed = subprocess.run(

@@ -1,6 +1,5 @@
 """Agents given as values, in processes and after an edit, and what their digest covers."""
 
-import importlib
 import json
 import os
 import subprocess
@@ -19,23 +18,32 @@ from meal_bayes.agents import AGENTS, Agent, as_agent
 from meal_bayes.cli import main
 from meal_bayes.errors import SettingsError
 from meal_bayes.experiments import OfflineConfig, OnlineConfig, run_offline, run_online, store
-from meal_bayes.experiments.store import own_agent_digest
+from meal_bayes.experiments.store import agent_digest
 from meal_bayes.momdp import best_report
 from meal_bayes.planners import RandomLegal, unvalued
 
 
 @pytest.mark.parametrize("jobs", [1, pytest.param(2, marks=pytest.mark.long)])
 def test_an_edited_planner_runs_again(module, tmp_path, jobs):
-    lengths = {}
-    for looks in (1, 2, 1):
-        config = OfflineConfig("cy101", 1, 4, (module(looks).Looker(),), seed=1)
+    """Without a key nothing is reused; with one, what ran under it."""
+    lengths = []
+    for looks, key in ((1, ""), (2, ""), (1, "one"), (2, "two"), (1, "two"), (2, "one")):
+        config = OfflineConfig("cy101", 1, 4, (module(looks).Looker(),), seed=1, key=key)
         run = run_offline(config, logs=tmp_path / "logs", jobs=jobs)
-        lengths.setdefault(looks, []).append([len(trial.steps) for trial in run.trials()])
-        folder = run.folder
-    assert set(lengths[1][0]) == {2}
-    assert set(lengths[2][0]) == {3}
-    assert lengths[1][0] == lengths[1][1]
-    assert len({path.name for path in folder.parent.iterdir()}) == 2
+        lengths.append({len(trial.steps) for trial in run.trials()})
+    assert lengths == [{2}, {3}, {2}, {3}, {3}, {2}]
+    assert len({path.name for path in run.folder.parent.iterdir()}) == 4
+
+
+def test_values_set_after_the_import_are_seen(module, tmp_path):
+    """Nothing of a run without a key is reused, whatever a program changes."""
+    mine = module(1)
+    lengths = []
+    for looks in (1, 2):
+        mine.LOOKS = looks
+        run = run_offline(OfflineConfig("cy101", 1, 4, (mine.Looker(),), seed=1), logs=tmp_path)
+        lengths.append({len(trial.steps) for trial in run.trials()})
+    assert lengths == [{2}, {3}]
 
 
 def test_on_the_command_line(module, tmp_path, monkeypatch):
@@ -93,58 +101,21 @@ def test_what_an_agent_is():
     assert isinstance(OfflineConfig("roc36", agents=("bayes",)).agents[0], Agent)
 
 
-ROOT = Path(store.__file__).resolve().parents[2]
-PLANNER = """import numpy
-from rules import best
+def test_settings_and_key_matter_and_shipped_agents_have_neither(module):
+    planner = module(1).Looker
 
-class Planner:
-    name = "mine"
-
-    def solve(self, *arguments, **options):
-        raise NotImplementedError
-"""
-
-
-@pytest.fixture
-def folder(tmp_path, monkeypatch):
-    """A planner in a module, what it imports from beside it, and a module that nobody imports."""
-    (tmp_path / "kept").mkdir()
-    (tmp_path / "planner_of_mine.py").write_text(PLANNER)
-    (tmp_path / "rules.py").write_text("import json\nfrom kept import deep\nbest = 1\n")
-    (tmp_path / "kept" / "__init__.py").write_text("")
-    (tmp_path / "kept" / "deep.py").write_text("depth = 3\n")
-    (tmp_path / "other.py").write_text("")
-    monkeypatch.syspath_prepend(tmp_path)
-    for name in ("planner_of_mine", "rules", "kept", "kept.deep"):
-        monkeypatch.delitem(sys.modules, name, raising=False)
-    return tmp_path
-
-
-@pytest.mark.parametrize(
-    ("changed", "matters"),
-    [("planner_of_mine.py", True), ("rules.py", True), ("kept/deep.py", True), ("other.py", False)],
-)
-def test_what_a_planner_imports_from_beside_it_is_in_its_digest(folder, changed, matters):
-    agent = as_agent(importlib.import_module("planner_of_mine").Planner())
-    before = own_agent_digest(agent)
-    with (folder / changed).open("a") as file:
-        file.write("\nmore = 1\n")
-    assert (own_agent_digest(agent) != before) == matters
-
-
-def test_settings_matter_and_shipped_agents_have_no_sources(folder):
-    planner = importlib.import_module("planner_of_mine").Planner
-
-    def digest(**settings):
+    def digest(key="one", **settings):
         value = planner()
         vars(value).update(settings)
-        return own_agent_digest(as_agent(value))
+        return agent_digest(as_agent(value), key)
 
     values = [{}, {"a": 1}, {"a": 2}, {"a": {"x", "y"}}, {"a": np.arange(5000)}]
     values.append({"a": np.append(np.arange(4999), 0)})  # another where its repr says nothing
     assert len({digest(**settings) for settings in values}) == len(values)
+    assert digest() == digest() != digest("two")
+    assert digest("") != digest("")
     assert digest(a={"x", "y"}) == digest(a={"y", "x"})
-    assert {own_agent_digest(agent) for agent in AGENTS.values()} == {""}
+    assert {agent_digest(agent, "one") for agent in AGENTS.values()} == {""}
 
 
 def planner_of(sure):
@@ -193,7 +164,7 @@ UNKNOWN = [
 @pytest.mark.parametrize("value", UNKNOWN, ids=range(len(UNKNOWN)))
 def test_what_cannot_be_known_is_told_and_never_the_same(value, caplog):
     agent = as_agent(value)
-    assert own_agent_digest(agent) != own_agent_digest(agent)
+    assert agent_digest(agent, "") != agent_digest(agent, "")
     assert "a folder of its own" in caplog.text
 
 
@@ -207,24 +178,42 @@ def test_two_planners_of_one_function_do_not_share_a_run(tmp_path):
     assert min(lengths[1]) > 1
 
 
-def test_a_shipped_agent_with_other_settings_is_another(folder):
+def test_a_shipped_agent_with_other_settings_is_another_and_needs_no_key():
     ships = AGENTS["bayes"]
-    digests = {own_agent_digest(replace(ships, discount=d)) for d in (0.5, 0.6, ships.discount)}
-    assert len(digests) == 3
-    assert own_agent_digest(ships) == ""
-    assert own_agent_digest(replace(ships, discount=0.5)) in digests
+    others = [replace(ships, discount=d) for d in (0.5, 0.6)]
+    others += [replace(ships, solver=as_agent(RandomLegal(b)).solver) for b in (9.0, 10.0)]
+    digests = [agent_digest(agent, "") for agent in (*others, ships)]
+    assert len(set(digests)) == 5
+    assert digests[-1] == ""
+    assert [agent_digest(agent, "") for agent in (*others, ships)] == digests
+
+
+class Bolder(RandomLegal):
+    """A class of the user's, below one of the package's."""
+
+
+@pytest.mark.parametrize("value", [Bolder(9.0), Settled(limit=0.4)])
+def test_classes_of_the_user_need_a_key(value):
+    agent = as_agent(value)
+    assert agent_digest(agent, "") != agent_digest(agent, "")
+    assert agent_digest(agent, "one") == agent_digest(agent, "one")
 
 
 @pytest.mark.long
-def test_the_digest_is_that_of_every_process(folder):
+def test_the_digest_is_that_of_every_process(module):
     """Strings have another hash in each, and so sets another order."""
+    mine = module(1)
+    folder = Path(mine.__file__).parent
     code = (
-        "from planner_of_mine import Planner; from meal_bayes.agents import as_agent;"
-        "from meal_bayes.experiments.store import own_agent_digest;"
-        "p = Planner(); p.words = set('abcdefgh'); print(own_agent_digest(as_agent(p)))"
+        f"from {mine.__name__} import Looker; from meal_bayes.agents import as_agent;"
+        "from meal_bayes.experiments.store import agent_digest;"
+        "p = Looker(); p.words = set('abcdefgh'); print(agent_digest(as_agent(p), 'one'))"
     )
     digests = set()
     for seed in ("1", "2"):
         environment = {**os.environ, "PYTHONHASHSEED": seed, "PYTHONPATH": f"{folder}:{ROOT}"}
         digests.add(subprocess.check_output([sys.executable, "-c", code], env=environment))
     assert len(digests) == 1
+
+
+ROOT = Path(store.__file__).resolve().parents[2]

