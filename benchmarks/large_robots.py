@@ -20,8 +20,9 @@ from meal_bayes.planners import POMCP, History
 SIZES = ("11x6", "40x5", "80x5", "40x40", "60x60")
 
 
-def problem(behaviors: int, states: int, seed: int) -> MOMDP:
-    """Return a problem of two attributes on a drawn diagram, whose states form a ring."""
+def problem(behaviors: int, states: int, seed: int, attributes: int = 2) -> MOMDP:
+    """Return a problem on a drawn diagram, whose states form a ring."""
+    asked = [f"a{i}" for i in range(attributes)]
     rng = np.random.default_rng([behaviors, states, seed])
     names = [f"b{e}" for e in range(behaviors)]
     effects = [
@@ -37,7 +38,7 @@ def problem(behaviors: int, states: int, seed: int) -> MOMDP:
     ]
     table = {
         "name": "large",
-        "attributes": ["a", "b"],
+        "attributes": asked,
         "report_reward": 500.0,
         "behaviors": [
             {"name": name, "cost": round(float(rng.lognormal(1.0, 0.8)), 2)}
@@ -50,11 +51,11 @@ def problem(behaviors: int, states: int, seed: int) -> MOMDP:
             "effects": effects,
         },
     }
-    apart = rng.beta(1.2, 3.0, (2, behaviors))
-    middle = rng.uniform(0.15, 0.85, (2, behaviors))
+    apart = rng.beta(1.2, 3.0, (attributes, behaviors))
+    middle = rng.uniform(0.15, 0.85, (attributes, behaviors))
     yes = np.stack([middle * (1 - apart), middle + apart * (1 - middle)], axis=2).clip(0.03, 0.97)
     rows = np.stack([1 - yes, yes], axis=3)
-    return build_momdp(load_domain(table), Query(("a", "b")), rows)
+    return build_momdp(load_domain(table), Query(tuple(asked)), rows)
 
 
 def decide(momdp: MOMDP) -> float:

@@ -7,11 +7,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from planner_bound import upper_bound
+from planner_models import load_reference
 
 from meal_bayes.domain import Query, load_domain
 from meal_bayes.errors import SettingsError
 from meal_bayes.momdp import Objective, add_itrs_bonus, build_momdp, initial_belief
-from meal_bayes.planners import Factored, History, batched_value_iteration
+from meal_bayes.planners import POMCP, Factored, History, batched_value_iteration
+from meal_bayes.planners.factored import policy as factored
+from meal_bayes.planners.factored.sweep import sweep
+from meal_bayes.planners.pomcp import policy as pomcp
 from meal_bayes.planners.rollout import simulate
 
 RNG = np.random.default_rng(0)  # nothing in the solver is random
@@ -95,10 +99,43 @@ class TestRefusals:
         with pytest.raises(SettingsError, match="without end"):
             solve(replace(momdp, bonus=np.full((1, 3, 2), 50.0)))
 
-    @pytest.mark.parametrize("settings", [{"points": 0}, {"tolerance": 0.0}])
+    @pytest.mark.parametrize("settings", [{"points": 0}, {"tolerance": 0.0}, {"work": 0.0}])
     def test_settings(self, settings):
         with pytest.raises(SettingsError, match="Factored needs"):
             Factored(**settings)
+
+
+def test_limited_work_keeps_the_bound_and_the_estimate_near_the_optimum(monkeypatch):
+    momdp = load_reference()["A3"]
+    multiplied = 0
+
+    def counted(backups, value, *rest):
+        nonlocal multiplied
+        made = sweep(backups, value, *rest)
+        multiplied += made * value.shape[1]  # of a point one number at least
+        return made
+
+    monkeypatch.setattr(factored, "sweep", counted)
+    whole = Factored().solve(momdp, RNG)
+    multiplied = 0
+    quick = Factored(work=2e8).solve(momdp, RNG)
+    assert multiplied < 2e8
+    assert quick.upper_bound >= whole.upper_bound - 1e-3
+    start = History(initial_belief(momdp))
+    values = [np.nanmax(policy.decide(start, RNG).values) for policy in (whole, quick)]
+    assert values[1] == pytest.approx(values[0], abs=15.0)  # of rewards of 500
+
+
+def test_pomcp_plans_without_a_table_that_would_take_too_long(monkeypatch):
+    momdp = load_reference()["A3"]
+    with pytest.raises(SettingsError, match="work"):
+        Factored(work=1e5).solve(momdp, RNG)
+    monkeypatch.setattr(pomcp, "_TABLE_WORK", 1e5)
+    policy = POMCP(simulations=5).solve(momdp, RNG)
+    assert policy.tables is None
+    decision = policy.decide(History(initial_belief(momdp)), np.random.default_rng(0))
+    assert decision.action < momdp.n_behaviors
+    assert decision.gap is None  # without a table there is no upper bound
 
 
 def test_weak_percepts_promise_no_more_than_the_bound(small):

@@ -9,6 +9,7 @@ import pytest
 from meal_bayes.domain import Behavior, Domain, Effect, TransitionDiagram
 from meal_bayes.momdp import Objective, Transition, initial_belief, report_value, update_belief
 from meal_bayes.planners import POMCP, History
+from meal_bayes.planners.pomcp import policy as pomcp
 from meal_bayes.planners.rollout import simulate
 
 PROBLEMS = {
@@ -21,6 +22,21 @@ PROBLEMS = {
     "six classes": {"seed": 4, "n": 2, "levels": 2, "finite": False, "limit": 2, "own_classes": 3},
     "shared classes": {"seed": 4, "n": 2, "levels": 2, "finite": True, "limit": 2, "shared": 3},
 }
+
+
+@pytest.mark.parametrize(("lasts", "simulations"), [(5.0, 1), (0.01, 60)])
+def test_a_budget_of_time_buys_one_simulation_at_least(lasts, simulations, monkeypatch):
+    now = 0.0
+
+    def grow(several):
+        nonlocal now
+        now += several * lasts
+        return several
+
+    monkeypatch.setattr(pomcp.time, "thread_time", lambda: now)
+    made, first = pomcp._simulate(grow, 1.0)
+    assert simulations <= made <= max(1, 1.0 / lasts)
+    assert first == lasts
 
 
 class TestAgainstTheOptimum:

@@ -30,7 +30,7 @@ What is left out of the state, and what then holds:
 
 import itertools
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
@@ -58,8 +58,12 @@ _SWEEPS = 1_000  # at most; a table is a bound after any number of them
 _SETTLED = 0.05  # of the tolerance: a sweep that changes less is the last
 _SMOOTH_SWEEPS = 150  # the same of the estimate
 _SMOOTH_SETTLED = 0.1
+_SETTLED_AT_ONCE = 0.3  # the same where work is limited
 _INNER = (0, 101, 41, 25, 15)  # uncertain beliefs on an axis of the estimate, by N < 5
 _LEAST = 9  # fewer are no grid
+_COARSE = (3, 5, 7)  # inside, of the grids that come first where work is limited
+_FEWER = 0.6  # of their sweeps are those of the next one, about
+_BOUND_SHARE = 0.06  # of the work, where it is limited; the estimate is what the search reads
 _EVENLY = 30  # an even grid has at most this share of the points, as halving N axes adds many
 
 
@@ -76,20 +80,24 @@ class Factored:
         Of the grid, at most.
     tolerance : float
         An axis is fine enough when its refinement gains less, as a fraction of r+ - r-.
+    work : float
+        Multiplications, at most: 1e9 take about .25 s. Grids are then as fine as they allow.
 
     Raises
     ------
     SettingsError
-        A tolerance of 0 or less, or no points.
+        A tolerance of 0 or less, no points, or no work.
     """
 
     points: int = 50_000
     tolerance: float = 2e-4
+    work: float = math.inf
 
     def __post_init__(self) -> None:
         plain_fields(self)
-        if self.points < 1 or not self.tolerance > 0:
-            raise SettingsError(f"Factored needs points >= 1 and tolerance > 0; found {self}.")
+        if self.points < 1 or not self.tolerance > 0 or not self.work > 0:
+            needed = "points >= 1, tolerance > 0 and work > 0"
+            raise SettingsError(f"Factored needs {needed}; found {self}.")
 
     def solve(self, momdp: MOMDP, rng: np.random.Generator) -> "FactoredPolicy":
         """Solve a MOMDP; nothing in it is random.
@@ -98,7 +106,8 @@ class Factored:
         ------
         SettingsError
             Finite precision, several latent classes a truth, a bonus that is paid for so many
-            percepts, more attributes than `points` allow, or rewards without a bound.
+            percepts, more attributes than `points` or behaviors than `work` allow, or rewards
+            without a bound.
         """
         if momdp.joint is not None:
             raise SettingsError(
@@ -121,10 +130,11 @@ class Factored:
         momdp = replace(momdp, bonus=np.where((momdp.limit <= 0)[:, None], 0.0, momdp.bonus))
         tolerance = self.tolerance * max(momdp.correct - momdp.incorrect, 1e-9)
         # The bound is of the MOMDP as it is; the estimate prices free behaviors, which could go on.
-        free = _ValueIteration(momdp, arrays_of(momdp, price=0.0), tolerance)
+        share = _BOUND_SHARE * self.work
+        free = _ValueIteration(momdp, arrays_of(momdp, price=0.0), tolerance, share)
         many = free.edges.moves.any(axis=1).sum() == _MANY
         bound = free.bounds((_FINER if many else 1) * self.points)
-        priced = _ValueIteration(momdp, arrays_of(momdp), tolerance)
+        priced = _ValueIteration(momdp, arrays_of(momdp), tolerance, self.work - free.spent)
         estimate = priced.estimate(bound, _FINER * self.points)
         # Rounded up, in float32, a table stays an upper bound.
         tables = (
@@ -204,13 +214,16 @@ class FactoredPolicy(ByValue):
 class _ValueIteration:
     """Value iteration of a MOMDP of infinite precision and one latent class a truth.
 
-    An axis is fine enough when halving its steps lowers the bound by no more than `tolerance` (s).
+    An axis is fine enough when halving its steps lowers the bound by no more than `tolerance` (s),
+    or when it would take more multiplications than `work` has left.
     """
 
-    def __init__(self, momdp: MOMDP, model: MOMDPArrays, tolerance: float) -> None:
+    def __init__(self, momdp: MOMDP, model: MOMDPArrays, tolerance: float, work: float) -> None:
         self.momdp = momdp
         self.model = model
         self.tolerance = tolerance
+        self.work = work
+        self.spent = 0.0
         self.edges = Edges.of(momdp, model)
 
     def bounds(self, points: int) -> Table:
@@ -264,11 +277,35 @@ class _ValueIteration:
         if not len(moving):
             return bounds
         inner = _inner_points(bounds.size[moving].astype(float), points)
-        if min(inner) < _LEAST:
-            return bounds
+        if math.isinf(self.work):
+            return self._smoothed(bounds, inner) if min(inner) >= _LEAST else bounds
+        # Values change most on a coarse grid, which also shows how many sweeps they take. The next
+        # finer one is as fine as its sweeps are paid for, if they are as many; a table that is not
+        # swept to the end promises too much.
+        affordable = math.inf  # points
+        for coarse in _COARSE:
+            at_first = [min(coarse, points_inside) for points_inside in inner]
+            if _FEWER * math.prod(points_inside + 2 for points_inside in at_first) > affordable:
+                raise SettingsError(
+                    f"A table of {len(moving)} attributes and {len(self.edges.edge)} pairs of a "
+                    f"state and a behavior takes more than {self.work:.1g} multiplications; raise "
+                    "`work`, or plan with POMCP, which needs no table."
+                )
+            earlier = self.spent
+            bounds = self._smoothed(bounds, at_first)
+            for_point = max(self.spent - earlier, 1.0) / bounds.value.shape[1]
+            affordable = (self.work - self.spent) / for_point
+        while math.prod(points_inside + 2 for points_inside in inner) > affordable:
+            longest = max(inner)
+            inner = [min(points_inside, longest - 1) for points_inside in inner]
+        return self._smoothed(bounds, inner) if max(inner) > _COARSE[-1] else bounds
+
+    def _smoothed(self, table: Table, inner: Sequence[int]) -> Table:
+        """Iterate values smoothly on axes with so many points inside."""
+        moving = np.flatnonzero(table.size > 1)
         for i, points_inside in zip(moving.tolist(), inner, strict=True):
-            bounds = grid.refine(bounds, i, grid.even_axis(self.momdp, i, points_inside))
-        return self._swept(bounds, _SMOOTH_SWEEPS, smooth=True)
+            table = grid.refine(table, i, grid.even_axis(self.momdp, i, points_inside))
+        return self._swept(table, _SMOOTH_SWEEPS, smooth=True)
 
     def _swept(self, table: Table, sweeps: int = _SWEEPS, *, smooth: bool = False) -> Table:
         """Iterate values on their own grid until a sweep changes none of them."""
@@ -276,8 +313,12 @@ class _ValueIteration:
         percepts = [percepts_on(self.momdp, i, axis, smooth=smooth) for i, axis in axes]
         value = table.value.astype(np.float64)
         backups = make_backups(self.momdp, self.edges, table, percepts)
-        settled = (_SMOOTH_SETTLED if smooth else _SETTLED) * self.tolerance
-        sweep(backups, value, np.zeros((4, value.shape[1])), Ending(settled, sweeps, smooth))
+        settled = _SETTLED
+        if smooth:
+            settled = _SMOOTH_SETTLED if math.isinf(self.work) else _SETTLED_AT_ONCE
+        work = self.edges.work(value.shape[1], smooth=smooth)  # of an edge
+        ending = Ending(settled * self.tolerance, sweeps, smooth, (self.work - self.spent) / work)
+        self.spent += work * sweep(backups, value, np.zeros((4, value.shape[1])), ending)
         return table._replace(value=value)
 
     def _coarsest(self, points: int) -> Table:
@@ -314,10 +355,14 @@ class _ValueIteration:
         return float(max(best, (pay[lasting] / leak[lasting]).max(initial=-np.inf)))
 
     def _finer(self, table: Table, levels: Mapping[int, int], points: int) -> Table | None:
-        """Refine some axes to their levels; None if the grid would have too many points."""
+        """Refine some axes to their levels; None if the grid would have too many points.
+
+        Or if a sweep of it would take more than the work left.
+        """
         axes = {i: grid.make_axis(self.momdp, i, level) for i, level in levels.items()}
-        size = [len(axes.get(i, axis)) for i, axis in enumerate(table.axes)]
-        if not axes or math.prod(size) > points:
+        size = math.prod(len(axes.get(i, axis)) for i, axis in enumerate(table.axes))
+        sweep = len(self.edges.edge) * self.edges.work(size, smooth=False)
+        if not axes or size > points or self.spent + sweep > self.work:
             return None
         for i, axis in axes.items():
             table = grid.refine(table, i, axis)

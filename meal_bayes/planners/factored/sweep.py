@@ -31,6 +31,7 @@ class Edges(NamedTuple):
     reward: Floats  # (M,1+N) a constant, and slopes in the marginals
     exit_value: float  # of abstaining
     moves: NDArray[np.bool_]  # (N,E) do percepts move the belief?
+    levels: int  # K of the percepts
 
     @classmethod
     def of(cls, momdp: MOMDP, model: MOMDPArrays) -> "Edges":
@@ -53,7 +54,16 @@ class Edges(NamedTuple):
             reward=reward,
             exit_value=dynamics.exit_value,
             moves=informative_pairs(momdp),
+            levels=momdp.levels,
         )
+
+    def work(self, points: int, *, smooth: bool) -> float:
+        """Return how many numbers are multiplied, about, to back up one edge at so many points."""
+        outcomes = np.count_nonzero(self.outcome, axis=(1, 2))
+        # Each attribute that a percept informs of applies a matrix of 2K entries a row, or of 4K.
+        applied = self.moves[:, self.edge[:, 1]].sum(axis=0) * self.outcome[:, 1].any(axis=1)
+        entries = applied * (4 if smooth else 2) * self.levels
+        return float(points * (2.0 + (outcomes + entries).sum() / max(len(self.edge), 1)))
 
 
 class Matrix(NamedTuple):
@@ -168,26 +178,32 @@ class Ending(NamedTuple):
     settled: float  # a sweep that changes no value by more is the last
     sweeps: int  # at most
     smooth: bool  # is interpolation smooth?
+    backups: float  # of edges: the sweep that reaches so many is the last
 
 
 @entry_kernel
 def sweep(backups, value, scratch, ending):
     """Update the values (X-1,B) of every x, latest first, until a sweep changes none by `settled`.
 
-    Values only fall, unless interpolation is smooth. `scratch` (4,B) comes with zeros.
+    Values only fall, unless interpolation is smooth. `scratch` (4,B) comes with zeros. Returns how
+    many edges were backed up.
     """
+    made = np.int64(0)
     for _ in range(ending.sweeps):
         largest = 0.0
         # Later states first: most behaviors lead to them, and one sweep carries values back.
         for x in range(value.shape[0] - 1, -1, -1):
-            largest = max(largest, _update(backups, value, x, scratch, ending))
-        if largest <= ending.settled:
-            return
+            change, backed_up = _update(backups, value, x, scratch, ending)
+            largest = max(largest, change)
+            made += backed_up
+        if largest <= ending.settled or made >= ending.backups:
+            break
+    return made
 
 
 @kernel
 def _update(backups, value, x, scratch, ending):
-    """Update the values (B,) of one x; return the largest change.
+    """Update the values (B,) of one x; return the largest change, and how many edges it took.
 
     V(x, b) = max(stop(b), max_a R(x, a, b) + g sum over x', z of Pr(x', z | x, a, b) V(x', b'_z))
 
@@ -196,11 +212,13 @@ def _update(backups, value, x, scratch, ending):
     """
     edge = backups.edge
     points = value.shape[1]
+    made = np.int64(0)
     # scratch[0]: the best of ending and of the behaviors that leave x.
     for b in range(points):
         scratch[0, b] = backups.floor[b]
     for m in range(edge.shape[0]):
         if edge[m, 0] == x and edge[m, 2] == 0:
+            made += 1
             _back_up(backups, value, m, scratch, np.int64(0))
     # scratch[1]: the best of all, which begins with those.
     for b in range(points):
@@ -211,6 +229,7 @@ def _update(backups, value, x, scratch, ending):
         for m in range(edge.shape[0]):
             if edge[m, 0] == x and edge[m, 2] == 1:
                 loops = True
+                made += 1
                 _back_up(backups, value, m, scratch, np.int64(1))
         # min(U, T U): what is an upper bound stays one, and only falls.
         change = 0.0
@@ -221,7 +240,7 @@ def _update(backups, value, x, scratch, ending):
             scratch[1, b] = scratch[0, b]
         changed = max(changed, change)
         if ending.smooth or not loops or change <= max(ending.settled, _LOOPED * changed):
-            return changed
+            return changed, made
 
 
 @kernel

@@ -88,6 +88,9 @@ class Scratch(NamedTuple):
     error: Floats
     # (T,K+1) of yes or no false alarms: Pr(literal is taken to hold, and it does not).
     alarm: Floats
+    # (T,K+1) errors by the tables of `Plans`, by `column`, where the class is the truth; -1 = not
+    # read yet.
+    tabled: Floats
     accepted: Floats  # (2,N) false alarm and hit of each attribute, of one plan
     column: Ints  # (N,) of `error`: the last percept's level plus 1; 0 where none was
 
@@ -112,6 +115,7 @@ def make_scratch(
         lost=np.full(1, np.inf),
         error=np.full((rows, k + 1), -1.0),
         alarm=np.zeros((rows, k + 1)),
+        tabled=np.full((rows, k + 1), -1.0),
         accepted=np.zeros((2, n)),
         column=np.zeros(n, np.int64),
     )

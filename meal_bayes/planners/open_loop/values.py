@@ -172,7 +172,7 @@ def _table_error(evaluator, t, prob, i):
 
 
 @kernel
-def _plan_value(evaluator, conjunction, j, prob, floor, enumerated):
+def _plan_value(evaluator, conjunction, j, prob, floor, enumerated, shared):
     """Compute a plan's value by tables, or by its percepts; at most `floor` if it cannot beat that.
 
     Where `enumerated`, the outcomes of its percepts are, after those of the trial so far.
@@ -205,7 +205,13 @@ def _plan_value(evaluator, conjunction, j, prob, floor, enumerated):
         t = plans.row[j, i]
         z = scratch.column[i]
         if not enumerated:
-            error = _table_error(evaluator, t, prob, i)
+            # Read once for all siblings that share a belief; elsewhere it hangs on the last plan.
+            if not (shared and model.percepts.class_is_truth):
+                error = _table_error(evaluator, t, prob, i)
+            else:
+                if scratch.tabled[t, z] < 0.0:
+                    scratch.tabled[t, z] = _table_error(evaluator, t, prob, i)
+                error = scratch.tabled[t, z]
         else:  # once for all plans and beliefs that share the row
             if scratch.error[t, z] < 0.0:
                 counts = plans.observation_counts[j]
@@ -315,11 +321,14 @@ def evaluate_plans(evaluator, x, prob, floor, drop_useless):
             scratch.computed[a] += 1
         # A plan that cannot beat this is cut short.
         lowest = best if best_only else out[a]
-        value = _plan_value(evaluator, evaluator.model.conjunction, j, prob, lowest, enumerated)
-        waits = not enumerated and not _is_tabled(evaluator, j)
+        value = _plan_value(
+            evaluator, evaluator.model.conjunction, j, prob, lowest, enumerated, best_only
+        )
+        promising = value > lowest
+        waits = promising and not enumerated and not _is_tabled(evaluator, j)
         if not enumerated:
             scratch.guess[turn] = value if waits else -np.inf
-        if not waits and value > out[a]:
+        if promising and not waits:
             out[a] = value
             scratch.best[a] = j
             best = max(best, value)

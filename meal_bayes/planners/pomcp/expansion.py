@@ -114,6 +114,7 @@ def value_children(evaluator, tree, reader, edge):
     scratch = evaluator.scratch
     node, a = edge
     scratch.error[:] = -1.0
+    scratch.tabled[:] = -1.0
     for child in range(tree.edge[node, a].first, tree.size[0]):
         leaf = tree.node[child]
         level = tree.level[child]

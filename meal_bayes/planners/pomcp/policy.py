@@ -43,7 +43,7 @@ from meal_bayes.planners.solver import (
     no_errors,
 )
 
-_CHUNK = 8  # simulations between two looks at the clock, at first
+_TABLE_WORK = 3.4e9  # multiplications that a table may take: the first decision waits for it, .8 s
 _BACKUPS = ("expected", "sampled")
 
 
@@ -56,7 +56,8 @@ class POMCP:
     simulations : int
         A decision, at most.
     milliseconds : float | None
-        CPU time a decision; then as many simulations as it takes.
+        CPU time a decision; then as many simulations as it takes. None are made where at this x
+        one took half as long again before; then the best plan decides.
     exploration : float
         UCB1's c, as a fraction of r+ - r-; with a table at the leaf 0.
     capacity : int
@@ -111,6 +112,7 @@ class POMCPPolicy:
     def __init__(self, momdp: MOMDP, settings: POMCP) -> None:
         self.momdp = momdp
         self.settings = settings
+        self._lasted: dict[int, float] = {}  # CPU seconds of the last first simulation, by x
 
     def sharing_plans(self, momdp: MOMDP) -> "POMCPPolicy":
         """Return a policy of another MOMDP of the query and diagram, with the same plans."""
@@ -139,8 +141,9 @@ class POMCPPolicy:
         if not self.settings.points or not np.isinf(momdp.limit).all() or momdp.bonus.any():
             return None
         try:
-            return Factored(self.settings.points).solve(momdp, np.random.default_rng(0))
-        except SettingsError:  # not Eq. 8, or too many attributes
+            table = Factored(self.settings.points, work=_TABLE_WORK)
+            return table.solve(momdp, np.random.default_rng(0))
+        except SettingsError:  # not Eq. 8, or too many attributes or behaviors
             return None
 
     def decide(self, history: History, rng: np.random.Generator) -> Decision:
@@ -197,7 +200,13 @@ class POMCPPolicy:
                 search = TreeSearch(tree, sampled, Growing(simulations, exploration, averaged))
                 return grow_tree(evaluator, search, reader, kernel_rng)
 
-            simulated = _simulate(grow, settings.simulations, end)
+            if end is None:
+                simulated = grow(settings.simulations)
+            else:
+                left = end - time.thread_time() + 0.5e-3 * (settings.milliseconds or 0.0)
+                simulated = 0
+                if self._lasted.get(belief.x, 0.0) <= left:
+                    simulated, self._lasted[belief.x] = _simulate(grow, end)
         root = tree.edge[0]
         action, values, bonus = choose(momdp, belief, root["value"], root["bonus"])
         visits = root["visits"]
@@ -269,23 +278,23 @@ def _settled(
     return Decision.exact(action, values, bonuses) if worth >= others.max() else None
 
 
-def _simulate(grow: Callable[[int], int], simulations: int, end: float | None) -> int:
-    """Grow a tree by its budget, and return the simulations made: here a search ends.
+def _simulate(grow: Callable[[int], int], end: float) -> tuple[int, float]:
+    """Grow a tree until this thread's CPU clock shows `end`, s: here a search ends.
 
-    The budget is so many simulations or, where there is an end, until this thread's CPU clock shows
-    it, s. Whoever ends it earlier, by what the tree says so far, looks between two calls of `grow`.
+    Returns the simulations made, one at least, and how long the first took, s. Whoever ends it
+    earlier, by what the tree says so far, looks between two calls of `grow`.
     """
-    if end is None:
-        return grow(simulations)
     begin = time.thread_time()
+    first = 0.0
     total = 0
-    chunk = _CHUNK
+    chunk = 1  # simulations between two looks at the clock
     while True:
         made = grow(chunk)
         total += made
         now = time.thread_time()
+        first = first or now - begin
         # As many as fit the time left at the pace so far; a tenth is kept for the decision.
         fitting = int(0.9 * (end - now) * total / max(now - begin, 1e-9))
         if made < chunk or fitting < 1:
-            return total
+            return total, first
         chunk = min(fitting, 4 * chunk)

@@ -64,14 +64,16 @@ def make_tree(momdp: MOMDP, belief: Belief, capacity: int) -> Tree:
     """Create a tree of its root, for so many nodes."""
     tree = Tree(
         size=np.ones(1, np.int64),
-        node=np.zeros((capacity,), NODE),
-        edge=np.zeros((capacity, momdp.n_behaviors), EDGE),
+        # Written where a node is made or opened: to clear all would take half a millisecond.
+        node=np.empty((capacity,), NODE),
+        edge=np.empty((capacity, momdp.n_behaviors), EDGE),
         prob=np.empty((capacity, *belief.log_prob.shape)),
         level=np.empty((capacity, len(belief.log_prob)), np.int64),
     )
     stop = answer_value(momdp, belief)
     tree.prob[0] = np.exp(belief.log_prob)
     tree.level[0] = -1
+    tree.edge[0] = 0
     tree.node[0] = (belief.x, 0, 0, 1.0, stop, stop, 0.0)
     return tree
 
