@@ -9,6 +9,7 @@ extra ``gym``.
 """
 
 import operator
+import weakref
 from collections.abc import Collection, Iterable
 from pathlib import Path
 from typing import Any
@@ -19,12 +20,13 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from meal_bayes.agents import as_agent
-from meal_bayes.arrays import check_amount, check_whole, check_yes_no
+from meal_bayes.arrays import check_amount, check_whole
 from meal_bayes.datasets import PerceptTable, object_index
 from meal_bayes.domain import unknown
 from meal_bayes.errors import SettingsError
 from meal_bayes.experiments import offline_tasks
-from meal_bayes.files import LOGS, checked_path
+from meal_bayes.files import LOGS, file_name, lasting_path
+from meal_bayes.gym.episode_log import LEFT, EpisodeLog
 from meal_bayes.learner import Learner
 from meal_bayes.perception import TableSource
 from meal_bayes.planners import Policy, unvalued
@@ -89,9 +91,26 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
     max_steps : int
         Behaviors after which an episode is truncated.
     logs : str | Path | None
-        Folder of the logs of test episodes, those of `objects="test"`; None logs nothing.
-    log_training : bool
-        Whether episodes about other objects are logged, too; training has many.
+        Folder of logs; None logs nothing. Each environment writes its episodes into one file, such
+        as logs/gym-roc36-n2/20260131-142507-381904-test-a3f9c2.mcap. The file is opened at the end
+        of the first episode with a step; `close`, or the end of the program, completes it. Its
+        trials name the agent where `decide` chose all actions, and "external" otherwise.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> from meal_bayes import read_trials
+    >>> with TemporaryDirectory() as folder:
+    ...     env = MealEnv("roc36", attributes=1, agent="greedy", logs=folder)
+    ...     for seed in range(3):
+    ...         _, info = env.reset(seed=seed)
+    ...         ended = False
+    ...         while not ended:
+    ...             _, reward, ended, _, info = env.step(env.decide())
+    ...     env.close()
+    ...     (log,) = Path(folder).rglob("*.mcap")
+    ...     len(list(read_trials(log)))
+    3
     """
 
     def __init__(
@@ -107,7 +126,6 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
         scale: float = 1.0,
         max_steps: int = MAX_STEPS,
         logs: str | Path | None = LOGS,
-        log_training: bool = False,
     ) -> None:
         if dataset is None:
             raise SettingsError("Give dataset=, a shipped name, or a percept table of your own.")
@@ -116,7 +134,6 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
         max_steps = check_whole("max_steps", max_steps)
         trials = check_whole("trials", trials)
         check_amount("scale", scale)
-        check_yes_no("log_training", log_training)
         table = TableSource.of(dataset).load()
         chosen_agent = as_agent(agent)
         names = _task_objects(table, objects)
@@ -127,12 +144,31 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
             raise SettingsError(f"None of the {trials} tasks is about {sorted(names)}; give more.")
         self._max_steps = max_steps
         self._scale = float(scale)
-        place = None if logs is None else checked_path("logs", logs)
-        folder = place if log_training or objects == "test" else None
-        self._learner = Learner(table.domain, agent=chosen_agent, seed=seed, logs=folder).fit(table)
+        self._learner = Learner(table.domain, agent=chosen_agent, seed=seed, logs=None).fit(table)
         self._begun: tuple[Session, RecordedRobot] | None = None
         self._policy: Policy | None = None
+        self._decided: int | None = None  # the action that the agent chose for the next step
         self._steps = 0
+        place = None if logs is None else lasting_path("logs", logs)
+        self._log = EpisodeLog(
+            place and place / file_name(f"gym-{table.domain.name}-n{attributes}"),
+            objects if isinstance(objects, str) else "objects",
+            {
+                "config": {
+                    "command": "gymnasium",
+                    "dataset": table.domain.data,
+                    "attributes": attributes,
+                    "answer": answer,
+                    "agent": chosen_agent.name,
+                    "trials": trials,
+                    "objects": objects if isinstance(objects, str) else sorted(names),
+                    "max_steps": max_steps,
+                },
+                "seed": seed,
+                "data": table.domain.data,
+            },
+        )
+        self._finish_log_with_self()
         n = attributes
         x = len(table.domain.diagram.states)
         e = len(table.domain.behaviors)
@@ -152,6 +188,15 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
                 "cost": spaces.Box(0.0, dearest * (max_steps + 1), (1,), np.float64),
             }
         )
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Become a copy, which writes a log of its own."""
+        self.__dict__.update(state)
+        self._finish_log_with_self()
+
+    def _finish_log_with_self(self) -> None:
+        """Complete the log when this environment, or the program, ends without `close`."""
+        weakref.finalize(self, self._log.close)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -175,17 +220,19 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
             raise SettingsError(f"Task {index}; expected 0 to {len(self.tasks) - 1}.")
         task = self.tasks[index]
         learner = self._learner
-        self.close()  # an episode that was left is logged as far as it went
+        truncated = self._steps >= self._max_steps
+        self._log.leave(f"truncated after {self._steps} steps" if truncated else LEFT)
         robot = learner.replay(task, seed=seed_of_task)
         session = learner.begin(task, state=robot.start(), seed=seed_of_task, commanded=True)
         self._begun = (session, robot)
+        self._log.begin(session, seed_of_task)
         self._asked = np.array(learner.domain.columns(task.query.attributes))
         self._question = {  # of every info until the next reset
             "object": task.object_name,
             "query": tuple(name for name, _ in task.query.questions),
             "question": task.query.text,
         }
-        self._policy = None
+        self._policy = self._decided = None
         self._steps = 0
         return self._seen()
 
@@ -212,6 +259,8 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
             if running.behavior is not None:
                 running.observe(robot.execute(running.behavior))
             reward = float(running.steps[-1].reward)
+        self._log.stepped(by_agent=index == self._decided)
+        self._decided = None
         ended = bool(running.over)  # it may have been ended since
         truncated = not ended and self._steps >= self._max_steps
         observation, info = self._seen()
@@ -223,12 +272,15 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
         if self._policy is None:
             self._policy = self._learner.policy(running.task)
         rng = running.streams.of("planner", running.agent)
-        return int(decide(self._policy, running.history, rng).action)
+        self._decided = int(decide(self._policy, running.history, rng).action)
+        return self._decided
 
     def close(self) -> None:
-        """End the episode; one that is not over is logged as far as it went."""
-        if self._begun is not None:
-            self._begun[0].cancel("left before the answer")
+        """End the episode, logged as far as it went, and complete the log.
+
+        Episodes after that are written into another file.
+        """
+        self._log.close()
 
     @property
     def _running(self) -> tuple[Session, RecordedRobot]:
@@ -244,8 +296,8 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
 
     @property
     def trial(self) -> Trial:
-        """The trial so far."""
-        return self._running[0].trial
+        """The trial so far; its agent is "external" where anybody but `decide` chose an action."""
+        return self._log.trial(self._running[0])
 
     def _seen(self) -> tuple[Observation, dict[str, Any]]:
         """Return observation and info."""

@@ -175,7 +175,7 @@ def test_more_misses_are_avoided_where_they_are_dear(tmp_path):
 
 def test_an_environment_has_two_reports():
     gym = import_module("meal_bayes.gym")
-    env = gym.MealEnv("roc36", attributes=2, trials=6, answer="balanced", agent="olfc")
+    env = gym.MealEnv("roc36", attributes=2, trials=6, answer="balanced", agent="olfc", logs=None)
     _, info = env.reset(options={"task": 0})
     behaviors = len(env.trial.momdp.behavior_names)
     assert env.action_space.n == behaviors + 2 + env.trial.momdp.abstain

@@ -1,5 +1,8 @@
 """Gymnasium environments: they keep the rules, and score what the experiments score."""
 
+import signal
+import subprocess
+import sys
 from dataclasses import replace
 
 import gymnasium
@@ -12,7 +15,12 @@ from meal_bayes.errors import SettingsError
 from meal_bayes.experiments import offline_tasks
 from meal_bayes.gym import ENVIRONMENTS, MealEnv
 from meal_bayes.learner import Learner
-from meal_bayes.trial_log import read_trials
+from meal_bayes.trial_log import Logs, read_trials, recover_log, salvage
+
+
+@pytest.fixture(autouse=True)
+def _logs_elsewhere(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)  # every environment logs in the working directory by default
 
 
 @pytest.mark.parametrize("name", ENVIRONMENTS)
@@ -149,27 +157,108 @@ def test_a_long_episode_is_truncated():
     assert ended == [(False, False), (False, False), (False, True)]
 
 
-def test_test_episodes_are_logged_and_others_if_that_is_asked_for(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    for objects, often in (("test", 1), ("train", 1), ("all", 1)):  # once a test, else nothing
-        env = MealEnv("roc36", agent="greedy", trials=40, objects=objects)
-        env.reset(seed=0)
-        env.step(env.action_space.n - 1)
-        assert len([*(tmp_path / "logs").rglob("*.mcap")]) == often
-    MealEnv("roc36", agent="greedy", trials=40, objects="test", logs=None).reset(seed=0)
-    assert len([*tmp_path.rglob("*.mcap*")]) == 1
+def play(env, episodes):
+    """Let the agent of an environment answer some tasks."""
+    for seed in range(episodes):
+        env.reset(seed=seed)
+        ended = False
+        while not ended:
+            ended = any(env.step(env.unwrapped.decide())[2:4])
 
 
-def test_episodes_are_logged_as_far_as_they_went(tmp_path):
-    env = MealEnv("roc36", agent="greedy", trials=5, logs=tmp_path, log_training=True)
-    for action in (env.action_space.n - 1, 0):
-        env.reset(seed=0)
-        env.step(action)
+def logs_in(folder):
+    return sorted(folder.rglob("*.mcap*"))
+
+
+def test_all_episodes_of_an_environment_stand_in_one_log(tmp_path):
+    env = gymnasium.make("meal_bayes/ROC36-v0", agent="greedy", trials=40)
+    env.reset(seed=0)
+    assert not logs_in(tmp_path)  # nothing was done
+    play(env, 3)
+    played = env.unwrapped.trial
     env.close()
-    logs = sorted((tmp_path / "roc36").glob("*.mcap"))
-    trials = [trial for log in logs for trial in read_trials(log)]
-    assert [trial.ended for trial in trials] == ["", "left before the answer"]
-    assert trials[0].success is not None
+    (log,) = logs_in(tmp_path)
+    assert log.parent == tmp_path / "logs/gym-roc36-n2"
+    trials = list(read_trials(log))
+    assert len(trials) == 3
+    assert {trial.agent for trial in trials} == {"greedy"}
+    assert trials[-1].cost == played.cost
+    assert trials[-1].success is played.success
+    assert len({trial.task.key for trial in trials}) == 3
+    env = MealEnv("roc36", agent="greedy", trials=40, logs=None)
+    play(env, 1)
+    env.close()
+    assert logs_in(tmp_path) == [log]
+
+
+def test_what_was_logged_can_be_read_while_the_environment_goes_on(tmp_path):
+    env = MealEnv("roc36", agent="greedy", trials=40, logs=tmp_path)
+    play(env, 2)
+    env.reset(seed=5)
+    env.step(0)
+    (draft,) = logs_in(tmp_path)
+    assert [trial.ended for trial in salvage(draft)] == ["", ""]
+    del env  # as the end of a program
+    (log,) = logs_in(tmp_path)
+    assert [trial.ended for trial in read_trials(log)] == ["", "", "left before the answer"]
+
+
+def test_a_killed_program_leaves_every_episode_that_ended(tmp_path):
+    program = """
+import os, signal, sys
+from meal_bayes.gym import MealEnv
+env = MealEnv("roc36", attributes=1, agent="greedy", trials=40, logs=sys.argv[1])
+for seed in range(3):
+    env.reset(seed=seed)
+    env.step(0)
+    env.step(env.action_space.n - 1)
+os.kill(os.getpid(), signal.SIGKILL)
+"""
+    killed = subprocess.run([sys.executable, "-c", program, str(tmp_path)], check=False)
+    assert killed.returncode == -signal.SIGKILL
+    (draft,) = logs_in(tmp_path)
+    recovered = recover_log(draft)
+    assert [len(trial.steps) for trial in read_trials(recovered)] == [2, 2, 2]
+
+
+@pytest.mark.parametrize("make", [gymnasium.vector.SyncVectorEnv, gymnasium.vector.AsyncVectorEnv])
+def test_each_environment_of_a_vector_writes_a_file_of_its_own(tmp_path, make):
+    def one():
+        return MealEnv("roc36", attributes=1, agent="greedy", trials=40, logs=tmp_path)
+
+    envs = make([one, one])
+    envs.reset(seed=3)
+    for _ in range(4):  # answers, each followed by a reset
+        envs.step(np.full(2, envs.single_action_space.n - 1))
+    envs.close()
+    logs = logs_in(tmp_path)
+    assert [len(list(read_trials(log))) for log in logs] == [2, 2]
+    assert len(list(Logs(tmp_path).trials())) == 4
+
+
+def test_who_chose_the_actions_is_logged(tmp_path):
+    env = MealEnv("roc36", attributes=1, agent="greedy", trials=5, logs=tmp_path)
+    play(env, 1)
+    env.reset(seed=0)
+    env.step(0)
+    assert env.trial.agent == "external"
+    env.reset(seed=1)
+    env.step(env.decide())
+    env.close()
+    (log,) = logs_in(tmp_path)
+    assert [trial.agent for trial in read_trials(log)] == ["greedy", "external", "greedy"]
+
+
+def test_why_an_episode_has_no_answer_is_logged(tmp_path):
+    env = MealEnv("roc36", agent="greedy", trials=5, logs=tmp_path, max_steps=2)
+    for steps in (2, 1):
+        env.reset(seed=0)
+        for _ in range(steps):
+            env.step(int(np.flatnonzero(env.action_masks())[0]))
+    env.close()
+    (log,) = logs_in(tmp_path)
+    ended = [trial.ended for trial in read_trials(log)]
+    assert ended == ["truncated after 2 steps", "left before the answer"]
 
 
 def test_tasks_that_are_not_there_are_told():
@@ -225,7 +314,6 @@ KINDS = {
     "attributes": [True, None, "1", 1.0],
     "objects": [5, None, [5], [None], b"all", True],
     "logs": [5, b"logs", "", ["logs"], True],
-    "log_training": [5, "no", None],
     "seed": [True, 1.0, None],
     "trials": [True, None],
     "max_steps": [True, None],

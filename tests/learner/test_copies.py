@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 import meal_bayes.gym
 from meal_bayes import Learner
 from meal_bayes.datasets import load_percepts
-from meal_bayes.errors import LogError
 from meal_bayes.experiments import offline_tasks
+from meal_bayes.trial_log import read_trials
 
 COPIES = {
     "deepcopy": copy.deepcopy,
@@ -31,7 +31,8 @@ def same(first, second):
 
 @pytest.fixture(scope="module")
 def environment():
-    return gymnasium.make("meal_bayes/ROC36-v0", attributes=1, agent="greedy", trials=36)
+    options = {"attributes": 1, "agent": "greedy", "trials": 36, "logs": None}
+    return gymnasium.make("meal_bayes/ROC36-v0", **options)
 
 
 @settings(max_examples=15)
@@ -73,14 +74,16 @@ def test_a_copy_of_a_session_goes_on_alone(how):
 
 
 @pytest.mark.parametrize("how", sorted(COPIES))
-def test_what_is_being_logged_is_copied_between_trials_alone(how, tmp_path):
-    name = "meal_bayes/ROC36-v0"
-    options = {"attributes": 1, "agent": "greedy", "trials": 36, "objects": "test"}
-    environment = gymnasium.make(name, logs=tmp_path, **options)
-    twin = COPIES[how](environment)
-    twin.reset(seed=0)
-    twin.close()
+def test_a_copy_of_an_environment_writes_a_log_of_its_own(how, tmp_path):
+    options = {"attributes": 1, "agent": "greedy", "trials": 36, "logs": tmp_path}
+    environment = gymnasium.make("meal_bayes/ROC36-v0", **options)
     environment.reset(seed=0)
-    with pytest.raises(LogError, match=r"logs=None"):
-        COPIES[how](environment)
-    environment.close()
+    environment.step(environment.action_space.n - 1)
+    environment.reset()
+    environment.step(0)
+    twin = COPIES[how](environment)
+    for env in (environment, twin):
+        env.step(env.action_space.n - 1)
+        env.close()
+    logs = sorted(tmp_path.rglob("*.mcap"))
+    assert [len(list(read_trials(log))) for log in logs] == [2, 1]

@@ -119,7 +119,12 @@ def test_everything_of_my_own(tmp_path, monkeypatch):
     assert len(run.steps()) == run.outcomes().steps.sum()
     assert "Patient" in repr(summary)
     env = gymnasium.make(
-        "meal_bayes/Own-v0", dataset=table, attributes=1, agent=Patient(), objects="test"
+        "meal_bayes/Own-v0",
+        dataset=table,
+        attributes=1,
+        agent=Patient(),
+        objects="test",
+        logs=tmp_path / "logs",
     )
     _, info = env.reset(seed=0)
     ended = False
