@@ -25,8 +25,7 @@ from meal_bayes.errors import SettingsError
 from meal_bayes.files import checked_path, write_whole
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+    from meal_bayes.canvas import Axes, Figure
 
 # Texts
 
@@ -391,7 +390,7 @@ _STYLE: Any = {  # names of matplotlib's settings
 @contextlib.contextmanager
 def drawn_in_style() -> Iterator[None]:
     """Draw figures in our style while the block runs, whatever a user's matplotlibrc says."""
-    import matplotlib as mpl  # noqa: PLC0415  takes half a second
+    from meal_bayes.canvas import mpl  # noqa: PLC0415  takes half a second
 
     defaults = {name: mpl.rcParamsDefault[name] for name in mpl.rcParamsDefault}
     ours = {name: value for name, value in defaults.items() if name not in _NOT_LOOKS}
@@ -402,7 +401,7 @@ def drawn_in_style() -> Iterator[None]:
 @contextlib.contextmanager
 def axes_to_draw(ax: "Axes | None", *, width: float = 4.8, height: float = 2.9) -> "Iterator[Axes]":
     """Yield `ax`, or the Axes of a new figure (inches), in our style while the block runs."""
-    from matplotlib.figure import Figure  # noqa: PLC0415  as above
+    from meal_bayes.canvas import Figure  # noqa: PLC0415  as above
 
     with drawn_in_style():
         if ax is None:

@@ -7,6 +7,7 @@ A fault is a `ValueError`; each package turns it into its own error, with the fi
 """
 
 import codecs
+import errno
 import io
 import json
 import lzma
@@ -17,7 +18,7 @@ import unicodedata
 import zipfile
 import zlib
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,20 +43,25 @@ UNREADABLE = (  # what torn or changed bytes raise
 )  # fmt: skip
 
 
+def open_regular(path: Path) -> BinaryIO:
+    """Open a file to read; an `OSError` where it is a pipe or a device, which may never end."""
+    # Not to wait for a pipe that nobody writes to.
+    number = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
+    if not stat.S_ISREG(os.fstat(number).st_mode):
+        os.close(number)
+        raise OSError(errno.EINVAL, "it is no regular file, but a folder, a pipe or a device")
+    return os.fdopen(number, "rb")
+
+
 def read_bytes(path: Path, limit: int = TEXT_LIMIT) -> bytes:
     """Read a regular file whole, if it is not larger than the limit; an `OSError` or `ValueError`.
 
-    A pipe or device may never end. Zero bytes, which no text has, are what a disk leaves that lost
-    a part of the file.
+    Zero bytes, which no text has, are what a disk leaves that lost a part of the file.
     """
-    # Not to wait for a pipe that nobody writes to.
-    number = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
-    with os.fdopen(number, "rb") as file:
-        status = os.fstat(number)
-        if not stat.S_ISREG(status.st_mode):
-            raise ValueError("it is no regular file, but a pipe or a device")
-        if status.st_size > limit:
-            raise ValueError(f"it has {status.st_size:,} bytes, more than {limit:,}")
+    with open_regular(path) as file:
+        size = os.fstat(file.fileno()).st_size
+        if size > limit:
+            raise ValueError(f"it has {size:,} bytes, more than {limit:,}")
         data = file.read(limit)
     if data[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE):
         raise ValueError("it is UTF-16 text; save it as UTF-8")

@@ -248,3 +248,22 @@ def test_pictures_do_not_depend_on_a_notebook_s_backend_or_a_user_s_matplotlibrc
     for kind in ("svg", "html"):
         drawn = [(tmp_path / f"{name}.{kind}").read_bytes() for name in ("plain", "set")]
         assert drawn[0] == drawn[1]
+
+
+@pytest.mark.parametrize("backend", ["nonsense", "agg", ""])
+def test_a_picture_in_a_user_s_program_does_not_depend_on_the_backend(backend):
+    """Nor does a bad one go on behind it; a good one is what the user's own figures have."""
+    program = (
+        "import os, meal_bayes.look as look\n"
+        "with look.axes_to_draw(None) as ax: pass\n"
+        "look.render(ax, 'svg')\n"
+        "import matplotlib\n"
+        "print(os.environ['MPLBACKEND'], matplotlib.get_backend())\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program],
+        env={**os.environ, "MPLBACKEND": backend}, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.split()[-1].lower() == "agg"
+    assert done.stdout.startswith(f"{backend} ")

@@ -6,14 +6,33 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from meal_bayes import Learner, load_dataset, load_domain, load_percepts, read_trials, save_percepts
+import meal_bayes
+from meal_bayes import (
+    Learner,
+    load_agent,
+    load_dataset,
+    load_domain,
+    load_percepts,
+    read_trials,
+    recall,
+    save_percepts,
+)
 from meal_bayes.cache import cache_root
 from meal_bayes.datasets import cache_folder, fetch, make_synthetic, registry, save_csv_folder
-from meal_bayes.errors import DownloadError, SettingsError
+from meal_bayes.datasets.bags import find_bags
+from meal_bayes.errors import DownloadError, MealBayesError, SettingsError
 from meal_bayes.experiments import OfflineConfig, OnlineConfig, run_offline
 from meal_bayes.files import checked_path, draft_of, lasting_path, path_text, write_whole
 from meal_bayes.perception import TableSource, build_percept_table
-from meal_bayes.trial_log import Logs, check_log, log_info, read_outcomes, write_trials
+from meal_bayes.trial_log import (
+    Follower,
+    Logs,
+    check_log,
+    log_info,
+    read_outcomes,
+    recover_log,
+    write_trials,
+)
 
 
 class Named:
@@ -96,6 +115,57 @@ def test_learners_and_logs(home, form):
     assert (home / "again.mcap").exists()
     learner.save(form("~/learner.zip"))
     assert Learner.load(form("~/learner.zip"), logs=None).settings.seed == 0
+
+
+READERS = {
+    "learner": lambda path: Learner.load(path, logs=None),
+    "domain.toml": load_domain,
+    "table.npz": load_percepts,
+    "data": lambda path: load_dataset("toy", root=path),
+    "log.mcap": lambda path: list(read_trials(path)),
+    "logs.mcap": lambda path: list(Logs(path).trials()),
+    "report.mcap": log_info,
+    "outcomes.mcap": read_outcomes,
+    "torn.mcap": recover_log,
+    "recalled.mcap": lambda path: recall(Learner("toy", logs=None), path),
+    "resumed.mcap": Learner("toy", logs=None).resume,
+    "draft.mcap.active": Learner("toy", logs=None).resume,
+    "ended.mcap": Learner("toy", logs=None).give_up,
+    "posterior.nc": lambda path: Learner("toy", posterior=str(path), logs=None),
+    "agent.py": lambda path: load_agent(f"{path}:agent"),
+    "run.npz": lambda path: run_offline(OfflineConfig(path, attributes=1), logs=path.parent / "x"),
+    "bag.bag": lambda path: find_bags([path]),
+}
+PLACES = {
+    "pipe": os.mkfifo,
+    "folder": Path.mkdir,
+    "device": lambda path: path.symlink_to("/dev/zero"),
+    "loop": lambda path: path.symlink_to(path),
+    "link to nothing": lambda path: path.symlink_to("nothing"),
+    "nothing": lambda path: None,
+}
+
+
+@pytest.mark.parametrize("reader", READERS)
+@pytest.mark.parametrize("kind", PLACES)
+def test_what_is_no_file_to_read_is_one_line(reader, kind, tmp_path):
+    """None is waited for, and none is read without end."""
+    PLACES[kind](tmp_path / reader)
+    with pytest.raises(MealBayesError) as raised:
+        READERS[reader](tmp_path / reader)
+    assert "\n" not in str(raised.value)
+
+
+def test_a_pipe_in_a_folder_of_logs_is_passed_over(tmp_path):
+    trial = meal_bayes.ask(
+        "red", dataset="roc36", object="heavy_blue_beans", agent="greedy", logs=tmp_path
+    )
+    for name in ("a.mcap", "b.mcap.w1-abcdef.active", "z.mcap"):
+        os.mkfifo(tmp_path / "roc36" / name)
+    assert [again.success for again in Logs(tmp_path).trials()] == [trial.success]
+    follower = Follower(tmp_path)
+    assert len(list(follower.poll())) == 1
+    follower.close()
 
 
 def test_folders_of_the_environment(home, monkeypatch):

@@ -48,8 +48,6 @@ class Program(Section):
         """Run a command line and exit."""
         _hold_streams()
         _show_notes()
-        # A notebook's backend, which a command inherits, may not exist here; none is needed.
-        os.environ.pop("MPLBACKEND", None)
         if sys.flags.optimize >= _NO_DOCSTRINGS:
             _restore_help(self)
         try:

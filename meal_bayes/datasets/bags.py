@@ -26,7 +26,7 @@ from meal_bayes.look import BLUE, drawn_in_style, listed, name_axes
 from meal_bayes.untrusted import name_fault
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
+    from meal_bayes.canvas import Axes
 
 EXECUTIONS = ("bag", "object", "behavior", "start", "end")
 _NS = 1_000_000_000
@@ -107,7 +107,7 @@ def find_bags(paths: Iterable[str | Path]) -> list[Path]:
 def _is_bag(path: Path) -> bool:
     if path.is_dir():
         return (path / "metadata.yaml").is_file()
-    return path.suffix in {".bag", ".mcap", ".db3"} and path.exists()
+    return path.suffix in {".bag", ".mcap", ".db3"} and path.is_file()
 
 
 def read_executions(
@@ -474,7 +474,7 @@ def plot_execution(one: Execution) -> "Axes":
     Axes
         The first of a figure with a row for each modality: signal on the left, features right.
     """
-    from matplotlib.figure import Figure  # noqa: PLC0415  takes half a second
+    from meal_bayes.canvas import Figure  # noqa: PLC0415  takes half a second
 
     shown = [name for name in one.signals if name in one.features]
     with drawn_in_style():

@@ -43,7 +43,8 @@ class Payoffs(NamedTuple):
         Raises
         ------
         QueryError
-            Not four finite numbers, or a wrong answer that earns more than the right one.
+            Not four finite numbers; a wrong answer that earns more than the right one, or each as
+            much.
         """
         numbers = np.asarray(values, dtype=object)
         if numbers.shape != (4,) or not all(
@@ -57,6 +58,11 @@ class Payoffs(NamedTuple):
         payoffs = cls(*map(float, numbers))
         if payoffs.right_yes < payoffs.wrong_no or payoffs.right_no < payoffs.wrong_yes:
             raise QueryError(f"{payoffs}: a wrong answer must not earn more than the right one.")
+        if payoffs.right_yes == payoffs.wrong_no and payoffs.right_no == payoffs.wrong_yes:
+            raise QueryError(
+                f"{payoffs}: what is true makes no difference to what an answer earns; let a right "
+                "one earn more than a wrong one."
+            )
         return payoffs
 
     @property

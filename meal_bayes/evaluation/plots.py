@@ -4,9 +4,9 @@ from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from matplotlib.axes import Axes
 from numpy.typing import ArrayLike, NDArray
 
+from meal_bayes.canvas import Axes
 from meal_bayes.evaluation.calibration import BINS, bins_of, checked_cases
 from meal_bayes.evaluation.statistics import (
     HIGH_QUANTILE,

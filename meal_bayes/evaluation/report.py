@@ -18,10 +18,10 @@ from typing import Any, TypedDict
 
 import numpy as np
 from jinja2 import Environment, PackageLoader
-from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
 from meal_bayes.arrays import Bools
+from meal_bayes.canvas import Axes
 from meal_bayes.errors import SettingsError
 from meal_bayes.evaluation import plots
 from meal_bayes.evaluation.learning import POOLED

@@ -13,11 +13,12 @@ from meal_bayes.domain import unknown
 from meal_bayes.errors import LogError, SettingsError
 from meal_bayes.learner import views
 from meal_bayes.learner.experience import Experience, Labels, key_of_name
-from meal_bayes.look import warn_user
+from meal_bayes.look import listed, warn_user
 from meal_bayes.seeds import Key
 from meal_bayes.trial_log.feedback import Change, Feedback
 from meal_bayes.trial_log.folder import write_feedback
 
+_SHOWN = 5  # objects that a warning names
 _ALIKE = 0.8  # of two names, at least where one may be meant by the other
 
 
@@ -128,16 +129,33 @@ def tell_again(
 
 
 def warn_of_typo(experience: Experience, name: str) -> None:
-    """Warn of a name that no object has, where one that is met looks much like it."""
+    """Warn of a name that no object has, if the robot has met others; name the one that is near.
+
+    Before the robot has met any, labels of objects to come are told. Names that are told apart by
+    a number, as "cup 1" and "cup 2", are meant so.
+    """
     names = [*experience.met]
-    # Names that are told apart by a number, as "cup 1" and "cup 2", are meant so.
     alike = [other for other in names if re.findall(r"\d+", other) == re.findall(r"\d+", name)]
     near = difflib.get_close_matches(name, alike, 1, _ALIKE)
-    if name not in names and near:
+    if name in names:
+        return
+    met = len(experience.instances) or len(experience.executions)
+    if near:
         warn_user(
             f"There is no trial or recording of {name!r}; did you mean {near[0]!r}? It is taken "
             f"for another object; forget({name!r}) takes its labels back."
         )
+    elif met and not _numbered_alike(name, names):
+        warn_user(
+            f"There is no trial or recording of {name!r}; it is taken for a new object, beside "
+            f"{listed(names, _SHOWN)}. forget({name!r}) takes its labels back."
+        )
+
+
+def _numbered_alike(name: str, names: Iterable[str]) -> bool:
+    """Return whether a name differs from another by its numbers alone."""
+    bare = re.sub(r"\d+", "", name)
+    return bare != name and any(re.sub(r"\d+", "", other) == bare for other in names)
 
 
 def nothing_told(experience: Experience, name: str, key: Key, *, recordings: bool) -> SettingsError:

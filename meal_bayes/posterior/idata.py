@@ -29,6 +29,7 @@ from meal_bayes.version import package_version
 
 with writable_caches(), warnings.catch_warnings():  # ArviZ 0.x announces 1.0 on import
     warnings.filterwarnings("ignore", r"\s*ArviZ is undergoing", FutureWarning)
+    from meal_bayes import canvas  # noqa: F401, I001  before ArviZ, which imports matplotlib
     import arviz
 az: Any = arviz  # not typed
 

@@ -88,7 +88,7 @@ from meal_bayes.trial_log.messages import (
 from meal_bayes.trials import Step, Trial, TrialOutcomes
 from meal_bayes.trials.outcomes import check_trials
 from meal_bayes.trials.text import UNFINISHED
-from meal_bayes.untrusted import FREE_BYTES, UNPACKING, read_json
+from meal_bayes.untrusted import FREE_BYTES, UNPACKING, open_regular, read_json
 from meal_bayes.version import package_version
 
 FULL = "full"  # the form of a log that holds whole trials
@@ -177,7 +177,7 @@ def drafts_of(path: Path) -> list[Path]:
     """Find the drafts of a log, the newest first, without those of its recovered file."""
     drafts = dict[Path, float]()
     for file in path.parent.glob(f"*{SUFFIX}{ACTIVE}"):
-        if stem_of(file) == path.stem and not _is_recovered(file):
+        if stem_of(file) == path.stem and not _is_recovered(file) and file.is_file():
             with contextlib.suppress(FileNotFoundError):  # it has got its name meanwhile
                 drafts[file] = -file.stat().st_mtime
     return sorted(drafts, key=drafts.__getitem__)
@@ -1113,9 +1113,9 @@ def opened(path: Path) -> Iterator[BinaryIO]:
 def _open(path: Path) -> BinaryIO:
     """Open a file; use its new name if another process renamed it since it was found."""
     try:
-        return path.open("rb")
+        return open_regular(path)
     except FileNotFoundError:
-        return find_log(path).open("rb")
+        return open_regular(find_log(path))
 
 
 def _torn_text(path: Path, fault: Exception) -> str:

@@ -49,6 +49,7 @@ from meal_bayes.trial_log.file import (
     wholest,
 )
 from meal_bayes.trials import Trial, TrialOutcomes
+from meal_bayes.untrusted import open_regular
 
 ASK = "Learner.ask"  # command of the logs of trials with a robot
 LIVE = "live"  # in the keys of such trials, before what no other trial has
@@ -292,6 +293,16 @@ def _is_live(header: Mapping[str, object]) -> bool:
     return of_learner(header) and isinstance(streams, list) and streams[1:2] == [LIVE]
 
 
+def _identities(run: str, outcomes: TrialOutcomes) -> Iterator[int]:
+    """Yield what tells trials of a run from others: agent, key, and all that came out."""
+    reals = (outcomes.cost, outcomes.reward, outcomes.certainty)
+    columns = [column.tolist() for column in (outcomes.agent, outcomes.key, outcomes.steps)]
+    # By their bits, as NaN is the same here.
+    columns += [np.ascontiguousarray(real).view(np.int64).tolist() for real in reals]
+    for values in zip(*columns, strict=True):
+        yield hash((run, *values))
+
+
 class Copies:
     """Tells trials that several files hold from trials that are alike, so that each counts once.
 
@@ -354,12 +365,8 @@ class Copies:
             return ~new
         if self._files_of_run[run] < 2:
             return new
-        reals = (outcomes.cost, outcomes.reward, outcomes.certainty)
-        columns = [column.tolist() for column in (outcomes.agent, outcomes.key, outcomes.steps)]
-        # By their bits, as NaN is the same here.
-        columns += [np.ascontiguousarray(real).view(np.int64).tolist() for real in reals]
-        for row, values in enumerate(zip(*columns, strict=True)):
-            first = self._seen.setdefault(hash((run, *values)), file)
+        for row, identity in enumerate(_identities(run, outcomes)):
+            first = self._seen.setdefault(identity, file)
             if first != file:
                 new[row] = False
                 self.of.setdefault(file, first)
@@ -603,8 +610,8 @@ class Follower:
 
     `poll` yields what has been flushed since the last call. A file that gets its final name while
     it is read stays open, so nothing of it is missed or read twice; what an earlier draft of a log
-    held is not yielded again. A damaged file is noted in `problems` and followed no further; a
-    compact log, which holds no steps, is passed over.
+    held is not yielded again, nor what another file held, as copies do. A damaged file is noted in
+    `problems` and followed no further; a compact log, which holds no steps, is passed over.
     """
 
     def __init__(self, path: str | Path) -> None:
@@ -612,6 +619,7 @@ class Follower:
         self.problems: list[str] = []
         self._tails: dict[tuple[int, int], _Tail] = {}  # by device and inode, whatever its name
         self._yielded = Counter[Path]()  # trials of each log
+        self._log_of = dict[int | Key, Path]()  # by what tells a trial from others
 
     @property
     def header(self) -> dict[str, object] | None:
@@ -636,7 +644,8 @@ class Follower:
                 for trial in tail.poll():
                     if tail.builder.read.trials > self._yielded[tail.name]:
                         self._yielded[tail.name] += 1
-                        yield trial
+                        if self._is_new(trial, tail):
+                            yield trial
             except LogVersionError as fault:
                 tail.file.close()
                 raise LogVersionError(f"{tail.name} was {fault}.") from fault
@@ -646,6 +655,14 @@ class Follower:
             except FAULTS as fault:
                 tail.file.close()
                 self.problems.append(f"{tail.name}: {fault_text(fault)}")
+
+    def _is_new(self, trial: Trial, tail: "_Tail") -> bool:
+        """Return whether no other log held a trial; see `Copies`."""
+        header = tail.builder.header or {}
+        identity: int | Key = trial.task.key
+        if not _is_live(header):
+            (identity,) = _identities(_run_text(header), TrialOutcomes.of([trial]))
+        return self._log_of.setdefault(identity, tail.name) == tail.name
 
     def close(self) -> None:
         """Close all files."""
@@ -659,7 +676,7 @@ class _Tail:
     def __init__(self, path: Path) -> None:
         self.name = path.with_name(f"{stem_of(path)}{SUFFIX}")  # the one that is meant
         self.builder = TrialBuilder()
-        self.file = path.open("rb")
+        self.file = open_regular(path)
         self._offset = 0  # behind the last whole record
 
     def poll(self) -> Iterator[Trial]:

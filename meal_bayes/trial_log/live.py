@@ -22,6 +22,7 @@ from meal_bayes.trial_log.file import (
 )
 from meal_bayes.trial_log.folder import begun_text, dated_name
 from meal_bayes.trials import Trial
+from meal_bayes.untrusted import open_regular
 
 
 class LiveLog(TrialWriter):
@@ -108,7 +109,7 @@ class Interrupted:
 
     def __init__(self, draft: Path) -> None:
         try:
-            self._file = draft.open("rb")
+            self._file = open_regular(draft)
         except OSError:  # never there, or ended by another process a moment ago
             raise LogError(f"There is no trial {draft} that was broken off.") from None
         if not hold(self._file):

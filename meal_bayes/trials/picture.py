@@ -17,12 +17,9 @@ from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.font_manager import FontProperties
-from matplotlib.textpath import TextToPath
 
 from meal_bayes.arrays import Floats
+from meal_bayes.canvas import Axes, Figure, FontProperties, TextToPath
 from meal_bayes.look import AMOUNT, attribute_color, drawn_in_style, lightened, percent, readable
 from meal_bayes.momdp import Belief
 from meal_bayes.planners import RULE

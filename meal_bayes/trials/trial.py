@@ -28,7 +28,7 @@ from meal_bayes.trials.text import (
 )
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
+    from meal_bayes.canvas import Axes
 
 
 @dataclass(frozen=True, slots=True, repr=False)

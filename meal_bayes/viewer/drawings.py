@@ -7,10 +7,10 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from matplotlib import colormaps
 from numpy.typing import NDArray
 from scipy.sparse.csgraph import shortest_path
 
+from meal_bayes.canvas import colormaps
 from meal_bayes.domain.words import denied
 from meal_bayes.look import AMOUNT, best_options, level_names, percent
 from meal_bayes.momdp import MOMDP

@@ -171,7 +171,7 @@ def test_what_no_table_needs_is_refused(tmp_path, content, says):
 
 def test_files_that_never_end_are_not_read(tmp_path):
     os.mkfifo(tmp_path / "pipe.toml")
-    with pytest.raises(DomainError, match="no regular file"):
+    with pytest.raises(SettingsError, match="no regular file"):
         load_domain(tmp_path / "pipe.toml")
     (tmp_path / "folder.toml").mkdir()
     with pytest.raises(SettingsError, match="cannot be read"):

@@ -1,10 +1,11 @@
 """Names that cannot be told apart and recordings that are none: one error or warning, no trial."""
 
 import unicodedata
+import warnings
 
 import pytest
 
-from meal_bayes import MealBayesError, Outcome
+from meal_bayes import Learner, MealBayesError, Outcome
 from meal_bayes.errors import QueryError
 from meal_bayes.trial_log import Logs
 
@@ -54,3 +55,23 @@ def test_a_recording_that_is_none_costs_its_percept_alone(dataset, make, tmp_pat
     assert [step.observation is None for step in trial.steps[:2]] == [True, False]
     assert "recording" in trial.steps[0].warning
     assert [len(each.steps) for each in Logs(tmp_path).trials()] == [len(trial.steps)]
+
+
+@pytest.mark.parametrize(
+    ("name", "warned"),
+    [("mgu", None), ("nobdy", "beside .*mug"), ("mug 2", None), ("mugs", "mean")],
+)
+def test_a_label_of_an_object_that_nobody_met_is_told(dataset, make, name, warned):
+    """A new object is legitimate; before any is met nothing is said."""
+    nobody = Learner(dataset.domain, agent="bayes", logs=None)
+    nobody.tell("nobdy", {"red": True})
+    learner = Learner(dataset.domain, agent=make.agent("look", **make.ours), logs=None)
+    for other in ("mug", "mug 1"):
+        learner.ask("red", make.arm(), object_name=other)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        learner.tell(name, {"red": True})
+    texts = [str(warning.message) for warning in caught]
+    assert len(texts) == (warned is not None)
+    assert all(repr(name) in text and warned in text for text in texts)
+    assert learner.experience.labels_of_trial(("told", name))[0] == 1

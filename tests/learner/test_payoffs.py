@@ -70,7 +70,10 @@ def test_replays_have_them_too():
     assert claims == (OF_LEARNER.right_yes, OF_LEARNER.wrong_yes, 0.0, 0.0)
 
 
-@pytest.mark.parametrize("payoffs", [(1, 2, 3), "four", 5, (1, -1, 1, float("nan")), (0, 9, 0, 9)])
+@pytest.mark.parametrize(
+    "payoffs",
+    [(1, 2, 3), "four", 5, (1, -1, 1, float("nan")), (0, 9, 0, 9), (5, 5, 5, 5), (2, 0, 0, 2)],
+)
 def test_what_is_no_payoffs_is_one_line(payoffs):
     with pytest.raises(SettingsError) as fault:
         Learner("roc36", payoffs=payoffs, logs=None)

@@ -37,6 +37,7 @@ def red(learner):
     return {name: label for name, label in labels.items() if label >= 0}
 
 
+@pytest.mark.filterwarnings("ignore:There is no trial or recording")
 @given(tellings=TELLINGS)
 @settings(max_examples=max(settings().max_examples // 5, 4))
 def test_the_order_of_folders_plays_no_part(dataset, make, tmp_path_factory, tellings):
@@ -150,6 +151,7 @@ def full(*paths):
     raise OSError(28, "No space left on device")
 
 
+@pytest.mark.filterwarnings("ignore:There is no trial or recording")
 @given(
     tellings=st.lists(
         st.tuples(

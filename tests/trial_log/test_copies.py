@@ -11,7 +11,7 @@ from meal_bayes.domain import load_domain
 from meal_bayes.learner import Learner, recall
 from meal_bayes.planners import Predefined
 from meal_bayes.robots import Outcome
-from meal_bayes.trial_log import Logs, log_files, read_trials, write_trials
+from meal_bayes.trial_log import Follower, Logs, log_files, read_trials, write_trials
 from meal_bayes.trials import TrialOutcomes
 
 CONFIG = {"config": {"dataset": "toy", "agents": ["bayes"], "seed": 3}}
@@ -57,6 +57,9 @@ def test_a_copy_is_counted_once_and_named(make, log, name, form):
         assert len(again) == 3
         (text,) = warned
         assert copy.name in text
+        follower = Follower(log.parent)
+        assert len([*follower.poll(), *follower.poll()]) == 3
+        follower.close()
 
 
 @pytest.mark.parametrize("name", NO_LOGS)
@@ -125,6 +128,9 @@ def test_a_trial_is_recalled_once_and_as_far_as_it_went(tmp_path):
     restarted = Learner(toy, agent=agent, logs=None)
     recalled = recall(restarted, tmp_path)
     assert [len(trial.steps) for trial in recalled] == [len(trial.steps)] * 2
+    follower = Follower(tmp_path)
+    assert len(list(follower.poll())) == 2
+    follower.close()
     logs = Logs(tmp_path)
     assert sum(len(group.outcomes) for group in logs.begun()) == 2
     assert "0.w1-abcdef.mcap.active" in logs.copies
