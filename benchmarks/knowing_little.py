@@ -5,6 +5,8 @@
     python benchmarks/knowing_little.py nothing cy101,ispy32 --seeds 0-4 --json > now.json
     python benchmarks/knowing_little.py detector cy101 --known 0,2,4,8 --seeds 0-6 --json > now.json
     python benchmarks/knowing_little.py offline cy101,ispy32,roc36 --seeds 0-10 --json > now.json
+    python benchmarks/knowing_little.py words --seeds 0-4
+    python benchmarks/knowing_little.py wrong_labels cy101 --seeds 0-8 --json > now.json
     python benchmarks/knowing_little.py compare before.json now.json
 
 `rates`: 40 splits of a label table; n objects are known, and the answers that base rates alone give
@@ -16,8 +18,12 @@ then QUESTIONS questions about others follow, of one attribute each. `nothing`: 
 attribute of each asked and told, then TESTS on objects that were not met; `--agent alone` prices
 exploring by rates of each attribute alone. `offline`: questions about objects of the shipped
 percept table, of which all others are known. `detector`: as `known`, with the shipped percepts as a
-detector's, in place of recordings; `--agent chance` has a detector that says anything. `compare`
-prints paired differences with 95 % t-intervals over the seeds.
+detector's, in place of recordings; `--agent chance` has a detector that says anything. `words`:
+the recordings of 70 objects of CY101 are given, with the labels of the words FIRST; the ten words
+of the domain are added afterwards, and told of n of these objects, then QUESTIONS questions about
+the other 30 objects ask them. `wrong_labels`: as the first 100 trials of
+`nothing`, with right labels, and with labels of which WRONG are drawn to be wrong; the difference
+is what these cost. `compare` prints paired differences with 95 % t-intervals over the seeds.
 """
 
 import json
@@ -34,6 +40,7 @@ from meal_bayes import Learner, Outcome, load_dataset, load_percepts
 from meal_bayes.agents import Agent, Progress, load_agent
 from meal_bayes.datasets import Dataset
 from meal_bayes.datasets.percepts import PerceptTable
+from meal_bayes.datasets.sources import fetch, find_folder, source
 from meal_bayes.domain import Domain, Query
 from meal_bayes.momdp import MOMDP
 from meal_bayes.planners import Predefined, Solver
@@ -46,6 +53,9 @@ QUESTIONS = 150
 TRIALS = 300
 TESTS = 100
 KNOWN = (0, 1, 2, 4, 8, 16)
+FIRST = ("small", "cylindrical", "closed", "light", "short", "deformable", "tall", "brown")
+WITH_LATER_WORDS = (0, 3, 5, 10, 20, 70)  # objects of which the words are told that were added
+WRONG = 0.17  # of labels
 SAID = ("surely no", "no", "yes", "surely yes")  # by level
 Row = dict[str, object]
 
@@ -184,6 +194,29 @@ def from_nothing(name: str, seed: int, agent: str) -> Row:
     }
 
 
+def wrong_labels(name: str, seed: int, agent: str) -> Row:
+    """Measure what 100 trials from nothing lose where some of the labels told are wrong."""
+    start = time.process_time()
+    data = load_dataset(name)
+    reward: Row = {}
+    for kind, wrong in (("right labels", 0.0), ("wrong labels", WRONG)):
+        rng = stream(seed, "from nothing", name)
+        errors = stream(seed, "wrong labels", name)
+        objects = rng.permutation(len(data.objects))[len(data.objects) // 3 :]
+        learner = Learner(data.domain, agent=agent_of(agent), seed=seed, logs=None)
+        total = 0.0
+        for t in range(100):
+            o = int(objects[t % len(objects)])
+            truth, _ = question(data, o, rng)
+            robot = replayed(data, o, truth, seed, "nothing", t)
+            trial = learner.ask(list(truth), robot, truth=truth, object_name=data.objects[o])
+            learner.tell(trial, answers(truth, errors, 1.0 - wrong))
+            total += trial.reward
+        reward[kind] = total
+    lost = reward["right labels"] - reward["wrong labels"]
+    return {"data": name, "seed": seed, **reward, "lost": lost, "cpu": time.process_time() - start}
+
+
 def all_labels_known(name: str, seed: int, agent: str) -> Row:
     """Measure questions about objects of a percept table that are left out of all the others."""
     start = time.process_time()
@@ -268,6 +301,38 @@ def with_detector(name: str, seed: int, n: int, agent: str) -> Row:
     return {"data": name, "known": n, "seed": seed, **of_trials(trials, start)}
 
 
+def later_words(seed: int, agent: str) -> list[Row]:
+    """Measure questions about words that were added once objects had been met."""
+    data = load_dataset("cy101")
+    words = data.domain.attributes
+    known = replace(data.domain, attributes=FIRST)
+    before = source("cy101").load(known, find_folder("cy101", fetch("cy101")))
+    order = stream(seed, "later words").permutation(len(data.objects))
+    met = order[: WITH_LATER_WORDS[-1]]
+    tested = order[WITH_LATER_WORDS[-1] :]
+    learner = Learner(known, agent=agent_of(agent), seed=seed, refit_every=None, logs=None)
+    learner.fit(first_objects(before, met))
+    for word in words:
+        learner.add_attribute(word)
+    rows = []
+    told = 0
+    for n in WITH_LATER_WORDS:
+        start = time.process_time()
+        for o in met[told:n].tolist():
+            learner.tell(data.objects[o], dict(zip(words, map(bool, data.labels[o]), strict=True)))
+        told = n
+        learner.refit()
+        trials = []
+        for q in range(QUESTIONS):
+            o = int(tested[q % len(tested)])
+            p = q // len(tested) * 2 + q % 2  # each object has five of the words
+            truth = {words[p]: bool(data.labels[o, p])}
+            robot = replayed(before, o, truth, seed, "later", q)
+            trials.append(learner.ask(list(truth), robot, truth=truth, learn=False))
+        rows.append({"data": "cy101", "known": n, "seed": seed, **of_trials(trials, start)})
+    return rows
+
+
 def compare(before: Path, now: Path) -> list[Row]:
     """Compare two runs seed by seed."""
     first, second = (json.loads(path.read_text("utf-8")) for path in (before, now))
@@ -293,15 +358,18 @@ def compare(before: Path, now: Path) -> list[Row]:
     return rows
 
 
-_MEASURES = ("reward", "right", "s", "first 100", "first 300", "tests")
+_MEASURES = (
+    "reward", "right", "s", "first 100", "first 300", "tests",
+    "right labels", "wrong labels", "lost",
+)  # fmt: skip
 
 
 def main() -> None:
     """Measure, and print a table or JSON."""
     parser = options_of(__doc__)
-    parts = ("rates", "known", "nothing", "detector", "offline", "compare")
+    parts = ("rates", "known", "nothing", "detector", "offline", "words", "wrong_labels", "compare")
     parser.add_argument("part", choices=parts)
-    parser.add_argument("what", nargs="+", help="data sets, with commas; or two files")
+    parser.add_argument("what", nargs="*", help="data sets, with commas; or two files")
     parser.add_argument("--known", default=",".join(map(str, KNOWN)))
     parser.add_argument("--seeds", default="0-4", metavar="FIRST-END")
     parser.add_argument("--agent", default="bayes")
@@ -310,13 +378,16 @@ def main() -> None:
         rows = compare(*map(Path, options.what))
         show(rows, rows if options.json else None)
         return
-    names = options.what[0].split(",")
+    names = options.what[0].split(",") if options.what else []
     seeds = range(*map(int, options.seeds.split("-")))
     known = [int(n) for n in options.known.split(",")]
     if options.part == "rates":
         rows = [row for name in names for row in rates(name)]
-    elif options.part in ("nothing", "offline"):
-        measure = from_nothing if options.part == "nothing" else all_labels_known
+    elif options.part == "words":
+        rows = [row for seed in seeds for row in later_words(seed, options.agent)]
+    elif options.part in ("nothing", "offline", "wrong_labels"):
+        measures = {"nothing": from_nothing, "offline": all_labels_known}
+        measure = measures.get(options.part, wrong_labels)
         rows = [measure(name, seed, options.agent) for name in names for seed in seeds]
     else:
         after = known_objects if options.part == "known" else with_detector

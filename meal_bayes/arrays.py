@@ -400,6 +400,11 @@ class Rows:
         self._held[self._count : needed] = rows
         self._count = needed
 
+    def widen(self, columns: int, value: Any) -> None:
+        """Append columns to rows (n,W), each filled with a value."""
+        added = np.full((len(self._held), columns), value, self._held.dtype)
+        self._held = np.concatenate([self._held, added], axis=1)
+
     def append(self, row: Any) -> int:
         """Append a row, and return its number."""
         self.extend(np.asarray(row, self._held.dtype)[None])

@@ -24,7 +24,7 @@ note
 """
 
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any, cast
@@ -33,7 +33,7 @@ from meal_bayes.arrays import plain
 from meal_bayes.domain.diagram import TERMINAL, Effect, TransitionDiagram
 from meal_bayes.domain.domain import Behavior, Domain
 from meal_bayes.domain.event import Payoffs
-from meal_bayes.domain.words import unknown
+from meal_bayes.domain.words import fold, unknown
 from meal_bayes.errors import DomainError, QueryError, SettingsError
 from meal_bayes.files import checked_path, path_text
 from meal_bayes.untrusted import (
@@ -211,6 +211,41 @@ def domain_table(domain: Domain) -> dict[str, Any]:
         for effect in diagram["effects"]
     ]
     return table
+
+
+def with_attribute(domain: Domain, name: str, values: Sequence[str] = ()) -> Domain:
+    """Return a domain that has one more attribute, or one more group with its values.
+
+    Parameters
+    ----------
+    domain : Domain
+        Of the attributes so far, which keep their order; the new ones stand behind them.
+    name : str
+        Of the attribute, or of the group.
+    values : Sequence[str]
+        Attributes of the group, at least two; none for a single attribute.
+
+    Raises
+    ------
+    DomainError
+        A name that the domain has already, or that cannot be one.
+
+    Examples
+    --------
+    >>> with_attribute(load_domain("toy"), "size", ["small", "large"]).attributes
+    ('red', 'heavy', 'small', 'large')
+    """
+    if fault := name_fault(name):
+        raise DomainError(f"The name {name!a:.60} {fault}; rename it.")
+    if isinstance(values, str):
+        raise DomainError(f"The values of {name!r} are {values!r:.60}; give a list of names.")
+    if name in domain.groups or fold(name) in domain.words:
+        raise DomainError(f"The domain {domain.name!r} has {name!r} already; give another name.")
+    table = domain_table(domain)
+    table["attributes"] = [*table["attributes"], *(values or [name])]
+    if values:
+        table["groups"] = {**table["groups"], name: [*values]}
+    return domain_from_table(table)
 
 
 def _read(name: str | Path) -> dict[str, Any]:

@@ -184,6 +184,8 @@ class Experience:
 
     Attributes
     ----------
+    first_attributes : int
+        Attributes that the domain had at first; those behind them were added since.
     objects, trials : dict
         Names of objects and keys of trials, with their numbers.
     instances, executions, feedback : Rows
@@ -207,6 +209,7 @@ class Experience:
     def __init__(self, domain: Domain) -> None:
         p = len(domain.attributes)
         self.domain = domain
+        self.first_attributes = p
         self.objects: dict[str, int] = {}
         self.trials: dict[Key, int] = {}
         self.instances = Rows(INSTANCE)
@@ -252,6 +255,13 @@ class Experience:
         left = {*rows["object"][~withdrawn].tolist(), *labeled.tolist()}
         forgotten = {*rows["object"][withdrawn].tolist(), *self.feedback.values["object"].tolist()}
         return {name: o for name, o in self.objects.items() if o in left or o not in forgotten}
+
+    def add_attributes(self, domain: Domain) -> None:
+        """Go on with a domain that has more attributes, behind those so far; nothing is known."""
+        more = len(domain.attributes) - len(self.domain.attributes)
+        for rows in (self.levels, self.detected, self.labels, self.object_labels):
+            rows.widen(more, -1)
+        self.domain = domain
 
     def object_number(self, name: str) -> int:
         """Return the number of an object, a new one where it was not met before."""

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from meal_bayes.agents import Agent, Knowledge, as_agent
 from meal_bayes.agents.named import AGENTS
 from meal_bayes.datasets import Dataset, PerceptTable, load_percepts, object_index
-from meal_bayes.domain import Domain, Query, load_domain
+from meal_bayes.domain import Domain, Query, load_domain, with_attribute
 from meal_bayes.errors import LogError, QueryError, SettingsError
 from meal_bayes.files import LOGS, checked_path, file_name
 from meal_bayes.learner import views
@@ -605,9 +605,12 @@ class Learner:
             self._fits.update(rows, refit=True, anew=anew)
 
     def hear_change(self, change: Change, own: Agent) -> None:
-        """Learn all anew, or let another agent learn, as when a log says that it was done."""
+        """Learn all anew, or for another agent or attribute, as when a log says it was done."""
         with self._lock:
-            if change.refit:
+            if change.added:
+                if not {change.added, *change.values} & {*self.domain.attributes}:
+                    self.hear_attribute(change.added, change.values)
+            elif change.refit:
                 self.hear_refit()
             else:
                 if change.used and agent_digest(self.agent) == change.before:
@@ -823,7 +826,7 @@ class Learner:
         before = agent_digest(self.agent)
         used = self._fits.has(self.agent)
         under_way = self._steps_under_way()
-        return Change(agent.name, agent_digest(agent), before, used, refit, under_way)
+        return Change(agent.name, agent_digest(agent), before, used, refit, under_way=under_way)
 
     def _log_change(self, change: Change) -> None:
         """Log a change of what is learned from now on; without experience there is none."""
@@ -836,6 +839,64 @@ class Learner:
         trials = self.experience.trials
         recorded = np.bincount(self.experience.executions.values["trial"], minlength=len(trials))
         return {key: int(recorded[trials[key]]) for key in self._under_way}
+
+    def add_attribute(self, name: str, values: Sequence[str] = ()) -> Self:
+        """Add an attribute to the domain, or a group with its values; nothing is known of it.
+
+        What was sensed before counts: once labels are told of it, also of objects that were met
+        before, classifiers learn it from all recordings of these objects. All is learned anew now,
+        and whenever the labels of an added attribute have grown by `refit_every`. A trial in
+        progress keeps the attributes that it began with.
+
+        The domain of this learner and its saved files have the attribute from now on, and the logs
+        say that it was added, so that `recall` adds it, too. The file that the domain was read from
+        stays as it is.
+
+        Parameters
+        ----------
+        name : str
+            Of the attribute, or of the group.
+        values : Sequence[str]
+            Attributes of the group, of which every object has one; none for a single attribute.
+
+        Raises
+        ------
+        DomainError
+            A name that the domain has already, or that cannot be one.
+        SettingsError
+            A percept table or a posterior of one's own: neither can know another attribute.
+
+        Examples
+        --------
+        >>> from meal_bayes import Learner
+        >>> learner = Learner("toy", logs=None).add_attribute("warm")
+        >>> learner.add_attribute("size", ["small", "large"]).domain.attributes
+        ('red', 'heavy', 'warm', 'small', 'large')
+        """
+        with self._lock:
+            settings = self.settings
+            if self.table is not None or settings.drawn is not None:
+                raise SettingsError(
+                    f"A percept table knows nothing of {name!r:.60}; fit recordings "
+                    "(load_dataset), from which it can be learned."
+                )
+            if settings.posterior is not None:
+                raise SettingsError(
+                    f"The posterior that this learner was given knows nothing of {name!r:.60}; "
+                    "make a learner without posterior=, or one that has the attribute."
+                )
+            change = replace(self._change(self.agent), added=name, values=tuple(values))
+            self.hear_attribute(name, values)
+            self._log_change(change)
+        return self
+
+    def hear_attribute(self, name: str, values: Sequence[str]) -> None:
+        """Add an attribute, or a group, as `add_attribute` does; no log says so."""
+        with self._lock:
+            self.domain = with_attribute(self.domain, name, values)
+            self.experience.add_attributes(self.domain)
+            self._fits.clear()
+            self._fit_agents()
 
     def tell(self, trial: Trial | str, values: Mapping[str, bool | None]) -> None:
         """Learn from labels of a trial's object; the posterior is updated at once.
@@ -953,7 +1014,7 @@ class Learner:
         SettingsError
             A trial of other behaviors.
         """
-        check_domain(self.experience, trial)
+        check_domain(self.domain, trial)
         with self._lock:
             self._fit_agents()
             self.experience.trial_number(trial.task.key)

@@ -70,7 +70,7 @@ class Online:
     told_at_refit: float  # fraction of the labels beyond a first that people told
     percepts_at_refit: NDArray[np.float64]  # (P,E,2,2) of labeled objects, see `Progress`
     percepts: NDArray[np.float64]  # the same now
-    n_labels_at_refit: int  # of instances, whether the refit used them or not
+    n_labels_at_refit: NDArray[np.int64]  # (P,) of instances, whether the refit used them or not
     n_labels_pooled: int  # of objects, when it was learned how far base rates are pooled
     levels: Rows  # (n,P) percepts of all instances; -1 unknown
     counted_labels: Rows  # (n,P) labels that were counted since the refit; -1 none
@@ -119,7 +119,7 @@ class Online:
             told_at_refit=views.told_fraction(record),
             percepts=percepts,
             percepts_at_refit=percepts,
-            n_labels_at_refit=int((labels >= 0).sum()),
+            n_labels_at_refit=(labels >= 0).sum(axis=0),
             n_labels_pooled=int((record.object_labels.values >= 0).sum()),
             levels=Rows(np.int8, n_attributes),
             counted_labels=Rows(np.int8, n_attributes),
@@ -135,8 +135,14 @@ class Online:
         if ((used >= 0) & (labels[: len(used)] != used)).any():
             return True
         every = self.settings.refit_every
-        grown = int((labels >= 0).sum()) - self.n_labels_at_refit
-        return every is not None and grown >= max(every * self.n_labels_at_refit, 1)
+        if every is None:
+            return False
+        now = (labels >= 0).sum(axis=0)
+        # Of an attribute that was added, few labels stand beside many of the others.
+        added = slice(self.record.first_attributes, None)
+        numbers = np.append(now[added], now.sum())
+        at_refit = np.append(self.n_labels_at_refit[added], self.n_labels_at_refit.sum())
+        return bool((numbers - at_refit >= np.maximum(every * at_refit, 1)).any())
 
     def update(self, rows: NDArray[np.intp]) -> None:
         """Count instances (k,) with the labels that they have now, conjugately."""

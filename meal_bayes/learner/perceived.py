@@ -79,9 +79,9 @@ def levels_of(
         if len(values) == expected.get((instance.behavior, modality), len(values))
     }
     if fitted:
-        of_all = Query(domain.attributes)
+        of_all = Query(perception.domain.attributes)  # others may have been added since
         log_odds = perception.log_odds(replace(instance, features=fitted), of_all)
-        levels = classifier_levels(log_odds, n_levels)
+        levels[: len(log_odds)] = classifier_levels(log_odds, n_levels)
     detected = detected_levels(instance.percepts, domain, n_levels)
     return np.where(detected >= 0, detected, levels).astype(np.int8)
 

@@ -8,12 +8,14 @@ import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 
+from meal_bayes.domain import Domain, with_attribute
 from meal_bayes.files import lasting_path
 from meal_bayes.learner import views
 from meal_bayes.learner.experience import Experience
 from meal_bayes.learner.learner import Learner
 from meal_bayes.learner.recording import check_domain
 from meal_bayes.learner.told import tell_again
+from meal_bayes.look import listed
 from meal_bayes.seeds import Key
 from meal_bayes.trial_log import Change, Feedback, Logs
 from meal_bayes.trial_log.folder import begun_text, feedback_files, readable_feedback
@@ -36,6 +38,8 @@ def recall(learner: Learner, *logs: str | Path) -> list[Trial]:
     order in which it was told, whatever the order of the folders. What the learner has told or
     recalled before is not told again. A replay shows recordings of its object
     that the learner was given, if it was. What is damaged is named in a warning.
+
+    An attribute that was added to that learner (`Learner.add_attribute`) is added to this one.
 
     Parameters
     ----------
@@ -90,13 +94,29 @@ def recall(learner: Learner, *logs: str | Path) -> list[Trial]:
                 and (task.key not in experience.trials or views.unrecorded(experience, trial))
             ):
                 recalled.append(trial)
+    entries = files.told()
+    domain = _domain_with(experience, entries)
     for trial in recalled:  # all of them, before one is experience
-        check_domain(experience, trial)
+        check_domain(domain, trial)
     learner.note_state(recalled)
     learner.note_folders(places)
     for header in headers:
         learner.note_question(header)
-    entries = files.told()
+    told = [entry for _, entry in entries if isinstance(entry, Feedback)]
+    unknown = dict.fromkeys(
+        name for entry in told for name in entry.labels if name not in domain.attributes
+    )
+    if unknown:
+        warnings.warn(
+            f"Labels of {listed(list(map(repr, unknown)), 5)} in the logs are left out: the domain "
+            f"{domain.name!r} has no such attribute. Add it to a new learner (add_attribute) "
+            "before it recalls the logs.",
+            stacklevel=2,
+        )
+    in_time = all(map(begun_text, map(Path, names.values())))
+    if not in_time:  # a trial may come before what was added before it
+        for change in _additions(experience, entries):
+            learner.hear_change(change, learner.agent)
     waiting = list(recalled)
 
     def in_order() -> Iterator[tuple[str, Feedback]]:
@@ -123,7 +143,7 @@ def recall(learner: Learner, *logs: str | Path) -> list[Trial]:
         tell_again(experience, in_order(), None if learner.table else learner.hear_moved)
         for trial in waiting:
             learner.hear_trial(trial)
-    if not all(map(begun_text, map(Path, names.values()))):  # in what order is not known
+    if not in_time:  # in what order is not known
         learner.hear_refit()
     faults = [fault for fault in dict.fromkeys(files.problems) if fault not in files.unfinished]
     if faults:
@@ -133,7 +153,6 @@ def recall(learner: Learner, *logs: str | Path) -> list[Trial]:
             "damaged may have replaced others; tell them again.",
             stacklevel=2,
         )
-    told = (entry for _, entry in entries if isinstance(entry, Feedback))
     forgotten = {feedback.key for feedback in told if feedback.recordings}
     return [trial for trial in recalled if trial.task.key not in forgotten]
 
@@ -150,8 +169,28 @@ def _unheard_changes(
 ) -> list[Change]:
     """Return the changes of the agent that an experience has not heard of, in their order."""
     heard = experience.feedback_logs
+    changes = [entry for file, entry in entries if file not in heard and isinstance(entry, Change)]
+    return [entry for entry in changes if not (entry.refit or entry.added)]
+
+
+def _additions(
+    experience: Experience, entries: Sequence[tuple[str, Feedback | Change]]
+) -> list[Change]:
+    """Return what was added to the domain and an experience has not heard of, in its order."""
+    heard = experience.feedback_logs
     changes = (entry for file, entry in entries if file not in heard)
-    return [entry for entry in changes if isinstance(entry, Change) and not entry.refit]
+    return [entry for entry in changes if isinstance(entry, Change) and entry.added]
+
+
+def _domain_with(
+    experience: Experience, entries: Sequence[tuple[str, Feedback | Change]]
+) -> Domain:
+    """Return the domain with what was added by the logs."""
+    domain = experience.domain
+    for change in _additions(experience, entries):
+        if not {change.added, *change.values} & {*domain.attributes}:
+            domain = with_attribute(domain, change.added, change.values)
+    return domain
 
 
 def hear(learner: Learner, folder: Path, on_fault: Callable[[str], object]) -> int:

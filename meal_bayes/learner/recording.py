@@ -11,7 +11,7 @@ from meal_bayes.agents import Agent
 from meal_bayes.arrays import Levels
 from meal_bayes.datasets import Instance
 from meal_bayes.datasets.percepts import detected_levels
-from meal_bayes.domain import Query, unknown
+from meal_bayes.domain import Domain, Query, unknown
 from meal_bayes.errors import LogError, SettingsError
 from meal_bayes.learner.experience import NONE, Experience, Labels
 from meal_bayes.learner.fit import Fit, OnStep
@@ -60,7 +60,8 @@ class RecordingPerceiver:
         if spec.answer_accuracy is None:
             levels = fit.perceive(instance)
         else:
-            levels = fit.perception.observe(instance, Query(domain.attributes), rng)
+            known = Query(fit.perception.domain.attributes)
+            levels = fit.perception.observe(instance, known, rng)
         self._last = instance, levels
         if fit.settings.drawn is not None:  # of the learned tables, not those that came
             return fit.perceiver.observe(instance, query, rng)
@@ -81,17 +82,17 @@ class RecordingPerceiver:
             self._on_step(step)
 
 
-def check_domain(record: Experience, trial: Trial) -> None:
-    """Refuse a trial of other behaviors than a record's, or about attributes that it lacks."""
+def check_domain(domain: Domain, trial: Trial) -> None:
+    """Refuse a trial of other behaviors than a domain's, or about attributes that it lacks."""
     for name in trial.task.query.attributes:
-        if name not in record.domain.attributes:
-            says = unknown("attribute", name, record.domain.attributes)
+        if name not in domain.attributes:
+            says = unknown("attribute", name, domain.attributes)
             raise SettingsError(
                 f"The trial {trial.task.name!r} is of another domain. {says} Load the domain of "
-                "that trial."
+                "that trial, or add the attribute (add_attribute)."
             )
     theirs = trial.momdp.behavior_names
-    ours = record.domain.behavior_names
+    ours = domain.behavior_names
     if theirs != ours:
         raise SettingsError(
             f"The trial {trial.task.name!r} has the behaviors {', '.join(theirs)}; this learner's "
@@ -101,7 +102,7 @@ def check_domain(record: Experience, trial: Trial) -> None:
 
 def check_resumed(trial: Trial, record: Experience, agent: Agent) -> None:
     """Refuse a trial that cannot go on with a domain and an agent: its steps mean other things."""
-    check_domain(record, trial)
+    check_domain(record.domain, trial)
     end = "Load the learner that began it, or end it by give_up()."
     states = trial.momdp.x_names
     if tuple(states) != tuple(record.domain.diagram.states):
@@ -161,6 +162,9 @@ def record_step(
     if e >= momdp.n_behaviors:
         return
     instance, levels = perceived or (None, None)
+    if levels is not None:  # attributes may have been added since it was perceived
+        more = len(domain.attributes) - len(levels)
+        levels = np.pad(levels, (0, more), constant_values=-1)
     if instance is None and task.object_index >= 0:  # a replay, of which the log has percepts alone
         instance = Instance(task.object_index, domain.behaviors[e].name, NONE)
     percepts = None if instance is None else instance.percepts

@@ -413,6 +413,8 @@ def _check_state(state: State, experience: Experience, agent: Agent) -> None:
             raise ValueError(f"{name} are not all 0 or more")
     _check_shape("experience_at_refit", state["experience_at_refit"], (2, p, e))
     check_limits("experience_at_refit", state["experience_at_refit"], (0, _LARGE))
+    _check_shape("n_labels_at_refit", state["n_labels_at_refit"], (p,))
+    check_limits("n_labels_at_refit", state["n_labels_at_refit"], (0, _LARGE))
 
 
 def _check_knowledge(knowledge: Knowledge, p: int) -> None:
@@ -556,6 +558,7 @@ def write_learner(learner: SavedLearner, path: Path, *, overwrite: bool) -> str:
             "file": file,
             "parent": learner.file,
             "domain": domain_table(experience.domain),
+            "first_attributes": experience.first_attributes,
             "agent": learner.agent.name,
             "digest": agent_digest(learner.agent),
             "classifier": None if classifier is None else type(classifier).__name__,
@@ -608,6 +611,9 @@ def read_learner(path: Path, *, agent: object, classifier: object) -> SavedLearn
         settings = unpack(meta["settings"], read, domain)
         settings = LearnerSettings(**{**settings, "classifier": classifier})
         experience = read_experience(archive, domain)
+        first = int(meta["first_attributes"])
+        check_limits("first_attributes", np.array(first), (1, len(domain.attributes) + 1))
+        experience.first_attributes = first
         read_features(meta["features"], read, experience)
         if table is not None:
             check_data(table, domain)

@@ -100,7 +100,6 @@ def tell_again(
         Called after each telling with the instances (k,) whose labels moved, and whether recordings
         were forgotten.
     """
-    domain = experience.domain
     unheard = set[str]()  # objects of which something is told that was not heard yet
     for file, feedback in entries:
         key = feedback.key or key_of_name(feedback.object_name)
@@ -111,6 +110,7 @@ def tell_again(
         if feedback.object_name not in unheard:
             continue
         experience.feedback_logs[file] = None
+        domain = experience.domain  # attributes may be added on the way
         labels = experience.no_labels
         for name, label in feedback.labels.items():
             if name in domain.attributes:

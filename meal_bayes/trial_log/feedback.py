@@ -7,7 +7,7 @@ the same place.
 """
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 
 import numpy as np
 
@@ -102,7 +102,9 @@ class Feedback:
 
 @dataclass(frozen=True, slots=True)
 class Change:
-    """A change of a learner that no trial shows: all was learned anew, or another agent decides.
+    """A change of a learner that no trial shows.
+
+    All was learned anew, another agent decides, or its domain has one more attribute.
 
     Attributes
     ----------
@@ -114,6 +116,10 @@ class Change:
         Whether the learner had learned anything for the agent that decided until then.
     refit : bool
         Whether all was learned anew, by `Learner.refit`.
+    added : str
+        The attribute, or group, that was added to the domain; "" for none.
+    values : tuple[str, ...]
+        Of the group that was added.
     under_way : Mapping[Key, int]
         As of `Feedback`.
     """
@@ -123,36 +129,31 @@ class Change:
     before: str
     used: bool
     refit: bool
+    added: str = ""
+    values: tuple[str, ...] = ()
     under_way: Mapping[Key, int] = field(default_factory=dict)
 
     @property
     def text(self) -> str:
         """The change in words, such as "all was learned anew"."""
+        if self.added:
+            return f"{', '.join(self.values or [self.added])} added to what can be asked"
         if self.refit:
             return "all was learned anew"
         return f"the agent {self.agent} decides from then on"
 
     def packed(self) -> bytes:
         """Return the message."""
-        parts = _under_way_parts(self.under_way)
-        message = ChangeMessage(
-            self.agent, self.digest, self.before, used=self.used, refit=self.refit, under_way=parts
-        )
-        return encode(message)
+        values = {name.name: getattr(self, name.name) for name in fields(self)}
+        values["under_way"] = _under_way_parts(self.under_way)
+        return encode(ChangeMessage(**values))
 
     @classmethod
     def unpacked(cls, data: bytes) -> "Change":
         """Read a message."""
         message = decode(data, ChangeMessage)
-        under_way = _steps_under_way(message.under_way)
-        return cls(
-            message.agent,
-            message.digest,
-            message.before,
-            used=message.used,
-            refit=message.refit,
-            under_way=under_way,
-        )
+        values = {name.name: getattr(message, name.name) for name in fields(message)}
+        return cls(**{**values, "under_way": _steps_under_way(message.under_way)})
 
 
 def _under_way_parts(under_way: Mapping[Key, int]) -> tuple[UnderWayPart, ...]:

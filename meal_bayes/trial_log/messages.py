@@ -498,13 +498,15 @@ class FeedbackMessage:
 
 @dataclass(frozen=True, slots=True)
 class ChangeMessage:
-    """A change of a learner that no trial shows: all is learned anew, or another agent decides."""
+    """A change of a learner that no trial shows; the fields are those of `Change`."""
 
     agent: str  # name of the agent that decides from now on
     digest: str  # of that agent
     before: str  # digest of the agent that decided until then
     used: bool  # whether anything was learned for that one
     refit: bool
+    added: str = ""  # the attribute, or group, that was added
+    values: tuple[str, ...] = ()  # of the group
     under_way: tuple[UnderWayPart, ...] = ()
 
 
