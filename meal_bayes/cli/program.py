@@ -21,6 +21,7 @@ from meal_bayes.errors import DownloadError, MealBayesError, OutputError
 FAILED = 2  # errors that the user can fix: a value, a file of wrong content
 SYSTEM = 1  # errors of the system: a full disk, missing rights, a closed stream
 UNSOUND = 1  # what was checked is not as it should be: a log, files of a data set, a table
+ABSENT = 1  # a log does not hold the steps of the trial that was asked for
 UNREAD = 3  # `log recover` passed over bytes, and perhaps trials
 INTERRUPTED = 130  # Ctrl-C, or a closed pipe
 _FILES = "meal_bayes.files"  # whose log names the files that are replaced

@@ -240,7 +240,7 @@ def _print_summary(rows: "list[SummaryRow]", paired: "list[dict[str, object]]") 
     click.Choice(["compact", "full"]),
     "compact",
     None,
-    "Form of the logs of test trials; a compact one keeps outcomes, no steps.",
+    "Form of the logs of tests; a compact one keeps the steps of eleven tests a batch.",
 )
 @opt.shared("logs", "fresh", "json")
 def online(

@@ -9,6 +9,7 @@ import click
 from meal_bayes.cli.console import note, progress, say
 from meal_bayes.cli.log import numbered
 from meal_bayes.cli.options import FILE, LARGEST_COUNT, option
+from meal_bayes.cli.program import ABSENT
 from meal_bayes.files import check_output, draft_of, write_whole
 
 if TYPE_CHECKING:
@@ -53,9 +54,10 @@ def view(
 ) -> None:
     """Show a trial of LOG, a file or a run's folder, in the rerun viewer, step by step.
 
-    The window has a tab for the trial and one for the whole run; a compact log,
-    which holds no steps, shows the run. The viewer runs on this machine, is reachable from nowhere
-    else, and is started with its telemetry off; in the page of --web, rerun's own, it is on.
+    The window has a tab for the trial and one for the whole run. Of a trial without steps, as most
+    are in a compact log, only the run is shown; --trial then exits with 1. The viewer runs on this
+    machine, is reachable from nowhere else, and is started with its telemetry off; in the page of
+    --web, rerun's own, it is on.
     """
     if sum((save is not None, screenshot is not None, web)) > 1:
         raise click.UsageError("Give one of --save, --screenshot and --web.")
@@ -66,7 +68,7 @@ def view(
     if screenshot is not None and screenshot.suffix.lower() != ".png":
         raise click.UsageError(f"--screenshot {screenshot}: give a name that ends in .png.")
     from meal_bayes import viewer
-    from meal_bayes.errors import LogError, OutputError
+    from meal_bayes.errors import OutputError
     from meal_bayes.trial_log import Logs
     from meal_bayes.viewer.window import check_recording_name
 
@@ -83,10 +85,11 @@ def view(
         group, row = numbered(log, number or 0)
         last = max(len(group.trials[row].steps) - 1, 0) if group.trials else 0
         if named is not None and not group.trials:
-            raise LogError(
-                f"{group.file} is a compact log, which holds no steps of trial {named}; leave out "
-                "--trial to see the run."
+            note(
+                f"{group.file} is a compact log and holds no steps of trial {named}; leave out "
+                "--trial to see the run"
             )
+            click.get_current_context().exit(ABSENT)
     if save is not None and logs is not None:
         if number is None:
             warn_of_size(logs)

@@ -161,7 +161,8 @@ class OnlineConfig:
     horizon : int
         Queries to come, for which exploring is valued.
     log : str
-        "compact", logs of test trials hold outcomes only; or "full".
+        "full"; or "compact", logs of tests hold outcomes, and steps only of the worst test of a
+        batch and of ten drawn ones, the same for all agents.
     key : str
         As of `OfflineConfig`.
 

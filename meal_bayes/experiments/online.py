@@ -5,7 +5,7 @@
 
 import dataclasses
 import itertools
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from pathlib import Path
@@ -18,7 +18,7 @@ from meal_bayes.datasets import Dataset, PerceptTable, load_dataset, load_percep
 from meal_bayes.datasets.sources import SOURCES
 from meal_bayes.domain import Domain, Query
 from meal_bayes.errors import SettingsError
-from meal_bayes.evaluation.logged import TEST, TRAINING
+from meal_bayes.evaluation.logged import TEST, TRAINING, worst_first
 from meal_bayes.experiments.config import OnlineConfig
 from meal_bayes.experiments.store import agent_folder, is_finished, run_folder
 from meal_bayes.experiments.units import Planned, run_units, timed, warm_up
@@ -29,12 +29,14 @@ from meal_bayes.perception.table_source import fingerprint
 from meal_bayes.robots import OutcomeChecker
 from meal_bayes.robots.recorded import Order, RecordedRobot, replayable
 from meal_bayes.seeds import stream
-from meal_bayes.trial_log import TrialWriter, log_info, read_outcomes, read_trials, write_trials
+from meal_bayes.trial_log import TrialWriter, log_info, read_outcomes, read_trials
+from meal_bayes.trial_log.file import COMPACT
 from meal_bayes.trials import BatchOutcomes, Task, Trial, TrialOutcomes
 from meal_bayes.trials.outcomes import HOUR
 
 ASKED = 10  # attributes of an online run
 _TESTS = 340  # test trials a batch, at most
+_DRAWN = 10  # of them, whose steps are logged in a compact log beside those of the worst
 _POSITIVES = 3  # of every attribute in every part, where a split has them
 _TRIES = 10_000  # splits drawn for them
 
@@ -432,13 +434,34 @@ class _AgentRepeat:
         if pretrained is not None:
             header["pretrained"] = pretrained
         if part == TEST and self.config.log == "compact":
-            logged, seconds = zip(*trials, strict=True)
-            outcomes = [TrialOutcomes.of(logged)]
-            write_trials(path, outcomes, header=header, seconds=seconds, overwrite=True)
+            rng = stream(self.config.seed, "tests with steps", self.repeat, batch)
+            _write_compact(path, header, *zip(*trials, strict=True), rng)
             return
         with TrialWriter(path, header, overwrite=True) as log:
             for trial, seconds_of_trial in trials:
                 log.write(trial, seconds=seconds_of_trial)
+
+
+def _write_compact(
+    path: Path,
+    header: Mapping[str, object],
+    trials: Sequence[Trial],
+    seconds: Sequence[float],
+    rng: np.random.Generator,
+) -> None:
+    """Write the outcomes of tests, and the steps of the worst trial and of ten drawn ones.
+
+    All agents have the same ten drawn.
+    """
+    outcomes = TrialOutcomes.of(trials)
+    drawn = rng.permutation(len(trials))[:_DRAWN]
+    begin = 0
+    with TrialWriter(path, header, COMPACT, overwrite=True) as log:
+        for row in sorted({*drawn.tolist(), *worst_first(outcomes)[:1].tolist()}):
+            log.write_outcomes(outcomes.rows(slice(begin, row)), iter(seconds[begin:row]))
+            log.write(trials[row], seconds=seconds[row])
+            begin = row + 1
+        log.write_outcomes(outcomes.rows(slice(begin, None)), iter(seconds[begin:]))
 
 
 def plan_online(config: OnlineConfig, *, logs: str | Path = LOGS, fresh: bool = False) -> Planned:

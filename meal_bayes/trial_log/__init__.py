@@ -2,7 +2,7 @@
 
 In: `Trial`s and a header that describes the run. Out: one file a unit of work, equal for equal
 trials, readable by any MCAP tool; and from the file the equal `Trial`s, every byte checked. Where
-there are millions of trials, a compact log holds their outcomes alone, as columns.
+there are millions of trials, a compact log holds their outcomes as columns, and steps of some.
 """
 
 from meal_bayes.trial_log.feedback import Change, Feedback

@@ -92,7 +92,7 @@ from meal_bayes.untrusted import FREE_BYTES, UNPACKING, open_regular, read_json
 from meal_bayes.version import package_version
 
 FULL = "full"  # the form of a log that holds whole trials
-COMPACT = "compact"  # ... that holds their outcomes alone
+COMPACT = "compact"  # ... that holds their outcomes, and of some of them the whole trial
 FEEDBACK_FORM = "feedback"  # ... that holds what a person told of a trial when that was over
 PROFILES = {  # in the MCAP header
     FULL: "meal_bayes", COMPACT: "meal_bayes/outcomes", FEEDBACK_FORM: "meal_bayes/feedback",
@@ -100,7 +100,7 @@ PROFILES = {  # in the MCAP header
 _FORMS = {profile: form for form, profile in PROFILES.items()}
 TOPICS = {  # of a form, in the order of their channels' ids
     FULL: (RUN, MOMDPS, TRIAL, STEP, OUTCOME, LINES),
-    COMPACT: (RUN, OUTCOMES),
+    COMPACT: (RUN, OUTCOMES, MOMDPS, TRIAL, STEP, OUTCOME, LINES),
     FEEDBACK_FORM: (RUN, FEEDBACK, CHANGE),
 }
 _SCHEMAS = {  # names of the messages of topics
@@ -430,7 +430,10 @@ class TrialWriter:
         self._count(trial, seconds)
 
     def write_outcomes(self, outcomes: TrialOutcomes, seconds: Iterator[float]) -> None:
-        """Append outcomes to a compact log, and the wall-clock seconds of each trial."""
+        """Append outcomes to a compact log, and the wall-clock seconds of each trial.
+
+        `write` appends a trial with its steps, in its turn.
+        """
         for begin in range(0, len(outcomes), ROWS):
             rows = outcomes.rows(slice(begin, begin + ROWS))
             number = self.written.trials
@@ -909,16 +912,19 @@ def read_outcomes(path: str | Path) -> TrialOutcomes:
 def grouped(
     scan: "Scan", *, unfinished: bool = False
 ) -> Iterator[tuple[TrialOutcomes, tuple[Trial, ...]]]:
-    """Yield trials in groups: their outcomes, and of a full log the trials; see `Scan.entries`."""
+    """Yield trials in groups in their order: their outcomes, and the trials that have steps.
+
+    The tuple of trials is as long as the outcomes, or empty; see `Scan.entries`.
+    """
     waiting = list[Trial]()
     for entry in scan.entries(unfinished=unfinished):
-        if isinstance(entry, TrialOutcomes):
-            yield entry, ()
-            continue
-        waiting.append(entry)
-        if len(waiting) == _GROUP:
+        if isinstance(entry, Trial):
+            waiting.append(entry)
+        if waiting and (len(waiting) == _GROUP or not isinstance(entry, Trial)):
             yield TrialOutcomes.of(waiting), tuple(waiting)
             waiting = []
+        if not isinstance(entry, Trial):
+            yield entry, ()
     if waiting:
         yield TrialOutcomes.of(waiting), tuple(waiting)
 

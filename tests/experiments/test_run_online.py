@@ -8,12 +8,13 @@ import pytest
 
 from meal_bayes.datasets import load_dataset
 from meal_bayes.errors import SettingsError
+from meal_bayes.evaluation.logged import worst_first
 from meal_bayes.experiments import OnlineConfig, run_online
 from meal_bayes.experiments.online import Environment, Protocol, Recordings
 from meal_bayes.learner import Learner, LearnerSettings
 from meal_bayes.robots.recorded import RecordedRobot
 from meal_bayes.seeds import stream
-from meal_bayes.trial_log import read_header, read_outcomes, read_trials
+from meal_bayes.trial_log import Logs, read_header, read_outcomes, read_trials
 from meal_bayes.trials import TrialOutcomes
 
 AGENTS = ("iterative_random_legal", "bayes_memory")
@@ -196,6 +197,28 @@ def test_compact_logs_hold_the_same_outcomes_and_go_on_to_the_same_end(
     (run.folder / AGENTS[1] / "repeat-000" / "01-test.mcap").unlink()
     run_online(compact, logs=tmp_path)
     assert contents(run.folder) == before
+
+
+def test_the_worst_test_of_a_batch_and_ten_drawn_ones_have_steps(config, finished, tmp_path):
+    shown = {}
+    run = run_online(replace(config, repeats=1, log="compact"), logs=tmp_path)
+    for path in run.folder.rglob("*-test.mcap"):
+        full = list(read_trials(finished.folder / path.relative_to(run.folder)))
+        groups = list(Logs(path).groups())
+        numbered = {n: trial for group in groups for n, trial in
+                    zip(group.numbers, group.trials, strict=False)}  # fmt: skip
+        assert sum(len(group.outcomes) for group in groups) == len(full) > len(numbered)
+        for number, trial in numbered.items():
+            assert trial.task == full[number].task
+            assert [s.decision.action for s in trial.steps] == [
+                s.decision.action for s in full[number].steps
+            ]
+        worst = int(worst_first(TrialOutcomes.of(full))[0])
+        assert numbered[worst].reward == min(trial.reward for trial in full)
+        shown.setdefault(path.name, []).append(set(numbered))
+    for of_agents in shown.values():
+        assert all(10 <= len(numbers) <= 11 for numbers in of_agents)
+        assert len(set.intersection(*of_agents)) >= 10
 
 
 @pytest.mark.long
