@@ -194,7 +194,8 @@ def mcap_core() -> list[str]:
 def vulkan() -> None:
     """Ask for a Vulkan driver, by which the viewer draws; one in software will do."""
     folders = (Path("/usr/share/vulkan/icd.d"), Path("/etc/vulkan/icd.d"))
-    if not any(path for folder in folders for path in folder.glob("*.json")):
+    named = os.environ.get("VK_DRIVER_FILES")  # where the loader looks first
+    if not named and not any(path for folder in folders for path in folder.glob("*.json")):
         missing(
             "no Vulkan driver: apt-get install --no-install-recommends mesa-vulkan-drivers",
             required=view_required(),

@@ -148,7 +148,7 @@ class _Scale(NamedTuple):
         self, text: str, size: float, left: float, bottom: float, *, bold: bool = False
     ) -> _Box:
         """Return the rectangle of a line of text whose lower left corner is given."""
-        right = left + _width(text, size, bold=bold) * self.across
+        right = left + text_width(text, size, bold=bold) * self.across
         return _Box(left, bottom, right, bottom + size * _LINE * self.up)
 
 
@@ -225,7 +225,7 @@ def _look_of(*, dark: bool, narrow: bool) -> _Look:
 
 
 @lru_cache(maxsize=4096)
-def _width(text: str, size: float, *, bold: bool = False) -> float:
+def text_width(text: str, size: float, *, bold: bool = False) -> float:
     """Return the width of one line of text, points, as far as a screen may round it up."""
     font = FontProperties(family="sans-serif", size=size, weight="bold" if bold else "normal")
     width, _, _ = TextToPath().get_text_width_height_descent(text, font, ismath=False)
@@ -239,7 +239,7 @@ def _wrapped(text: str, room: float, size: float, *, bold: bool = False) -> list
     """
     lines = [""]
     for piece in re.findall(r"\s+|[^\s_\-/]+[_\-/]*|[_\-/]+", text):
-        if _width(lines[-1] + piece.rstrip(), size, bold=bold) <= room:
+        if text_width(lines[-1] + piece.rstrip(), size, bold=bold) <= room:
             lines[-1] += piece
         elif piece.isspace():
             lines.append("")
@@ -247,7 +247,7 @@ def _wrapped(text: str, room: float, size: float, *, bold: bool = False) -> list
             if lines[-1]:
                 lines.append("")
             for letter in piece:  # a name without a place to break may be wider than the room
-                if lines[-1] and _width(lines[-1] + letter, size, bold=bold) > room:
+                if lines[-1] and text_width(lines[-1] + letter, size, bold=bold) > room:
                     lines.append("")
                 lines[-1] += letter
     return [line.strip() for line in lines if line.strip()]
@@ -360,11 +360,11 @@ def _margins(
     """Return the widths left and right of the axis of seconds, points."""
     rows = [[row for q in questions for row in q.labels(look, end)] for end in (0, -1)]
     left, right = (
-        max(_width(text, look.font, bold=bold) for text, _, bold in side) for side in rows
+        max(text_width(text, look.font, bold=bold) for text, _, bold in side) for side in rows
     )
     stops = [f"{_number(parts)}: stop" for parts in _stops(trial)]
     behind = [*end_word(trial).split(), *stops]
-    right = max(right, *(_width(text, look.font, bold=True) for text in behind))
+    right = max(right, *(text_width(text, look.font, bold=True) for text in behind))
     return left + 3 * _PAD, right + 4 * _PAD
 
 
@@ -432,13 +432,13 @@ def _fitted(name: str, room: float, look: _Look) -> _Fitted | None:
     letters if it has to.
     """
     words = [word for word in re.split(r"[_\s]+", name) if word] or [name]
-    wide = max(_width(word, look.font) for word in words)
+    wide = max(text_width(word, look.font) for word in words)
     if wide + _PAD <= room:
         return _Fitted("\n".join(words), 0, look.font, look.line * len(words))
     for lines in (words, [name]):
         size = min(look.font, (room - 1) / (_LINE * len(lines)))
         if size >= _SMALLEST * look.font:
-            wide = max(_width(line, size) for line in lines)
+            wide = max(text_width(line, size) for line in lines)
             return _Fitted("\n".join(lines), 90, size, wide + _PAD)
     return None
 
@@ -567,7 +567,7 @@ def _write_percepts(
         if not word or moves[largest] <= _BENDS:
             continue
         line = question.lines[largest]
-        wide = _width(word, look.font) * scale.across
+        wide = text_width(word, look.font) * scale.across
         high = look.line * scale.up
         target = line.values[number + 1]
         # Over its own block, then behind it; near the new belief, then wherever there is room.
@@ -704,7 +704,7 @@ def _write_number(
 ) -> None:
     """Write a number over its bar, or higher where another stands; omit it without room."""
     middle, bottom = point
-    wide = _width(number, look.font) * scale.across
+    wide = text_width(number, look.font) * scale.across
     end = ax.get_xlim()[1]
     left = min(max(middle - wide / 2, 0.0), max(end - wide, 0.0))
     high = look.line * scale.up

@@ -1,13 +1,15 @@
-"""The layout: one tab for the trial at the time cursor, one for the whole run."""
+"""The layout: a tab for the trial at the time cursor, for its confusion matrices, for the run."""
 
 import rerun as rr
 import rerun.blueprint as rrb
 
 from meal_bayes.look import ERROR_TEXT
 from meal_bayes.viewer import run_view, scene
+from meal_bayes.viewer.drawings import MATRICES
 
-_CROWD = 9  # attributes, of more a legend would hide its plot
+_CROWD = 4  # attributes, of more a legend would hide its plot
 _AROUND = 8  # rows shown before and behind the cursor
+_LANES = "action, state, percepts"
 _NO_LEGEND = rrb.PlotLegend(visible=False)
 
 
@@ -19,7 +21,9 @@ def blueprint(*, single: bool, attributes: int, live: bool, robot: bool) -> rrb.
     unless these are many; `live`, the newest row is followed.
     """
     crowded = attributes > _CROWD
-    trial = [_trial(single=single, crowded=crowded, robot=robot)] if attributes else []
+    trial = list[rrb.Container | rrb.View]()
+    if attributes:
+        trial = [_trial(single=single, crowded=crowded, robot=robot), _matrices()]
     return rrb.Blueprint(
         rrb.Tabs(*trial, _run(), active_tab=0),
         rrb.TopPanel(state="collapsed"),
@@ -43,23 +47,20 @@ def _trial(*, single: bool, crowded: bool, robot: bool) -> rrb.Horizontal:
     text = rrb.Vertical(
         rrb.TextDocumentView(origin=scene.NARRATION, name="question and answer"),
         rrb.TextDocumentView(origin=scene.DECISION, name="why this action"),
+        row_shares=[3, 2],
     )
-    belief = rrb.Vertical(
-        rrb.Spatial2DView(origin=scene.BARS, name="belief now (orange: before the step)"),
-        rrb.TimeSeriesView(
-            origin=scene.BELIEF,
-            name="belief over steps",
-            axis_x=over,
-            axis_y=rrb.ScalarAxis(range=(-0.02, 1.02), zoom_lock=False),
-            plot_legend=rrb.PlotLegend(rrb.Corner2D.LeftTop, visible=not crowded),
-        ),
-        row_shares=[2, 3],
+    belief = rrb.TimeSeriesView(
+        origin=scene.BELIEF,
+        name="belief over steps",
+        axis_x=over,
+        axis_y=rrb.ScalarAxis(range=(-0.02, 1.02), zoom_lock=False),
+        plot_legend=rrb.PlotLegend(rrb.Corner2D.LeftTop, visible=not crowded),
     )
     values = rrb.TimeSeriesView(
         origin=scene.VALUES,
-        name="what going on is worth over answering now: below 0 it stops",
+        name="value of going on less answering now",
         axis_x=over,
-        plot_legend=rrb.PlotLegend(rrb.Corner2D.RightTop),  # a trial ends below, on the right
+        plot_legend=rrb.PlotLegend(rrb.Corner2D.LeftBottom),  # a trial begins above, on the left
         interaction=rrb.PlotInteraction(points_display="Always"),
     )
     small = rrb.Vertical(
@@ -73,14 +74,19 @@ def _trial(*, single: bool, crowded: bool, robot: bool) -> rrb.Horizontal:
         rrb.GraphView(origin=scene.DIAGRAM, name="where the robot is, what it just did"),
         rrb.GraphView(origin=scene.TREE, name="search tree: action, percepts → next action"),
     )
-    lower = rrb.Horizontal(
-        rrb.StateTimelineView(origin=scene.LANES, name="action, state, percepts", time_view=over),
-        rrb.Spatial2DView(origin=scene.CONFUSION, name="confusion matrices of this behavior"),
-    )
-    of_trial = rrb.Vertical(upper, graphs, lower, row_shares=[4, 3, 3])
+    lanes = rrb.StateTimelineView(origin=scene.LANES, name=_LANES, time_view=over)
+    of_trial = rrb.Vertical(upper, graphs, lanes, row_shares=[4, 3, 3])
     if robot:
-        return rrb.Horizontal(text, _robot(), of_trial, column_shares=[2, 3, 5], name="the trial")
-    return rrb.Horizontal(text, of_trial, column_shares=[1, 4], name="the trial")
+        return rrb.Horizontal(text, _robot(), of_trial, column_shares=[3, 3, 6], name="the trial")
+    return rrb.Horizontal(text, of_trial, column_shares=[3, 7], name="the trial")
+
+
+def _matrices() -> rrb.Spatial2DView:
+    left, top, right, bottom = MATRICES
+    bounds = rrb.VisualBounds2D(x_range=[left, right], y_range=[top, bottom])
+    return rrb.Spatial2DView(
+        origin=scene.CONFUSION, name="what this behavior tells", visual_bounds=bounds
+    )
 
 
 def _robot() -> rrb.Vertical:

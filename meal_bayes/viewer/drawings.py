@@ -1,4 +1,4 @@
-"""What is drawn of a frame: diagram and search tree as graphs, beliefs and matrices as pictures.
+"""What is drawn of a frame: diagram and search tree as graphs, confusion matrices as pictures.
 
 Boxes of graphs have positions of our own.
 """
@@ -12,10 +12,11 @@ from scipy.sparse.csgraph import shortest_path
 
 from meal_bayes.canvas import colormaps
 from meal_bayes.domain.words import denied
-from meal_bayes.look import AMOUNT, best_options, level_names, percent
+from meal_bayes.look import AMOUNT, best_options, level_names
 from meal_bayes.momdp import MOMDP
 from meal_bayes.planners import Decision
 from meal_bayes.trials import percept_labels
+from meal_bayes.trials.picture import text_width
 from meal_bayes.trials.text import end_word
 from meal_bayes.viewer.labels import action_label, option_label, plain_text
 from meal_bayes.viewer.palette import DIM, GRAY, GREEN, ORANGE, SKY, TEXT, WHITE, Color
@@ -28,16 +29,17 @@ _LINE = 13.5
 _FRAME = 14.0
 _COLUMN_GAP = 30.0  # between boxes
 _ROW_GAP = 8.0
-_SHOWN = 8  # attributes
-_BAR = 50  # pixels: length of a bar, from bar to bar, of one bar
-_LANE = 10
-_THICK = 6
-_BLOCK_WIDE = 16  # pixels of the matrices; labels are as large as ever
-_CELL_HIGH = 4
-_GAP = 2
-_MIDDLE = 0.2  # where in a row its label is put: labels hang below their point
+_SHOWN = 12  # attributes
+UNIT = 5.0  # pixels of the window, when it is 1280 x 720, a unit of the matrices
+_FONT = 12.5  # pixels: size of a letter of a label, what its box is wider than the text
+_PADDING = 7.0
+_GAP = 4  # units: between blocks, from line to line of titles, below the matrices
+_TITLE = 4.4
+_FOOT = 9
+_HANG = 1.4  # labels hang so far below their point
+_WIDEST_CELL = 14
+_HIGHEST_CELL = 10
 _BRIGHTEST = 0.6  # of the color scale: white numbers must be legible, in a light theme too
-_BACK = (128, 128, 128, 60)  # behind a bar
 _SD_FULL = 0.5  # the sd that has the brightest color; no row's can be larger
 _ENDED = {"answers": "answered", "abstains": "abstained"}  # what a trial that is over did
 
@@ -57,6 +59,18 @@ class Graph(NamedTuple):
 
     nodes: Sequence[Label]
     edges: Sequence[tuple[str, str]]
+
+
+class Area(NamedTuple):
+    """Borders of what a view shows, units of its picture, whose left top corner is (0, 0)."""
+
+    left: int
+    top: int
+    right: int
+    bottom: int
+
+
+MATRICES = Area(-42, -10, 208, 110)
 
 
 class Picture(NamedTuple):
@@ -217,29 +231,27 @@ def _stacked(boxes: Sequence[Label]) -> list[Label]:
     return nodes
 
 
-def belief_bars(frame: TrialFrame) -> Picture:
-    """Draw Pr(attribute is true) as bars from 0 to 100 %; a line marks it before the step."""
-    names = frame.trial.task.query.value_names[:_SHOWN]
-    pixels = np.zeros((len(names) * _LANE, _BAR, 4), np.uint8)
-    labels = []
-    for i, name in enumerate(names):
-        now = float(frame.belief.positive[i])
-        before = float(frame.before[i])
-        top = i * _LANE + (_LANE - _THICK) // 2
-        color = GREEN if now > 0.5 else SKY
-        share = np.clip(now * _BAR - np.arange(_BAR), 0, 1)[:, None]  # of a pixel that is full
-        lane = share * np.array(color) + (1 - share) * np.array(_BACK)
-        lane[_BAR // 2] = GRAY
-        lane[min(int(before * _BAR), _BAR - 1)] = ORANGE
-        pixels[top : top + _THICK] = lane
-        middle = (i + _MIDDLE + 0.1) * _LANE
-        labels.append(Label(plain_text(name), TEXT, -12, middle))
-        labels.append(Label(percent(now), color, _BAR + 9, middle))
-    return Picture(pixels, labels)
+def matrices(
+    momdp: MOMDP,
+    counts: NDArray[np.float64] | None,
+    action: int,
+    sampled: NDArray[np.float64] | None = None,
+) -> Picture:
+    """Draw the confusion rows of a behavior: mean, sd, those of the counts, and sampled ones.
 
+    The picture fits into `MATRICES` (units of `UNIT` pixels in a window of 1280 x 720): cells are
+    as large as the numbers of attributes and levels allow, and labels that are too long are cut.
 
-def matrices(momdp: MOMDP, counts: NDArray[np.float64] | None, action: int) -> Picture:
-    """Draw mean, sd and the paper's point estimate of a behavior's rows, and of its counts."""
+    Parameters
+    ----------
+    counts : NDArray[np.float64] | None, shape (N,A,2,K)
+        Percepts that were counted, of which the paper makes its point estimate.
+    action : int
+        The behavior.
+    sampled : NDArray[np.float64] | None, shape (M,N,K)
+        The object's rows in sampled MOMDPs. Their numbers are the smallest and the largest
+        probability of a level.
+    """
     n = min(len(momdp.query), _SHOWN)
     k = momdp.levels
     # A new object's latent class is drawn by Pr(class given truth), its row Dirichlet about the
@@ -250,67 +262,86 @@ def matrices(momdp: MOMDP, counts: NDArray[np.float64] | None, action: int) -> P
     precision = momdp.precision[:, None, action, :, None]
     square = (prob * (rows**2 + rows * (1 - rows) / (1 + precision))).sum(axis=2)
     sd = np.sqrt(np.maximum(square - mean**2, 0.0))
-    blocks = [(f"{plain_text(momdp.behavior_names[action])}: mean", mean, 1.0)]
-    blocks.append(("sd (exact)" if not sd.any() else "sd", sd, _SD_FULL))
+    blocks = [_Block("mean", mean[:n]), _Block("sd (exact)" if not sd.any() else "sd", sd[:n])]
     if counts is not None:  # fractions of counted percepts; nan of none
         total = counts[:, action].sum(axis=-1, keepdims=True)
         point = np.where(total > 0, counts[:, action] / np.maximum(total, 1), np.nan)
-        blocks.append(("paper: counts only", point, 1.0))
-    labels = [
-        Label(plain_text(said), TEXT, -5.0, (2 * i + t + _MIDDLE) * _CELL_HIGH)
+        blocks.append(_Block("paper: counts only", point[:n]))
+    if sampled is not None:
+        ends = np.stack([sampled.min(axis=0), sampled.max(axis=0)], axis=1)  # (N,2,K)
+        blocks.append(_Block(f"{len(sampled)} sampled MOMDPs", ends[:n], sampled[:, :n]))
+    # There is always room for the sampled ones, so that the picture does not move.
+    wide = (MATRICES.right - len(blocks) * _GAP) // (max(len(blocks), 4) * k)
+    wide = min(max(wide, 1), _WIDEST_CELL)
+    high = min(max((MATRICES.bottom - _FOOT) // (2 * n), 1), _HIGHEST_CELL)
+    names = [  # behind the picture's left edge
+        Label(_shortened(plain_text(said), -MATRICES.left), TEXT, y=(2 * i + t + 0.5) * high)
         for i, name in enumerate(momdp.query.attributes[:n])
         for t, said in enumerate((denied(name), name))
     ]
+    labels = [label._replace(x=-_units(label.label) / 2, y=label.y - _HANG) for label in names]
     parts = list[NDArray[np.uint8]]()
-    gap = ((0, 0), (0, _GAP), (0, 0))
-    for title, values, full in blocks:
-        left = sum(part.shape[1] for part in parts)
-        numbers = values[:n].reshape(2 * n, k)
-        block = _block(title, numbers, (numbers / full).repeat(_CELL_HIGH, 0), left)
-        parts.append(np.pad(block.pixels, gap))
-        labels += block.labels
+    left = 0
+    for block in blocks:
+        parts.append(_cells(block, wide, high))
+        labels += _block_labels(block, left, wide, high)
+        left += parts[-1].shape[1]
+    title = f"{plain_text(momdp.behavior_names[action])}: Pr(percept given truth)"
+    title = _shortened(title, MATRICES.right)
+    labels.append(Label(title, TEXT, _units(title) / 2, MATRICES.top))
     return Picture(np.concatenate(parts, axis=1), labels)
 
 
-def with_samples(picture: Picture, sampled: NDArray[np.float64] | None, levels: int) -> Picture:
-    """Return matrices, and beside them, as lanes, the object's rows (M,N,K) in sampled MOMDPs.
+class _Block(NamedTuple):
+    """Numbers (N,2,K) by truth and level; of `sampled` rows (M,N,K) the smallest and largest."""
 
-    The numbers are the smallest and the largest probability of a level.
-    """
-    pixels, labels = picture
-    if sampled is None:  # as wide as the others, so that the view does not move
-        return Picture(np.pad(pixels, ((0, 0), (0, levels * _cell_width(levels)), (0, 0))), labels)
-    rows = sampled[:, :_SHOWN]
-    m, n, k = rows.shape
-    tall = 2 * _CELL_HIGH  # of an attribute, as its two rows beside it
-    lanes = np.sort(rows, axis=0)[np.arange(tall) * m // tall].swapaxes(0, 1)  # (N,tall,K)
-    ends = np.stack([rows.min(axis=0), rows.max(axis=0)], axis=1)  # (N,2,K)
-    title = f"{m} sampled MOMDPs"
-    left = pixels.shape[1]
-    band = _block(title, ends.reshape(2 * n, k), lanes.reshape(n * tall, k), left)
-    return Picture(np.concatenate([pixels, band.pixels], axis=1), (*labels, *band.labels))
+    title: str
+    numbers: NDArray[np.float64]
+    sampled: NDArray[np.float64] | None = None
 
 
-def _block(
-    title: str, numbers: NDArray[np.float64], colors: NDArray[np.float64], left: int
-) -> Picture:
-    """Draw a block of numbers (R,K) on colors (R * 4,K) from 0 to 1, which begins at `left`."""
-    k = numbers.shape[1]
-    width = _cell_width(k)
-    pixels = colormaps["viridis"](_BRIGHTEST * np.nan_to_num(colors), bytes=True).repeat(width, 1)
-    labels = [Label(title, TEXT, left + k * width / 2, -1.3 * _CELL_HIGH)]
-    for (row, z), value in np.ndenumerate(numbers):
+def _cells(block: _Block, wide: int, high: int) -> NDArray[np.uint8]:
+    """Return the colors of a block with a gap on its right, (2N * high, K * wide + gap, 4)."""
+    n, _, k = block.numbers.shape
+    full = _SD_FULL if block.title.startswith("sd") else 1.0
+    colors = (block.numbers / full).reshape(2 * n, k).repeat(high, 0)
+    if block.sampled is not None:  # of an attribute as many lanes as its two rows are high
+        places = np.arange(2 * high) * len(block.sampled) // (2 * high)
+        colors = np.sort(block.sampled, axis=0)[places].swapaxes(0, 1).reshape(-1, k)
+    pixels = colormaps["viridis"](_BRIGHTEST * np.nan_to_num(colors), bytes=True).repeat(wide, 1)
+    return np.pad(pixels, ((0, 0), (0, _GAP), (0, 0)))
+
+
+def _block_labels(block: _Block, left: int, wide: int, high: int) -> list[Label]:
+    """Return title, numbers and names of levels of a block whose left edge is at `left`."""
+    n, _, k = block.numbers.shape
+    width = k * wide
+    title = _shortened(block.title, width)
+    labels = [Label(title, TEXT, left + width / 2, MATRICES.top + _TITLE)]
+    for (row, z), value in np.ndenumerate(block.numbers.reshape(2 * n, k)):
         text = "-" if np.isnan(value) else f"{value:.2f}"
-        x = left + (z + 0.5) * width
-        y = (row + _MIDDLE) * _CELL_HIGH
-        labels.append(Label(text, WHITE, x, y))
-    rows = 1 if k == 2 else 2  # of the levels' names below the columns, as some are long
-    for z, name in enumerate(level_names(k)):
-        y = (len(numbers) + _MIDDLE + z % rows) * _CELL_HIGH
-        labels.append(Label(name, TEXT, left + (z + 0.5) * width, y))
-    return Picture(pixels, labels)
+        if _units(text) > wide:
+            text = text.removeprefix("0")
+        labels.append(Label(text, WHITE, left + (z + 0.5) * wide, (row + 0.5) * high - _HANG))
+    names = level_names(k)
+    if max(map(_units, names)) > wide * 2:  # "surely yes" in narrow cells
+        names = tuple(str(z) for z in range(k))
+    rows = 1 if max(map(_units, names)) <= wide else 2
+    for z, name in enumerate(names):
+        y = 2 * n * high + _TITLE * (z % rows)
+        labels.append(Label(name, TEXT, left + (z + 0.5) * wide, y))
+    return labels
 
 
-def _cell_width(k: int) -> int:
-    """Return the width of a cell of K levels, pixels; a block of 2 is as wide as one of 4."""
-    return max(4, _BLOCK_WIDE // k)
+def _units(label: str) -> float:
+    """Return how wide the viewer draws the box of a label, in units."""
+    return (text_width(label, _FONT) + _PADDING) / UNIT
+
+
+def _shortened(label: str, room: float) -> str:
+    """Cut a label that is wider than the room, in units."""
+    if _units(label) <= room:
+        return label
+    while label and _units(f"{label}…") > room:
+        label = label[:-1]
+    return f"{label}…"

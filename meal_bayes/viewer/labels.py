@@ -19,6 +19,8 @@ from meal_bayes.viewer.recorder import TrialFrame
 
 _OPTIONS = 8  # actions that are compared
 _ATTRIBUTES = 12  # that are listed
+_NAME = 30  # letters of an action; the answer to many questions would fill the view
+_HEADED = 3  # questions, of more a heading would fill the view
 
 
 @lru_cache(maxsize=4096)
@@ -48,7 +50,8 @@ def narrate(frame: TrialFrame) -> str:
     question = " and ".join(plain_text(name) for name, _ in query.questions)
     if query.event is not None:
         question = plain_text(query.text.removesuffix("?"))
-    lines = [f"### {question}?", about, ""]
+    mark = "### " if len(query.questions) <= _HEADED else "**"
+    lines = [f"{mark}{question}?{mark.strip('# ')}", "", about, ""]
     percepts = [""] * len(query)
     if step is None:
         lines.append(f"**trial {frame.time.trial}, before any behavior**")
@@ -65,11 +68,15 @@ def narrate(frame: TrialFrame) -> str:
             words = percept_labels(momdp, action, step.observation)
             for (_, indices), word in zip(query.questions, words, strict=True):
                 percepts[indices[0]] = word
-    lines += ["", "|attribute|belief|percept|", "|---|---|---|"]
+    lines += ["", "|attribute|before|belief|percept|", "|---|---|---|---|"]
     beliefs = believed(trial, frame.belief)
+    before = believed(trial, belief_before(trial, max(frame.number, 1)))
     words = [""] * (len(beliefs) - len(percepts)) + percepts
-    rows = list(zip(beliefs, words, strict=True))[:_ATTRIBUTES]
-    lines += [f"|{plain_text(name)}|{percent(p)}|{word}|" for (name, p), word in rows]
+    rows = list(zip(beliefs, before, words, strict=True))[:_ATTRIBUTES]
+    lines += [
+        f"|{plain_text(name)}|{percent(old)}|{percent(p)}|{word}|"
+        for (name, p), (_, old), word in rows
+    ]
     if frame.number < len(trial.steps):
         report = momdp.reported(best_report(momdp, frame.belief))
         assert report is not None
@@ -98,7 +105,7 @@ def explain_decision(frame: TrialFrame) -> str:
     lines = [f"|{'|'.join(heads)}|", "|".join(["", *("---" for _ in heads), ""])]
     for action in compared:
         cells = [
-            plain_text(action.name),
+            plain_text(action.name if len(action.name) <= _NAME else "answer"),
             f"{action.value:{AMOUNT}} {action.error}".rstrip(),
             *([] if action.bonus is None else [f"{action.bonus:{AMOUNT}}"]),
             "" if action.visits is None else f"{action.visits}",

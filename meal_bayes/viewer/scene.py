@@ -16,10 +16,8 @@ from meal_bayes.viewer.drawings import (
     Graph,
     Label,
     Picture,
-    belief_bars,
     matrices,
     search_tree,
-    with_samples,
 )
 from meal_bayes.viewer.labels import explain_decision, narrate, plain_text
 from meal_bayes.viewer.palette import (
@@ -36,7 +34,6 @@ from meal_bayes.viewer.recorder import Recorder, Time, TrialFrame
 
 NARRATION = "/narration"
 DECISION = "/decision"
-BARS = "/belief_now"
 BELIEF = "/belief"
 ENTROPY = "/entropy"
 COST = "/cost"
@@ -65,7 +62,7 @@ class Scene:
     def __init__(self, recorder: Recorder) -> None:
         self._to = recorder
         self._diagram: Diagram | None = None  # of the trial under way
-        self._matrices: dict[int, Picture] = {}  # by behavior
+        self._matrices: dict[int, Picture] = {}  # by behavior, without samples
         self.attributes: list[str] = []  # that were queried
         self._lanes: dict[str, dict[str, Color]] = {}
         self._explores = False  # has any decision been paid for exploring?
@@ -74,11 +71,10 @@ class Scene:
         for entity in (DIAGRAM, TREE):
             directed = rr.GraphEdges.from_fields(graph_type=rr.GraphType.Directed)
             recorder.add_static(f"{entity}/nodes", directed)
-        for entity in (BARS, CONFUSION):
-            points = rr.Points2D.from_fields(radii=0.01, show_labels=True)
-            recorder.add_static(f"{entity}/labels", points)
+        points = rr.Points2D.from_fields(radii=0.01, show_labels=True)
+        recorder.add_static(f"{CONFUSION}/labels", points)
         worth = rr.Measurements.from_fields(
-            names="best behavior less answering now",
+            names="going on",
             colors=SKY,
             widths=3,
             interpolation_mode="StepAfter",
@@ -109,11 +105,10 @@ class Scene:
             # The line of later gains begins where an agent first explores; others have none.
             if frame.step.decision.explores:
                 if not self._explores:
-                    to.add_line(f"{VALUES}/later", "with what later questions gain", ORANGE)
+                    to.add_line(f"{VALUES}/later", "with gain of later questions", ORANGE)
                     self._explores = True
                 to.add(f"{VALUES}/later", rr.Scalars, time, scalars=[worth.value + worth.bonus])
             to.add(f"{VALUES}/zero", rr.Scalars, time, scalars=[0.0])
-        self._picture(BARS, belief_bars(frame), time)
         # Trials in a row often share a problem, whose diagram and matrices are drawn once.
         momdp = frame.trial.momdp
         if self._diagram is None or self._diagram.momdp is not momdp:
@@ -172,9 +167,11 @@ class Scene:
         elif trial.steps and trial.steps[0].decision.action < end:
             action = trial.steps[0].decision.action
         if action < end:
-            if action not in self._matrices:
-                self._matrices[action] = matrices(trial.momdp, trial.counts, action)
-            picture = with_samples(self._matrices[action], sampled, trial.momdp.levels)
+            picture = None if sampled is not None else self._matrices.get(action)
+            if picture is None:
+                picture = matrices(trial.momdp, trial.counts, action, sampled)
+            if sampled is None:
+                self._matrices[action] = picture
             self._picture(CONFUSION, picture, time)
 
     def _lane_changes(self, frame: TrialFrame, time: Time) -> None:

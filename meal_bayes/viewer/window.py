@@ -32,6 +32,7 @@ _START = 60.0  # s until a viewer answers, until its picture no longer changes
 _SETTLE = 90.0
 _NOTICE = 5.0  # s that a picture must stay equal, as the viewer's own notices fade after 4
 _POLL = 0.3  # s
+_OTHER_WAYS = "give --web for a page in the browser, or --save FILE.rrd for another machine"
 _DYING = 5.0  # s that a program which broke off a connection may take to end
 
 
@@ -49,6 +50,12 @@ class Viewer:
     ----------
     arguments : Sequence[str | Path]
         Files to open and options of rerun's command line.
+    headless : bool
+        Whether it runs without a window, for pictures.
+    web : bool
+        Whether it serves a page for a browser.
+    size : tuple[int, int]
+        Width and height of the picture of a headless viewer, pixels.
 
     Attributes
     ----------
@@ -57,7 +64,12 @@ class Viewer:
     """
 
     def __init__(
-        self, arguments: Sequence[str | Path] = (), *, headless: bool = False, web: bool = False
+        self,
+        arguments: Sequence[str | Path] = (),
+        *,
+        headless: bool = False,
+        web: bool = False,
+        size: tuple[int, int] = _SIZE,
     ) -> None:
         with socket.socket() as first, socket.socket() as second:  # ports that nobody listens on
             for free in (first, second):
@@ -73,7 +85,7 @@ class Viewer:
             self._command += ["--serve-web", "--web-viewer-port", str(self._port)]
             self.address = f"http://{HERE}:{self._port}/?url={quote(self.url, safe='')}"
         if headless:
-            self._command += ["--headless", "--window-size", f"{_SIZE[0]}x{_SIZE[1]}"]
+            self._command += ["--headless", "--window-size", f"{size[0]}x{size[1]}"]
 
     def __enter__(self) -> Self:
         # Telemetry is off where CI is set; a program in a CI reports to nobody.
@@ -103,16 +115,18 @@ class Viewer:
             return
         self._errors.seek(0)
         text = " ".join(self._errors.read().decode(errors="replace").split())
-        reason = f"The viewer ended with an error ({text[-300:] or 'no message'});"
-        if "adapter" in text or "render context" in text:
+        panic = text.partition("panicked at ")[2]
+        reason = f"The viewer ended with an error ({(panic or text[-300:])[:300] or 'no message'});"
+        if panic:  # the program itself failed: a driver was found
+            pass
+        elif "adapter" in text or "render context" in text:
             driver = "mesa-vulkan-drivers has one in software, for machines without a screen too"
             reason = f"The viewer finds no graphics driver (Vulkan); install one ({driver}), or"
         elif sys.platform == "linux" and not any(
             map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY"))
         ):
             reason = "The viewer cannot open a window, as there is no display;"
-        way = "give --web for a page in the browser, or --save FILE.rrd for another machine"
-        raise ViewerError(f"{reason} {way}.")
+        raise ViewerError(f"{reason} {_OTHER_WAYS}.")
 
     def wait_until_ready(self) -> None:
         """Wait until it listens; raises as `wait` does."""
@@ -137,27 +151,34 @@ class Viewer:
                 time.sleep(_POLL)
 
     def explain(self, fault: Exception) -> NoReturn:
-        """Raise why it ended, or that it cannot be controlled."""
+        """Raise why it ended, or that it does not answer."""
         with contextlib.suppress(subprocess.TimeoutExpired):
             self._process.wait(_DYING)
             self.wait()
+        if isinstance(fault, TimeoutError):
+            raise ViewerError(
+                "The viewer started, but did not answer in time. Try again when the machine is "
+                f"less busy; or {_OTHER_WAYS}."
+            ) from fault
         raise ViewerError(f"The viewer cannot be controlled: {fault}.") from fault
 
 
-def take_picture(recording: str | Path, *, row: int = 0) -> bytes:
+def take_picture(recording: str | Path, *, row: int = 0, size: tuple[int, int] = _SIZE) -> bytes:
     """Return a picture (PNG) of a recording at a row of the timeline `step`, without a window.
+
+    `size` is its width and height in pixels.
 
     A `ViewerError` is raised where the viewer does not start (no Vulkan driver), or its picture
     never settles.
     """
     path = checked_path("The recording", recording).resolve()
-    with Viewer(headless=True) as viewer:
+    with Viewer(headless=True, size=size) as viewer:
         client = viewer.client()
         try:
             client.open(str(path))
             client.set_time("step", sequence=row, play_state="paused")
             return _stable_picture(client, _NOTICE)
-        except ConnectionError as fault:
+        except (ConnectionError, TimeoutError) as fault:
             viewer.explain(fault)
 
 
@@ -176,7 +197,10 @@ def _stable_picture(client: ViewerClient, quiet: float) -> bytes:
             since = time.monotonic()
         elif time.monotonic() - since >= quiet:
             return picture
-    raise ViewerError(f"The viewer's picture still changes after {_SETTLE:.0f} s.")
+    raise ViewerError(
+        f"The viewer's picture still changes after {_SETTLE:.0f} s. Try again when the machine is "
+        "less busy, or give --save FILE.rrd and open the file with: rerun FILE.rrd."
+    )
 
 
 def viewer_program() -> Path:

@@ -74,7 +74,12 @@ DATA = {"load_dataset": lambda name, root=None: small_data()}
 TABLE = {"load_percepts": lambda name: small_table()}
 REFITS = {"TRIALS": 3, "TESTS": 1, "REFITS": (0.5,), **DATA}
 DRAWS = {"SIMULATIONS": 4, "MORE": 1, "Sampling": few_draws, **TABLE}
-PICTURES = {"LOG": Path("sample.mcap"), "PICTURES": Path(), "VIEWER": Path("viewer.png")}
+PICTURES = {
+    "LOG": Path("sample.mcap"),
+    "PICTURES": Path(),
+    "VIEWER": Path("viewer.png"),
+    "NARROW": Path("narrow.png"),
+}
 ARM = {"TWINS": 3, "LAST": 2, "BATCHES": 1, "TRIALS": 2, "REPEATS": 1,
        "training_recordings": few_recordings}  # fmt: skip
 HELP = {"PARTS": {"help": (0.5, ("-m", "meal_bayes", "--help"))}, "REPEATS": 1}

@@ -9,7 +9,8 @@ import pytest
 from meal_bayes.domain import Query, load_domain
 from meal_bayes.momdp import build_momdp
 from meal_bayes.planners import Decision, TreeEdge
-from meal_bayes.viewer.drawings import Diagram, box_size, search_tree
+from meal_bayes.trials.picture import text_width
+from meal_bayes.viewer.drawings import MATRICES, UNIT, Diagram, box_size, matrices, search_tree
 from meal_bayes.viewer.palette import GREEN, ORANGE
 from meal_bayes.viewer.recorder import Clock
 
@@ -95,3 +96,35 @@ def test_the_tree_shows_the_most_visited_below_the_best_actions(trials):
     assert labels["a3-0"].endswith("3.0 · 30")  # the most visited first
     assert [node.name for node in graph.nodes if node.color == ORANGE] == ["a3"]
     apart(graph.nodes)
+
+
+@pytest.mark.parametrize("letters", [3, 12, 40])
+@pytest.mark.parametrize("levels", [2, 4, 8])
+@pytest.mark.parametrize("attributes", [1, 3, 12])
+def test_texts_of_the_matrices_are_apart_and_in_view(attributes, levels, letters):
+    """In a window of 1280 x 720; a text is 13 pixels high, and hangs 7 below its point."""
+    names = tuple(f"{'m' * (letters - 2)}{i:02}" for i in range(attributes))
+    domain = replace(load_domain("toy"), attributes=names, groups={}, synonyms={})
+    rng = np.random.default_rng(attributes + levels + letters)
+    shape = (attributes, len(domain.behaviors), 2, levels)
+    momdp = build_momdp(domain, Query(names), rng.dirichlet(np.ones(levels), shape[:-1]))
+    counts = rng.integers(0, 9, shape).astype(float)
+    sampled = rng.dirichlet(np.ones(levels), (8, attributes))
+    for rows in (None, sampled):
+        pixels, labels = matrices(momdp, counts, 0, rows)
+        height, width, _ = pixels.shape
+        assert width <= MATRICES.right
+        assert height <= MATRICES.bottom
+        boxes = []
+        for label in labels:
+            half = text_width(label.label, 12.0) / UNIT / 2
+            top = label.y + 7 / UNIT
+            boxes.append((label.x - half, label.x + half, top, top + 13 / UNIT))
+        boxes = np.array(boxes)
+        assert (boxes[:, 0] >= MATRICES.left).all()
+        assert (boxes[:, 1] <= MATRICES.right).all()
+        assert (boxes[:, 2] >= MATRICES.top).all()
+        assert (boxes[:, 3] <= MATRICES.bottom).all()
+        first, second = (boxes[side] for side in np.triu_indices(len(boxes), 1))
+        beside = (first[:, [1, 3]] <= second[:, [0, 2]]) | (second[:, [1, 3]] <= first[:, [0, 2]])
+        assert beside.any(axis=1).all()

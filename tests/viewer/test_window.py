@@ -7,6 +7,7 @@ import sys
 import time
 import urllib.request
 from pathlib import Path
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -15,16 +16,23 @@ from matplotlib import image as png
 from meal_bayes.look import ERROR_TEXT
 from meal_bayes.trial_log import read_header, read_trials
 from meal_bayes.trials import TrialOutcomes
-from meal_bayes.viewer import Viewer, ViewerError, send_recording, window, write_recording
+from meal_bayes.viewer import (
+    Viewer,
+    ViewerError,
+    send_recording,
+    take_picture,
+    window,
+    write_recording,
+)
 
 SAMPLE = Path(__file__).resolve().parents[2] / "logs" / "sample.mcap"
 TRIAL = {
-    "question and answer", "why this action", "belief now (orange: before the step)",
-    "belief over steps", "what going on is worth over answering now: below 0 it stops",
-    "entropy, bits", "cost so far, s", "where the robot is, what it just did",
-    "search tree: action, percepts → next action", "action, state, percepts",
-    "confusion matrices of this behavior",
+    "question and answer", "why this action", "belief over steps",
+    "value of going on less answering now", "entropy, bits", "cost so far, s",
+    "where the robot is, what it just did", "search tree: action, percepts → next action",
+    "action, state, percepts",
 }  # fmt: skip
+HIDDEN = {"what this behavior tells"}  # in a tab behind: it has a state, and no picture
 RUN = {
     f"accuracy so far, band {ERROR_TEXT}", "agents and worst trials", "run facts",
     f"mean cost so far, s, band {ERROR_TEXT}",
@@ -60,7 +68,7 @@ def looked_at(vulkan, tmp_path_factory):
 @pytest.mark.long
 def test_no_view_reports_anything(looked_at):
     states, _, complaints = looked_at
-    assert set(states) == TRIAL | RUN
+    assert set(states) == TRIAL | HIDDEN | RUN
     assert {name: view.reports for name, view in states.items() if view.reports} == {}
     assert complaints == []
 
@@ -135,12 +143,30 @@ def test_a_viewer_that_cannot_open_a_window_says_what_to_do(monkeypatch, tmp_pat
     monkeypatch.setattr(window, "viewer_program", lambda: fake)
     monkeypatch.setenv("DISPLAY", "")
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
-    for complaint, said in (("No graphics adapter", "mesa-vulkan-drivers"), ("x", "no display")):
+    panic = "INFO wgpu adapter; thread panicked at No glyph for '█'"
+    for complaint, said in (
+        ("No graphics adapter", "mesa-vulkan-drivers"),
+        ("x", "no display"),
+        (panic, "No glyph"),
+    ):
         fake.write_text(f"#!/bin/sh\necho '{complaint}' >&2\nexit 3\n")
         with Viewer() as viewer, pytest.raises(ViewerError, match=f"{said}.*--web"):
             viewer.wait()
         with Viewer() as viewer, pytest.raises(ViewerError, match=said):
             viewer.client()
+
+
+def test_a_viewer_that_does_not_answer_is_told_as_such(monkeypatch, tmp_path):
+    fake = tmp_path / "rerun"
+    fake.write_text("#!/bin/sh\nsleep 60\n")
+    fake.chmod(0o755)
+    monkeypatch.setattr(window, "viewer_program", lambda: fake)
+    monkeypatch.setattr(window, "_DYING", 0.01)
+    client = Mock()
+    client.open.side_effect = TimeoutError("deadline has elapsed")
+    monkeypatch.setattr(Viewer, "client", lambda self: client)
+    with pytest.raises(ViewerError, match=r"did not answer in time.*--save"):
+        take_picture(SAMPLE)
 
 
 @pytest.mark.long
