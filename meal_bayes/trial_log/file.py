@@ -98,9 +98,10 @@ PROFILES = {  # in the MCAP header
     FULL: "meal_bayes", COMPACT: "meal_bayes/outcomes", FEEDBACK_FORM: "meal_bayes/feedback",
 }  # fmt: skip
 _FORMS = {profile: form for form, profile in PROFILES.items()}
+_OUTCOMES_ALONE = (RUN, OUTCOMES)
 TOPICS = {  # of a form, in the order of their channels' ids
     FULL: (RUN, MOMDPS, TRIAL, STEP, OUTCOME, LINES),
-    COMPACT: (RUN, OUTCOMES, MOMDPS, TRIAL, STEP, OUTCOME, LINES),
+    COMPACT: (*_OUTCOMES_ALONE, MOMDPS, TRIAL, STEP, OUTCOME, LINES),
     FEEDBACK_FORM: (RUN, FEEDBACK, CHANGE),
 }
 _SCHEMAS = {  # names of the messages of topics
@@ -328,10 +329,9 @@ class TrialWriter:
             hold(self._file)  # nobody else resumes or removes it while this process lives
             self._mcap: Any = Writer(self._file, enable_data_crcs=True)
             self._mcap.start(profile=PROFILES[self._form])
-            self._channels = {
-                topic: self._mcap.register_channel(topic, "json", self._schema(topic))
-                for topic in TOPICS[self._form]
-            }
+            self._channels = dict[str, int]()
+            # Most compact logs hold no whole trial, and need no schemas of its messages.
+            self._declare(_OUTCOMES_ALONE if self._form == COMPACT else TOPICS[self._form])
             flat = {
                 name: value if isinstance(value, str) else _json(value)
                 for name, value in sorted(self.header.items())
@@ -344,6 +344,13 @@ class TrialWriter:
         run = RunMessage(format_version=FORMAT_VERSION, header=json.loads(self._text))
         self._put([Packed(RUN, 0, encode(run))])
         return self
+
+    def _declare(self, topics: Sequence[str]) -> None:
+        """Write the channels of topics that have none yet."""
+        for topic in topics:
+            if topic not in self._channels:
+                channel = self._mcap.register_channel(topic, "json", self._schema(topic))
+                self._channels[topic] = channel
 
     def _schema(self, topic: str) -> int:
         """Write the schema of a topic's messages; return its number."""
@@ -391,6 +398,8 @@ class TrialWriter:
             # Broken off in the middle, what follows could not be read: the writer stays closed.
             self._open = False
             for topic, time, data, momdp in packed:
+                if topic not in self._channels:
+                    self._declare(TOPICS[self._form])
                 channel = self._channels[topic]
                 self._mcap.add_message(channel, log_time=time, publish_time=time, data=data)
                 if momdp is not None:
