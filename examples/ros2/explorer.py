@@ -1,7 +1,8 @@
 """A ROS 2 node that asks one question: an action client is the driver of a session.
 
 The features of each behavior are made from the topics of examples/bags/lab.toml, by the code that
-made the recordings. The action `Explore` has the goal `behavior`, and the result `state`.
+made the recordings. The action `Explore` has the goal `behavior`, where "where" asks for the state
+alone, and the result `state`.
 """
 
 import sys
@@ -18,48 +19,64 @@ from meal_bayes.features import Recorder
 
 
 class Explorer(Node):
-    """Executes what a session chooses, and gives it the features of what the topics said."""
+    """Executes what a session chooses, and gives it the features of what the topics said.
 
-    def __init__(self, session, domain, message_types):
+    The session begins in the state that the robot is in, whatever it held before: the goal "where"
+    moves nothing.
+    """
+
+    def __init__(self, learner, question, message_types):
         super().__init__("explorer")
-        self.session, self.domain, self.done = session, domain, Future()
-        self.recorder = None
+        self.learner, self.question, self.done = learner, question, Future()
+        self.session = self.recorder = None
         for topic, kind in message_types.items():
             self.create_subscription(kind, topic, lambda m, t=topic: self.on_message(t, m), 50)
         self.client = ActionClient(self, Explore, "explore")
         if not self.client.wait_for_server(timeout_sec=10.0):
             raise TimeoutError("no server of the action 'explore' within 10 s")
-        self.send()
+        self.send("where")
 
     def on_message(self, topic, message):
         if self.recorder is not None:
             self.recorder.add(topic, self.get_clock().now().nanoseconds, message)
 
-    def send(self):
-        if self.session.over:
-            self.done.set_result(self.session.trial)
-            return
-        self.recorder = None
-        goal = Explore.Goal(behavior=self.session.behavior)
-        self.client.send_goal_async(goal).add_done_callback(self.on_goal)
+    def send(self, behavior):
+        goal = self.client.send_goal_async(Explore.Goal(behavior=behavior))
+        goal.add_done_callback(self.on_goal)
 
     def on_goal(self, future):
         handle = future.result()
         if not handle.accepted:
-            self.session.cancel("the robot refused a goal")
-            self.send()
+            self.stop("the robot refused a goal")
             return
-        self.recorder = Recorder(self.domain, self.session.behavior)
+        if self.session is not None:
+            self.recorder = Recorder(self.learner.domain, self.session.behavior)
         handle.get_result_async().add_done_callback(self.on_result)
 
     def on_result(self, future):
         answer, recorder = future.result(), self.recorder
-        if answer.status == GoalStatus.STATUS_SUCCEEDED:
+        state = answer.result.state
+        self.recorder = None
+        if self.session is None:
+            self.session = self.learner.begin(self.question, state=state)
+        elif self.session.over:  # a late result: the trial was stopped meanwhile
+            return
+        elif answer.status == GoalStatus.STATUS_SUCCEEDED:
             features = recorder.features(lambda name, fault: print(f"{name}: {fault}"))
-            self.session.observe(mb.Outcome(answer.result.state, features or None))
+            self.session.observe(mb.Outcome(state, features or None))
+        else:  # it failed: the state says where the robot is
+            self.session.observe(mb.Outcome(state))
+        if self.session.over:
+            self.done.set_result(self.session.trial)
         else:
-            self.session.fail()
-        self.send()
+            self.send(self.session.behavior)
+
+    def stop(self, why):
+        """End the trial, as where the robot refuses a goal or the program ends."""
+        if self.session is not None:
+            self.session.cancel(why)
+        if not self.done.done():
+            self.done.set_result(self.session and self.session.trial)
 
 
 def main(domain="lab.toml", recordings="recordings", question="Is it heavy?"):
@@ -70,10 +87,13 @@ def main(domain="lab.toml", recordings="recordings", question="Is it heavy?"):
     rclpy.init()
     learner = mb.Learner(domain, agent="bayes").fit(mb.load_dataset(domain, root=recordings))
     types = {"/camera/image": Image, "/joint_states": JointState, "/audio": AudioData}
-    with learner.begin(question) as session:
-        explorer = Explorer(session, learner.domain, types)
+    explorer = Explorer(learner, question, types)
+    try:
         rclpy.spin_until_future_complete(explorer, explorer.done)
-    print(explorer.done.result().answer)
+    finally:
+        explorer.stop("the program ended")
+    trial = explorer.done.result()
+    print("the robot refused to begin" if trial is None else trial.answer)
 
 
 if __name__ == "__main__":

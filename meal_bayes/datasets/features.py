@@ -113,15 +113,17 @@ def warn_of_order(
     values: NDArray[Any],
     objects: ArrayLike,
     names: Sequence[object] | None = None,
-) -> None:
+) -> bool:
     """Warn of columns (n,D) that only grow, or only fall, with the rows or in each object.
+
+    Returns whether there are such.
 
     Rows of one object that stand together are permuted as a block and within it; a column is named
     where an order as it has is that improbable by chance (at most 1 in 1000 for all columns).
     """
     n, d = values.shape
     if n < 4:
-        return
+        return False
     _, codes = np.unique(np.asarray(objects, dtype=str), return_inverse=True)
     starts = np.flatnonzero(np.diff(codes, prepend=-1))
     rises = np.diff(values, axis=0)
@@ -142,6 +144,7 @@ def warn_of_order(
             f"{what}: column {'; '.join(named[:5])}{'; ...' if len(named) > 5 else ''}, as a row "
             "number or a clock does. Leave it out unless it measures the object."
         )
+    return bool(named)
 
 
 def _chance_of_order(values: NDArray[Any], starts: NDArray[np.intp], *, whole: bool) -> float:

@@ -24,7 +24,9 @@ _FUNCTION_TEXT = (
     "possible robot say see seem so some something sort tell that that's the then there these "
     "thing think this those to too us was we weight well were what what's whether which with "
     "would you your also will shall should may might must did am were they he she my much show "
-    "determine verify identify want now"
+    "determine verify identify want now going gonna wonder wondering wondered curious interested "
+    "let lets let's sure guess guessing figure learn i'd i'm we'd hey hello hi ok okay yet already "
+    "still currently really actually got question"
 )
 FUNCTION_WORDS = set(_FUNCTION_TEXT.split())
 # A word of these that is an attribute, too, is a verb where the words around it make it one.
@@ -42,6 +44,7 @@ _SUBJECTS = {
 _ARTICLES = {
     "a", "an", "the", "any", "some", "another", "this", "that", "its", "no", "your", "my",
 }  # fmt: skip
+_OR_NOT = re.compile(r"(?<=\bwhether) or not\b|,? or not(?=\W*$)")  # "Is it full or not?"
 _KINDS = {"kind", "sort"}  # "what kind of object"
 # Signs that say something. "!" and "-" do where a word begins with them, not where they end one.
 _SIGN = r"!(?=[\w(=])|(?<![\w-])-(?=\w)|&+|\|+|[~^=<>+*/\\()\[\]{}]"
@@ -97,6 +100,7 @@ def words_of(question: str, vocabulary: Mapping[str, str], domain: Domain) -> li
     is a verb where it stands ("Can you see ...") names no attribute there.
     """
     text = " ".join(fold(question).replace("\N{RIGHT SINGLE QUOTATION MARK}", "'").split())
+    text = _OR_NOT.sub("", text)
     # The longest first, as a pattern takes the first alternative that fits.
     compound = sorted((name for name in vocabulary if not name.isalnum()), key=len, reverse=True)
     whole = [rf"(?<!\w){re.escape(name)}(?!\w)" for name in compound]
@@ -113,7 +117,10 @@ def words_of(question: str, vocabulary: Mapping[str, str], domain: Domain) -> li
             runs.append([word])
         end = match.end()
     words = [word for run in runs for word in (run[:1] if len(run) == 2 else run)]
-    return _how([w for i, w in enumerate(words) if not _is_verb(words, i)], vocabulary, domain)
+    # "weigh" asks for the weight, unless an attribute is called so.
+    asks = {"weigh"} if vocabulary.get("weigh") == "weight" else set[str]()
+    kept = [w for i, w in enumerate(words) if w in asks or not _is_verb(words, i)]
+    return _how(kept, vocabulary, domain)
 
 
 def _how(words: Sequence[str], vocabulary: Mapping[str, str], domain: Domain) -> list[str]:

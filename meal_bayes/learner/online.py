@@ -30,6 +30,7 @@ from meal_bayes.learner.perceived import (
     levels_of,
     levels_since,
     trained_cells,
+    warn_of_clocks,
     warn_of_odd,
 )
 from meal_bayes.learner.recording import RecordingPerceiver
@@ -84,6 +85,7 @@ class Online:
         labels = views.labels_of(record, memory=agent.memory)
         sizes = views.sizes(record)
         warn_of_odd(record, sizes)
+        warn_of_clocks(record, sizes)
         detections = views.percepts_given(record, agent.levels)
         data, rows, perception, counts = classify(record, agent, settings, labels, sizes)
         experience, unit = experience_of(record, agent, settings)

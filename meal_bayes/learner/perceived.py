@@ -9,10 +9,18 @@ from numpy.typing import NDArray
 from meal_bayes.agents import Agent
 from meal_bayes.arrays import no_and_yes_of
 from meal_bayes.datasets import Dataset, Instance, TrainingSet
+from meal_bayes.datasets.features import warn_of_order
 from meal_bayes.datasets.percepts import classifier_levels, detected_levels
 from meal_bayes.domain import Query
 from meal_bayes.learner import views
-from meal_bayes.learner.experience import FROM_DATASET, NONE, Context, Experience, Labels
+from meal_bayes.learner.experience import (
+    FROM_DATASET,
+    FROM_TRIAL,
+    NONE,
+    Context,
+    Experience,
+    Labels,
+)
 from meal_bayes.learner.settings import LearnerSettings
 from meal_bayes.look import listed, warn_user
 from meal_bayes.perception import (
@@ -223,6 +231,24 @@ def warn_of_odd(record: Experience, sizes: views.Sizes) -> None:
     if odd:
         record.warned_of.update(odd)
         warn_user(f"Left out of what is learned: {listed(odd, 5)}.")
+
+
+def warn_of_clocks(record: Experience, sizes: views.Sizes) -> None:
+    """Name features that a robot sensed and that only grow with its trials, once a modality.
+
+    Those of recordings were looked at when these were read.
+    """
+    rows = record.instances.values
+    for (behavior, modality), size in zip(record.domain.contexts, sizes.tolist(), strict=True):
+        what = f"The robot's {modality} of {behavior}"
+        features = record.features[behavior, modality]
+        sensed = [
+            i for i, v in features.items() if rows["origin"][i] == FROM_TRIAL and len(v) == size
+        ]
+        if sensed and what not in record.warned_of:
+            values = np.stack([features[i] for i in sensed])
+            if warn_of_order(what, values, rows["object"][sensed]):
+                record.warned_of.add(what)
 
 
 def _selected(training: TrainingSet, rows: NDArray[np.bool_]) -> TrainingSet:

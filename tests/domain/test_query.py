@@ -166,12 +166,20 @@ OWN = domain_of(
     "red", "green", "empty", "half", "full", "can", "will", "look", "kind", "heavy", "water",
     groups={"fill": ["empty", "half", "full"], "colour": ["red", "green"]},
 )  # fmt: skip
-HOW = ["How {} is it?", "Can you tell me how {} it is?", "Please say how {} this object is."]
+HOW = [
+    "How {} is it?",
+    "Can you tell me how {} it is?",
+    "Please say how {} this object is.",
+    "I wonder how {} it is.",
+    "Let me know how {} it is going to be.",
+]
 OPENINGS = [
     "Can you tell whether it is {}?", "Can it be {}?", "Could it be {}?", "Will it be {}?",
     "Can the robot see if it is {}?", "Does it look {}?", "Did you check if it is {}?",
     "What kind of object is it: {}?", "It can be {}?", "Should it look {}?", "Might it be {}?",
     "Would you say it is {}?", "Can you please look whether it is {}?", "Must it be {}?",
+    "Is it going to be {}?", "I wonder whether it is {}.", "Hey robot, is it {} or not?",
+    "Tell me whether or not it is {}.", "I'd like to know if it is still {}.",
 ]  # fmt: skip
 
 
@@ -185,6 +193,14 @@ def test_how_asks_for_the_value_of_the_group(form, value):
 
 def test_how_asks_for_an_attribute_where_there_is_no_group():
     assert read_query("How heavy is it?", OWN).attributes == ("heavy",)
+
+
+@pytest.mark.parametrize(
+    "question", ["How much does it weigh?", "What does it weigh?", "Can you weigh it?"]
+)
+def test_weighing_asks_for_the_weight(question):
+    scales = domain_of("light", "heavy", groups={"weight": ["light", "heavy"]})
+    assert read_query(question, scales).group_names == ("weight",)
 
 
 @pytest.mark.parametrize("word", ["color", "colour", "colors"])

@@ -41,13 +41,17 @@ def execute(cls, goal, fails):
     return SimpleNamespace(state=cls.state)
 
 
-def test_the_node_makes_features_of_what_came_during_a_behavior(explorer):
+@pytest.mark.parametrize("start", ["table", "hand"])
+def test_the_node_makes_features_of_what_came_during_a_behavior(explorer, start, monkeypatch):
+    """It begins where the robot is: it may hold an object already."""
     import rclpy  # noqa: PLC0415  the stand-in
+    from lab_interfaces.action import Explore  # noqa: PLC0415  as above
+
+    monkeypatch.setattr(Explore, "now", start, raising=False)
 
     learner = mb.Learner(LAB, logs=None)
-    session = learner.begin("Is it heavy?")
     topics = dict.fromkeys(("/joint_states", "/camera/image", "/audio"))
-    node = explorer["Explorer"](session, learner.domain, topics)
+    node = explorer["Explorer"](learner, "Is it heavy?", topics)
 
     def message(kind, **fields):
         return type(kind, (SimpleNamespace,), {})(**fields)
@@ -61,8 +65,9 @@ def test_the_node_makes_features_of_what_came_during_a_behavior(explorer):
             node.callbacks["/audio"](message("AudioData", data=np.zeros(800, np.uint8)))
         rclpy.QUEUE.popleft()()
     trial = node.done.result()
-    assert session.over
+    assert node.session.over
     assert trial.ended == ""
+    assert trial.momdp.x_names[trial.steps[0].x] == start
     sensed = [step.sensed.features for step in trial.steps if step.sensed is not None]
     assert sensed
     made = {"color": [1] + [0] * 7, "haptics": [1] * 5 + [2] * 5, "audio": [-10] * 16}

@@ -1,11 +1,13 @@
 """Trials with a live robot: what is wrong is no percept, and no step is ever lost."""
 
+import itertools
 import math
 import os
 import re
 import signal
 import subprocess
 import sys
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +17,7 @@ from meal_bayes.datasets import Dataset
 from meal_bayes.domain import domain_from_table
 from meal_bayes.errors import LogError, RobotError, SettingsError
 from meal_bayes.evaluation import summarize
+from meal_bayes.learner import Learner
 from meal_bayes.learner.views import attempts
 from meal_bayes.robots import Outcome, OutcomeChecker
 from meal_bayes.trial_log import check_log, read_trials, recover_log, salvage
@@ -294,3 +297,29 @@ def test_a_trial_that_is_over_is_not_driven_again(dataset, make, tmp_path):
     for name in (None, draft):
         with pytest.raises(LogError, match="nothing to resume"):
             learner.resume(name)
+
+
+@pytest.mark.parametrize("ticks", [True, False])
+def test_a_clock_among_the_features_of_a_robot_is_named_once(make, ticks):
+    """It has no name by which it could be known, but grows with every trial."""
+    times = itertools.count(17.0, 0.25)
+    steady = np.random.default_rng(3)
+
+    class Timed(make.arm):
+        def execute(self, behavior):
+            outcome = super().execute(behavior)
+            tick = next(times) if ticks else steady.normal()
+            features = {name: [*values, tick] for name, values in outcome.features.items()}
+            return Outcome(outcome.state, features)
+
+    learner = Learner(make.kitchen, agent=make.agent("look", **make.ours), logs=None)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        for number in range(16):
+            red = bool(number % 2)
+            trial = learner.ask("red", Timed(red=red, seed=number), object_name=f"cup {number}")
+            learner.tell(trial, {"red": red})
+        learner.refit()
+    texts = [str(warning.message) for warning in caught]
+    assert len(texts) == ticks
+    assert all("color of look: column 4 of 4 only grows" in text for text in texts)
