@@ -2,11 +2,14 @@
 
 `python benchmarks/readme.py` runs the commands and writes their results between HTML comments of
 the pages (`PAGES`); a run that is there already under logs/ is not computed again. `--only` writes
-one of the blocks. Two are written only when they are named: `paper-classifiers`, which needs the
-recordings and, once, some minutes for the support vector machines, and `online`, a quarter of an
-hour of two cores. The block `summary` shows the rows that are kept from `results`. `--check` writes
-nothing: it compares the demo's text with what the command prints now, and exits with 1 if they
-differ.
+one of the blocks, and those of the same rows: `summary` and `finding` show the rows of `results`.
+Two are written only when they are named: `paper-classifiers`, which needs the recordings and, once,
+some minutes for the support vector machines, and `online`, a quarter of an hour of two cores.
+
+Each block of measured numbers carries the digest of the code that made it (`made_by.py`). `--check`
+writes nothing. It fails where a block is not what its kept rows say, and where the demo prints
+another text now. It lists the blocks that other code made than this, each with the command that
+makes it again; `--release` fails where there are any.
 """
 
 import argparse
@@ -17,10 +20,10 @@ import re
 import shlex
 import subprocess
 import sys
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from made_by import made_by
 from readme_picture import write_pictures
 from readme_tables import (
     BELIEFS,
@@ -49,71 +52,130 @@ PAGES = {  # where each block stands
     "beliefs": ROOT / "docs" / "results" / "beliefs.md",
     "online": ROOT / "docs" / "results" / "online.md",
 }
-# What is written by default, in this order: `summary` and `finding` are made of `results`' rows.
-MEASURED_BLOCKS = ("demo", "results", "summary", "finding", "beliefs")
+MEASURED_BLOCKS = ("demo", "results", "beliefs")  # are written by default
+COMMANDS = {  # whose rows a block shows
+    **dict.fromkeys(("results", "summary", "finding"), tuple(entry.command for entry in RUNS)),
+    "paper-classifiers": (PAPER_RUN.command,),
+    "beliefs": (BELIEFS,),
+    "online": (ONLINE,),
+}
+CODE = "code"  # in the file of rows: the digest that made each command's
 
 
 def main() -> int:
-    """Write the blocks, or check the demo's."""
+    """Write the blocks, or check them."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("--check", action="store_true", help="compare the demo's text only")
+    parser.add_argument("--check", action="store_true", help="compare; list blocks of other code")
+    parser.add_argument("--release", action="store_true", help="fail on them, too")
     parser.add_argument("--only", choices=PAGES, help="write one of the blocks")
     options = parser.parse_args()
-    if options.check:
-        return check_demo()
+    if options.check or options.release:
+        return check(release=options.release)
     for name in [options.only] if options.only else MEASURED_BLOCKS:
-        new = content(name)
-        page = PAGES[name]
-        text = page.read_text(encoding="utf-8")
-        page.write_text(replaced(text, name, new), encoding="utf-8")
+        compute(name)
+        for block_name in blocks_of_same_rows(name):
+            page = PAGES[block_name]
+            text = page.read_text(encoding="utf-8")
+            page.write_text(replaced(text, block_name, shown(block_name)), encoding="utf-8")
     return 0
 
 
-def content(name: str) -> str:
-    """Make what belongs into a block."""
+def blocks_of_same_rows(name: str) -> list[str]:
+    """Return a block, and the others that show the rows of the same commands."""
+    same = [other for other in COMMANDS if name in COMMANDS and COMMANDS[other] == COMMANDS[name]]
+    return same or [name]
+
+
+def compute(name: str) -> None:
+    """Run the commands of a block, keep their rows, and draw the picture of results."""
+    if name in ("summary", "finding"):  # of rows that are kept
+        return
+    for command in COMMANDS.get(name, ()):
+        printed = json.loads(run(command))
+        rows = printed["summary" if command == ONLINE else "rows"]
+        if command == BELIEFS:
+            rows = [row for row in rows if row["observation_model"] in BELIEVED]
+        keep(command, rows)
+    if name == "results":
+        write_pictures(measured())
+
+
+def shown(name: str) -> str:
+    """Return what belongs into a block, by the rows that are kept."""
     if name == "demo":
         return demo_block()
-    if name == "summary":
-        write_pictures(measured())
-        return summary_block(measured())
-    if name == "finding":
-        return finding(measured())
-    if name == "online":
-        rows = json.loads(run(ONLINE))["summary"]
-        keep({ONLINE: rows})
-        return online_block(rows)
-    if name == "beliefs":
-        rows = json.loads(run(BELIEFS))["rows"]
-        rows = [row for row in rows if row["observation_model"] in BELIEVED]
-        keep({BELIEFS: rows})
-        return beliefs_table(rows)
-    runs = RUNS if name == "results" else (PAPER_RUN,)
-    tables = {entry.command: json.loads(run(entry.command))["rows"] for entry in runs}
-    keep(tables)
-    return "\n\n".join(table_of(entry, tables[entry.command]) for entry in runs)
+    rows = measured()
+    if name in ("summary", "finding"):
+        text = (summary_block if name == "summary" else finding)(rows)
+    elif name == "online":
+        text = online_block(rows[ONLINE])
+    elif name == "beliefs":
+        text = beliefs_table(rows[BELIEFS])
+    else:
+        runs = RUNS if name == "results" else (PAPER_RUN,)
+        text = "\n\n".join(table_of(entry, rows[entry.command]) for entry in runs)
+    made = " ".join(dict.fromkeys(digests(name)))
+    line = f"<!-- made by code {made} -->" if PAGES[name] == README else f"Made by code `{made}`."
+    return f"{text}\n\n{line}"
 
 
-def keep(tables: Mapping[str, list[dict[str, Any]]]) -> None:
-    """Write down the rows of some tables, beside those of the others that the README shows."""
-    shown = {*(entry.command for entry in (*RUNS, PAPER_RUN)), BELIEFS, ONLINE}
-    others = {command: rows for command, rows in measured().items() if command in shown}
-    MEASURED.write_text(json.dumps({**others, **tables}, indent=1) + "\n", encoding="utf-8")
+def digests(name: str) -> list[str]:
+    """Return the digests of the code that made the rows of a block."""
+    code = kept().get(CODE, {})
+    return [code.get(command, "unknown") for command in COMMANDS[name]]
 
 
-def measured() -> dict[str, list[dict[str, Any]]]:
-    """Read the rows behind the tables, which a test compares with the README."""
+def is_old(name: str) -> bool:
+    """Return whether other code than this made a block."""
+    return digests(name) != [made_by(command) for command in COMMANDS[name]]
+
+
+def check(*, release: bool) -> int:
+    """Compare the blocks with their rows, the demo with what it prints, and codes with this one."""
+    faults = check_demo()
+    for name, page in PAGES.items():
+        place = f"{page.relative_to(ROOT)}, block {name}"
+        if name == "demo":
+            continue
+        if block(page.read_text(encoding="utf-8"), name).strip() != shown(name).strip():
+            print(f"{place}: not what {MEASURED.relative_to(ROOT)} says; write it anew")
+            faults += 1
+        if is_old(name):
+            first = blocks_of_same_rows(name)[0]
+            print(f"{place}: other code made it; python benchmarks/readme.py --only {first}")
+            faults += release
+    return int(faults > 0)
+
+
+def keep(command: str, rows: list[dict[str, Any]]) -> None:
+    """Write down the rows of a command and the digest of the code that made them."""
+    commands = {command for of_block in COMMANDS.values() for command in of_block}
+    everything = {**kept(), command: rows}
+    code = {**everything.pop(CODE, {}), command: made_by(command)}
+    entries = {name: entry for name, entry in everything.items() if name in commands}
+    entries[CODE] = {name: digest for name, digest in code.items() if name in commands}
+    MEASURED.write_text(json.dumps(entries, indent=1) + "\n", encoding="utf-8")
+
+
+def kept() -> dict[str, Any]:
+    """Read the rows of all commands, and the digests of what made them."""
     if not MEASURED.is_file():
         return {}
     return dict(json.loads(MEASURED.read_text(encoding="utf-8")))
 
 
+def measured() -> dict[str, list[dict[str, Any]]]:
+    """Return the rows behind the tables, by command."""
+    return {command: rows for command, rows in kept().items() if command != CODE}
+
+
 def check_demo() -> int:
     """Compare the README's cast with what the demo prints now."""
-    shown = block(README.read_text(encoding="utf-8"), "demo").splitlines()
+    in_page = block(README.read_text(encoding="utf-8"), "demo").splitlines()
     now = demo_block().splitlines()
-    for line in difflib.unified_diff(shown, now, "README.md", DEMO, lineterm=""):
+    for line in difflib.unified_diff(in_page, now, "README.md", DEMO, lineterm=""):
         print(line)
-    if shown != now:
+    if in_page != now:
         print("README.md shows another demo; mend it with: python benchmarks/readme.py --only demo")
         return 1
     print("README.md shows the demo as it is")
