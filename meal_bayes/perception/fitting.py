@@ -103,11 +103,9 @@ def fit_and_validate(
     width, _ = learned_widths(gathered.values(), settings)
     for e, recordings in gathered.items():
         fit, nested = method_of(settings).fit(recordings.widened(width), settings)
-        # Worse than chance on held-out objects: its percepts are put at even odds.
-        informed = informative(_count(recordings, nested, 2, len(counts)).sum(axis=0))
-        used = informed | (not settings.positive_youden_only)
-        log_odds = np.where(used, nested, 0.0)
-        counts[:, :, e] = _count(recordings, log_odds, settings.levels, len(counts))
+        counts[:, :, e] = _count(recordings, nested, settings.levels, len(counts))
+        # Worse than chance on held-out objects: further percepts are put at even odds.
+        used = informative(counts[:, :, e].sum(axis=0)) | (not settings.positive_youden_only)
         wide = [replace(space, width=width * space.width) for space in recordings.compared]
         spaces_of = dict(zip(domain.behaviors[e].modalities, wide, strict=True))
         classifiers[domain.behaviors[e].name] = BehaviorClassifier(spaces_of, fit, used)
@@ -241,20 +239,16 @@ def _score_behavior(
 
 
 def _neutralize(log_odds: Stored, bins: Counts, labels: Any, groups: Ints) -> None:
-    """Set percepts to even odds, in place, where those of the training side tell nothing.
+    """Set held-out percepts to even odds, in place, where those of the training side tell nothing.
 
-    Decided for each held-out group from the other groups alone.
+    Decided for each held-out group from the other groups alone, whose counts stay as they are: how
+    far below chance pairs fall says how many are above it by chance.
     """
-    even = int(np.searchsorted(BIN_EDGES, 0.0))
     for group, counts in enumerate(bins):
         percepts = by_truth(counts.astype(np.int64), labels).sum(axis=0)
         uninformative = ~informative(percepts)  # (P,E)
-        # The held-out side, then the training side: all recordings move to the bin of even odds.
         held = (groups == group)[:, None, None, None]
         log_odds[held & uninformative.T & ~np.isnan(log_odds)] = 0.0
-        recordings = counts.sum(axis=-1)
-        counts[:, uninformative] = 0
-        counts[:, uninformative, even] = recordings[:, uninformative]
 
 
 def _provenance(dataset: Dataset, settings: PerceptionSettings) -> dict[str, str]:

@@ -48,7 +48,8 @@ class PerceptionSettings:
     nonnegative : bool
         A modality may be ignored, never inverted.
     positive_youden_only : bool
-        Percepts are at even odds where Youden's J <= 0 in training.
+        Percepts of further objects are at even odds where Youden's J <= 0 in training; the counts
+        of training stay as they are.
     classifier : Any
         Of the method "classifier" only: a scikit-learn classifier, see `with_classifier`.
     """

@@ -96,17 +96,23 @@ def test_one_class_and_empty_training_sets_say_nothing(make, relabel):
             assert perception.log_odds(instance, BOTH).tolist() == [0, 0]
 
 
-def test_percepts_without_positive_youden_are_at_even_odds_on_both_sides(make):
+def test_percepts_without_positive_youden_are_counted_as_they_are_and_then_at_even_odds(make):
+    """How far below chance such pairs fall tells how far others rise above it by chance."""
+    below = []
     for seed in range(4):
         dataset = make(seed, signal=0.0)
         perception, counts = fit_and_validate(dataset, TrainingSet.everything(dataset))
-        assert (youden(counts.sum(axis=0))[:, :2] >= 0).all()
+        free = replace(DEFAULT, positive_youden_only=False)
+        _, unsilenced = fit_and_validate(dataset, TrainingSet.everything(dataset), settings=free)
+        np.testing.assert_array_equal(counts, unsilenced)
+        below.append((youden(counts.sum(axis=0))[:, :2] < 0).any())
         for e, behavior in enumerate(("look", "lift")):
             silent = ~perception.classifiers[behavior].used
-            assert (counts[:, silent, e, :, 1] == 0).all()
+            np.testing.assert_array_equal(silent, youden(counts.sum(axis=0))[:, e] <= 0)
             for o in range(10):
                 log_odds = perception.log_odds(dataset.instance(o, behavior, 0), BOTH)
                 assert (log_odds[silent] == 0).all()
+    assert any(below)
 
 
 def test_a_person_is_asked_through_perception_too(make):
