@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,6 +13,7 @@ from meal_bayes.look import short_repr
 from meal_bayes.perception.confusion import informative, youden
 from meal_bayes.posterior.given import generic_prior, given_rows
 from meal_bayes.posterior.grid import PRIOR_WEIGHT, grid_posterior
+from meal_bayes.posterior.spike import probability_of_telling
 
 _DIMENSIONS = 4  # (P,E,2,K)
 
@@ -36,6 +37,9 @@ class ConfusionPosterior(ByValue):
         (P,E,2,K) Dirichlet parameters, before any percept, of the mean rows of pairs whose percepts
         the robot brings: these are believed to tell something, see `posterior.given`. Zeros of all
         other pairs; None where there are only others.
+    telling : NDArray[np.float64] | None
+        (P,E) Pr(the pair's percepts tell anything), see `posterior.spike`: with the rest the row of
+        either truth is the pooled one. None: all pairs tell what was counted.
 
     Examples
     --------
@@ -47,6 +51,7 @@ class ConfusionPosterior(ByValue):
     concentration: NDArray[np.float64]
     dispersion: NDArray[np.float64]
     given_prior: NDArray[np.float64] | None = None
+    telling: NDArray[np.float64] | None = None
 
     __repr__ = short_repr
 
@@ -62,6 +67,14 @@ class ConfusionPosterior(ByValue):
             raise SettingsError(
                 f"given_prior must be of shape {shape}, as the counts have; found shape "
                 f"{self.given_prior.shape}."
+            )
+        telling = self.telling
+        if telling is not None and not (
+            telling.shape == shape[:2] and (telling >= 0).all() and (telling <= 1).all()
+        ):
+            raise SettingsError(
+                f"telling must be probabilities of shape {shape[:2]}, of the pairs that were "
+                f"counted; found shape {telling.shape}."
             )
         for name in ("concentration", "dispersion"):
             values = getattr(self, name)
@@ -104,8 +117,9 @@ class ConfusionPosterior(ByValue):
         counts : ArrayLike
             Object by object, (O,P,E,2,K).
         prior : ArrayLike, optional
-            As in `from_counts`; by default one for each behavior and truth, learned from what its
-            attributes have in common.
+            As in `from_counts`, of pairs that are all known to tell something; by default one for
+            each behavior and truth, learned from what its attributes have in common, and of each
+            pair the probability that it tells anything.
         given : NDArray[np.bool_], optional
             (P,E) pairs whose percepts the robot brings, by a detector: their prior says that these
             tell something, whatever `prior` is.
@@ -117,14 +131,19 @@ class ConfusionPosterior(ByValue):
         concentration = weight * mean
         concentration = concentration.reshape(total.shape)
         dispersion = s.reshape(total.shape[:3])
+        if prior is None:
+            effective = rows.effective(s).reshape(total.shape)
+            telling = probability_of_telling(total, effective, given)
+        else:
+            telling = None
         if given is None or not given.any():
-            return cls(total, concentration, dispersion)
+            return cls(total, concentration, dispersion, telling=telling)
         of_given = given_rows(counts, given)
         concentration[given] = of_given.concentration
         dispersion[given] = of_given.dispersion
         given_prior = np.zeros(total.shape)
         given_prior[given] = of_given.prior
-        return cls(total, concentration, dispersion, given_prior)
+        return cls(total, concentration, dispersion, given_prior, telling)
 
     def believe(self, given: NDArray[np.bool_]) -> Self:
         """Return the same posterior, where pairs (P,E) that were never perceived are now given.
@@ -137,7 +156,8 @@ class ConfusionPosterior(ByValue):
         generic = np.where(new[..., None, None], generic_prior(self.counts.shape[-1]), 0.0)
         given_prior = generic if self.given_prior is None else self.given_prior + generic
         concentration = np.where(new[..., None, None], generic, self.concentration)
-        return replace(self, concentration=concentration, given_prior=given_prior)
+        telling = None if self.telling is None else np.where(new, 1.0, self.telling)
+        return replace(self, concentration=concentration, given_prior=given_prior, telling=telling)
 
     @property
     def given(self) -> NDArray[np.bool_]:
@@ -148,8 +168,8 @@ class ConfusionPosterior(ByValue):
 
     @property
     def mean(self) -> NDArray[np.float64]:
-        """Posterior mean of Theta, (P,E,2,K)."""
-        return freeze(self.concentration / self.concentration.sum(axis=-1, keepdims=True))
+        """Posterior mean of Theta, (P,E,2,K), over whether a pair tells anything too."""
+        return freeze(_mean(self.concentration, self.telling))
 
     @property
     def precision(self) -> NDArray[np.float64]:
@@ -158,11 +178,7 @@ class ConfusionPosterior(ByValue):
         It combines two uncertainties: objects differ (dispersion s), and the mean is known from A
         percepts only. Without the first (s = inf) it is A, without the second (A = inf) it is s.
         """
-        s = self.dispersion
-        a = self.concentration.sum(axis=-1)
-        with np.errstate(invalid="ignore"):
-            combined = s * a / (s + a + 1)
-        return freeze(np.where(np.isnan(combined), np.minimum(s, a), combined))
+        return freeze(_precision(self.concentration, self.dispersion))
 
     @property
     def youden(self) -> NDArray[np.float64]:
@@ -197,17 +213,9 @@ class ConfusionPosterior(ByValue):
         # What the object's percepts are worth now replaces what they were worth before.
         final = np.asarray(counts, dtype=float)
         counted = np.zeros(self.counts.shape) if before is None else np.asarray(before, dtype=float)
-        concentration = self.concentration + (self._effective(final) - self._effective(counted))
+        gained = _effective(final, self.dispersion) - _effective(counted, self.dispersion)
+        concentration = self.concentration + gained
         return replace(self, counts=self.counts + (final - counted), concentration=concentration)
-
-    def _effective(self, counts: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the independent percepts that those of one object are worth.
-
-        The rule of `grid.worth_of_percept`, divided by s, as here it may be inf.
-        """
-        per_percept = 1 / self.dispersion[..., None]
-        weight = (1 + per_percept) / (1 + counts.sum(axis=-1, keepdims=True) * per_percept)
-        return np.asarray(weight * counts)
 
     def select(
         self, columns: Sequence[int], *, exact: bool = False
@@ -225,17 +233,48 @@ class ConfusionPosterior(ByValue):
             Treat the mean as known exactly (precision inf): the paper's Eq. 8.
         """
         picked = np.asarray(columns, dtype=np.intp)
-        alpha = self.concentration[picked]
         precision = self.precision[picked]
         informative = self.informative[picked]
-        pooled = np.broadcast_to(alpha.sum(axis=2, keepdims=True), alpha.shape)
-        alpha = np.where(informative[..., None, None], alpha, pooled)
+        telling = np.where(informative, 1.0 if self.telling is None else self.telling[picked], 0.0)
+        mean = _mean(self.concentration[picked], telling)
         # Rows of unequal precision would inform by how repeats agree.
         shared = precision.min(axis=2, keepdims=True)
         precision = np.where(informative[..., None], precision, shared)
         if exact:
             precision = np.full_like(precision, np.inf)
-        return freeze(alpha / alpha.sum(axis=-1, keepdims=True)), freeze(precision)
+        return freeze(mean), freeze(precision)
+
+
+def _effective(counts: NDArray[Any], dispersion: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the independent percepts that those of one object are worth.
+
+    The rule of `grid.worth_of_percept`, divided by s, as here it may be inf.
+    """
+    per_percept = 1 / dispersion[..., None]
+    weight = (1 + per_percept) / (1 + counts.sum(axis=-1, keepdims=True) * per_percept)
+    return np.asarray(weight * counts)
+
+
+def _mean(
+    concentration: NDArray[np.float64], telling: NDArray[np.float64] | None
+) -> NDArray[np.float64]:
+    """Return mean rows (...,2,K), and with the rest of Pr(a pair tells) (...) the pooled row."""
+    rows = concentration / concentration.sum(axis=-1, keepdims=True)
+    if telling is None:
+        return np.asarray(rows)
+    pooled = concentration.sum(axis=-2, keepdims=True)
+    pooled = pooled / pooled.sum(axis=-1, keepdims=True)
+    weight = telling[..., None, None]
+    return np.asarray(weight * rows + (1 - weight) * pooled)
+
+
+def _precision(
+    concentration: NDArray[np.float64], dispersion: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    a = concentration.sum(axis=-1)
+    with np.errstate(invalid="ignore"):
+        combined = dispersion * a / (dispersion + a + 1)
+    return np.asarray(np.where(np.isnan(combined), np.minimum(dispersion, a), combined))
 
 
 def _prior(prior: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.float64]:

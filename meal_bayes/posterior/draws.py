@@ -7,7 +7,7 @@ the same functions summarize them as a `ConfusionPosterior`, and predict new per
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import xarray as xr
@@ -89,7 +89,8 @@ def summarize_draws(draws: xr.Dataset, counts: ArrayLike) -> ConfusionPosterior:
 
     A row keeps its mean, the mean's variance (A, by sum_k m_k (1 - m_k) / (A + 1)), and the
     predictive of a second percept equal to the first (s, as on the grid). Where a fraction
-    epsilon of objects shows the other truth's row, it is mixed into the row.
+    epsilon of objects shows the other truth's row, it is mixed into the row. The draws are of pairs
+    that tell something; with which probability they do is added, as `bayes` has it.
     """
     whole = ConfusionPosterior.from_objects(counts)
     m, s, misperceived = rows_of(draws)
@@ -116,7 +117,7 @@ def summarize_draws(draws: xr.Dataset, counts: ArrayLike) -> ConfusionPosterior:
     concentration[:, columns] = weight[..., None] * center
     with np.errstate(divide="ignore"):  # to infinity
         dispersion[:, columns] = ratio / (1 - ratio)
-    return ConfusionPosterior(whole.counts, concentration, dispersion)
+    return replace(whole, concentration=concentration, dispersion=dispersion)
 
 
 def sensing(counts: ArrayLike) -> Bools:

@@ -161,7 +161,8 @@ def test_graded_rows_lean_on_what_a_level_is_worth_elsewhere():
     _, counts = simulate(np.random.default_rng(7), 4.0, objects=80, attributes=10, levels=4)
     counts[2:, -1] = 0
     fit = from_objects(counts)
-    worth = np.log(fit.mean[:, 0, 1] / fit.mean[:, 0, 0])  # (P,K)
-    pooled = np.log(fit.mean[:-1, 0, 1].mean(axis=0) / fit.mean[:-1, 0, 0].mean(axis=0))
+    mean = fit.concentration / fit.concentration.sum(axis=-1, keepdims=True)  # if they tell
+    worth = np.log(mean[:, 0, 1] / mean[:, 0, 0])  # (P,K)
+    pooled = np.log(mean[:-1, 0, 1].mean(axis=0) / mean[:-1, 0, 0].mean(axis=0))
     assert np.abs(worth[-1] - pooled).mean() < 0.5 * np.abs(worth[:-1] - pooled).mean()
     np.testing.assert_allclose(prior_of(counts).sum(axis=-1), 32.0)

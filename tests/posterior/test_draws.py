@@ -38,7 +38,8 @@ def test_draws_of_the_grid_agree_with_its_fit(counts, draws):
     mean, s, _ = rows_of(draws)
     assert draws["behavior"].values.tolist() == ["look", "lift"]
     assert mean.shape == (4000, 2, 2, 2, counts.shape[-1])
-    np.testing.assert_allclose(mean.mean(axis=0), fit.mean, atol=0.01)
+    rows = fit.concentration / fit.concentration.sum(axis=-1, keepdims=True)
+    np.testing.assert_allclose(mean.mean(axis=0), rows, atol=0.01)  # of pairs that tell
     spread = 1 - (mean**2).sum(axis=-1)
     dispersion = spread.sum(axis=0) / (spread / (s + 1)).sum(axis=0) - 1
     np.testing.assert_allclose(np.log(dispersion / fit.dispersion), 0, atol=0.1)
@@ -59,6 +60,7 @@ def test_the_summary_for_agents_is_the_grids_own(counts, draws):
     summary = summarize_draws(draws, counts)
     expected = ConfusionPosterior.from_objects(counts)
     np.testing.assert_array_equal(summary.counts, expected.counts)
+    np.testing.assert_array_equal(summary.telling, expected.telling)
     np.testing.assert_allclose(summary.mean, expected.mean, atol=0.01)
     np.testing.assert_allclose(np.log(summary.dispersion / expected.dispersion), 0, atol=0.1)
     weights = [p.concentration.sum(axis=-1)[:, [0, 2]] for p in (summary, expected)]
