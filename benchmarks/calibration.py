@@ -1,33 +1,42 @@
 """What beliefs are worth on the real recordings: NLL, Brier, ECE of observation models.
 
-python benchmarks/calibration.py [--dataset NAME ...] [--prior rates|even]
-                                 [--attributes all|well|weak] [--json]
+python benchmarks/calibration.py [--part beliefs|answers|halves|simulated] [--dataset NAME ...]
+                                 [--prior rates|even] [--attributes all|well|weak] [--json]
+                                 [--seed S] [--trials N]
 
 Everything is nested: percepts of an object come from classifiers, and what is believed of them
 from tables, that never saw it; the prior is the other objects' base rate.
 
-Evidence: k recordings of one behavior (in a row, starting from each; the first follows the last),
-one recording of each behavior (the r-th, for every r), all recordings of all behaviors. Counted are
-attributes that experiments ask; of their behaviors those with TPR - FPR > .2 on the training
-objects of the held-out object at hand, and beliefs of several behaviors are those of these. TPR and
-FPR are of the decision: "true" where class-balanced log-odds and the base rate's sum to more than
-0.
+`beliefs` (default): k recordings of one behavior (in a row, starting from each; the first follows
+the last), one recording of each behavior (the r-th, for every r), all recordings of all behaviors.
+Counted are attributes that experiments ask; of their behaviors those with TPR - FPR > .2 on the
+training objects of the held-out object at hand, and beliefs of several behaviors are those of
+these. TPR and FPR are of the decision: "true" where class-balanced log-odds and the base rate's sum
+to more than 0. Intervals are of the NLL, 95 %, whole objects redrawn. Sensitivity and specificity
+are those of beliefs above one half; one half counts half. With `--prior even` beliefs start from
+there: what is left between the two is the percepts'. Well read are attributes of which some
+behavior has TPR - FPR > .6.
 
-Intervals are of the NLL, 95 %, whole objects redrawn. Sensitivity and specificity are those of
-beliefs above one half; one half counts half. With `--prior even` beliefs start from there: what is
-left between the two is the percepts'. Well read are attributes of which some behavior has
-TPR - FPR > .6.
+What decides is Pr(all asked attributes are right), when the agent stops by itself. `answers` shows
+it in the trials of `run offline` by number of attributes: what `bayes` says when it answers, how
+often that is right, and the gap, with 95 % intervals by object. `halves` takes the objects apart in
+two halves, 20 times: what is learned, classifiers too, knows one half, and the questions are about
+the other, so that nothing is left out again and again; intervals are by split (corrected resampled
+t). `simulated` draws objects and percepts from what the agent believes: z of said less right.
 """
 
+import sys
 import time
 from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
+from knowing_little import first_objects, replayed
 from measuring import options_of, show
 from numpy.typing import NDArray
 
-from meal_bayes.agents import knowledge_without
+from meal_bayes import Learner, load_dataset
+from meal_bayes.agents import knowledge_without, load_agent
 from meal_bayes.agents.base_rates import learn_base_rates
 from meal_bayes.arrays import Floats
 from meal_bayes.datasets import PerceptTable, load_percepts
@@ -38,12 +47,16 @@ from meal_bayes.evaluation import (
     expected_calibration_error,
     negative_log_likelihood,
 )
+from meal_bayes.evaluation.statistics import clustered, resampled
 from meal_bayes.experiments import askable
+from meal_bayes.experiments.offline import offline_tasks
 from meal_bayes.perception.confusion import by_truth, youden
+from meal_bayes.planners.rollout import simulate
 from meal_bayes.posterior import ConfusionPosterior
 from meal_bayes.posterior.checks import log_likelihood
 from meal_bayes.posterior.trait import learn_trait, truth_evidence
 from meal_bayes.seeds import stream
+from meal_bayes.trials import Trial
 from paper_repro.inference import bootstrap_interval
 
 DEFAULT = "shared trait"
@@ -51,6 +64,13 @@ LEVELS = {"counts": 2, "object level": 2, "graded": 4, DEFAULT: 4}
 USEFUL = 0.2  # TPR - FPR of the pairs that count
 WELL = 0.6  # of attributes that are read well, by some behavior
 SETS = 500  # bootstrap draws
+SEED = 6201  # none by which the model was chosen
+ASKED = {"roc36": (2, 3), "ispy32": (1, 2, 3), "cy101": (1, 2)}
+TRIALS = {"roc36": 2000, "ispy32": 2000, "cy101": 1000}
+SPLITS = 20
+EPISODES = 5  # simulated of each question
+
+Row = dict[str, Any]
 
 
 class Model(NamedTuple):
@@ -219,14 +239,120 @@ def score(
     }
 
 
+def answers(name: str, n: int, trials: int, seed: int) -> Row:
+    """Measure answers about objects of a percept table, each left out by what is learned."""
+    table = load_percepts(name)
+    learner = Learner(table.domain, agent="bayes", seed=seed, logs=None).fit(table)
+    done = [learner.ask(task) for task in offline_tasks(table, n, trials, seed)]
+    objects = np.array([trial.task.object_index for trial in done])
+    said, right, answered = stopped(done)
+    gap = clustered((said - right)[answered], objects[answered]).interval()
+    return {**row_of(name, n, done), "gap": gap.estimate, "gap_low": gap.low, "gap_high": gap.high}
+
+
+def halves(name: str, n: int, trials: int, seed: int) -> Row:
+    """Measure answers about one half of the objects, of which nothing was learned."""
+    data = load_dataset(name)
+    done = []
+    gaps = []
+    losses = []
+    for split in range(SPLITS):
+        order = stream(seed, "halves", name, split).permutation(len(data.objects))
+        known = order[: len(order) // 2]
+        learner = Learner(data.domain, agent="bayes", seed=seed, logs=None)
+        learner.fit(first_objects(data, known))
+        asked = max(1, trials // SPLITS)
+        tasks = offline_tasks(load_percepts(name), n, 4 * asked + 40, seed + split)
+        of_split = []
+        for task in [task for task in tasks if task.object_index not in known][:asked]:
+            labels = data.labels[task.object_index, data.domain.columns(task.query.attributes)]
+            truth = dict(zip(task.query.attributes, (labels == 1).tolist(), strict=True))
+            robot = replayed(data, task.object_index, truth, seed, "halves", split, *task.key)
+            of_split.append(learner.ask(list(truth), robot, truth=truth, learn=False))
+        said, right, answered = stopped(of_split)
+        gaps.append((said - right)[answered].mean() if answered.any() else np.nan)
+        losses.append(negative_log_likelihood(said, right == 1).mean())
+        done += of_split
+    gap = resampled(np.array(gaps)[~np.isnan(gaps)], 1.0).interval()
+    return {
+        **row_of(name, n, done),
+        "gap": gap.estimate,
+        "gap_low": gap.low,
+        "gap_high": gap.high,
+        "nll": float(np.mean(losses)),
+    }
+
+
+def simulated(name: str, n: int, trials: int, seed: int) -> Row:
+    """Draw objects and percepts from what is believed: z tells whether the procedure is right."""
+    table = load_percepts(name)
+    agent = load_agent("bayes")
+    learner = Learner(table.domain, agent=agent, seed=seed, logs=None).fit(table)
+    said = []
+    right = []
+    for task in offline_tasks(table, n, max(1, trials // EPISODES), seed):
+        momdp = agent.model(task.query, learner.knowledge(task.object_name))
+        rng = stream(seed, "simulated", *task.key)
+        policy = agent.planner(table.domain, task.query).solve(momdp, rng)
+        played = simulate(momdp, policy, EPISODES, rng)
+        said.append(played.certainty[~played.abstained])
+        right.append(played.success[~played.abstained])
+    sure = np.concatenate(said)
+    gap = sure - np.concatenate(right)
+    z = gap.sum() / np.sqrt((sure * (1 - sure)).sum())
+    return {
+        "dataset": name,
+        "attributes": n,
+        "answered": len(sure),
+        "says": float(sure.mean()),
+        "right": float((sure - gap).mean()),
+        "z": float(z),
+    }
+
+
+def stopped(trials: list[Trial]) -> tuple[Floats, Floats, NDArray[np.bool_]]:
+    """Return of trials Pr(right) when they ended, whether they were right, and answered."""
+    said = np.array([trial.certainty for trial in trials])
+    right = np.array([bool(trial.success) for trial in trials], float)
+    return said, right, np.array([trial.report is not None for trial in trials])
+
+
+def row_of(name: str, n: int, trials: list[Trial]) -> Row:
+    """Sum up trials."""
+    said, right, answered = stopped(trials)
+    return {
+        "dataset": name,
+        "attributes": n,
+        "trials": len(trials),
+        "answered": int(answered.sum()),
+        "says": float(said[answered].mean()),
+        "right": float(right[answered].mean()),
+        "reward": float(np.mean([trial.reward for trial in trials])),
+        "cost_s": float(np.mean([trial.cost for trial in trials])),
+    }
+
+
 def main() -> None:
     """Measure the data sets and print a table, or JSON."""
     parser = options_of(__doc__)
+    parts = {"answers": answers, "halves": halves, "simulated": simulated}
+    parser.add_argument("--part", choices=("beliefs", *parts), default="beliefs")
+    parser.add_argument("--seed", type=int, default=SEED)
+    parser.add_argument("--trials", type=int, help="of a row; by default those on the page")
     parser.add_argument("--dataset", nargs="+", default=["roc36", "ispy32", "cy101"])
     parser.add_argument("--prior", choices=("rates", "even"), default="rates")
     parser.add_argument("--attributes", choices=("all", "well", "weak"), default="all")
     options = parser.parse_args()
     rows = []
+    if options.part != "beliefs":
+        measured = parts[options.part]
+        cells = [(data, n) for data in options.dataset for n in ASKED[data]]
+        for data, n in cells:
+            row = measured(data, n, options.trials or TRIALS[data], options.seed)
+            rows.append(row)
+            print(row, file=sys.stderr, flush=True)
+        show(rows, {"rows": rows} if options.json else None)
+        return
     seconds = {}
     for name in options.dataset:
         of_data, seconds[name] = measure(name, options.attributes, options.prior)
