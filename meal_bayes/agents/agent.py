@@ -20,9 +20,6 @@ from meal_bayes.planners import Solver, warm_up
 from meal_bayes.planners.solver import checked_solver
 from meal_bayes.untrusted import name_fault
 
-_TRUST = 0.99  # Pr(a label that a person gave is right)
-_MOST_VOTES = 5  # of one side, beyond which a belief could not be moved any more
-
 Rows = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64] | None]
 ObservationModel = Callable[[Knowledge, Sequence[int]], Rows]
 
@@ -118,7 +115,7 @@ class Agent:
         limit: ArrayLike = np.inf,
         reward: float | None = None,
         payoffs: Payoffs | None = None,
-        votes: NDArray[np.int64] | None = None,
+        told: NDArray[np.float64] | None = None,
     ) -> MOMDP:
         """Build the query's MOMDP from what is known (Alg. 1, l. 1-4).
 
@@ -134,28 +131,27 @@ class Agent:
             r+ = -r-, the domain's by default.
         payoffs : Payoffs | None
             What yes and no earn where the query does not say it; the domain's by default.
-        votes : NDArray[np.int64] | None
-            (N,) trials after which a person said of this object that it is so, less those that it
-            is not; each is right in 99 of 100 cases, and evidence of its own.
+        told : NDArray[np.float64] | None
+            (N,) Pr(attribute is true) by what people said of this very object; NaN where they said
+            nothing.
         """
         domain = knowledge.domain
         columns = domain.columns(query.attributes)
         observation = self.observation_model or self._observation
         confusion, precision, latent_classes = observation(knowledge, columns)
         prior = knowledge.base_rates[columns] if self.base_rates else np.full(len(query), 0.5)
-        by_votes = np.full(len(query), np.nan)
-        if votes is not None:
-            by_votes = _prior_by_votes(votes)
+        if told is None:
+            told = np.full(len(query), np.nan)
         joint = None
         if self.base_rates and self.co_occurrence:
-            joint = joint_prior(query, prior, knowledge.co_occurrence, columns, by_votes)
+            joint = joint_prior(query, prior, knowledge.co_occurrence, columns, told)
         loss = None if reward is None else wrong_reward(reward)
         momdp = build_momdp(
             domain,
             query,
             confusion,
             precision,
-            prior=np.where(np.isnan(by_votes), prior, by_votes),
+            prior=np.where(np.isnan(told), prior, told),
             limit=limit,
             latent_classes=latent_classes,
             objective=Objective(reward, loss, self.discount, self.abstain, payoffs),
@@ -170,11 +166,3 @@ class Agent:
         rows, weight = knowledge.trait.select(confusion, precision)
         classes = knowledge.trait.latent_classes
         return rows, weight, np.tile(classes, (len(columns), 1, 1))  # (N,2,M)
-
-
-def _prior_by_votes(votes: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Return Pr(attribute is true) (N,) by trials for it less those against it; NaN at 0."""
-    weight = np.minimum(np.abs(votes), _MOST_VOTES)
-    # Votes are independent, each right with _TRUST: p^n / (p^n + (1 - p)^n).
-    prob_right = _TRUST**weight / (_TRUST**weight + (1.0 - _TRUST) ** weight)
-    return np.where(votes == 0, np.nan, np.where(votes > 0, prob_right, 1.0 - prob_right))

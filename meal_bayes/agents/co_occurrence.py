@@ -110,7 +110,7 @@ def joint_prior(
     rates: Floats,
     co_occurrence: CoOccurrence,
     columns: Sequence[int],
-    by_votes: NDArray[np.float64] | None = None,
+    told: NDArray[np.float64] | None = None,
 ) -> Floats | None:
     """Compute Pr(values) (Y,) of a query in the order of `Query.values`; None where independent.
 
@@ -124,7 +124,7 @@ def joint_prior(
         Pairs that are coupled.
     columns : Sequence[int]
         (N,) places of the attributes in the domain.
-    by_votes : NDArray[np.float64] | None
+    told : NDArray[np.float64] | None
         (N,) Pr(attribute is true) of those that a person labeled on this object, NaN of the others,
         which then follow from them.
     """
@@ -143,9 +143,9 @@ def joint_prior(
     joint = np.where(values, rates, np.where(grouped, 1.0, 1.0 - rates)).prod(axis=1)
     # Pairs whose margins no joint distribution has together are met on average; the rates always.
     joint = _fitted(_fitted(joint / joint.sum(), [*pairs, *singles]), singles)
-    if by_votes is not None:
-        labeled = np.flatnonzero(~np.isnan(by_votes)).tolist()
-        joint = _fitted(joint, [_single(values, i, float(by_votes[i])) for i in labeled])
+    if told is not None:
+        labeled = np.flatnonzero(~np.isnan(told)).tolist()
+        joint = _fitted(joint, [_single(values, i, float(told[i])) for i in labeled])
     return joint
 
 

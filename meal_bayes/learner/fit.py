@@ -16,7 +16,7 @@ from meal_bayes.agents import Agent, Knowledge
 from meal_bayes.domain import Query
 from meal_bayes.learner.experience import Context, Experience, Labels
 from meal_bayes.learner.settings import LearnerSettings
-from meal_bayes.learner.views import votes
+from meal_bayes.learner.trust import told_prior
 from meal_bayes.momdp import MOMDP
 from meal_bayes.perception import Perceiver, SampledPercepts
 from meal_bayes.planners import Policy
@@ -91,7 +91,7 @@ def problem_of(fit: Fit, task: Task, limit: ArrayLike = np.inf, *, recognize: bo
         limit=limits_of(fit, limit),
         reward=fit.settings.reward,
         payoffs=fit.settings.payoffs,
-        votes=votes_of(fit, task) if recognize else None,
+        told=told_of(fit, task) if recognize else None,
     )
 
 
@@ -101,9 +101,12 @@ def limits_of(fit: Fit, limit: ArrayLike) -> NDArray[np.float64]:
     return np.asarray(np.broadcast_to(np.minimum(limit, fit.limit), behaviors), np.float64)
 
 
-def votes_of(fit: Fit, task: Task) -> NDArray[np.int64] | None:
-    """Return what trials said of a task's object, (N,), if the agent recognizes it by any."""
-    return votes(fit.record, task.query, task.object_name) if fit.agent.memory else None
+def told_of(fit: Fit, task: Task) -> NDArray[np.float64] | None:
+    """Return Pr(attribute is true) (N,) by what was told of a task's object, if it is recognized.
+
+    An agent with memory recognizes an object of which anything was told.
+    """
+    return told_prior(fit.record, task.query, task.object_name) if fit.agent.memory else None
 
 
 def solve(fit: Fit, task: Task, streams: Key, momdp: MOMDP) -> Policy:

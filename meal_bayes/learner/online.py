@@ -19,7 +19,7 @@ from meal_bayes.datasets import Instance
 from meal_bayes.domain import Query, learn_success
 from meal_bayes.learner import views
 from meal_bayes.learner.experience import Context, Experience, Labels
-from meal_bayes.learner.fit import OnStep, limits_of, problem_of, sampled, solve, votes_of
+from meal_bayes.learner.fit import OnStep, limits_of, problem_of, sampled, solve, told_of
 from meal_bayes.learner.perceived import (
     classify,
     count_detections,
@@ -336,7 +336,7 @@ class Online:
         if not explore and self.settings.shaped_answers:
             shaped = isinstance(exploration, ITRSBonus)
         # An object that is recognized has a prior of its own, so its problem is built anew.
-        recognized = votes_of(self, task) is not None
+        recognized = told_of(self, task) is not None
         if shaped and (recognized or not isinstance(exploration, NoBonus)):
             return self._plan_shaped(task, streams, limit, explore=explore)
         if recognized:

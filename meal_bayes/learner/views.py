@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meal_bayes.datasets import Dataset, PerceptTable, TrainingSet
-from meal_bayes.domain import Query
 from meal_bayes.learner.experience import (
     FROM_DATASET,
     NONE,
@@ -108,15 +107,6 @@ def labeled_table(record: Experience, table: PerceptTable) -> PerceptTable:
     """Return a percept table with what was told of its objects that had no label."""
     told_labels = labels_for(record, table.objects)
     return replace(table, labels=np.where(table.labels < 0, told_labels, table.labels))
-
-
-def votes(record: Experience, query: Query, object_name: str) -> NDArray[np.int64] | None:
-    """Count the trials that say yes less those that say no, (N,); None where none says anything."""
-    o = record.objects.get(object_name, NONE)
-    rows = record.labels_by_trial(o)[:, record.domain.columns(query.attributes)]
-    if not (rows >= 0).any():
-        return None
-    return np.asarray((rows == 1).sum(axis=0) - (rows == 0).sum(axis=0), np.int64)
 
 
 def labels_of(record: Experience, *, memory: bool) -> Labels:

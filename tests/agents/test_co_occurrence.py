@@ -168,7 +168,7 @@ class TestAgent:
         alone = agent.model(Query(names[:1]), knowledge)
         assert alone.joint is None
         assert_array_equal(alone.prior, plain.model(Query(names[:1]), knowledge).prior)
-        voted = agent.model(Query(names), knowledge, votes=np.array([1, 0]))
+        voted = agent.model(Query(names), knowledge, told=np.array([0.99, np.nan]))
         assert voted.prior[0] == pytest.approx(0.99)
         assert voted.prior[1] < joint.prior[1]
 
