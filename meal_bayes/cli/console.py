@@ -213,16 +213,22 @@ def progress(what: str, noun: str) -> Iterator[Advance]:
     task = bars.add_task(printable(what), total=None, noun=noun, left="")
     begun = time.monotonic()
     pace = _Pace(begun)
+    runs = 0
 
     def advance(done: float, total: int, noun: str = noun) -> None:
+        nonlocal runs
         now = time.monotonic()
         if pace.begins_anew(done, now):
-            bars.reset(task, completed=int(done), total=total)
+            runs += 1
+            name = what if runs == 1 else f"{what}, run {runs}"
+            bars.reset(task, completed=int(done), total=total, description=printable(name))
         seconds = pace.seconds_left(done, total, now)
         left = "" if seconds is None else f"{seconds:.0f} s left"
         bars.update(task, completed=done, total=total, noun=noun, left=left)
         if bars.disable and done < total and pace.is_line_due(done, now):
-            begins = "" if what == noun else f"{what}: "
+            run = "" if runs == 1 else f"run {runs}"
+            begins = ", ".join(filter(None, ("" if what == noun else what, run)))
+            begins += ": " if begins else ""
             passed = f"{now - begun:.0f} s"
             note(", ".join(filter(None, (f"{begins}{int(done)} of {total} {noun}", passed, left))))
 
@@ -252,25 +258,24 @@ def resumed(noun: str) -> Iterator[Advance]:
 
 @contextlib.contextmanager
 def showing_compilation() -> Iterator[None]:
-    """Show which kernels are compiled, and how many are: moving on a terminal, else a line each.
+    """Say that the planner is prepared, and on a terminal how far that is.
 
-    Nothing is shown where all are loaded, as in most programs.
+    Nothing is shown where an earlier program compiled its kernels, as in most programs.
     """
-    from meal_bayes.planners import Compiling, watch_compilation
+    from meal_bayes.planners.jit import PREPARING, Compiling, watch_compilation
 
-    text = "compiling the planner, once after an install"
     console = output(stderr=True)
-    status = console.status(text, spinner="line")
-    announced = set[str]()
+    status = console.status(PREPARING, spinner="line")
+    announced = False
 
     def report(now: Compiling) -> None:
+        nonlocal announced
         if console.is_terminal:
-            counted = f"{now.done} of at most {now.most} kernels"
-            status.update(f"{text}: {now.entry}, {counted} ({now.kernel})")
+            status.update(f"{PREPARING}: part {now.done + 1} of at most {now.most}")
             status.start()
-        elif now.entry not in announced:
-            announced.add(now.entry)
-            note(f"{text}: {now.entry}, at most {now.most} kernels")
+        elif not announced:
+            note(PREPARING)
+        announced = True
 
     try:
         with watch_compilation(report, status.stop):

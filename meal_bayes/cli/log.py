@@ -203,7 +203,8 @@ def _header_facts(header: Mapping[str, Any]) -> dict[str, str]:
 
 def _as_text(value: object) -> str:
     if isinstance(value, dict):
-        return ", ".join(f"{name} {_as_text(entry)}" for name, entry in value.items())
+        named = ((name, _as_text(entry)) for name, entry in value.items())
+        return ", ".join(f"{name} {entry or 'none'}" for name, entry in named)
     if isinstance(value, list):
         return " ".join(map(_as_text, value))
     return "-" if value is None else str(value)

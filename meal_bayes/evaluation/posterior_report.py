@@ -44,7 +44,7 @@ def write_posterior(fit: PosteriorFit, folder: Path, settings: dict[str, object]
     whole = idata.to_idata(draws, **arviz_groups(fit))
     idata.save_netcdf(whole, folder / "posterior.nc")
     summary = idata.summary_of(whole)
-    write_whole(folder / "summary.csv", summary.to_csv())
+    write_whole(folder / "summary.csv", summary.rename_axis("entry").to_csv())
     look.save(_forest(fit), folder / "forest.png")
     look.save(plots.predictive(check.observed, check.predicted), folder / "predictive.png")
     for name, (positive, truth) in beliefs.items():

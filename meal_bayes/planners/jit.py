@@ -26,6 +26,7 @@ them, everything is compiled anew.
 import contextlib
 import functools
 import hashlib
+import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, NamedTuple, cast
@@ -40,6 +41,7 @@ from numba.core.dispatcher import Dispatcher
 from meal_bayes.cache import compile_kernel
 
 Index = int | np.int64
+PREPARING = "preparing the planner, once after an install, about 10 s"
 NO_BEHAVIOR: Index = np.int64(-1)  # where a kernel takes or returns a behavior
 
 
@@ -213,6 +215,29 @@ class _Watch(event.Listener):  # type: ignore[misc]  # numba has no types
             self._end()
 
 
+class _Preparing(event.Listener):  # type: ignore[misc]  # numba has no types
+    """Says once, on a terminal or in a notebook, why the first question takes longer."""
+
+    said = False
+    watchers = 0  # which show it in their own way
+
+    def on_start(self, started: Any) -> None:
+        ours = started.data["dispatcher"].py_func.__module__.startswith("meal_bayes.")
+        if not ours or self.said or self.watchers or sys.stderr is None:
+            return
+        if "ipykernel" in sys.modules or sys.stderr.isatty():
+            sys.stderr.write(f"meal_bayes: {PREPARING}\n")
+            sys.stderr.flush()
+            self.said = True
+
+    def on_end(self, ended: Any) -> None:
+        pass
+
+
+_PREPARING = _Preparing()
+event.register("numba:compile", _PREPARING)
+
+
 @contextlib.contextmanager
 def watch_compilation(
     report: Callable[[Compiling], None], end: Callable[[], None]
@@ -221,5 +246,9 @@ def watch_compilation(
 
     Nothing is called where kernels are loaded that an earlier program compiled.
     """
-    with event.install_listener("numba:compile", _Watch(report, end)):
-        yield
+    _PREPARING.watchers += 1
+    try:
+        with event.install_listener("numba:compile", _Watch(report, end)):
+            yield
+    finally:
+        _PREPARING.watchers -= 1

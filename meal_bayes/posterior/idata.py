@@ -38,9 +38,16 @@ _CLASSIC = az.__version__.startswith("0.")
 
 
 def to_idata(posterior: xr.Dataset, **groups: xr.Dataset) -> Any:
-    """Build an InferenceData (0.x) or DataTree (1.x) of draws, and of groups by their names."""
+    """Build an InferenceData (ArviZ 0.x) or DataTree (1.x) of draws and further groups.
+
+    Its attributes are those of the posterior: what made it.
+    """
     of_group = {"posterior": posterior, **groups}
-    return az.InferenceData(**of_group) if _CLASSIC else xr.DataTree.from_dict(of_group)
+    if _CLASSIC:
+        return az.InferenceData(attrs=dict(posterior.attrs), **of_group)
+    tree = xr.DataTree.from_dict(of_group)
+    tree.attrs.update(posterior.attrs)
+    return tree
 
 
 def summary_of(idata: Any) -> Any:

@@ -59,13 +59,13 @@ def add_two(x, offset):
     return add_one(add_one(x))
 
 
-def test_a_line_tells_which_kernels_are_compiled(capsys):
+def test_a_line_says_that_the_planner_is_prepared(capsys):
     """Whatever a kernel leads to is counted, also what an argument that is None leaves out."""
     with showing_compilation():
         assert add_two(0, None) == 2
         assert add_two(1, None) == 3
     text = capsys.readouterr().err
-    assert text == "compiling the planner, once after an install: add_two, at most 3 kernels\n"
+    assert text == "preparing the planner, once after an install, about 10 s\n"
 
 
 def test_compilation_is_watched_kernel_by_kernel():
