@@ -81,8 +81,9 @@ def _rows(values: Any, objects: Sequence[str], context: Context) -> FeatureRows:
                 places, frame["object"], frame["recording"], strict=True
             )
         ]
-        table = frame.drop(columns=list(KEYS))
-        return FeatureRows(source, places, keys, _numbers(table, source), list(table.columns))
+        of_key = [name in KEYS or (isinstance(name, tuple) and name[0] in KEYS) for name in frame]
+        table = frame.loc[:, ~np.array(of_key, bool)]
+        return FeatureRows(source, places, keys, _columns(table, source), list(table.columns))
     if not isinstance(values, Mapping):
         if len(values) != len(objects):
             raise DataError(
@@ -177,6 +178,22 @@ def _named_once(rows: Mapping[Any, Any], source: str) -> dict[str, Any]:
     for key, value in rows.items():
         add_once(named, source, _text_at(source, key, _OBJECT), value)
     return named
+
+
+def _columns(table: Any, source: str) -> NDArray[np.float32]:
+    """Return the numbers of a frame (n,D); a fault names the first column that has one alone."""
+    # pandas' own kinds of numbers, which may lack some: beside others they were objects.
+    from pandas.api.types import is_extension_array_dtype, is_numeric_dtype  # noqa: PLC0415
+
+    kinds = dict(table.dtypes)
+    own = [n for n, kind in kinds.items() if is_extension_array_dtype(kind)]
+    table = table.astype({name: float for name in own if is_numeric_dtype(kinds[name])})
+    try:
+        return _numbers(table, source)
+    except DataError:
+        for column, name in enumerate(table.columns):
+            _numbers(table.iloc[:, [column]], f"{source}, column {name!r}")
+        raise
 
 
 def _numbers(rows: Any, source: str) -> NDArray[np.float32]:

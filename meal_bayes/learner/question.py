@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from meal_bayes.agents import Agent, LearningBonus
-from meal_bayes.arrays import check_whole, check_yes_no, real_vector
+from meal_bayes.arrays import check_whole, check_yes_no, plain, real_vector
 from meal_bayes.datasets import PerceptTable, object_index
 from meal_bayes.domain import TERMINAL, Domain, Query, read_question
 from meal_bayes.errors import LogError, SettingsError
@@ -143,6 +143,7 @@ def read_task(
                 "leave out the object's name."
             )
         return question, question.key
+    key = plain(key)
     if not isinstance(key, str | int | None):
         raise SettingsError(f"key is {key!r:.60}; give a text.")
     if isinstance(key, str) and (fault := name_fault(key)):

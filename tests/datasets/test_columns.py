@@ -158,3 +158,11 @@ def test_a_live_row_with_a_clock_is_no_percept_and_says_so():
     with pytest.warns(UserWarning, match="by h alone: c: .*'timestamp'"):
         execution = checker.execute(0, Outcome("here", sensed))
     assert list(execution.instance.features) == ["h"]
+
+
+@pytest.mark.parametrize("kind", ["Int64", "Float64", "Int8", "boolean"])
+def test_numbers_of_pandas_own_kinds_are_numbers(kind):
+    whole = frame(np.random.default_rng(3)).assign(a=[0.0, 1.0, 0.0] * 12)
+    assert data_of(whole.astype({"a": kind})).digest() == data_of(whole).digest()
+    with pytest.raises(DataError, match="column 'a'"):
+        data_of(whole.assign(a="x"))
