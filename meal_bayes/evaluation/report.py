@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from meal_bayes.arrays import Bools
 from meal_bayes.canvas import Axes
+from meal_bayes.domain.words import denied
 from meal_bayes.errors import SettingsError
 from meal_bayes.evaluation import plots
 from meal_bayes.evaluation.learning import POOLED
@@ -72,6 +73,7 @@ _LISTED = 200  # trials of one list
 _NAMED = 4  # agents that a title names
 _BLOCK = 5  # least trials of a block of a lab's curve
 _BLOCKS = 10  # of them at most
+_LEARNED = 0.9  # right answers of an attribute, from which on it counts as learned
 _SHORT = 0.1  # h, below which a time is shown in s
 
 
@@ -214,6 +216,7 @@ def _sections(logged: LoggedOutcomes, trials: ShownTrials, reference: str) -> It
     yield from _learning(logged.batches())
     if trials.lab:
         yield from _progress(logged.outcomes)
+        yield _learned(logged.outcomes)
     yield {**_calibration(rows, logged), "lead": lead}
     yield _telling(logged, trials, rows)
     yield {**_attributes(agents), "lead": lead}
@@ -509,6 +512,60 @@ def _progress(outcomes: TrialOutcomes) -> Iterator[Section]:
             "objects drawn as wholes."
         )
         yield {"title": "Learning", "figures": [(drawn, text)]}
+
+
+def _learned(outcomes: TrialOutcomes) -> Section:
+    """Return, by attribute, what a lab's robot learned, and which labels it lacks.
+
+    An attribute is learned if at least nine tenths of the answers in the second half of its trials
+    are right; else the robot lacks labels of the truth that fewer objects have.
+    """
+    answerable = _answerable(outcomes)
+    entries = []
+    for name in sorted({*outcomes.attribute[answerable].tolist()}):
+        asked = answerable & (outcomes.attribute == name)
+        rows, columns = np.nonzero(asked)
+        right = (outcomes.report == outcomes.truth)[rows, columns]
+        truth = outcomes.truth[rows, columns]
+        objects = [len({*outcomes.object_name[rows[truth == value]].tolist()}) for value in (0, 1)]
+        half = len(right) // 2
+        entries.append((name, len(right), right[:half], right[half:], objects))
+    # The worst first, and of equal ones that with the fewest objects.
+    entries.sort(key=lambda entry: (entry[3].mean(), min(entry[4]), entry[0]))
+    weak = [entry for entry in entries if entry[3].mean() < _LEARNED]
+    learned = [name for name, *_ in entries if name not in {entry[0] for entry in weak}]
+    texts = []
+    if learned:
+        texts.append(f"Learned: {_joined(sorted(learned))}.")
+    if weak:
+        told = [f"{name} ({later.mean():.0%} right)" for name, _, _, later, _ in weak[:3]]
+        texts.append(f"Still badly perceived: {_joined(told)}.")
+        lacking = []
+        for name, _, _, _, (false, true) in weak[:3]:
+            said = name if true <= false else denied(name)
+            lacking.append(f"{said} ({min(false, true)} so far)")
+        texts.append(f"Label next objects that are: {_joined(lacking)}.")
+    cells: list[list[Cell]] = [
+        [
+            name,
+            f"{count:,}",
+            f"{before.mean():{FRACTION}}" if len(before) else "-",
+            {"text": f"{later.mean():{FRACTION}}", "bar": later.mean(), "few": len(later) < _FEW},
+            f"{true:,}",
+            f"{false:,}",
+        ]
+        for name, count, before, later, (false, true) in entries
+    ]
+    halves = ("right, first half", "right, second half")
+    head = ["attribute", "trials", *halves, "objects of truth yes", "of truth no"]
+    return {
+        "title": "What it learned, and what to label next",
+        "says": "Trials whose truth is known, in the order of time. An attribute counts as learned "
+        f"if at least {_LEARNED:.0%} of the second half of its answers are right; gray: fewer than "
+        f"{_FEW} trials.",
+        "text": " ".join(texts),
+        "tables": [{"head": head, "rows": cells}],
+    }
 
 
 def _calibration(rows: Sequence[SummaryRow], logged: LoggedOutcomes) -> Section:

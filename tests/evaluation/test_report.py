@@ -176,6 +176,24 @@ def test_a_lab_s_trials_are_listed_newest_first(trials, tmp_path, cells):
     assert [row[-1] == "unknown" for row in rows[start + 1 : start + 9]] == [False, True] * 4
 
 
+def test_a_lab_s_report_says_what_was_learned_and_what_to_label_next(trials, tmp_path, cells):
+    trial = next(t for t in trials if len(t.truth) == 2 and t.answer)
+    for number in range(8):  # the second attribute is never right in the second half
+        values = np.array([*map(int, trial.answer.values())])
+        truth = values if number < 4 else np.array([values[0], 1 - values[1]])
+        named = dataclasses.replace(trial.task, object_name=f"cup {number}", key=("lab", number))
+        shown = dataclasses.replace(trial, task=named, truth=truth)
+        path = tmp_path / f"2026010{number + 1}-120000-000001-thing-abcdef.mcap"
+        write_trials(path, [shown], header={"config": {"command": "Learner.ask"}, "data": "roc36"})
+    write_report(Logs(tmp_path), tmp_path / "r.html")
+    text = (tmp_path / "r.html").read_text()
+    first, second = trial.answer
+    assert f"Learned: {first}." in text
+    assert f"Still badly perceived: {second} (0% right)." in text
+    assert "(4 so far)" in text
+    assert [second, "8", "1.000", "0.000", "4", "4"] in [row[:6] for row in cells(text)]
+
+
 def test_a_lab_s_trials_have_the_truth_as_it_was_told_later(trials, tmp_path, cells):
     trial = dataclasses.replace(trials[0], truth=np.full(len(trials[0].truth), -1))
     path = tmp_path / "20260101-120000-000001-thing-abcdef.mcap"
