@@ -19,18 +19,27 @@ from meal_bayes.look import (
 )
 
 ASSETS = Path(__file__).resolve().parents[1] / "docs" / "assets"
+INK = {False: "#1C2430", True: "#E8EBEF"}  # on a light and on a dark page
 OBJECTS = {"ROC36": 36, "CY101": 101, "ISPY32": 32}  # clusters of standard errors
 
 
 def write_pictures(tables: Mapping[str, list[dict[str, Any]]]) -> None:
-    """Write the picture that the README shows, and the one for readers of dark pages."""
-    save(draw_results(tables, dark=False), ASSETS / "results.svg")
-    save(draw_results(tables, dark=True), ASSETS / "results-dark.svg")
+    """Write the pictures that the README shows, for light and dark pages, and for phones."""
+    for narrow in (False, True):
+        for dark in (False, True):
+            name = "results" + ("-narrow" if narrow else "") + ("-dark" if dark else "")
+            save(draw_results(tables, dark=dark, narrow=narrow), ASSETS / f"{name}.svg")
 
 
-def draw_results(tables: Mapping[str, list[dict[str, Any]]], *, dark: bool) -> Axes:
-    """Draw the reward of three agents with 95 % intervals, a row a question."""
-    with axes_to_draw(None, width=8.4, height=2.9) as ax:
+def draw_results(
+    tables: Mapping[str, list[dict[str, Any]]], *, dark: bool, narrow: bool = False
+) -> Axes:
+    """Draw the reward of three agents with 95 % intervals, a row a question.
+
+    In a narrow picture the questions stand above their rows.
+    """
+    width, height = (3.9, 4.6) if narrow else (8.4, 2.9)
+    with axes_to_draw(None, width=width, height=height) as ax:
         for number, agent in enumerate(SUMMARIZED):
             for place, entry in enumerate(RUNS):
                 (row,) = (row for row in tables[entry.command] if row["agent"] == agent)
@@ -41,9 +50,14 @@ def draw_results(tables: Mapping[str, list[dict[str, Any]]], *, dark: bool) -> A
                 label = agent if place == 0 else None
                 height = place + 0.22 * (number - 1)
                 _draw_reward(ax, row, half, height, label=label, dark=dark)
-        ax.set_yticks(range(len(RUNS)), [entry.title for entry in RUNS])
-        ax.set(ylim=(len(RUNS) - 0.5, -0.5), xlim=(0, 545))
-        reward = "mean reward of a trial (+500 or +300 right, -1 a second), 95 % interval"
+        ax.set_yticks(range(len(RUNS)), ["" if narrow else entry.title for entry in RUNS])
+        ax.set(ylim=(len(RUNS) - 0.5, -0.6), xlim=(0, 600 if narrow else 545))
+        if narrow:
+            ax.tick_params(axis="y", length=0)
+            for place, entry in enumerate(RUNS):
+                ax.text(5, place - 0.38, entry.title, size=10, color=INK[dark])
+        breaks = "\n" if narrow else " "
+        reward = f"mean reward of a trial{breaks}(+500 or +300 right, -1 a second), 95 % interval"
         name_axes(ax, reward, "", grid="x")
         legend(ax, len(SUMMARIZED), above=True)
         _color_for_page(ax, dark=dark)
@@ -84,7 +98,7 @@ def _draw_reward(
 
 def _color_for_page(ax: Axes, *, dark: bool) -> None:
     """Let the page show through, and write in its ink."""
-    ink = "#E8EBEF" if dark else "#1C2430"
+    ink = INK[dark]
     ax.grid(axis="x", color="#38414C" if dark else "#E6E6E6", lw=0.7)
     ax.patch.set_alpha(0)
     ax.figure.patch.set_alpha(0)

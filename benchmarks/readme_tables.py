@@ -61,7 +61,10 @@ EVIDENCE = {
 BELIEVED = {"counts": "Eq. 8", "shared trait": "`bayes`"}  # observation models
 SUMMARIZED = ("predefined_plus", "morc", "bayes")
 OURS = "bayes"
-PICTURE = """<picture><source media="(prefers-color-scheme: dark)" \
+PICTURE = """<picture><source media="(max-width: 600px) and (prefers-color-scheme: dark)" \
+srcset="docs/assets/results-narrow-dark.svg">\
+<source media="(max-width: 600px)" srcset="docs/assets/results-narrow.svg">\
+<source media="(prefers-color-scheme: dark)" \
 srcset="docs/assets/results-dark.svg">
 <img src="docs/assets/results.svg" width="840" alt="Mean reward of a trial with its 95 % interval, \
 by question and agent"></picture>"""
