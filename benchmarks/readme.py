@@ -115,8 +115,9 @@ def shown(name: str) -> str:
         runs = RUNS if name == "results" else (PAPER_RUN,)
         text = "\n\n".join(table_of(entry, rows[entry.command]) for entry in runs)
     made = " ".join(dict.fromkeys(digests(name)))
-    line = f"<!-- made by code {made} -->" if PAGES[name] == README else f"Made by code `{made}`."
-    return f"{text}\n\n{line}"
+    if PAGES[name] == README:  # where readers begin
+        return f"{text} <!-- made by code {made} -->"
+    return f"{text}\n\nMade by code `{made}`."
 
 
 def digests(name: str) -> list[str]:
