@@ -7,6 +7,7 @@
     python benchmarks/knowing_little.py offline cy101,ispy32,roc36 --seeds 0-10 --json > now.json
     python benchmarks/knowing_little.py words --seeds 0-4
     python benchmarks/knowing_little.py wrong_labels cy101 --seeds 0-8 --json > now.json
+    python benchmarks/knowing_little.py raters ispy32
     python benchmarks/knowing_little.py compare before.json now.json
 
 `rates`: 40 splits of a label table; n objects are known, and the answers that base rates alone give
@@ -23,7 +24,10 @@ the recordings of 70 objects of CY101 are given, with the labels of the words FI
 of the domain are added afterwards, and told of n of these objects, then QUESTIONS questions about
 the other 30 objects ask them. `wrong_labels`: as the first 100 trials of
 `nothing`, with right labels, and with labels of which WRONG are drawn to be wrong; the difference
-is what these cost. `compare` prints paired differences with 95 % t-intervals over the seeds.
+is what these cost. `raters`: how often a second rater of a data set agrees with its labels, on all
+pairs of word and object that both judged, and on those of the words that experiments ask, with a
+95 % interval over objects. `compare` prints paired differences with 95 % t-intervals over the
+seeds.
 """
 
 import json
@@ -217,6 +221,26 @@ def wrong_labels(name: str, seed: int, agent: str) -> Row:
     return {"data": name, "seed": seed, **reward, "lost": lost, "cpu": time.process_time() - start}
 
 
+def raters(name: str) -> list[Row]:
+    """Compare the labels of a data set with what a second rater said."""
+    data = load_dataset(name)
+    both = (data.answers >= 0) & (data.labels >= 0)
+    agree = data.answers == data.labels
+    least = data.domain.asked_minimum
+    positive = (data.labels == 1).sum(axis=0)
+    asked = (positive > least) & ((data.labels == 0).sum(axis=0) > least)
+    rng = stream(0, "raters", name)
+    rows: list[Row] = []
+    for words, chosen in (("all", both), (f"the {asked.sum()} asked", both & asked)):
+        right, number = (agree & chosen).sum(axis=1), chosen.sum(axis=1)
+        drawn = rng.integers(len(number), size=(10_000, len(number)))
+        share = right[drawn].sum(axis=1) / number[drawn].sum(axis=1)
+        low, high = np.quantile(share, (0.025, 0.975)).tolist()
+        row = {"data": name, "words": words, "pairs": int(number.sum())}
+        rows.append({**row, "agree": right.sum() / number.sum(), "from": low, "to": high})
+    return rows
+
+
 def all_labels_known(name: str, seed: int, agent: str) -> Row:
     """Measure questions about objects of a percept table that are left out of all the others."""
     start = time.process_time()
@@ -367,7 +391,17 @@ _MEASURES = (
 def main() -> None:
     """Measure, and print a table or JSON."""
     parser = options_of(__doc__)
-    parts = ("rates", "known", "nothing", "detector", "offline", "words", "wrong_labels", "compare")
+    parts = (
+        "rates",
+        "known",
+        "nothing",
+        "detector",
+        "offline",
+        "words",
+        "wrong_labels",
+        "raters",
+        "compare",
+    )
     parser.add_argument("part", choices=parts)
     parser.add_argument("what", nargs="*", help="data sets, with commas; or two files")
     parser.add_argument("--known", default=",".join(map(str, KNOWN)))
@@ -383,6 +417,8 @@ def main() -> None:
     known = [int(n) for n in options.known.split(",")]
     if options.part == "rates":
         rows = [row for name in names for row in rates(name)]
+    elif options.part == "raters":
+        rows = [row for name in names for row in raters(name)]
     elif options.part == "words":
         rows = [row for seed in seeds for row in later_words(seed, options.agent)]
     elif options.part in ("nothing", "offline", "wrong_labels"):

@@ -66,6 +66,9 @@ class Dataset(ByValue):
     recording_counts : NDArray[np.int64]
         (O,E) int64, how many recordings each object has of each behavior; computed from the
         features.
+    answers : NDArray[np.int8] | None
+        (O,P) int8, as labels: what another person said of the objects, who answers in replays when
+        somebody is asked; None where nobody else was asked.
 
     Raises
     ------
@@ -91,6 +94,7 @@ class Dataset(ByValue):
     labels: NDArray[np.int8]
     recording_counts: NDArray[np.int64] = field(init=False, repr=False, compare=False)
     partial: bool = field(default=False, kw_only=True, repr=False, compare=False)
+    answers: NDArray[np.int8] | None = field(default=None, kw_only=True, repr=False)
     _: KW_ONLY
     rows_checked: InitVar[bool] = False  # whether a reader of rows has warned of their order
 
@@ -104,6 +108,10 @@ class Dataset(ByValue):
                 f"labels have shape {self.labels.shape}; expected (objects, attributes) = "
                 f"({len(self.objects)}, {len(self.domain.attributes)})."
             )
+        if self.answers is not None:
+            set_frozen(self, answers=freeze(label_values(self.answers), np.int8))
+            if self.answers.shape != self.labels.shape:
+                raise DataError(f"answers have shape {self.answers.shape}, labels another.")
         check_objects(self.objects)
         set_frozen(self, labels=complete_labels(self.domain, self.objects, self.labels))
         frozen: dict[tuple[str, str], NDArray[np.float32]] = {}

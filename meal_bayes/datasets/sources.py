@@ -95,12 +95,14 @@ def load_roc36(domain: Domain, folder: Path) -> Dataset:
 def load_ispy32(domain: Domain, folder: Path) -> Dataset:
     """Read ISPY32: 32 household objects, 81 words people said of them, 5 recordings a behavior.
 
-    The files are `object_list.csv` and `corl_features/<behavior>_<modality>.txt`.
+    The files are `object_list.csv`, `labels.csv` and `corl_features/<behavior>_<modality>.txt`.
 
     * Column two, the trial number, is a key and not a feature.
     * Labels are those of the percept table that ships, which come from
-      `full_annotations_ijcai2016.pickle`; no pickle is read. The crowd's `labels.csv` was not used
-      by the experiments and is not read.
+      `full_annotations_ijcai2016.pickle`; no pickle is read.
+    * `labels.csv` has what players of a game said of some pairs of word and object (1, -1; 0 where
+      nobody was asked). They are a second rater, who answers where a person is asked; the paper's
+      experiments did not use them.
     * Kept as they are: objects 22 and 24 are both heavy and light.
     """
     names: dict[str, str] = {}  # by number
@@ -123,7 +125,28 @@ def load_ispy32(domain: Domain, folder: Path) -> Dataset:
             reason = unknown("object", name, table.objects)
             raise DataError(f"ISPY32 has no labels of it. {reason}")
     labels = table.labels[[table.objects.index(name) for name in objects]]
-    return Dataset(domain, objects, features, labels, rows_checked=True)
+    answers = _second_rater(domain, folder / "labels.csv", [*names])
+    return Dataset(domain, objects, features, labels, answers=answers, rows_checked=True)
+
+
+def _second_rater(domain: Domain, path: Path, numbers: list[str]) -> NDArray[np.int8]:
+    """Read what was said of objects, by their numbers, and of a domain's attributes, (O,P)."""
+    answers = np.full((len(numbers), len(domain.attributes)), -1, np.int8)
+    said = {"1.0": 1, "-1.0": 0, "0.0": -1}
+    columns = list[str]()
+    for where, (word, *cells) in read_rows(path):
+        if not columns:
+            columns = cells
+            if not {*numbers} <= {*columns}:
+                raise fault(where, "other columns", f"predicate,{numbers[0]},...", "restore them")
+        elif len(cells) != len(columns) or not {*cells} <= {*said}:
+            expected = f"a word and {len(columns)} cells, 1.0, -1.0 or 0.0"
+            raise fault(where, f"{','.join([word, *cells])[:60]!r}", expected, "restore the row")
+        elif word in domain.attributes:
+            of_object = dict(zip(columns, cells, strict=True))
+            p = domain.attribute_index(word)
+            answers[:, p] = [said[of_object[number]] for number in numbers]
+    return answers
 
 
 def load_cy101(domain: Domain, folder: Path) -> Dataset:

@@ -298,6 +298,9 @@ class Environment:
 
         def person(accuracy: float) -> dict[str, bool]:
             answers = answer(self._data.labels[index, columns], accuracy, 2, rng)
+            if self._data.answers is not None:  # of a person who said so of this very object
+                said = self._data.answers[index, columns]
+                answers = np.where(said >= 0, said, answers)
             return dict(zip(task.query.attributes, (answers == 1).tolist(), strict=True))
 
         return RecordedRobot.of(

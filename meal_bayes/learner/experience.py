@@ -72,9 +72,20 @@ class FeedbackRow(NamedTuple):
     given: int  # 1: by a data set, 0: by a person
 
 
+class AnswerRow(NamedTuple):
+    """What stands in the record of one answer of a person who was asked by a behavior."""
+
+    trial: int
+    behavior: int
+    object: int
+    attribute: int
+    value: int  # 1 yes, 0 no
+
+
 INSTANCE = np.dtype([(name, np.int64) for name in InstanceRow._fields])
 EXECUTION = np.dtype([(name, np.int64) for name in ExecutionRow._fields])
 FEEDBACK = np.dtype([(name, np.int64) for name in FeedbackRow._fields])
+ANSWER = np.dtype([(name, np.int64) for name in AnswerRow._fields])
 
 
 def features_digest(features: Mapping[str, NDArray[np.float32]] | None) -> int:
@@ -188,8 +199,8 @@ class Experience:
         Attributes that the domain had at first; those behind them were added since.
     objects, trials : dict
         Names of objects and keys of trials, with their numbers.
-    instances, executions, feedback : Rows
-        `INSTANCE` (n,), `EXECUTION` (m,), `FEEDBACK` (l,).
+    instances, executions, feedback, answers : Rows
+        `INSTANCE` (n,), `EXECUTION` (m,), `FEEDBACK` (l,), `ANSWER` (a,).
     levels : Rows (n,P)
         Percepts at the time they came; -1 unknown.
     detected : Rows (n,P)
@@ -215,6 +226,7 @@ class Experience:
         self.instances = Rows(INSTANCE)
         self.executions = Rows(EXECUTION)
         self.feedback = Rows(FEEDBACK)
+        self.answers = Rows(ANSWER)
         self.levels = Rows(np.int8, p)
         self.detected = Rows(np.int8, p)
         self.labels = Rows(np.int8, p)
@@ -373,6 +385,13 @@ class Experience:
         self.executions.append(ExecutionRow(number, behavior, row, success))
         if row != NONE:
             self._relabel([row])
+
+    def add_answers(self, trial: Key, object_name: str, behavior: int, answers: Labels) -> None:
+        """Add what a person answered of a trial's object, (P,): 1 yes, 0 no, -1 nothing."""
+        number = self.trial_number(trial)
+        o = self.object_number(object_name)
+        for p in np.flatnonzero(answers >= 0).tolist():
+            self.answers.append(AnswerRow(number, behavior, o, p, int(answers[p])))
 
     def _replayed_row(self, o: int, behavior: int, digest: int, recording: int, trial: int) -> int:
         """Return the instance of a recording that is shown again; NONE where it is new."""

@@ -16,7 +16,7 @@ from meal_bayes.agents import Agent, Horizon, ITRSBonus, Knowledge, NoBonus, Pro
 from meal_bayes.agents.knowledge import knowledge_of
 from meal_bayes.arrays import Rows
 from meal_bayes.datasets import Instance
-from meal_bayes.domain import Query, learn_success
+from meal_bayes.domain import Domain, Query, learn_answers, learn_success
 from meal_bayes.learner import views
 from meal_bayes.learner.experience import Context, Experience, Labels
 from meal_bayes.learner.fit import OnStep, limits_of, problem_of, sampled, solve, told_of
@@ -43,6 +43,12 @@ from meal_bayes.seeds import Key
 from meal_bayes.trials import Task
 
 _SAME = 0.05  # success probabilities that differ by less are not planned with anew
+
+
+def chances(domain: Domain) -> NDArray[np.float64]:
+    """Return what is learned of a domain: probabilities of its effects, and of right answers."""
+    effects = [effect.probability for effect in domain.diagram.effects]
+    return np.array(effects + [b.answer_accuracy for b in domain.behaviors if b.asks], float)
 
 
 class PlanKey(NamedTuple):
@@ -200,12 +206,11 @@ class Online:
         return pool
 
     def _succeed(self) -> None:
-        """Learn how often behaviors succeed, where that is now another by more than 1 in 20."""
-        if not self.settings.learn_success:
-            return
-        domain = learn_success(self.record.domain, views.attempts(self.record))
-        pairs = zip(domain.diagram.effects, self.knowledge.domain.diagram.effects, strict=True)
-        if any(abs(now.probability - used.probability) > _SAME for now, used in pairs):
+        """Learn how often behaviors succeed and answers are right, once that moved by 1 in 20."""
+        domain = learn_answers(self.record.domain, views.answered(self.record))
+        if self.settings.learn_success:
+            domain = learn_success(domain, views.attempts(self.record))
+        if np.abs(chances(domain) - chances(self.knowledge.domain)).max() > _SAME:
             self.knowledge = replace(self.knowledge, domain=domain)
             self.policies = {}
             self.plan_libraries = {}

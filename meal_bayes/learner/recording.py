@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meal_bayes.agents import Agent
-from meal_bayes.arrays import Levels
+from meal_bayes.arrays import Levels, lowest_yes
 from meal_bayes.datasets import Instance
 from meal_bayes.datasets.percepts import detected_levels
 from meal_bayes.domain import Domain, Query, unknown
@@ -176,6 +176,12 @@ def record_step(
     if step.observation is not None and unperceived and domain.behaviors[e].modalities:
         levels = record.no_labels
         levels[domain.columns(momdp.query.attributes)] = step.observation
+    if step.observation is not None and domain.behaviors[e].asks:
+        answers = record.no_labels
+        said = np.asarray(step.observation)
+        yes = said >= lowest_yes(momdp.levels)
+        answers[domain.columns(momdp.query.attributes)] = np.where(said >= 0, yes, -1)
+        record.add_answers(task.key, task.object_name, e, answers)
     # When all recordings are used, a loop that succeeds looks as one that fails; so does one whose
     # features cannot be read.
     left_before = percepts_left(momdp, step.belief)[e] + shows

@@ -40,7 +40,7 @@ from meal_bayes.errors import DataError, MealBayesError, OutputError, SettingsEr
 from meal_bayes.files import LEARNER, alone_in, draft_of
 from meal_bayes.learner.experience import NONE, WITHDRAWN, Context, Experience
 from meal_bayes.learner.fit import training_agent
-from meal_bayes.learner.online import Online
+from meal_bayes.learner.online import Online, chances
 from meal_bayes.learner.perceived import classify
 from meal_bayes.learner.question import QuestionCounts
 from meal_bayes.learner.settings import LearnerSettings, check_data, own_posterior
@@ -143,7 +143,7 @@ Json = Any
 def pack(value: Any, keep: Callable[[NDArray[Any]], str]) -> Json:
     """Return an object as JSON values; `keep` stores an array and returns its name.
 
-    Of a domain, which a learner has, only the probabilities of success are written.
+    Of a domain, which a learner has, only what is learned of it is written (`chances`).
     """
     if value is None or isinstance(value, str | bool | int | float):
         return value
@@ -152,7 +152,7 @@ def pack(value: Any, keep: Callable[[NDArray[Any]], str]) -> Json:
     if isinstance(value, np.ndarray):
         return {"array": keep(value), "dtype": value.dtype.str, "axes": value.ndim}
     if isinstance(value, Domain):
-        return {"domain": [effect.probability for effect in value.diagram.effects]}
+        return {"domain": chances(value).tolist()}
     if isinstance(value, Mapping):
         return {"table": {str(name): pack(entry, keep) for name, entry in value.items()}}
     if isinstance(value, tuple) and not hasattr(value, "_fields"):
@@ -187,15 +187,26 @@ def unpack(packed: Json, read: Callable[[str, str, int], NDArray[Any]], domain: 
 
 
 def _succeeding(domain: Domain, probabilities: list[float]) -> Domain:
-    """Return a domain whose behaviors succeed with other probabilities, an effect each."""
-    effects = tuple(
-        replace(effect, probability=float(probability))
-        for effect, probability in zip(domain.diagram.effects, probabilities, strict=True)
+    """Return a domain with other `chances`."""
+    left = iter(map(float, probabilities))
+    effects = tuple(replace(effect, probability=next(left)) for effect in domain.diagram.effects)
+    behaviors = tuple(
+        replace(behavior, answer_accuracy=next(left)) if behavior.asks else behavior
+        for behavior in domain.behaviors
     )
-    return replace(domain, diagram=replace(domain.diagram, effects=effects))
+    return replace(domain, behaviors=behaviors, diagram=replace(domain.diagram, effects=effects))
 
 
-_TABLES = ("instances", "levels", "detected", "labels", "executions", "feedback", "object_labels")
+_TABLES = (
+    "instances",
+    "levels",
+    "detected",
+    "labels",
+    "executions",
+    "feedback",
+    "answers",
+    "object_labels",
+)
 _NAMES = ("objects", "trials", "feedback_logs")  # JSON values, a line each
 _LARGE = 2**62
 _MOST_LEVELS = 64
@@ -277,6 +288,13 @@ def _column_limits(sizes: _Sizes) -> dict[str, dict[str, Limits]]:
             "behavior": (0, e),
             "instance": (NONE, n),
             "success": (-1, WITHDRAWN + 1),
+        },
+        "answers": {
+            "trial": (0, t),
+            "behavior": (0, e),
+            "object": (0, o),
+            "attribute": (0, p),
+            "value": (0, 2),
         },
         "feedback": {
             "trial": (0, t),
@@ -503,7 +521,7 @@ def _check_shape(name: str, values: Any, expected: tuple[int, ...]) -> None:
         raise ValueError(f"{name} has shape {values.shape}, expected {expected}")
 
 
-_FORMAT = 17
+_FORMAT = 18
 _TEXT = LEARNER
 
 

@@ -46,6 +46,23 @@ def attempts(record: Experience) -> NDArray[np.float64]:
     return counts.reshape(e, 2)
 
 
+def answered(record: Experience) -> NDArray[np.float64]:
+    """Count answers of each behavior that asks, (E,2): wrong and right by what was told since.
+
+    An answer about an object without a label counts for neither.
+    """
+    answers = record.answers.values
+    executions = record.executions.values
+    withdrawn = executions["trial"][executions["success"] == WITHDRAWN]
+    answers = answers[~np.isin(answers["trial"], withdrawn)]
+    labels = record.object_labels.values[answers["object"], answers["attribute"]]
+    known = labels >= 0
+    right = (labels == answers["value"])[known].astype(np.intp)
+    counts = np.zeros((len(record.domain.behaviors), 2))
+    np.add.at(counts, (answers["behavior"][known], right), 1)
+    return counts
+
+
 def taught(record: Experience) -> NDArray[np.bool_]:
     """Return which trials (trials,) taught: a robot's, unless what it recorded was forgotten."""
     rows = record.executions.values

@@ -70,6 +70,7 @@ def ispy32(tmp_path):
     write_domain(tmp_path / "own.toml", "ispy32", ["light", "heavy"], [("look", ("rgb",))])
     (tmp_path / "corl_features").mkdir()
     (tmp_path / "object_list.csv").write_text("white_water_bottle_full,1\npineapple_cup,2\n")
+    (tmp_path / "labels.csv").write_text("predicate,1,2\nheavy,1.0,-1.0\nodd,1.0,0.0\n")
     rows = [f"{o},{k},{o}.5,{k}" for k in (3, 1, 5, 4, 2) for o in (2, 1)]
     (tmp_path / "corl_features" / "look_rgb.txt").write_text("\n".join(rows))
     return tmp_path

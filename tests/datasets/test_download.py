@@ -112,7 +112,7 @@ def test_offline_forbids_the_network(monkeypatch):
 
 
 def test_registry_lists_every_file_the_domains_need():
-    for data, separator, others in (("roc36", "-", 3), ("ispy32", "_", 1), ("cy101", "_", 2)):
+    for data, separator, others in (("roc36", "-", 3), ("ispy32", "_", 2), ("cy101", "_", 2)):
         listed = registry(data)
         contexts = [f"{separator.join(names)}.txt" for names in load_domain(data).contexts]
         assert len(listed) == len(contexts) + others

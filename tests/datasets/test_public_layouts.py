@@ -27,6 +27,7 @@ def test_ispy32_trial_number_is_no_feature(ispy32):
     expected = [[[o + 0.5, k] for k in range(1, 6)] for o in (1, 2)]
     np.testing.assert_array_equal(dataset.features["look", "rgb"], expected)
     np.testing.assert_array_equal(dataset.labels, [[1, 1], [0, 0]])  # light, heavy
+    np.testing.assert_array_equal(dataset.answers, [[-1, 1], [-1, 0]])  # of the second rater
 
 
 def test_roc36_recordings_in_file_order(roc36):
@@ -64,6 +65,8 @@ BROKEN = [
     ("cy101", "cy101_labels.csv", '"soft, round"', "soft, round", "line 2: found 3 columns"),
     ("cy101", "own.toml", '"can"', '"cane"', "did you mean 'can'"),
     ("ispy32", "object_list.csv", "cup,2", "cup,3", "line 2: found .*cup,3'; expected name,2"),
+    ("ispy32", "labels.csv", "heavy,1.0", "heavy,0.5", r"labels.csv, line 2: found 'heavy,0.5,"),
+    ("ispy32", "labels.csv", "predicate,1,2", "predicate,1,3", "line 1: found other columns"),
     ("ispy32", "own.toml", '"light"', '"lights"', "did you mean 'light'"),
     ("roc36", "objects.txt", "heavy_blue_beans", "light_brown_rice", "line 2: found object 'light"),
     ("roc36", "objects.txt", "heavy_blue_beans", "beans", "expected weight_color_content"),
