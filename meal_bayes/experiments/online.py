@@ -438,7 +438,7 @@ class _AgentRepeat:
             header["pretrained"] = pretrained
         if part == TEST and self.config.log == "compact":
             rng = stream(self.config.seed, "tests with steps", self.repeat, batch)
-            _write_compact(path, header, *zip(*trials, strict=True), rng)
+            _write_compact(path, header, list(trials), rng)
             return
         with TrialWriter(path, header, overwrite=True) as log:
             for trial, seconds_of_trial in trials:
@@ -448,14 +448,14 @@ class _AgentRepeat:
 def _write_compact(
     path: Path,
     header: Mapping[str, object],
-    trials: Sequence[Trial],
-    seconds: Sequence[float],
+    timed_trials: Sequence[tuple[Trial, float]],
     rng: np.random.Generator,
 ) -> None:
     """Write the outcomes of tests, and the steps of the worst trial and of ten drawn ones.
 
     All agents have the same ten drawn.
     """
+    trials, seconds = zip(*timed_trials, strict=True)
     outcomes = TrialOutcomes.of(trials)
     drawn = rng.permutation(len(trials))[:_DRAWN]
     begin = 0
