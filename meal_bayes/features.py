@@ -33,10 +33,10 @@ _FIELDS = {  # by message type, where the source names none
 }
 _SOUND = {"s16le": ("<i2", 2.0**15, 0.0), "f32le": ("<f4", 1.0, 0.0), "u8": ("u1", 128.0, 1.0)}
 _SOUNDS = {"AudioData": "data", "AudioDataStamped": "audio.data"}
-_IMAGES = {  # channels, bytes of a channel, order of red, green and blue
-    "rgb8": (3, 1, [0, 1, 2]), "bgr8": (3, 1, [2, 1, 0]), "8UC3": (3, 1, [2, 1, 0]),
-    "rgba8": (4, 1, [0, 1, 2]), "bgra8": (4, 1, [2, 1, 0]), "mono8": (1, 1, [0, 0, 0]),
-    "8UC1": (1, 1, [0, 0, 0]), "mono16": (1, 2, [0, 0, 0]),
+_RGB, _BGR, _GRAY = slice(0, 3), slice(2, None, -1), [0, 0, 0]
+_IMAGES: dict[str, tuple[int, int, Any]] = {  # channels, bytes of one, where red, green, blue are
+    "rgb8": (3, 1, _RGB), "bgr8": (3, 1, _BGR), "8UC3": (3, 1, _BGR), "rgba8": (4, 1, _RGB),
+    "bgra8": (4, 1, _BGR), "mono8": (1, 1, _GRAY), "8UC1": (1, 1, _GRAY), "mono16": (1, 2, _GRAY),
 }  # fmt: skip
 
 
@@ -208,11 +208,18 @@ def color_histogram(image: ArrayLike, bins: int = 4) -> NDArray[np.float64]:
     if array.ndim != 3 or array.shape[2] != 3:
         raise DataError(f"An image has shape {array.shape}; expected (H, W, 3) or (H, W).")
     top = 255 if whole else 1
-    if array.min() < 0 or array.max() > top:
+    if array.dtype != np.uint8 and (array.min() < 0 or array.max() > top):
         raise DataError(f"An image has values {array.min()} to {array.max()}; expected 0 to {top}.")
-    levels = 256 if whole else 1
-    place = np.minimum(array.reshape(-1, 3).astype(float) * bins / levels, bins - 1).astype(int)
-    counts = np.bincount(place @ [bins * bins, bins, 1], minlength=bins**3)
+    kind = np.min_scalar_type(bins**3)  # as small as can be, since images are large
+    if whole and bins > 1 and 256 % bins == 0:
+        place = array.astype(np.uint8, copy=False) // np.uint8(256 // bins)
+    elif whole:
+        of_value = (np.arange(256) * bins // 256).astype(kind)
+        place = of_value[array.astype(np.uint8, copy=False)]
+    else:
+        place = np.minimum(array * bins, bins - 1).astype(kind)
+    cell = (place[..., 0] * kind.type(bins) + place[..., 1]) * kind.type(bins) + place[..., 2]
+    counts = np.bincount(cell.ravel(), minlength=bins**3)
     return np.asarray(counts / counts.sum())
 
 

@@ -15,7 +15,8 @@ from meal_bayes.cli import main
 from meal_bayes.datasets.bags import find_bags, read_bags, read_executions, save_recordings
 from meal_bayes.domain import load_domain
 from meal_bayes.errors import DataError, OutputError, SettingsError
-from meal_bayes.features import Recorder
+from meal_bayes.features import Recorder, color_histogram, spectrogram_bins, temporal_bins
+from meal_bayes.untrusted import name_fault
 
 EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "bags"
 LAB = load_domain(EXAMPLE / "lab.toml")
@@ -86,14 +87,8 @@ def test_a_csv_of_executions_gives_what_markers_give(tmp_path):
             read_executions(tmp_path / "runs.csv", LAB, [bag.name])
 
 
-@pytest.mark.quick(15)
-@pytest.mark.parametrize("seed", range(50))
-def test_a_damaged_bag_is_one_line_and_the_others_go_on(tmp_path, seed):
-    rng = np.random.default_rng(seed)
-    whole = write(tmp_path / "whole.mcap", rounds=1)
-    expected = read(whole).executions
-    bag = write(tmp_path / f"torn{('.bag', '', '.mcap')[seed % 3]}", seed, rounds=1)
-    undamaged = read(bag).executions
+def damage(bag, rng):
+    """Cut a bag off, or write noise over a part of it."""
     path = bag if bag.is_file() else next(bag.glob("*.[dm][bc][3a]*"))
     path = max(path.glob("*"), key=lambda one: one.stat().st_size) if path.is_dir() else path
     data = bytearray(path.read_bytes())
@@ -103,12 +98,128 @@ def test_a_damaged_bag_is_one_line_and_the_others_go_on(tmp_path, seed):
         start = rng.integers(len(data))
         data[start : start + 200] = rng.bytes(len(data[start : start + 200]))
     path.write_bytes(data)
+
+
+@pytest.mark.quick(15)
+@pytest.mark.parametrize("seed", range(50))
+def test_a_damaged_bag_is_one_line_and_the_others_go_on(tmp_path, seed):
+    rng = np.random.default_rng(seed)
+    whole = write(tmp_path / "whole.mcap", rounds=1)
+    expected = read(whole).executions
+    bag = write(tmp_path / f"torn{('.bag', '', '.mcap')[seed % 3]}", seed, rounds=1)
+    undamaged = read(bag).executions
+    damage(bag, rng)
     report = read(bag, whole)
     same([one for one in report.executions if one.bag == whole.name], expected)
     torn = [one for one in report.executions if one.bag == bag.name]
     if not report.faults:  # the damage did no harm, or changed values, which no checksum covers
         assert [one.behavior for one in torn] == [one.behavior for one in undamaged]
     assert all(bag.name in fault and "\n" not in fault for fault in report.faults)
+
+
+NAMES = ["cup", "Tasse größer", "cup, 2", "杯", "a: b", "cup 'red'"]
+NO_NAMES = ["", "x" * 300, "two\nlines"]
+
+
+def drawn_messages(rng, store):
+    """Return (time, topic, message) of a drawn bag: rates, gaps, order, names."""
+    name = str(rng.choice(NO_NAMES if rng.random() < 0.15 else NAMES))
+    every = {topic: int(rng.integers(1, 4)) for topic in MAKER["TOPICS"]} | {"/markers": 1}
+    silent = str(rng.choice([topic for topic in every if topic != "/markers"]))
+    gap = rng.uniform(0, 2.2), rng.uniform(0, 2.5)
+    made = []
+    counts = dict.fromkeys(every, 0)
+    for time, topic, message in MAKER["messages"](store, name, (1, 0, 1), rng, 2):
+        counts[topic] += 1
+        late = (time - MAKER["START"]) / 1e9
+        if counts[topic] % every[topic] or (topic == silent and gap[0] < late < sum(gap)):
+            continue
+        if topic == "/joint_states" and rng.random() < 0.5:
+            order = rng.permutation(len(message.name))
+            message.name = [message.name[place] for place in order]
+            message.effort = message.effort[order]
+        made.append((time, topic, message))
+    return name, made
+
+
+def expected_features(messages):
+    """Return what executions show, without the code of bags: (behavior, {modality: vector})."""
+    executions = []
+    here = None
+    for time, topic, message in messages:
+        if topic == "/markers":
+            here = None
+            if message.data:
+                here = {}
+                executions.append((message.data.partition(":")[0], here))
+        elif here is not None:
+            here.setdefault(topic, []).append((time, message))
+    found = []
+    for behavior, by_topic in executions:
+        vectors = {}
+        for topic, pairs in by_topic.items():
+            times = np.array([time - pairs[0][0] for time, _ in pairs]) / 1e9
+            if topic == "/camera/image" and behavior == "look":
+                images = [message.data.reshape(16, 16, 3) for _, message in pairs]
+                vectors["color"] = color_histogram(images, bins=2)
+            if topic == "/joint_states" and behavior == "lift":
+                torques = [m.effort[np.argsort(m.name)] for _, m in pairs]
+                vectors["haptics"] = temporal_bins(torques, bins=5, times=times)
+            if topic == "/audio" and behavior == "shake":
+                sound = np.concatenate([m.data.view("<i2") for _, m in pairs]) / 2.0**15
+                vectors["audio"] = spectrogram_bins(sound, 8000, 4, 4)
+        found.append((behavior, {k: v.astype(np.float32) for k, v in vectors.items()}))
+    return found
+
+
+@pytest.mark.quick(12)
+@pytest.mark.parametrize("seed", range(50))
+def test_a_drawn_bag_is_right_or_one_line(tmp_path, seed):
+    """Rates, gaps, order, names and damage together; and nothing is half written."""
+    rng = np.random.default_rng(seed)
+    bag = tmp_path / f"drawn{('.bag', '', '.mcap')[seed % 3]}"
+    name, made = drawn_messages(rng, MAKER["type_store"](ros1=seed % 3 == 0))
+    world = MAKER["write_bag"].__globals__
+    messages = world["messages"]
+    jitter = rng.choice([0, 5e8]) * rng.random(len(made))  # ns by which messages come too late
+    late = [time + delay for (time, _, _), delay in zip(made, jitter, strict=True)]
+    written = [made[place] for place in np.argsort(late, kind="stable")]
+    world["messages"] = lambda *args: written
+    try:
+        write(bag)
+    finally:
+        world["messages"] = messages
+    report = read(bag)
+    assert all(bag.name in fault and "\n" not in fault for fault in report.faults)
+    expected = expected_features(made)
+    if name_fault(name):
+        assert report.executions == []
+        assert len(report.faults) >= len(expected)
+    else:
+        shown = [(b, vectors) for b, vectors in expected if vectors]
+        assert [one.behavior for one in report.executions] == [b for b, _ in shown]
+        assert len(report.faults) == sum(not vectors for _, vectors in expected)
+        for one, (_, vectors) in zip(report.executions, shown, strict=True):
+            assert one.object_name == name
+            assert one.features.keys() == vectors.keys()
+            assert all(one.features[m].tobytes() == v.tobytes() for m, v in vectors.items())
+    if rng.random() < 0.5:
+        damage(bag, rng)
+        report = read(bag)
+        assert all(bag.name in fault and "\n" not in fault for fault in report.faults)
+    try:
+        save_recordings(LAB, report, tmp_path / "out")
+    except DataError:
+        assert [path.name for path in tmp_path.iterdir()] == [bag.name]
+    else:
+        held = load_dataset(EXAMPLE / "lab.toml", root=tmp_path / "out")
+        assert held.objects == tuple(dict.fromkeys(one.object_name for one in report.executions))
+        counts = dict.fromkeys(LAB.behavior_names, 0)
+        for one in report.executions if len(held.objects) == 1 else ():
+            for modality, vector in one.features.items():
+                kept = held.features[one.behavior, modality][0, counts[one.behavior]]
+                np.testing.assert_array_equal(kept, vector)
+            counts[one.behavior] += 1
 
 
 def test_faults_name_bag_topic_and_time(tmp_path):
