@@ -5,7 +5,7 @@ Every message says what was found, what was expected, and how to repair it.
 
 
 class MealBayesError(Exception):
-    """Root of the family; the command line prints it in one line and exits with 2.
+    """Base class of all errors of the package; the command line prints them in one line.
 
     Examples
     --------

@@ -94,7 +94,7 @@ AGENTS = {
 
 
 def load_agent(name: str) -> Agent:
-    """Return the agent of a name; `SettingsError` with the nearest names where there is none.
+    """Return a named agent; an unknown name raises a `SettingsError` with the nearest names.
 
     Examples
     --------

@@ -68,7 +68,7 @@ def load_csv_folder(domain: Domain, folder: Path) -> Dataset:
 
 
 def save_csv_folder(dataset: Dataset, folder: str | Path) -> None:
-    """Write a data set as `load_csv_folder` reads it; `labels.csv` comes last.
+    """Write a data set as a folder of CSV files; `labels.csv` is written last.
 
     Numbers are written so that they read back equal.
 

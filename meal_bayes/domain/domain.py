@@ -57,7 +57,7 @@ class Behavior:
 
 @dataclass(frozen=True, slots=True)
 class Domain:
-    """Everything that is known of robot and vocabulary before any data.
+    """What is known before any data: attributes, behaviors with costs, and the diagram of states.
 
     Attributes
     ----------

@@ -85,7 +85,7 @@ def domain_names() -> tuple[str, ...]:
 
 
 def load_domain(name: str | Path | Mapping[str, Any] | Domain) -> Domain:
-    """Load a shipped domain by name, or one's own from a TOML file or a dictionary of its form.
+    """Load a shipped domain by its name, or your own from a TOML file or a dictionary.
 
     Functions that take a domain take all of these by it. A table may extend another
     (``extends = "roc36"``): its keys replace the other's.

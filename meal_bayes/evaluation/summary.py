@@ -139,7 +139,7 @@ class Summary(list[SummaryRow]):
 
 
 def summarize(trials: Trials, *, seconds: Mapping[str, float] | None = None) -> Summary:
-    """Summarize trials, one row an agent in the order of their first trials.
+    """Summarize trials in one row per agent, in the order of the agents' first trials.
 
     Parameters
     ----------
@@ -179,7 +179,7 @@ def estimate_mean(outcomes: TrialOutcomes, measure: str) -> Estimate:
 
 
 def compare(trials: Trials, first: str, second: str, *, measure: str = "reward") -> Interval:
-    """Compare two agents on the tasks that both have, as `difference` does.
+    """Return paired differences between two agents on the tasks that both have.
 
     Parameters
     ----------

@@ -340,7 +340,7 @@ def run_offline(
     on_progress: Callable[[float, int], None] | None = None,
     on_note: Callable[[str], None] | None = None,
 ) -> OfflineRun:
-    """Run an offline experiment; units that are already whole are not run again.
+    """Run an offline experiment; finished parts of an earlier run are read, not run again.
 
     Any number of processes may run it on one folder of logs at a time: they share the work.
 

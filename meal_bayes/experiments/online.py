@@ -497,7 +497,7 @@ def run_online(
     on_progress: Callable[[float, int], None] | None = None,
     on_note: Callable[[str], None] | None = None,
 ) -> OnlineRun:
-    """Run an online experiment; batches that are already whole are not run again.
+    """Run an online experiment; finished parts of an earlier run are read, not run again.
 
     Any number of processes may run it on one folder of logs at a time: they share the work.
 

@@ -76,7 +76,7 @@ _STRANGER = (
 
 
 class Learner:
-    """Answers questions about objects, and learns from what it does and is told.
+    """An agent with its experience: answers questions, and learns from trials and labels.
 
     It works with any robot, from nothing or from recordings; with a percept table it replays its
     objects, each left out of what was learned.
@@ -1109,7 +1109,7 @@ def ask(
     log: str | Path | None = None,
     logs: str | Path | None = LOGS,
 ) -> Trial:
-    """Answer a question about an object that was left out of everything the agent learned.
+    """Ask an agent about a recorded object from which it has not learned.
 
     Equal arguments give equal trials.
 

@@ -148,7 +148,7 @@ class Transition(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Belief(FrozenArrays):
-    """The information state: x, the evidence on each attribute, and the percepts of this trial.
+    """Belief of a trial: the observed state x, the evidence on each attribute, and its percepts.
 
     Attributes
     ----------

@@ -101,7 +101,7 @@ def nothing_happened(x: int, next_x: int, *, perceived: bool) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class MOMDP(ByValue):
-    """A decision problem in factored form.
+    """The decision problem of one question (a MOMDP), as arrays.
 
     Actions are the E behaviors, then the Y reports (2^N, or fewer where attributes are the values
     of a group), then, where the agent may abstain, the answer "I do not know", which ends the trial

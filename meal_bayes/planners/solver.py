@@ -74,7 +74,7 @@ class GoingOn(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Decision(FrozenArrays):
-    """A chosen action with its evidence.
+    """A chosen action, with the values and visits that it was chosen by.
 
     Attributes
     ----------
@@ -261,7 +261,7 @@ class History:
 
 @runtime_checkable
 class Policy(Protocol):
-    """A plan of action for one MOMDP; online search happens in `decide`.
+    """Protocol of policies: `decide` chooses the next action of a trial.
 
     A policy may have an attribute `deterministic`: true where a decision depends on the belief
     alone (and on the generator), so that it may be remembered; a policy without one is asked again.
@@ -288,7 +288,7 @@ class Policy(Protocol):
 
 @runtime_checkable
 class Solver(Protocol):
-    """The paper's Sol.
+    """Protocol of planners: `solve` returns a policy for a MOMDP (the paper's Sol).
 
     Examples
     --------

@@ -20,7 +20,7 @@ _DIMENSIONS = 4  # (P,E,2,K)
 
 @dataclass(frozen=True, slots=True)
 class ConfusionPosterior(ByValue):
-    """Rows of Theta (attribute, behavior, truth), each with a Dirichlet over its mean.
+    """Posterior of the confusion matrices: a Dirichlet for each attribute, behavior and truth.
 
     `from_counts` takes all percepts of a row as independent (the paper's reading); `from_objects`
     lets each object have its own row, so that repeats of one object are worth less.

@@ -27,7 +27,7 @@ _RECORDINGS = 2**31  # that a data set may have
 
 @dataclass(frozen=True, slots=True)
 class Outcome(ByValue):
-    """The outcome of one behavior.
+    """What a driver returns for one behavior: the next state, and features or percepts.
 
     Attributes
     ----------

@@ -223,7 +223,7 @@ def readable_feedback(
 
 
 def read_trials(path: str | Path) -> Iterator[Trial]:
-    """Read the trials of a whole log one by one, or of a folder's logs in order of their names.
+    """Read the trials of a log, or of all logs of a folder in the order of their names.
 
     They are equal to what was written. Each is checked before it is yielded, its whole file after
     the last one. A trial that several files of a folder hold, as copies do, is yielded once, and a

@@ -73,7 +73,7 @@ class Limits:
 
 @runtime_checkable
 class Recorder(Protocol):
-    """Writes a trial as it happens: each step before the next behavior is named.
+    """Protocol of objects that write a trial as it happens, step by step.
 
     Examples
     --------
@@ -149,7 +149,7 @@ def _alone(
 
 
 class Session:
-    """A trial under way (Alg. 1, l. 6-11): it names a behavior, is given its outcome, and so on.
+    """A trial under way (Alg. 1, l. 6-11), for robots that call back: one behavior at a time.
 
     As a context manager it ends the trial however its block is left: where it is not answered yet
     the record says why, and an exception is raised again. Any thread may call, one at a time.
@@ -561,7 +561,7 @@ def _noted(fault: BaseException, recorder: Recorder | None) -> Iterator[None]:
 
 
 def run_trial(session: Session, robot: Robot) -> Trial:
-    """Run a trial to its end: execute what the session names, until it answers.
+    """Run a trial to its end: execute the behaviors that the session names, until it answers.
 
     One that has begun goes on: the robot is where the session says, and is not started.
 

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, repr=False)
 class Trial(TrialRecord):
-    """A trial: its record (the paper's xi, see `TrialRecord`), and what it looks like.
+    """A trial that ended, or was broken off: question, steps, answer, cost and reward.
 
     What draws and words a trial reads the record alone, so that a trial can draw itself.
 

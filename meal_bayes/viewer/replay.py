@@ -132,7 +132,7 @@ def write_recording(
     only: int | None = None,
     frames: Sequence[Frame] = (),
 ) -> int:
-    """Write what the viewer shows of trials into an .rrd file, for ``rerun FILE.rrd``.
+    """Write an .rrd file that shows trials in the rerun viewer (``rerun FILE.rrd``).
 
     An earlier file is replaced when the new one is whole.
 

@@ -49,7 +49,7 @@ _BACKUPS = ("expected", "sampled")
 
 @dataclass(frozen=True, slots=True)
 class POMCP:
-    """Settings of the search.
+    """Planner by POMCP, a Monte Carlo tree search over sampled histories.
 
     Attributes
     ----------
