@@ -4,6 +4,7 @@
     python benchmarks/knowing_little.py known cy101 --known 0,1,2 --seeds 0-10 --json > now.json
     python benchmarks/knowing_little.py nothing cy101,ispy32 --seeds 0-4 --json > now.json
     python benchmarks/knowing_little.py detector cy101 --known 0,2,4,8 --seeds 0-6 --json > now.json
+    python benchmarks/knowing_little.py scores cy101 --known 0,2,4,8,16 --seeds 0-10
     python benchmarks/knowing_little.py offline cy101,ispy32,roc36 --seeds 0-10 --json > now.json
     python benchmarks/knowing_little.py words --seeds 0-4
     python benchmarks/knowing_little.py wrong_labels cy101 --seeds 0-8 --json > now.json
@@ -19,7 +20,9 @@ then QUESTIONS questions about others follow, of one attribute each. `nothing`: 
 attribute of each asked and told, then TESTS on objects that were not met; `--agent alone` prices
 exploring by rates of each attribute alone. `offline`: questions about objects of the shipped
 percept table, of which all others are known. `detector`: as `known`, with the shipped percepts as a
-detector's, in place of recordings; `--agent chance` has a detector that says anything. `words`:
+detector's, in place of recordings; `--agent chance` has a detector that says anything. `scores`:
+as `detector`, and once more with what the levels were cut from, as a probability that is not
+calibrated, and paired differences. `words`:
 the recordings of 70 objects of CY101 are given, with the labels of the words FIRST; the ten words
 of the domain are added afterwards, and told of n of these objects, then QUESTIONS questions about
 the other 30 objects ask them. `wrong_labels`: as the first 100 trials of
@@ -39,6 +42,7 @@ from pathlib import Path
 import numpy as np
 from measuring import options_of, show
 from scipy import stats
+from scipy.special import expit
 
 from meal_bayes import Learner, Outcome, load_dataset, load_percepts
 from meal_bayes.agents import Agent, Progress, load_agent
@@ -61,6 +65,8 @@ FIRST = ("small", "cylindrical", "closed", "light", "short", "deformable", "tall
 WITH_LATER_WORDS = (0, 3, 5, 10, 20, 70)  # objects of which the words are told that were added
 WRONG = 0.17  # of labels
 SAID = ("surely no", "no", "yes", "surely yes")  # by level
+POWER = 0.6  # of log-odds, and a shift, that make a probability which is not calibrated
+SHIFT = 1.0
 Row = dict[str, object]
 
 
@@ -259,12 +265,19 @@ class Detecting:
     """A robot that replays the shipped percepts of an object as a detector's."""
 
     def __init__(
-        self, table: PerceptTable, o: int, robot: RecordedRobot, luck: np.random.Generator | None
+        self,
+        table: PerceptTable,
+        o: int,
+        robot: RecordedRobot,
+        *,
+        luck: np.random.Generator | None,
+        scores: bool,
     ) -> None:
         self.table = table
         self.object = o
         self.robot = robot
         self.luck = luck  # of a detector at chance
+        self.scores = scores  # in place of words
 
     def start(self) -> str:
         """Start a trial."""
@@ -278,6 +291,13 @@ class Detecting:
         domain = self.table.domain
         e = domain.behavior_index(behavior)
         odds = self.table.log_odds[self.object, outcome.recording, e]
+        if self.luck is None and self.scores:
+            bent = np.sign(odds) * np.abs(odds.astype(float)) ** POWER + SHIFT
+            said = zip(domain.attributes, expit(bent).tolist(), strict=True)
+            return Outcome(outcome.state, percepts=dict(said))
+        if self.scores:
+            said = zip(domain.attributes, self.luck.random(len(odds)).tolist(), strict=True)
+            return Outcome(outcome.state, percepts=dict(said))
         levels = self.table.levels_of(odds, len(SAID))
         if self.luck is not None:
             levels = self.luck.integers(len(SAID), size=len(odds))
@@ -292,7 +312,7 @@ def meeting(domain: Domain, query: Query) -> Solver:
     return load_agent("bayes").solver(domain, query)
 
 
-def with_detector(name: str, seed: int, n: int, agent: str) -> Row:
+def with_detector(name: str, seed: int, n: int, agent: str, *, scores: bool = False) -> Row:
     """Measure questions after a detector was heard of n objects, all labels of which were told."""
     start = time.process_time()
     table = load_percepts(name)
@@ -305,9 +325,8 @@ def with_detector(name: str, seed: int, n: int, agent: str) -> Row:
     def robot(o: int, *key: object) -> Detecting:
         luck = (stream(seed, *key, part) for part in ("order", "failures"))
         replay = RecordedRobot(domain, o, replayable(table)[o], *luck)
-        return Detecting(
-            table, o, replay, stream(seed, *key, "chance") if agent == "chance" else None
-        )
+        chance = stream(seed, *key, "chance") if agent == "chance" else None
+        return Detecting(table, o, replay, luck=chance, scores=scores)
 
     # One object is met of which nothing is told, so that it is known what the detector speaks of.
     learner.ask(list(domain.attributes[:2]), robot(int(order[-1]), "first"))
@@ -357,6 +376,25 @@ def later_words(seed: int, agent: str) -> list[Row]:
     return rows
 
 
+def scores_and_levels(name: str, seeds: range, n: int, agent: str) -> list[Row]:
+    """Compare a detector that gives scores with one that gives the levels which they are cut to."""
+    levels = [with_detector(name, seed, n, agent) for seed in seeds]
+    scores = [with_detector(name, seed, n, agent, scores=True) for seed in seeds]
+    rows = []
+    for measure in ("reward", "right", "s"):
+        one, other = (np.array([float(row[measure]) for row in run]) for run in (levels, scores))
+        width = stats.t.ppf(0.975, len(seeds) - 1) * stats.sem(other - one)
+        rows.append({
+            "data": name,
+            "known": n,
+            "measure": measure,
+            "levels": one.mean(),
+            "scores": other.mean(),
+            "difference": f"{(other - one).mean():+.3g} ± {width:.2g}",
+        })  # fmt: skip
+    return rows
+
+
 def compare(before: Path, now: Path) -> list[Row]:
     """Compare two runs seed by seed."""
     first, second = (json.loads(path.read_text("utf-8")) for path in (before, now))
@@ -396,6 +434,7 @@ def main() -> None:
         "known",
         "nothing",
         "detector",
+        "scores",
         "offline",
         "words",
         "wrong_labels",
@@ -425,6 +464,13 @@ def main() -> None:
         measures = {"nothing": from_nothing, "offline": all_labels_known}
         measure = measures.get(options.part, wrong_labels)
         rows = [measure(name, seed, options.agent) for name in names for seed in seeds]
+    elif options.part == "scores":
+        rows = [
+            row
+            for name in names
+            for n in known
+            for row in scores_and_levels(name, seeds, n, options.agent)
+        ]
     else:
         after = known_objects if options.part == "known" else with_detector
         cells = ((name, seed, n) for name in names for seed in seeds for n in known)

@@ -34,7 +34,9 @@ class Instance(ByValue):
     features : Mapping[str, NDArray[np.float32]] | None
         Modality -> (D,) float32.
     percepts : Mapping[str, float] | None
-        What a detector gave as percepts: attribute -> -1 (surely no) to 1 (surely yes).
+        What a detector said in words: attribute -> -1 (surely no) to 1 (surely yes).
+    scores : Mapping[str, float] | None
+        What a detector gave as numbers of a scale of its own, by attribute.
     """
 
     object_index: int
@@ -42,6 +44,7 @@ class Instance(ByValue):
     recording: int
     features: Mapping[str, NDArray[np.float32]] | None = None
     percepts: Mapping[str, float] | None = None
+    scores: Mapping[str, float] | None = None
 
     __repr__ = short_repr
 

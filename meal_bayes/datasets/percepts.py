@@ -10,8 +10,9 @@ import json
 import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass
+from numbers import Real
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -420,11 +421,26 @@ _SURENESS = {
 }  # fmt: skip
 
 
-def checked_percepts(values: object, domain: Domain) -> dict[str, float]:
-    """Return how sure a detector is of each attribute, from -1 (surely no) to 1 (surely yes).
+class Said(NamedTuple):
+    """What a detector said in one outcome, by attribute; of an attribute in one of both ways.
 
-    A value is True or False (1 or 0), "yes", "no", "surely yes" or "surely no"; of a group, by its
-    name, the value that is seen. None says nothing.
+    Attributes
+    ----------
+    sure : dict[str, float]
+        In words: from -1 (surely no) to 1 (surely yes).
+    scores : dict[str, float]
+        In numbers, of a scale of the detector's own.
+    """
+
+    sure: dict[str, float]
+    scores: dict[str, float]
+
+
+def checked_percepts(values: object, domain: Domain) -> Said:
+    """Return what a detector said of each attribute, in words and in numbers.
+
+    True, False, "yes", "no", "surely yes" or "surely no" is a word; of a group, by its name, the
+    value that is seen. Any other number is a score, 0 and 1 too. None says nothing.
 
     Parameters
     ----------
@@ -442,39 +458,52 @@ def checked_percepts(values: object, domain: Domain) -> dict[str, float]:
     --------
     >>> from meal_bayes.domain import load_domain
     >>> toy = load_domain("toy")
-    >>> checked_percepts({toy.attributes[0]: True, toy.attributes[1]: "no"}, toy)
-    {'red': 1.0, 'heavy': -0.5}
+    >>> checked_percepts({toy.attributes[0]: True, toy.attributes[1]: 0.2}, toy)
+    Said(sure={'red': 1.0}, scores={'heavy': 0.2})
     """
     if not isinstance(values, Mapping):
         raise DataError(f"percepts are {values!r:.60}; expected {{attribute: True or False}}")
-    sure: dict[str, float] = {}
+    said = Said({}, {})
     for name, value in values.items():
         members = domain.groups.get(name, ()) if name not in domain.attributes else ()
         if members and value is not None:
             if value not in members:
                 raise DataError(unknown(f"value of {name!r}", str(value), members))
-            sure |= {member: 1.0 if member == value else -1.0 for member in members}
+            said.sure.update({member: 1.0 if member == value else -1.0 for member in members})
         elif name in domain.attributes:
-            sure |= _sureness(name, value)
+            _read_value(name, value, said)
         elif not members:
             raise DataError(unknown("attribute", str(name), (*domain.attributes, *domain.groups)))
-    return sure
+    return said
 
 
-def _sureness(name: str, value: object) -> dict[str, float]:
-    """Return how sure one value is, by the attribute's name; nothing where it says nothing."""
+def _read_value(name: str, value: Any, said: Said) -> None:
+    """Add what is said of an attribute, if anything."""
+    if value is np.ma.masked:
+        return
+    if getattr(value, "ndim", None) == 0:  # a number of numpy or of a tensor package
+        value = value.item()
     if isinstance(value, str) and value in _SURENESS:
-        return {name: _SURENESS[value]}
-    try:
-        label = int(label_values(value))
-    except (DataError, TypeError, ValueError):
+        said.sure[name] = _SURENESS[value]
+    elif isinstance(value, bool):
+        said.sure[name] = 1.0 if value else -1.0
+    elif isinstance(value, Real):
+        try:
+            score = float(value)
+        except OverflowError:
+            score = np.inf
+        if not np.isfinite(score):
+            raise DataError(
+                f"the score of {name!r} is {score}; expected a finite number, or None where there "
+                "is none"
+            )
+        said.scores[name] = score
+    elif value is not None and repr(value) != "<NA>":  # pandas'
         names = ", ".join(_SURENESS)
         raise DataError(
-            f"the percept of {name!r} is {value!r:.60}; expected True or False, or one of {names}"
-        ) from None
-    if label < 0:
-        return {}
-    return {name: 1.0 if label else -1.0}
+            f"the percept of {name!r} is {value!r:.60}; expected True or False, one of {names}, or "
+            "a number, which is a score"
+        )
 
 
 def detected_levels(
@@ -490,3 +519,11 @@ def detected_levels(
         extreme = levels - 1 if sure > 0 else 0
         percept[domain.attribute_index(name)] = extreme if abs(sure) == 1 else middle
     return percept
+
+
+def scores_of(scores: Mapping[str, float] | None, domain: Domain) -> NDArray[np.float64]:
+    """Return the scores (P,) that a detector gave by attribute; NaN where there is none."""
+    values = np.full(len(domain.attributes), np.nan)
+    for name, score in (scores or {}).items():
+        values[domain.attribute_index(name)] = score
+    return values

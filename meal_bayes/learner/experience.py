@@ -23,6 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from meal_bayes.arrays import Rows
 from meal_bayes.datasets import Dataset, Instance
+from meal_bayes.datasets.percepts import scores_of
 from meal_bayes.domain import Domain
 from meal_bayes.errors import QueryError
 from meal_bayes.seeds import Key
@@ -204,7 +205,9 @@ class Experience:
     levels : Rows (n,P)
         Percepts at the time they came; -1 unknown.
     detected : Rows (n,P)
-        Those of them that a detector of the robot's own gave; -1 none.
+        Those of them that a detector of the robot's own gave in words; -1 none.
+    scores : Rows (n,P)
+        What a detector gave as numbers; NaN none. They are cut to levels anew at each refit.
     labels, object_labels : Rows (n,P), (O,P)
         Labels of instances, of the trials in which they were shown; of objects; -1 unknown.
     features : dict
@@ -229,6 +232,7 @@ class Experience:
         self.answers = Rows(ANSWER)
         self.levels = Rows(np.int8, p)
         self.detected = Rows(np.int8, p)
+        self.scores = Rows(np.float64, p)
         self.labels = Rows(np.int8, p)
         self.object_labels = Rows(np.int8, p)
         self.features: dict[Context, dict[int, NDArray[np.float32]]] = {
@@ -273,6 +277,7 @@ class Experience:
         more = len(domain.attributes) - len(self.domain.attributes)
         for rows in (self.levels, self.detected, self.labels, self.object_labels):
             rows.widen(more, -1)
+        self.scores.widen(more, np.nan)
         self.domain = domain
 
     def object_number(self, name: str) -> int:
@@ -380,7 +385,8 @@ class Experience:
                 fields = InstanceRow(
                     o, behavior, digest, copy, recording, origin=FROM_TRIAL, scale=n_levels
                 )
-                row = self._add_instance(fields, features, levels, detected)
+                scores = None if instance is None else instance.scores
+                row = self._add_instance(fields, features, levels, detected, scores)
             self.levels.values[row] = levels
         self.executions.append(ExecutionRow(number, behavior, row, success))
         if row != NONE:
@@ -457,6 +463,7 @@ class Experience:
             self.instances.values["origin"][i] = WITHDRAWN
             self.levels.values[i] = -1
             self.detected.values[i] = -1
+            self.scores.values[i] = np.nan
             for by_instance in self.features.values():
                 by_instance.pop(i, None)
         rows["success"][rows["trial"] == trial] = WITHDRAWN
@@ -507,6 +514,7 @@ class Experience:
         features: Mapping[str, NDArray[np.float32]] | None,
         levels: Labels,
         detected: Labels | None,
+        scores: Mapping[str, float] | None = None,
     ) -> int:
         """Add an instance; return its number.
 
@@ -519,6 +527,7 @@ class Experience:
                 self.features[spec.name, modality][row] = np.array(features[modality], np.float32)
         self.levels.append(levels)
         self.detected.append(self.no_labels if detected is None else detected)
+        self.scores.append(scores_of(scores, self.domain))
         self.labels.append(self.no_labels)
         self._relabel([row])
         return row

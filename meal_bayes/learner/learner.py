@@ -739,7 +739,12 @@ class Learner:
             task,
             momdp,
             policy,
-            OutcomeChecker(domain, object_index=task.object_index, sizes=fit.expected_sizes),
+            OutcomeChecker(
+                domain,
+                object_index=task.object_index,
+                sizes=fit.expected_sizes,
+                heard=views.heard(self.experience),
+            ),
             perceiver,
             agent=fit.agent.name,
             seed=self.settings.seed if options.seed is None else options.seed,

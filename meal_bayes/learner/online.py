@@ -23,10 +23,13 @@ from meal_bayes.learner.fit import OnStep, limits_of, problem_of, sampled, solve
 from meal_bayes.learner.perceived import (
     classify,
     count_detections,
+    cut_by_labels,
+    cut_by_rank,
     expected_sizes,
     experience_of,
     fractions,
     labels_used,
+    levels_by,
     levels_of,
     levels_since,
     trained_cells,
@@ -79,6 +82,7 @@ class Online:
     percepts: NDArray[np.float64]  # the same now
     n_labels_at_refit: NDArray[np.int64]  # (P,) of instances, whether the refit used them or not
     n_labels_pooled: int  # of objects, when it was learned how far base rates are pooled
+    edges: NDArray[np.float64]  # (P,E,K-1) between the levels of scores; NaN where none came
     levels: Rows  # (n,P) percepts of all instances; -1 unknown
     counted_labels: Rows  # (n,P) labels that were counted since the refit; -1 none
     # Without a bonus, and with one: functions of what stands above, kept until that moves.
@@ -92,7 +96,8 @@ class Online:
         sizes = views.sizes(record)
         warn_of_odd(record, sizes)
         warn_of_clocks(record, sizes)
-        detections = views.percepts_given(record, agent.levels)
+        edges = cut_by_labels(record, labels, agent.levels)
+        detections = views.percepts_given(record, agent.levels, levels_by(record, edges))
         data, rows, perception, counts = classify(record, agent, settings, labels, sizes)
         experience, unit = experience_of(record, agent, settings)
         count_detections(record, counts, data.objects, labels, detections)
@@ -129,6 +134,7 @@ class Online:
             percepts_at_refit=percepts,
             n_labels_at_refit=(labels >= 0).sum(axis=0),
             n_labels_pooled=int((record.object_labels.values >= 0).sum()),
+            edges=edges,
             levels=Rows(np.int8, n_attributes),
             counted_labels=Rows(np.int8, n_attributes),
         )
@@ -155,6 +161,7 @@ class Online:
     def update(self, rows: NDArray[np.intp]) -> None:
         """Count instances (k,) with the labels that they have now, conjugately."""
         domain = self.knowledge.domain
+        self._cut_anew()
         self._perceive_new()
         o = self.record.instances.values["object"][rows]
         labels = views.labels_of(self.record, memory=self.agent.memory)[rows]
@@ -215,10 +222,27 @@ class Online:
             self.policies = {}
             self.plan_libraries = {}
 
+    def _cut_anew(self) -> None:
+        """Cut the scores of pairs anew of which nothing was counted yet: their ranks have moved."""
+        scores = self.record.scores.values
+        if np.isnan(scores).all():
+            return
+        counted = self.knowledge.posterior.counts.any(axis=(2, 3))
+        untold = np.asarray(~counted | np.isnan(self.edges).all(axis=-1))
+        self.edges = cut_by_rank(self.record, self.edges, untold, self.agent.levels)
+        first = slice(len(self.levels))
+        moved = untold.T[self.record.instances.values["behavior"][first]] & ~np.isnan(scores[first])
+        self.levels.values[moved] = levels_by(self.record, self.edges)[first][moved]
+
     def _perceive_new(self) -> None:
         """Perceive the instances since the last time."""
         levels = levels_since(
-            self.record, self.perception, self.sizes, self.agent.levels, first=len(self.levels)
+            self.record,
+            self.perception,
+            self.sizes,
+            self.agent.levels,
+            levels_by(self.record, self.edges),
+            first=len(self.levels),
         )
         self.levels.extend(levels)
         self.counted_labels.extend(np.full_like(levels, -1))
@@ -243,12 +267,15 @@ class Online:
         used = np.vstack([self.labels_at_refit, new_instance]) >= 0
         o = np.minimum(instances["object"], len(self.trained_cells))
         is_trained = trained[o, instances["behavior"]]
-        is_trained &= views.percepts_given(self.record, self.agent.levels)[rows] < 0
+        scored = levels_by(self.record, self.edges)
+        is_trained &= views.percepts_given(self.record, self.agent.levels, scored)[rows] < 0
         return np.asarray(is_trained | used[np.minimum(rows, len(self.labels_at_refit))])
 
     def perceive(self, instance: Instance) -> Labels:
         """Return the percept levels (P,) of what was sensed; -1 unknown."""
-        return levels_of(self.record, self.perception, self.sizes, self.agent.levels, instance)
+        return levels_of(
+            self.record, self.perception, self.sizes, self.agent.levels, instance, self.edges
+        )
 
     @property
     def teaches(self) -> bool:

@@ -10,7 +10,7 @@ from meal_bayes.agents import Agent
 from meal_bayes.arrays import no_and_yes_of
 from meal_bayes.datasets import Dataset, Instance, TrainingSet
 from meal_bayes.datasets.features import warn_of_order
-from meal_bayes.datasets.percepts import classifier_levels, detected_levels
+from meal_bayes.datasets.percepts import classifier_levels, detected_levels, scores_of
 from meal_bayes.domain import Query
 from meal_bayes.learner import views
 from meal_bayes.learner.experience import (
@@ -30,6 +30,13 @@ from meal_bayes.perception import (
     fit_spaces,
     with_classifier,
 )
+from meal_bayes.perception.scores import (
+    cut_scores,
+    edges_by_rank,
+    first_levels,
+    object_means,
+    scored_levels,
+)
 
 
 def expected_sizes(
@@ -40,14 +47,68 @@ def expected_sizes(
     return {context: n for context, n in by_context if context[0] in perception.classifiers}
 
 
+def cut_by_labels(record: Experience, labels: Labels, n_levels: int) -> NDArray[np.float64]:
+    """Return edges (P,E,K-1) between the levels of scores, by labels (n,P) of their instances.
+
+    A warning names scores that are lower where the truth is yes, once.
+    """
+    instances = record.instances.values
+    edges, falling = cut_scores(
+        record.scores.values,
+        labels,
+        instances["behavior"],
+        instances["object"],
+        behaviors=len(record.domain.behaviors),
+        levels=n_levels,
+    )
+    for p, e in np.argwhere(falling).tolist():
+        behavior, attribute = record.domain.behavior_names[e], record.domain.attributes[p]
+        case = f"reversed scores {behavior} {attribute}"
+        if case not in record.warned_of:
+            record.warned_of.add(case)
+            warn_user(
+                f"The scores of {attribute!r} by {behavior} are lower where it is true; a score "
+                "has to be higher there: give its negative."
+            )
+    return edges
+
+
+def cut_by_rank(
+    record: Experience, edges: NDArray[np.float64], pairs: NDArray[np.bool_], n_levels: int
+) -> NDArray[np.float64]:
+    """Return edges (P,E,K-1) of which those of pairs (P,E) are cut anew, by rank."""
+    edges = edges.copy()
+    instances = record.instances.values
+    scores = record.scores.values
+    pairs = pairs & views.given_pairs(record)
+    for e in np.flatnonzero(pairs.any(axis=0)).tolist():
+        rows = instances["behavior"] == e
+        if not np.isnan(scores[rows]).all():
+            means = object_means(scores[rows], instances["object"][rows])
+            edges[pairs[:, e], e] = edges_by_rank(means, n_levels)
+    return edges
+
+
+def levels_by(record: Experience, edges: NDArray[np.float64]) -> Labels:
+    """Return the levels (n,P) of the scores of all instances by edges (P,E,K-1); -1 none."""
+    of_instances = edges.swapaxes(0, 1)[record.instances.values["behavior"]]
+    return scored_levels(record.scores.values, of_instances)
+
+
 def levels_since(
-    record: Experience, perception: Perception, sizes: views.Sizes, n_levels: int, first: int
+    record: Experience,
+    perception: Perception,
+    sizes: views.Sizes,
+    n_levels: int,
+    scored: Labels,
+    first: int,
 ) -> NDArray[np.int8]:
     """Return the percept levels (n - first,P) of the instances from a first one; -1 unknown.
 
-    Those without features are perceived as they were in their trial.
+    Scores are of the levels `scored` (n,P). What else has no features is perceived as it was in
+    its trial.
     """
-    detections = views.percepts_given(record, n_levels)
+    detections = views.percepts_given(record, n_levels, scored)
     levels = detections.copy()
     for e in record.domain.recorded:
         name = record.domain.behavior_names[e]
@@ -63,7 +124,8 @@ def levels_since(
             }
             log_odds = classifier.log_odds(features)
         percepts = classifier_levels(log_odds, n_levels)
-        levels[rows] = np.where(detections[rows] >= 0, detections[rows], percepts)
+        given = (detections[rows] >= 0) | ~np.isnan(record.scores.values[rows])
+        levels[rows] = np.where(given, detections[rows], percepts)
     return levels[first:]
 
 
@@ -73,10 +135,12 @@ def levels_of(
     sizes: views.Sizes,
     n_levels: int,
     instance: Instance,
+    edges: NDArray[np.float64],
 ) -> Labels:
     """Return the percept levels (P,) of what was sensed; -1 unknown.
 
-    What a detector says holds; features of another size than learned from show nothing.
+    What a detector says holds, its scores by edges (P,E,K-1); features of another size than
+    learned from show nothing.
     """
     domain = record.domain
     levels = record.no_labels
@@ -91,11 +155,22 @@ def levels_of(
         log_odds = perception.log_odds(replace(instance, features=fitted), of_all)
         levels[: len(log_odds)] = classifier_levels(log_odds, n_levels)
     detected = detected_levels(instance.percepts, domain, n_levels)
+    scores = scores_of(instance.scores, domain)
+    known = len(edges)  # attributes may have been added since, of which nothing is cut
+    scored = record.no_labels
+    of_behavior = edges[:, domain.behavior_index(instance.behavior)]
+    scored[:known] = scored_levels(scores[:known], of_behavior)
+    scored = np.where(scored >= 0, scored, first_levels(scores, n_levels))
+    levels = np.where(scored >= 0, scored, levels)
     return np.where(detected >= 0, detected, levels).astype(np.int8)
 
 
 def classify(
-    record: Experience, agent: Agent, settings: LearnerSettings, labels: Labels, sizes: views.Sizes
+    record: Experience,
+    agent: Agent,
+    settings: LearnerSettings,
+    labels: Labels,
+    sizes: views.Sizes,
 ) -> tuple[Dataset, NDArray[np.intp], Perception, NDArray[np.int64]]:
     """Fit classifiers to instances with labels (n,P) and features of most sizes, and validate them.
 
@@ -112,8 +187,9 @@ def classify(
     counts : NDArray[np.int64]
         (O,P,E,2,K) percepts by classifiers that never saw the object.
     """
-    detections = views.percepts_given(record, agent.levels)[: len(labels)]
-    learned = np.where(detections >= 0, -1, labels).astype(np.int8)
+    bare = views.percepts_given(record, agent.levels, record.no_labels) >= 0
+    detected = (bare | views.detected(record))[: len(labels)]
+    learned = np.where(detected, -1, labels).astype(np.int8)
     data, rows, recorded = views.training(record, learned, sizes)
     training = _selected(recorded, np.asarray((recorded.labels >= 0).any(axis=1)))
     perceives = PerceptionSettings(levels=agent.levels, by_object=settings.by_object)
@@ -218,7 +294,7 @@ def fractions(
     silent = np.ones(counts.shape[-4:-2], np.bool_)  # (P,E)
     for name, classifier in perception.classifiers.items():
         silent[:, perception.domain.behavior_index(name)] = ~classifier.used
-    i, p = np.nonzero(record.detected.values >= 0)
+    i, p = np.nonzero(views.detected(record))
     silent[p, record.instances.values["behavior"][i]] = False
     # No and yes alike, so that what tells nothing adds to neither rate.
     even = silent[..., None, None] & (total > 0)

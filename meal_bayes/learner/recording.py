@@ -172,6 +172,7 @@ def record_step(
     if percepts is not None and (levels is None or (levels < 0).all()):
         levels = detected  # what it did not name was shown at even odds, and is no percept
     shows = step.observation is not None or (levels is not None and (levels >= 0).any())
+    shows |= instance is not None and bool(instance.scores)
     unperceived = levels is None or (levels < 0).all()
     if step.observation is not None and unperceived and domain.behaviors[e].modalities:
         levels = record.no_labels

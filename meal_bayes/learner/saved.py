@@ -180,6 +180,8 @@ def unpack(packed: Json, read: Callable[[str, str, int], NDArray[Any]], domain: 
     kind = None if "table" in packed else _CLASSES[packed["class"]]
     for name, value in values.items():
         if isinstance(value, np.ndarray) and value.dtype.kind == "f" and kind is not PerceptTable:
+            if name == "edges":  # of scores: open ends, and none where no score came
+                continue
             infinite = name == "dispersion" and np.isposinf(value)  # objects that are all alike
             if not (np.isfinite(value) | infinite).all():
                 raise ValueError(f"{name} is not finite")
@@ -201,6 +203,7 @@ _TABLES = (
     "instances",
     "levels",
     "detected",
+    "scores",
     "labels",
     "executions",
     "feedback",
@@ -316,7 +319,10 @@ def _check_tables(tables: Tables, sizes: _Sizes) -> None:
         check_limits(name, tables[name], (-1, _MOST_LEVELS))
     for name in ("labels", "object_labels"):
         check_limits(name, tables[name], (-1, 2))
-    if any(len(tables[name]) != sizes.instances for name in ("levels", "detected", "labels")):
+    if np.isinf(tables["scores"]).any():
+        raise ValueError("scores are not finite")
+    of_instances = ("levels", "detected", "scores", "labels")
+    if any(len(tables[name]) != sizes.instances for name in of_instances):
         raise ValueError("percepts or labels do not fit the instances")
     if len(tables["object_labels"]) != sizes.objects:
         raise ValueError("labels do not fit the objects")
@@ -433,6 +439,9 @@ def _check_state(state: State, experience: Experience, agent: Agent) -> None:
     check_limits("experience_at_refit", state["experience_at_refit"], (0, _LARGE))
     _check_shape("n_labels_at_refit", state["n_labels_at_refit"], (p,))
     check_limits("n_labels_at_refit", state["n_labels_at_refit"], (0, _LARGE))
+    _check_shape("edges", state["edges"], (p, e, agent.levels - 1))
+    if (state["edges"][..., 1:] < state["edges"][..., :-1]).any():
+        raise ValueError("edges fall")
 
 
 def _check_knowledge(knowledge: Knowledge, p: int) -> None:
@@ -521,7 +530,7 @@ def _check_shape(name: str, values: Any, expected: tuple[int, ...]) -> None:
         raise ValueError(f"{name} has shape {values.shape}, expected {expected}")
 
 
-_FORMAT = 18
+_FORMAT = 19
 _TEXT = LEARNER
 
 

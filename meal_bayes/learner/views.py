@@ -21,6 +21,7 @@ from meal_bayes.learner.experience import (
     is_key_of_name,
     nobody_named,
 )
+from meal_bayes.robots.heard import Heard
 from meal_bayes.seeds import Key
 from meal_bayes.trials import Step, Trial
 
@@ -263,10 +264,11 @@ def training(
     return dataset, rows, TrainingSet(o, e, r, labels[rows])
 
 
-def percepts_given(record: Experience, k: int) -> Labels:
+def percepts_given(record: Experience, k: int, scored: Labels) -> Labels:
     """Return the percepts (n,P) at K levels that no classifier of ours makes; -1 none.
 
-    Those are what a detector of the robot's own gave, and percepts of instances without features.
+    Those are what a detector of the robot's own gave, of which scores are cut to the levels
+    `scored` (n,P), and percepts of instances without features.
     """
     instances = record.instances.values
     bare = (instances["digest"] == 0) & (instances["scale"] == k)
@@ -277,12 +279,38 @@ def percepts_given(record: Experience, k: int) -> Labels:
     scaled = np.where(
         detections == scale - 1, k - 1, np.where(detections == 0, 0, detections * k // scale)
     )
+    levels = np.where(np.isnan(record.scores.values), levels, scored)
     return np.where(detections >= 0, scaled, levels).astype(np.int8)
+
+
+def detected(record: Experience) -> NDArray[np.bool_]:
+    """Return of which instances and attributes (n,P) the robot's own detector said anything."""
+    return np.asarray((record.detected.values >= 0) | ~np.isnan(record.scores.values))
 
 
 def given_pairs(record: Experience) -> NDArray[np.bool_]:
     """Return of which attributes and behaviors (P,E) the robot's own detector said anything."""
     given = np.zeros((len(record.domain.attributes), len(record.domain.behaviors)), np.bool_)
-    instance, attribute = np.nonzero(record.detected.values >= 0)
+    instance, attribute = np.nonzero(detected(record))
     given[attribute, record.instances.values["behavior"][instance]] = True
     return given
+
+
+def heard(record: Experience) -> Heard:
+    """Return what the robot's own detectors said so far."""
+    attributes, behaviors = record.domain.attributes, record.domain.behavior_names
+    behavior = record.instances.values["behavior"]
+    said = Heard()
+    words = given_by(record.detected.values >= 0, behavior)
+    said.words.update((behaviors[e], attributes[p]) for e, p in words)
+    scores = record.scores.values
+    for e, p in given_by(~np.isnan(scores), behavior):
+        of_pair = scores[behavior == e, p]
+        said.scores[behaviors[e], attributes[p]] = of_pair[~np.isnan(of_pair)].tolist()
+    return said
+
+
+def given_by(said: NDArray[np.bool_], behavior: NDArray[np.int64]) -> list[tuple[int, int]]:
+    """Return the behaviors and attributes by which instances (n,P) say something."""
+    i, p = np.nonzero(said)
+    return sorted({*zip(behavior[i].tolist(), p.tolist(), strict=True)})

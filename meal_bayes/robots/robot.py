@@ -13,11 +13,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from meal_bayes.arrays import ByValue, is_whole
 from meal_bayes.datasets import Instance, checked_features
-from meal_bayes.datasets.percepts import checked_percepts
+from meal_bayes.datasets.percepts import Said, checked_percepts
 from meal_bayes.domain import TERMINAL, Behavior, Domain, unknown
 from meal_bayes.domain.diagram import TransitionArrays
 from meal_bayes.errors import DataError, QueryError, RobotError
 from meal_bayes.look import warn_user
+from meal_bayes.robots.heard import Heard
 
 Features = dict[str, NDArray[np.float32]]
 Sizes = Mapping[tuple[str, str], int]  # (behavior, modality) -> D
@@ -42,10 +43,11 @@ class Outcome(ByValue):
         group by its name.
     recording : int | None
         Of a robot that replays stored percepts: which of them this is. A real robot leaves it out.
-    percepts : Mapping[str, bool | str] | None
+    percepts : Mapping[str, bool | str | float | None] | None
         Of a detector of the robot's own, with or without features: by attribute True or False,
-        "yes", "no", "surely yes" or "surely no", or the value of a group by its name. Attributes
-        that it does not name are perceived from the features, if any.
+        "yes", "no", "surely yes" or "surely no", or the value of a group by its name; or any other
+        number, a score, which is higher where the attribute is more likely true. Attributes that
+        it does not name are perceived from the features, if any.
 
     Examples
     --------
@@ -58,7 +60,7 @@ class Outcome(ByValue):
     features: Mapping[str, ArrayLike] | None = None
     answers: Mapping[str, bool | str] | None = None
     recording: int | None = None
-    percepts: Mapping[str, bool | str | None] | None = None
+    percepts: Mapping[str, bool | str | float | None] | None = None
 
 
 @runtime_checkable
@@ -119,14 +121,21 @@ class OutcomeChecker:
     (`sizes`, where known) is kept, but shows nothing. The percept is made from the others, and
     where there are none the trial goes on without. Modalities that the behavior does not have are
     left aside. The object has its index in the data set, or -1 where nothing is recorded of it.
+    What a detector says is compared with what was `heard` before.
     """
 
     def __init__(
-        self, domain: Domain, *, object_index: int = -1, sizes: Sizes | None = None
+        self,
+        domain: Domain,
+        *,
+        object_index: int = -1,
+        sizes: Sizes | None = None,
+        heard: Heard | None = None,
     ) -> None:
         self._domain = domain
         self._object = object_index
         self._sizes = {} if sizes is None else sizes
+        self._heard = Heard() if heard is None else heard
         self._warned = set[str]()
 
     @property
@@ -164,16 +173,20 @@ class OutcomeChecker:
         sensed = outcome.features is not None or outcome.percepts is not None
         if accuracy is not None and sensed:
             raise _NoPercept("it asks a person; give answers, not features or percepts")
-        percepts = self._percepts(spec, outcome.percepts)
+        said, warning = self._percepts(spec, outcome.percepts)
         if outcome.features is not None:
-            features, warning = self._features(spec, outcome.features, alone=percepts is None)
+            features, fault = self._features(spec, outcome.features, alone=said is None)
+            warning = "; ".join(filter(None, (warning, fault)))
         # A percept comes from features, a detector, or a recording that was scored before.
-        if features is not None or recording is not None or percepts is not None:
+        if features is not None or recording is not None or said is not None:
             number = -1 if recording is None else recording  # what a sensor gives has none
-            instance = Instance(self._object, spec.name, number, features, percepts)
+            sure, scores = said or (None, None)
+            instance = Instance(
+                self._object, spec.name, number, features, sure or None, scores or None
+            )
             return Execution(next_x, instance, warning=warning)
         if outcome.answers is None:
-            return Execution(next_x)
+            return Execution(next_x, warning=warning)
         return Execution(next_x, answers=self._answers(outcome.answers))
 
     def _answers(self, said: Mapping[str, bool | str]) -> dict[str, bool]:
@@ -190,16 +203,24 @@ class OutcomeChecker:
         pairs = zip(self._domain.attributes, labels.tolist(), strict=True)
         return {name: value == 1 for name, value in pairs if value >= 0}
 
-    def _percepts(self, spec: Behavior, percepts: object) -> dict[str, float] | None:
-        """Return what a detector is sure of, by attribute; None where it says nothing."""
+    def _percepts(self, spec: Behavior, percepts: object) -> tuple[Said | None, str]:
+        """Return what a detector says, None where that is nothing, and a warning of the rest."""
         if percepts is None:
-            return None
+            return None, ""
         if not spec.modalities:
             raise _NoPercept("it has no modalities; name one, such as that of the detector")
         try:
-            return checked_percepts(percepts, self._domain) or None
+            said = checked_percepts(percepts, self._domain)
         except DataError as fault:
             raise _NoPercept(str(fault)) from None
+        said, faults = self._heard.take(spec.name, said)
+        if not faults:
+            return said if any(said) else None, ""
+        warning = f"percept of {spec.name}: {'; '.join(faults)}"
+        if f"scores {spec.name}" not in self._warned:  # a person sees it once a trial
+            warn_user(f"{warning}.")
+            self._warned.add(f"scores {spec.name}")
+        return said if any(said) else None, warning
 
     def _features(
         self, spec: Behavior, sensed: object, *, alone: bool

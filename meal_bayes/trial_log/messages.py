@@ -35,7 +35,7 @@ from meal_bayes.planners import Decision, TreeEdge
 from meal_bayes.seeds import Key
 from meal_bayes.trials import Step, Task, Trial, TrialOutcomes, task_key
 
-FORMAT_VERSION = 6
+FORMAT_VERSION = 7
 
 # Both sides keep to these limits, so that a damaged length can never ask for much memory.
 FEATURE_LIMIT = 1_000_000  # features of one step; of a step that has more none are logged
@@ -297,7 +297,7 @@ class FeaturePart:
 
 @dataclass(frozen=True, slots=True)
 class PerceptPart:
-    """What a detector says of one attribute, from -1 (surely no) to 1 (surely yes)."""
+    """What a detector says of one attribute: a score, or from -1 (surely no) to 1 (surely yes)."""
 
     attribute: str
     value: float
@@ -310,6 +310,7 @@ class SensedPart:
     recording: int
     features: tuple[FeaturePart, ...]
     percepts: tuple[PerceptPart, ...]
+    scores: tuple[PerceptPart, ...]
 
     @classmethod
     def of(cls, sensed: Instance | None) -> "SensedPart | UnsetType":
@@ -318,20 +319,26 @@ class SensedPart:
             return UNSET
         features = (sensed.features or {}).items()
         percepts = (sensed.percepts or {}).items()
+        scores = (sensed.scores or {}).items()
         return cls(
             sensed.recording,
             tuple(FeaturePart(name, values) for name, values in features),
             tuple(PerceptPart(name, value) for name, value in percepts),
+            tuple(PerceptPart(name, value) for name, value in scores),
         )
 
     def read(self, behavior: str) -> Instance:
         """Return what was sensed by a behavior."""
         features = {part.modality: freeze(part.values, np.float32) for part in self.features}
         percepts = {part.attribute: part.value for part in self.percepts}
+        scores = {part.attribute: part.value for part in self.scores}
         finite = all(values.size and np.isfinite(values).all() for values in features.values())
+        finite &= all(map(math.isfinite, scores.values()))
         if not finite or not all(-1 <= sure <= 1 for sure in percepts.values()):
             raise LogCorruptError(f"what {behavior} sensed is empty, or beyond its range")
-        return Instance(-1, behavior, self.recording, features or None, percepts or None)
+        return Instance(
+            -1, behavior, self.recording, features or None, percepts or None, scores or None
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -917,7 +924,8 @@ def within_limits(sensed: Instance | None, before: int) -> tuple[Instance | None
     count = sum(map(len, features.values()))
     if sensed is None or count <= min(FEATURE_LIMIT, TRIAL_FEATURES - before):
         return sensed, before + count
-    return (replace(sensed, features=None) if sensed.percepts else None), before
+    brought = sensed.percepts or sensed.scores
+    return (replace(sensed, features=None) if brought else None), before
 
 
 def limit_misfits(percepts: int, edges: int) -> Iterator[str]:
