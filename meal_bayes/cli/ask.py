@@ -251,7 +251,7 @@ def memory() -> None:
 @memory.command(short_help="List the labels that objects were told to have.")
 @opt.shared("dataset", "root", "logs", "json")
 def show(dataset: str, root: Path | None, logs: Path, as_json: bool) -> None:
-    """List the labels that objects were told to have, by `ask --learn` or a Learner in Python.
+    """List the labels that people gave to objects, by `ask --learn` or a Learner in Python.
 
     Labels that were told of a trial in Python are shown with that trial, by `log show`.
     """

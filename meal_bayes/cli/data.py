@@ -26,7 +26,7 @@ def data() -> None:
 
 @data.command("list", short_help="List the data sets, or what one holds.")
 @click.argument("name", required=False)
-@opt.option("--dataset", None, None, "NAME|FILE", "The same as NAME, as other commands take it.")
+@opt.option("--dataset", None, None, "NAME|FILE", "Same as NAME.")
 @opt.shared("root", "json")
 def list_(name: str | None, dataset: str | None, root: Path | None, as_json: bool) -> None:
     """List the data sets that ship as percept tables, and whether their recordings are here.
@@ -111,7 +111,7 @@ def verify(dataset: str) -> None:
     None,
     None,
     "MODULE:NAME",
-    "A scikit-learn classifier in their place: sklearn.ensemble:RandomForestClassifier, or an "
+    "A scikit-learn classifier in place of ours: sklearn.ensemble:RandomForestClassifier, or an "
     "instance in a module of your own.",
 )
 @opt.shared("root")
@@ -247,7 +247,7 @@ def import_(
 @_DOMAIN
 @_EXECUTIONS
 @_MARKERS
-@opt.option("--number", opt.COUNT, 1, None, "Which execution of the bag's to draw.")
+@opt.option("--number", opt.COUNT, 1, None, "Number of the execution to draw.")
 @_OWN
 @opt.option("--out", opt.FILE, Path("execution.png"), "FILE", "PNG, PDF or SVG.")
 def show(

@@ -28,7 +28,7 @@ class _Finding(TypedDict):
 @opt.option("--agent", None, "bayes", "NAME", f"Who answers: {opt.AGENTS}; or {opt.OWN}.")
 @opt.shared("payoffs", "seed", "logs", "json")
 def find(root: Path | None, logs: Path, as_json: bool, **options: Unpack[_Finding]) -> None:
-    """Find the object of which it is true ("Which one is heavy and blue?"), or none.
+    """Find the object for which the answer is yes ("Which one is heavy and blue?"), or none.
 
     The agent asks about one object after another, the most probable first, until one answer is
     yes. It has learned from all other objects of the data set. A folder holds a log of each

@@ -72,7 +72,13 @@ def info(file: Path, as_json: bool) -> None:
     "N",
     "Which trial, counted from 0; the first by default.",
 )
-@option("--picture", FILE, None, "FILE.svg", "Draw it instead, as SVG, PNG or PDF by the ending.")
+@option(
+    "--picture",
+    FILE,
+    None,
+    "FILE.svg",
+    "Draw the trial into a file: SVG, PNG or PDF by its ending.",
+)
 @click.option("--dark", is_flag=True, help="Draw for a dark page.")
 @click.option("--narrow", is_flag=True, help="Draw for a narrow column, as on a phone.")
 def show(file: Path, number: int | None, picture: Path | None, dark: bool, narrow: bool) -> None:
@@ -160,7 +166,7 @@ def check(file: Path, as_json: bool) -> None:
 @option("--out", FILE, None, "FILE", "The new file.")
 @shared("json")
 def recover(file: Path, out: Path | None, as_json: bool) -> None:
-    """Save the trials of a torn log, the last as far as it went; the torn one stays as it is.
+    """Save the trials of a damaged log, the last one as far as it went. The damaged log is kept.
 
     What cannot be read is told; where whole trials may be lost with it, the exit code is 3.
     """
@@ -213,10 +219,18 @@ def _as_text(value: object) -> str:
 @click.command(short_help="Write one page (HTML) of a run: tables, figures, worst trials.")
 @_logs
 @option(
-    "-o --out", FILE, Path("report.html"), "FILE.html", "The page; everything it needs is in it."
+    "-o --out",
+    FILE,
+    Path("report.html"),
+    "FILE.html",
+    "File of the page, which contains everything that it needs.",
 )
 @option(
-    "--reference", None, None, "AGENT", "Compared with; by default the paper's, else the first."
+    "--reference",
+    None,
+    None,
+    "AGENT",
+    "Agent that the others are compared with; the paper's by default, else the first.",
 )
 def report(logs: tuple[Path, ...], out: Path, reference: str | None) -> None:
     """Write one page of the trials in LOGS, files or runs' folders."""
@@ -244,10 +258,18 @@ def _counted(number: int, noun: str) -> str:
 @click.command(short_help="Say which agent is ahead, and how sure that is.")
 @_logs
 @option(
-    "--measure", click.Choice(["success", "cost", "reward"]), "reward", None, "What is compared."
+    "--measure",
+    click.Choice(["success", "cost", "reward"]),
+    "reward",
+    None,
+    "Measure that is compared.",
 )
 @option(
-    "--reference", None, None, "AGENT", "Compared with; by default the paper's, else the first."
+    "--reference",
+    None,
+    None,
+    "AGENT",
+    "Agent that the others are compared with; the paper's by default, else the first.",
 )
 @shared("json")
 def compare(logs: tuple[Path, ...], measure: str, reference: str | None, as_json: bool) -> None:

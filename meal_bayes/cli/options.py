@@ -80,7 +80,7 @@ OWN = "package.module:name of your own"
 
 def seed_option(default: int = 0) -> Callable[[Command], Command]:
     """Return the option --seed."""
-    text = "Of failures, recordings and planning; equal seeds give equal trials."
+    text = "Seed of failures, recordings and planning; equal seeds give equal trials."
     return option("--seed", SEED, default, "S", text)
 
 
@@ -92,30 +92,30 @@ _SHARED = {
     ),
     "root": option(
         "--root", click.Path(exists=True, file_okay=False, path_type=Path), None, "FOLDER",
-        "Of the recordings: your own (with --dataset DOMAIN.toml), or a mirror of public ones.",
+        "Folder of your recordings (with --dataset DOMAIN.toml), or of a mirror of public ones.",
     ),
     "perception": option(
         "--perception", click.Choice(["default", "paper"]), "default", None,
-        "Which classifiers made the percepts: ours, or the paper's.",
+        "Classifiers that made the percepts: ours, or the paper's.",
     ),
     "yes_no": click.option(
         "--yes-no", is_flag=True, help='Answer yes or no: "Is it red and not heavy?", "... or ...".'
     ),
     "payoffs": click.option(
         "--payoffs", type=float, nargs=4, metavar="S S S S",
-        help="What a right yes, a wrong yes, a right no and a wrong no earn.",
+        help="Rewards of a right yes, a wrong yes, a right no and a wrong no.",
     ),
     "seed": seed_option(),
     "key": option(
         "--key", None, "", "TEXT",
-        "Names the version of your own agents' code; trials of a run with the same key are reused.",
+        "Version of your own agents' code; trials of runs with the same key are reused.",
     ),
-    "jobs": option("--jobs", click.IntRange(1, 1024), 1, None, "Processes."),
+    "jobs": option("--jobs", click.IntRange(1, 1024), 1, None, "Number of processes."),
     "cluster": option(
-        "--cluster", None, None, "ADDRESS", "Of a Dask scheduler, whose workers run it instead."
+        "--cluster", None, None, "ADDRESS", "Dask scheduler whose workers run the trials."
     ),
     "logs": option("--logs", FOLDER, Path(LOGS), None, "Folder of the trial logs."),
-    "fresh": click.option("--fresh", is_flag=True, help="Run again what is there already."),
+    "fresh": click.option("--fresh", is_flag=True, help="Run again what was computed before."),
     "json": click.option("--json", "as_json", is_flag=True, help="Print one JSON object."),
 }  # fmt: skip
 

@@ -37,30 +37,32 @@ class _Fitting(TypedDict):
     click.Choice(["grid", "pymc"]),
     "grid",
     None,
-    "Exact quadrature in a second, or NUTS in minutes.",
+    "Exact quadrature (takes a second), or NUTS (takes minutes).",
 )
 @opt.option(
     "--model",
     click.Choice(["same", "crossed"]),
     "same",
     None,
-    "The grid's, or attributes crossed with behaviors that err together (pymc only).",
+    "Model of the grid, or attributes crossed with behaviors that err together (pymc only).",
 )
 @opt.option("--attributes", None, None, "A,B", "The attributes to fit; all by default.")
-@opt.option("--levels", click.IntRange(2, 8), 2, "K", "Of a percept: 2, 4 or 8.")
+@opt.option("--levels", click.IntRange(2, 8), 2, "K", "Number of levels of a percept: 2, 4 or 8.")
 @opt.option(
     "--prior-scale",
     opt.FiniteRange(0, 1000, min_open=True),
     1.0,
     "F",
-    "Weight of the prior of the rows, of that which is learned from the data.",
+    "Weight of the rows' prior, relative to the one learned from the data.",
 )
 @opt.option(
-    "--out", opt.FOLDER, None, "DIR", "Folder of what is written; one in posteriors/ by default."
+    "--out", opt.FOLDER, None, "DIR", "Folder of the results; a new one in posteriors/ by default."
 )
-@opt.option("--draws", click.IntRange(10, 100_000), 1000, None, "Of each chain.")
-@opt.option("--tune", click.IntRange(10, 1_000_000), 1000, None, "Steps before them (pymc).")
-@opt.option("--chains", click.IntRange(2, 64), 4, None, "Of the sampler.")
+@opt.option("--draws", click.IntRange(10, 100_000), 1000, None, "Draws of each chain.")
+@opt.option(
+    "--tune", click.IntRange(10, 1_000_000), 1000, None, "Tuning steps before the draws (pymc)."
+)
+@opt.option("--chains", click.IntRange(2, 64), 4, None, "Chains of the sampler.")
 @opt.option(
     "--jobs",
     click.IntRange(1, 1024),
@@ -77,7 +79,7 @@ def posterior(
     as_json: bool,
     **options: Unpack[_Fitting],
 ) -> None:
-    """Fit how likely each percept is of true and of false objects, and how far objects differ.
+    """Fit the confusion matrices, and how much objects differ.
 
     Writes the draws (posterior.nc, for ArviZ), a summary of every entry (summary.csv), and
     figures: forest.png, predictive.png, and reliability_each.png and reliability_together.png of
@@ -185,7 +187,7 @@ class _Exporting(TypedDict):
     click.Choice(_FORMATS),
     None,
     None,
-    "What FILE's name ends in, by default. SARSOP reads both, pomdpx better.",
+    "Format of the file; by default the ending of FILE. SARSOP reads both, pomdpx better.",
 )
 @opt.shared("dataset", "root")
 @opt.option("--query", None, None, "A,B,...", "The attributes asked, or a question.", required=True)

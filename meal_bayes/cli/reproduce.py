@@ -17,29 +17,33 @@ _PACKAGE = "paper_repro"
 
 @click.command(short_help="Run the paper's tables and figures again (in a checkout).")
 @click.argument("items", nargs=-1, required=True, metavar="ITEM...|all|readme")
-@click.option("--quick", is_flag=True, help="A few trials each; results beside the logs.")
+@click.option(
+    "--quick", is_flag=True, help="Run a few trials of each item; write results beside the logs."
+)
 @click.option(
     "--as-published",
     is_flag=True,
-    help="The paper's own settings alone: percepts drawn from the matrices.",
+    help="Run the paper's own settings only: percepts drawn from the matrices.",
 )
 @opt.shared("seed", "jobs", "cluster", "logs")
-@opt.option("--trials", opt.COUNT, None, "T", "Of an agent offline, at most.")
+@opt.option("--trials", opt.COUNT, None, "T", "Most trials of an agent in offline runs.")
 @opt.option(
     "--repeats",
     click.IntRange(0, opt.LARGEST_COUNT),
     None,
     "R",
-    "Of online runs, at most; 0: none.",
+    "Most repeats of online runs; 0 runs none.",
 )
 @opt.option(
     "--only",
     None,
     "",
     "TEXT",
-    "Of Fig. 10's panels, those with TEXT in their title; the others are not run.",
+    "Run only the panels of Fig. 10 with TEXT in their title.",
 )
-@click.option("--dry-run", is_flag=True, help="Say how many units would run at once, and end.")
+@click.option(
+    "--dry-run", is_flag=True, help="Print how many units could run in parallel, and exit."
+)
 @opt.shared("json")
 def reproduce(
     items: tuple[str, ...], cluster: str | None, dry_run: bool, as_json: bool, **setting: Any

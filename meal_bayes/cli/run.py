@@ -34,8 +34,10 @@ def run() -> None:
 
 @run.command(short_help="Agents answer the same queries about new objects.")
 @opt.shared("dataset", "root")
-@opt.option("--attributes", click.IntRange(1, opt.NAME_LIMIT), 2, "N", "Asked at a time.")
-@opt.option("--trials", opt.COUNT, 400, "T", "For each agent.")
+@opt.option(
+    "--attributes", click.IntRange(1, opt.NAME_LIMIT), 2, "N", "Number of attributes in a question."
+)
+@opt.option("--trials", opt.COUNT, 400, "T", "Trials of each agent.")
 @opt.option(
     "--agent agents",
     None,
@@ -50,7 +52,7 @@ def run() -> None:
     click.Choice(["recorded", "model"]),
     "recorded",
     None,
-    "Of real recordings, or drawn from the learned confusion matrices.",
+    "Take percepts from recordings, or draw them from the learned confusion matrices.",
 )
 @opt.shared("perception")
 @opt.option(
@@ -58,17 +60,17 @@ def run() -> None:
     opt.FiniteRange(0, opt.LARGEST, min_open=True),
     None,
     "R",
-    "For a right answer, and taken for a wrong one; the data set's by default.",
+    "Reward of a right answer, and loss of a wrong one; the data set's by default.",
 )
 @click.option(
     "--yes-no",
     is_flag=True,
-    help="Ask whether all of the attributes hold, in place of their values.",
+    help="Ask whether all of the attributes hold, instead of their values.",
 )
 @click.option(
     "--yes-no-balanced",
     is_flag=True,
-    help='The same with literals ("red and not empty") such that half of the answers are yes.',
+    help='As --yes-no, with negations ("red and not empty") such that half of the answers are yes.',
 )
 @opt.shared("payoffs", "logs", "fresh", "json")
 def offline(
@@ -197,7 +199,9 @@ def _print_summary(rows: "list[SummaryRow]", paired: "list[dict[str, object]]") 
 
 @run.command(short_help="Agents learn while they work, tested after every batch.")
 @opt.shared("dataset", "root")
-@opt.option("--attributes", click.IntRange(1, opt.NAME_LIMIT), 1, "N", "Asked at a time.")
+@opt.option(
+    "--attributes", click.IntRange(1, opt.NAME_LIMIT), 1, "N", "Number of attributes in a question."
+)
 @opt.option(
     "--agent agents",
     None,
@@ -208,9 +212,15 @@ def _print_summary(rows: "list[SummaryRow]", paired: "list[dict[str, object]]") 
     "bayes_memory by default.",
     multiple=True,
 )
-@opt.option("--batches", opt.COUNT, 10, "B", "Refits.")
-@opt.option("--trials", opt.COUNT, 40, "T", "Of training, a batch.")
-@opt.option("--repeats", opt.COUNT, None, "R", "Runs on other splits of the objects; 1 by default.")
+@opt.option("--batches", opt.COUNT, 10, "B", "Number of batches; the agent refits after each.")
+@opt.option("--trials", opt.COUNT, 40, "T", "Training trials in a batch.")
+@opt.option(
+    "--repeats",
+    opt.COUNT,
+    None,
+    "R",
+    "Number of runs, each on another split of the objects; 1 by default.",
+)
 @click.option(
     "--until-decided",
     is_flag=True,
@@ -225,14 +235,16 @@ def _print_summary(rows: "list[SummaryRow]", paired: "list[dict[str, object]]") 
     "Shares of objects known before, met in training, and tested on.",
     nargs=3,
 )
-@opt.option("--alpha", opt.AMOUNT, None, "A", "Of Eq. 11, s a bit; 6 by default.")
-@opt.option("--beta", opt.AMOUNT, None, "B", "Of Eq. 11, s; 30 by default.")
+@opt.option(
+    "--alpha", opt.AMOUNT, None, "A", "Weight of entropy in Eq. 11, s per bit; 6 by default."
+)
+@opt.option("--beta", opt.AMOUNT, None, "B", "Weight of experience in Eq. 11, s; 30 by default.")
 @opt.option(
     "--normalizer",
     click.Choice(["paper", "all"]),
     "paper",
     None,
-    "Of Eq. 10: experience gathered in training, as in the paper, or in pretraining too.",
+    "Experience that Eq. 10 counts: that of training, as in the paper, or of pretraining too.",
 )
 @opt.shared("seed", "key", "jobs", "cluster")
 @opt.option(
