@@ -5,12 +5,14 @@ HEAD = """# Does the paper hold? Its tables and figures, run again
 Zhang, Amiri, Sinapov, Thomason, Stone, Zhang: Multimodal embodied attribute learning by robots for
 object-centric action policies. Autonomous Robots 47, 2023. doi:10.1007/s10514-023-10098-5
 """
-CLAIMS = """Each claim is answered in one of two columns: *theirs*, the paper's settings as far as
-they were published, percepts drawn; *recorded*, the paper's agents on recordings of objects that
-none has seen. Numbers are estimates with their intervals, at the level that the claim's family
-leaves them. A claim of more than three statements shows its smallest and its largest estimate, and
-the narrowest and the widest half interval; one of printed numbers, those that fall. The statements
-behind each claim are on the item's page.
+CLAIMS = """A row is a sentence of the abstract, the contributions or Sect. 7 that says better,
+more or less (above, best, rises, useful, seeks), or the numbers of Table 3. Arithmetic on printed
+numbers is no claim; it stands on the pages of its items. Each claim is answered in one of two
+columns: *theirs*, the paper's settings as far as they were published, percepts drawn; *recorded*,
+the paper's agents on recordings of objects that none has seen. Numbers are estimates with their
+intervals, at the level that the claim's family leaves them. A claim of more than three statements
+shows its smallest and its largest estimate, and the narrowest and the widest half interval; one of
+printed numbers, those that fall. The statements behind each claim are on the item's page.
 """
 OLDER = """† Run by an earlier version: the agents' code or the percept tables have changed since.
 Where a sentence is worded anew, its statement is missing in this table; the page of an older run
@@ -195,6 +197,13 @@ known:
   cannot tell (before: undecided). `solved_ask`: the paper's solver by the published `ask`, which
   shows that Fig. 9's end stands by our reading of `ask` alone. `fig7`: the last belief is placed in
   the range that the third leaves (before: compared with one choice of rates; it stood).
+- 2026-11-28, with outcomes known: the rule by which claims are chosen is stated and applied
+  (before: a choice of 17). New are Table 4's pressing, Fig. 8's contexts that mislead, Fig. 4's
+  order of three attributes, and MORC-ITRS above Iterative Random Legal, all judged before; the
+  demonstration and trial T2, arithmetic on printed numbers, are no claims. `risk`: that a large
+  bonus seeks risk is judged by the paper's own example and by the seconds explored, 100 trials a
+  row (before: by giving up less, which stood; that a large penalty is risk averse is not in the
+  paper).
   What is said of our agent is never central.
 
 How to check a statement by hand: [check a statement](../docs/how-to/check-a-statement.md).

@@ -1,7 +1,9 @@
-"""Sect. 7.1: what the bonus of success and the penalty of failure do to exploring and giving up."""
+"""Sect. 7.1: what a larger bonus of success, alone or with the penalty, does to exploring."""
+
+from dataclasses import replace
 
 from meal_bayes.agents import Agent
-from meal_bayes.evaluation import difference, estimate_mean
+from meal_bayes.evaluation import Estimate, clustered, difference, estimate_mean
 from meal_bayes.trials import TrialOutcomes
 from paper_repro.agents import weighing
 from paper_repro.frame import Cell, Result, Setting, Table, paper_values
@@ -12,22 +14,26 @@ from paper_repro.statements import THEIRS, Evidence, above, below
 
 REWARDS = (100.0, 500.0, 2000.0)
 LARGE = REWARDS[-1]
+BONUS = f"bonus {LARGE:g}"
 PLACE = "ispy32"
 N = 2
 TRIALS = 400  # on recordings
 STATEMENTS = 3
-# Where percepts are drawn giving up is to be known to .05, were one pair in four to change.
+MOST = 0.5  # of the trials
+# Where percepts are drawn a fraction is to be known to .05, were one pair in four to change.
 DRAWN = planned_trials(0.5, 0.05, LEVEL / STATEMENTS)
 MEASURED = (*MEASURES, "abstained")
+AT_ONCE = "reports before any behavior"
+SEEKS = "a very large bonus alone makes it risk seeking: it explores less"
+EXAMPLE = "a very large bonus alone makes it report before any behavior in most trials"
 NOTE = """A report is worth the bonus where it is right and loses the penalty where it is wrong. The
-paper says that larger bonuses and penalties make the robot explore more, that a very large bonus
-alone makes it risk seeking, and a very large penalty alone risk averse. The first is judged by the
-seconds that it explores, as both grow from 100 to 2000. The other two are judged by giving up, as
-one of the two grows from 500 to 2000 and the other stays at 500: MORC gives up by "I do not know"
-for 0 s: who seeks risk reports where others would give up, who avoids it gives up where others
-would report. Rewards of the table are those of the trial, in which a report is worth 500 where one
-alone has grown. The same queries at every size. Under `theirs` percepts are drawn from tables of
-our classifiers."""
+paper says that larger bonuses and penalties make the robot explore more, and that a very large
+bonus alone makes it risk seeking; its example is "reporting before taking any exploration
+behaviors". The first is judged by the seconds that it explores, as both grow from 100 to 2000. The
+second is judged as the bonus alone grows from 500 to 2000 and the penalty stays at 500: whether it
+explores for fewer seconds, and whether it reports before any behavior in most trials. Rewards of
+the table are those of the trial, in which a report is worth 500 where the bonus alone has grown.
+The same queries at every size. Under `theirs` percepts are drawn from tables of our classifiers."""
 
 
 def run(setting: Setting) -> Result:
@@ -37,10 +43,7 @@ def run(setting: Setting) -> Result:
         for name in setting.protocols[:2]
     }
     usual = paper_values("offline_reward")
-    alone = {
-        f"bonus {LARGE:g}": weighing(LARGE, -usual),
-        f"penalty {LARGE:g}": weighing(usual, -LARGE),
-    }
+    alone = {BONUS: weighing(LARGE, -usual)}
     runs: dict[str, dict[str, TrialOutcomes]] = {}
     for protocol, count in trials.items():
         table = plotted_ispy32(setting) if protocol == THEIRS else PLACE
@@ -56,45 +59,50 @@ def run(setting: Setting) -> Result:
     for protocol, run in runs.items():
         mean = drawn_mean if protocol == THEIRS else estimate_mean
         for name, outcomes in run.items():
-            rows.append((protocol, name, *(mean(outcomes, m) for m in MEASURED)))
+            means = (mean(outcomes, measure) for measure in MEASURED)
+            rows.append(
+                (protocol, name, *means, reporting_at_once(outcomes, drawn=protocol == THEIRS))
+            )
     told = []
     for protocol, run in runs.items():
         low, high = (run[f"both {REWARDS[end]:g}"].cost.mean() for end in (0, -1))
-        quits = [f"{(~run[name].answered).mean():.0%}" for name in (f"both {usual:g}", *alone)]
+        before, after = (run[name].cost.mean() for name in (f"both {usual:g}", BONUS))
+        at_once = reporting_at_once(run[BONUS], drawn=True).estimate * len(run[BONUS])
         told.append(
-            f"{protocol}, from {low:.0f} s to {high:.0f} s, and it gives up {quits[0]} of "
-            f"its trials, with the large bonus alone {quits[1]}, with the large penalty "
-            f"alone {quits[2]}"
+            f"{protocol}, from {low:.0f} s to {high:.0f} s; as the bonus alone grows from "
+            f"{usual:g} to {LARGE:g}, from {before:.0f} s to {after:.0f} s, and it reports before "
+            f"any behavior in {at_once:.0f} of {len(run[BONUS])} trials"
         )
     return Result(
         title=f"MORC on {PLACE.upper()}, {N} attributes, under rewards of several sizes",
         sentence=f"From rewards of {REWARDS[0]:g} to {REWARDS[-1]:g} MORC's exploration changes, "
         f"{'; '.join(told)}.",
         size=", ".join(f"{count} trials a row of {name}" for name, count in trials.items()) + ".",
-        tables=(Table("rewards", ("percepts", "what is large", *MEASURED), tuple(rows)),),
+        tables=(Table("rewards", ("percepts", "what is large", *MEASURED, AT_ONCE), tuple(rows)),),
         evidence={name: judge(run, drawn=name == THEIRS) for name, run in runs.items()},
         notes=(NOTE,),
     )
 
 
+def reporting_at_once(outcomes: TrialOutcomes, *, drawn: bool) -> Estimate:
+    """Estimate the fraction of trials in which a report comes before any behavior."""
+    at_once = outcomes.answered & (outcomes.executed.sum(axis=1) == 0)
+    units = outcomes.key if drawn else outcomes.object_name
+    estimate = clustered(at_once, units, fraction=True)
+    return replace(estimate, cluster="trials") if drawn else estimate
+
+
 def judge(runs: Runs, *, drawn: bool) -> dict[str, Evidence | None]:
-    """Judge exploring as both rewards grow, and giving up as one of them does."""
+    """Judge exploring as both rewards grow, and as the bonus alone does."""
     usual = f"both {paper_values('offline_reward'):g}"
     compare = drawn_difference if drawn else difference
     small = min(
         (name for name in runs if name.startswith("both ")), key=lambda name: float(name[5:])
     )
     both = f"both {LARGE:g}"
-    bonus = f"bonus {LARGE:g}"
-    penalty = f"penalty {LARGE:g}"
-    extra = compare(runs[both], runs[small], measure="cost")
-    fewer = compare(runs[bonus], runs[usual], measure="abstained")
-    more = compare(runs[penalty], runs[usual], measure="abstained")
     explores = f"larger rewards make it explore more: {both} against {small.removeprefix('both ')}"
-    seeks = "a very large bonus alone makes it risk seeking: it gives up less"
-    averse = "a very large penalty alone makes it risk averse: it gives up more"
     return {
-        explores: above(extra, 0, of="extra cost, s"),
-        seeks: below(fewer, 0, of="rise of giving up"),
-        averse: above(more, 0, of="rise of giving up"),
+        explores: above(compare(runs[both], runs[small], measure="cost"), 0, of="extra cost, s"),
+        SEEKS: below(compare(runs[BONUS], runs[usual], measure="cost"), 0, of="extra cost, s"),
+        EXAMPLE: above(reporting_at_once(runs[BONUS], drawn=drawn), MOST, of="fraction of trials"),
     }

@@ -56,10 +56,10 @@ def run(setting: Setting) -> Result:
     first, last = (values[k] for k in ENDS)
     return Result(
         title="What the paper's solver promises at Fig. 9's ends by the published `ask`",
-        sentence=f"""By the published code's `ask` SARSOP's plans of 5 s are worth at least
+        sentence=f"""By the published code's `ask` SARSOP's plans of 5 s promise
         {first.whole.mean():.0f} without irrelevant attributes and {last.whole.mean():.0f} with
-        {ENDS[-1]}; where each attribute is right on its own {first.each.mean():.0f} and
-        {last.each.mean():.0f}.""",
+        {ENDS[-1]}, as means of lower bounds over drawn questions; where each attribute is right on
+        its own {first.each.mean():.0f} and {last.each.mean():.0f}.""",
         tables=(
             Table(
                 "values of plans",

@@ -144,14 +144,29 @@ def test_successes_are_counted_while_the_budget_lasts():
     assert eq7.repeated_successes(success, np.zeros(4), 60) == 3
 
 
-@pytest.mark.parametrize(("kind", "more"), kinds(0.2, -0.2, 0.0))
-def test_rewards_are_judged_together_and_one_alone(outcomes, kind, more):
-    runs = {"both 2000": outcomes(more, seed=1), "both 100": outcomes(0),
-            "both 500": outcomes(5, abstained=0.5), "bonus 2000": outcomes(0, abstained=0.5 - more),
-            "penalty 2000": outcomes(0, abstained=0.5 + more)}  # fmt: skip
+@pytest.mark.parametrize(("kind", "more"), kinds(30, -30, 0))
+def test_rewards_are_judged_together_and_the_bonus_alone(outcomes, kind, more):
+    runs = {"both 2000": outcomes(100 + more, seed=1), "both 100": outcomes(100),
+            "both 500": outcomes(100), "bonus 2000": outcomes(100 - more, seed=2)}  # fmt: skip
     for drawn in (True, False):
-        evidence = risk.judge(runs, drawn=drawn)
-        assert [outcome(claim) for claim in evidence.values()] == [kind] * 3
+        explores, seeks, _ = risk.judge(runs, drawn=drawn).values()
+        assert outcome(explores) == outcome(seeks) == kind
+
+
+@pytest.mark.parametrize(("kind", "behaviors"), [(STANDS, 0), (FALLS, 2)])
+def test_reports_before_any_behavior_are_counted(outcomes, kind, behaviors):
+    run = outcomes(100)
+    executed = np.full((len(run), 1), behaviors)
+    run = replace(
+        run,
+        behaviors=("look",),
+        executed=executed,
+        failed=np.zeros_like(executed),
+        steps=np.full(len(run), behaviors + 1),
+    )
+    runs = {"both 2000": run, "both 100": run, "both 500": run, "bonus 2000": run}
+    for drawn in (True, False):
+        assert outcome(risk.judge(runs, drawn=drawn)[risk.EXAMPLE]) == kind
 
 
 @pytest.mark.parametrize(
