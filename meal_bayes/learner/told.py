@@ -76,8 +76,8 @@ def log_told(experience: Experience, folder: Path, entry: Feedback | Change | No
             log = write_feedback(log_folder, feedback, header=header)
         except LogError as fault:
             raise LogError(
-                f"{fault} What was told is learned; mend this, and it is logged when anything is "
-                "told, also the same again."
+                f"{fault} What was told or changed is learned; mend this, and it is logged when "
+                "anything is told, also the same again."
             ) from fault
         experience.feedback_logs[log.name] = None
         experience.unlogged.pop(0)
