@@ -66,8 +66,8 @@ def build_momdp(
 ) -> MOMDP:
     """Build the MOMDP of a query from a domain and the queried rows of the confusion posterior.
 
-    Where a domain has a behavior that answers (`ask`), and truths share latent classes, every class
-    is split in two, C false ones and then C true ones, as an answer depends on the truth alone.
+    If a behavior asks a person (`ask`), and both truths share latent classes, every class
+    is split in two, first C false ones, then C true ones: an answer depends on the truth alone.
 
     Parameters
     ----------
