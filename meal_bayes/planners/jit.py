@@ -1,15 +1,18 @@
 """How planning kernels are compiled and cached: the one place of `planners` that imports numba.
 
 `entry_kernel` makes a kernel that Python calls; `kernel` one that only kernels call, without the
-wrappers that Python would need (a seventh of the compile time), and inlined, as a call would pass
-all fields of all arrays of its named tuples, some 200 words; `called_kernel` one that is too large
-to be inlined: there is one copy of it, wherever it is called. These two are not optimized by
-themselves, made machine code, nor kept on disk: LLVM sees all that an entry kernel leads to at
-once, and what it had done before would be done again at every level (a third of the compile time,
-and a tenth for the machine code that nobody would run). Nor is an entry kernel optimized before
-what it calls is linked. A kernel is compiled again in every entry
-kernel that leads to it, so these are few. Nothing in a kernel allocates, so no references are
-counted: callers bring scratch buffers.
+wrappers that Python would need (a seventh of the compile time), and inlined; `called_kernel` one
+that is too large to be inlined: there is one copy of it, wherever it is called. These two are not
+optimized by themselves, made machine code, nor kept on disk: LLVM sees all that an entry kernel
+leads to at once, and what it had done before would be done again at every level (a third of the
+compile time, and a tenth for the machine code that nobody would run). Nor is an entry kernel
+optimized before what it calls is linked. A kernel is compiled again in every entry kernel that
+leads to it, so these are few. Nothing in a kernel allocates, so no references are counted: callers
+bring scratch buffers.
+
+Named tuples of classes that are `by_reference` are laid out in memory when Python calls, and
+kernels pass one pointer; to pass all fields of all arrays, some 200 words, took a third of the
+compile time.
 
 What only some problems need is left out by type: `if conjunction is None` of an argument that is
 None is decided before anything else is compiled.
@@ -29,14 +32,25 @@ import hashlib
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any, NamedTuple, cast
+from typing import Any, NamedTuple, TypeVar, cast
 
 import numpy as np
+from llvmlite import ir  # type: ignore[import-untyped]
 from numba import _dynfunc, njit
-from numba.core import event
+from numba.core import cgutils, event, types
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler, Flags
 from numba.core.dispatcher import Dispatcher
+from numba.core.typing.templates import AttributeTemplate
+from numba.extending import (
+    NativeValue,
+    infer_getattr,
+    lower_getattr_generic,
+    models,
+    register_model,
+    typeof_impl,
+    unbox,
+)
 
 from meal_bayes.cache import compile_kernel
 
@@ -72,6 +86,15 @@ class _EntryLibrary(JITCodeLibrary):  # type: ignore[misc]  # numba has no types
     def _optimize_functions(self, ll_module: Any) -> None:
         ll_module.data_layout = self._codegen._data_layout
 
+    def add_ir_module(self, ir_module: Any) -> None:
+        # What is not inlined by its decorator is called. What Python calls must be: it reads for
+        # constant what its wrapper has written.
+        defined = [function for function in ir_module.functions if not function.is_declaration]
+        if not any("alwaysinline" in function.attributes for function in defined):
+            for function in defined:
+                function.attributes.add("noinline")
+        super().add_ir_module(ir_module)
+
 
 class _LinkedLibrary(_EntryLibrary):
     """Code that is linked into entry kernels alone: not optimized, nor made machine code, alone."""
@@ -81,16 +104,6 @@ class _LinkedLibrary(_EntryLibrary):
 
     def _finalize_final_module(self) -> None:
         self._finalized = True
-
-
-class _CalledLibrary(_LinkedLibrary):
-    """Code that is called where it is linked, not inlined: one copy a module."""
-
-    def add_ir_module(self, ir_module: Any) -> None:
-        for function in ir_module.functions:
-            if not function.is_declaration and "alwaysinline" not in function.attributes:
-                function.attributes.add("noinline")
-        super().add_ir_module(ir_module)
 
 
 class _EntryCompiler(Compiler):  # type: ignore[misc]  # numba has no types
@@ -114,12 +127,6 @@ class _LinkedCompiler(_EntryCompiler):
     def compile_extra(self, function: Callable[..., Any]) -> Any:
         self.state.targetctx.get_executable = _without_machine_code
         return super().compile_extra(function)
-
-
-class _CalledCompiler(_LinkedCompiler):
-    """Compiles a kernel that is not inlined."""
-
-    library = _CalledLibrary
 
 
 def _without_machine_code(library: Any, function: Any, environment: Any) -> Any:
@@ -146,19 +153,21 @@ def entry_kernel(function: Callable[..., Any]) -> Callable[..., Any]:
 
 def called_kernel(function: Callable[..., Any]) -> Callable[..., Any]:
     """Compile a large kernel that only kernels call."""
-    return _linked(function, _CalledCompiler, inline=False)
+    return _linked(function, inline=False)
 
 
 def kernel(function: Callable[..., Any]) -> Callable[..., Any]:
     """Compile a kernel that only kernels call, and inline it there."""
-    return _linked(function, _LinkedCompiler, inline=True)
+    return _linked(function, inline=True)
 
 
-def _linked(
-    function: Callable[..., Any], compiler: type[_LinkedCompiler], *, inline: bool
-) -> Callable[..., Any]:
+def _linked(function: Callable[..., Any], *, inline: bool) -> Callable[..., Any]:
     compiled = njit(
-        function, **_OPTIONS, pipeline_class=compiler, forceinline=inline, no_cpython_wrapper=True
+        function,
+        **_OPTIONS,
+        pipeline_class=_LinkedCompiler,
+        forceinline=inline,
+        no_cpython_wrapper=True,
     )
     return cast(Callable[..., Any], compiled)
 
@@ -168,6 +177,97 @@ def _versioned(compiled: Callable[..., Any]) -> Callable[..., Any]:
     if cache_file is not None:  # None where nothing is cached
         cache_file._version = f"{cache_file._version} {_DIGEST.hexdigest()}"
     return compiled
+
+
+# --- Named tuples by reference
+
+
+class Reference(types.Type):  # type: ignore[misc]  # numba has no types
+    """The type of a pointer to a named tuple of arrays, as kernels pass it on."""
+
+    def __init__(self, held: types.BaseNamedTuple) -> None:
+        fields = [getattr(field, "held", field) for field in held.types]  # also those inside
+        self.held = types.NamedTuple(fields, held.instance_class)
+        digest = hashlib.blake2b(str(self.held.key).encode(), digest_size=8).hexdigest()
+        super().__init__(f"Reference({held.instance_class.__name__}, {digest})")
+
+
+@register_model(Reference)
+class _ReferenceModel(models.PrimitiveModel):  # type: ignore[misc]  # numba has no types
+    def __init__(self, manager: Any, of: Reference) -> None:
+        super().__init__(manager, of, manager.lookup(of.held).get_data_type().as_pointer())
+
+
+N = TypeVar("N", bound=type)
+
+
+def by_reference(of: N) -> N:
+    """Let kernels take values of a class of named tuples by a pointer, also of those inside."""
+
+    @typeof_impl.register(of)  # type: ignore[untyped-decorator]  # numba has no types
+    def _typeof(value: Any, context: Any) -> Reference:
+        return Reference(typeof_impl.dispatch(tuple)(value, context))
+
+    return of
+
+
+@unbox(Reference)  # type: ignore[untyped-decorator]  # numba has no types
+def _unbox(reference: Reference, value: Any, c: Any) -> NativeValue:
+    """Lay a named tuple out in memory that lasts as long as the call from Python."""
+    held = reference.held
+    place = cgutils.alloca_once(c.builder, c.context.data_model_manager[held].get_data_type())
+    failed = cgutils.alloca_once_value(c.builder, cgutils.false_bit)
+    _lay_out(held, value, place, failed, c)
+    return NativeValue(place, is_error=c.builder.load(failed))
+
+
+def _lay_out(held: Any, value: Any, place: Any, failed: Any, c: Any) -> None:
+    """Write the fields of a named tuple to their places."""
+    builder = c.builder
+    for number, field in enumerate(held.types):
+        of_field = c.pyapi.tuple_getitem(value, number)
+        to = cgutils.gep_inbounds(builder, place, 0, number)
+        if isinstance(field, types.BaseNamedTuple):
+            _lay_out(field, of_field, to, failed, c)
+        elif isinstance(field, types.Array):
+            wrong = c.pyapi.numba_array_adaptor(of_field, builder.bitcast(to, c.pyapi.voidptr))
+            bad = cgutils.is_not_null(builder, wrong)
+            builder.store(builder.or_(builder.load(failed), bad), failed)
+        elif not isinstance(field, types.NoneType):
+            native = c.unbox(field, of_field)
+            model = c.context.data_model_manager[field]
+            builder.store(model.as_data(builder, native.value), to)
+            builder.store(builder.or_(builder.load(failed), native.is_error), failed)
+
+
+@infer_getattr
+class _ReferenceFields(AttributeTemplate):  # type: ignore[misc]  # numba has no types
+    key = Reference
+
+    def generic_resolve(self, reference: Reference, name: str) -> Any:
+        held = reference.held
+        if name not in held.fields:
+            return None
+        field = held.types[held.fields.index(name)]
+        return Reference(field) if isinstance(field, types.BaseNamedTuple) else field
+
+
+@lower_getattr_generic(Reference)  # type: ignore[untyped-decorator]  # numba has no types
+def _read_field(context: Any, builder: Any, reference: Reference, value: Any, name: str) -> Any:
+    """Read a field of a named tuple behind a pointer; one that holds arrays stays where it is."""
+    place = reference.held.fields.index(name)
+    field = reference.held.types[place]
+    pointer = cgutils.gep_inbounds(builder, value, 0, place)
+    if isinstance(field, types.BaseNamedTuple):
+        return pointer
+    before = len(builder.block.instructions)
+    read = context.data_model_manager[field].load_from_data_pointer(builder, pointer)
+    # Where arrays lie does not change while kernels write into them.
+    constant = builder.module.add_metadata([])
+    for instruction in builder.block.instructions[before:]:
+        if isinstance(instruction, ir.LoadInstr):
+            instruction.set_metadata("invariant.load", constant)
+    return read
 
 
 class Compiling(NamedTuple):

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from meal_bayes.arrays import Floats
 from meal_bayes.momdp import MOMDP
 from meal_bayes.momdp.reports import Conjunction
+from meal_bayes.planners.jit import by_reference
 
 # Bits: percepts with less information on the class are not planned with. (The certified bound
 # reads all that differ at all: `informative_pairs` of factored/grid.py.)
@@ -40,6 +41,7 @@ BRANCH = np.dtype([
 ], align=True)  # fmt: skip
 
 
+@by_reference
 class Dynamics(NamedTuple):
     """The transition model of the behaviors."""
 
@@ -48,6 +50,7 @@ class Dynamics(NamedTuple):
     exit_value: float  # of abstaining, -inf where the agent may not
 
 
+@by_reference
 class Percepts(NamedTuple):
     """The observation model of the behaviors."""
 
@@ -61,6 +64,7 @@ class Percepts(NamedTuple):
     class_is_truth: bool  # are the classes the two truths (Eq. 8)?
 
 
+@by_reference
 class MOMDPArrays(NamedTuple):
     """All that the kernels read of a MOMDP."""
 

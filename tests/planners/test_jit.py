@@ -5,13 +5,16 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
+from typing import NamedTuple
 
 import numba
+import numpy as np
 import pytest
 
 import meal_bayes
 from meal_bayes.cli.console import showing_compilation
 from meal_bayes.planners import watch_compilation
+from meal_bayes.planners.jit import by_reference, called_kernel, entry_kernel
 
 
 def run(script, cwd=None, **environment):
@@ -40,6 +43,47 @@ warm_up(OpenLoop())
 assert settings() == before and len(before) > 50
 """
     run(script)
+
+
+@by_reference
+class Inner(NamedTuple):
+    numbers: np.ndarray
+    scale: float
+    doubled: bool
+
+
+@by_reference
+class Outer(NamedTuple):
+    inner: Inner
+    total: np.ndarray
+    offset: float | None
+
+
+@called_kernel
+def add_up(outer):
+    inner = outer.inner
+    for i in range(inner.numbers.shape[0]):
+        outer.total[0] += inner.numbers[i] * inner.scale * (2.0 if inner.doubled else 1.0)
+
+
+@called_kernel
+def add_offset(outer, offset):
+    if offset is not None:
+        outer.total[0] += offset
+
+
+@entry_kernel
+def add_up_all(outer):
+    add_up(outer)
+    add_offset(outer, outer.offset)
+
+
+def test_kernels_read_and_write_what_a_named_tuple_refers_to():
+    for scale, doubled, total in ((2.0, True, 24.0), (0.5, False, 3.0)):
+        outer = Outer(Inner(np.array([1.0, 2.0, 3.0]), scale, doubled), np.zeros(1), None)
+        add_up_all(outer)
+        add_up_all(outer._replace(offset=1.0))
+        assert outer.total[0] == 2 * total + 1.0
 
 
 @numba.njit

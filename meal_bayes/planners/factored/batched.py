@@ -12,7 +12,7 @@ import numpy as np
 
 from meal_bayes.arrays import Bools, Floats, Ints, real_vector, shaped_array
 from meal_bayes.momdp import MOMDP
-from meal_bayes.planners.jit import entry_kernel, kernel
+from meal_bayes.planners.jit import by_reference, entry_kernel, kernel
 from meal_bayes.planners.momdp_arrays import dynamics_of
 
 _LARGEST = 7.0  # log-odds to either side of even odds that the grid reaches
@@ -22,6 +22,7 @@ _SETTLED = 1e-6  # of r+ - r-
 _LEAST = 1e-6  # rates, of yes and of no, are at least this
 
 
+@by_reference
 class Problems(NamedTuple):
     """What the kernel reads of B problems; priors are points of the grid."""
 
@@ -35,6 +36,7 @@ class Problems(NamedTuple):
     start: int  # x
 
 
+@by_reference
 class Buffers(NamedTuple):
     """What the kernel writes: G beliefs, E behaviors, X states without the terminal one."""
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from meal_bayes.arrays import Floats, Ints
 from meal_bayes.momdp import MOMDP
-from meal_bayes.planners.jit import NO_BEHAVIOR, entry_kernel, kernel
+from meal_bayes.planners.jit import NO_BEHAVIOR, by_reference, entry_kernel, kernel
 
 _EQUAL = 1e-12  # rows of truths that differ by less, which is rounding, are equal
 _WIDEST = 10.0  # log-odds that an axis reaches from the prior, at most; certainty follows
@@ -18,6 +18,7 @@ _INNER_STEP = 0.15  # and these more for each of its points
 _PERCEPTS = 1.5  # of the sharpest behavior that it reaches, at least; clean5 then earns 441.6 +- .5
 
 
+@by_reference
 class Table(NamedTuple):
     """Values of beliefs, multilinear between the points of a product grid."""
 
@@ -39,6 +40,7 @@ class Table(NamedTuple):
         return product
 
 
+@by_reference
 class Reader(NamedTuple):
     """A table, and what reads the values that are expected of it after a percept."""
 

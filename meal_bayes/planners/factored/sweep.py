@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from meal_bayes.arrays import Floats, Ints
 from meal_bayes.momdp import MOMDP, Reports
 from meal_bayes.planners.factored.grid import Table, between, informative_pairs
-from meal_bayes.planners.jit import entry_kernel, kernel
+from meal_bayes.planners.jit import by_reference, entry_kernel, kernel
 from meal_bayes.planners.momdp_arrays import MOMDPArrays
 
 _BLOCK = 32  # rows that fit the cache together
@@ -74,6 +74,7 @@ class Matrix(NamedTuple):
     weight: Floats  # (G,J) entries
 
 
+@by_reference
 class Backups(NamedTuple):
     """All that a sweep reads besides the values."""
 

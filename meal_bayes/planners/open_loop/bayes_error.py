@@ -12,7 +12,7 @@ import numpy as np
 from meal_bayes.arrays import Floats, Ints, lowest_yes
 from meal_bayes.momdp.observation import predictive as observation_predictive
 from meal_bayes.momdp.reports import mean_reward as reward_formula
-from meal_bayes.planners.jit import entry_kernel, kernel
+from meal_bayes.planners.jit import by_reference, called_kernel, entry_kernel, kernel
 from meal_bayes.planners.momdp_arrays import Percepts
 
 OUTCOMES = 1024  # joint outcomes of a plan that are held for one attribute: of tables that last
@@ -53,6 +53,7 @@ def _first_yes(log_ratio, thresholds):
     return min(max(g, 0), thresholds)
 
 
+@by_reference
 class Evidence(NamedTuple):
     """The percepts of a trial so far: the state of a finite-precision belief, besides x."""
 
@@ -68,6 +69,7 @@ class Row(NamedTuple):
     latent_class: int
 
 
+@by_reference
 class Scratch(NamedTuple):
     """The evidence of a trial, and buffers for one caller's intermediate results."""
 
@@ -170,7 +172,7 @@ def _log_ratio(truths, a):
     return np.log((truths[1, a] + 1e-300) / (truths[0, a] + 1e-300))
 
 
-@kernel
+@called_kernel
 def _merge(weights, i, m, scratch):
     """Merge outcomes of like likelihood ratio; return how many remain."""
     outcomes = scratch.outcomes

@@ -7,13 +7,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meal_bayes.arrays import Bools, Floats, Ints
-from meal_bayes.planners.jit import NO_BEHAVIOR, Index, entry_kernel, kernel
+from meal_bayes.planners.jit import (
+    NO_BEHAVIOR,
+    Index,
+    by_reference,
+    called_kernel,
+    entry_kernel,
+    kernel,
+)
 from meal_bayes.planners.open_loop.bayes_error import mean_reward
 from meal_bayes.planners.open_loop.detours import PlanSteps
 
 CELLS = 8  # of the seconds that may follow, when a bound looks ahead
 
 
+@by_reference
 class ShortestPaths(NamedTuple):
     """Cheapest path from each x to a percept of each behavior, along the likeliest outcomes.
 
@@ -39,6 +47,7 @@ class ShortestPaths(NamedTuple):
         return (a,) if arrived else (a, *self.path(int(self.target[x, a]), behavior))
 
 
+@by_reference
 class Paths(NamedTuple):
     """Plans that are grown, from every x, at B beliefs, to every first percept."""
 
@@ -60,6 +69,7 @@ class PathEnd(NamedTuple):
     length: Index  # behaviors so far
 
 
+@by_reference
 class Growth(NamedTuple):
     """What percepts tell, and what a plan has gathered so far."""
 
@@ -154,7 +164,7 @@ def _right(log_r, rate, seconds, chance):
     return right
 
 
-@kernel
+@called_kernel
 def _next_percept(shortest, growth, x, chance):
     """Choose the percepts that add most log Pr(right) a second -> behavior, number."""
     log_affinity = growth.log_affinity
@@ -201,7 +211,7 @@ def _next_percept(shortest, growth, x, chance):
     return best_e, best_k
 
 
-@kernel
+@called_kernel
 def _best_ahead(growth, chance, base, reward, spare):
     """Bound what a plan can still come to, if every second were the best for each attribute.
 
@@ -226,7 +236,7 @@ def _informs(growth, e):
     return informs and growth.limit[e] >= 1.0
 
 
-@kernel
+@called_kernel
 def _follow_path(shortest, growth, path, end_so_far, goal):
     """Append the shortest path to a percept of a behavior, while there is room; return the end."""
     counts = growth.counts
@@ -248,7 +258,7 @@ def _follow_path(shortest, growth, path, end_so_far, goal):
     return PathEnd(state, filled)
 
 
-@kernel
+@called_kernel
 def _grow_plan(shortest, growth, chance, path, origin):
     """Grow a plan from x, to the percept of a first behavior and on -> path; return its length."""
     x, goal = origin

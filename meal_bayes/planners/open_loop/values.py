@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meal_bayes.arrays import Floats, Ints
-from meal_bayes.planners.jit import called_kernel, kernel
+from meal_bayes.planners.jit import by_reference, called_kernel, kernel
 from meal_bayes.planners.momdp_arrays import MOMDPArrays, paid_share
 from meal_bayes.planners.open_loop.bayes_error import (
     Scratch,
@@ -38,6 +38,7 @@ PLAN = np.dtype([
 ], align=True)  # fmt: skip
 
 
+@by_reference
 class Plans(NamedTuple):
     """Open-loop plans, grouped by the x they start from."""
 
@@ -50,6 +51,7 @@ class Plans(NamedTuple):
     # of yes or no, Pr(says yes | latent class)
 
 
+@by_reference
 class Evaluator(NamedTuple):
     """All that valuing plans reads and writes."""
 
@@ -58,6 +60,7 @@ class Evaluator(NamedTuple):
     scratch: Scratch
 
 
+@by_reference
 class BestPlans(NamedTuple):
     """The best plan of each first behavior at some beliefs; value -inf where there is none."""
 
@@ -65,6 +68,7 @@ class BestPlans(NamedTuple):
     plan: Ints  # (B,E)
 
 
+@by_reference
 class Beliefs(NamedTuple):
     """Beliefs at one x at which plans are valued."""
 
@@ -89,7 +93,7 @@ def true_chance(percepts, prob, i):
     return total
 
 
-@kernel
+@called_kernel
 def stop_value(model, conjunction, prob):
     """Compute the value of ending now: of the best report or of the exit."""
     if conjunction is not None:
@@ -345,7 +349,7 @@ def evaluate_plans(evaluator, x, prob, floor, drop_useless):
     return best
 
 
-@kernel
+@called_kernel
 def value_plans(evaluator, beliefs):
     """Value the best plan of each first behavior at all beliefs -> `beliefs.best`."""
     scratch = evaluator.scratch

@@ -10,7 +10,7 @@ time.
 
 import numpy as np
 
-from meal_bayes.planners.jit import kernel
+from meal_bayes.planners.jit import called_kernel, kernel
 from meal_bayes.planners.open_loop.bayes_error import (
     SPAN,
     log_odds,
@@ -60,7 +60,7 @@ def _score(evaluator, t, g, prob, i, weights):
     return weights[1] * accepted[1, i] - weights[0] * accepted[0, i]
 
 
-@kernel
+@called_kernel
 def _decide_literal(evaluator, t, prob, i, weights):
     """Choose the threshold of the best `_score`, or to take the literal always, or never."""
     literal = evaluator.model.conjunction.literal[i]
@@ -99,7 +99,7 @@ def _decide_literal(evaluator, t, prob, i, weights):
         accepted[1, i] = 0.0
 
 
-@kernel
+@called_kernel
 def _compute_literal(evaluator, j, prob, i, weights, first):
     """Compute what `_decide_literal` reads from tables; of the first round once a row."""
     scratch = evaluator.scratch
@@ -121,7 +121,7 @@ def _compute_literal(evaluator, j, prob, i, weights, first):
         scratch.error[t, z] = scratch.accepted[1, i]
 
 
-@kernel
+@called_kernel
 def planned_yes_or_no(evaluator, j, prob, floor, enumerated):
     """Compute the reward expected at the end of a plan; at most `floor` if it cannot beat that.
 

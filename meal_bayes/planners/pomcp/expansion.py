@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from meal_bayes.planners.factored.grid import value_after
-from meal_bayes.planners.jit import NO_BEHAVIOR, Index, kernel
+from meal_bayes.planners.jit import NO_BEHAVIOR, Index, called_kernel, kernel
 from meal_bayes.planners.open_loop.values import (
     evaluate_plans,
     is_useless,
@@ -33,7 +33,7 @@ class BranchOutcome(NamedTuple):
     percept: Index  # its levels as digits, of the informative attributes alone; -1 = to be drawn
 
 
-@kernel
+@called_kernel
 def expand(model, scratch, tree, edge, rng):
     """Create the children of an edge: every informative outcome, or a sample of too many."""
     node, a = edge
@@ -81,7 +81,7 @@ def expand(model, scratch, tree, edge, rng):
     tree.edge[node, a].count = tree.size[0] - tree.edge[node, a].first
 
 
-@kernel
+@called_kernel
 def _perceive(percepts, evidence, tree, outcome, rng):
     """Compute the belief of the next free node after an outcome, whose percept may be drawn."""
     node, a, digits = outcome
@@ -107,7 +107,7 @@ def _perceive(percepts, evidence, tree, outcome, rng):
         tree.level[child, i] = z
 
 
-@kernel
+@called_kernel
 def value_children(evaluator, tree, reader, edge):
     """Value the children of a new edge: the best of ending and of the leaf evaluator."""
     model = evaluator.model
@@ -136,7 +136,7 @@ def value_children(evaluator, tree, reader, edge):
         count_percept(scratch.evidence, level, a, -1.0)
 
 
-@kernel
+@called_kernel
 def open_node(model, scratch, tree, reader, node):
     """Create the edges of a visited node; values are -inf where a behavior cannot help."""
     total = scratch.evidence.total

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from meal_bayes.planners.jit import entry_kernel, kernel
+from meal_bayes.planners.jit import by_reference, called_kernel, entry_kernel, kernel
 from meal_bayes.planners.open_loop.values import evaluate_plans, value_plans
 from meal_bayes.planners.pomcp.expansion import (
     ENUMERATE,
@@ -33,6 +33,7 @@ from meal_bayes.planners.pomcp.tree import (
 )
 
 
+@by_reference
 class Growing(NamedTuple):
     """How a tree is to grow."""
 
@@ -41,6 +42,7 @@ class Growing(NamedTuple):
     averaged: bool  # do edges average returns? else they take the expectation over outcomes
 
 
+@by_reference
 class TreeSearch(NamedTuple):
     """A tree that grows."""
 
@@ -140,7 +142,7 @@ def _select(tree, node, exploration):
     return best
 
 
-@kernel
+@called_kernel
 def _execute(model, tree, sampled, edge, rng):
     """Execute a behavior in the sampled MOMDP; return the child that it leads to.
 
@@ -181,7 +183,7 @@ def _execute(model, tree, sampled, edge, rng):
     return successor
 
 
-@kernel
+@called_kernel
 def _back_up_path(evaluator, search, node, depth, leaf):
     """Back up a simulation from its last node; the percepts on the way are removed."""
     tree = search.tree
@@ -230,7 +232,7 @@ def _back_up(tree, edge, discount, outcome, averaged):
     tree.node[node].bonus = bonus
 
 
-@kernel
+@called_kernel
 def _keep_rows(tree, sampled):
     """Keep the sampled rows of the simulation's first behavior, for the decision to show."""
     a = sampled.path[0, 1]

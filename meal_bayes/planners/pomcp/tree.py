@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from meal_bayes.arrays import Floats, Ints
 from meal_bayes.momdp import MOMDP, Belief, answer_value
-from meal_bayes.planners.jit import Index, kernel
+from meal_bayes.planners.jit import Index, by_reference, called_kernel, kernel
 from meal_bayes.planners.momdp_arrays import Percepts
 from meal_bayes.planners.open_loop.bayes_error import predictive
 from meal_bayes.planners.solver import TreeEdge
@@ -42,6 +42,7 @@ EDGE = np.dtype([
 ], align=True)  # fmt: skip
 
 
+@by_reference
 class Tree(NamedTuple):
     """Nodes in the order in which they were made; the first is the root."""
 
@@ -134,6 +135,7 @@ def top_edges(tree: Tree) -> tuple[TreeEdge, ...]:
     return (*first, *second[:_LOGGED])
 
 
+@by_reference
 class Sampled(NamedTuple):
     """The MOMDP of one simulation."""
 
@@ -166,7 +168,7 @@ def make_sampled(percepts: Percepts, prob: Floats, counts: Floats) -> Sampled:
     )
 
 
-@kernel
+@called_kernel
 def draw_root_object(percepts, sampled, rng):
     """Draw the object of a simulation at the root: of each attribute a latent class and a truth.
 
@@ -185,7 +187,7 @@ def draw_root_object(percepts, sampled, rng):
         sampled.truth[i] = 1.0 if rng.random() < percepts.truth_of_class[i, 1, c] else 0.0
 
 
-@kernel
+@called_kernel
 def _draw_rows(percepts, sampled, e, rng):
     """Draw the object's rows of a behavior from Dirichlet(precision * mean + counts)."""
     levels = percepts.rows.shape[3]
