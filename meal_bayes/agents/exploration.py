@@ -35,7 +35,7 @@ others are worth what they add to that: E max(their gain, its gain) less E of it
 to come.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
@@ -117,6 +117,8 @@ class Progress(ByValue):
         (P,E) whether the object at hand has none.
     labeled : NDArray[np.bool_]
         (P,) attributes of the object at hand that were labeled before and are remembered.
+    values : dict[bytes, NDArray[np.float64]]
+        What `values_ahead` computed of an attribute, kept from one trial to the next.
     """
 
     knowledge: Knowledge
@@ -130,6 +132,9 @@ class Progress(ByValue):
     objects: NDArray[np.int64]
     fresh: NDArray[np.bool_]
     labeled: NDArray[np.bool_]
+    values: dict[bytes, NDArray[np.float64]] = field(
+        default_factory=dict, repr=False, compare=False
+    )
 
     @property
     def beta(self) -> NDArray[np.float64]:
@@ -439,13 +444,23 @@ def values_ahead(
     uninformed = np.concatenate([node == 0, np.ones(p, np.bool_)])
     momdp = _one_question(knowledge.domain, progress)
     problems_rates = np.concatenate([rates, now])
-    if knowledge.rates is None:
-        prior = knowledge.base_rates[attribute]
-        values = batched_value_iteration(momdp, problems_rates, prior, uninformed)
-    else:
-        prior = np.broadcast_to(RATES, (len(attribute), len(RATES)))
-        values = batched_value_iteration(momdp, problems_rates, prior, uninformed)
-        values = (values * knowledge.rates.probabilities[attribute]).sum(axis=1)
+    values = np.empty(len(attribute))
+    weights = None if knowledge.rates is None else knowledge.rates.probabilities
+    for number in range(p):
+        # An attribute's problems start from no other's values, and most attributes stay from one
+        # trial to the next.
+        rows = np.flatnonzero(attribute == number)
+        prior = knowledge.base_rates[[number]] if weights is None else RATES
+        each = problems_rates[rows]
+        key = each.tobytes() + uninformed[rows].tobytes() + prior.tobytes()
+        if key not in progress.values:
+            priors = np.tile(prior, (len(rows), 1))
+            progress.values[key] = batched_value_iteration(momdp, each, priors, uninformed[rows])
+        by_prior = progress.values[key]
+        if weights is None:
+            values[rows] = by_prior[:, 0]
+        else:
+            values[rows] = (by_prior * weights[number]).sum(axis=1)
     value = np.where(informs, 0.0, np.nan)
     value[pair, behavior, node] = values[: len(pair)]
     value = np.where(informs, value, value[:, :, :1])

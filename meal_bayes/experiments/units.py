@@ -165,17 +165,17 @@ def _every_second(look: Callable[[], None]) -> Iterator[None]:
 
 def _run_locked(unit: Unit, *, parts: Path, wait: bool) -> tuple[Path, str | None]:
     """Run a unit once nobody else holds it; return its path, and who holds it."""
-
-    def advance(amount: float) -> None:
-        """Append to the file of what is done, which other machines do not have."""
-        if parts.exists():
-            with parts.open("ab") as file:
-                file.write(np.float64(amount).tobytes())
-
     with locked(unit.path, wait=wait) as lock:
         if isinstance(lock, str):
             return unit.path, lock
-        unit.run(advance)
+        # Other machines do not have the file of what is done.
+        shown = parts if parts.exists() else Path(os.devnull)
+        with shown.open("ab", buffering=0) as file:
+
+            def advance(amount: float) -> None:
+                file.write(np.float64(amount).tobytes())
+
+            unit.run(advance)
         if lock:  # else another process may still be writing its drafts
             for path in unit.path.glob("*.mcap") if unit.path.is_dir() else [unit.path]:
                 remove_drafts(path)

@@ -88,6 +88,7 @@ class Online:
     # Without a bonus, and with one: functions of what stands above, kept until that moves.
     policies: dict[PlanKey, tuple[MOMDP, Policy]] = field(default_factory=dict)
     plan_libraries: dict[PlanKey, POMCPPolicy] = field(default_factory=dict)
+    values: dict[bytes, NDArray[np.float64]] = field(default_factory=dict)  # see `Progress`
 
     @classmethod
     def refit(cls, record: Experience, agent: Agent, settings: LearnerSettings) -> Self:
@@ -221,6 +222,7 @@ class Online:
             self.knowledge = replace(self.knowledge, domain=domain)
             self.policies = {}
             self.plan_libraries = {}
+            self.values = {}
 
     def _cut_anew(self) -> None:
         """Cut the scores of pairs anew of which nothing was counted yet: their ranks have moved."""
@@ -330,6 +332,7 @@ class Online:
             objects=self.experience_at_refit[1],
             fresh=np.ones((p, e), bool),
             labeled=np.zeros(p, bool),
+            values=self.values,
         )
         if object_name is None:
             return at_refit
