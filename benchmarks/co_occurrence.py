@@ -2,7 +2,7 @@
 
 python benchmarks/co_occurrence.py [--dataset NAME ...] [--json]
 
-Pairs and their prior are those of `agents/co_occurrence.py`. Everything is learned without the
+Pairs and their prior are those of `agents/joint_prior.py`. Everything is learned without the
 object at hand, percepts as in `calibration.py`: one recording of each behavior, or none.
 
 Rows are of all pairs of attributes that runs ask, but for values of one group, and of those
@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from scipy.special import expit
 
 from meal_bayes.agents.base_rates import learn_base_rates
-from meal_bayes.agents.co_occurrence import learn_co_occurrence
+from meal_bayes.agents.joint_prior import coupled_pairs
 from meal_bayes.arrays import Floats
 from meal_bayes.datasets import PerceptTable, load_percepts
 from meal_bayes.experiments import askable
@@ -60,9 +60,7 @@ def cases(
     """Yield a case for each coupled pair, object and set of recordings."""
     for held_out, fold in enumerate(known):
         others = np.delete(table.labels, held_out, axis=0)
-        learned = learn_co_occurrence(
-            table.domain, others, learn_base_rates(table.domain, others).mean
-        )
+        learned = coupled_pairs(table.domain, others, learn_base_rates(table.domain, others).mean)
         beliefs = believed(table, columns, fold, held_out, kind)  # (S,P)
         rates = expit(fold.prior)
         for pair, prior in zip(learned.pairs.tolist(), learned.probability, strict=True):

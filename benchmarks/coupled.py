@@ -23,7 +23,7 @@ from measuring import options_of, show
 from meal_bayes import Learner, load_percepts
 from meal_bayes.agents import Agent, load_agent
 from meal_bayes.agents.base_rates import learn_base_rates
-from meal_bayes.agents.co_occurrence import learn_co_occurrence
+from meal_bayes.agents.joint_prior import coupled_pairs as pairs_coupled
 from meal_bayes.datasets import PerceptTable
 from meal_bayes.domain import Query
 from meal_bayes.experiments import askable, offline_tasks
@@ -56,9 +56,7 @@ def coupled_pairs(table: PerceptTable) -> list[list[tuple[int, int]]]:
     pairs = []
     for o in range(len(table.objects)):
         labels = np.delete(table.labels, o, axis=0)
-        known = learn_co_occurrence(
-            table.domain, labels, learn_base_rates(table.domain, labels).mean
-        )
+        known = pairs_coupled(table.domain, labels, learn_base_rates(table.domain, labels).mean)
         pairs.append([(first, second) for first, second in known.pairs.tolist()])
     return pairs
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from meal_bayes.agents.co_occurrence import joint_prior
 from meal_bayes.agents.exploration import ExplorationBonus, NoBonus
+from meal_bayes.agents.joint_prior import joint_prior
 from meal_bayes.agents.knowledge import Knowledge
 from meal_bayes.arrays import plain_fields
 from meal_bayes.domain import Domain, Payoffs, Query
@@ -144,7 +144,7 @@ class Agent:
             told = np.full(len(query), np.nan)
         joint = None
         if self.base_rates and self.co_occurrence:
-            joint = joint_prior(query, prior, knowledge.co_occurrence, columns, told)
+            joint = joint_prior(domain, knowledge.labels, knowledge.base_rates, query, told)
         loss = None if reward is None else wrong_reward(reward)
         momdp = build_momdp(
             domain,

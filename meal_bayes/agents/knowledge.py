@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meal_bayes.agents.base_rates import BaseRates, learn_base_rates
-from meal_bayes.agents.co_occurrence import NOTHING, CoOccurrence, learn_co_occurrence
 from meal_bayes.arrays import FrozenArrays, check_place, no_and_yes_of
 from meal_bayes.datasets import PerceptTable
 from meal_bayes.domain import Domain
@@ -30,10 +29,11 @@ class Knowledge(FrozenArrays):
         Of the confusion matrices.
     base_rates : NDArray[np.float64]
         (P,) Pr(attribute) of a new object; over the values of a group they sum to 1.
+    labels : NDArray[np.int8]
+        (O,P) of the training objects, -1 unknown, which say which attributes exclude or imply each
+        other.
     trait : SharedTrait | None
         Latent trait that percepts of an object share; None: they share the truth alone.
-    co_occurrence : CoOccurrence
-        Attributes that exclude or imply each other among the training objects.
     rates : BaseRates | None
         Posterior of the base rates, of which `base_rates` are the means; None: they are known.
     """
@@ -41,8 +41,8 @@ class Knowledge(FrozenArrays):
     domain: Domain
     posterior: ConfusionPosterior
     base_rates: NDArray[np.float64]
+    labels: NDArray[np.int8]
     trait: SharedTrait | None = None
-    co_occurrence: CoOccurrence = NOTHING
     rates: BaseRates | None = None
 
     __repr__ = short_repr
@@ -81,15 +81,13 @@ class Knowledge(FrozenArrays):
         return self.domain.behavior_names[best], float(youden[best]), accuracy
 
     def with_labels(self, labels: NDArray[np.int8], *, pool: bool = True) -> "Knowledge":
-        """Return the same knowledge with the priors that labels (O,P) tell: alone, and jointly.
+        """Return the same knowledge with the priors that labels (O,P) tell.
 
         Unless they are to `pool` rates anew, how far these are pooled stays as it was learned.
         """
         weights = None if pool or self.rates is None else self.rates.weights
         rates = learn_base_rates(self.domain, labels, weights)
-        mean = rates.mean
-        pairs = learn_co_occurrence(self.domain, labels, mean)
-        return replace(self, base_rates=mean, co_occurrence=pairs, rates=rates)
+        return replace(self, base_rates=rates.mean, labels=labels, rates=rates)
 
 
 def knowledge_without(
@@ -141,11 +139,10 @@ def knowledge_of(
     """
     rates = learn_base_rates(domain, labels)
     mean = rates.mean
-    pairs = learn_co_occurrence(domain, labels, mean)
     if not object_level:
         posterior = ConfusionPosterior.from_counts(counts)
-        return Knowledge(domain, posterior, mean, co_occurrence=pairs, rates=rates)
+        return Knowledge(domain, posterior, mean, labels, rates=rates)
     posterior = ConfusionPosterior.from_objects(counts, given=given)
     percepts = counts.sum(axis=3)  # (O,P,E,K)
     trait = learn_trait(posterior, percepts, labels, mean)
-    return Knowledge(domain, posterior, mean, trait, pairs, rates)
+    return Knowledge(domain, posterior, mean, labels, trait, rates)

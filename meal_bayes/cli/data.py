@@ -353,11 +353,11 @@ def _print_contents(table: "PerceptTable | Dataset", *, as_json: bool) -> None:
 def _coupled(table: "PerceptTable | Dataset") -> "list[dict[str, Any]]":
     """Return the pairs that all labels couple, those that they couple most first."""
     from meal_bayes.agents.base_rates import learn_base_rates
-    from meal_bayes.agents.co_occurrence import learn_co_occurrence
+    from meal_bayes.agents.joint_prior import coupled_pairs
 
     labels = table.labels
     rates = learn_base_rates(table.domain, labels).mean
-    coupling = learn_co_occurrence(table.domain, labels, rates)
+    coupling = coupled_pairs(table.domain, labels, rates)
     together = []
     for number in (-coupling.log_bayes_factor).argsort(kind="stable").tolist():
         pair = coupling.pairs[number].tolist()

@@ -190,8 +190,9 @@ class Online:
         self.knowledge = earlier.with_labels(object_labels, pool=self._pool(object_labels))
         if self.agent.base_rates:
             moved |= self.knowledge.base_rates != earlier.base_rates
-        if self.agent.co_occurrence:
-            moved |= self.knowledge.co_occurrence.moved(earlier.co_occurrence, len(moved))
+            n = min(len(object_labels), len(earlier.labels))
+            moved |= (object_labels[:n] != earlier.labels[:n]).any(axis=0)
+            moved |= (object_labels[n:] >= 0).any(axis=0)
         # Policies stay where nothing that they were solved with has moved.
         self.policies = {
             key: plan

@@ -31,7 +31,6 @@ from numpy.typing import NDArray
 
 from meal_bayes.agents import Agent, Knowledge, as_agent
 from meal_bayes.agents.base_rates import BaseRates
-from meal_bayes.agents.co_occurrence import CoOccurrence
 from meal_bayes.agents.named import AGENTS
 from meal_bayes.arrays import Rows
 from meal_bayes.datasets import PerceptTable
@@ -129,7 +128,6 @@ _KINDS: tuple[type[Any], ...] = (
     Stacker,
     Knowledge,
     BaseRates,
-    CoOccurrence,
     ConfusionPosterior,
     SharedTrait,
     PerceptTable,
@@ -445,14 +443,11 @@ def _check_state(state: State, experience: Experience, agent: Agent) -> None:
 
 
 def _check_knowledge(knowledge: Knowledge, p: int) -> None:
-    """Raise a `ValueError` where rates or pairs of P attributes are none."""
+    """Raise a `ValueError` where rates or labels of P attributes are none."""
     _check_shape("base_rates", knowledge.base_rates, (p,))
     _check_within("base_rates", knowledge.base_rates, 0, 1)
-    pairs = knowledge.co_occurrence.pairs
-    _check_shape("pairs", pairs, (len(pairs), 2))
-    check_limits("pairs", pairs, (0, p))
-    _check_shape("log_bayes_factor", knowledge.co_occurrence.log_bayes_factor, (len(pairs),))
-    _check_distributions("probability", knowledge.co_occurrence.probability, (len(pairs), 4))
+    _check_shape("labels", knowledge.labels, (len(knowledge.labels), p))
+    check_limits("labels", knowledge.labels, (-1, 2))
     trait = knowledge.trait
     if trait is not None:
         _check_shape("points", trait.points, (len(trait.points),))

@@ -15,7 +15,7 @@ import numpy as np
 from meal_bayes.arrays import Floats, tiny_is_zero
 from meal_bayes.datasets import Dataset
 from meal_bayes.learner.experience import Labels
-from meal_bayes.learner.fit import votes_of
+from meal_bayes.learner.fit import told_of
 from meal_bayes.learner.online import Online
 from meal_bayes.learner.perceived import levels_of_recordings
 from meal_bayes.momdp import MOMDP, Belief
@@ -116,7 +116,7 @@ class SharedTests:
     def _question(self, task: Task, robot: RecordedRobot) -> _Question | None:
         """Return what tests of a question share; None where they share nothing."""
         fit = self._fit
-        if fit.settings.drawn is not None or votes_of(fit, task) is not None:
+        if fit.settings.drawn is not None or told_of(fit, task) is not None:
             return None
         limit = robot.limit
         key = task.query, limit.tobytes()

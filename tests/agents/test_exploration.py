@@ -30,7 +30,8 @@ NEW = np.zeros((P, E, 2, 2))
 
 
 def knowledge_of(percepts, base_rates=(0.5, 0.5), domain=TOY):
-    return Knowledge(domain, ConfusionPosterior.from_counts(percepts), np.array(base_rates))
+    nobody = np.empty((0, len(base_rates)), np.int8)
+    return Knowledge(domain, ConfusionPosterior.from_counts(percepts), np.array(base_rates), nobody)
 
 
 def progress(percepts=NEW, **options):

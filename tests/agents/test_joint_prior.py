@@ -8,9 +8,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
+from meal_bayes.agents import joint_prior as module
 from meal_bayes.agents import load_agent
 from meal_bayes.agents.base_rates import learn_base_rates
-from meal_bayes.agents.co_occurrence import NOTHING, joint_prior, learn_co_occurrence
+from meal_bayes.agents.joint_prior import Coupled, coupled_pairs, joint_prior
 from meal_bayes.agents.knowledge import knowledge_of
 from meal_bayes.domain import Query, load_domain
 
@@ -38,7 +39,7 @@ def drawn_labels(rng, objects):
 def learned(labels):
     """Return base rates, and the pairs that labels couple."""
     rates = learn_base_rates(DOMAIN, labels).mean
-    return rates, learn_co_occurrence(DOMAIN, labels, rates)
+    return rates, coupled_pairs(DOMAIN, labels, rates)
 
 
 @given(SEEDS, st.integers(0, 60))
@@ -75,25 +76,34 @@ def coupled(pairs):
     alike = np.array([0.375, 0.125, 0.125, 0.375])
     rows = [alike if same else alike[[1, 0, 3, 2]] for _, _, same in pairs]
     places = np.array([pair[:2] for pair in pairs], np.int64).reshape(-1, 2)
-    return dataclasses.replace(
-        NOTHING,
-        pairs=places,
-        probability=np.array(rows).reshape(-1, 4),
-        log_bayes_factor=np.full(len(pairs), 4.0),
-    )
+    return Coupled(places, np.array(rows).reshape(-1, 4), np.full(len(pairs), 4.0))
+
+
+@pytest.fixture
+def prior_of(monkeypatch):
+    """Return a function: the joint prior of p0, p1, ... at even base rates, from coupled pairs."""
+
+    def prior(n, pairs, told=None):
+        names = tuple(f"p{i}" for i in range(n))
+        domain = load_domain({"extends": "toy", "name": "made", "attributes": list(names)})
+        monkeypatch.setattr(module, "coupled_pairs", lambda *arguments: coupled(pairs))
+        labels = np.empty((0, n), np.int8)
+        return joint_prior(domain, labels, np.full(n, 0.5), Query(names), told)
+
+    return prior
 
 
 class TestJointPrior:
     """Of a query, from pairs."""
 
-    @given(SEEDS, st.integers(2, 5))
-    def test_it_has_the_margins_of_rates_and_pairs(self, seed, n):
+    @pytest.mark.parametrize("seed", range(20))
+    def test_it_has_the_margins_of_rates_and_pairs(self, prior_of, seed):
         rng = np.random.default_rng(seed)
+        n = int(rng.integers(2, 6))
         # A tree of pairs: each attribute with one before it.
         pairs = [(int(rng.integers(i)), i, bool(rng.integers(2))) for i in range(1, n)]
-        query = Query(tuple(f"p{i}" for i in range(n)))
-        joint = joint_prior(query, np.full(n, 0.5), coupled(pairs), range(n))
-        values = query.values
+        joint = prior_of(n, pairs)
+        values = Query(tuple(f"p{i}" for i in range(n))).values
         assert_allclose(joint.sum(), 1.0)
         assert_allclose(joint @ values, 0.5, atol=1e-9)
         for i, j, same in pairs:
@@ -109,30 +119,40 @@ class TestJointPrior:
     @given(SEEDS)
     def test_of_the_labels_margins_are_the_base_rates(self, seed):
         rng = np.random.default_rng(seed)
-        rates, known = learned(drawn_labels(rng, 60))
+        labels = drawn_labels(rng, 60)
+        rates, known = learned(labels)
         columns = rng.choice(P, size=4, replace=False).tolist()
         query = DOMAIN.attributes
         query = Query(tuple(query[p] for p in columns))
-        joint = joint_prior(query, rates[columns], known, columns)
-        assert (joint is None) == (not len(known.among(columns)))
+        joint = joint_prior(DOMAIN, labels, rates, query)
+        assert (joint is None) == (not np.isin(known.pairs, columns).all(axis=1).any())
         if joint is not None:
             assert_allclose(joint @ query.values, rates[columns], atol=1e-6)
 
-    def test_without_a_pair_or_with_too_many_values_there_is_none(self):
-        query = Query(("a", "b", "c"))
-        pairs = coupled([(0, 7, True), (3, 4, True)])
-        assert joint_prior(query, np.full(3, 0.5), pairs, (0, 1, 2)) is None
-        names = tuple(f"p{i}" for i in range(9))
-        many = coupled([(0, 1, True)])
-        assert joint_prior(Query(names[:8]), np.full(8, 0.5), many, range(8)) is not None
-        assert joint_prior(Query(names), np.full(9, 0.5), many, range(9)) is None
+    def test_without_a_pair_or_with_too_many_values_there_is_none(self, prior_of):
+        assert prior_of(3, []) is None
+        assert prior_of(8, [(0, 1, True)]) is not None
+        assert prior_of(9, [(0, 1, True)]) is None
 
-    def test_what_a_person_told_of_one_attribute_tells_of_the_other(self):
-        told = np.array([0.99, np.nan])
-        pairs = coupled([(0, 1, True)])
-        joint = joint_prior(Query(("a", "b")), np.full(2, 0.5), pairs, (0, 1), told)
+    def test_what_a_person_told_of_one_attribute_tells_of_the_other(self, prior_of):
+        joint = prior_of(2, [(0, 1, True)], np.array([0.99, np.nan]))
         assert_allclose(joint[2:].sum(), 0.99)
         assert_allclose(joint[[1, 3]].sum(), 0.99 * 0.75 + 0.01 * 0.25)
+
+    @given(SEEDS)
+    def test_the_order_of_a_question_does_not_matter(self, seed):
+        rng = np.random.default_rng(seed)
+        labels = drawn_labels(rng, 60)
+        rates, _ = learned(labels)
+        names = [DOMAIN.attributes[p] for p in rng.choice(P, size=3, replace=False)]
+        joint = joint_prior(DOMAIN, labels, rates, Query(tuple(names)))
+        turned = joint_prior(DOMAIN, labels, rates, Query(tuple(names[::-1])))
+        if joint is None:
+            assert turned is None
+            return
+        query, backwards = Query(tuple(names)), Query(tuple(names[::-1]))
+        places = [backwards.index_of(row[::-1]) for row in query.values]
+        assert_allclose(turned[places], joint, atol=1e-9)
 
 
 class TestAgent:
@@ -178,11 +198,3 @@ class TestAgent:
         momdp = uniform.model(Query(names), knowledge)
         assert momdp.joint is None
         assert_array_equal(momdp.prior, 0.5)
-
-    def test_moved_pairs_are_those_of_changed_labels(self):
-        knowledge, names = self.knowledge()
-        now = knowledge.co_occurrence
-        assert not now.moved(now, P).any()
-        moved = now.moved(NOTHING, P)
-        assert_array_equal(np.flatnonzero(moved), np.unique(now.pairs))
-        assert moved[DOMAIN.columns(names)].all()
