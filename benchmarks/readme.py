@@ -26,17 +26,24 @@ from typing import Any
 from made_by import made_by
 from readme_picture import write_pictures
 from readme_tables import (
+    ANSWERS,
     BELIEFS,
     BELIEVED,
     ONLINE,
+    OURS,
     PAPER_RUN,
     RUNS,
+    answers_table,
     beliefs_table,
     finding,
     online_block,
     summary_block,
     table_of,
 )
+
+from meal_bayes.evaluation import comparisons
+from meal_bayes.trial_log import read_outcomes
+from meal_bayes.trials import TrialOutcomes
 
 ROOT = Path(__file__).resolve().parents[1]
 README = ROOT / "README.md"
@@ -50,13 +57,15 @@ PAGES = {  # where each block stands
     "results": ROOT / "docs" / "results" / "index.md",
     "paper-classifiers": ROOT / "docs" / "results" / "index.md",
     "beliefs": ROOT / "docs" / "results" / "beliefs.md",
+    "answers": ROOT / "docs" / "results" / "beliefs.md",
     "online": ROOT / "docs" / "results" / "online.md",
 }
-MEASURED_BLOCKS = ("demo", "results", "beliefs")  # are written by default
+MEASURED_BLOCKS = ("demo", "results", "beliefs", "answers")  # are written by default
 COMMANDS = {  # whose rows a block shows
     **dict.fromkeys(("results", "summary", "finding"), tuple(entry.command for entry in RUNS)),
     "paper-classifiers": (PAPER_RUN.command,),
     "beliefs": (BELIEFS,),
+    "answers": (ANSWERS,),
     "online": (ONLINE,),
 }
 CODE = "code"  # in the file of rows: the digest that made each command's
@@ -95,9 +104,26 @@ def compute(name: str) -> None:
         rows = printed["summary" if command == ONLINE else "rows"]
         if command == BELIEFS:
             rows = [row for row in rows if row["observation_model"] in BELIEVED]
+        if "paired" in printed:
+            rows = with_paired(rows, Path(printed["log"]))
         keep(command, rows)
     if name == "results":
         write_pictures(measured())
+
+
+def with_paired(rows: list[dict[str, Any]], logs: Path) -> list[dict[str, Any]]:
+    """Add by how much our agent earns more than each of the others on the same questions."""
+    if OURS not in (row["agent"] for row in rows):
+        return rows
+    outcomes = TrialOutcomes.join([read_outcomes(path) for path in sorted(logs.rglob("*.mcap"))])
+    more = {row.agent: row for row in comparisons(outcomes, reference=OURS)}
+    for row in rows:
+        if row["agent"] in more:
+            less = more[row["agent"]]
+            row["ours_more"] = -less.difference
+            row["ours_more_low"] = -less.high
+            row["ours_more_high"] = -less.low
+    return rows
 
 
 def shown(name: str) -> str:
@@ -111,6 +137,8 @@ def shown(name: str) -> str:
         text = online_block(rows[ONLINE])
     elif name == "beliefs":
         text = beliefs_table(rows[BELIEFS])
+    elif name == "answers":
+        text = answers_table(rows[ANSWERS])
     else:
         runs = RUNS if name == "results" else (PAPER_RUN,)
         text = "\n\n".join(table_of(entry, rows[entry.command]) for entry in runs)

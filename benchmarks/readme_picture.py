@@ -1,4 +1,4 @@
-"""The picture of results: three agents' mean rewards by question, on a light and a dark page."""
+"""The picture of results: mean rewards of agents by question, on a light and a dark page."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -34,11 +34,11 @@ def write_pictures(tables: Mapping[str, list[dict[str, Any]]]) -> None:
 def draw_results(
     tables: Mapping[str, list[dict[str, Any]]], *, dark: bool, narrow: bool = False
 ) -> Axes:
-    """Draw the reward of three agents with 95 % intervals, a row a question.
+    """Draw the reward of agents with 95 % intervals, a row a question; declining earns 0.
 
     In a narrow picture the questions stand above their rows.
     """
-    width, height = (3.9, 4.6) if narrow else (8.4, 2.9)
+    width, height = (3.9, 5.4) if narrow else (8.4, 3.5)
     with axes_to_draw(None, width=width, height=height) as ax:
         for number, agent in enumerate(SUMMARIZED):
             for place, entry in enumerate(RUNS):
@@ -48,18 +48,19 @@ def draw_results(
                 # of as many degrees of freedom as there are objects, less one.
                 half = row["reward_se"] * float(stdtrit(OBJECTS[dataset] - 1, 0.975))
                 label = agent if place == 0 else None
-                height = place + 0.22 * (number - 1)
+                height = place + 0.2 * (number - (len(SUMMARIZED) - 1) / 2)
                 _draw_reward(ax, row, half, height, label=label, dark=dark)
+        ax.axvline(0, color="#8A939E", lw=1.2, ls="--", label="declining every question")
         ax.set_yticks(range(len(RUNS)), ["" if narrow else entry.title for entry in RUNS])
-        ax.set(ylim=(len(RUNS) - 0.5, -0.6), xlim=(0, 600 if narrow else 545))
+        ax.set(ylim=(len(RUNS) - 0.5, -0.6), xlim=(-345, 640 if narrow else 565))
         if narrow:
             ax.tick_params(axis="y", length=0)
             for place, entry in enumerate(RUNS):
-                ax.text(5, place - 0.38, entry.title, size=10, color=INK[dark])
+                ax.text(-340, place - 0.42, entry.title, size=10, color=INK[dark])
         breaks = "\n" if narrow else " "
         reward = f"mean reward of a trial{breaks}(+500 or +300 right, -1 a second), 95 % interval"
         name_axes(ax, reward, "", grid="x")
-        legend(ax, len(SUMMARIZED), above=True)
+        legend(ax, len(SUMMARIZED) + 1, above=True)
         _color_for_page(ax, dark=dark)
     return ax
 

@@ -3,7 +3,6 @@
 Here stand the commands, too: `readme.py` runs them, keeps their rows and writes the blocks.
 """
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -30,15 +29,15 @@ _CY101 = f"{_OFFLINE} --dataset cy101 --attributes 1 --trials 1000"
 RUNS = (
     Run(
         "ROC36, two attributes",
-        f"{_OFFLINE} --dataset roc36 --attributes 2 --trials 100",
+        f"{_OFFLINE} --dataset roc36 --attributes 2 --trials 300",
         {"random": (0.245, 17.56), "predefined_plus": (0.583, 37.10), "morc": (0.860, 29.85)},
     ),
     Run(
         "ROC36, three attributes",
-        f"{_OFFLINE} --dataset roc36 --attributes 3 --trials 100",
+        f"{_OFFLINE} --dataset roc36 --attributes 3 --trials 300",
         {"random": (0.130, 10.12), "predefined_plus": (0.373, 37.10), "morc": (0.903, 33.87)},
     ),
-    Run("CY101, one of ten attributes", _CY101),
+    Run("CY101, one of ten attributes", f"{_OFFLINE} --dataset cy101 --attributes 1 --trials 500"),
     Run(
         "ISPY32, one of 37 attributes", f"{_OFFLINE} --dataset ispy32 --attributes 1 --trials 1184"
     ),
@@ -48,6 +47,7 @@ PAPER_RUN = Run(
     f"{_CY101} --agent morc --perception paper",
 )
 BELIEFS = "python benchmarks/calibration.py --json"
+ANSWERS = "python benchmarks/calibration.py --part answers --trials 300 --json"
 ONLINE = (
     "meal-bayes run online --jobs 2 --json --dataset cy101 --attributes 1 --repeats 20 --seed 101 "
     "--agent iterative_morc,morc_itrs,bayes,bayes_memory"
@@ -59,8 +59,10 @@ EVIDENCE = {
     "all": "all recordings of all behaviors",
 }
 BELIEVED = {"counts": "Eq. 8", "shared trait": "`bayes`"}  # observation models
-SUMMARIZED = ("predefined_plus", "morc", "bayes")
+SUMMARIZED = ("prior", "predefined_plus", "morc", "bayes")
 OURS = "bayes"
+_DECLINING = {"agent": "declining every question"}
+_DECLINED = [_DECLINING["agent"], "0.000", "0.0 (0.0)", "0.0", "–", "–", "–", "100.0%"]  # noqa: RUF001
 PICTURE = """<picture><source media="(max-width: 600px) and (prefers-color-scheme: dark)" \
 srcset="docs/assets/results-narrow-dark.svg">\
 <source media="(max-width: 600px)" srcset="docs/assets/results-narrow.svg">\
@@ -100,34 +102,41 @@ def summary_block(tables: Mapping[str, list[dict[str, Any]]]) -> str:
 
 
 def finding(tables: Mapping[str, list[dict[str, Any]]]) -> str:
-    """Say where our agent earns more than both of the paper's, by more than two standard errors."""
-    ahead = []
-    behind = []
-    near = []
+    """Say what our agent earns, and how much more than the best of all others, by question.
+
+    Declining every question, which earns 0, is one of the others.
+    """
+    lines = []
     for entry in RUNS:
         rows = {row["agent"]: row for row in tables[entry.command]}
         ours = rows[OURS]
-        theirs = [rows[name] for name in SUMMARIZED if name != OURS]
-        best = max(theirs, key=lambda row: row["reward"])
-        gain = ours["reward"] - best["reward"]
-        # As if the agents' trials were independent. They meet the same objects, which mostly makes
-        # the error of a paired difference smaller than this one.
-        error = math.hypot(ours["reward_se"], best["reward_se"])
-        text = f"{entry.title} ({gain:+.0f} ± {error:.0f} against `{best['agent']}`"
-        wrong = round((1 - ours["accuracy"]) * ours["trials"])
-        if gain > 2 * error:
-            ahead.append(f"{text})")
-        elif gain < -2 * error:
-            behind.append(f"{text})")
-        else:
-            near.append(f"{text}; it answered {wrong} of {ours['trials']} wrongly)")
-    outcomes = {
-        "earns more than both of the paper's agents on": ahead,
-        "earns less than the better of them on": behind,
-        "is not told apart from the better of them on": near,
-    }
-    parts = [f"{words} {' and on '.join(places)}" for words, places in outcomes.items() if places]
-    return f"`{OURS}` {'; it '.join(parts)}."
+        best = max((row for row in rows.values() if row is not ours), key=lambda row: row["reward"])
+        text = f"- {entry.title}: `{OURS}` earns {ours['reward']:.0f} s a question, {_work(ours)}. "
+        if best["reward"] < 0:
+            lines.append(f"{text}All others earn less than declining, which earns 0.")
+            continue
+        text += f"That is {_gain(best)} more than `{best['agent']}`, the best of the others"
+        text += f" ({_work(best)})"
+        morc = rows["morc"]
+        if best is not morc:
+            text += f", and {_gain(morc)} more than `morc` ({_work(morc)})"
+        lines.append(f"{text}.")
+    note = (
+        "Brackets are 95 % intervals of paired differences. Declining every question earns 0, and "
+        "an answer that was declined is not counted as wrong."
+    )
+    return "\n".join([*lines, "", note])
+
+
+def _gain(row: Mapping[str, Any]) -> str:
+    """Return by how much our agent earns more than another, on the same questions."""
+    return "{ours_more:.1f} [{ours_more_low:.1f}, {ours_more_high:.1f}] s".format_map(row)
+
+
+def _work(row: Mapping[str, Any]) -> str:
+    """Return an agent's seconds, and the share of its answers that are wrong."""
+    wrong = 1 - row["answered_accuracy"]
+    return f"after {row['cost_s']:.1f} s of work, with {wrong:.1%} of its answers wrong"
 
 
 def beliefs_table(rows: list[dict[str, Any]]) -> str:
@@ -145,13 +154,38 @@ def beliefs_table(rows: list[dict[str, Any]]) -> str:
     return "\n".join(lines)
 
 
+def answers_table(rows: list[dict[str, Any]]) -> str:
+    """Make the table of what our agent says of its answers, and how often they are right."""
+    head = ["question", "answers of questions", "says", "is right", "says too much"]
+    head += ["reward of a question", "cost, s"]
+    lines = [f"Of `{ANSWERS}`:", "", *_head(head)]
+    for row in rows:
+        cells = [
+            f"{row['dataset'].upper()}, {row['attributes']} asked",
+            f"{row['answered']} of {row['trials']}",
+            _number(row["says"], 3),
+            _number(row["right"], 3),
+            "{gap:+.3f} [{gap_low:+.3f}, {gap_high:+.3f}]".format_map(row),
+            _number(row["reward"], 1),
+            _number(row["cost_s"], 1),
+        ]
+        lines.append(_row(cells))
+    return "\n".join(lines)
+
+
 def table_of(of: Run, rows: list[dict[str, Any]]) -> str:
     """Make the table of one run from its rows."""
     head = ["agent", "accuracy", "cost, s (sd)", "reward", "NLL", "ECE", "abstained"]
+    compared = any("ours_more" in row for row in rows)
+    if compared:
+        head.insert(4, f"`{OURS}` earns more")
     printed = [*head, "paper: accuracy", "paper: cost, s"] if of.paper else head
     lines = [f"**{of.title}**", "", *_head(printed)]
-    for row in rows:
-        cells = _cells(row)
+    for row in [_DECLINING, *rows] if compared else rows:
+        cells = list(_DECLINED) if row is _DECLINING else _cells(row)
+        if compared and row is not _DECLINING:
+            more = _gain(row).removesuffix(" s") if "ours_more" in row else _number(None, 1)
+            cells.insert(4, more)
         if of.paper:
             accuracy, cost = of.paper.get(row["agent"], (None, None))
             cells += [_number(accuracy, 3), _number(cost, 2)]

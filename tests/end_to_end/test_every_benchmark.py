@@ -88,6 +88,8 @@ RUNS = (
     Run("bayes_adaptive", "--drawn 1"),
     Run("bayes_adaptive", "--picture picture.svg"),
     Run("calibration", "--dataset small", {"SETS": 5, **TABLE}),
+    Run("calibration", "--part answers --dataset roc36 --trials 2", {"ASKED": {"roc36": (1,)}}),
+    Run("calibration", "--part simulated --dataset roc36 --trials 5", {"ASKED": {"roc36": (1,)}}),
     Run("co_occurrence", "--dataset roc36"),
     Run("compare", "--simulations 2 --measure success", {"FAMILY": 2}),
     Run("coupled", "--dataset roc36 --trials 40"),
