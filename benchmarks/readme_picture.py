@@ -50,13 +50,13 @@ def draw_results(
                 label = agent if place == 0 else None
                 height = place + 0.2 * (number - (len(SUMMARIZED) - 1) / 2)
                 _draw_reward(ax, row, half, height, label=label, dark=dark)
-        ax.axvline(0, color="#8A939E", lw=1.2, ls="--", label="declining every question")
+        ax.axvline(0, color="#8A939E", lw=1.2, ls="--", label="declining")
         ax.set_yticks(range(len(RUNS)), ["" if narrow else entry.title for entry in RUNS])
-        ax.set(ylim=(len(RUNS) - 0.5, -0.6), xlim=(-345, 640 if narrow else 565))
+        ax.set(ylim=(len(RUNS) - 0.5, -0.6), xlim=(-385, 640 if narrow else 565))
         if narrow:
             ax.tick_params(axis="y", length=0)
             for place, entry in enumerate(RUNS):
-                ax.text(-340, place - 0.42, entry.title, size=10, color=INK[dark])
+                ax.text(-380, place - 0.42, entry.title, size=10, color=INK[dark])
         breaks = "\n" if narrow else " "
         reward = f"mean reward of a trial{breaks}(+500 or +300 right, -1 a second), 95 % interval"
         name_axes(ax, reward, "", grid="x")

@@ -3,6 +3,7 @@
 Here stand the commands, too: `readme.py` runs them, keeps their rows and writes the blocks.
 """
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -29,7 +30,7 @@ _CY101 = f"{_OFFLINE} --dataset cy101 --attributes 1 --trials 1000"
 RUNS = (
     Run(
         "ROC36, two attributes",
-        f"{_OFFLINE} --dataset roc36 --attributes 2 --trials 300",
+        f"{_OFFLINE} --dataset roc36 --attributes 2 --trials 100",
         {"random": (0.245, 17.56), "predefined_plus": (0.583, 37.10), "morc": (0.860, 29.85)},
     ),
     Run(
@@ -37,7 +38,7 @@ RUNS = (
         f"{_OFFLINE} --dataset roc36 --attributes 3 --trials 300",
         {"random": (0.130, 10.12), "predefined_plus": (0.373, 37.10), "morc": (0.903, 33.87)},
     ),
-    Run("CY101, one of ten attributes", f"{_OFFLINE} --dataset cy101 --attributes 1 --trials 500"),
+    Run("CY101, one of ten attributes", _CY101),
     Run(
         "ISPY32, one of 37 attributes", f"{_OFFLINE} --dataset ispy32 --attributes 1 --trials 1184"
     ),
@@ -115,22 +116,38 @@ def finding(tables: Mapping[str, list[dict[str, Any]]]) -> str:
         if best["reward"] < 0:
             lines.append(f"{text}All others earn less than declining, which earns 0.")
             continue
-        text += f"That is {_gain(best)} more than `{best['agent']}`, the best of the others"
+        text += f"That is {_compared(ours, best)}, the best of the others"
         text += f" ({_work(best)})"
         morc = rows["morc"]
         if best is not morc:
-            text += f", and {_gain(morc)} more than `morc` ({_work(morc)})"
+            text += f", and {_compared(ours, morc)} ({_work(morc)})"
         lines.append(f"{text}.")
     note = (
-        "Brackets are 95 % intervals of paired differences. Declining every question earns 0, and "
-        "an answer that was declined is not counted as wrong."
+        "Brackets are 95 % intervals of paired differences; ± is one standard error of unpaired "
+        "ones. Declining every question earns 0, and a question that was declined is not counted "
+        "as answered wrongly."
     )
     return "\n".join([*lines, "", note])
 
 
-def _gain(row: Mapping[str, Any]) -> str:
-    """Return by how much our agent earns more than another, on the same questions."""
-    return "{ours_more:.1f} [{ours_more_low:.1f}, {ours_more_high:.1f}] s".format_map(row)
+def _compared(ours: Mapping[str, Any], row: Mapping[str, Any]) -> str:
+    """Say by how much our agent earns more, or less, than another."""
+    more = row.get("ours_more", ours["reward"] - row["reward"])
+    sign = -1 if more < 0 else 1
+    words = "less" if more < 0 else "more"
+    return f"{_gain(ours, row, sign)} s {words} than `{row['agent']}`"
+
+
+def _gain(ours: Mapping[str, Any], row: Mapping[str, Any], sign: int = 1) -> str:
+    """Return by how much our agent earns more than another: paired, where the run's logs were read.
+
+    Else with a standard error as if the questions of the two were not the same. Of sign -1: less.
+    """
+    if "ours_more" in row:
+        low, high = sorted((sign * row["ours_more_low"], sign * row["ours_more_high"]))
+        return f"{sign * row['ours_more']:.1f} [{low:.1f}, {high:.1f}]"
+    error = math.hypot(ours["reward_se"], row["reward_se"])
+    return f"{sign * (ours['reward'] - row['reward']):.1f} ± {error:.1f}"
 
 
 def _work(row: Mapping[str, Any]) -> str:
@@ -184,8 +201,7 @@ def table_of(of: Run, rows: list[dict[str, Any]]) -> str:
     for row in [_DECLINING, *rows] if compared else rows:
         cells = list(_DECLINED) if row is _DECLINING else _cells(row)
         if compared and row is not _DECLINING:
-            more = _gain(row).removesuffix(" s") if "ours_more" in row else _number(None, 1)
-            cells.insert(4, more)
+            cells.insert(4, _gain(row, row) if "ours_more" in row else _number(None, 1))
         if of.paper:
             accuracy, cost = of.paper.get(row["agent"], (None, None))
             cells += [_number(accuracy, 3), _number(cost, 2)]
