@@ -14,6 +14,10 @@ from meal_bayes.learner import Learner, recall, views
 from meal_bayes.planners import Untouched
 from meal_bayes.robots import Outcome
 
+pytestmark = pytest.mark.filterwarnings(
+    "ignore:There is no trial or recording", "ignore:By the logs the agent"
+)
+
 NAMES = ("mug", "pot", "cup 1", None)
 ROBOTS = ("senses", "fails", "answers at once")
 

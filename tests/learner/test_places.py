@@ -9,6 +9,8 @@ from meal_bayes.errors import SettingsError
 from meal_bayes.learner import recall
 from meal_bayes.trial_log import ACTIVE, Logs
 
+pytestmark = pytest.mark.filterwarnings("ignore:There is no trial or recording")
+
 
 def seen(number):
     return Outcome("table", {"color": [60.0 * number, 40.0, 90.0]})
