@@ -8,6 +8,7 @@ process of its own, after a small problem that loads the compiled code.
 """
 
 import statistics
+import sys
 import time
 
 import numpy as np
@@ -72,7 +73,7 @@ def main() -> None:
         n, e = map(int, size.split("x"))
         measured = alone(measure, n, e, options.milliseconds)
         rows.append({"attributes": n, "behaviors": e, **measured})
-        print(rows[-1], flush=True)
+        print(rows[-1], file=sys.stderr, flush=True)
     show(rows, rows if options.json else None)
 
 

@@ -314,11 +314,9 @@ def test_a_hole_in_a_text_is_told(tmp_path):
 def test_what_may_never_end_is_not_read(tmp_path):
     os.mkfifo(tmp_path / "pipe")
     (tmp_path / "device").symlink_to("/dev/zero")
-    for name in ("pipe", "device"):
-        with pytest.raises(ValueError, match="no regular file"):
+    for name in ("pipe", "device", "."):
+        with pytest.raises(OSError, match="no regular file"):
             read_bytes(tmp_path / name)
-    with pytest.raises(IsADirectoryError):
-        read_bytes(tmp_path)
 
 
 @pytest.mark.parametrize(

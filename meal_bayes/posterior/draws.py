@@ -84,13 +84,16 @@ def rows_of(draws: xr.Dataset) -> tuple[Floats, Floats, Floats]:
     return mean.reshape(-1, *mean.shape[2:]), s.reshape(-1, *s.shape[2:]), epsilon.ravel()
 
 
-def summarize_draws(draws: xr.Dataset, counts: ArrayLike) -> ConfusionPosterior:
+def summarize_draws(
+    draws: xr.Dataset, counts: ArrayLike, telling: Floats | None = None
+) -> ConfusionPosterior:
     """Summarize draws for agents, given the counts (O,P,E',2,K) that they were drawn from.
 
     A row keeps its mean, the mean's variance (A, by sum_k m_k (1 - m_k) / (A + 1)), and the
     predictive of a second percept equal to the first (s, as on the grid). Where a fraction
-    epsilon of objects shows the other truth's row, it is mixed into the row. The draws are of pairs
-    that tell something; with which probability they do is added, as `bayes` has it.
+    epsilon of objects shows the other truth's row, it is mixed into the row. Where the draws are of
+    pairs that tell something, `telling` (P,E') is the probability that they do, see
+    `posterior.spike`; None believes the draws as they are.
     """
     whole = ConfusionPosterior.from_objects(counts)
     m, s, misperceived = rows_of(draws)
@@ -117,7 +120,11 @@ def summarize_draws(draws: xr.Dataset, counts: ArrayLike) -> ConfusionPosterior:
     concentration[:, columns] = weight[..., None] * center
     with np.errstate(divide="ignore"):  # to infinity
         dispersion[:, columns] = ratio / (1 - ratio)
-    return replace(whole, concentration=concentration, dispersion=dispersion)
+    if telling is not None:
+        told = np.zeros(concentration.shape[:2])  # a behavior without percepts tells nothing
+        told[:, columns] = telling
+        telling = told
+    return replace(whole, concentration=concentration, dispersion=dispersion, telling=telling)
 
 
 def sensing(counts: ArrayLike) -> Bools:

@@ -14,6 +14,7 @@ from meal_bayes.domain import unknown
 from meal_bayes.errors import SettingsError
 from meal_bayes.look import level_names
 from meal_bayes.posterior import checks
+from meal_bayes.posterior.dirichlet import ConfusionPosterior
 from meal_bayes.posterior.draws import (
     TRUTHS,
     Sampling,
@@ -149,7 +150,7 @@ def arviz_groups(fit: PosteriorFit) -> dict[str, xr.Dataset]:
     predictive_rng = stream(fit.seed, "units")
     groups = {
         "observed_data": xr.Dataset({"yes": cases.yes}),
-        "constant_data": xr.Dataset({"counts": fit.counts}),
+        "constant_data": xr.Dataset({"counts": fit.counts, "telling": telling_of(fit.counts)}),
         "posterior_predictive": checks.predict_yes(draws, cases, predictive_rng),
         "log_likelihood": checks.pointwise_log_likelihood(draws, cases),
     }
@@ -162,6 +163,13 @@ def arviz_groups(fit: PosteriorFit) -> dict[str, xr.Dataset]:
     if fit.statistics:
         groups["sample_stats"] = fit.statistics
     return groups
+
+
+def telling_of(counts: xr.DataArray) -> xr.DataArray:
+    """Return Pr(a pair's percepts tell anything) (P,E'), with names."""
+    posterior = ConfusionPosterior.from_objects(counts.values)
+    names = {name: counts[name] for name in ("attribute", "behavior")}
+    return xr.DataArray(posterior.telling, names, tuple(names))
 
 
 def counted_names(counts: xr.DataArray, axis: str) -> list[str]:

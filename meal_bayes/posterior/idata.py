@@ -18,6 +18,7 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
+from meal_bayes.arrays import Floats
 from meal_bayes.cache import writable_caches
 from meal_bayes.domain import Domain, unknown
 from meal_bayes.errors import DataError
@@ -114,8 +115,11 @@ def posterior_from(idata: Any, domain: Domain) -> ConfusionPosterior:
     idata : str, Path, InferenceData or DataTree
         The file posterior.nc of `meal-bayes posterior`, what ArviZ reads from it, or a model of
         one's own: its group posterior has the variables named in `draws`, its observed data the
-        percept counts (object, attribute, behavior, truth, level). Truths are named "false" and
-        "true", levels as `level_names` has them; the order of dimensions and names is free.
+        percept counts (object, attribute, behavior, truth, level). Its constant data may have
+        `telling` (attribute, behavior), the probability that a pair's percepts tell anything, where
+        the draws are of pairs that do; without, the draws are believed as they are. Truths are
+        named "false" and "true", levels as `level_names` has them; the order of dimensions and
+        names is free.
     domain : Domain
         Every attribute of it must have been fitted.
 
@@ -142,7 +146,8 @@ def posterior_from(idata: Any, domain: Domain) -> ConfusionPosterior:
     # Behaviors that sense nothing have no rows in the draws, and no percepts in the counts.
     counts = percepts.reindex(behavior=list(domain.behavior_names), fill_value=0).values.astype(int)
     behaviors = list(compress(domain.behavior_names, sensing(counts)))
-    return summarize_draws(draws.sel(attribute=names["attribute"], behavior=behaviors), counts)
+    fitted = {"attribute": names["attribute"], "behavior": behaviors}
+    return summarize_draws(draws.sel(fitted), counts, _telling(idata, fitted))
 
 
 def _named_draws(idata: Any) -> xr.Dataset:
@@ -178,6 +183,23 @@ def _check_draws(draws: xr.Dataset) -> None:
         raise DataError("`dispersion` must be above 0 everywhere; inf: objects are alike.")
     if not ((misperception >= 0) & (misperception <= 1)).all():
         raise DataError("`misperception` must be a probability.")
+
+
+def _telling(idata: Any, fitted: dict[str, list[str]]) -> Floats | None:
+    """Read Pr(a pair tells anything) (P,E'), of files of `meal-bayes posterior`; else None."""
+    try:
+        found = idata["constant_data"]["telling"]
+    except KeyError:
+        return None
+    try:
+        telling = found.transpose("attribute", "behavior").sel(fitted).values.astype(float)
+    except (KeyError, ValueError) as fault:
+        raise DataError(
+            f"The posterior's telling is not by attribute and behavior: {fault}."
+        ) from None
+    if not ((telling >= 0) & (telling <= 1)).all():
+        raise DataError("The posterior's telling must be probabilities.")
+    return np.asarray(telling)
 
 
 def _percept_counts(idata: Any, names: dict[str, list[str]]) -> xr.DataArray:

@@ -161,7 +161,7 @@ def test_the_time_left_is_that_of_the_run_under_way(clock, capsys):
     with console.progress("item", "trials") as advance:
         for done in (0, 110, 10, 60):  # of the second run ten trials were there already
             advance(done, 110)
-    assert capsys.readouterr().err == "item: 60 of 110 trials, 920 s, 20 s left\n"
+    assert capsys.readouterr().err == "item, run 2: 60 of 110 trials, 920 s, 20 s left\n"
 
 
 def test_a_piece_of_the_first_unit_tells_no_time_left(clock, capsys):
@@ -187,7 +187,7 @@ def test_units_have_the_name_of_the_run_that_counts_them(clock, capsys):
             for done in (0, 5):
                 bar(done, 10, noun)
     assert capsys.readouterr().err == (
-        "item: 5 of 10 trials, 20 s, 20 s left\nitem: 5 of 10 batches, 40 s, 20 s left\n"
+        "item: 5 of 10 trials, 20 s, 20 s left\nitem, run 2: 5 of 10 batches, 40 s, 20 s left\n"
     )
 
 

@@ -23,7 +23,7 @@ def test_json_is_one_object_with_every_field(run):
     assert told["config"] == {
         "dataset": "roc36", "attributes": 2, "trials": 12, "seed": 5, "percepts": "recorded",
         "agents": ["greedy", "predefined_plus", "random"], "perception": "default", "reward": None,
-        "answer": "values", "payoffs": None,
+        "answer": "values", "payoffs": None, "key": "",
     }  # fmt: skip
     assert [row["agent"] for row in told["rows"]] == told["config"]["agents"]
     for row in told["rows"]:

@@ -87,6 +87,7 @@ HELP = {"PARTS": {"help": (0.5, ("-m", "meal_bayes", "--help"))}, "REPEATS": 1}
 RUNS = (
     Run("bayes_adaptive", "--drawn 1"),
     Run("bayes_adaptive", "--picture picture.svg"),
+    Run("budgets", "--sizes 2x5"),
     Run("calibration", "--dataset small", {"SETS": 5, **TABLE}),
     Run("calibration", "--part answers --dataset roc36 --trials 2", {"ASKED": {"roc36": (1,)}}),
     Run("calibration", "--part simulated --dataset roc36 --trials 5", {"ASKED": {"roc36": (1,)}}),
