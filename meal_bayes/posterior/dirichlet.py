@@ -11,7 +11,7 @@ from meal_bayes.arrays import ByValue, freeze, freeze_arrays, tiny_is_zero
 from meal_bayes.errors import SettingsError
 from meal_bayes.look import short_repr
 from meal_bayes.perception.confusion import informative, youden
-from meal_bayes.posterior.given import generic_prior, given_rows
+from meal_bayes.posterior.given import first_dispersion, generic_prior, given_rows
 from meal_bayes.posterior.grid import PRIOR_WEIGHT, grid_posterior
 from meal_bayes.posterior.spike import probability_of_telling
 
@@ -157,7 +157,13 @@ class ConfusionPosterior(ByValue):
         given_prior = generic if self.given_prior is None else self.given_prior + generic
         concentration = np.where(new[..., None, None], generic, self.concentration)
         telling = None if self.telling is None else np.where(new, 1.0, self.telling)
-        return replace(self, concentration=concentration, given_prior=given_prior, telling=telling)
+        return replace(
+            self,
+            concentration=concentration,
+            dispersion=np.where(new[..., None], first_dispersion(), self.dispersion),
+            given_prior=given_prior,
+            telling=telling,
+        )
 
     @property
     def given(self) -> NDArray[np.bool_]:

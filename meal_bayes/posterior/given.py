@@ -11,6 +11,10 @@ level, over all pairs with labels (that of graded rows, see `grid`), and l* what
 say. Well taught classifiers of three data sets have l from (0, -.3, .1, .6) to (-2.1, -.8, .7, 3.1)
 at four levels. How generic the rows are, w, and how much weight they have, A, are learned by the
 evidence of all rows that are given, and integrated out.
+
+One model that is asked twice about one object mostly repeats itself. So the dispersion s of the
+objects' rows, which says what a repeat is worth, is believed to be smaller than that of our own
+classifiers, until repeats of labeled objects say otherwise: Pr(s) is weighted by 1 / sqrt(1 + s).
 """
 
 from typing import NamedTuple
@@ -29,6 +33,18 @@ _STEEP = 1.6  # at the ends of other numbers of levels
 _SHARES = np.repeat([0.0, 0.25, 0.5, 0.75, 1.0], 3)
 _WEIGHTS = np.tile([8.0, 32.0, 128.0], 5)
 _LOG_PRIOR = np.log(np.repeat([0.1, 0.1, 0.2, 0.3, 0.3], 3) / 3)
+_REPEATS = 0.5  # Pr(s) is lower by (s + 1) to this power than that of our own classifiers
+_ALIKE = (1 + grid.DISPERSIONS) ** -_REPEATS
+
+
+def first_dispersion() -> float:
+    """Return s of a pair of which nothing was perceived yet: a repeat brings little.
+
+    >>> round(first_dispersion(), 2)
+    0.73
+    """
+    prob = grid.dispersion_prior() * _ALIKE
+    return float(prob.sum() / (prob / (grid.DISPERSIONS + 1)).sum() - 1)
 
 
 class GivenRows(NamedTuple):
@@ -91,7 +107,8 @@ def given_rows(counts: ArrayLike, given: Bools) -> GivenRows:
         of_given = grid.profile(part, alpha)
         every.log_evidence[pick] = of_given.log_evidence
         pooled = grid.pool(every.log_evidence.reshape(*votes.shape, 2, -1), votes)
-        prob.append(pooled.reshape(len(pick), -1)[pick])  # (2R,G)
+        tilted = pooled.reshape(len(pick), -1)[pick] * _ALIKE  # (2R,G)
+        prob.append(tilted / tilted.sum(axis=1, keepdims=True))
         log_norm = betaln(*alpha.T) if levels == 2 else 0.0
         scores.append((logsumexp(of_given.log_evidence, b=prior_of_s, axis=1) - log_norm).sum())
         means.append(of_given.mean)
