@@ -11,6 +11,7 @@ from meal_bayes.evaluation.plots import error_lengths
 from meal_bayes.evaluation.statistics import Interval
 from meal_bayes.look import agent_style, axes_to_draw, legend, name_axes
 from paper_repro.figures.shapes import (
+    AGENT_NAMES,
     Record,
     Row,
     confusion_matrices,
@@ -18,14 +19,22 @@ from paper_repro.figures.shapes import (
     headline,
     interval_of,
     joined,
+    leader,
     leaders,
     name_ends,
+    rivals,
     rows_of,
     transition_diagram,
 )
 
 _MEASURES = {"reward": "reward", "cost": "cost, s", "success": "accuracy"}
 _SUPER = {"reward": "reward", "cost": "cost, s", "success": "accuracy, relevant ones"}
+_AXES = {
+    "reward": "reward, s",
+    "cost, s": "cost, s",
+    "accuracy": "accuracy (share answered right)",
+    "accuracy, relevant ones": "share answered right,\nrelevant attributes",
+}
 _SETTINGS = (("-", "o"), ("--", "s"), (":", "D"), ("-.", "^"))  # of one agent's lines
 _PARTS = (("more data", "#4A4A4A"), ("better plans", "#9A9A9A"), ("better sensors", "#D8D8D8"))
 _DIAGRAMS = ("ispy32", "cy101", "roc36")
@@ -45,11 +54,12 @@ def fig4(record: Record) -> dict[str, Axes]:
         names = [row["attribute"] for row in chosen]
         matrices = np.array([[row[cell] for cell in "abcd"] for row in chosen]).reshape(-1, 2, 2)
         ax = confusion_matrices(matrices, names)
-        kappas = joined([f"{row['kappa']:.2f} for {row['attribute']}" for row in chosen])
+        best, worst = (most(chosen, key=lambda row: row["kappa"]) for most in (max, min))
         headline(
             ax,
-            f"Cohen's kappa of shake is {kappas}",
-            f"ROC36, {source} classifiers: Pr(percept | truth), a row each truth",
+            f"Shake tells {best['attribute']} best, {worst['attribute']} worst "
+            f"(kappa {best['kappa']:.2f}, {worst['kappa']:.2f})",
+            f"ROC36, classifiers: {source}. Each row is Pr(percept | truth); kappa is Cohen's.",
         )
         end = source.removeprefix("published, ")
         figures["" if end == "default" else f"_{end}"] = ax
@@ -61,11 +71,11 @@ def fig5(record: Record) -> dict[str, Axes]:
     del record  # diagrams are the domains'
     figures = {}
     for name in _DIAGRAMS:
-        for end, whose in (("", "the paper's"), ("_published", "the published code's")):
+        for end, whose in (("", "the paper"), ("_published", "the published code")):
             diagram = load_domain(name + end).diagram
             behaviors = {effect.behavior for effect in diagram.effects}
-            size = f"{len(diagram.states) - 1} states, {len(behaviors)} behaviors"
-            finding = f"{name.upper()}, {whose}: {size}"
+            size = f"{len(diagram.states) - 1} states and {len(behaviors)} behaviors"
+            finding = f"{name.upper()} has {size} in {whose}"
             words = zip(diagram.states, diagram.labels, strict=False)
             states = ", ".join(f"{state} {label}" for state, label in words)
             caption = f"Circles are states ({states}); the black one is the start. " + _ARROWS
@@ -83,7 +93,7 @@ def fig8(record: Record) -> dict[str, Axes]:
         places = ["1 attribute" if n == 1 else f"{n} attributes" for n in numbers]
         for measure, column in _MEASURES.items():
             groups = _by_agent(chosen, column)
-            ax = dots(groups, places, y_label=column, fraction=measure == "success")
+            ax = dots(groups, places, y_label=_AXES[column], fraction=measure == "success")
             by_number = {
                 n: {agent: spans[i] for agent, spans in groups.items()}
                 for i, n in enumerate(numbers)
@@ -91,10 +101,16 @@ def fig8(record: Record) -> dict[str, Axes]:
             least = measure == "cost"
             word = "Least" if least else "Highest"
             told = leaders(by_number, least=least)
+            near = {
+                n: len(rivals(spans, leader(spans, least=least))) for n, spans in by_number.items()
+            }
+            size = record["size"].replace("*", "")
+            counts = joined([f"{count} at {n}" for n, count in near.items()])
             headline(
                 ax,
-                f"{word} {column.split(',')[0]} by number of attributes: {told}",
-                f"ISPY32, percepts {percepts}. {record['size']} {_MEANS}",
+                f"{word} {column.split(',')[0]}: {told}",
+                f"ISPY32, percepts {percepts}. Other agents not told apart from the "
+                f"{word.lower()}, by number of attributes: {counts}. {size} {_MEANS}",
             )
             figures[f"_{measure}_{percepts}"] = ax
     return figures
@@ -113,8 +129,8 @@ def fig9(record: Record) -> dict[str, Axes]:
     kinds = list(dict.fromkeys(row["percepts"] for row in rows))
     figures = {}
     for measure, column in _SUPER.items():
-        told = []
-        ends = {}
+        told = {}
+        starts, ends = {}, {}
         with axes_to_draw(None, width=6.4, height=3.4) as ax:
             for kind, (dash, marker) in zip(kinds, _SETTINGS, strict=False):
                 chosen = [row for row in rows if row["percepts"] == kind]
@@ -125,24 +141,29 @@ def fig9(record: Record) -> dict[str, Axes]:
                 color = agent_style("morc").color
                 ax.plot(x, y, dash, marker=marker, color=color, ms=4.5, lw=1.6)
                 ax.fill_between(x, low, high, color=color, alpha=0.12, lw=0)
+                starts[kind] = y[0]
                 ends[kind] = (x[-1], y[-1])
                 digits = 2 if measure == "success" else 0
-                told.append(f"{y[0]:.{digits}f} to {y[-1]:.{digits}f} ({kind})")
-            name_axes(ax, "irrelevant attributes", column)
+                told[kind] = f"from {y[0]:.{digits}f} to {y[-1]:.{digits}f}"
+            name_axes(ax, "irrelevant attributes, number", _AXES[column])
             name_ends(ax, ends)
         word = column.split(",")[0]
-        caption = _MEANS.replace("Lines", "Bands")
+        unit = "" if measure == "success" else " s"
+        first, *others = kinds
+        goes = "falls" if starts[first] > ends[first][1] else "rises"
+        rest = "; ".join(f"{kind}, {told[kind]}{unit}" for kind in others)
         headline(
             ax,
-            f"From {x[0]} to {x[-1]} irrelevant attributes, {word} goes from {joined(told)}",
-            f"MORC on ISPY32. {record['size']} {caption}",
+            f"{word.capitalize()} {goes} {told[first]}{unit} with {x[-1]} irrelevant attributes "
+            f"({first})",
+            f"MORC on ISPY32. The other lines: {rest}. {_MEANS.replace('Lines', 'Bands')}",
         )
         figures[f"_{measure}"] = ax
     return figures
 
 
 def eq7(record: Record) -> dict[str, Axes]:
-    """Draw successes within a budget, one line a strategy, both axes logarithmic."""
+    """Draw right answers within a budget, one line a strategy, both axes logarithmic."""
     table = record["tables"][0]
     budgets = [column for column in table["columns"] if column.startswith("within ")]
     hours = [float(column.split()[1]) for column in budgets]
@@ -168,25 +189,38 @@ def eq7(record: Record) -> dict[str, Axes]:
                     capsize=2.5,
                     elinewidth=1.1,
                 )
-                ends[f"{row['agent']} {spans[-1].estimate:.0f}"] = (hours[-1], y[-1])
+                ends[f"{AGENT_NAMES[row['agent']]} {spans[-1].estimate:.0f}"] = (hours[-1], y[-1])
             ax.set(xscale="log", yscale="log")
-            ax.set_xticks(hours, [f"{60 * h:.0f} min" for h in hours], minor=False)
+            ax.set_xticks(hours, [f"{60 * h:.0f}" for h in hours], minor=False)
             ax.minorticks_off()
             ax.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
             ax.yaxis.set_major_formatter("{x:g}")
-            name_axes(ax, "budget of exploration", "successes")
+            name_axes(ax, "exploration budget, min", "right answers, number")
             name_ends(ax, ends)
         # Random guesses at once and so answers most: it is told apart from those that look.
         seeing = {agent: span for agent, span in last.items() if agent != "random"}
-        best = max(seeing, key=lambda agent: seeing[agent].estimate)
+        best = leader(seeing)
         finding = (
-            f"Within {hours[-1]:g} h, random is right {last['random'].estimate:.0f} times, by "
-            f"guessing; of those that look, {best} is most often, {seeing[best].estimate:.0f} times"
+            f"{AGENT_NAMES[best]} answers right {seeing[best].estimate:.0f} times within "
+            f"{hours[-1]:g} h"
         )
+        if leader(last) == "random":
+            finding += f"; Random, by guessing, {last['random'].estimate:.0f} times"
+        else:
+            finding += ", most of all agents"
+        overlap = ""
+        near = rivals(last, leader(last))
+        if near:
+            close = joined([AGENT_NAMES[agent] for agent in near])
+            overlap = f"Not told apart from the highest: {close}. "
         errors = ""
         if any(isinstance(row[budgets[-1]], list) for row in chosen):
             errors = "Lines reach two standard errors (bootstrap). "
-        headline(ax, finding, f"{title}. {record['size']} {errors}Trials run one after another.")
+        headline(
+            ax,
+            finding,
+            f"{title}. {overlap}{record['size']} {errors}Trials run one after another.",
+        )
         place = title.split(",")[0].lower()
         protocol = title.rsplit(" ", 1)[1]
         figures[f"_{place}_{protocol}"] = ax
@@ -224,16 +258,22 @@ def losses(record: Record) -> dict[str, Axes]:
             starts = starts + part
         ax.set_yticks(place, [_question(row) for row in rows])
         ax.invert_yaxis()
-        name_axes(ax, "reward that is lacking", "", grid="x")
+        name_axes(ax, "reward missing to perfect percepts, s", "", grid="x")
         ax.tick_params(axis="y", length=0)
         legend(ax, len(_PARTS), above=True)
     most = np.bincount(gaps.argmax(axis=1), minlength=len(_PARTS))
-    named = [f"{name} in {n}" for (name, _), n in zip(_PARTS, most, strict=True) if n]
+    order = [at for at in np.argsort(-most, kind="stable") if most[at]]
+    (first, _), *others = (_PARTS[at] for at in order)
+    rest = joined(
+        [f"{name} in {most[at]}" for at, (name, _) in zip(order[1:], others, strict=True)]
+    )
     headline(
         ax,
-        f"What would bring most, of {len(rows)} kinds of question: {joined(named)}",
-        f"Our agent; {record['size']} Parts are estimates; standard errors of the last are "
-        f"{min(errors):.0f} to {max(errors):.0f}, of all in the table.",
+        f"{first.capitalize()} would add most reward in {most[order[0]]} of {len(rows)} kinds of "
+        "question",
+        f"{f'Of the others: {rest}. ' if rest else ''}bayes, {record['size'].split('.')[0]}. "
+        f"Parts are estimates; standard errors of the last part are {min(errors):.0f} to "
+        f"{max(errors):.0f} s.",
     )
     return {"": ax}
 
@@ -241,4 +281,6 @@ def losses(record: Record) -> dict[str, Axes]:
 def _question(row: Mapping[str, object]) -> str:
     asked = row.get("asks for", "values")
     kind = "" if asked == "values" else f", {asked}"
-    return f"{str(row['data set']).upper()}, {row['attributes']}{kind}"
+    number = row["attributes"]
+    noun = "attribute" if number == 1 else "attributes"
+    return f"{str(row['data set']).upper()}, {number} {noun}{kind}"

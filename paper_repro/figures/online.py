@@ -9,6 +9,7 @@ from matplotlib.axes import Axes
 from meal_bayes.evaluation.statistics import Interval
 from meal_bayes.look import LINE_GRAY, agent_style, axes_to_draw, name_axes
 from paper_repro.figures.shapes import (
+    AGENT_NAMES,
     Record,
     Row,
     apart,
@@ -25,12 +26,13 @@ from paper_repro.figures.shapes import (
 _BASE = "iterative_morc"
 _BEST = "morc_itrs"
 _DRAWN = ("iterative_random_legal", _BEST, "bayes")
+_RIGHT = "accuracy (share answered right)"
 _BUDGETS = (0.5, 1, 2, 4)  # hours at which the tables compare
 _ENDS = {"reward": "", "accuracy": "_accuracy"}  # of the names of the files
 
 
 def fig10(record: Record) -> dict[str, Axes]:
-    """Draw each agent's reward, and accuracy, less Iterative MORC's over the hours, by panel."""
+    """Draw the differences in reward and in accuracy to Iterative MORC over the hours."""
     figures = {}
     for protocol in ("recorded", "theirs"):
         tables = [table for table in record["tables"] if table["title"].endswith(f", {protocol}")]
@@ -40,11 +42,12 @@ def fig10(record: Record) -> dict[str, Axes]:
 
 
 def _leads(record: Record, tables: Sequence[Mapping[str, Any]], measure: str) -> Axes:
-    """Draw a measure less Iterative MORC's, a panel a table."""
+    """Draw the differences of a measure to Iterative MORC's, a panel a table."""
     columns = min(len(tables), 2)
     rows = -(-len(tables) // columns)
     axes = panels(rows, columns, width=6.8, height=1.4 + 1.9 * rows)
     told: dict[str, list[str]] = {}
+    unit = ", s" if measure == "reward" else ""
     for ax, table in zip(axes, tables, strict=False):
         agents = {row["agent"]: row for row in rows_of(table)}
         for agent in (name for name in _DRAWN if name in agents):
@@ -56,7 +59,7 @@ def _leads(record: Record, tables: Sequence[Mapping[str, Any]], measure: str) ->
         with axes_to_draw(ax):
             ax.axhline(0, color=LINE_GRAY, lw=1)
             ax.set_title(table["title"].rpartition(", ")[0], fontsize=9, loc="left")
-            name_axes(ax, "exploration, h", f"{measure} difference\nto Iterative MORC")
+            name_axes(ax, "exploration, h", f"{measure} difference\nto Iterative MORC{unit}")
             ax.set_xscale("log")
             ax.set_xticks(_BUDGETS, [f"{h:g}" for h in _BUDGETS])
             ax.minorticks_off()
@@ -64,14 +67,18 @@ def _leads(record: Record, tables: Sequence[Mapping[str, Any]], measure: str) ->
     for ax in axes[len(tables) :]:
         ax.remove()
     others = "; ".join(
-        f"{agent} is {_counts(sides)}" for agent, sides in told.items() if agent != _BEST
+        f"{AGENT_NAMES[agent]} is {_counts(sides)}"
+        for agent, sides in told.items()
+        if agent != _BEST
     )
     shared_legend(axes[: len(tables)])
     headline(
         axes[0],
-        f"{measure.capitalize()}: {_BEST} is {_counts(told.get(_BEST, []))} of {len(tables)}",
-        f"Number of panels; {others}. {record['size']} Bands: 95 % intervals over splits of the "
-        "same objects (Student's t). Lines end where either agent has explored no longer.",
+        f"{measure.capitalize()} against Iterative MORC: {AGENT_NAMES[_BEST]} is "
+        f"{_counts(told.get(_BEST, []))} of {len(tables)} panels",
+        f"Judged by the mean over the hours that both explored; {others}. {record['size']} Bands: "
+        "95 % intervals over splits of the same objects (Student's t). A line ends where either "
+        "agent stopped exploring.",
     )
     return axes[0]
 
@@ -97,7 +104,7 @@ def _difference(ax: Axes, row: Row, base: Row, measure: str) -> None:
         color=style.color,
         ms=4.5,
         lw=1.5,
-        label=row["agent"],
+        label=AGENT_NAMES[row["agent"]],
     )
     ax.fill_between(hours, low, high, color=style.color, alpha=0.15, lw=0)
 
@@ -121,7 +128,7 @@ def fig11(record: Record) -> dict[str, Axes]:
     for protocol in dict.fromkeys(row[0] for row in table["rows"]):
         rows = [row for row in rows_of(table) if row["percepts"] == protocol]
         groups = {agent: [interval_of(row[agent]) for row in rows] for agent in agents}
-        ax = dots(groups, [row["attribute"] for row in rows], y_label="accuracy", fraction=True)
+        ax = dots(groups, [row["attribute"] for row in rows], y_label=_RIGHT, fraction=True)
         others = [agent for agent in agents if agent != _BEST]
         ahead = sum(all(row[_BEST][0] > row[agent][0] for agent in others) for row in rows)
         clear = sum(
@@ -130,9 +137,10 @@ def fig11(record: Record) -> dict[str, Axes]:
         )
         headline(
             ax,
-            f"MORC-ITRS has the highest estimate on {ahead} of {len(rows)} attributes",
-            f"Its interval is apart from both others' on {clear}. CY101, percepts {protocol}. "
-            f"{record['size']} 95 % intervals over splits of the same objects.",
+            f"MORC-ITRS is most accurate on {ahead} of {len(rows)} attributes, clearly on {clear}",
+            "Clearly: its interval does not overlap with those of the other two. "
+            f"CY101, percepts {protocol}. {record['size']} "
+            "95 % intervals over splits of the same objects.",
         )
         figures[f"_{protocol}"] = ax
     return figures
@@ -158,7 +166,7 @@ def fig12(record: Record) -> dict[str, Axes]:
             values,
             alphas,
             betas,
-            labels=("alpha, s a bit", "beta, s", "accuracy"),
+            labels=("alpha, s per bit", "beta, s per labeled object", "share answered right"),
             digits=3,
             limits=limits,
         )
@@ -168,7 +176,8 @@ def fig12(record: Record) -> dict[str, Axes]:
         near = sum(not apart(span, interval_of(row[moment])) for row in rows) - 1
         headline(
             ax,
-            f"{moment.capitalize()}: " + ("no pair of weights is clearly best" if near else where),
+            f"{moment.capitalize()}: "
+            + ("no pair (alpha, beta) is clearly best" if near else where),
             f"The highest is {where}: {span.estimate:.3f} [{span.low:.3f}, {span.high:.3f}], not "
             f"told apart from {near} of the other {len(rows) - 1} pairs. Accuracy of MORC-ITRS on "
             f"CY101. {record['size']}",

@@ -28,6 +28,19 @@ from meal_bayes.look import (
 Record = Mapping[str, Any]
 Row = Mapping[str, Any]
 UNKNOWN = Interval(np.nan, np.nan, np.nan, np.nan)
+AGENT_NAMES = {  # in titles and legends, as in the pages' sentences
+    "random": "Random",
+    "random_legal": "Random Legal",
+    "predefined": "Predefined",
+    "predefined_plus": "Predefined Plus",
+    "morc": "MORC",
+    "morc_illegal": "MORC declining illegally",
+    "morc_must_answer": "MORC that must answer",
+    "iterative_random_legal": "Iterative Random Legal",
+    "iterative_morc": "Iterative MORC",
+    "morc_itrs": "MORC-ITRS",
+    "bayes": "bayes",
+}
 TWO_ERRORS = 2.0  # standard errors, where nobody says how many units a mean rests on
 
 
@@ -72,26 +85,42 @@ def joined(words: Sequence[object]) -> str:
     return f"{', '.join(first)} and {last}" if first else last
 
 
-def leaders(groups: Mapping[object, Mapping[str, Interval]], *, least: bool = False) -> str:
-    """Say who has the largest estimate in each group, or the least, and how many come near it.
+def leaders(groups: Mapping[int, Mapping[str, Interval]], *, least: bool = False) -> str:
+    """Say who has the largest estimate in each group, or the least.
 
-    Near are those whose interval is not apart from its own.
+    Groups are named by their number of attributes.
 
     >>> one, two = Interval(1.0, 0.1, 0.8, 1.2), Interval(1.1, 0.1, 0.9, 1.3)
     >>> leaders({1: {"morc": one, "random": UNKNOWN}, 2: {"morc": one, "bayes": two}})
-    'morc at 1; bayes at 2 (1 not told apart)'
+    'MORC (1 attribute), bayes (2)'
     """
-    told: dict[str, list[str]] = {}
+    told: dict[str, list[int]] = {}
     for place, intervals in groups.items():
-        measured = {name: span for name, span in intervals.items() if np.isfinite(span.estimate)}
-        sign = -1 if least else 1
-        best = max(measured, key=lambda name: sign * measured[name].estimate)
-        near = sum(
-            name != best and not apart(measured[best], span) for name, span in measured.items()
-        )
-        others = f" ({near} not told apart)" if near else ""
-        told.setdefault(best, []).append(f"at {place}{others}")
-    return "; ".join(f"{best} {', '.join(places)}" for best, places in told.items())
+        told.setdefault(leader(intervals, least=least), []).append(place)
+    texts = [f"{AGENT_NAMES[best]} ({joined(places)})" for best, places in told.items()]
+    noun = " attribute" if len(next(iter(told.values()))) == 1 else " attributes"
+    return ", ".join([texts[0].replace(")", f"{noun})"), *texts[1:]])
+
+
+def leader(intervals: Mapping[str, Interval], *, least: bool = False) -> str:
+    """Return the name of the largest known estimate, or of the least."""
+    sign = -1 if least else 1
+    known = {name: span for name, span in intervals.items() if np.isfinite(span.estimate)}
+    return max(known, key=lambda name: sign * known[name].estimate)
+
+
+def rivals(intervals: Mapping[str, Interval], best: str) -> list[str]:
+    """Return the names whose intervals overlap with that of the best.
+
+    >>> one, two = Interval(1.0, 0.1, 0.8, 1.2), Interval(1.1, 0.1, 0.9, 1.3)
+    >>> rivals({"morc": one, "bayes": two, "random": UNKNOWN}, "bayes")
+    ['morc']
+    """
+    return [
+        name
+        for name, span in intervals.items()
+        if name != best and np.isfinite(span.estimate) and not apart(intervals[best], span)
+    ]
 
 
 _LETTERS = 64  # that fit side by side below an axis
@@ -104,19 +133,19 @@ _CELLS = 64  # of an image, beyond which its numbers are small
 
 
 def headline(ax: Axes, finding: str, caption: str) -> Axes:
-    """Write the finding above a figure, and below it what its marks are and how many they are of.
+    """Write the finding in one line above a figure, and below it what the marks are.
 
-    Both are broken into lines of the figure's width.
+    A long finding has smaller letters; the caption is broken into lines of the figure's width.
     """
     figure: Any = ax.get_figure(root=True)
     width = figure.get_size_inches()[0]
     figure.get_layout_engine().set(h_pad=_CLEAR)
     with drawn_in_style():
         figure.suptitle(
-            fill(finding, int(width * _TITLE_LETTERS)),
+            finding,
             x=0.01,
             ha="left",
-            fontsize=10,
+            fontsize=10 * min(1.0, width * _TITLE_LETTERS / len(finding)),
             weight="bold",
         )
         figure.supxlabel(
@@ -133,6 +162,10 @@ def name_ends(ax: Axes, ends: Mapping[str, tuple[float, float]]) -> None:
     """Write the name of each line behind its last point (x, y), names apart from one another."""
     to_axes = ax.transScale.transform  # linear in what is drawn, also on a logarithmic axis
     x = max(x for x, _ in ends.values())
+    # Room for half of a mark behind the last point.
+    start = to_axes((ax.get_xlim()[0], 1))[0]
+    last = to_axes((x, 1))[0]
+    ax.set_xlim(right=ax.transScale.inverted().transform((last + 0.015 * (last - start), 0))[0])
     order = sorted(ends, key=lambda name: ends[name][1])
     heights = np.array([to_axes((x, ends[name][1]))[1] for name in order])
     low, high = (to_axes((x, edge))[1] for edge in ax.get_ylim())
@@ -153,7 +186,6 @@ def name_ends(ax: Axes, ends: Mapping[str, tuple[float, float]]) -> None:
             fontsize=8,
             annotation_clip=False,
         )
-    ax.set_xlim(right=x)
 
 
 def shared_legend(axes: Sequence[Axes]) -> None:
@@ -205,7 +237,7 @@ def dots(
                 ms=5,
                 elinewidth=1.3,
                 capsize=2.5,
-                label=agent,
+                label=AGENT_NAMES[agent],
             )
         for edge in place[1:]:
             to.axvline(edge - 0.5, color="#E6E6E6", lw=0.7)

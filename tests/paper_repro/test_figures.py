@@ -33,7 +33,7 @@ def drawn():
 
 
 def title_of(ax):
-    return " ".join(ax.get_figure(root=True).get_suptitle().split())
+    return ax.get_figure(root=True).get_suptitle()
 
 
 @pytest.mark.parametrize("item", DRAWN)
@@ -62,6 +62,8 @@ def test_no_legend_covers_a_title_or_what_is_drawn(drawn, item):
         figure = ax.get_figure(root=True)
         figure.draw_without_rendering()
         assert title_of(ax), name
+        assert "\n" not in title_of(ax), name
+        assert figure._suptitle.get_window_extent().x1 <= figure.bbox.x1, name
         legends = [*figure.legends, *(each.get_legend() for each in figure.axes)]
         for legend in (each for each in legends if each is not None):
             box = legend.get_window_extent()
@@ -72,26 +74,28 @@ def test_no_legend_covers_a_title_or_what_is_drawn(drawn, item):
 def test_a_title_says_what_the_numbers_say():
     record = record_of("fig8")
     before = title_of(figures.draw(record)["fig8_reward_theirs.png"])
-    assert before.startswith("Highest reward by number of attributes: morc")
+    assert before.startswith("Highest reward: MORC")
     turned = deepcopy(record)
     column = record["tables"][0]["columns"].index("reward")
     for row in turned["tables"][0]["rows"]:
         if row[2] == "random":
             row[column] = [900.0, 1.0]
     after = title_of(figures.draw(turned)["fig8_reward_theirs.png"])
-    assert after == "Highest reward by number of attributes: random at 1, at 2, at 3"
+    assert after == "Highest reward: Random (1, 2 and 3 attributes)"
 
 
 @pytest.mark.parametrize("item", ["fig8", "fig10", "fig11", "eq7"])
 def test_an_agent_has_its_color(drawn, item):
     """By its name, whatever else is drawn and in which order."""
+    agents = {name: agent for agent, name in shapes.AGENT_NAMES.items()}
     seen = set()
     for ax in drawn[item].values():
         for each in ax.get_figure(root=True).axes:
             for handle, name in zip(*each.get_legend_handles_labels(), strict=True):
                 line = handle[0] if isinstance(handle, tuple) else handle
-                assert to_hex(line.get_color()) == agent_style(name).color.lower()
-                assert line.get_marker() == agent_style(name).marker
+                style = agent_style(agents[name])
+                assert to_hex(line.get_color()) == style.color.lower()
+                assert line.get_marker() == style.marker
                 seen.add(name)
     assert seen or item == "eq7"  # whose lines are named at their ends
 
@@ -104,7 +108,9 @@ def test_fig_10_draws_the_differences_of_its_tables(drawn, measure):
     rows = [dict(zip(table["columns"], row, strict=True)) for row in table["rows"]]
     base = next(row for row in rows if row["agent"] == "iterative_morc")
     for line in ax.get_lines():
-        row = next((row for row in rows if row["agent"] == line.get_label()), None)
+        row = next(
+            (row for row in rows if shapes.AGENT_NAMES[row["agent"]] == line.get_label()), None
+        )
         if row is not None:
             until = min(row["explored, h"][0], base["explored, h"][0])
             assert max(line.get_xdata()) <= until
