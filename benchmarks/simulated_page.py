@@ -118,15 +118,26 @@ def draw_curve(curve: list[dict[str, Any]], path: Path) -> None:
     ends = np.array([point["trials"] for point in curve], float)
     figure, axes = plt.subplots(1, 2, figsize=(8.4, 2.9), layout="constrained")
     for ax, key, label in zip(
-        axes, ("accuracy", "cost_s"), ("accuracy", "simulated s a trial"), strict=True
+        axes,
+        ("accuracy", "cost_s"),
+        ("accuracy (share answered right)", "cost of a trial, simulated s"),
+        strict=True,
     ):
         series = Series("20 trials", ends, np.array([point[key] for point in curve], float))
-        lines([series], x_label="trials", y_label=label, ax=ax)
+        lines([series], x_label="trials, number", y_label=label, ax=ax)
         if key == "accuracy":
             ax.set_ylim(-0.02, 1.02)
         explored = sum(point["agent"] == "random_legal" for point in curve)
         if explored:
             ax.axvspan(0, ends[explored - 1], color="0.9", lw=0, label="exploring")
+    first, last = curve[0], curve[-1]
+    figure.suptitle(
+        f"Accuracy goes from {first['accuracy']:.2f} to {last['accuracy']:.2f}, "
+        f"cost from {first['cost_s']:.1f} to {last['cost_s']:.1f} s a trial",
+        x=0.01,
+        ha="left",
+        weight="bold",
+    )
     save(axes[0], path)
     plt.close(figure)
 
