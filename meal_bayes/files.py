@@ -76,8 +76,8 @@ def path_text(value: Any) -> Any:
         return str(Path(text).expanduser())
     except RuntimeError:
         raise SettingsError(
-            f"{text!r:.300} is in the home folder of a user who is not known here; write "
-            f"'./{text:.300}' if the name begins so."
+            f"{text!r:.300} names the home folder of an unknown user; if the name of the file "
+            f"begins with ~, write './{text:.300}'."
         ) from None
 
 
@@ -100,7 +100,9 @@ def checked_path(what: str, value: object) -> Path:
     except OSError as fault:  # a name that is too long, links in a loop, a folder that is closed
         raise SettingsError(f"{what} {text!r:.300}: {fault.strerror}; give another path.") from None
     except UnicodeEncodeError:  # half a character
-        raise SettingsError(f"{what} {text!a:.300} is no name of a file; give another.") from None
+        raise SettingsError(
+            f"{what} {text!a:.300} is not a valid file name; give another."
+        ) from None
     return Path(text)
 
 
@@ -159,16 +161,18 @@ def check_output(
     with _with_path(named):
         for read in (checked_path("The input", path) for path in inputs):
             if target.exists() and read.exists() and read.samefile(target):
-                raise OutputError(f"{named} is what is read; give the output another name.")
+                raise OutputError(f"{named} is also an input; give the output another name.")
         if target.is_dir():
             raise OutputError(f"{named} is a folder; give the name of a file.")
         if target.is_file():
             with target.open("rb") as file:
                 if file.read(len(_LOG_MAGIC)) == _LOG_MAGIC:
-                    raise OutputError(f"{named} is a trial log, which stays; give another name.")
+                    raise OutputError(
+                        f"{named} is a trial log, which is not replaced; give another name."
+                    )
             if not expected and _is_learner(target):
                 raise OutputError(
-                    f"{named} is the file of a learner, which stays; give another name."
+                    f"{named} is the file of a learner, which is not replaced; give another name."
                 )
         elif target.exists():
             raise OutputError(f"{named} is a device or a pipe; give the name of a regular file.")

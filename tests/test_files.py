@@ -163,7 +163,7 @@ def test_inputs_are_not_replaced(tmp_path, way):
     elif way == "hard link":
         out.hardlink_to(read)
     for call, content in ((check_output, {}), (write_whole, {"content": "new"})):
-        with pytest.raises(OutputError, match="is what is read"):
+        with pytest.raises(OutputError, match="is also an input"):
             call(out, **content, inputs=[read])
     assert read.read_text() == "precious"
 

@@ -246,7 +246,7 @@ class Domain:
                 continue
             column = self.attribute_index(attribute)
             if labels[column] == 1 - label:
-                raise QueryError(f"Labels say that it is {attribute!r}, and not.")
+                raise QueryError(f"Labels say both {attribute!r} and not {attribute!r}; give one.")
             labels[column] = label
         return self.replace(np.full_like(labels, -1), labels)
 

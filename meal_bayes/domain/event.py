@@ -93,13 +93,15 @@ class Event:
     def check(self, attributes: Sequence[str], variables: Variables) -> None:
         """Refuse an event of other attributes, or one that always or never holds."""
         if len(self.allowed) != len(attributes):
-            raise QueryError(f"The event has {len(self.allowed)} values of {len(attributes)}.")
+            raise QueryError(
+                f"The event has {len(self.allowed)} values for {len(attributes)} attributes."
+            )
         for indices in variables:
             members = [self.allowed[index] for index in indices]
             if len(indices) > 1 and (all(members) or not any(members)):
                 names = " and ".join(attributes[index] for index in indices)
                 raise QueryError(
-                    f"Of {names} exactly one is true, so the answer is known; ask something else."
+                    f"Of {names}, exactly one is true, so the answer is known; ask something else."
                 )
 
     def literals(self, positive: Floats, variables: Variables) -> list[Floats]:

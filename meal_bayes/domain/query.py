@@ -107,8 +107,8 @@ class Query:
             self.event.check(self.attributes, self.variables)
         if self.payoffs is not None and not self.yes_or_no:
             raise QueryError(
-                f"Payoffs of yes and no, but {len(self)} values are asked; ask a question of yes "
-                "or no, or one attribute."
+                f"Payoffs of yes and no do not fit a question about {len(self)} attributes; ask a "
+                "question of yes or no, or about one attribute."
             )
 
     def _alternatives(self, indices: Iterable[int]) -> str:
@@ -247,7 +247,7 @@ class Query:
             true = [number for number, index in enumerate(indices) if values[index]]
             if len(indices) > 1 and len(true) != 1:
                 names = [self.attributes[index] for index in indices]
-                raise QueryError(f"{len(true)} of {names} are true; exactly one value is.")
+                raise QueryError(f"{len(true)} of {names} are true; exactly one must be.")
             row = size * row + (true[0] if len(indices) > 1 else len(true))
         return row
 

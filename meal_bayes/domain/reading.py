@@ -280,7 +280,7 @@ class _Reader:
             raise QueryError(f"The question names {name!r} twice; name each attribute once.")
         if self.last_negation in _LASTING and not self.negation and self.joined != "and":
             raise QueryError(
-                f"{self.last_negation!r} may be of one attribute or of more; "
+                f"{self.last_negation!r} may apply to one attribute or to more of them; "
                 'say "neither A nor B", or "not A or B".'
             )
         self.literals[name] = not (self.negation or self.neither)
@@ -301,7 +301,9 @@ class _Reader:
     def join(self, word: str) -> None:
         """Read a word between attributes."""
         if self.negation:
-            raise QueryError(f'"{self.negation} {word}": say what does not hold.')
+            raise QueryError(
+                f'"{self.negation} {word}": name an attribute after "{self.negation}".'
+            )
         if self.neither and word in ("or", "nor"):
             self.nor = True
             self.connectives.add("and")
@@ -309,7 +311,7 @@ class _Reader:
             raise QueryError(f'"neither" is followed by {word!r}; say "neither A nor B".')
         elif word == "nor":
             if not self.literals or all(self.literals.values()):
-                raise QueryError('"nor" follows what is not denied; say "neither A nor B".')
+                raise QueryError('"nor" needs "neither" or "not" before it; say "neither A nor B".')
             self.connectives.add("and")
             self.negation = word
         else:
@@ -333,7 +335,7 @@ class _Reader:
     def check_end(self) -> None:
         """Refuse a question that is not whole, or mixes what joins attributes."""
         if self.negation:
-            raise QueryError('The question ends with a "not" that is of no attribute.')
+            raise QueryError('The question ends with a "not"; name an attribute after it.')
         if len(self.connectives) > 1:
             raise QueryError(
                 'The question mixes "and" with "or"; ask two questions, or with one of them alone.'
@@ -386,8 +388,8 @@ def read_event(
             values = domain.groups[vocabulary[word]]
             # "Is the color red?" names a group and its value.
             if not {domain.words.get(other) for other in words} & {*values}:
-                message = f"{word!r} is one of {', '.join(values)}; a question of yes or no says"
-                raise QueryError(f"{message} which.")
+                message = f"{word!r} is one of {', '.join(values)}; a question of yes or no"
+                raise QueryError(f"{message} must name the value.")
         elif word in NOT or word == "neither":
             reader.negate(word)
         elif word in _CONNECTIVES or word == "nor":

@@ -71,8 +71,8 @@ def unknown(kind: str, name: object, candidates: Iterable[str]) -> str:
     if len(name) > _LONGEST:
         name = f"{name[:_LONGEST]}..."
     if other := twin(name, names):
-        alike = f"{other!a} differs in what cannot be seen alone (accents, blanks, signs)"
-        return f"Unknown {kind} {name!a}: {alike}; write both alike."
+        alike = f"{other!a} differs only in what cannot be seen (accents, blanks, signs)"
+        return f"Unknown {kind} {name!a}: {alike}; write both in the same way."
     few = len(names) <= _SHOWN
     by_fold = {fold(other): other for other in names}  # case is no difference
     cutoff = 0.5 if few else 0.0

@@ -211,7 +211,9 @@ class Learner:
         if self.table is None:
             return self.fitted(self.agent).knowledge
         if object_name is None:
-            raise SettingsError("A percept table holds only what is known without an object of it.")
+            raise SettingsError(
+                "Knowledge from a percept table leaves one of its objects out; give object_name=."
+            )
         with self._lock:
             o = object_index(self.table.objects, object_name)
             return self._fits.held_out(self.table, self.agent, o).knowledge
@@ -896,13 +898,13 @@ class Learner:
             settings = self.settings
             if self.table is not None or settings.drawn is not None:
                 raise SettingsError(
-                    f"A percept table knows nothing of {name!r:.60}; fit recordings "
+                    f"A percept table has no percepts of {name!r:.60}; fit recordings "
                     "(load_dataset), from which it can be learned."
                 )
             if settings.posterior is not None:
                 raise SettingsError(
-                    f"The posterior that this learner was given knows nothing of {name!r:.60}; "
-                    "make a learner without posterior=, or one that has the attribute."
+                    f"The posterior that this learner was given has no {name!r:.60}; make "
+                    "a learner without posterior=, or give one with the attribute."
                 )
             change = replace(self._change(self.agent), added=name, values=tuple(values))
             self.hear_attribute(name, values)
@@ -956,12 +958,15 @@ class Learner:
                 new = views.unrecorded(self.experience, trial)
                 perceived = any(step.observation is not None for step in new)
                 if perceived and trial.momdp.levels != self.agent.levels:
-                    raise SettingsError("The trial has other levels; give one of this learner's.")
+                    raise SettingsError(
+                        f"The trial has percepts of {trial.momdp.levels} levels, but the agent of "
+                        f"this learner has {self.agent.levels}; give a trial with as many levels."
+                    )
                 self.record(trial)
             try:
                 self.domain.replace(views.labels_for(self.experience, [name])[0], labels)
             except QueryError as fault:
-                raise QueryError(f"Then {name!r} would be {fault}.") from None
+                raise QueryError(f"With these labels, {name!r} would be {fault}.") from None
             telling = self._telling(name, key)
             moved = self.experience.add_labels(key, name, labels)
             self._learn_told(trial, telling, moved)

@@ -60,7 +60,9 @@ class TrialOptions:
         if self.seed is not None:
             check_whole("seed", self.seed)
         if not (self.on_step is None or callable(self.on_step)):
-            raise SettingsError(f"on_step is {self.on_step!r:.60}; give a function of a step.")
+            raise SettingsError(
+                f"on_step is {self.on_step!r:.60}; give a function that takes a step."
+            )
 
     def begun(self, state: str | None) -> dict[str, object]:
         """Return what a log says of how a trial was begun, in a state, for who resumes it."""
@@ -133,8 +135,8 @@ def read_task(
     """
     if isinstance(question, Task | Query) and (answer != "values" or payoffs is not None):
         raise SettingsError(
-            "A Query says itself how it is answered, and what that earns; give no answer= or "
-            "payoffs= beside it."
+            "A Query or a Task already contains the kind of answer and the payoffs; leave out "
+            "answer= and payoffs=."
         )
     if isinstance(question, Task):
         if object_name not in (None, question.object_name):

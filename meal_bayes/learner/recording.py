@@ -140,9 +140,10 @@ def _warn_of_modalities(record: Experience, sensed: Instance) -> None:
         return
     record.warned_of.add(case)
     warn_user(
-        f"Features of {spec.name} are of {modalities}; the domain {record.domain.name!r} has "
-        f"{', '.join(spec.modalities) or 'none'}: they are left aside, percepts are those of the "
-        "log. Load the domain of that log to learn from them."
+        f"The features of {spec.name} have the modalities {modalities}; the domain "
+        f"{record.domain.name!r} has {', '.join(spec.modalities) or 'none'}. "
+        "The features are ignored, and the percepts of the log are used. Load the domain of "
+        "that log to learn from them."
     )
 
 

@@ -330,7 +330,7 @@ def check_limits(name: str, values: NDArray[Any], limits: Limits) -> None:
     """Raise a `ValueError` where a value lies outside of limits."""
     least, end = limits
     if ((values < least) | (values >= end)).any():
-        raise ValueError(f"{name} names what there is not")
+        raise ValueError(f"{name} has an index out of range")
 
 
 def write_features(experience: Experience, keep: Callable[[NDArray[Any]], str]) -> FeatureParts:
@@ -439,7 +439,7 @@ def _check_state(state: State, experience: Experience, agent: Agent) -> None:
     check_limits("n_labels_at_refit", state["n_labels_at_refit"], (0, _LARGE))
     _check_shape("edges", state["edges"], (p, e, agent.levels - 1))
     if (state["edges"][..., 1:] < state["edges"][..., :-1]).any():
-        raise ValueError("edges fall")
+        raise ValueError("edges do not rise")
 
 
 def _check_knowledge(knowledge: Knowledge, p: int) -> None:
@@ -692,8 +692,9 @@ def _refuse_what_others_saved(path: Path, file: str) -> None:
     if content != f"the learner {file}":
         history = f"read or wrote {file} last" if file else "has read and written no file"
         raise OutputError(
-            f"{path} holds {content}, and this one {history}: somebody else has saved there. "
-            "Load it and tell it what is missing, give another name, or save(path, overwrite=True)."
+            f"{path} holds {content}, and this learner {history}: somebody else has saved there. "
+            "Load that file and tell it what is missing, give another name, or call "
+            "save(path, overwrite=True)."
         )
 
 

@@ -73,7 +73,8 @@ class LearnerSettings(ByValue):
         horizon = self.horizon
         if horizon is not None and not (is_number(horizon) and 0 <= horizon < np.inf):
             raise SettingsError(
-                f"horizon is {horizon!r:.60}; give questions to come, 0 or more, or None."
+                f"horizon is {horizon!r:.60}; give a number of future questions, 0 or more, or "
+                "None."
             )
         check_amount("refit_every", self.refit_every, np.inf, or_none=True)
         check_yes_no("learn_success", self.learn_success)

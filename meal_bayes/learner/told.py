@@ -76,8 +76,8 @@ def log_told(experience: Experience, folder: Path, entry: Feedback | Change | No
             log = write_feedback(log_folder, feedback, header=header)
         except LogError as fault:
             raise LogError(
-                f"{fault} What was told or changed is learned; mend this, and it is logged when "
-                "anything is told, also the same again."
+                f"{fault} The learner has learned the labels or the change, but the log has "
+                "neither. Repair this; the next tell() logs them, also with the same labels."
             ) from fault
         experience.feedback_logs[log.name] = None
         experience.unlogged.pop(0)
@@ -169,7 +169,7 @@ def nothing_told(experience: Experience, name: str, key: Key, *, recordings: boo
     if not in_trials:
         return SettingsError(f"The object {name!r} has no {what}.")
     return SettingsError(
-        f"The object {name!r} has no labels that were told by its name. Of its trials {in_trials} "
-        "were told: forget(trial) takes those of one back, also of a trial from its log, "
+        f"The object {name!r} has no labels that were given by its name. {in_trials} of its trials "
+        "have labels: forget(trial) removes those of one trial, which may come from a log, "
         "next(meal_bayes.read_trials(log))."
     )

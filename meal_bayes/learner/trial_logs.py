@@ -43,7 +43,7 @@ class TrialLogs:
         """
         path = self.log_path(log)
         if path is None:
-            raise SettingsError(f"This learner logs nothing; {remedy}.")
+            raise SettingsError(f"This learner has no folder of logs; {remedy}.")
         return path
 
     def folder_of_find(self, log: str | Path | None) -> Path | None:

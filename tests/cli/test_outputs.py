@@ -24,19 +24,19 @@ def log(run, table):
 
 def test_a_report_does_not_replace_its_logs(log, fails):
     before = log.read_bytes()
-    assert "is what is read" in fails("report", log, "-o", log)
+    assert "is also an input" in fails("report", log, "-o", log)
     for words, name in ((("report", "-o"), "p.html"), (("view", "--save"), "p.rrd")):
         Path(name).write_bytes(before)
         assert "is a trial log" in fails(words[0], log, words[1], name)
     log.write_bytes(before[:300])  # torn, so that its name alone tells
-    assert "is what is read" in fails("report", "logs", "-o", log)
+    assert "is also an input" in fails("report", "logs", "-o", log)
     assert log.read_bytes() == before[:300]
 
 
 def test_an_export_does_not_replace_its_table(table, fails):
     before = Path("kitchen.npz").read_bytes()
     words = ("--query", "red", "--format", "pomdp", *OWN)
-    assert "is what is read" in fails("export", "kitchen.npz", *words)
+    assert "is also an input" in fails("export", "kitchen.npz", *words)
     assert Path("kitchen.npz").read_bytes() == before
 
 

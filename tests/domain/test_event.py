@@ -214,7 +214,7 @@ def test_payoffs_of_a_domain_are_kept_in_its_table():
 
 
 def test_payoffs_are_of_yes_and_no_alone():
-    with pytest.raises(QueryError, match="2 values are asked"):
+    with pytest.raises(QueryError, match="about 2 attributes"):
         Query(("heavy", "blue"), payoffs=Payoffs(1, -1, 1, -1))
 
 

@@ -187,7 +187,7 @@ OPENINGS = [
 def test_how_asks_for_the_value_of_the_group(form, value):
     group = next(name for name, values in OWN.groups.items() if value in values)
     assert read_query(form.format(value), OWN).group_names == (group,)
-    with pytest.raises(QueryError, match="says which"):
+    with pytest.raises(QueryError, match="must name the value"):
         read_event(form.format(value), OWN)
 
 
