@@ -76,8 +76,8 @@ def log_told(experience: Experience, folder: Path, entry: Feedback | Change | No
             log = write_feedback(log_folder, feedback, header=header)
         except LogError as fault:
             raise LogError(
-                f"{fault} The learner has learned the labels or the change, but the log has "
-                "neither. Repair this; the next tell() logs them, also with the same labels."
+                f"{fault} The label or change is learned, but not logged. Repair this; the next "
+                "tell() logs it, also with the same labels."
             ) from fault
         experience.feedback_logs[log.name] = None
         experience.unlogged.pop(0)

@@ -132,7 +132,7 @@ def test_trials_about_what_a_domain_lacks_are_refused_as_a_whole(
 def test_features_of_other_modalities_are_named(dataset, make, tmp_path, modalities):
     begun(dataset, make, tmp_path)
     heir = Learner(renamed(make, modalities=modalities), agent=make.agent("look"), logs=None)
-    with pytest.warns(UserWarning, match="Features of look are of color; .*left aside"):
+    with pytest.warns(UserWarning, match="features of look have the modalities color; .*ignored"):
         recall(heir, tmp_path)
     assert not any(heir.experience.features.values())
 
@@ -206,7 +206,7 @@ def test_neither_a_clock_that_is_set_nor_a_full_disk_moves_a_label(
 def test_a_full_disk_says_that_the_label_is_learned(dataset, make, tmp_path, monkeypatch):
     learner = begun(dataset, make, tmp_path)
     monkeypatch.setattr(log_file, "name_new", full)
-    with pytest.raises(LogError, match=r"No space left.*is learned; mend this"):
+    with pytest.raises(LogError, match=r"No space left.*is learned, but not logged"):
         learner.tell("mug", {"red": True})
     assert red(learner) == {"mug": 1}
 
