@@ -34,7 +34,7 @@ def test_an_answer_is_by_what_was_asked(learner, question):
 def test_a_query_says_itself_how_it_is_answered(learner, options):
     query = read_query("heavy, blue", learner.domain)
     for question in (query, learner.task(query, OBJECTS[0])):
-        with pytest.raises(SettingsError, match="already contains the kind of answer and the payoffs"):
+        with pytest.raises(SettingsError, match="already contains the kind of answer"):
             learner.ask(question, OBJECTS[0], **options)
 
 
