@@ -10,6 +10,8 @@
     python benchmarks/knowing_little.py wrong_labels cy101 --seeds 0-8 --json > now.json
     python benchmarks/knowing_little.py raters ispy32
     python benchmarks/knowing_little.py compare before.json now.json
+    python benchmarks/knowing_little.py detector cy101 --seeds 0-10 --keep now
+    python benchmarks/knowing_little.py picture
 
 `rates`: 40 splits of a label table; n objects are known, and the answers that base rates alone give
 are judged on the others: how many are right, and log-loss; pooled, and each attribute alone.
@@ -30,7 +32,9 @@ the other 30 objects ask them. `wrong_labels`: as the first 100 trials of
 is what these cost. `raters`: how often a second rater of a data set agrees with its labels, on all
 pairs of word and object that both judged, and on those of the words that experiments ask, with a
 95 % interval over objects. `compare` prints paired differences with 95 % t-intervals over the
-seeds.
+seeds. `--keep before` and `--keep now` put the rows of `known` and `detector` into
+`knowing_little.json`, and `picture` draws it: how many answers are right, and the reward of a
+detector. "Before" is commit fdfc6c03, on PYTHONPATH.
 """
 
 import json
@@ -38,6 +42,7 @@ import time
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from measuring import options_of, show
@@ -56,6 +61,9 @@ from meal_bayes.robots.recorded import RecordedRobot, replayable
 from meal_bayes.seeds import stream
 from meal_bayes.trials import Trial
 
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
 SPLITS = 40
 QUESTIONS = 150
 TRIALS = 300
@@ -67,7 +75,11 @@ WRONG = 0.17  # of labels
 SAID = ("surely no", "no", "yes", "surely yes")  # by level
 POWER = 0.6  # of log-odds, and a shift, that make a probability which is not calibrated
 SHIFT = 1.0
-Row = dict[str, object]
+KEPT = Path(__file__).with_suffix(".json")  # rows by part, and "before" or "now"
+ASSETS = Path(__file__).resolve().parents[1] / "docs" / "assets"
+BEFORE, NOW = "before", "now"
+ENOUGH = 4  # seeds, for an interval
+Row = dict[str, Any]
 
 
 def rates(name: str) -> list[Row]:
@@ -420,6 +432,118 @@ def compare(before: Path, now: Path) -> list[Row]:
     return rows
 
 
+def keep(part: str, version: str, rows: list[Row]) -> None:
+    """Put rows in place of those of the same data set, number of objects and seed."""
+    kept = json.loads(KEPT.read_text("utf-8")) if KEPT.is_file() else {}
+    place = kept.setdefault(part, {})
+    cells = {(row["data"], row["known"], row["seed"]): row for row in place.get(version, [])}
+    cells |= {(row["data"], row["known"], row["seed"]): row for row in rows}
+    place[version] = [cells[cell] for cell in sorted(cells)]
+    KEPT.write_text(json.dumps(kept, indent=1) + "\n", "utf-8")
+
+
+def write_pictures() -> None:
+    """Draw the rows that are kept, on light and on dark pages."""
+    from meal_bayes.look import save  # noqa: PLC0415  versions before have it elsewhere
+
+    kept = json.loads(KEPT.read_text("utf-8"))
+    for dark in (False, True):
+        end = "-dark.svg" if dark else ".svg"
+        save(draw_right(_in_both(kept["known"]), dark=dark), ASSETS / f"knowing-little{end}")
+        save(draw_detector(_in_both(kept["detector"]), dark=dark), ASSETS / f"detector{end}")
+
+
+def _in_both(rows: dict[str, list[Row]]) -> dict[str, list[Row]]:
+    """Return the rows of data sets and seeds that both versions have been measured on."""
+    measured = [{(row["data"], row["seed"]) for row in rows[version]} for version in (BEFORE, NOW)]
+    both = set.intersection(*measured)
+    return {v: [row for row in of if (row["data"], row["seed"]) in both] for v, of in rows.items()}
+
+
+def draw_right(rows: dict[str, list[Row]], *, dark: bool) -> "Axes":
+    """Draw how many answers are right by the number of objects known, a panel a data set."""
+    from meal_bayes.canvas import Figure  # noqa: PLC0415
+    from meal_bayes.look import drawn_in_style  # noqa: PLC0415
+
+    names = ("cy101", "ispy32", "roc36")
+    with drawn_in_style():
+        figure = Figure(figsize=(8.4, 3.1), layout="constrained")
+        panels = figure.subplots(1, len(names), sharey=True)
+        for ax, name in zip(panels, names, strict=True):
+            for version in (BEFORE, NOW):
+                of_name = [row for row in rows[version] if row["data"] == name]
+                _draw_curve(ax, of_name, "right", 100, version, dark=dark)
+            ax.set(title=name.upper(), ylim=(0, 103))
+            _name_panel(ax, "answers that are right, %" if ax is panels[0] else "", dark=dark)
+        panels[-1].legend(loc="lower right", labelcolor=_ink(dark))
+        title = "With none to two objects known, more answers on CY101 are right than before"
+        figure.suptitle(title, color=_ink(dark), size=12)
+        figure.patch.set_alpha(0)
+    return panels[0]
+
+
+def draw_detector(rows: dict[str, list[Row]], *, dark: bool) -> "Axes":
+    """Draw the reward of a detector by the number of objects known; a line where all are."""
+    from meal_bayes.look import axes_to_draw  # noqa: PLC0415
+
+    with axes_to_draw(None, width=6.4, height=3.4) as ax:
+        for version in (BEFORE, NOW):
+            few = [row for row in rows[version] if row["known"] <= max(KNOWN)]
+            _draw_curve(ax, few, "reward", 1, version, dark=dark)
+        full = [row["reward"] for row in rows[NOW] if row["known"] > max(KNOWN)]
+        ax.axhline(
+            float(np.mean(full)), color=_ink(dark), ls="--", lw=1.2, label="all objects known"
+        )
+        ax.set_title(
+            "On CY101 a detector earns nearly all it can from the first object on", size=12
+        )
+        _name_panel(ax, "mean reward of a question, s", dark=dark)
+        ax.legend(loc="lower right", labelcolor=_ink(dark))
+        ax.figure.patch.set_alpha(0)
+    return ax
+
+
+def _draw_curve(
+    ax: "Axes", rows: list[Row], measure: str, scale: float, version: str, *, dark: bool
+) -> None:
+    """Draw means with 95 % t-intervals over the seeds, or each of few seeds as a dash."""
+    from meal_bayes.look import agent_style, lightened  # noqa: PLC0415
+
+    numbers = sorted({row["known"] for row in rows})
+    values = [scale * np.array([r[measure] for r in rows if r["known"] == n]) for n in numbers]
+    means = [value.mean() for value in values]
+    places = [KNOWN.index(n) for n in numbers]
+    style = agent_style("bayes" if version == NOW else "random")
+    color = lightened(style.color) if dark else style.color
+    half = None
+    if min(map(len, values)) >= ENOUGH:
+        half = [stats.t.ppf(0.975, len(value) - 1) * stats.sem(value) for value in values]
+    else:
+        for place, value in zip(places, values, strict=True):
+            ax.plot([place] * len(value), value, "_", color=color, ms=6, zorder=1)
+    look = {"marker": style.marker, "color": color, "capsize": 2, "label": version}
+    ax.errorbar(places, means, yerr=half, **look)
+
+
+def _name_panel(ax: "Axes", y_label: str, *, dark: bool) -> None:
+    """Name the axes, in the ink of the page."""
+    from meal_bayes.look import name_axes  # noqa: PLC0415
+
+    name_axes(ax, "objects known", y_label, grid="y")
+    ax.grid(axis="y", color="#38414C" if dark else "#E6E6E6", lw=0.7)
+    ax.set_xticks(range(len(KNOWN)), [str(n) for n in KNOWN])
+    ax.patch.set_alpha(0)
+    ax.tick_params(colors=_ink(dark))
+    for text in (ax.xaxis.label, ax.yaxis.label, ax.title):
+        text.set_color(_ink(dark))
+    for side in ax.spines.values():
+        side.set_color(_ink(dark))
+
+
+def _ink(dark: bool) -> str:
+    return "#E8EBEF" if dark else "#1C2430"
+
+
 _MEASURES = (
     "reward", "right", "s", "first 100", "first 300", "tests",
     "right labels", "wrong labels", "lost",
@@ -440,13 +564,18 @@ def main() -> None:
         "wrong_labels",
         "raters",
         "compare",
+        "picture",
     )
     parser.add_argument("part", choices=parts)
     parser.add_argument("what", nargs="*", help="data sets, with commas; or two files")
     parser.add_argument("--known", default=",".join(map(str, KNOWN)))
     parser.add_argument("--seeds", default="0-4", metavar="FIRST-END")
     parser.add_argument("--agent", default="bayes")
+    parser.add_argument("--keep", choices=(BEFORE, NOW), help="put rows into knowing_little.json")
     options = parser.parse_args()
+    if options.part == "picture":
+        write_pictures()
+        return
     if options.part == "compare":
         rows = compare(*map(Path, options.what))
         show(rows, rows if options.json else None)
@@ -475,6 +604,8 @@ def main() -> None:
         after = known_objects if options.part == "known" else with_detector
         cells = ((name, seed, n) for name in names for seed in seeds for n in known)
         rows = [after(*cell, options.agent) for cell in cells]
+        if options.keep:
+            keep(options.part, options.keep, rows)
     show(rows, rows if options.json else None)
 
 
