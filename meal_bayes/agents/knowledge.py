@@ -30,7 +30,7 @@ class Knowledge(FrozenArrays):
     base_rates : NDArray[np.float64]
         (P,) Pr(attribute) of a new object; over the values of a group they sum to 1.
     labels : NDArray[np.int8]
-        (O,P) of the training objects, -1 unknown, which say which attributes exclude or imply each
+        (O,P) of the labeled objects, -1 unknown, which say which attributes exclude or imply each
         other.
     trait : SharedTrait | None
         Latent trait that percepts of an object share; None: they share the truth alone.
@@ -87,7 +87,7 @@ class Knowledge(FrozenArrays):
         """
         weights = None if pool or self.rates is None else self.rates.weights
         rates = learn_base_rates(self.domain, labels, weights)
-        return replace(self, base_rates=rates.mean, labels=labels, rates=rates)
+        return replace(self, base_rates=rates.mean, labels=_labeled(labels), rates=rates)
 
 
 def knowledge_without(
@@ -139,10 +139,16 @@ def knowledge_of(
     """
     rates = learn_base_rates(domain, labels)
     mean = rates.mean
+    labeled = _labeled(labels)
     if not object_level:
         posterior = ConfusionPosterior.from_counts(counts)
-        return Knowledge(domain, posterior, mean, labels, rates=rates)
+        return Knowledge(domain, posterior, mean, labeled, rates=rates)
     posterior = ConfusionPosterior.from_objects(counts, given=given)
     percepts = counts.sum(axis=3)  # (O,P,E,K)
     trait = learn_trait(posterior, percepts, labels, mean)
-    return Knowledge(domain, posterior, mean, labels, trait, rates)
+    return Knowledge(domain, posterior, mean, labeled, trait, rates)
+
+
+def _labeled(labels: NDArray[np.int8]) -> NDArray[np.int8]:
+    """Return the rows of objects of which something is known."""
+    return labels[(labels >= 0).any(axis=1)]
