@@ -30,7 +30,7 @@ _CY101 = f"{_OFFLINE} --dataset cy101 --attributes 1 --trials 1000"
 RUNS = (
     Run(
         "ROC36, two attributes",
-        f"{_OFFLINE} --dataset roc36 --attributes 2 --trials 100",
+        f"{_OFFLINE} --dataset roc36 --attributes 2 --trials 1000",
         {"random": (0.245, 17.56), "predefined_plus": (0.583, 37.10), "morc": (0.860, 29.85)},
     ),
     Run(
