@@ -76,12 +76,12 @@ def apart(first: Interval, second: Interval) -> bool:
 
 
 def joined(words: Sequence[object]) -> str:
-    """Join words as in a sentence.
+    """Join words as in a sentence; none are an empty text.
 
     >>> joined([1, 2, 3])
     '1, 2 and 3'
     """
-    *first, last = map(str, words)
+    *first, last = map(str, words or [""])
     return f"{', '.join(first)} and {last}" if first else last
 
 

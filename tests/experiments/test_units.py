@@ -289,8 +289,10 @@ def test_a_process_that_dies_is_one_clear_error():
 @pytest.mark.long
 def test_ctrl_c_ends_the_processes(eventually, running):
     code = (
-        "import os, time\n"
+        "import os, signal, time\n"
         "from meal_bayes.experiments.parallel import in_parallel\n"
+        # A shell that runs the tests in the background has it ignored.
+        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
         "def work(piece):\n    os.write(1, b'%d\\n' % os.getpid())\n    time.sleep(1000)\n"
         "list(in_parallel(work, range(2), jobs=2))"
     )
@@ -301,5 +303,8 @@ def test_ctrl_c_ends_the_processes(eventually, running):
     ) as parent:  # fmt: skip
         working = [int(parent.stdout.readline()) for _ in range(2)]
         parent.send_signal(signal.SIGINT)
-        assert parent.wait() != 0
+        try:
+            assert parent.wait(60) != 0
+        finally:
+            parent.kill()
         eventually(lambda: not any(map(running, working)))

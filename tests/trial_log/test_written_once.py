@@ -165,7 +165,7 @@ def test_no_other_output_replaces_a_log_or_a_learner(make, tmp_path):
     learner.save(tmp_path / "a.learner")
     for path in list(tmp_path.iterdir()):
         before = path.read_bytes()
-        with pytest.raises(OutputError, match="stays"):
+        with pytest.raises(OutputError, match="not replaced"):
             write_whole(path, "text")
         assert path.read_bytes() == before
     learner.save(tmp_path / "a.learner")
