@@ -147,8 +147,7 @@ def test_blocks_are_of_known_languages() -> None:
             ), (page, block.content)
 
 
-def test_the_readme_is_short_and_shows_two_commands() -> None:
-    assert len(text_of(README).splitlines()) <= 150
+def test_the_readme_shows_two_commands_first() -> None:
     first, second = (block.content.strip() for block in blocks(README)[:2])
     assert (first, second) == (
         "pip install . && meal-bayes demo",
@@ -160,7 +159,6 @@ def test_the_readme_shows_the_robot_as_it_is() -> None:
     (shown,) = (block.content for block in blocks(README) if block.language == "python")
     assert shown == text_of(ROOT / "examples" / "own_robot.py")
     assert shown in EXAMPLES
-    assert sum(bool(line.strip()) for line in shown.splitlines()) <= 25
 
 
 def test_measured_blocks_are_those_of_the_kept_rows_and_name_the_code_that_made_them() -> None:

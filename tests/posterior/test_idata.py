@@ -6,7 +6,7 @@ from scipy.stats import dirichlet, dirichlet_multinomial
 
 from meal_bayes.domain import load_domain
 from meal_bayes.errors import DataError
-from meal_bayes.posterior import idata
+from meal_bayes.posterior import ConfusionPosterior, idata
 from meal_bayes.posterior.checks import cases_of, pointwise_log_likelihood, predict_yes
 from meal_bayes.posterior.draws import (
     draw_grid,
@@ -16,6 +16,7 @@ from meal_bayes.posterior.draws import (
     rows_of,
     summarize_draws,
 )
+from meal_bayes.posterior.fit import named_counts, telling_of
 from meal_bayes.posterior.grid import DISPERSIONS
 from meal_bayes.posterior.idata import posterior_from
 
@@ -139,6 +140,45 @@ def test_rows_that_mean_nothing_are_refused(fitted, variable, change, says):
     groups = {"posterior": {**posterior, variable: change(posterior[variable])}}
     with pytest.raises(DataError, match=says):
         posterior_from({**groups, "observed_data": made["observed_data"]}, domain)
+
+
+@pytest.fixture
+def with_telling(fitted):
+    """Return the domain, its counts, and a file's groups with Pr(a pair tells anything)."""
+    domain, counts, draws = fitted
+    named = named_counts(
+        counts,
+        objects=[str(o) for o in range(len(counts))],
+        attributes=domain.attributes,
+        behaviors=domain.behavior_names,
+    )
+    constant = xr.Dataset({"telling": telling_of(named)})
+    return domain, counts, grouped(counts[:, :, :2], draws, constant_data=constant)
+
+
+def test_the_probability_that_a_pair_tells_is_the_file_s_or_none(with_telling, fitted, tmp_path):
+    domain, counts, made = with_telling
+    expected = ConfusionPosterior.from_objects(counts).telling
+    assert 0 < expected[:, :2].min() < 1
+    idata.save_netcdf(made, tmp_path / "p.nc")
+    np.testing.assert_allclose(posterior_from(tmp_path / "p.nc", domain).telling, expected)
+    _, _, draws = fitted
+    own = posterior_from(grouped(counts[:, :, :2], draws), domain)
+    assert own.telling is None  # a model of the user's own is believed as it is
+    center = draws["mean"].mean(("chain", "draw")).values
+    np.testing.assert_allclose(own.mean[:, :2], center)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [lambda t: t + 1, lambda t: t - 1, lambda t: t * np.nan, lambda t: t.isel(behavior=slice(1))],
+)
+def test_a_probability_that_is_none_is_refused(with_telling, change):
+    domain, _, made = with_telling
+    groups = {name: made[name] for name in ("posterior", "observed_data")}
+    telling = change(made["constant_data"]["telling"])
+    with pytest.raises(DataError, match="telling"):
+        posterior_from({**groups, "constant_data": {"telling": telling}}, domain)
 
 
 def test_a_file_that_is_none_is_told(fitted, tmp_path):
