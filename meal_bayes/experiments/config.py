@@ -29,8 +29,6 @@ MOST_TRIALS = 1_000_000  # of all agents of a run; more are several runs
 _SECONDS = 0.01  # of computing, about, of a trial of the quicker agents
 _BYTES = 5_000  # about, of a trial's whole log
 ANSWERS = ("values", "yes or no", "balanced")
-# Read by `_checked` and `_check_size`, which say their ranges.
-_SIZES = ("agents", "attributes", "trials", "repeats", "batches", "horizon", "seed")
 
 
 def check_answer(answer: object) -> None:
