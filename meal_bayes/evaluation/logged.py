@@ -247,7 +247,12 @@ class ShownTrials:
                 order = np.argsort(-merits, kind="stable")
                 rows = order[(of_agent & np.isfinite(merits))[order]][:TELLING].tolist()
                 kept = [*self._telling.get((key, kind), ()), *_shown_rows(group, rows)]
-                self._telling[key, kind] = _most_telling(kept, kind)[:TELLING]
+                kept.sort(key=lambda shown: -_merit(shown, kind))
+                self._telling[key, kind] = kept[:TELLING]
+
+    def worst(self, parts: Sequence[AgentPart]) -> ShownTrial | None:
+        """Return the trial of these parts with the lowest reward; None if no truth is known."""
+        return next(iter(self._candidates(parts, LOSS)), None)
 
     def telling(self, parts: Sequence[AgentPart]) -> list[tuple[str, ShownTrial]]:
         """Return up to three trials of some parts of an agent's, and why each is shown.
@@ -256,17 +261,25 @@ class ShownTrials:
         highest reward; further ones with low rewards where two of these are the same.
         """
         chosen = dict[tuple[Path, int], tuple[str, ShownTrial]]()
-        candidates = {}
         for kind in (LOSS, DEAREST, GAIN):
-            kept = [shown for part in parts for shown in self._telling.get((part, kind), ())]
-            candidates[kind] = _most_telling(kept, kind)
-        for kind, trials in candidates.items():
-            for shown in trials[:1]:
+            for shown in self._candidates(parts, kind)[:1]:
                 chosen.setdefault((shown.file, shown.number), (kind, shown))
-        for shown in candidates[LOSS]:
+        for shown in self._candidates(parts, LOSS):
             if len(chosen) < TELLING:
                 chosen.setdefault((shown.file, shown.number), ("a low reward", shown))
         return list(chosen.values())
+
+    def _candidates(self, parts: Sequence[AgentPart], kind: str) -> list[ShownTrial]:
+        """Return the trials of these parts that may be shown for a reason, the first choice first.
+
+        Of equal ones, the first is that of the earliest part.
+        """
+        kept = [shown for part in parts for shown in self._telling.get((part, kind), ())]
+        return sorted(kept, key=lambda shown: -_merit(shown, kind))
+
+
+def _merit(shown: ShownTrial, kind: str) -> float:
+    return float(telling_merits(shown.outcome)[kind][0])
 
 
 def telling_merits(outcomes: TrialOutcomes) -> dict[str, Floats]:
@@ -280,11 +293,6 @@ def telling_merits(outcomes: TrialOutcomes) -> dict[str, Floats]:
         DEAREST: np.where(right, outcomes.cost, -np.inf),
         GAIN: np.where(right, outcomes.reward, -np.inf),
     }
-
-
-def _most_telling(trials: Sequence[ShownTrial], kind: str) -> list[ShownTrial]:
-    """Return trials in the order of their merit of a kind."""
-    return sorted(trials, key=lambda shown: -float(telling_merits(shown.outcome)[kind][0]))
 
 
 def worst_first(outcomes: TrialOutcomes) -> Ints:

@@ -68,6 +68,7 @@ from meal_bayes.trials.text import (
     verdict_word,
 )
 
+_WORST = "worst"  # name of the trial with the lowest reward, to which the head of a page links
 _FEW = 10  # trials, below which a bar is gray
 _LISTED = 200  # trials of one list
 _NAMED = 4  # agents that a title names
@@ -118,6 +119,7 @@ class Section(TypedDict, total=False):
     parts: Sequence["Section"]  # shown folded,
     opened: bool  # but for a part that is opened
     verdict: str  # of a part, before its title,
+    anchor: str  # name that links on the page lead to
     right: bool  # whose color shows whether it is "right"
 
 
@@ -193,7 +195,7 @@ def _page(logged: LoggedOutcomes, trials: ShownTrials, logs: Logs, reference: st
         if only.trial is not None:
             sections.append({**_trial_content(only, only.trial), "title": "The trial"})
     else:
-        head = _many(logged, logs)
+        head = _many(logged, trials, logs)
         sections += _sections(logged, trials, reference)
     # A title above nothing would read as a finding.
     sections = [section for section in sections if _says_something(section)]
@@ -249,7 +251,7 @@ def _single(shown_trial: ShownTrial) -> dict[str, Any]:
     }
 
 
-def _many(logged: LoggedOutcomes, logs: Logs) -> dict[str, Any]:
+def _many(logged: LoggedOutcomes, trials: ShownTrials, logs: Logs) -> dict[str, Any]:
     """Return title, source, finding and facts of a page about many trials."""
     outcomes = logged.outcomes
     config = logs.header.get("config")
@@ -275,7 +277,9 @@ def _many(logged: LoggedOutcomes, logs: Logs) -> dict[str, Any]:
     return {
         "title": (title or "Trials") + (f" on {name}" if isinstance(name, str) else ""),
         "source": source,
-        "finding": _finding(logged),
+        "finding": [text for text in _finding(logged) if text],
+        "worst": _worst_text(logged, trials),
+        "anchor": _WORST,
         "facts": facts,
     }
 
@@ -299,36 +303,71 @@ def _joined(names: Sequence[str]) -> str:
     return " and ".join(filter(None, (", ".join(names[:-1]), *names[-1:])))
 
 
-def _finding(logged: LoggedOutcomes) -> str:
-    """Say who is ahead of whom by how much, or that it cannot be said."""
+def _finding(logged: LoggedOutcomes) -> list[str]:
+    """Return paragraphs: who earns most, ahead of whom by how much, and whether that is sure."""
     measured = logged.measured().outcomes
     rows = [row for row in _summaries(logged) if not math.isnan(row.reward)]
     if not rows:
-        return ""
-    best = max(rows, key=lambda row: row.reward)
-    if len(rows) == 1:
+        return []
+    best, *rest = sorted(rows, key=lambda row: -row.reward)
+    if not rest:
         right = f"is right in {best.accuracy:.1%} of {best.judged:,} trials"
-        return f"{best.agent or 'The agent'} {right} and earns {best.reward:{AMOUNT}} a trial."
+        return [f"{best.agent or 'The agent'} {right} and earns {best.reward:{AMOUNT}} a trial."]
     try:
         others = comparisons(measured, reference=best.agent)
     except SettingsError as fault:  # tasks that do not pair
-        return f"It cannot be said who is ahead. {fault}"
+        return [f"It cannot be said who is ahead. {fault}"]
     behind = [_gain_text(row) for row in others if row.verdict == "behind"]
     level = [_gain_text(row) for row in others if row.verdict != "behind" and row.tasks]
     apart = [row.agent for row in others if not row.tasks]
+    texts = [f"{best.agent} has the highest mean reward, {best.reward:{AMOUNT}} a trial."]
     if len(apart) == len(others):
+        gain = f"{best.reward - rest[0].reward:{AMOUNT}} more than {rest[0].agent}, the next"
         names = _joined(ordered_agents(measured.agents))
-        return f"It cannot be said who is ahead: {names} were not given the same tasks."
-    parts = [f"{best.agent} is ahead of {_joined(behind)}."] if behind else []
+        texts = [
+            f"{texts[0][:-1]}: {gain}.",
+            f"It cannot be said who is ahead: {names} were not given the same tasks, so the "
+            "difference may come from the tasks.",
+        ]
+        return [" ".join(texts), no_better_than_prior(measured)]
+    if behind:
+        intervals = "interval lies" if len(behind) == 1 else "intervals lie"
+        texts.append(
+            f"{best.agent} is ahead of {_joined(behind)}: the {MASS_TEXT} {intervals} above 0."
+        )
     if level:
-        parts.append(f"It cannot be said whether {best.agent} is ahead of {_joined(level)}.")
-    parts.append(
-        f"These are differences in the mean reward on the same tasks, with {MASS_TEXT} intervals."
-    )
+        intervals = "interval contains" if len(level) == 1 else "intervals contain"
+        texts.append(
+            f"It cannot be said whether {best.agent} is ahead of {_joined(level)}: the {MASS_TEXT} "
+            f"{intervals} 0, so the difference may be chance."
+        )
+    texts.append("Differences are in the mean reward on the same tasks.")
     if apart:
         verb = "shares" if len(apart) == 1 else "share"
-        parts.append(f"{_joined(apart)} {verb} no task with {best.agent}.")
-    return " ".join(filter(None, (*parts, no_better_than_prior(measured))))
+        texts.append(f"{_joined(apart)} {verb} no task with {best.agent}.")
+    return [" ".join(texts), no_better_than_prior(measured)]
+
+
+def _worst_text(logged: LoggedOutcomes, trials: ShownTrials) -> str:
+    """Say which trial has the lowest reward, to be followed by a link to it."""
+    worst = trials.worst(_parts(logged))
+    if worst is None:
+        return ""
+    facts = outcome_facts(worst.outcome, 0)
+    reward = trial_reward_text(float(worst.outcome.reward[0]))
+    return (
+        f"The lowest reward of a trial is {reward}: {facts['agent'] or 'the agent'}, asked "
+        f"\N{LEFT DOUBLE QUOTATION MARK}{worst.question}\N{RIGHT DOUBLE QUOTATION MARK} about "
+        f"{facts['object']}."
+    )
+
+
+def _parts(logged: LoggedOutcomes, agent: str | None = None) -> list[AgentPart]:
+    """Return the parts of the run that measure an agent, or all agents."""
+    measured = logged.measured()
+    columns = (measured.outcomes.agent.tolist(), measured.batch.tolist(), measured.part.tolist())
+    parts = {AgentPart(*values) for values in zip(*columns, strict=True)}
+    return sorted(part for part in parts if agent in (None, part.agent))
 
 
 def _gain_text(row: Comparison) -> str:
@@ -400,9 +439,11 @@ def _agents(
     tables = [*_differences(outcomes, reference), table] if len(rows) > 1 else [table]
     return {
         "title": "Who is ahead" if len(rows) > 1 else "The agent",
-        "says": "A trial counts as right when all its attributes are; one that abstained does not. "
-        f"[{MASS_TEXT} interval], {ERROR_TEXT}, objects drawn as wholes. NLL (nats) and ECE are of "
-        "the final belief. Bold: best accuracy, reward and NLL.",
+        "says": "A trial is right if all its attributes are answered rightly; abstaining is not. "
+        f"Brackets are {MASS_TEXT} intervals and {ERROR_TEXT}; trials with one object "
+        "count as one cluster. The cost has its standard deviation (sd). NLL (nats) and ECE are "
+        "the negative log-likelihood and the calibration error of the final beliefs. The best "
+        "accuracy, reward and NLL are bold.",
         "tables": tables,
         "figures": figures,
     }
@@ -575,53 +616,47 @@ def _calibration(rows: Sequence[SummaryRow], logged: LoggedOutcomes) -> Section:
         if not math.isnan(row.ece):
             beliefs = pooled.of_agent(row.agent).beliefs()
             drawn = plots.reliability_diagram(*beliefs, small=True, agent=row.agent)
-            caption = f"{row.agent}: ECE {row.ece:.3f}, if calibrated {row.ece_calibrated:.3f}"
+            caption = f"{row.agent}: ECE {row.ece:.3f} ({row.ece_calibrated:.3f} by chance)"
             figures.append((drawn, caption))
     return {
         "title": "Calibration",
-        "says": "Of all attributes with a final belief of 80 %, 80 % should be true: points on "
-        f"the diagonal. Bars are {MASS_TEXT} intervals, gray columns the fraction of beliefs in "
-        "each bin. The second number of a caption is the expected calibration error (ECE) that "
-        "calibrated beliefs of the same values would show.",
+        "says": "If beliefs are calibrated, 80 % of all attributes with a final belief of 80 % are "
+        f"true, and points lie on the diagonal. Bars are {MASS_TEXT} intervals; gray columns are "
+        "the fraction of beliefs in each bin. ECE is the expected calibration error. Calibrated "
+        "beliefs have one above 0 too, by chance, which stands in brackets.",
         "figures": figures,
         "kind": "small",
     }
 
 
 def _telling(logged: LoggedOutcomes, trials: ShownTrials, rows: Sequence[SummaryRow]) -> Section:
-    """Return three trials of the agent that earns most, whole; the newest where no truth is known.
+    """Return the trial with the lowest reward, and three of the agent that earns most, whole.
 
-    Baselines lose many trials; what the best agent loses is what a reader can learn from.
+    Where no truth is known, return the newest trials. Baselines lose many trials; a reader can
+    learn from those that the best agent loses.
     """
-    measured = logged.measured()
+    entries = [("newest", shown) for shown in reversed(trials.newest)]
+    says = "These are the newest trials. The truth of none is known."
     known = [row for row in rows if not math.isnan(row.reward)]
-    entries = list[tuple[str, ShownTrial]]()
-    name = ""
-    if known:
-        name = max(known, key=lambda row: row.reward).agent
-        of_agent = measured.outcomes.agent == name
-        batches = measured.batch[of_agent].tolist()
-        parts = measured.part[of_agent].tolist()
-        places = {AgentPart(name, *pair) for pair in zip(batches, parts, strict=True)}
-        entries = trials.telling(sorted(places))
-    whose = f"{name or 'the agent'}" + (", which earns most" if len(known) > 1 else "")
-    says = (
-        f"Trials of {whose}: with the lowest reward, the right answer that cost most, and the "
-        "highest reward."
-    )
-    if not entries:
-        entries = [("newest", shown) for shown in reversed(trials.newest)]
-        says = "The newest trials; the truth of none is known."
-    section: Section = {
-        "title": "Three telling trials" if len(entries) == 3 else "Telling trials",
-        "says": says,
-        "parts": [
-            {**_trial_section(shown, why), "opened": number == 0}
-            for number, (why, shown) in enumerate(entries)
-        ],
-    }
+    worst = trials.worst(_parts(logged))
+    if known and worst is not None:
+        best = max(known, key=lambda row: row.reward).agent
+        entries = trials.telling(_parts(logged, best))
+        whose = f"{best}, which has the highest mean reward" if len(known) > 1 else best
+        says = (
+            f"These are trials of {whose or 'the agent'}: the one with the lowest reward, the "
+            "right answer that cost most, and the one with the highest reward."
+        )
+        if worst.outcome.agent[0] != best:
+            entries.insert(0, ("the lowest reward of all agents", worst))
+            says = says.replace("These", "The first trial has the lowest reward. The others", 1)
+    parts = [_trial_section(shown, why) for why, shown in entries]
+    parts[0]["opened"] = True
+    if worst is not None:
+        parts[0]["anchor"] = _WORST
+    section: Section = {"title": "Telling trials", "says": says, "parts": parts}
     if any(shown.trial is None for _, shown in entries):
-        section["text"] = "A compact log holds no steps; of its trials there is the outcome."
+        section["text"] = "A compact log holds the outcome of a trial without its steps."
     return section
 
 
@@ -639,8 +674,8 @@ def _all_trials(logged: LoggedOutcomes, trials: ShownTrials) -> Section:
         for title, rows in parts.items()
         if rows.any()
     ]
-    order = "the newest first" if trials.lab else "the lowest reward first"
-    return {"title": "All trials", "says": f"In each list {order}.", "parts": lists}
+    order = "the newest trial" if trials.lab else "the lowest reward"
+    return {"title": "All trials", "says": f"Each list begins with {order}.", "parts": lists}
 
 
 def _list(
@@ -719,8 +754,8 @@ def _trial_section(shown: ShownTrial, why: str) -> Section:
 def _trial_content(shown_trial: ShownTrial, trial: Trial) -> Section:
     """Return the picture of a trial and the table of its steps."""
     caption = (
-        "What it did and believed, and what going on was worth over answering now; circles are "
-        "the truth."
+        "Behaviors, beliefs, and how much more reward was expected from going on than from "
+        "answering now. Circles are the truth."
     )
     gaps = any(step.decision.gap is not None for step in trial.steps)
     names = trial.task.query.value_names
@@ -729,8 +764,8 @@ def _trial_content(shown_trial: ShownTrial, trial: Trial) -> Section:
         "head": head,
         "rows": list(_steps(trial, gaps=gaps)),
         "texts": (1, *range(3, 3 + len(names))),
-        "note": "Of each attribute: what the percept said, and the belief after it."
-        + (" A gap is the reward that the best action may be worth more, at most." if gaps else ""),
+        "note": "Each attribute has its percept and the belief after it."
+        + (" The gap is an upper bound of the reward lost by the chosen action." if gaps else ""),
     }
     facts = outcome_facts(shown_trial.outcome, 0)
     return {
@@ -789,27 +824,30 @@ def _attributes(agents: Mapping[str, TrialOutcomes]) -> Section:
     head = ["attribute", "trials an agent", *agents]
     return {
         "title": "Attributes",
-        "says": f"Fraction of right answers in each attribute, with its {MASS_TEXT} interval as a "
-        f"line on the bar; gray: fewer than {_FEW} trials. An agent that abstained was not right.",
+        "says": f"Fraction of right answers about each attribute, with a {MASS_TEXT} interval as a "
+        f"line on the bar. Bars of fewer than {_FEW} trials are gray. An abstention is not right.",
         "text": weak,
         "tables": [{"head": head, "rows": cells}],
     }
 
 
 def _least_right(trials: Mapping[str, Sequence[tuple[Bools, NDArray[np.object_]]]]) -> str:
-    """Say which attributes are answered rightly least often, by the agent that is best at each."""
+    """Say which attributes are answered rightly least often, by the agent that is best at each.
+
+    Attributes with few trials are left out: their fractions are chance.
+    """
     best = {
-        attribute: max(float(right.mean()) for right, _ in columns if len(right))
+        attribute: max(float(right.mean()) for right, _ in columns)
         for attribute, columns in trials.items()
-        if any(len(right) for right, _ in columns)
+        if min(len(right) for right, _ in columns) >= _FEW
     }
     weak = sorted((name for name in best if best[name] < 1), key=lambda name: best[name])[:3]
     if not weak:
         return ""
     told = _joined([f"{name} ({best[name]:.0%})" for name in weak])
     return (
-        f"Answers are right least often about {told}: labels of more objects help there most, or a "
-        "behavior that perceives them."
+        f"Answers about {told} are right least often, by the agent that is best at each. Labels of "
+        "more objects would help most there, or a behavior that perceives them better."
     )
 
 
@@ -841,7 +879,7 @@ def _behaviors(agents: Mapping[str, TrialOutcomes]) -> Section:
         cells.append(row)
     return {
         "title": "Behaviors",
-        "says": "Executions, and in brackets how many of them were without a percept. A bar is the "
-        "behavior's fraction of all that the agent executed; full is all.",
+        "says": "Number of executions, and in brackets the fraction that gave no percept. A bar is "
+        "the behavior's fraction of all executions of the agent.",
         "tables": [{"head": ["behavior", *agents], "rows": cells}],
     }

@@ -119,9 +119,19 @@ def test_it_says_first_who_is_ahead_and_of_whom_that_cannot_be_said(trials, page
     text = page.read_text()
     titles = re.findall(r"<h2>(.*?)</h2>", text)
     assert titles == [
-        "Who is ahead", "Calibration", "Three telling trials", "Attributes", "Behaviors",
+        "Who is ahead", "Calibration", "Telling trials", "Attributes", "Behaviors",
         "All trials", "The run",
     ]  # fmt: skip
+
+
+def test_its_head_names_the_worst_trial_of_all_agents_and_links_to_it(trials, page):
+    text = html.unescape(page.read_text())
+    head, rest = text.split("</header>")
+    worst = min(trials, key=lambda trial: trial.reward)
+    assert f"The lowest reward of a trial is {worst.reward:.1f}" in head
+    (link,) = re.findall('<a href="#(.*?)">', head)
+    part = re.search(f'<details id="{link}" open><summary>(.*?)</summary>', rest)[1]
+    assert part.endswith(f"reward {worst.reward:.1f}")
 
 
 def test_agents_of_different_tasks_cannot_be_compared_which_is_said_once(trials, tmp_path):
@@ -211,7 +221,7 @@ def test_nothing_is_fetched_and_nothing_runs(page):
     text = page.read_text()
     links = re.findall(r"""<[^>]*\s(?:src|href|srcset|action|data|poster)=["']?([^"'>\s]+)""", text)
     assert "<script" not in text
-    assert all(link.startswith("data:") for link in links)
+    assert all(link.startswith(("data:", "#")) for link in links)
     assert len(links) > 7
     assert "default-src 'none'" in text
     assert "&lt;script&gt;alert(1)" in text
