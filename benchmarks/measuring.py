@@ -14,8 +14,8 @@ from typing import Any, TypeVar
 
 T = TypeVar("T")
 # Benchmarks share functions with the paper's items, which lie beside them and are not installed.
-_ROOT = Path(__file__).resolve().parents[1]
-sys.path += [str(_ROOT), str(_ROOT / "examples")]
+ROOT = Path(__file__).resolve().parents[1]
+sys.path += [str(ROOT), str(ROOT / "examples")]
 SPAWN = multiprocessing.get_context("spawn")  # processes that hold nothing but what they need
 
 

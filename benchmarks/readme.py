@@ -1,15 +1,19 @@
-"""Regenerate what README.md and the site show of real runs: the demo's text and measured tables.
+"""Make what README.md and the site show of real runs: the demo's text and the measured tables.
 
-`python benchmarks/readme.py` runs the commands and writes their results between HTML comments of
-the pages (`PAGES`); a run that is there already under logs/ is not computed again. `--only` writes
-one of the blocks, and those of the same rows: `summary` and `finding` show the rows of `results`.
-Two are written only when they are named: `paper-classifiers`, which needs the recordings and, once,
-some minutes for the support vector machines, and `online`, a quarter of an hour of two cores.
+    python benchmarks/readme.py                 # all blocks; goes on where it was interrupted
+    python benchmarks/readme.py --only ispy32-1 # one measurement or block, and what shows its rows
+    python benchmarks/readme.py --plan          # what would run, and about how long it takes
+    python benchmarks/readme.py --write         # all blocks again from the rows that are kept
+    python benchmarks/readme.py --check         # compare; with --release fail on old blocks, too
 
-Each block of measured numbers carries the digest of the code that made it (`made_by.py`). `--check`
-writes nothing. It fails where a block is not what its kept rows say, and where the demo prints
-another text now. It lists the blocks that other code made than this, each with the command that
-makes it again; `--release` fails where there are any.
+The commands stand in `readme_tables.py`. What they print is kept in `readme.json`, with the digest
+of the code that made it (`paper_repro/made_by.py`), and shown between HTML comments of the pages.
+What this code made already is not measured again, unless it is named or `--again` is given. The
+paper's classifiers and online learning need the recordings.
+
+`--check` writes nothing. It fails where a block is not what its kept rows say, and where the demo
+prints another text now. It lists the blocks that other code made than this, each with the command
+that makes it again; `--release` fails where there are any.
 """
 
 import argparse
@@ -17,58 +21,74 @@ import difflib
 import json
 import os
 import re
+import resource
 import shlex
 import subprocess
 import sys
+from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
-from made_by import made_by
+from measuring import ROOT
 from readme_picture import write_pictures
 from readme_tables import (
     ANSWERS,
     BELIEFS,
     BELIEVED,
+    DECLINING,
+    MEASUREMENTS,
     ONLINE,
     OURS,
     PAPER_RUN,
     RUNS,
+    Rows,
+    Tables,
     answers_table,
     beliefs_table,
     finding,
-    online_block,
-    summary_block,
-    table_of,
+    online_table,
+    results_tables,
+    run_table,
+    summary,
 )
 
-from meal_bayes.evaluation import comparisons
+from meal_bayes.evaluation import Interval, difference, estimate_mean
 from meal_bayes.trial_log import read_outcomes
 from meal_bayes.trials import TrialOutcomes
+from paper_repro.made_by import made_by
 
-ROOT = Path(__file__).resolve().parents[1]
 README = ROOT / "README.md"
-MEASURED = ROOT / "benchmarks" / "readme.json"  # rows behind the tables, by command
+RESULTS = ROOT / "docs" / "results"
+MEASURED = ROOT / "benchmarks" / "readme.json"
 DEMO = "meal-bayes demo"
 PLAIN = {"COLUMNS": "90", "NO_COLOR": "1", "TERM": "dumb", "PYTHONIOENCODING": "utf-8"}
-PAGES = {  # where each block stands
-    "demo": README,
-    "summary": README,
-    "finding": ROOT / "docs" / "results" / "index.md",
-    "results": ROOT / "docs" / "results" / "index.md",
-    "paper-classifiers": ROOT / "docs" / "results" / "index.md",
-    "beliefs": ROOT / "docs" / "results" / "beliefs.md",
-    "answers": ROOT / "docs" / "results" / "beliefs.md",
-    "online": ROOT / "docs" / "results" / "online.md",
+
+
+class Block(NamedTuple):
+    """What stands between two comments of a page: which rows, and how they are shown."""
+
+    page: Path
+    rests_on: tuple[str, ...]  # measurements
+    text: Callable[[Tables], str]
+
+
+BLOCKS = {
+    "summary": Block(README, tuple(RUNS), summary),
+    "finding": Block(RESULTS / "index.md", tuple(RUNS), finding),
+    "results": Block(RESULTS / "index.md", tuple(RUNS), results_tables),
+    "paper-classifiers": Block(
+        RESULTS / "index.md",
+        (PAPER_RUN,),
+        lambda tables: run_table(MEASUREMENTS[PAPER_RUN], tables[PAPER_RUN]),
+    ),
+    "beliefs": Block(
+        RESULTS / "beliefs.md", (BELIEFS,), lambda tables: beliefs_table(tables[BELIEFS])
+    ),
+    "answers": Block(
+        RESULTS / "beliefs.md", (ANSWERS,), lambda tables: answers_table(tables[ANSWERS])
+    ),
+    "online": Block(RESULTS / "online.md", (ONLINE,), lambda tables: online_table(tables[ONLINE])),
 }
-MEASURED_BLOCKS = ("demo", "results", "beliefs", "answers")  # are written by default
-COMMANDS = {  # whose rows a block shows
-    **dict.fromkeys(("results", "summary", "finding"), tuple(entry.command for entry in RUNS)),
-    "paper-classifiers": (PAPER_RUN.command,),
-    "beliefs": (BELIEFS,),
-    "answers": (ANSWERS,),
-    "online": (ONLINE,),
-}
-CODE = "code"  # in the file of rows: the digest that made each command's
 
 
 def main() -> int:
@@ -76,126 +96,160 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--check", action="store_true", help="compare; list blocks of other code")
     parser.add_argument("--release", action="store_true", help="fail on them, too")
-    parser.add_argument("--only", choices=PAGES, help="write one of the blocks")
+    parser.add_argument("--plan", action="store_true", help="say what would run, and how long")
+    parser.add_argument("--write", action="store_true", help="write blocks from kept rows alone")
+    parser.add_argument("--again", action="store_true", help="measure what this code made, too")
+    parser.add_argument(
+        "--only",
+        action="append",
+        choices=["demo", *BLOCKS, *MEASUREMENTS],
+        help="a block or a measurement; may be repeated",
+    )
     options = parser.parse_args()
     if options.check or options.release:
         return check(release=options.release)
-    for name in [options.only] if options.only else MEASURED_BLOCKS:
-        compute(name)
-        for block_name in blocks_of_same_rows(name):
-            page = PAGES[block_name]
-            text = page.read_text(encoding="utf-8")
-            page.write_text(replaced(text, block_name, shown(block_name)), encoding="utf-8")
+    named = options.only or ["demo", *MEASUREMENTS]
+    todo = [] if options.write else measurements_of(named, again=options.again or options.only)
+    if options.plan:
+        say_plan(todo)
+        return 0
+    if "demo" in named and not options.write:
+        write_block(README, "demo", demo_block())
+    for number, name in enumerate(todo):
+        say_plan(todo[number:])
+        keep(name, *measure(name))
+        write_blocks(resting_on(name))
+    if options.write:
+        write_blocks(BLOCKS)
     return 0
 
 
-def blocks_of_same_rows(name: str) -> list[str]:
-    """Return a block, and the others that show the rows of the same commands."""
-    same = [other for other in COMMANDS if name in COMMANDS and COMMANDS[other] == COMMANDS[name]]
-    return same or [name]
+def measurements_of(names: Iterable[str], *, again: object) -> list[str]:
+    """Return the measurements that are named, or of which blocks are, and that are to be made."""
+    wanted: set[str] = set()
+    for name in names:
+        wanted.update(BLOCKS[name].rests_on if name in BLOCKS else (name,))
+    return [name for name in MEASUREMENTS if name in wanted and (again or is_old(name))]
 
 
-def compute(name: str) -> None:
-    """Run the commands of a block, keep their rows, and draw the picture of results."""
-    if name in ("summary", "finding"):  # of rows that are kept
-        return
-    for command in COMMANDS.get(name, ()):
-        printed = json.loads(run(command))
-        rows = printed["summary" if command == ONLINE else "rows"]
-        if command == BELIEFS:
-            rows = [row for row in rows if row["observation_model"] in BELIEVED]
-        if "paired" in printed:
-            rows = with_paired(rows, Path(printed["log"]))
-        keep(command, rows)
-    if name == "results":
-        write_pictures(measured())
+def say_plan(names: list[str]) -> None:
+    """Say what is still to be measured, and about how many minutes of CPU each takes."""
+    minutes = {name: minutes_of(name) for name in names}
+    told = ", ".join(f"{name} {number:.0f}" for name, number in minutes.items())
+    total = f"{sum(minutes.values()):.0f}"
+    print(f"{len(names)} to measure, {total} minutes of CPU: {told}", file=sys.stderr, flush=True)
 
 
-def with_paired(rows: list[dict[str, Any]], logs: Path) -> list[dict[str, Any]]:
-    """Add by how much our agent earns more than each of the others on the same questions."""
-    if OURS not in (row["agent"] for row in rows):
-        return rows
-    outcomes = TrialOutcomes.join([read_outcomes(path) for path in sorted(logs.rglob("*.mcap"))])
-    more = {row.agent: row for row in comparisons(outcomes, reference=OURS)}
+def minutes_of(name: str) -> float:
+    """Return the minutes of CPU that a measurement took last, or a guess where it was another."""
+    entry = kept().get(name, {})
+    same = entry.get("command") == MEASUREMENTS[name].command
+    return float(entry["cpu_s"] / 60) if same and entry.get("cpu_s") else MEASUREMENTS[name].minutes
+
+
+def measure(name: str) -> tuple[Rows, float]:
+    """Run a command; return its rows, and the CPU seconds that it took."""
+    before = _cpu_of_children()
+    printed = json.loads(run(MEASUREMENTS[name].command))
+    rows = printed["summary" if name == ONLINE else "rows"]
+    # Trials that were run before count, too.
+    seconds = max(_cpu_of_children() - before, sum(row.get("seconds", 0.0) for row in rows))
+    if name == BELIEFS:
+        rows = [row for row in rows if row["observation_model"] in BELIEVED]
+    if name in RUNS:
+        logs = sorted(Path(ROOT, printed["log"]).rglob("*.mcap"))
+        rows = with_paired(rows, TrialOutcomes.join([read_outcomes(path) for path in logs]))
+    return rows, seconds
+
+
+def _cpu_of_children() -> float:
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
+
+
+def with_paired(rows: Rows, outcomes: TrialOutcomes) -> Rows:
+    """Add 95 % intervals, and by how much our agent earns more than others on the same questions.
+
+    Declining every question, which earns 0, is the first of the others.
+    """
+    ours = outcomes.of_agent(OURS)
+    more = estimate_mean(ours, "reward").interval()
+    declining = {"agent": DECLINING, "reward": 0.0, **_more(more)}
     for row in rows:
-        if row["agent"] in more:
-            less = more[row["agent"]]
-            row["ours_more"] = -less.difference
-            row["ours_more_low"] = -less.high
-            row["ours_more_high"] = -less.low
-    return rows
+        theirs = outcomes.of_agent(row["agent"])
+        reward = estimate_mean(theirs, "reward").interval()
+        row.update(reward_low=reward.low, reward_high=reward.high)
+        if row["agent"] != OURS:
+            row.update(_more(difference(ours, theirs).interval()))
+    return [declining, *rows]
+
+
+def _more(lead: Interval) -> dict[str, float]:
+    """Return a lead of our agent as entries of a row."""
+    return {"ours_more": lead.estimate, "ours_more_low": lead.low, "ours_more_high": lead.high}
+
+
+def resting_on(name: str) -> list[str]:
+    """Return the blocks that show rows of a measurement."""
+    return [block for block, entry in BLOCKS.items() if name in entry.rests_on]
+
+
+def write_blocks(names: Iterable[str]) -> None:
+    """Write blocks, and the picture of results."""
+    for name in names:
+        write_block(BLOCKS[name].page, name, shown(name))
+        if name == "results":
+            write_pictures(kept())
 
 
 def shown(name: str) -> str:
     """Return what belongs into a block, by the rows that are kept."""
-    if name == "demo":
-        return demo_block()
-    rows = measured()
-    if name in ("summary", "finding"):
-        text = (summary_block if name == "summary" else finding)(rows)
-    elif name == "online":
-        text = online_block(rows[ONLINE])
-    elif name == "beliefs":
-        text = beliefs_table(rows[BELIEFS])
-    elif name == "answers":
-        text = answers_table(rows[ANSWERS])
-    else:
-        runs = RUNS if name == "results" else (PAPER_RUN,)
-        text = "\n\n".join(table_of(entry, rows[entry.command]) for entry in runs)
-    made = " ".join(dict.fromkeys(digests(name)))
-    if PAGES[name] == README:  # where readers begin
+    entry = BLOCKS[name]
+    there = kept()
+    text = entry.text(there)
+    codes = (there[measurement]["code"] for measurement in entry.rests_on if measurement in there)
+    made = " ".join(dict.fromkeys(codes))
+    if entry.page == README:  # where readers begin
         return f"{text} <!-- made by code {made} -->"
     return f"{text}\n\nMade by code `{made}`."
 
 
-def digests(name: str) -> list[str]:
-    """Return the digests of the code that made the rows of a block."""
-    code = kept().get(CODE, {})
-    return [code.get(command, "unknown") for command in COMMANDS[name]]
-
-
 def is_old(name: str) -> bool:
-    """Return whether other code than this made a block."""
-    return digests(name) != [made_by(command) for command in COMMANDS[name]]
+    """Return whether another command or code than this made a measurement, or nothing yet."""
+    command = MEASUREMENTS[name].command
+    entry = kept().get(name, {})
+    return (entry.get("command"), entry.get("code")) != (command, made_by(command))
 
 
 def check(*, release: bool) -> int:
     """Compare the blocks with their rows, the demo with what it prints, and codes with this one."""
     faults = check_demo()
-    for name, page in PAGES.items():
-        place = f"{page.relative_to(ROOT)}, block {name}"
-        if name == "demo":
-            continue
-        if block(page.read_text(encoding="utf-8"), name).strip() != shown(name).strip():
-            print(f"{place}: not what {MEASURED.relative_to(ROOT)} says; write it anew")
+    for name, entry in BLOCKS.items():
+        place = f"{entry.page.relative_to(ROOT)}, block {name}"
+        if block(entry.page.read_text(encoding="utf-8"), name).strip() != shown(name).strip():
+            print(f"{place}: not what {MEASURED.relative_to(ROOT)} says; write it by --write")
             faults += 1
-        if is_old(name):
-            first = blocks_of_same_rows(name)[0]
-            print(f"{place}: other code made it; python benchmarks/readme.py --only {first}")
+        for measurement in filter(is_old, entry.rests_on):
+            again = f"python benchmarks/readme.py --only {measurement}"
+            print(f"{place}: other code made {measurement}; {again}")
             faults += release
     return int(faults > 0)
 
 
-def keep(command: str, rows: list[dict[str, Any]]) -> None:
-    """Write down the rows of a command and the digest of the code that made them."""
-    commands = {command for of_block in COMMANDS.values() for command in of_block}
-    everything = {**kept(), command: rows}
-    code = {**everything.pop(CODE, {}), command: made_by(command)}
-    entries = {name: entry for name, entry in everything.items() if name in commands}
-    entries[CODE] = {name: digest for name, digest in code.items() if name in commands}
-    MEASURED.write_text(json.dumps(entries, indent=1) + "\n", encoding="utf-8")
+def keep(name: str, rows: Rows, seconds: float) -> None:
+    """Write down the rows of a measurement, what made them, and how long it took."""
+    command = MEASUREMENTS[name].command
+    entry = {"command": command, "code": made_by(command), "cpu_s": round(seconds), "rows": rows}
+    entries = {**kept(), name: entry}
+    ordered = {name: entries[name] for name in MEASUREMENTS if name in entries}
+    MEASURED.write_text(json.dumps(ordered, indent=1) + "\n", encoding="utf-8")
 
 
 def kept() -> dict[str, Any]:
-    """Read the rows of all commands, and the digests of what made them."""
+    """Read what was kept of each measurement."""
     if not MEASURED.is_file():
         return {}
     return dict(json.loads(MEASURED.read_text(encoding="utf-8")))
-
-
-def measured() -> dict[str, list[dict[str, Any]]]:
-    """Return the rows behind the tables, by command."""
-    return {command: rows for command, rows in kept().items() if command != CODE}
 
 
 def check_demo() -> int:
@@ -219,10 +273,12 @@ def block(text: str, name: str) -> str:
     return str(blocks[0])
 
 
-def replaced(text: str, name: str, new: str) -> str:
-    """Put new content between the two comments."""
+def write_block(page: Path, name: str, new: str) -> None:
+    """Put new content between the two comments of a page."""
+    text = page.read_text(encoding="utf-8")
     old = f"<!-- {name} -->\n{block(text, name)}<!-- /{name} -->"
-    return text.replace(old, f"<!-- {name} -->\n{new.rstrip()}\n<!-- /{name} -->")
+    text = text.replace(old, f"<!-- {name} -->\n{new.rstrip()}\n<!-- /{name} -->")
+    page.write_text(text, encoding="utf-8")
 
 
 def run(command: str) -> str:

@@ -1,14 +1,12 @@
 """The picture of results: mean rewards of agents by question, on a light and a dark page."""
 
-import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from readme_tables import OURS, RUNS, SUMMARIZED
-from scipy.special import stdtrit
+from readme_tables import OURS, SUMMARIZED, Tables, runs_of
 
 from meal_bayes.look import (
     agent_style,
@@ -21,12 +19,10 @@ from meal_bayes.look import (
 )
 
 ASSETS = Path(__file__).resolve().parents[1] / "docs" / "assets"
-COMPARED = "morc"  # the paper's agent, with which the title compares ours
 INK = {False: "#1C2430", True: "#E8EBEF"}  # on a light and on a dark page
-OBJECTS = {"ROC36": 36, "CY101": 101, "ISPY32": 32}  # clusters of standard errors
 
 
-def write_pictures(tables: Mapping[str, list[dict[str, Any]]]) -> None:
+def write_pictures(tables: Tables) -> None:
     """Write the pictures that the README shows, for light and dark pages, and for phones."""
     for narrow in (False, True):
         for dark in (False, True):
@@ -34,35 +30,32 @@ def write_pictures(tables: Mapping[str, list[dict[str, Any]]]) -> None:
             save(draw_results(tables, dark=dark, narrow=narrow), ASSETS / f"{name}.svg")
 
 
-def draw_results(
-    tables: Mapping[str, list[dict[str, Any]]], *, dark: bool, narrow: bool = False
-) -> Axes:
+def draw_results(tables: Tables, *, dark: bool, narrow: bool = False) -> Axes:
     """Draw the reward of agents with 95 % intervals, a row a question; declining earns 0.
 
     In a narrow picture the questions stand above their rows.
     """
-    width, height = (3.9, 5.4) if narrow else (8.4, 4.4)
+    runs = runs_of(tables)
+    width, height = (3.9, 1.6 + 0.95 * len(runs)) if narrow else (8.4, 1.4 + 0.75 * len(runs))
     with axes_to_draw(None, width=width, height=height) as ax:
         for number, agent in enumerate(SUMMARIZED):
-            for place, entry in enumerate(RUNS):
-                (row,) = (row for row in tables[entry.command] if row["agent"] == agent)
-                dataset, _, _ = entry.title.partition(",")
-                # Trials of one object are alike, so that objects are what is counted: Student's t
-                # of as many degrees of freedom as there are objects, less one.
-                half = row["reward_se"] * float(stdtrit(OBJECTS[dataset] - 1, 0.975))
+            for place, name in enumerate(runs):
+                (row,) = (row for row in tables[name]["rows"] if row["agent"] == agent)
                 label = agent if place == 0 else None
                 height = place + 0.2 * (number - (len(SUMMARIZED) - 1) / 2)
-                _draw_reward(ax, row, half, height, label=label, dark=dark)
-        rows = np.arange(len(RUNS))
+                _draw_reward(ax, row, height, label=label, dark=dark)
+        rows = np.arange(len(runs))
         # In a narrow picture the line leaves room for the names of the questions.
         top = rows - (0.34 if narrow else 0.6)
         ax.vlines(0 * rows, top, rows + 0.5, color="#8A939E", lw=1.2, ls="--", label="declining")
-        ax.set_yticks(range(len(RUNS)), ["" if narrow else entry.title for entry in RUNS])
-        ax.set(ylim=(len(RUNS) - 0.5, -0.6), xlim=(-385, 640 if narrow else 580))
+        ax.set_yticks(range(len(runs)), ["" if narrow else run.title for run in runs.values()])
+        drawn = [row for name in runs for row in tables[name]["rows"] if row["agent"] in SUMMARIZED]
+        left = min(row["reward_low"] for row in drawn) - 20.0
+        ax.set(ylim=(len(runs) - 0.5, -0.6), xlim=(left, 640 if narrow else 580))
         if narrow:
             ax.tick_params(axis="y", length=0)
-            for place, entry in enumerate(RUNS):
-                ax.text(-380, place - 0.42, entry.title, size=10, color=INK[dark])
+            for place, run in enumerate(runs.values()):
+                ax.text(left + 5, place - 0.42, run.title, size=10, color=INK[dark])
         breaks = "\n" if narrow else " "
         reward = (
             f"mean reward of a trial, s{breaks}(+500 or +300 right, -1 a second), 95 % interval"
@@ -81,32 +74,26 @@ def draw_results(
     return ax
 
 
-def title_of(tables: Mapping[str, list[dict[str, Any]]], *, narrow: bool) -> str:
-    """Say in how many questions our agent earns more than the paper's, by 95 % intervals."""
+def title_of(tables: Tables, *, narrow: bool) -> str:
+    """Say in how many questions our agent earns more than all others, by 95 % intervals.
+
+    Declining every question is one of the others.
+    """
     more = less = 0
-    for entry in RUNS:
-        rows = {row["agent"]: row for row in tables[entry.command]}
-        ours, other = rows[OURS], rows[COMPARED]
-        # Unpaired where the run's logs were not read, as in the text beside the picture.
-        gap = ours["reward"] - other["reward"]
-        half = 1.96 * math.hypot(ours["reward_se"], other["reward_se"])
-        more += other.get("ours_more_low", gap - half) > 0
-        less += other.get("ours_more_high", gap + half) < 0
-    title = f"{OURS} earns more than {COMPARED} in {more} of {len(RUNS)} questions"
+    runs = runs_of(tables)
+    for name in runs:
+        others = [row for row in tables[name]["rows"] if row["agent"] != OURS]
+        more += all(row["ours_more_low"] > 0 for row in others)
+        less += any(row["ours_more_high"] < 0 for row in others)
+    title = f"{OURS} earns more than all others in {more} of {len(runs)} questions"
     if less:
         title += f", less in {less}"
-    same = len(RUNS) - more - less
+    same = len(runs) - more - less
     return title if narrow or not same else f"{title}; {same} are too close to tell"
 
 
 def _draw_reward(
-    ax: Axes,
-    row: Mapping[str, Any],
-    half: float,
-    height: float,
-    *,
-    label: str | None,
-    dark: bool,
+    ax: Axes, row: Mapping[str, Any], height: float, *, label: str | None, dark: bool
 ) -> None:
     """Draw one agent's mean reward with its interval and, beside it, the number."""
     style = agent_style(row["agent"])
@@ -114,7 +101,7 @@ def _draw_reward(
     ax.errorbar(
         row["reward"],
         height,
-        xerr=half,
+        xerr=[[row["reward"] - row["reward_low"]], [row["reward_high"] - row["reward"]]],
         fmt=style.marker,
         color=color,
         ms=7,
@@ -123,7 +110,7 @@ def _draw_reward(
     )
     ax.annotate(
         f"{row['reward']:.0f}",
-        (row["reward"] + half, height),
+        (row["reward_high"], height),
         xytext=(6, 0),  # clear of the mark, also where the interval is shorter than it
         textcoords="offset points",
         va="center",

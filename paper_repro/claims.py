@@ -41,7 +41,7 @@ class Claim(NamedTuple):
         in an item that has them by another planner.
     counts : how many statements have each outcome.
     effects : estimate and interval of each, or the rule of a fact; of many, what they come to.
-    older : whether it was run by an earlier version, or with other percept tables.
+    older : whether an earlier version ran it.
     """
 
     says: str
@@ -131,7 +131,7 @@ def _claim(entry: Mapping[str, Any]) -> Claim:
         elsewhere="; ".join(f"{place} {counts}" for place, counts in told.items() if counts),
         counts=counted(outcomes) if len(set(outcomes)) > 1 else "",
         effects=effects_of(rows),
-        older=result is not None and entry["column"] in frame.older_columns(entry["item"]),
+        older=result is not None and frame.is_marked_older(entry["item"]),
     )
 
 

@@ -14,8 +14,6 @@ from typing import Any, NamedTuple, TypeVar
 from threadpoolctl import threadpool_info
 
 import meal_bayes
-from meal_bayes.datasets import percepts
-from meal_bayes.digests import digest_of
 from meal_bayes.domain import unknown
 from meal_bayes.errors import MealBayesError, SettingsError
 from meal_bayes.evaluation import Estimate
@@ -24,6 +22,7 @@ from meal_bayes.experiments.units import Planned, run_units
 from meal_bayes.files import LOGS, write_whole
 from meal_bayes.trial_log import read_seconds
 from paper_repro import figures
+from paper_repro.made_by import made_by
 from paper_repro.statements import PROTOCOLS, THEIRS, Evidence, judged, verdict
 
 HERE = Path(__file__).resolve().parent
@@ -176,11 +175,7 @@ def run_item(item: str, setting: Setting, folder: Path) -> dict[str, Any]:
     # Trials that the logs hold already took their time in an earlier run, which counts as well.
     seconds = max(time.perf_counter() - begin, math.fsum(setting.spent.values()))
     record = write_record(folder, facts(item, result, setting))
-    timing = folder / "timing.json"
-    by_item = json.loads(timing.read_text(encoding="utf-8")) if timing.is_file() else {}
-    by_item[item] = round(seconds, 1)
-    write_whole(timing, json.dumps(by_item, indent=1, sort_keys=True) + "\n")
-    note_provenance(item, folder)
+    note_provenance(item, folder, command(item, setting), seconds)
     return record
 
 
@@ -202,24 +197,43 @@ def write_record(folder: Path, record: dict[str, Any]) -> dict[str, Any]:
     return shown
 
 
-def note_provenance(item: str, folder: Path) -> None:
+def note_provenance(item: str, folder: Path, command: str, seconds: float) -> None:
     """Keep beside the results what a run rested on that its command does not say."""
-    path = folder / PROVENANCE
-    by_item = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
+    by_item = provenance(folder)
     by_item[item] = {
-        "percepts": percept_tables(),
+        "code": made_by(command),
         "blas": blas_kernel(),
         "version": meal_bayes.__version__,
+        "seconds": round(seconds, 1),
+        "older": False,
     }
-    write_whole(path, json.dumps(by_item, indent=1, sort_keys=True) + "\n")
+    _write_provenance(folder, by_item)
+
+
+def mark_older() -> None:
+    """Mark the items that other code made than this; pages show these marks."""
+    by_item = provenance(RESULTS)
+    for item, made in by_item.items():
+        made["older"] = is_older(item)
+    _write_provenance(RESULTS, by_item)
+
+
+def _write_provenance(folder: Path, by_item: dict[str, Any]) -> None:
+    write_whole(folder / PROVENANCE, json.dumps(by_item, indent=1, sort_keys=True) + "\n")
+
+
+def provenance(folder: Path) -> dict[str, Any]:
+    """Read by item what runs rested on: code, linear algebra, version, and their seconds."""
+    path = folder / PROVENANCE
+    return dict(json.loads(path.read_text(encoding="utf-8"))) if path.is_file() else {}
+
+
+def minutes_of(item: str) -> float:
+    """Return how many minutes of computing a full run of an item took; 0 where it never ran."""
+    return float(provenance(RESULTS).get(item, {}).get("seconds", 0.0)) / 60
 
 
 @lru_cache(maxsize=1)
-def percept_tables() -> str:
-    """Return a digest of the shipped percept tables."""
-    return digest_of(*sorted(Path(percepts.__file__).parent.glob("tables/*.npz")))[:12]
-
-
 def blas_kernel() -> str:
     """Name the kernel of the linear algebra: last digits of what classifiers show go by it."""
     kernels = (
@@ -230,13 +244,15 @@ def blas_kernel() -> str:
     return ", ".join(sorted(set(kernels)))
 
 
-def older_columns(item: str) -> tuple[str, ...]:
-    """Return the columns of an item's results that an earlier version ran, or by other tables."""
-    path = RESULTS / PROVENANCE
-    by_item = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
-    if by_item.get(item, {}).get("percepts") == percept_tables():
-        return ()
-    return tuple(paper_values(item).get("on_percepts", PROTOCOLS))
+def is_older(item: str) -> bool:
+    """Return whether other code, data or settings than this version's full run made an item."""
+    made = provenance(RESULTS).get(item, {}).get("code")
+    return bool(made != made_by(command(item, Setting())))
+
+
+def is_marked_older(item: str) -> bool:
+    """Return whether an item was of an earlier version when the pages were written."""
+    return bool(provenance(RESULTS).get(item, {}).get("older", True))
 
 
 def read_result(item: str) -> dict[str, Any] | None:

@@ -1,6 +1,5 @@
 """Results as Markdown: a page an item, the index of all, the errata of the published code."""
 
-import json
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
@@ -16,6 +15,7 @@ def write_pages() -> list[str]:
         record = frame.read_result(item)
         if record is not None:
             frame.write_record(frame.RESULTS, record)
+    frame.mark_older()
     pages = {"README.md": readme(frame.items()), "ERRATA.md": errata(frame.items())}
     for item in frame.items():
         result = frame.read_result(item)
@@ -32,22 +32,20 @@ def readme(items: Iterable[str]) -> str:
     lines = [rules.HEAD, f"**{claims.sentence(rows)}**", "", rules.CLAIMS]
     header = ["the paper claims", "where", "outcome", "effect", "column, and why", "item"]
     lines += [_row(header), _row(["---"] * len(header)), *map(_claim, rows), ""]
-    if any(map(frame.older_columns, frame.items())):
+    if any(map(frame.is_marked_older, frame.items())):
         lines.append(rules.OLDER)
     lines.append(rules.RULES)
-    path = frame.RESULTS / "timing.json"
-    timing = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
     lines += [_row(["item", "verdict", "in one sentence", "minutes"]), _row(["---"] * 4)]
     for item in items:
         result = frame.read_result(item)
         if result is None:
             lines.append(_row([item, "not run in full yet", _DASH, _DASH]))
             continue
-        mark = " †" if frame.older_columns(item) else ""
+        mark = " †" if frame.is_marked_older(item) else ""
         link = f"[{item}](results/{item}.md){mark}"
-        seconds = timing.get(item, 0.0)
-        minutes = "< 1" if seconds < 60 else f"{seconds / 60:.0f}"
-        lines.append(_row([link, result["verdict"], result["sentence"], minutes]))
+        minutes = frame.minutes_of(item)
+        told = "< 1" if minutes < 1 else f"{minutes:.0f}"
+        lines.append(_row([link, result["verdict"], result["sentence"], told]))
     return "\n".join(lines) + "\n"
 
 
@@ -72,15 +70,14 @@ def result_page(result: Mapping[str, Any], *, committed: bool = False) -> str:
     Parameters
     ----------
     result : its facts.
-    committed : they are those of results/, whose percept tables may be older.
+    committed : they are those of results/, which an earlier version may have made.
     """
     lines = [f"# {result['item']}: {result['title']}", "", result["sentence"], ""]
     size = f"{result['size']} " if result["size"] else ""
     lines += [f"**{result['verdict']}**. {size}`{result['command']}`", ""]
-    older = frame.older_columns(result["item"]) if committed else ()
-    if older:
-        told = "were run by an earlier version of the agents' code or of the percept tables"
-        lines += [f"Its {_listed(older)} {told}; this runs them again: `{result['command']}`.", ""]
+    if committed and frame.is_marked_older(result["item"]):
+        again = f"meal-bayes reproduce {result['item']}"
+        lines += [f"An earlier version of the code ran it; this runs it again: `{again}`.", ""]
     judged = [row for row in result["statements"] if row["outcome"] is not None]
     unrun = len(result["statements"]) - len(judged)
     if unrun:
@@ -129,11 +126,6 @@ def errata(items: Iterable[str]) -> str:
         effect = "; ".join(measured) or f"not measured: {entry['unmeasured']}"
         lines.append(_row([number, entry["text"], entry["where"], effect]))
     return "\n".join(lines) + "\n"
-
-
-def _listed(columns: Sequence[str]) -> str:
-    noun = "columns" if len(columns) > 1 else "column"
-    return f"{noun} {' and '.join(columns)}"
 
 
 def _text(cell: Any) -> str:

@@ -14,15 +14,15 @@ intervals, at the level that the claim's family leaves them. A claim of more tha
 shows its smallest and its largest estimate, and the narrowest and the widest half interval; one of
 printed numbers, those that fall. The statements behind each claim are on the item's page.
 """
-OLDER = """† Run by an earlier version: the agents' code or the percept tables have changed since.
-Where a sentence is worded anew, its statement is missing in this table; the page of an older run
-still has the old one. Each page has the command that runs it again. All others rest on the percept
-tables of this version, or on what was published.
+OLDER = """† Run by an earlier version: code or percept tables have changed since. Where a sentence
+is worded anew, its statement is missing in this table; the page of an older run still has the old
+one. Each page has the command that runs it again; `meal-bayes reproduce all` runs all of them.
 """
 RULES = """## Run it
 
-    meal-bayes reproduce all            # everything in full; a run that was stopped goes on
-    meal-bayes reproduce all --quick    # the same on a few trials
+    meal-bayes reproduce all            # what this code did not make yet, and all pages
+    meal-bayes reproduce all --dry-run  # what that is, and how long it takes
+    meal-bayes reproduce all --quick    # everything on a few trials
     meal-bayes reproduce table3 --as-published
     meal-bayes reproduce readme         # these pages and ERRATA.md from results/
     python benchmarks/repeat.py         # items that take seconds, compared with results/
@@ -124,7 +124,7 @@ Printed numbers are judged in the first column alone, ideas in the second where 
 - Last digits go by the kernel of the linear algebra: `bayes` has another reward in one of some ten
   rows under another kernel of OpenBLAS (ISPY32, two attributes: 34.4 and 32.9), as classifiers'
   outputs near a percept's edge fall on either side. `results/provenance.json` names the kernel, the
-  percept tables and the version of each run.
+  version and the digest of the code of each run.
 
 ## When the rules were made
 

@@ -42,7 +42,9 @@ _PACKAGE = "paper_repro"
     "Run only the panels of Fig. 10 with TEXT in their title.",
 )
 @click.option(
-    "--dry-run", is_flag=True, help="Print how many units could run in parallel, and exit."
+    "--dry-run",
+    is_flag=True,
+    help="Print what would run, how long that took last, and how many units run at once.",
 )
 @opt.shared("json")
 def reproduce(
@@ -50,8 +52,9 @@ def reproduce(
 ) -> None:
     """Run ITEMs of the paper (table3, fig8, ...), or all, and judge its statements.
 
-    Trials are kept under the logs, so a run that was stopped goes on. A full run writes tables and
-    figures to results/ beside the items; `readme` makes the pages that show them.
+    A full run writes tables and figures to results/ beside the items, and the pages that show them;
+    `readme` makes these pages alone. `all` runs the items that this version did not run yet; what
+    is named is run again. Trials are kept under the logs, so a run that was stopped goes on.
     """
     from meal_bayes.experiments.parallel import on_cluster
 
@@ -63,14 +66,19 @@ def reproduce(
         for path in pages.write_pages():
             click.echo(path)
         return
+    full = not (setting["quick"] or setting["as_published"])
+    todo = frame.named(items)
+    if full and items == ("all",):
+        todo = tuple(item for item in todo if frame.is_older(item))
     if dry_run:
-        for item in frame.named(items):
+        click.echo(_plan(frame, todo))
+        for item in todo:
             click.echo(_units_of(frame, item, frame.Setting(**setting)))
         return
     results = []
     skipped = {}
-    for item in frame.named(items):
-        terminal.note(f"{item} ...")
+    for number, item in enumerate(todo):
+        terminal.note(_plan(frame, todo[number:]) if full else f"{item} ...")
         try:
             with on_cluster(cluster), terminal.progress(item, "trials") as advance:
                 settings = frame.Setting(**setting, on_progress=advance)
@@ -81,11 +89,20 @@ def reproduce(
             continue
         if not as_json:
             click.echo(pages.result_page(results[-1]))
+    if full and (results or not todo):
+        pages.write_pages()
     if as_json:
         click.echo(json.dumps({"items": results, "skipped": skipped}, allow_nan=False))
         return
     for result in results:
         click.echo(f"{result['item']}: {result['verdict']}")
+
+
+def _plan(frame: Any, items: tuple[str, ...]) -> str:
+    """Say which items are to run, and how many minutes of computing each took last."""
+    minutes = {item: frame.minutes_of(item) for item in items}
+    told = ", ".join(f"{item} {number:.0f}" for item, number in minutes.items())
+    return f"{len(items)} items, {sum(minutes.values()):.0f} minutes of computing: {told}"
 
 
 def _units_of(frame: Any, item: str, setting: Any) -> str:

@@ -1,9 +1,13 @@
 """Which blocks of measured numbers are old: those that other code or data made."""
 
+import dataclasses
 import sys
 from pathlib import Path
 
 import pytest
+
+from meal_bayes.trial_log import read_outcomes
+from meal_bayes.trials import TrialOutcomes
 
 ROOT = Path(__file__).resolve().parents[2]
 CODE = '''"""A module."""
@@ -72,25 +76,73 @@ def test_a_changed_comment_docstring_message_or_page_is_not(made):
         assert made(**files) == first
 
 
-def test_a_block_that_other_code_made_fails_a_release_and_is_named(readme, monkeypatch, capsys):
+def test_a_function_that_moves_to_another_file_makes_no_table_old(made):
+    second = "def doubled(x):\n    return 2 * x\n"
+    first = made(**{"posterior/grid.py": CODE + second})
+    moved = {"posterior/grid.py": CODE, "posterior/double.py": f"import math\n\n\n{second}"}
+    assert made(**moved) == first
+
+
+@pytest.fixture
+def fresh(readme, monkeypatch):
+    """Let all rows be of this code; return what says that other code made some of them."""
     monkeypatch.setattr(readme, "check_demo", lambda: 0)
-    code = readme.kept()[readme.CODE]
-    monkeypatch.setattr(readme, "made_by", code.__getitem__)
+    codes = {
+        readme.MEASUREMENTS[name].command: kept["code"] for name, kept in readme.kept().items()
+    }
+    rows = readme.kept()
+    for name, kept in rows.items():
+        kept["command"] = readme.MEASUREMENTS[name].command
+    for name in set(readme.MEASUREMENTS) - set(rows):  # which was not measured yet
+        command = readme.MEASUREMENTS[name].command
+        rows[name] = {"command": command, "code": "none yet"}
+        codes[command] = "none yet"
+    monkeypatch.setattr(readme, "kept", lambda: rows)
+    monkeypatch.setattr(readme, "shown", lambda name: text_of(readme, name))
+    monkeypatch.setattr(readme, "made_by", codes.__getitem__)
+
+    def old(name):
+        codes[readme.MEASUREMENTS[name].command] = "changed"
+
+    return old
+
+
+def text_of(readme, name):
+    return readme.block(readme.BLOCKS[name].page.read_text(encoding="utf-8"), name)
+
+
+def test_a_block_that_other_code_made_fails_a_release_and_is_named(readme, fresh, capsys):
     assert readme.check(release=True) == 0
-    monkeypatch.setattr(readme, "made_by", {**code, readme.BELIEFS: "changed"}.__getitem__)
+    fresh(readme.BELIEFS)
     capsys.readouterr()
     assert readme.check(release=False) == 0
     assert readme.check(release=True) == 1
     (listed, _) = capsys.readouterr().out.splitlines()
     assert "docs/results/beliefs.md, block beliefs" in listed
     assert "python benchmarks/readme.py --only beliefs" in listed
+    # What one command makes: what is old alone, or what is named, or everything.
+    assert readme.measurements_of(readme.MEASUREMENTS, again=False) == [readme.BELIEFS]
+    assert readme.measurements_of(["answers"], again=True) == [readme.ANSWERS]
+    assert readme.measurements_of(["summary"], again=True) == list(readme.RUNS)
 
 
 def test_a_block_that_is_not_what_was_measured_fails_every_check(readme, monkeypatch, capsys):
     monkeypatch.setattr(readme, "check_demo", lambda: 0)
     monkeypatch.setattr(readme, "is_old", lambda _: False)
-    rows = readme.kept()
-    rows[readme.BELIEFS][0]["nll"] += 1
-    monkeypatch.setattr(readme, "kept", lambda: rows)
+    entries = readme.kept()
+    entries[readme.BELIEFS]["rows"][0]["nll"] += 1
+    monkeypatch.setattr(readme, "kept", lambda: entries)
     assert readme.check(release=False) == 1
     assert "block beliefs" in capsys.readouterr().out
+
+
+def test_rows_have_paired_intervals_and_declining_among_the_others(readme):
+    outcomes = read_outcomes(ROOT / "logs" / "sample.mcap")
+    first = outcomes.of_agent("bayes")
+    second = dataclasses.replace(first, agent=first.agent * 0 + "morc", reward=first.reward - 5.0)
+    rows = [{"agent": "morc", "reward": 1.0}, {"agent": "bayes", "reward": 6.0}]
+    declining, morc, ours = readme.with_paired(rows, TrialOutcomes.join([first, second]))
+    assert declining["agent"] == readme.DECLINING
+    assert declining["ours_more"] == pytest.approx(first.reward.mean())
+    assert morc["ours_more"] == pytest.approx(5.0)
+    assert ours["reward_low"] <= first.reward.mean() <= ours["reward_high"]

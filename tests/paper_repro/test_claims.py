@@ -63,7 +63,7 @@ def test_a_row_has_the_outcome_and_the_numbers_of_its_results(number):
 def test_claims_are_few_and_name_items_and_columns_that_there_are():
     assert len(ENTRIES) >= 12
     for entry in ENTRIES:
-        if not frame.older_columns(entry["item"]):  # older results may lack newer statements
+        if not frame.is_marked_older(entry["item"]):  # older results may lack newer statements
             texts = frame.read_result(entry["item"])["statements"]
             for pattern in entry["statements"]:
                 assert claims.chosen(entry | {"statements": [pattern]}, texts), pattern
@@ -127,17 +127,22 @@ def test_a_claim_goes_by_all_its_statements(outcomes, together):
     assert claims.outcome_of(outcomes) == together
 
 
-def test_results_of_older_percept_tables_are_marked(tmp_path, monkeypatch):
+def test_results_of_older_code_are_marked_and_run_by_all(tmp_path, monkeypatch):
     monkeypatch.setattr(frame, "RESULTS", tmp_path)
-    frame.note_provenance("fig8", tmp_path)
-    assert frame.older_columns("fig8") == ()
-    assert frame.older_columns("fig10") == ("theirs", "recorded", "ours")  # of an unknown version
-    assert frame.older_columns("table5") == ()  # which has no percepts
-    monkeypatch.setattr(frame, "percept_tables", lambda: "others")
-    assert frame.older_columns("fig8")
-    assert frame.older_columns("table3") == ("recorded", "ours")  # its matrices were published
-    known = json.loads((tmp_path / frame.PROVENANCE).read_text(encoding="utf-8"))["fig8"]
-    assert set(known) == {"percepts", "blas", "version"}
+    setting = frame.Setting()
+    frame.note_provenance("fig8", tmp_path, frame.command("fig8", setting), 90.0)
+    part = frame.command("table3", frame.Setting(trials=3))
+    frame.note_provenance("table3", tmp_path, part, 1.0)
+    assert not frame.is_older("fig8")
+    assert frame.is_older("table3")  # of fewer trials
+    assert frame.is_older("fig10")  # was never run
+    assert frame.minutes_of("fig8") == 1.5
+    assert not frame.is_marked_older("fig8")
+    monkeypatch.setattr(frame, "made_by", lambda command: "other")
+    frame.mark_older()
+    assert frame.is_marked_older("fig8")
+    known = frame.provenance(tmp_path)["fig8"]
+    assert set(known) == {"code", "blas", "version", "seconds", "older"}
     assert known["blas"]
     facts = dict.fromkeys(("title", "sentence", "verdict", "size", "shows"), "")
     lists = {"statements": [], "tables": [], "figures": [], "notes": []}
