@@ -29,8 +29,8 @@ from planner_policies import PEERS, PLANNERS, TABLED, Planner, planners_for, sol
 
 from meal_bayes.momdp import MOMDP, initial_belief
 from meal_bayes.planners import History, OpenLoop, Policy
-from meal_bayes.planners.factored.policy import Factored
 from meal_bayes.planners.rollout import Rollouts, simulate
+from meal_bayes.planners.table.policy import Factored
 from meal_bayes.seeds import stream
 
 PIECE = 100  # episodes

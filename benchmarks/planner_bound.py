@@ -12,8 +12,8 @@ import numpy as np
 from meal_bayes.domain import Query
 from meal_bayes.errors import SettingsError
 from meal_bayes.momdp import MOMDP
-from meal_bayes.planners.factored.grid import informative_pairs
-from meal_bayes.planners.factored.policy import Factored
+from meal_bayes.planners.table.grid import informative_pairs
+from meal_bayes.planners.table.policy import Factored
 
 _CANDIDATES = 3  # attributes tried as the next of a subset
 

@@ -12,8 +12,8 @@ from planner_models import NOISY, attributes_of
 
 from meal_bayes.domain import load_domain
 from meal_bayes.planners import POMCP, Greedy, Predefined, RandomLegal, Solver
-from meal_bayes.planners.factored.policy import Factored
-from meal_bayes.planners.open_loop.policy import OpenLoop
+from meal_bayes.planners.plans.policy import OpenLoop
+from meal_bayes.planners.table.policy import Factored
 
 TABLED = 3  # attributes up to which factored value iteration is near the optimum
 

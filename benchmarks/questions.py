@@ -18,8 +18,8 @@ from meal_bayes.domain import Event
 from meal_bayes.errors import SettingsError
 from meal_bayes.momdp import MOMDP, answer_value, initial_belief
 from meal_bayes.planners import POMCP, OpenLoop
-from meal_bayes.planners.factored.policy import Factored
 from meal_bayes.planners.rollout import simulate
+from meal_bayes.planners.table.policy import Factored
 
 SEEDS = range(10)  # of random models, without a number
 

@@ -9,7 +9,7 @@ from meal_bayes.arrays import _array_fields, lowest_yes, no_and_yes_of, yes_of
 from meal_bayes.datasets.percepts import BIN_COUNT, STORED, PerceptTable, detected_levels
 from meal_bayes.domain import load_domain
 from meal_bayes.momdp import observation
-from meal_bayes.planners.open_loop import bayes_error
+from meal_bayes.planners.plans import bayes_error
 from meal_bayes.posterior import ConfusionPosterior, grid
 
 

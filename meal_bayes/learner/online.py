@@ -41,7 +41,7 @@ from meal_bayes.learner.settings import LearnerSettings
 from meal_bayes.momdp import MOMDP
 from meal_bayes.perception import Perceiver, Perception
 from meal_bayes.planners import POMCP, MemoizedPolicy, Policy
-from meal_bayes.planners.pomcp.policy import POMCPPolicy
+from meal_bayes.planners.search.policy import POMCPPolicy
 from meal_bayes.seeds import Key
 from meal_bayes.trials import Task
 

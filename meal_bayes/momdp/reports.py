@@ -52,8 +52,8 @@ class Believed(Protocol):
 class Conjunction(NamedTuple):
     """Yes or no as kernels read it: asserts that a conjunction of literals holds, or denies it.
 
-    Besides beliefs and reports, plans read it (`open_loop`: `values`, `affinity`, `library`,
-    `yes_or_no`), and the tables (`factored/sweep.py`) and expansions (`pomcp/expansion.py`).
+    Besides beliefs and reports, planners read it: `plans` (`values`, `candidates`, `library`),
+    `table/sweep.py` and `search/expansion.py`.
     """
 
     literal: NDArray[np.bool_]  # (N,) value of each attribute that the conjunction needs

@@ -4,12 +4,10 @@ In: a `MOMDP`. Out: `Policy`, `Decision`.
 """
 
 from meal_bayes.planners.baselines import Greedy, Predefined, Random, RandomLegal, Untouched
-from meal_bayes.planners.factored.batched import batched_value_iteration
-from meal_bayes.planners.factored.policy import Factored
 from meal_bayes.planners.jit import Compiling, watch_compilation
-from meal_bayes.planners.open_loop.policy import OpenLoop, OpenLoopPolicy
-from meal_bayes.planners.pomcp.policy import POMCP
+from meal_bayes.planners.plans.policy import OpenLoop, OpenLoopPolicy
 from meal_bayes.planners.precompile import warm_up
+from meal_bayes.planners.search.policy import POMCP
 from meal_bayes.planners.solver import (
     RULE,
     Decision,
@@ -21,6 +19,8 @@ from meal_bayes.planners.solver import (
     TreeEdge,
     unvalued,
 )
+from meal_bayes.planners.table.batched import batched_value_iteration
+from meal_bayes.planners.table.policy import Factored
 
 __all__ = [
     "POMCP", "RULE", "Compiling", "Decision", "Factored", "GoingOn", "Greedy", "History",

@@ -17,8 +17,7 @@ from meal_bayes.momdp import MOMDP, Belief, answer_value, best_answer, best_repo
 from meal_bayes.momdp.belief import next_percept, percepts_left
 from meal_bayes.momdp.model import nothing_happened
 from meal_bayes.planners.momdp_arrays import dynamics_of
-from meal_bayes.planners.open_loop.candidates import diagram_of
-from meal_bayes.planners.open_loop.growth import ShortestPaths
+from meal_bayes.planners.plans.paths import ShortestPaths, diagram_of
 from meal_bayes.planners.solver import Decision, History, unvalued
 
 

@@ -23,7 +23,7 @@ from meal_bayes.planners.jit import by_reference
 _INFORMATIVE = 3e-4
 _ROUNDING = 1e-12
 _PRICE = 1e-4  # of r+ - r-: behaviors that cost less are planned with as if they cost this
-_DIAGRAMS = 16  # whose dynamics and shortest paths are kept
+DIAGRAMS = 16  # whose dynamics and shortest paths are kept
 
 V = TypeVar("V")
 
@@ -87,7 +87,7 @@ def paid_share(limit: Any, seen: Any, planned: Any) -> Any:
     return np.minimum(1.0, np.maximum(limit - seen, 0.0) / np.maximum(planned, 1))
 
 
-_cache: dict[object, Dynamics] = {}  # at most _DIAGRAMS of them: the MOMDPs of a run share one
+_cache: dict[object, Dynamics] = {}  # at most DIAGRAMS of them: the MOMDPs of a run share one
 
 
 def arrays_of(momdp: MOMDP, price: float = _PRICE) -> MOMDPArrays:
@@ -127,7 +127,7 @@ def dynamics_of(momdp: MOMDP, price: float = _PRICE) -> Dynamics:
 def memoized(cache: dict[object, V], key: object, make: Callable[[], V]) -> V:
     """Return the value of a key, made once; a few are kept."""
     if key not in cache:
-        if len(cache) >= _DIAGRAMS:
+        if len(cache) >= DIAGRAMS:
             cache.clear()
         cache[key] = make()
     return cache[key]

@@ -4,10 +4,10 @@ import numpy as np
 
 from meal_bayes.domain import Event, Query, load_domain
 from meal_bayes.momdp import build_momdp, initial_belief
-from meal_bayes.planners.factored.policy import Factored
-from meal_bayes.planners.open_loop.policy import OpenLoop
-from meal_bayes.planners.pomcp.policy import POMCP
+from meal_bayes.planners.plans.policy import OpenLoop
+from meal_bayes.planners.search.policy import POMCP
 from meal_bayes.planners.solver import History, Solver
+from meal_bayes.planners.table.policy import Factored
 
 
 def warm_up(solver: Solver, limit: float = 3, *, yes_or_no: bool = False) -> None:

@@ -8,8 +8,8 @@ import pytest
 from meal_bayes.domain import Behavior, Domain, Effect, Query, TransitionDiagram, load_domain
 from meal_bayes.momdp import Objective, build_momdp, initial_belief
 from meal_bayes.planners import POMCP, Greedy, History, Predefined, Random, RandomLegal, Untouched
-from meal_bayes.planners.factored.policy import Factored
-from meal_bayes.planners.open_loop.policy import OpenLoop
+from meal_bayes.planners.plans.policy import OpenLoop
+from meal_bayes.planners.table.policy import Factored
 from meal_bayes.testing import check_solver
 
 DOMAINS = ["toy", "roc36", "roc36_published", "ispy32", "cy101"]

@@ -19,7 +19,7 @@ from meal_bayes.momdp import (
 )
 from meal_bayes.momdp.observation import predictive, sample_rows
 from meal_bayes.planners.jit import entry_kernel
-from meal_bayes.planners.open_loop.bayes_error import predictive as compiled
+from meal_bayes.planners.plans.bayes_error import predictive as compiled
 
 
 def test_table_4_late_press(follow):

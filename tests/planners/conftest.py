@@ -13,7 +13,7 @@ from meal_bayes.domain import Domain, Query, load_domain
 from meal_bayes.momdp import MOMDP, Belief, Transition, build_momdp, initial_belief, update_belief
 from meal_bayes.momdp.belief import belief_of
 from meal_bayes.planners import POMCP, Decision, History, Policy
-from meal_bayes.planners.kernel_calls import plan_values
+from meal_bayes.planners.plans.values import plan_values
 
 Rates = Mapping[str, Mapping[str, tuple[float, float]]]  # attribute -> behavior -> (TPR, FPR)
 Counts = tuple[tuple[tuple[int, ...], ...], ...]  # (N,E,K) percepts so far

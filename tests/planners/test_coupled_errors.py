@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from meal_bayes import Learner, load_percepts
-from meal_bayes.planners.open_loop import policy
+from meal_bayes.planners.plans import policy
 from meal_bayes.planners.solver import History
 
 

@@ -8,10 +8,10 @@ import pytest
 from meal_bayes.domain import Domain, load_domain, read_event, read_query
 from meal_bayes.momdp import Objective, Transition, build_momdp, initial_belief, update_belief
 from meal_bayes.planners import POMCP, Factored, Greedy, History, OpenLoop
-from meal_bayes.planners.kernel_calls import plan_values
 from meal_bayes.planners.momdp_arrays import arrays_of, dynamics_of
-from meal_bayes.planners.open_loop.detours import plan_steps
-from meal_bayes.planners.open_loop.library import plan_library
+from meal_bayes.planners.plans.library import plan_library
+from meal_bayes.planners.plans.paths import plan_steps
+from meal_bayes.planners.plans.values import plan_values
 
 COST = 1.0
 

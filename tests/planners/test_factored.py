@@ -13,10 +13,10 @@ from meal_bayes.domain import Query, load_domain
 from meal_bayes.errors import SettingsError
 from meal_bayes.momdp import Objective, add_itrs_bonus, build_momdp, initial_belief
 from meal_bayes.planners import POMCP, Factored, History, batched_value_iteration
-from meal_bayes.planners.factored import policy as factored
-from meal_bayes.planners.factored.sweep import sweep
-from meal_bayes.planners.pomcp import policy as pomcp
 from meal_bayes.planners.rollout import simulate
+from meal_bayes.planners.search import policy as pomcp
+from meal_bayes.planners.table import policy as factored
+from meal_bayes.planners.table.sweep import sweep
 
 RNG = np.random.default_rng(0)  # nothing in the solver is random
 

@@ -10,9 +10,9 @@ from planner_bound import upper_bound
 from meal_bayes.domain import Query
 from meal_bayes.momdp import MOMDP, Objective, initial_belief
 from meal_bayes.planners import History
-from meal_bayes.planners.factored.grid import informative_pairs, make_reader, value_after
-from meal_bayes.planners.factored.policy import Factored
 from meal_bayes.planners.jit import NO_BEHAVIOR
+from meal_bayes.planners.table.grid import informative_pairs, make_reader, value_after
+from meal_bayes.planners.table.policy import Factored
 
 RNG = np.random.default_rng(0)  # nothing in the solver is random
 

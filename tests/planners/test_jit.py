@@ -125,7 +125,7 @@ SIGNATURES = """
 import importlib, pkgutil
 from dataclasses import replace
 # Compiled for leaves of plans, and for those of tables.
-LEAVES = "value_and_search", "value_children", "open_node"
+LEAVES = "grow_tree", "value_children", "open_node"
 from meal_bayes import planners
 from meal_bayes.planners import POMCP, Factored, OpenLoop, warm_up
 for solver in (Factored(500), OpenLoop(), POMCP(5)):
@@ -148,8 +148,8 @@ for info in pkgutil.walk_packages(planners.__path__, "meal_bayes.planners."):
         signatures = () if isinstance(value, type) else getattr(value, "signatures", ())
         if len(signatures) > 1 + (name in LEAVES):
             print(value.py_func.__module__, name, *value.signatures)
-from meal_bayes.planners.open_loop.yes_or_no import planned_yes_or_no
-print(*planned_yes_or_no.signatures, end="")  # nobody asked whether all hold
+from meal_bayes.planners.plans.values import _planned_yes_or_no
+print(*_planned_yes_or_no.signatures, end="")  # nobody asked whether all hold
 """
 
 
@@ -174,7 +174,7 @@ import numpy as np
 from meal_bayes.domain import Query, load_domain
 from meal_bayes.momdp import build_momdp
 from meal_bayes.planners.momdp_arrays import arrays_of
-from meal_bayes.planners.open_loop.bayes_error import make_scratch, tabulate_errors
+from meal_bayes.planners.plans.bayes_error import make_scratch, tabulate_errors
 rows = np.tile([[0.9, 0.1], [0.2, 0.8]], (1, 3, 1, 1))
 momdp = build_momdp(load_domain("toy"), Query(("red",)), rows)
 percepts = arrays_of(momdp).percepts
@@ -187,7 +187,7 @@ print(table.sum())
 
 @pytest.mark.long
 def test_after_an_edit_in_another_folder_kernels_are_compiled_anew(tmp_path):
-    """The entry kernel lies in `open_loop/`, the edited one in `momdp/`."""
+    """The entry kernel lies in `plans/`, the edited one in `momdp/`."""
     package = copy_of_the_package(tmp_path)
     places = {"NUMBA_CACHE_DIR": str(tmp_path / "cache"), "PYTHONPATH": str(tmp_path)}
     first = run(TABLE, tmp_path, **places)

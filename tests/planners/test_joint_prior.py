@@ -17,8 +17,8 @@ from meal_bayes.momdp import (
     with_joint_prior,
 )
 from meal_bayes.planners import POMCP, Greedy, History, OpenLoop
-from meal_bayes.planners.factored.policy import Factored
 from meal_bayes.planners.rollout import simulate
+from meal_bayes.planners.table.policy import Factored
 
 LEVELS = 2
 DOMAIN = domain_from_table({

@@ -6,8 +6,8 @@ from large_robots import problem
 
 from meal_bayes import initial_belief
 from meal_bayes.planners import POMCP
-from meal_bayes.planners.kernel_calls import plan_values
-from meal_bayes.planners.open_loop import candidates, library
+from meal_bayes.planners.plans import candidates, library, paths
+from meal_bayes.planners.plans.values import plan_values
 
 
 def plans_of(momdp):
@@ -22,7 +22,7 @@ def plans_of(momdp):
 def test_few_plans_are_worth_what_all_are(seed, monkeypatch):
     momdp = problem(24, 24, seed)
     _, values = plans_of(momdp)
-    monkeypatch.setattr(candidates, "_diagrams", {})
+    monkeypatch.setattr(paths, "_diagrams", {})
     monkeypatch.setattr(candidates, "_SIMPLE_PLANS", 10**6)
     monkeypatch.setattr(library, "_GROWN", 10**6)
     _, all_values = plans_of(momdp)

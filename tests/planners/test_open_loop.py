@@ -9,10 +9,9 @@ import pytest
 from meal_bayes.domain import load_domain
 from meal_bayes.momdp import Objective, Transition, initial_belief, update_belief
 from meal_bayes.planners import POMCP, History, OpenLoop
-from meal_bayes.planners.kernel_calls import best_plans
 from meal_bayes.planners.momdp_arrays import arrays_of
-from meal_bayes.planners.open_loop.library import plan_library
-from meal_bayes.planners.open_loop.values import make_evaluator
+from meal_bayes.planners.plans.library import plan_library
+from meal_bayes.planners.plans.values import best_plans, make_evaluator
 
 RNG = np.random.default_rng(0)  # of solvers that draw nothing
 

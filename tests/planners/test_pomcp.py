@@ -9,8 +9,8 @@ import pytest
 from meal_bayes.domain import Behavior, Domain, Effect, TransitionDiagram
 from meal_bayes.momdp import Objective, Transition, initial_belief, report_value, update_belief
 from meal_bayes.planners import POMCP, History
-from meal_bayes.planners.pomcp import policy as pomcp
 from meal_bayes.planners.rollout import simulate
+from meal_bayes.planners.search import policy as pomcp
 
 PROBLEMS = {
     "independent": {"seed": 0, "n": 2, "levels": 2, "finite": False, "limit": 3},

@@ -15,7 +15,7 @@ from meal_bayes.momdp.observation import predictive
 from meal_bayes.planners import POMCP, Decision, History, MemoizedPolicy
 from meal_bayes.planners.jit import entry_kernel
 from meal_bayes.planners.momdp_arrays import arrays_of
-from meal_bayes.planners.pomcp.tree import KEPT, draw_percept, draw_root_object, make_sampled
+from meal_bayes.planners.search.tree import KEPT, draw_percept, draw_root_object, make_sampled
 
 RNG = np.random.default_rng(0)  # of solvers that draw nothing
 

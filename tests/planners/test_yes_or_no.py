@@ -15,8 +15,8 @@ from meal_bayes.momdp import (
     write_pomdpx,
 )
 from meal_bayes.planners import POMCP, History, OpenLoop
-from meal_bayes.planners.factored.policy import Factored
-from meal_bayes.planners.kernel_calls import plan_values
+from meal_bayes.planners.plans.values import plan_values
+from meal_bayes.planners.table.policy import Factored
 
 DEAR_MISS = Payoffs(100.0, -100.0, 100.0, -1000.0)
 SYMMETRIC = Payoffs(100.0, -100.0, 100.0, -100.0)

@@ -14,8 +14,10 @@ departs from textbook POMCP, each because the textbook fails here:
   MOMDPs average to, without their variance. `backup="sampled"` averages the returns.
 """
 
+import contextlib
+import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -25,16 +27,20 @@ from meal_bayes.arrays import Floats, plain_fields
 from meal_bayes.errors import SettingsError
 from meal_bayes.momdp import MOMDP, Belief, answer_value
 from meal_bayes.momdp.belief import next_percept, percepts_left
-from meal_bayes.planners.factored.policy import Factored, FactoredPolicy
-from meal_bayes.planners.kernel_calls import grow_tree, kernel_generator, plan_values
 from meal_bayes.planners.momdp_arrays import MOMDPArrays, arrays_of, dynamics_of
-from meal_bayes.planners.open_loop.candidates import diagram_of
-from meal_bayes.planners.open_loop.library import plan_library, retabulate
-from meal_bayes.planners.open_loop.policy import OpenLoopPolicy
-from meal_bayes.planners.open_loop.values import Evaluator, Plans
-from meal_bayes.planners.pomcp.expansion import ENUMERATE
-from meal_bayes.planners.pomcp.search import Growing, TreeSearch
-from meal_bayes.planners.pomcp.tree import KEPT, make_sampled, make_tree, standard_errors, top_edges
+from meal_bayes.planners.plans.library import plan_library, retabulate
+from meal_bayes.planners.plans.paths import diagram_of
+from meal_bayes.planners.plans.policy import OpenLoopPolicy
+from meal_bayes.planners.plans.values import Evaluator, Plans, plan_values
+from meal_bayes.planners.search.expansion import ENUMERATE
+from meal_bayes.planners.search.search import Growing, TreeSearch, grow_tree
+from meal_bayes.planners.search.tree import (
+    KEPT,
+    make_sampled,
+    make_tree,
+    standard_errors,
+    top_edges,
+)
 from meal_bayes.planners.solver import (
     Decision,
     History,
@@ -42,6 +48,7 @@ from meal_bayes.planners.solver import (
     is_worth_going_on,
     no_errors,
 )
+from meal_bayes.planners.table.policy import Factored, FactoredPolicy
 
 _TABLE_WORK = 3.4e9  # multiplications that a table may take: the first decision waits for it, .8 s
 _BACKUPS = ("expected", "sampled")
@@ -194,11 +201,11 @@ class POMCPPolicy:
         # c is a fraction of r+ - r-, so that an agent need not know the scale of rewards.
         exploration = settings.exploration * model.reward_range if reader is None else 0.0
         averaged = settings.backup == "sampled"
-        with kernel_generator(rng) as kernel_rng:
+        with _kernel_generator(rng) as kernel_rng:
 
             def grow(simulations: int) -> int:
                 search = TreeSearch(tree, sampled, Growing(simulations, exploration, averaged))
-                return grow_tree(evaluator, search, reader, kernel_rng)
+                return int(grow_tree(evaluator, search, reader, kernel_rng))
 
             if end is None:
                 simulated = grow(settings.simulations)
@@ -276,6 +283,28 @@ def _settled(
     others[len(lower) if answers else action] = -np.inf
     # L(chosen) >= max over others of U: no search can change the choice.
     return Decision.exact(action, values, bonuses) if worth >= others.max() else None
+
+
+class _KernelGenerator(threading.local):
+    """One generator a thread for the kernels: numba keeps every one that it was ever given."""
+
+    def __init__(self) -> None:
+        self.generator = np.random.Generator(np.random.PCG64(0))
+
+
+_KERNEL = _KernelGenerator()
+
+
+@contextlib.contextmanager
+def _kernel_generator(rng: np.random.Generator) -> Iterator[np.random.Generator]:
+    """Return a generator for the kernels that goes on where `rng` is, and `rng` where it ended."""
+    if not isinstance(rng.bit_generator, np.random.PCG64):
+        yield rng
+        return
+    generator = _KERNEL.generator
+    generator.bit_generator.state = rng.bit_generator.state
+    yield generator
+    rng.bit_generator.state = generator.bit_generator.state
 
 
 def _simulate(grow: Callable[[int], int], end: float) -> tuple[int, float]:

@@ -22,7 +22,7 @@ not the sequence, as planners look again after a step.
 Plans of a question of yes or no are grown as if its values were reported, between its least and its
 largest payoff; they are sifted, compete and are read by what yes and no earn.
 
-A plan goes along the likeliest outcome of each behavior; what the others cost it is in `detours`.
+A plan goes along the likeliest outcome of each behavior; what the others cost it is in `paths`.
 """
 
 import itertools
@@ -31,24 +31,24 @@ import numpy as np
 
 from meal_bayes.arrays import Bools, Floats, Ints
 from meal_bayes.momdp import MOMDP
-from meal_bayes.planners.kernel_calls import best_plans
 from meal_bayes.planners.momdp_arrays import MOMDPArrays, Percepts
-from meal_bayes.planners.open_loop import bayes_error
-from meal_bayes.planners.open_loop.affinity import estimate_values, log_affinities
-from meal_bayes.planners.open_loop.candidates import (
+from meal_bayes.planners.plans import bayes_error
+from meal_bayes.planners.plans.candidates import (
     LENGTH,
     Candidates,
-    DiagramPaths,
     cheapest,
-    diagram_of,
     distinct,
+    estimate_values,
+    log_affinities,
     paid_tours,
     plan_suffixes,
+    simple_plans,
     sum_up,
     sum_up_walks,
 )
-from meal_bayes.planners.open_loop.growth import Growth, Paths, grow_plans
-from meal_bayes.planners.open_loop.values import PLAN, Plans, make_evaluator
+from meal_bayes.planners.plans.growth import Growth, Paths, grow_plans
+from meal_bayes.planners.plans.paths import DiagramPaths, diagram_of
+from meal_bayes.planners.plans.values import PLAN, Plans, best_plans, make_evaluator
 
 _GROWTH_BELIEFS = 4  # beliefs for which plans are grown from every x, to every first percept
 _GROWN = 2_000  # plans that are grown; of a large diagram to the most telling first percepts alone
@@ -140,7 +140,7 @@ def _grow(
     """Return plans grown at beliefs (B,N), simple ones, and tours where exploring is paid."""
     parts = [
         _grow_percepts(model, diagram, probabilities, log_affinity),
-        diagram.simple(log_affinity),
+        simple_plans(diagram, log_affinity),
     ]
     if model.shaped and (diagram.shortest.first_action >= 0).any():
         parts.append(sum_up_walks(diagram, paid_tours(model, diagram.shortest), prefixes=True))

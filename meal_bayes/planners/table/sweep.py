@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from meal_bayes.arrays import Floats, Ints
 from meal_bayes.momdp import MOMDP, Reports
-from meal_bayes.planners.factored.grid import Table, between, informative_pairs
 from meal_bayes.planners.jit import by_reference, entry_kernel, kernel
 from meal_bayes.planners.momdp_arrays import MOMDPArrays
+from meal_bayes.planners.table.grid import Table, between, informative_pairs
 
 _BLOCK = 32  # rows that fit the cache together
 _LOOPED = 0.2  # of what a visit to an x has changed: what its loops may still change

@@ -3,9 +3,6 @@
 The tree and the sampled MOMDPs are in `tree.py`, new edges in `expansion.py`. Leaves are valued by
 one of two evaluators: open-loop plans give a lower bound for any MOMDP; where the marginals are the
 state (Eq. 8) and few enough, a table of factored value iteration estimates the optimum.
-
-`value_and_search` is one kernel for two jobs, so that the code that values plans is compiled once.
-Python calls it by the functions of `planners.kernel_calls`.
 """
 
 from typing import NamedTuple
@@ -13,8 +10,8 @@ from typing import NamedTuple
 import numpy as np
 
 from meal_bayes.planners.jit import by_reference, called_kernel, entry_kernel, kernel
-from meal_bayes.planners.open_loop.values import evaluate_plans, value_plans
-from meal_bayes.planners.pomcp.expansion import (
+from meal_bayes.planners.plans.values import evaluate_plans
+from meal_bayes.planners.search.expansion import (
     ENUMERATE,
     Edge,
     count_percept,
@@ -23,7 +20,7 @@ from meal_bayes.planners.pomcp.expansion import (
     step_bonus,
     value_children,
 )
-from meal_bayes.planners.pomcp.tree import (
+from meal_bayes.planners.search.tree import (
     DEPTH,
     KEPT,
     Sampled,
@@ -59,8 +56,8 @@ class Return(NamedTuple):
 
 
 @entry_kernel
-def value_and_search(evaluator, beliefs, search, reader, rng):
-    """Value plans at beliefs, then grow a tree from its root; of either there may be none.
+def grow_tree(evaluator, search, reader, rng):
+    """Grow a tree from its root by simulations.
 
     A simulation descends the tree in a MOMDP sampled from the posterior, until ending is best, it
     has taken an edge that is new, or is `DEPTH` deep. Then the edges on its way are backed up: by
@@ -69,8 +66,6 @@ def value_and_search(evaluator, beliefs, search, reader, rng):
     is not None: numba compiles a kernel for each of the two, without the other's code. Returns how
     many simulations fit the tree's capacity.
     """
-    if reader is None:
-        value_plans(evaluator, beliefs)
     model = evaluator.model
     scratch = evaluator.scratch
     tree = search.tree

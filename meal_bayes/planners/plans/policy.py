@@ -15,10 +15,9 @@ from meal_bayes.arrays import Floats, Ints
 from meal_bayes.momdp import MOMDP, Belief
 from meal_bayes.momdp.belief import percepts_left, truths_of
 from meal_bayes.momdp.observation import predictive, sample_rows
-from meal_bayes.planners.kernel_calls import plan_values
 from meal_bayes.planners.momdp_arrays import MOMDPArrays, arrays_of, paid_share
-from meal_bayes.planners.open_loop.library import plan_library
-from meal_bayes.planners.open_loop.values import Plans
+from meal_bayes.planners.plans.library import plan_library
+from meal_bayes.planners.plans.values import Plans, plan_values
 from meal_bayes.planners.solver import Decision, History, choose
 
 _SAMPLES = 192
@@ -31,7 +30,7 @@ class OpenLoop:
 
     A percept can only help, and what is left of a plan is a plan of the library: the policy is
     worth at least the best plan, whose value is therefore a lower bound on the optimum. After an
-    outcome that is not the likeliest a plan goes back and tries again (see `detours`), or the
+    outcome that is not the likeliest a plan goes back and tries again (see `paths`), or the
     policy does better. It takes any MOMDP, and microseconds a decision. Where attributes are
     coupled, as the values of a group are, their errors are no product: then plans are valued by
     sampled percepts, in milliseconds.

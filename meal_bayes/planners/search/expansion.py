@@ -4,15 +4,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from meal_bayes.planners.factored.grid import value_after
 from meal_bayes.planners.jit import NO_BEHAVIOR, Index, called_kernel, kernel
-from meal_bayes.planners.open_loop.values import (
+from meal_bayes.planners.plans.values import (
     evaluate_plans,
     is_useless,
     stop_value,
     true_chance,
 )
-from meal_bayes.planners.pomcp.tree import Percept, condition
+from meal_bayes.planners.search.tree import Percept, condition
+from meal_bayes.planners.table.grid import value_after
 
 ENUMERATE = 64  # percept vectors up to which an edge gets a child for each
 DRAWN = 24  # children of an edge with more

@@ -1,12 +1,11 @@
 """How open-loop plans are grown on a transition diagram: from percept to percept, greedily."""
 
-import heapq
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes.arrays import Bools, Floats, Ints
+from meal_bayes.arrays import Floats, Ints
 from meal_bayes.planners.jit import (
     NO_BEHAVIOR,
     Index,
@@ -15,36 +14,9 @@ from meal_bayes.planners.jit import (
     entry_kernel,
     kernel,
 )
-from meal_bayes.planners.open_loop.bayes_error import mean_reward
-from meal_bayes.planners.open_loop.detours import PlanSteps
+from meal_bayes.planners.plans.bayes_error import mean_reward
 
 CELLS = 8  # of the seconds that may follow, when a bound looks ahead
-
-
-@by_reference
-class ShortestPaths(NamedTuple):
-    """Cheapest path from each x to a percept of each behavior, along the likeliest outcomes.
-
-    Cost, discount and the chance to get lost count the other outcomes; see `detours`.
-    """
-
-    target: Ints  # (X,E) where a behavior leads
-    senses: NDArray[np.bool_]  # (X,E) does it perceive?
-    first_action: Ints  # (X,E) first behavior of the path, -1 where there is none
-    end: Ints  # (X,E) x afterwards
-    cost: Floats  # (X,E) s, discounted
-    discount: Floats  # (X,E) factor on what comes afterwards
-    lost: Floats  # (X,E) discounted Pr(the path is lost before its end, and answered)
-    observation_counts: Ints  # (X,E,E) percepts gathered on it, the last included
-    gathered: Ints  # (X,E,G) behaviors of these percepts, rising, padded by -1
-
-    def path(self, x: int, behavior: int) -> tuple[int, ...]:
-        """Return the behaviors from x to a percept of one of them; empty where none leads there."""
-        a = int(self.first_action[x, behavior])
-        if a < 0:
-            return ()
-        arrived = a == behavior and self.senses[x, a]
-        return (a,) if arrived else (a, *self.path(int(self.target[x, a]), behavior))
 
 
 @by_reference
@@ -80,65 +52,6 @@ class Growth(NamedTuple):
     reward_range: float  # r+ - r-
     counts: Ints  # (E,) percepts of the plan
     log_r: Floats  # (2,N) sum of the log coefficients, of the plan and of what may follow
-
-
-def find_shortest_paths(steps: PlanSteps, legal: Bools) -> ShortestPaths:
-    """Find the cheapest paths by Dijkstra's algorithm from every x."""
-    shape = legal.shape
-    shortest = ShortestPaths(
-        target=steps.target,
-        senses=steps.senses,
-        first_action=np.full(shape, -1),
-        end=np.zeros(shape, np.int64),
-        cost=np.zeros(shape),
-        discount=np.ones(shape),
-        lost=np.zeros(shape),
-        observation_counts=np.zeros((*shape, shape[1]), np.int64),
-        gathered=np.zeros((*shape, 0), np.int64),
-    )
-    for start in range(len(legal)):
-        # States are settled in order of cost: the first path to a percept is the cheapest.
-        queue: list[tuple[float, int, tuple[int, ...]]] = [(0.0, start, ())]
-        settled: set[int] = set()
-        while queue:
-            cost, x, path = heapq.heappop(queue)
-            if x in settled:
-                continue
-            settled.add(x)
-            for a in np.flatnonzero(legal[x]).tolist():
-                if shortest.senses[x, a] and shortest.first_action[start, a] < 0:
-                    _record_path(shortest, steps, start, (*path, a))
-                after = cost + float(steps.cost[x, a])
-                heapq.heappush(queue, (after, int(shortest.target[x, a]), (*path, a)))
-    return shortest._replace(gathered=_behaviors_of(shortest.observation_counts))
-
-
-def _behaviors_of(observation_counts: Ints) -> Ints:
-    """Return the behaviors with percepts of counts (X,E,E), rising, as (X,E,G) padded by -1."""
-    gathers = observation_counts > 0
-    most = int(gathers.sum(axis=2).max(initial=0))
-    # A stable sort puts the behaviors that gather first, in their order.
-    order = np.argsort(~gathers, axis=2, kind="stable")[..., :most]
-    return np.where(np.take_along_axis(gathers, order, axis=2), order, -1)
-
-
-def _record_path(
-    shortest: ShortestPaths, steps: PlanSteps, start: int, path: tuple[int, ...]
-) -> None:
-    """Record a path, which ends with a percept."""
-    goal = path[-1]
-    x = start
-    scale = 1.0
-    for a in path:
-        shortest.observation_counts[start, goal, a] += shortest.senses[x, a]
-        # cost += (prod of g so far) c
-        shortest.cost[start, goal] += scale * steps.cost[x, a]
-        shortest.lost[start, goal] += scale * steps.lost[x, a]
-        scale *= steps.discount[x, a]
-        x = int(shortest.target[x, a])
-    shortest.first_action[start, goal] = path[0]
-    shortest.end[start, goal] = x
-    shortest.discount[start, goal] = scale
 
 
 @kernel

@@ -2,9 +2,20 @@
 
 A plan is worth -sum_k (prod_{j<k} g_j) c_k + (prod_k g_k) [r- + (r+ - r-) prod_i (1 - err_i)], what
 shaping pays on the way, and what an answer is worth where the plan gets lost: costs c_k and factors
-g_k are of steps that are tried until their likeliest outcome comes (see `detours`). Errors come
+g_k are of steps that are tried until their likeliest outcome comes (see `paths`). Errors come
 from tables where the plan's behaviors have shown nothing yet (or their rows are known), and are
-computed otherwise. Of yes or no, see `yes_or_no`.
+computed otherwise.
+
+Of a question of yes or no the factor on prod_k g_k is the value of asserting that all literals
+hold, or of denying it. Each attribute's percepts are taken for its literal or against it: with
+probability h_i if it holds, f_i if not (a point of the plan's ROC). The conjunction is asserted
+where all are taken to hold, and denied elsewhere. With q_i = Pr(literal i),
+Pr(assert) = prod_i (q_i h_i + (1 - q_i) f_i) and Pr(assert, right) = prod_i q_i h_i, in which the
+value is linear. So the best threshold of one attribute is in closed form where those of the others
+are held, and thresholds are improved one at a time. In
+the first round the others are taken to be known, so that what is computed then is the same for all
+plans that share a row of the table. In later rounds an attribute's best threshold follows from what
+those before it have chosen in this round, and those behind it in the last one: the order matters.
 """
 
 from typing import NamedTuple
@@ -13,21 +24,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from meal_bayes.arrays import Floats, Ints
-from meal_bayes.planners.jit import by_reference, called_kernel, kernel
+from meal_bayes.momdp import Belief
+from meal_bayes.planners.jit import by_reference, called_kernel, entry_kernel, kernel
 from meal_bayes.planners.momdp_arrays import MOMDPArrays, paid_share
-from meal_bayes.planners.open_loop.bayes_error import (
+from meal_bayes.planners.plans.bayes_error import (
+    SPAN,
     Scratch,
     log_odds,
     make_scratch,
     mean_reward,
     plan_error,
+    plan_rates,
     threshold_below,
 )
-from meal_bayes.planners.open_loop.yes_or_no import planned_yes_or_no, yes_or_no_value
 
 _paid_share = kernel(paid_share)
 
 COMPUTED = 6  # plans of a first behavior that are computed at one belief, at most
+_ROUNDS = 3  # in which the thresholds of a question of yes or no are improved
 
 PLAN = np.dtype([
     ("action", np.int64),  # first behavior
@@ -60,22 +74,11 @@ class Evaluator(NamedTuple):
     scratch: Scratch
 
 
-@by_reference
 class BestPlans(NamedTuple):
     """The best plan of each first behavior at some beliefs; value -inf where there is none."""
 
     value: Floats  # (B,E)
     plan: Ints  # (B,E)
-
-
-@by_reference
-class Beliefs(NamedTuple):
-    """Beliefs at one x at which plans are valued."""
-
-    x: int
-    prob: Floats  # (B,N,C) Pr(latent class)
-    drop_useless: bool  # have behaviors that cannot help the value -inf? see `evaluate_plans`
-    best: BestPlans  # results
 
 
 def make_evaluator(model: MOMDPArrays, plans: Plans) -> Evaluator:
@@ -93,6 +96,14 @@ def true_chance(percepts, prob, i):
     return total
 
 
+@kernel
+def _yes_or_no_value(conjunction, holds):
+    """Compute the value of the best of assertion and denial at Pr(all literals hold)."""
+    affirm = mean_reward(conjunction.wrong_assertion, conjunction.assertion_gain, holds)
+    deny = mean_reward(conjunction.wrong_denial, conjunction.denial_gain, 1.0 - holds)
+    return max(affirm, deny)
+
+
 @called_kernel
 def stop_value(model, conjunction, prob):
     """Compute the value of ending now: of the best report or of the exit."""
@@ -101,7 +112,7 @@ def stop_value(model, conjunction, prob):
         for i in range(prob.shape[0]):
             b = true_chance(model.percepts, prob, i)
             holds *= b if conjunction.literal[i] else 1.0 - b
-        return max(yes_or_no_value(conjunction, holds), model.dynamics.exit_value)
+        return max(_yes_or_no_value(conjunction, holds), model.dynamics.exit_value)
     right = 1.0
     for i in range(prob.shape[0]):
         b = true_chance(model.percepts, prob, i)
@@ -175,6 +186,147 @@ def _table_error(evaluator, t, prob, i):
     return min(risk, beside, scratch.chance[i], 1.0 - scratch.chance[i])
 
 
+# --- The end of a plan of yes or no
+
+
+@kernel
+def _as_literal(conjunction, i, scratch):
+    """Turn Pr(says yes, truth) of attribute i into Pr(taken to hold, literal's truth)."""
+    if not conjunction.literal[i]:
+        b = scratch.chance[i]
+        false = scratch.accepted[0, i]
+        true = scratch.accepted[1, i]
+        scratch.accepted[0, i] = b - true
+        scratch.accepted[1, i] = 1.0 - b - false
+
+
+@kernel
+def _score(evaluator, t, g, prob, i, weights):
+    """Value threshold g for attribute i: hits at weights[1], less alarms at weights[0].
+
+    Pr(taken to hold, literal's truth) is put into column i of `accepted`.
+    """
+    table = evaluator.plans.table
+    truth = evaluator.model.percepts.truth_of_class
+    accepted = evaluator.scratch.accepted
+    accepted[0, i] = 0.0
+    accepted[1, i] = 0.0
+    for c in range(table.shape[2]):
+        p = prob[i, c] * table[t, g, c]
+        accepted[0, i] += p * truth[i, 0, c]
+        accepted[1, i] += p * truth[i, 1, c]
+    _as_literal(evaluator.model.conjunction, i, evaluator.scratch)
+    return weights[1] * accepted[1, i] - weights[0] * accepted[0, i]
+
+
+@called_kernel
+def _decide_literal(evaluator, t, prob, i, weights):
+    """Choose the threshold of the best `_score`, or to take the literal always, or never."""
+    literal = evaluator.model.conjunction.literal[i]
+    exact_rule = evaluator.model.percepts.class_is_truth
+    accepted = evaluator.scratch.accepted
+    thresholds = evaluator.plans.table.shape[1]
+    b = evaluator.scratch.chance[i]
+    q = b if literal else 1.0 - b
+    # To take the literal always: every hit (q), and every alarm (1 - q).
+    always = weights[1] * q - weights[0] * (1.0 - q)
+    best = 0.0
+    if weights[1] > 0.0:
+        # Yes where Pr(z | true) / Pr(z | false) times these odds exceeds 1.
+        ratio = np.log((weights[1] + 1e-300) / (weights[0] + 1e-300))
+        odds = log_odds(b) + (ratio if literal else -ratio)
+        g = threshold_below(min(max(odds, -SPAN), SPAN), thresholds)
+        best = _score(evaluator, t, g, prob, i, weights)
+        beside = _score(evaluator, t, g + 1, prob, i, weights)
+        step = 1 if beside > best else -1
+        if beside > best:
+            best = beside
+            g += 1
+        # Where classes are shared the best threshold may lie further off.
+        while not exact_rule and 0 <= g + step < thresholds:
+            beside = _score(evaluator, t, g + step, prob, i, weights)
+            if beside <= best:
+                break
+            best = beside
+            g += step
+        _score(evaluator, t, g, prob, i, weights)  # leaves the best one's rates in `accepted`
+    if always >= max(best, 0.0):
+        accepted[0, i] = 1.0 - q
+        accepted[1, i] = q
+    elif best <= 0.0:
+        accepted[0, i] = 0.0
+        accepted[1, i] = 0.0
+
+
+@called_kernel
+def _compute_literal(evaluator, j, prob, i, weights, first):
+    """Compute what `_decide_literal` reads from tables; of the first round once a row."""
+    scratch = evaluator.scratch
+    conjunction = evaluator.model.conjunction
+    t = evaluator.plans.row[j, i]
+    z = scratch.column[i]
+    if first and scratch.error[t, z] >= 0.0:
+        scratch.accepted[0, i] = scratch.alarm[t, z]
+        scratch.accepted[1, i] = scratch.error[t, z]
+        return
+    against = max(weights[0], 0.0) + 1e-300
+    pro = max(weights[1], 0.0) + 1e-300
+    weight = pro / against if conjunction.literal[i] else against / pro
+    counts = evaluator.plans.observation_counts[j]
+    plan_rates(evaluator.model.percepts, counts, i, prob, weight, scratch)
+    _as_literal(conjunction, i, scratch)
+    if first:
+        scratch.alarm[t, z] = scratch.accepted[0, i]
+        scratch.error[t, z] = scratch.accepted[1, i]
+
+
+@called_kernel
+def _planned_yes_or_no(evaluator, j, prob, floor, enumerated):
+    """Compute the reward expected at the end of a plan; at most `floor` if it cannot beat that.
+
+    By tables, or `enumerated`; see `_plan_value`.
+    """
+    conjunction = evaluator.model.conjunction
+    accepted = evaluator.scratch.accepted
+    n = prob.shape[0]
+    holds = 1.0
+    for i in range(n):
+        b = evaluator.scratch.chance[i]
+        holds *= b if conjunction.literal[i] else 1.0 - b
+    # What an assertion adds to a denial where it is right, and takes from it where it is wrong.
+    gain = conjunction.gain
+    loss = conjunction.loss
+    deny = mean_reward(conjunction.wrong_denial, conjunction.denial_gain, 1.0 - holds)
+    if deny + gain * holds <= floor:  # with percepts that tell all
+        return deny + gain * holds
+    for turn in range(_ROUNDS):
+        for i in range(n):
+            # What the others do: at first as if they were known.
+            hits = 1.0
+            asserts = 1.0
+            for k in range(n if turn > 0 else 0):
+                if k != i:
+                    hits *= accepted[1, k]
+                    asserts *= accepted[0, k] + accepted[1, k]
+            # gain hits h - loss (asserts (h + f) - hits h): gained with h, and lost with f.
+            weights = (loss * asserts, (gain + loss) * hits - loss * asserts)
+            if enumerated:
+                _compute_literal(evaluator, j, prob, i, weights, turn == 0)
+            else:
+                _decide_literal(evaluator, evaluator.plans.row[j, i], prob, i, weights)
+    # E[reward] = deny + gain Pr(assert, right) - loss Pr(assert, wrong); or assert in any case.
+    right = 1.0
+    asserted = 1.0
+    for i in range(n):
+        right *= accepted[1, i]
+        asserted *= accepted[0, i] + accepted[1, i]
+    best = max(gain * right - loss * (asserted - right), gain * holds - loss * (1.0 - holds))
+    return deny + max(best, 0.0)
+
+
+# --- Plans
+
+
 @kernel
 def _plan_value(evaluator, conjunction, j, prob, floor, enumerated, shared):
     """Compute a plan's value by tables, or by its percepts; at most `floor` if it cannot beat that.
@@ -196,7 +348,7 @@ def _plan_value(evaluator, conjunction, j, prob, floor, enumerated, shared):
             pay += _bonus(evaluator, j)
         # V = pay + g V_end <= floor, solved for V_end: below it thresholds need not be improved.
         least = (floor - pay) / plan.discount if floor > -np.inf else -np.inf
-        return pay + plan.discount * planned_yes_or_no(evaluator, j, prob, least, enumerated)
+        return pay + plan.discount * _planned_yes_or_no(evaluator, j, prob, least, enumerated)
     base = plan.discount * model.incorrect - plan.cost
     reward = plan.discount * model.reward_range
     if plan.lost > 0.0:
@@ -349,13 +501,34 @@ def evaluate_plans(evaluator, x, prob, floor, drop_useless):
     return best
 
 
-@called_kernel
-def value_plans(evaluator, beliefs):
-    """Value the best plan of each first behavior at all beliefs -> `beliefs.best`."""
-    scratch = evaluator.scratch
-    best = beliefs.best
-    for b in range(beliefs.prob.shape[0]):
-        evaluate_plans(evaluator, beliefs.x, beliefs.prob[b], -np.inf, beliefs.drop_useless)
-        for a in range(best.value.shape[1]):
-            best.value[b, a] = scratch.value[a]
-            best.plan[b, a] = scratch.best[a]
+@entry_kernel
+def _value_at_beliefs(evaluator, x, beliefs, drop_useless, value, plan):
+    """Value the best plan of each first behavior at beliefs (B,N,C) -> value, plan (B,E)."""
+    for b in range(beliefs.shape[0]):
+        evaluate_plans(evaluator, x, beliefs[b], -np.inf, drop_useless)
+        for a in range(value.shape[1]):
+            value[b, a] = evaluator.scratch.value[a]
+            plan[b, a] = evaluator.scratch.best[a]
+
+
+def best_plans(
+    evaluator: Evaluator, x: int, beliefs: Floats, *, drop_useless: bool = False
+) -> BestPlans:
+    """Value the best plan of each first behavior from x at beliefs (B,N,C).
+
+    See `evaluate_plans`; the evaluator holds the values at the last belief.
+    """
+    shape = len(beliefs), len(evaluator.scratch.value)
+    best = BestPlans(value=np.empty(shape), plan=np.empty(shape, np.int64))
+    _value_at_beliefs(evaluator, x, beliefs, drop_useless, *best)
+    return best
+
+
+def plan_values(model: MOMDPArrays, plans: Plans, belief: Belief) -> Evaluator:
+    """Value the best plan of each first behavior -> `scratch.value` (E,) of the evaluator."""
+    evaluator = make_evaluator(model, plans)
+    evidence = evaluator.scratch.evidence
+    evidence.counts[:] = belief.percept_counts
+    evidence.total[:] = belief.shown
+    best_plans(evaluator, belief.x, np.exp(belief.log_prob)[None], drop_useless=True)
+    return evaluator

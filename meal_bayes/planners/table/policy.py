@@ -41,13 +41,13 @@ from meal_bayes.arrays import ByValue, Floats, plain_fields
 from meal_bayes.errors import SettingsError
 from meal_bayes.momdp import MOMDP, answer_value, initial_belief
 from meal_bayes.momdp.belief import percepts_left
-from meal_bayes.planners.factored import grid
-from meal_bayes.planners.factored.grid import Reader, Table
-from meal_bayes.planners.factored.sweep import Edges, Ending, make_backups, percepts_on, sweep
 from meal_bayes.planners.jit import NO_BEHAVIOR
 from meal_bayes.planners.momdp_arrays import MOMDPArrays, arrays_of
-from meal_bayes.planners.open_loop.policy import OpenLoop
+from meal_bayes.planners.plans.policy import OpenLoop
 from meal_bayes.planners.solver import Decision, History, choose
+from meal_bayes.planners.table import grid
+from meal_bayes.planners.table.grid import Reader, Table
+from meal_bayes.planners.table.sweep import Edges, Ending, make_backups, percepts_on, sweep
 
 _FINER = 8  # times `points` are those of the estimate, and of the bound of _MANY attributes
 # Attributes that a table holds, at most: with a sixth the coarsest grid, of seven points or more an

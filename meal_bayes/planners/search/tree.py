@@ -15,7 +15,7 @@ from meal_bayes.arrays import Floats, Ints
 from meal_bayes.momdp import MOMDP, Belief, answer_value
 from meal_bayes.planners.jit import Index, by_reference, called_kernel, kernel
 from meal_bayes.planners.momdp_arrays import Percepts
-from meal_bayes.planners.open_loop.bayes_error import predictive
+from meal_bayes.planners.plans.bayes_error import predictive
 from meal_bayes.planners.solver import TreeEdge
 
 KEPT = 8  # sampled MOMDPs whose rows a decision keeps

@@ -1,0 +1,321 @@
+"""Candidates for the library of plans: where they come from, and what they are estimated to earn.
+
+Some are simple, some are tours; others are grown (`growth`). What their percepts tell is estimated
+by the Bhattacharyya coefficient. That of k percepts is
+sum_j sqrt(Pr(j of k say yes | true) Pr(j of k say yes | false)): 1 where they tell nothing, 0 where
+they tell all. An error is at most sqrt(b (1 - b)) times the coefficient [Kailath1967], which is the
+product of the behaviors' where their percepts are independent given the truth; with shared latent
+classes that is no bound, but an estimate.
+"""
+
+import functools
+import itertools
+from collections.abc import Iterable, Iterator, Sequence
+from typing import NamedTuple, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meal_bayes.arrays import Bools, Floats, Ints, yes_of
+from meal_bayes.momdp.observation import predictive
+from meal_bayes.momdp.reports import Conjunction, mean_reward
+from meal_bayes.planners.momdp_arrays import DIAGRAMS, MOMDPArrays, paid_share
+from meal_bayes.planners.plans.paths import DiagramPaths, ShortestPaths
+from meal_bayes.planners.plans.values import PLAN
+
+LENGTH = 96  # behaviors of a plan, at most
+_SIMPLE_PLANS = 6_000  # of all x; a diagram with more keeps the most promising
+_TOURS = 1_000  # of all x, likewise
+# Coefficients of 0 to 7 percepts of a behavior are known; of more, growth extrapolates and the
+# estimate of a value takes those of 7.
+COUNTED = 8
+
+Walk = tuple[int, Sequence[int]]  # an x, and behaviors from there
+_Number = TypeVar("_Number", np.int64, np.float64)
+
+
+class Candidates(NamedTuple):
+    """Plans with the paths that they follow."""
+
+    x: Ints  # (J,) where they start
+    path: NDArray[np.int16]  # (J,L) behaviors, padded by -1
+    plan: NDArray[np.void]  # as in `Plans`, like the following
+    observation_counts: Ints
+    expected_percepts: Floats
+
+    def select(self, rows: NDArray[np.intp]) -> "Candidates":
+        """Select some of them."""
+        return Candidates._make(part[rows] for part in self)
+
+
+def simple_plans(diagram: DiagramPaths, log_affinity: Floats) -> Candidates:
+    """Return every legal behavior, and plans of a few percepts of one or two behaviors.
+
+    These gather one or two percepts of a behavior, then none, one or two of another. Where a
+    diagram has too many, the most promising of each x are kept: those that tell most a second, by
+    the log coefficients (N,E,U) of what percepts tell.
+    """
+    legal = diagram.dynamics.step["legal"]
+    n_states, n_behaviors = legal.shape
+    if 6 * n_states * n_behaviors**2 <= _SIMPLE_PLANS:
+        return _all_simple_plans(diagram)
+    singles = [(x, (a,)) for x, a in np.argwhere(legal).tolist()]
+    most = max(_SIMPLE_PLANS // n_states - n_behaviors, n_behaviors)
+    tells = -log_affinity.sum(axis=0)  # (E,U)
+    walks = (
+        _simple_walk(diagram.shortest, x, goals)
+        for x in range(n_states)
+        for goals in _promising_goals(diagram.shortest, x, tells, most)
+    )
+    return cheapest(sum_up_walks(diagram, sorted({*singles, *walks})))
+
+
+@functools.lru_cache(maxsize=DIAGRAMS)
+def _all_simple_plans(diagram: DiagramPaths) -> Candidates:
+    """Return all simple plans; they do not depend on what percepts tell."""
+    shortest = diagram.shortest
+    legal = diagram.dynamics.step["legal"]
+    walks = set[tuple[int, tuple[int, ...]]]((x, (a,)) for x, a in np.argwhere(legal).tolist())
+    for x in range(len(legal)):
+        goals = np.flatnonzero(shortest.first_action[x] >= 0).tolist()
+        for e, k, f, more in itertools.product(goals, (1, 2), goals, (0, 1, 2)):
+            walks.add(_simple_walk(shortest, x, (*(e,) * k, *(f,) * more)))
+    return cheapest(sum_up_walks(diagram, sorted(walks)))
+
+
+def _simple_walk(
+    shortest: ShortestPaths, x: int, goals: Sequence[int]
+) -> tuple[int, tuple[int, ...]]:
+    """Return x and the behaviors that gather percepts in turn, as far as paths lead."""
+    path: tuple[int, ...] = ()
+    state = x
+    for goal in goals:
+        if shortest.first_action[state, goal] < 0:
+            break  # none leads back
+        path = (*path, *shortest.path(state, goal))
+        state = int(shortest.end[state, goal])
+    return x, path[:LENGTH]
+
+
+def _promising_goals(
+    shortest: ShortestPaths, x: int, tells: Floats, most: int
+) -> Iterator[tuple[int, ...]]:
+    """Yield the goals of the simple plans from x that tell most a second, `most` at most."""
+    reached = shortest.first_action >= 0
+    unreached = np.where(reached, shortest.cost, np.inf)  # (X,E)
+    for k in (1, 2):
+        goals = np.flatnonzero(reached[x])
+        end = shortest.end[x, goals]
+        cost = unreached[x, goals]
+        if k == 2:  # once more, from where the first percept left the robot
+            cost = cost + unreached[end, goals]
+            end = shortest.end[end, goals]
+        first = tells[goals, k]
+        second = unreached[end]  # (G,E)
+        last = shortest.end[end]  # (G,E)
+        third = unreached[last, np.arange(len(tells))]
+        # Columns: the first behavior alone; then one, then two percepts of each other.
+        gain = np.column_stack([first, first[:, None] + tells[:, 1], first[:, None] + tells[:, 2]])
+        price = cost[:, None] + np.column_stack([np.zeros(len(goals)), second, second + third])
+        with np.errstate(invalid="ignore"):
+            promise = np.where(np.isfinite(price), gain / (price + 1e-6), -np.inf)
+        promise[:, 0] = np.where(np.isfinite(cost), np.inf, -np.inf)  # each behavior alone
+        best = np.argsort(-promise, axis=None, kind="stable")[: most // 2]
+        for row, column in zip(*np.unravel_index(best, promise.shape), strict=True):
+            if promise[row, column] == -np.inf:
+                break
+            more, other = divmod(int(column) - 1, len(tells))
+            yield (int(goals[row]),) * k + (other,) * (more + 1 if column else 0)
+
+
+def sum_up(diagram: DiagramPaths, start: Ints, path: Ints, ends: Bools) -> Candidates:
+    """Sum up the prefixes of paths (R,L) from start (R,) that stop behind the steps `ends`.
+
+    cost = sum_k (prod_{j<k} g_j) c_k, discount = prod_k g_k, lost = sum_k (prod_{j<k} g_j) l_k
+    """
+    length = path.shape[1]
+    # The states that a path passes, along the likeliest outcomes.
+    x = np.empty_like(path)
+    x[:, 0] = start
+    for t in range(length - 1):
+        x[:, t + 1] = diagram.shortest.target[x[:, t], path[:, t]]
+    last = diagram.shortest.target[x, path]
+    steps = diagram.steps
+    discount = steps.discount[x, path].cumprod(axis=1)
+    scale = np.hstack([np.ones((len(path), 1)), discount[:, :-1]])
+    cost = (scale * steps.cost[x, path]).cumsum(axis=1)
+    lost = (scale * steps.lost[x, path]).cumsum(axis=1)
+    row, end = np.nonzero(ends)
+    plan = np.zeros(len(row), PLAN)
+    plan["action"] = path[row, 0]
+    plan["cost"] = cost[row, end]
+    plan["discount"] = discount[row, end]
+    plan["lost"] = lost[row, end]
+    plan["end"] = last[row, end]
+    behavior = np.full((len(row), LENGTH), -1, np.int16)  # copying paths would take half the time
+    inside = np.arange(length) <= end[:, None]
+    behavior[:, :length] = np.where(inside, path.astype(np.int16)[row], -1)
+    senses = diagram.shortest.senses[x, path].astype(np.int64)
+    paid = scale * steps.percepts[x, path]
+    n_behaviors = diagram.dynamics.step.shape[1]
+    return Candidates(
+        x=start[row],
+        path=behavior,
+        plan=plan,
+        observation_counts=_by_behavior(senses, path, ends, n_behaviors),
+        expected_percepts=_by_behavior(paid, path, ends, n_behaviors),
+    )
+
+
+def _by_behavior(
+    amount: NDArray[_Number], path: Ints, ends: Bools, n_behaviors: int
+) -> NDArray[_Number]:
+    """Sum an amount of the steps of paths (R,L) by behavior, up to each of the J `ends`: (J,E)."""
+    rows = np.arange(len(path))
+    place = ends.ravel().cumsum().reshape(ends.shape) - 1  # of an end, row by row
+    so_far = np.zeros((len(path), n_behaviors), amount.dtype)
+    sums = np.empty((int(ends.sum()), n_behaviors), amount.dtype)
+    for t in range(path.shape[1]):
+        so_far[rows, path[:, t]] += amount[:, t]
+        ended = np.flatnonzero(ends[:, t])
+        sums[place[ended, t]] = so_far[ended]
+    return sums
+
+
+def sum_up_walks(
+    diagram: DiagramPaths, walks: Iterable[Walk], *, prefixes: bool = False
+) -> Candidates:
+    """Sum up walks of any length, or all their prefixes."""
+    start, paths = zip(*walks, strict=True)
+    path = np.array([*itertools.zip_longest(*paths, fillvalue=-1)]).T
+    if prefixes:
+        return sum_up(diagram, np.array(start), path, path >= 0)
+    last = np.arange(path.shape[1]) == (path >= 0).sum(axis=1)[:, None] - 1
+    return sum_up(diagram, np.array(start), path, last)
+
+
+def cheapest(candidates: Candidates) -> Candidates:
+    """Return the cheapest plan of equal x, first behavior and percepts, in order of x."""
+    ascending = np.argsort(candidates.plan["cost"], kind="stable")
+    action = candidates.plan["action"][ascending]
+    counts = candidates.observation_counts[ascending]
+    first, _ = distinct(np.column_stack([candidates.x[ascending], action, counts]))
+    return candidates.select(ascending[first])
+
+
+def distinct(rows: Ints) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Find the first of each distinct row of small integers >= 0, and each row's place in these."""
+    # Rows as strings of big-endian bytes: they sort as the numbers do, and in one pass.
+    keys = rows.astype(">u2").view(f"S{2 * rows.shape[1]}").ravel()
+    return np.unique(keys, return_index=True, return_inverse=True)[1:]
+
+
+def paid_tours(model: MOMDPArrays, shortest: ShortestPaths) -> Iterator[Walk]:
+    """Build tours: after every first behavior, to the best-paid first percept while it pays.
+
+    Of a large diagram only the first behaviors of each x that are paid most a second begin one.
+    """
+    pay = np.where(model.bonus_limit > 0, model.bonus.mean(axis=2).sum(axis=0), 0.0)
+    begins = shortest.first_action >= 0
+    most = max(_TOURS // len(begins), 1)
+    promise = np.where(begins, pay / (shortest.cost + 1e-6), -np.inf)
+    begins &= (-promise).argsort(axis=1, kind="stable").argsort(axis=1) < most
+    for x, first in np.argwhere(begins).tolist():
+        path: tuple[int, ...] = ()
+        state = x
+        goal = first
+        unpaid = np.ones(len(pay), np.bool_)
+        while goal >= 0 and len(path) < LENGTH:
+            path = (*path, *shortest.path(state, goal))
+            state = int(shortest.end[state, goal])
+            unpaid[list(path)] = False
+            # What a path pays for first percepts on it, less what it costs.
+            gain = (shortest.observation_counts[state] > 0) @ (pay * unpaid) - shortest.cost[state]
+            gain = np.where(unpaid & (shortest.first_action[state] >= 0), gain, -np.inf)
+            goal = int(gain.argmax()) if gain.max() > 0 else -1
+        yield x, path[:LENGTH]
+
+
+def plan_suffixes(plans: Candidates, shortest: ShortestPaths) -> Iterator[Walk]:
+    """Yield plans, and what remains of them after each of their steps."""
+    for x, row in zip(plans.x.tolist(), plans.path, strict=True):
+        state = x
+        path = row[row >= 0].tolist()
+        while path:
+            yield state, path
+            state = int(shortest.target[state, path[0]])
+            path = path[1:]
+
+
+def log_affinities(model: MOMDPArrays) -> Floats:
+    """Compute the log of the coefficient of k percepts of a behavior, (N,E,U) for k < U."""
+    percepts = model.percepts
+    yes = yes_of(percepts.rows)[..., None]  # (N,E,C,1)
+    s = percepts.precision[..., None]
+    j = np.arange(COUNTED)
+    counts = np.zeros((*yes.shape[:3], COUNTED))  # Pr(j of k say yes | class)
+    counts[..., 0] = 1.0
+    log_affinity = np.zeros((*yes.shape[:2], COUNTED))
+    for k in range(COUNTED - 1):
+        # Polya's urn: P(j + 1 of k + 1) = P(j of k) Pr(yes | j of k), class by class.
+        more = counts[..., :-1] * predictive(yes, s, j, k)[..., :-1]
+        counts[..., :-1] -= more
+        counts[..., 1:] += more
+        by_truth = percepts.class_of_truth[:, None] @ counts  # (N,E,2,U)
+        affinity = np.sqrt(by_truth[:, :, 0] * by_truth[:, :, 1])[..., : k + 2].sum(axis=-1)
+        log_affinity[..., k + 1] = np.log(affinity + 1e-300)
+    return np.where(percepts.informative[..., None], log_affinity, 0.0)
+
+
+def estimate_values(
+    model: MOMDPArrays, candidates: Candidates, probabilities: Floats, log_affinity: Floats
+) -> Floats:
+    """Estimate the values (B,J) of candidates at beliefs (B,N), from coefficients (N,E,U)."""
+    within = np.minimum(model.percepts.limit, COUNTED - 1).astype(np.int64)
+    counts = np.minimum(candidates.observation_counts, within)
+    affinity = np.exp(log_affinity[:, np.arange(counts.shape[1]), counts].sum(axis=2))  # (N,J)
+    lost = candidates.plan["lost"]
+    value = candidates.plan["discount"] * _estimate_answers(model, probabilities, affinity)
+    value -= candidates.plan["cost"]
+    if lost.any():  # then it is answered at once
+        value += lost * _estimate_answers(model, probabilities, np.ones((len(affinity), 1)))
+    if model.shaped:
+        planned = candidates.observation_counts
+        fraction = paid_share(model.bonus_limit, 0.0, planned) * (planned > 0)
+        pay = model.bonus.mean(axis=2).sum(axis=0)
+        value += (fraction * candidates.expected_percepts) @ pay
+    return np.asarray(value)
+
+
+def _estimate_answers(model: MOMDPArrays, probabilities: Floats, affinity: Floats) -> Floats:
+    """Estimate rewards (B,J) of the best answer after percepts of coefficients (N,J)."""
+    if model.conjunction is None:
+        return _estimate_reports(model, probabilities, affinity)
+    return _estimate_yes_or_no(model.conjunction, probabilities, affinity)
+
+
+def _estimate_reports(model: MOMDPArrays, probabilities: Floats, affinity: Floats) -> Floats:
+    """Estimate rewards (B,J) of reporting values, with every error at its most."""
+    right = np.ones((len(probabilities), affinity.shape[1]))
+    unsure = np.sqrt(probabilities * (1.0 - probabilities))
+    for of_attribute, of_plans in zip(unsure.T, affinity, strict=True):
+        right *= 1.0 - of_attribute[:, None] * of_plans
+    return np.asarray(mean_reward(model.incorrect, model.reward_range, right))
+
+
+def _estimate_yes_or_no(
+    conjunction: Conjunction, probabilities: Floats, affinity: Floats
+) -> Floats:
+    """Estimate rewards (B,J) of yes or no, as if half of an attribute's error were misses."""
+    q = np.where(conjunction.literal, probabilities, 1.0 - probabilities)  # (B,N)
+    unsure = np.sqrt(probabilities * (1.0 - probabilities))
+    error = 0.5 * unsure[:, :, None] * affinity  # (B,N,J)
+    # Pr(taken to hold, holds) and Pr(taken to hold, does not): of each attribute, then of all.
+    hit = q[:, :, None] - np.minimum(q[:, :, None], error)
+    alarm = np.minimum(1.0 - q[:, :, None], error)
+    right = hit.prod(axis=1)
+    wrong = (hit + alarm).prod(axis=1) - right
+    holds = q.prod(axis=1)[:, None]
+    deny = mean_reward(conjunction.wrong_denial, conjunction.denial_gain, 1.0 - holds)
+    assertion = conjunction.gain * right - conjunction.loss * wrong
+    return np.asarray(deny + np.maximum(assertion, 0.0))

@@ -1,0 +1,220 @@
+"""Paths of plans on a transition diagram: what their steps cost, and the shortest to each percept.
+
+A behavior may have several outcomes, as a shaken object may slip. A plan follows the likeliest
+outcome of each of its behaviors. To be a policy, and its value a lower bound, it must say what
+follows another one: it goes back to where the behavior began and tries again; where no path leads
+back it answers at once. Let the behavior cost c, discount by g, and have the likeliest outcome with
+probability p, others with p_o (failures are summed out, see `momdp_arrays`). From outcome o the
+path back costs C_o and discounts what follows it by D_o, the chances L_o of getting lost on it
+being apart. With W what follows the likeliest outcome, and S an answer,
+
+    V = -c + g [p W + sum_o p_o (D_o V + L_o S - C_o)]    and so    V = -cost + discount W + lost S,
+
+cost = (c + g sum_o p_o C_o) / k, discount = g p / k, lost = g sum_o p_o L_o / k,
+k = 1 - g sum_o p_o D_o. Where every behavior has one outcome they are c, g and 0.
+"""
+
+import heapq
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from meal_bayes.arrays import Bools, Floats, Ints
+from meal_bayes.planners.jit import by_reference
+from meal_bayes.planners.momdp_arrays import Dynamics, memoized
+
+
+class PlanSteps(NamedTuple):
+    """Steps of plans, tried until the likeliest outcome comes."""
+
+    target: Ints  # (X,E) x of the likeliest outcome
+    senses: Bools  # (X,E) does it perceive?
+    cost: Floats  # (X,E) s, discounted
+    discount: Floats  # (X,E) factor on what follows the likeliest outcome
+    lost: Floats  # (X,E) discounted Pr(no path leads back): the plan then ends with an answer
+    percepts: Floats  # (X,E) expected, discounted: what a bonus pays
+
+
+class Detours(NamedTuple):
+    """What it takes to come back to one x, from every x; it may lead round, or get lost."""
+
+    cost: Floats  # (X,) C: expected, discounted, s
+    reached: Floats  # (X,) D: discounted Pr(it comes back)
+    lost: Floats  # (X,) L: discounted Pr(it comes to an x from which it cannot)
+
+
+def plan_steps(dynamics: Dynamics) -> PlanSteps:
+    """Sum up the steps of plans on a diagram."""
+    step = dynamics.step
+    branch = dynamics.branch
+    likeliest = branch["p"].argmax(axis=2)[:, :, None]
+    target = np.take_along_axis(branch["x"], likeliest, axis=2)[:, :, 0]
+    senses = np.take_along_axis(branch["senses"], likeliest, axis=2)[:, :, 0]
+    probability = np.take_along_axis(branch["p"], likeliest, axis=2)[:, :, 0]
+    steps = PlanSteps(
+        target=target,
+        senses=senses,
+        cost=step["cost"].copy(),
+        discount=step["discount"].copy(),
+        lost=np.zeros(step.shape),
+        percepts=step["percepts"].copy(),
+    )
+    # Where one outcome is certain a step is what it was.
+    several = step["legal"] & (np.count_nonzero(branch["p"], axis=2) > 1)
+    for x in np.flatnonzero(several.any(axis=1)).tolist():
+        back = detours_to(dynamics, target, x)
+        for a in np.flatnonzero(several[x]).tolist():
+            others = branch["p"][x, a].copy()
+            others[likeliest[x, a]] = 0.0
+            g = step["discount"][x, a]
+            ends = branch["x"][x, a]
+            # k = 1 - g sum_o p_o D_o
+            k = 1.0 - g * (others @ back.reached[ends])
+            steps.cost[x, a] = (step["cost"][x, a] + g * (others @ back.cost[ends])) / k
+            steps.discount[x, a] = g * probability[x, a] / k
+            steps.lost[x, a] = g * (others @ back.lost[ends]) / k
+            steps.percepts[x, a] = step["percepts"][x, a] / k
+    return steps
+
+
+def detours_to(dynamics: Dynamics, target: Ints, goal: int) -> Detours:
+    """Go to x `goal` by the cheapest paths along the likeliest outcomes; with all outcomes.
+
+    The policy is Dijkstra's, against the arrows from the goal; its figures solve C = c + g P C,
+    D = g P D with D = 1 at the goal, and L = g P L with L = 1 where no path leads to it. Where an
+    object is to be put down a path must be sure: that is `paths_back`.
+    """
+    step = dynamics.step
+    n_states = len(step)
+    behavior = np.full(n_states, -1)
+    settled = np.zeros(n_states, np.bool_)
+    queue = [(0.0, goal, -1)]
+    while queue:
+        distance, x, first = heapq.heappop(queue)
+        if settled[x]:
+            continue
+        settled[x] = True
+        behavior[x] = first
+        for source, a in np.argwhere(step["legal"] & (target == x)).tolist():
+            if not settled[source]:
+                heapq.heappush(queue, (distance + float(step["cost"][source, a]), source, a))
+    # (I - g P) (C, D, L) = what each x adds: its cost, at the goal 1, where no path leads back 1
+    on_path = np.flatnonzero(settled & (np.arange(n_states) != goal))
+    moves = np.zeros((n_states, n_states))  # g P of the policy; rows of its ends stay 0
+    cost = np.zeros(n_states)
+    for x in on_path.tolist():
+        a = behavior[x]
+        branch = dynamics.branch[x, a]
+        np.add.at(moves[x], branch["x"], step["discount"][x, a] * branch["p"])
+        cost[x] = step["cost"][x, a]
+    ends = np.stack([cost, np.arange(n_states) == goal, ~settled], axis=1).astype(float)
+    return Detours(*np.linalg.solve(np.eye(n_states) - moves, ends).T)
+
+
+@by_reference
+class ShortestPaths(NamedTuple):
+    """Cheapest path from each x to a percept of each behavior, along the likeliest outcomes.
+
+    Cost, discount and the chance to get lost count the other outcomes, as those of `PlanSteps`.
+    """
+
+    target: Ints  # (X,E) where a behavior leads
+    senses: NDArray[np.bool_]  # (X,E) does it perceive?
+    first_action: Ints  # (X,E) first behavior of the path, -1 where there is none
+    end: Ints  # (X,E) x afterwards
+    cost: Floats  # (X,E) s, discounted
+    discount: Floats  # (X,E) factor on what comes afterwards
+    lost: Floats  # (X,E) discounted Pr(the path is lost before its end, and answered)
+    observation_counts: Ints  # (X,E,E) percepts gathered on it, the last included
+    gathered: Ints  # (X,E,G) behaviors of these percepts, rising, padded by -1
+
+    def path(self, x: int, behavior: int) -> tuple[int, ...]:
+        """Return the behaviors from x to a percept of one of them; empty where none leads there."""
+        a = int(self.first_action[x, behavior])
+        if a < 0:
+            return ()
+        arrived = a == behavior and self.senses[x, a]
+        return (a,) if arrived else (a, *self.path(int(self.target[x, a]), behavior))
+
+
+def find_shortest_paths(steps: PlanSteps, legal: Bools) -> ShortestPaths:
+    """Find the cheapest paths by Dijkstra's algorithm from every x."""
+    shape = legal.shape
+    shortest = ShortestPaths(
+        target=steps.target,
+        senses=steps.senses,
+        first_action=np.full(shape, -1),
+        end=np.zeros(shape, np.int64),
+        cost=np.zeros(shape),
+        discount=np.ones(shape),
+        lost=np.zeros(shape),
+        observation_counts=np.zeros((*shape, shape[1]), np.int64),
+        gathered=np.zeros((*shape, 0), np.int64),
+    )
+    for start in range(len(legal)):
+        # States are settled in order of cost: the first path to a percept is the cheapest.
+        queue: list[tuple[float, int, tuple[int, ...]]] = [(0.0, start, ())]
+        settled: set[int] = set()
+        while queue:
+            cost, x, path = heapq.heappop(queue)
+            if x in settled:
+                continue
+            settled.add(x)
+            for a in np.flatnonzero(legal[x]).tolist():
+                if shortest.senses[x, a] and shortest.first_action[start, a] < 0:
+                    _record_path(shortest, steps, start, (*path, a))
+                after = cost + float(steps.cost[x, a])
+                heapq.heappush(queue, (after, int(shortest.target[x, a]), (*path, a)))
+    return shortest._replace(gathered=_behaviors_of(shortest.observation_counts))
+
+
+def _behaviors_of(observation_counts: Ints) -> Ints:
+    """Return the behaviors with percepts of counts (X,E,E), rising, as (X,E,G) padded by -1."""
+    gathers = observation_counts > 0
+    most = int(gathers.sum(axis=2).max(initial=0))
+    # A stable sort puts the behaviors that gather first, in their order.
+    order = np.argsort(~gathers, axis=2, kind="stable")[..., :most]
+    return np.where(np.take_along_axis(gathers, order, axis=2), order, -1)
+
+
+def _record_path(
+    shortest: ShortestPaths, steps: PlanSteps, start: int, path: tuple[int, ...]
+) -> None:
+    """Record a path, which ends with a percept."""
+    goal = path[-1]
+    x = start
+    scale = 1.0
+    for a in path:
+        shortest.observation_counts[start, goal, a] += shortest.senses[x, a]
+        # cost += (prod of g so far) c
+        shortest.cost[start, goal] += scale * steps.cost[x, a]
+        shortest.lost[start, goal] += scale * steps.lost[x, a]
+        scale *= steps.discount[x, a]
+        x = int(shortest.target[x, a])
+    shortest.first_action[start, goal] = path[0]
+    shortest.end[start, goal] = x
+    shortest.discount[start, goal] = scale
+
+
+@dataclass(frozen=True, eq=False)
+class DiagramPaths:
+    """What plans need of a diagram; made once for all MOMDPs that share it."""
+
+    dynamics: Dynamics
+    steps: PlanSteps
+    shortest: ShortestPaths
+
+
+_diagrams: dict[object, DiagramPaths] = {}  # by the identity of dynamics that they hold
+
+
+def diagram_of(dynamics: Dynamics) -> DiagramPaths:
+    """Find the steps of plans and the shortest paths of a diagram, once."""
+
+    def make() -> DiagramPaths:
+        steps = plan_steps(dynamics)
+        return DiagramPaths(dynamics, steps, find_shortest_paths(steps, dynamics.step["legal"]))
+
+    return memoized(_diagrams, id(dynamics.step), make)
