@@ -67,7 +67,7 @@ class Setting:
 
     @property
     def protocols(self) -> tuple[str, ...]:
-        """Columns to run: the paper's settings, its method on recordings, ours beside it."""
+        """Columns to run: the paper's settings, and its method on recordings."""
         return PROTOCOLS[:1] if self.as_published else PROTOCOLS
 
     def choose(self, full: Choice, quick: Choice) -> Choice:

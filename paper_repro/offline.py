@@ -13,10 +13,9 @@ from meal_bayes.trials import TrialOutcomes
 from meal_bayes.trials.outcomes import task_key
 from paper_repro import agents
 from paper_repro.frame import Cell, Setting, Table, paper_values
-from paper_repro.statements import OURS, RECORDED, THEIRS, Evidence, above
+from paper_repro.statements import THEIRS
 
 AGAINST = "morc"  # the paper's agent, which others are compared with
-OWN = "bayes"
 MEASURES = ("success", "cost", "reward")
 
 Runs = Mapping[str, TrialOutcomes]  # by agent
@@ -85,13 +84,6 @@ def pay_for_declining(outcomes: TrialOutcomes, paths: Iterable[Path]) -> TrialOu
     }
     fee = np.array([fees.get(key, 0.0) for key in outcomes.key.tolist()])
     return replace(outcomes, cost=outcomes.cost + fee, reward=outcomes.reward - fee)
-
-
-def our_lead(runs: Mapping[str, Runs], where: str) -> dict[str, Evidence]:
-    """State that our agent earns more than the paper's, on the same tasks (paired)."""
-    lead = difference(runs[OURS][OWN], runs[RECORDED][AGAINST])
-    text = f"our agent earns more reward than MORC: {where}"
-    return {text: above(lead, 0, of="reward less its")}
 
 
 def paired_table(

@@ -24,7 +24,6 @@ LEGAL = "iterative_random_legal"
 BASE = "iterative_morc"
 BEST = "morc_itrs"
 PAPERS = (LEGAL, BASE, BEST)
-OUR_AGENT = "bayes"
 # Repeats split the same objects: J of them leave (1/J + .52) of the variance, as a third tests and
 # two thirds teach. 10 make the 95 % interval 13 % wider than 20 do, 5 nearly half as wide again.
 REPEATS = 10

@@ -71,10 +71,11 @@ its item; where a claim rests on it, its text stands in `claims.toml` too.
   classifiers are weak, a 95 % interval covers 87 to 95 % (`python benchmarks/shared_training.py`).
   Where these agents depart from the paper (tree search in place of SARSOP, ...) stands in
   [departures](../docs/paper/departures.md).
-- **ours**: our agent on the same tasks as the second column.
 
 Printed numbers are judged in the first column alone, ideas in the second where recordings can tell
-(the table of claims says of each in which, and why), and our agent against the second.
+(the table of claims says of each in which, and why). Our own agent is no part of the paper: it is
+compared with the paper's on [the page of results](../docs/results/index.md) and
+[online](../docs/results/online.md).
 
 ## The rules
 
@@ -204,7 +205,6 @@ known:
   bonus seeks risk is judged by the paper's own example and by the seconds explored, 100 trials a
   row (before: by giving up less, which stood; that a large penalty is risk averse is not in the
   paper).
-  What is said of our agent is never central.
 
 How to check a statement by hand: [check a statement](../docs/how-to/check-a-statement.md).
 What the paper prints is in `paper_values.toml`, what it claims in `claims.toml`, departures of the

@@ -24,8 +24,7 @@ CONSTRUCTED = "by construction"
 OUTCOMES = (STANDS, FALLS, UNDECIDED, CONSTRUCTED)
 THEIRS = "theirs"
 RECORDED = "recorded"
-OURS = "ours"
-PROTOCOLS = (THEIRS, RECORDED, OURS)
+PROTOCOLS = (THEIRS, RECORDED)
 
 
 class Part(NamedTuple):
@@ -241,7 +240,7 @@ def judged(
     Parameters
     ----------
     evidence : of statements by their text, by protocol; None where it is not run.
-    central : patterns of the texts on which the verdict rests; what is said of our agent has none.
+    central : patterns of the texts on which the verdict rests.
     where : the paper has them.
     """
     rows = []
@@ -256,12 +255,11 @@ def judged(
                 facts = entry.judge(float(next(levels)))
             else:
                 facts = entry.judge(LEVEL)  # a fact, or by construction: no level enters
-            matches = any(fnmatch(text, pattern) for pattern in central)
             row = {
                 "text": text,
                 "where": where,
                 "protocol": protocol,
-                "central": protocol != OURS and matches,
+                "central": any(fnmatch(text, pattern) for pattern in central),
             }
             rows.append(row | facts)
     return rows
@@ -289,8 +287,7 @@ def verdict(statements: Sequence[Mapping[str, Any]]) -> str:
     if told and None in deciding:
         told += f", {deciding.count(None)} not run"
     if not deciding:
-        theirs = any(row["protocol"] != OURS for row in statements)
-        return "nothing central" if theirs else "nothing to judge"
+        return "nothing central" if statements else "nothing to judge"
     word = _verdict_word(number, complete=None not in deciding)
     tested = [row for row in central if row["outcome"] not in {CONSTRUCTED, None}]
     checked = [row["method"] == "a fact" for row in tested]

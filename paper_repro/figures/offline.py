@@ -62,7 +62,7 @@ def fig4(record: Record) -> dict[str, Axes]:
             f"ROC36, classifiers: {source}. Each row is Pr(percept | truth); kappa is Cohen's.",
         )
         end = source.removeprefix("published, ")
-        figures["" if end == "default" else f"_{end}"] = ax
+        figures[f"_{end}"] = ax
     return figures
 
 
@@ -94,11 +94,15 @@ def fig8(record: Record) -> dict[str, Axes]:
         for measure, column in _MEASURES.items():
             groups = _by_agent(chosen, column)
             ax = dots(groups, places, y_label=_AXES[column], fraction=measure == "success")
+            least = measure == "cost"
             by_number = {
-                n: {agent: spans[i] for agent, spans in groups.items()}
+                n: {
+                    agent: spans[i]
+                    for agent, spans in groups.items()
+                    if not least or agent != "prior"  # which touches nothing
+                }
                 for i, n in enumerate(numbers)
             }
-            least = measure == "cost"
             word = "Least" if least else "Highest"
             told = leaders(by_number, least=least)
             near = {

@@ -25,7 +25,7 @@ from paper_repro.figures.shapes import (
 
 _BASE = "iterative_morc"
 _BEST = "morc_itrs"
-_DRAWN = ("iterative_random_legal", _BEST, "bayes")
+_DRAWN = ("iterative_random_legal", _BEST)
 _RIGHT = "accuracy (share answered right)"
 _BUDGETS = (0.5, 1, 2, 4)  # hours at which the tables compare
 _ENDS = {"reward": "", "accuracy": "_accuracy"}  # of the names of the files

@@ -39,7 +39,7 @@ AGENT_NAMES = {  # in titles and legends, as in the pages' sentences
     "iterative_random_legal": "Iterative Random Legal",
     "iterative_morc": "Iterative MORC",
     "morc_itrs": "MORC-ITRS",
-    "bayes": "bayes",
+    "prior": "base rates",
 }
 TWO_ERRORS = 2.0  # standard errors, where nobody says how many units a mean rests on
 
@@ -91,8 +91,8 @@ def leaders(groups: Mapping[int, Mapping[str, Interval]], *, least: bool = False
     Groups are named by their number of attributes.
 
     >>> one, two = Interval(1.0, 0.1, 0.8, 1.2), Interval(1.1, 0.1, 0.9, 1.3)
-    >>> leaders({1: {"morc": one, "random": UNKNOWN}, 2: {"morc": one, "bayes": two}})
-    'MORC (1 attribute), bayes (2)'
+    >>> leaders({1: {"morc": one, "random": UNKNOWN}, 2: {"morc": one, "prior": two}})
+    'MORC (1 attribute), base rates (2)'
     """
     told: dict[str, list[int]] = {}
     for place, intervals in groups.items():
@@ -113,7 +113,7 @@ def rivals(intervals: Mapping[str, Interval], best: str) -> list[str]:
     """Return the names whose intervals overlap with that of the best.
 
     >>> one, two = Interval(1.0, 0.1, 0.8, 1.2), Interval(1.1, 0.1, 0.9, 1.3)
-    >>> rivals({"morc": one, "bayes": two, "random": UNKNOWN}, "bayes")
+    >>> rivals({"morc": one, "prior": two, "random": UNKNOWN}, "prior")
     ['morc']
     """
     return [

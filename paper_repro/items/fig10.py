@@ -14,7 +14,6 @@ from paper_repro.online import (
     BASE,
     BEST,
     LEGAL,
-    OUR_AGENT,
     PAPERS,
     Curves,
     at_hours,
@@ -25,7 +24,6 @@ from paper_repro.online import (
     run_curves,
 )
 from paper_repro.statements import (
-    OURS,
     RECORDED,
     THEIRS,
     Evidence,
@@ -49,7 +47,7 @@ COLUMNS = (
 PANELS = tuple((dataset, n) for dataset in ("cy101", "roc36", "ispy32") for n in (1, 2))
 NOTE = """Curves are compared with Iterative MORC's ("its") by the paired difference of their means
 over the first H hours of exploration (the area between the curves), and at fixed budgets. H is
-where the other agent's curve ends: Iterative MORC's, Random Legal's, or MORC-ITRS' for our agent.
+where the other agent's curve ends: Iterative MORC's or Random Legal's.
 Who has explored for less by its last batch keeps its last value until then: against Random Legal
 MORC-ITRS, {carried}. Accuracy, abstaining and reward of the tables are those after the last batch;
 who abstains ("I do not know", for 0 s) is not right. Where two attributes are asked under `theirs`,
@@ -83,7 +81,7 @@ def runs(setting: Setting) -> Iterator[OnlineConfig]:
         if setting.only not in title:
             continue
         repeats = repeats_of(setting, protocol)
-        for agent in agents_of(protocol):
+        for agent in PAPERS:
             yield curves_config(
                 setting, dataset, n=n, agent=agent, repeats=repeats, protocol=protocol
             )
@@ -95,7 +93,7 @@ def runs(setting: Setting) -> Iterator[OnlineConfig]:
 def panels_of(setting: Setting) -> Iterator[tuple[str, str, int, str]]:
     """Yield the title, the data set, the number of attributes and the column of every panel."""
     for dataset, n in setting.choose(PANELS, PANELS[2:3]):
-        for protocol in setting.protocols[:2]:
+        for protocol in setting.protocols:
             if protocol != THEIRS or dataset == "cy101":  # the published code has CY101 alone
                 yield f"{dataset.upper()}, {asked(n)}", dataset, n, protocol
 
@@ -112,9 +110,7 @@ def run(setting: Setting) -> Result:
         panel = run_panel(setting, dataset, n, protocol)
         panels[title, protocol] = panel
         evidence[protocol] |= judge(panel, title, one_agent=protocol == RECORDED)
-        if protocol == RECORDED:
-            evidence[OURS] |= judge_ours(panel, title)
-        elif n == 1:
+        if protocol == THEIRS and n == 1:
             published, others = published_split_leads(setting, panel)
             placed.append(place(title, published, others))
     tables = [compared(panel, f"{title}, {column}") for (title, column), panel in panels.items()]
@@ -136,17 +132,12 @@ def run(setting: Setting) -> Result:
 
 
 def run_panel(setting: Setting, dataset: str, n: int, protocol: str) -> Panel:
-    """Run the paper's three agents, and ours on recordings, on the same splits and tasks."""
+    """Run the paper's three agents on the same splits and tasks."""
     repeats = repeats_of(setting, protocol)
     return {
         agent: run_curves(setting, dataset, n=n, agent=agent, repeats=repeats, protocol=protocol)
-        for agent in agents_of(protocol)
+        for agent in PAPERS
     }
-
-
-def agents_of(protocol: str) -> tuple[str, ...]:
-    """Return the agents of a column: the paper's, and ours on recordings."""
-    return PAPERS if protocol == THEIRS else (*PAPERS, OUR_AGENT)
 
 
 def lead_over_hours(panel: Panel) -> Estimate:
@@ -274,13 +265,6 @@ def judge(panel: Panel, title: str, *, one_agent: bool) -> dict[str, Evidence | 
         below(spent, 0, of="hours less its"),
     )
     return dict(zip(texts(title), outcomes, strict=True))
-
-
-def judge_ours(panel: Panel, title: str) -> dict[str, Evidence | None]:
-    """Judge that our agent earns more than MORC-ITRS until that one's curve ends."""
-    lead = paired(*area(panel[OUR_AGENT], panel[BEST], "reward"), panel[BEST].ratio)
-    text = f"our agent earns more reward than MORC-ITRS over the hours: {title}"
-    return {text: above(lead, 0, of="reward less its")}
 
 
 def area(first: Curves, second: Curves, measure: str) -> tuple[np.ndarray, np.ndarray]:

@@ -18,10 +18,9 @@ from paper_repro.inference import (
     drawn_mean,
     planned_trials,
 )
-from paper_repro.offline import AGAINST, OWN, Runs, our_lead, paired_table, run_agent
+from paper_repro.offline import Runs, paired_table, run_agent
 from paper_repro.published import plotted_ispy32
 from paper_repro.statements import (
-    OURS,
     RECORDED,
     THEIRS,
     Evidence,
@@ -55,10 +54,10 @@ CONTEXTS = (
 )
 RANDOM_COST = "Random's cost falls with the number of attributes"
 NOTE = """No numbers are printed. Best is ahead of every other strategy of the paper. MORC stands in
-three rows: `morc_illegal` may end a trial by an illegal behavior, at the cost of the cheapest one,
+two rows: `morc_illegal` may end a trial by an illegal behavior, at the cost of the cheapest one,
 which is how the paper lets it give up; `morc_must_answer` always reports, as the fixed sequences
-do; `morc` answers "I do not know" for nothing (its planner is the same, our agent is compared with
-it). The first two are judged. Who declines is not right: the column `abstained` says how often.
+do. Who declines is not right: the column `abstained` says how often. Declining every question would
+earn 0; `prior`, which is no strategy of the paper, answers by base rates and touches nothing.
 Under `theirs` asking costs 100 s and is right with .65 in each attribute, and Random Legal explores
 for 100 s at every number of attributes, as the name of the plotted file says; it may ask a person
 at the start, as in the published code. The matrices that ISPY32's simulator loads were not
@@ -88,9 +87,10 @@ def run(setting: Setting) -> Result:
     trials = {THEIRS: setting.trials_of(DRAWN, 6), RECORDED: setting.trials_of(TRIALS, 6)}
     runs: dict[str, dict[int, dict[str, TrialOutcomes]]] = {}
     evidence: dict[str, dict[str, Evidence | None]] = {}
-    for protocol in setting.protocols[:2]:
+    for protocol in setting.protocols:
         theirs = protocol == THEIRS
-        agents = (*BASELINES, *WAYS) if theirs else (*BASELINES, *WAYS, AGAINST, OWN)
+        # On recordings an agent that touches nothing stands beside them.
+        agents = (*BASELINES, *WAYS) if theirs else (*BASELINES, *WAYS, "prior")
         count = trials[protocol]
         runs[protocol] = {
             n: {agent: run_strategy(setting, protocol, n, agent, count) for agent in agents}
@@ -102,11 +102,6 @@ def run(setting: Setting) -> Result:
         less = run_strategy(setting, protocol, numbers[0], "predefined", more)
         evidence[protocol] = judge(runs[protocol], drawn=theirs)
         evidence[protocol] |= judge_contexts(plus, less, drawn=theirs)
-    if OURS in setting.protocols:
-        evidence[OURS] = {}
-        for n in numbers:  # our agent and MORC met the same tasks, on recordings
-            same = {RECORDED: runs[RECORDED][n], OURS: runs[RECORDED][n]}
-            evidence[OURS] |= our_lead(same, asked(n))
     rows: list[tuple[Cell, ...]] = []
     for protocol, by_number in runs.items():
         mean = drawn_mean if protocol == THEIRS else estimate_mean

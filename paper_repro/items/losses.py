@@ -14,12 +14,13 @@ from meal_bayes.perception import build_percept_table
 from meal_bayes.planners import Factored
 from meal_bayes.seeds import stream
 from paper_repro.frame import Cell, Result, Setting, Table, paper_values
-from paper_repro.offline import AGAINST, OWN, run_agent
+from paper_repro.offline import AGAINST, run_agent
 from paper_repro.statements import RECORDED
 
 PANELS = tuple(
     (dataset, n, "values") for dataset in ("cy101", "roc36", "ispy32") for n in (1, 2, 3)
 ) + tuple((dataset, 2, "yes or no") for dataset in ("cy101", "roc36", "ispy32"))
+OWN = "bayes"
 TRIALS = 200
 BOUNDED = 50  # of these trials the best plan is bounded
 BARS = {

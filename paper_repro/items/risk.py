@@ -40,7 +40,7 @@ def run(setting: Setting) -> Result:
     """Run MORC on the same queries under rewards of several sizes, together and one alone."""
     trials = {
         name: setting.trials_of(DRAWN if name == THEIRS else TRIALS, 6)
-        for name in setting.protocols[:2]
+        for name in setting.protocols
     }
     usual = paper_values("offline_reward")
     alone = {BONUS: weighing(LARGE, -usual)}

@@ -7,7 +7,7 @@ from meal_bayes.evaluation import difference, estimate_mean
 from meal_bayes.trials import TrialOutcomes
 from paper_repro.frame import Cell, Result, Setting, Table, asked, paper_values
 from paper_repro.inference import LEVEL, drawn_difference, drawn_mean, planned_trials
-from paper_repro.offline import AGAINST, OWN, Runs, paired_table, run_agent
+from paper_repro.offline import AGAINST, Runs, paired_table, run_agent
 from paper_repro.published import (
     EVERY_ACTION,
     SIMULATOR,
@@ -67,13 +67,11 @@ interval of each printed number reaches no farther than half its margin, from th
 the paper prints. A margin of 20 % is wide: by the paper's own standard error, a cost within it may
 be another. On recordings, percepts are those of objects that no classifier has seen, and objects
 are the units; there MORC and Predefined Plus are both right nearly always, so that nothing tells
-which is more accurate, and that is not asked. Nor is it whether our agent earns more than MORC
-there, as one wrong report in 400 trials is all of the error of their difference; the last table has
-it. Predefined Plus goes through the diagram besides."""
+which is more accurate, and that is not asked. Predefined Plus goes through the diagram besides."""
 
 
 def run(setting: Setting) -> Result:
-    """Run the published settings, MORC and its baselines on recordings, and our agent."""
+    """Run the published settings, and MORC and its baselines on recordings."""
     rows: list[tuple[Cell, ...]] = []
     evidence: dict[str, dict[str, Evidence | None]] = {name: {} for name in setting.protocols}
     compared: dict[str, Runs] = {}
@@ -96,7 +94,7 @@ def run(setting: Setting) -> Result:
         tables=(
             Table("accuracy, cost", COLUMNS, tuple(rows)),
             plan_table(published),
-            *([paired_table(compared, ["random", ALL, PLUS, OWN])] if compared else []),
+            *([paired_table(compared, ["random", ALL, PLUS])] if compared else []),
         ),
         evidence=evidence,
         size=f"{', '.join(f'{len(published[2][name])} of {name}' for name in JUDGED)}, "
@@ -152,9 +150,9 @@ def run_theirs(setting: Setting, n: int) -> dict[str, TrialOutcomes]:
 
 
 def run_recorded(setting: Setting, n: int) -> dict[str, TrialOutcomes]:
-    """Run the paper's strategies and our agent on recorded percepts."""
+    """Run the paper's strategies on recorded percepts."""
     trials = setting.trials_of(TRIALS, 8)
-    places = {"random": "roc36", ALL: EVERY_ACTION, PLUS: "roc36", AGAINST: "roc36", OWN: "roc36"}
+    places = {"random": "roc36", ALL: EVERY_ACTION, PLUS: "roc36", AGAINST: "roc36"}
     return {
         name: run_agent(
             setting, RECORDED, place, n=n, agent=PLUS if name == ALL else name, trials=trials

@@ -20,7 +20,6 @@ from paper_repro.inference import (
 from paper_repro.statements import (
     CONSTRUCTED,
     FALLS,
-    OURS,
     RECORDED,
     STANDS,
     THEIRS,
@@ -128,10 +127,9 @@ def test_every_statement_is_written_with_all_that_it_rests_on():
         THEIRS: {"a": above(effect(1), 0), "b": fact(holds=True, rule="it does")},
         RECORDED: {"a": placed(np.arange(10.0), 4.0, of="x"), "c": constructed("fitted")},
     }
-    evidence[OURS] = {"a": above(effect(1), 0)}  # on which no verdict on the paper rests
     rows = judged(evidence, ["a"], "Fig. 1")
     assert all(set(row) == KEYS for row in rows)
-    assert [row["central"] for row in rows] == [True, False, True, False, False]
+    assert [row["central"] for row in rows] == [True, False, True, False]
 
 
 @pytest.mark.parametrize(("printed", "kind"), [(4.5, UNDECIDED), (40.0, FALLS)])
@@ -187,7 +185,6 @@ def row(text, protocol, kind, *, central=True, method="Student's t"):
         ([row("a", THEIRS, STANDS), row("b", THEIRS, STANDS, method="a fact")], "reproduced (2"),
         ([row("a", RECORDED, None)], "not run"),
         ([row("a", RECORDED, STANDS), row("b", RECORDED, None)], "run in part (1 stands, 1 not"),
-        ([row("a", OURS, FALLS, central=False)], "nothing to judge"),
         ([row("a", RECORDED, FALLS, central=False)], "nothing central"),
         ([], "nothing to judge"),
     ],
