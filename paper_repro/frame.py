@@ -193,7 +193,7 @@ def write_record(folder: Path, record: dict[str, Any]) -> dict[str, Any]:
     """Draw the figures of a record and write it with their names; returns what was written."""
     shown = record | {"figures": figures.draw_into(folder, record)}
     text = json.dumps(shown, indent=1, allow_nan=False)
-    write_whole(folder / f"{record['item']}.json", f"{text}\n")
+    write_whole(folder / f"{record['item']}.json", f"{text}\n", expected=True)
     return shown
 
 
@@ -219,7 +219,8 @@ def mark_older() -> None:
 
 
 def _write_provenance(folder: Path, by_item: dict[str, Any]) -> None:
-    write_whole(folder / PROVENANCE, json.dumps(by_item, indent=1, sort_keys=True) + "\n")
+    text = json.dumps(by_item, indent=1, sort_keys=True)
+    write_whole(folder / PROVENANCE, f"{text}\n", expected=True)
 
 
 def provenance(folder: Path) -> dict[str, Any]:

@@ -22,7 +22,7 @@ def write_pages() -> list[str]:
         if result is not None:
             pages[f"results/{item}.md"] = result_page(result, committed=True) + "\n"
     for name, text in pages.items():
-        write_whole(frame.HERE / name, text)
+        write_whole(frame.HERE / name, text, expected=True)
     return [str(frame.HERE / name) for name in pages]
 
 

@@ -155,7 +155,9 @@ def test_states_do_not_lie_on_each_other():
 
 def test_dots_and_their_intervals_are_the_numbers():
     spans = [Interval(0.4, 0.1, 0.2, 0.5), Interval(0.9, 0.02, 0.85, 1.0)]
-    ax = shapes.dots({"random": spans, "morc": spans}, ["a", "b"], y_label="accuracy", fraction=True)
+    ax = shapes.dots(
+        {"random": spans, "morc": spans}, ["a", "b"], y_label="accuracy", fraction=True
+    )
     for drawn in ax.containers:
         assert list(drawn[0].get_ydata()) == [0.4, 0.9]
         ends = drawn[2][0].get_segments()
