@@ -120,11 +120,11 @@ def draw_curve(curve: list[dict[str, Any]], path: Path) -> None:
     for ax, key, label in zip(
         axes,
         ("accuracy", "cost_s"),
-        ("accuracy (share answered right)", "cost of a trial, simulated s"),
+        ("fraction of right answers", "cost of a trial, simulated s"),
         strict=True,
     ):
         series = Series("20 trials", ends, np.array([point[key] for point in curve], float))
-        lines([series], x_label="trials, number", y_label=label, ax=ax)
+        lines([series], x_label="trials (one object each)", y_label=label, ax=ax)
         if key == "accuracy":
             ax.set_ylim(-0.02, 1.02)
         explored = sum(point["agent"] == "random_legal" for point in curve)

@@ -174,7 +174,7 @@ def test_the_page_tells_what_was_measured(tmp_path, monkeypatch):
     assert "| morc | 0.873" in page
     assert "8.4 (95 % from 4.1 to 12.7)" in page
     assert "| look | shake |\n| --: | --: |\n| 0.50 | 1.00 |" in page
-    assert "The last 50 trials: 0.86 right" in page
+    assert "In the last 50 trials, 0.86 of the answers are right" in page
     assert "| bayes | 40.0, 41.0, 42.0, 43.0, 44.0, 45.0 | 0.700 | 0.050 | 0.50 |" in page
     for name in ("simulated_arm.png", "simulated_live.png"):
         assert f"]({name})" in page
