@@ -52,8 +52,8 @@ class Believed(Protocol):
 class Conjunction(NamedTuple):
     """Yes or no as kernels read it: asserts that a conjunction of literals holds, or denies it.
 
-    Besides beliefs and reports, planners read it: `plans` (`values`, `candidates`, `library`),
-    `table/sweep.py` and `search/expansion.py`.
+    Besides beliefs and reports, planners read it: `plans` (`values`, `affinity`, `library`),
+    `table/sweep.py`.
     """
 
     literal: NDArray[np.bool_]  # (N,) value of each attribute that the conjunction needs

@@ -125,7 +125,7 @@ SIGNATURES = """
 import importlib, pkgutil
 from dataclasses import replace
 # Compiled for leaves of plans, and for those of tables.
-LEAVES = "grow_tree", "value_children", "open_node"
+LEAVES = "grow_tree", "_value_children", "value_leaf", "value_behaviors"
 from meal_bayes import planners
 from meal_bayes.planners import POMCP, Factored, OpenLoop, warm_up
 for solver in (Factored(500), OpenLoop(), POMCP(5)):

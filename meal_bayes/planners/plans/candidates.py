@@ -1,12 +1,4 @@
-"""Candidates for the library of plans: where they come from, and what they are estimated to earn.
-
-Some are simple, some are tours; others are grown (`growth`). What their percepts tell is estimated
-by the Bhattacharyya coefficient. That of k percepts is
-sum_j sqrt(Pr(j of k say yes | true) Pr(j of k say yes | false)): 1 where they tell nothing, 0 where
-they tell all. An error is at most sqrt(b (1 - b)) times the coefficient [Kailath1967], which is the
-product of the behaviors' where their percepts are independent given the truth; with shared latent
-classes that is no bound, but an estimate.
-"""
+"""Candidates for the library of plans, and their sums; they are simple, tours, or grown."""
 
 import functools
 import itertools
@@ -16,19 +8,14 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes.arrays import Bools, Floats, Ints, yes_of
-from meal_bayes.momdp.observation import predictive
-from meal_bayes.momdp.reports import Conjunction, mean_reward
-from meal_bayes.planners.momdp_arrays import DIAGRAMS, MOMDPArrays, paid_share
+from meal_bayes.arrays import Bools, Floats, Ints
+from meal_bayes.planners.momdp_arrays import DIAGRAMS, MOMDPArrays
 from meal_bayes.planners.plans.paths import DiagramPaths, ShortestPaths
 from meal_bayes.planners.plans.values import PLAN
 
 LENGTH = 96  # behaviors of a plan, at most
 _SIMPLE_PLANS = 6_000  # of all x; a diagram with more keeps the most promising
 _TOURS = 1_000  # of all x, likewise
-# Coefficients of 0 to 7 percepts of a behavior are known; of more, growth extrapolates and the
-# estimate of a value takes those of 7.
-COUNTED = 8
 
 Walk = tuple[int, Sequence[int]]  # an x, and behaviors from there
 _Number = TypeVar("_Number", np.int64, np.float64)
@@ -245,77 +232,3 @@ def plan_suffixes(plans: Candidates, shortest: ShortestPaths) -> Iterator[Walk]:
             yield state, path
             state = int(shortest.target[state, path[0]])
             path = path[1:]
-
-
-def log_affinities(model: MOMDPArrays) -> Floats:
-    """Compute the log of the coefficient of k percepts of a behavior, (N,E,U) for k < U."""
-    percepts = model.percepts
-    yes = yes_of(percepts.rows)[..., None]  # (N,E,C,1)
-    s = percepts.precision[..., None]
-    j = np.arange(COUNTED)
-    counts = np.zeros((*yes.shape[:3], COUNTED))  # Pr(j of k say yes | class)
-    counts[..., 0] = 1.0
-    log_affinity = np.zeros((*yes.shape[:2], COUNTED))
-    for k in range(COUNTED - 1):
-        # Polya's urn: P(j + 1 of k + 1) = P(j of k) Pr(yes | j of k), class by class.
-        more = counts[..., :-1] * predictive(yes, s, j, k)[..., :-1]
-        counts[..., :-1] -= more
-        counts[..., 1:] += more
-        by_truth = percepts.class_of_truth[:, None] @ counts  # (N,E,2,U)
-        affinity = np.sqrt(by_truth[:, :, 0] * by_truth[:, :, 1])[..., : k + 2].sum(axis=-1)
-        log_affinity[..., k + 1] = np.log(affinity + 1e-300)
-    return np.where(percepts.informative[..., None], log_affinity, 0.0)
-
-
-def estimate_values(
-    model: MOMDPArrays, candidates: Candidates, probabilities: Floats, log_affinity: Floats
-) -> Floats:
-    """Estimate the values (B,J) of candidates at beliefs (B,N), from coefficients (N,E,U)."""
-    within = np.minimum(model.percepts.limit, COUNTED - 1).astype(np.int64)
-    counts = np.minimum(candidates.observation_counts, within)
-    affinity = np.exp(log_affinity[:, np.arange(counts.shape[1]), counts].sum(axis=2))  # (N,J)
-    lost = candidates.plan["lost"]
-    value = candidates.plan["discount"] * _estimate_answers(model, probabilities, affinity)
-    value -= candidates.plan["cost"]
-    if lost.any():  # then it is answered at once
-        value += lost * _estimate_answers(model, probabilities, np.ones((len(affinity), 1)))
-    if model.shaped:
-        planned = candidates.observation_counts
-        fraction = paid_share(model.bonus_limit, 0.0, planned) * (planned > 0)
-        pay = model.bonus.mean(axis=2).sum(axis=0)
-        value += (fraction * candidates.expected_percepts) @ pay
-    return np.asarray(value)
-
-
-def _estimate_answers(model: MOMDPArrays, probabilities: Floats, affinity: Floats) -> Floats:
-    """Estimate rewards (B,J) of the best answer after percepts of coefficients (N,J)."""
-    if model.conjunction is None:
-        return _estimate_reports(model, probabilities, affinity)
-    return _estimate_yes_or_no(model.conjunction, probabilities, affinity)
-
-
-def _estimate_reports(model: MOMDPArrays, probabilities: Floats, affinity: Floats) -> Floats:
-    """Estimate rewards (B,J) of reporting values, with every error at its most."""
-    right = np.ones((len(probabilities), affinity.shape[1]))
-    unsure = np.sqrt(probabilities * (1.0 - probabilities))
-    for of_attribute, of_plans in zip(unsure.T, affinity, strict=True):
-        right *= 1.0 - of_attribute[:, None] * of_plans
-    return np.asarray(mean_reward(model.incorrect, model.reward_range, right))
-
-
-def _estimate_yes_or_no(
-    conjunction: Conjunction, probabilities: Floats, affinity: Floats
-) -> Floats:
-    """Estimate rewards (B,J) of yes or no, as if half of an attribute's error were misses."""
-    q = np.where(conjunction.literal, probabilities, 1.0 - probabilities)  # (B,N)
-    unsure = np.sqrt(probabilities * (1.0 - probabilities))
-    error = 0.5 * unsure[:, :, None] * affinity  # (B,N,J)
-    # Pr(taken to hold, holds) and Pr(taken to hold, does not): of each attribute, then of all.
-    hit = q[:, :, None] - np.minimum(q[:, :, None], error)
-    alarm = np.minimum(1.0 - q[:, :, None], error)
-    right = hit.prod(axis=1)
-    wrong = (hit + alarm).prod(axis=1) - right
-    holds = q.prod(axis=1)[:, None]
-    deny = mean_reward(conjunction.wrong_denial, conjunction.denial_gain, 1.0 - holds)
-    assertion = conjunction.gain * right - conjunction.loss * wrong
-    return np.asarray(deny + np.maximum(assertion, 0.0))

@@ -33,13 +33,12 @@ from meal_bayes.arrays import Bools, Floats, Ints
 from meal_bayes.momdp import MOMDP
 from meal_bayes.planners.momdp_arrays import MOMDPArrays, Percepts
 from meal_bayes.planners.plans import bayes_error
+from meal_bayes.planners.plans.affinity import estimate_values, log_affinities
 from meal_bayes.planners.plans.candidates import (
     LENGTH,
     Candidates,
     cheapest,
     distinct,
-    estimate_values,
-    log_affinities,
     paid_tours,
     plan_suffixes,
     simple_plans,

@@ -32,8 +32,7 @@ from meal_bayes.planners.plans.library import plan_library, retabulate
 from meal_bayes.planners.plans.paths import diagram_of
 from meal_bayes.planners.plans.policy import OpenLoopPolicy
 from meal_bayes.planners.plans.values import Evaluator, Plans, plan_values
-from meal_bayes.planners.search.expansion import ENUMERATE
-from meal_bayes.planners.search.search import Growing, TreeSearch, grow_tree
+from meal_bayes.planners.search.search import ENUMERATE, Growing, TreeSearch, grow_tree
 from meal_bayes.planners.search.tree import (
     KEPT,
     make_sampled,

@@ -1,33 +1,28 @@
 """POMCP's tree search, read from the top: simulate, select, expand, value, execute, back up.
 
-The tree and the sampled MOMDPs are in `tree.py`, new edges in `expansion.py`. Leaves are valued by
-one of two evaluators: open-loop plans give a lower bound for any MOMDP; where the marginals are the
-state (Eq. 8) and few enough, a table of factored value iteration estimates the optimum.
+The tree and the sampled MOMDPs are in `tree`, what plans or a table say of its leaves in `leaves`.
 """
 
 from typing import NamedTuple
 
 import numpy as np
 
-from meal_bayes.planners.jit import by_reference, called_kernel, entry_kernel, kernel
-from meal_bayes.planners.plans.values import evaluate_plans
-from meal_bayes.planners.search.expansion import (
-    ENUMERATE,
-    Edge,
-    count_percept,
-    expand,
-    open_node,
-    step_bonus,
-    value_children,
-)
+from meal_bayes.planners.jit import Index, by_reference, called_kernel, entry_kernel, kernel
+from meal_bayes.planners.plans.values import stop_value, true_chance
+from meal_bayes.planners.search.leaves import value_behaviors, value_leaf
 from meal_bayes.planners.search.tree import (
     DEPTH,
     KEPT,
+    Percept,
     Sampled,
     Tree,
+    condition,
     draw_percept,
     draw_root_object,
 )
+
+ENUMERATE = 64  # percept vectors up to which an edge gets a child for each
+DRAWN = 24  # children of an edge with more
 
 
 @by_reference
@@ -55,6 +50,21 @@ class Return(NamedTuple):
     bonus: float  # the part of it that shaping pays
 
 
+class Edge(NamedTuple):
+    """Indices of an edge."""
+
+    node: Index
+    behavior: Index
+
+
+class BranchOutcome(NamedTuple):
+    """An outcome of a behavior from a node."""
+
+    node: Index
+    behavior: Index
+    percept: Index  # its levels as digits, of the informative attributes alone; -1 = to be drawn
+
+
 @entry_kernel
 def grow_tree(evaluator, search, reader, rng):
     """Grow a tree from its root by simulations.
@@ -62,9 +72,8 @@ def grow_tree(evaluator, search, reader, rng):
     A simulation descends the tree in a MOMDP sampled from the posterior, until ending is best, it
     has taken an edge that is new, or is `DEPTH` deep. Then the edges on its way are backed up: by
     default by the expectation over their children, and so without the simulation's own return,
-    which counts where `growing.averaged`. Leaves are valued by plans, or by a table where `reader`
-    is not None: numba compiles a kernel for each of the two, without the other's code. Returns how
-    many simulations fit the tree's capacity.
+    which counts where `growing.averaged`. `reader` reads a table, or is None: see `leaves`. Returns
+    how many simulations fit the tree's capacity.
     """
     model = evaluator.model
     scratch = evaluator.scratch
@@ -85,9 +94,8 @@ def grow_tree(evaluator, search, reader, rng):
             # A node's edges begin with what its leaf evaluator says of each behavior.
             x = tree.node[node].x
             if tree.node[node].visits == 0:
-                if reader is None:  # -> `scratch.value`, which `open_node` reads
-                    evaluate_plans(evaluator, x, tree.prob[node], -np.inf, np.bool_(True))
-                open_node(model, scratch, tree, reader, node)
+                value_behaviors(evaluator, reader, x, tree.prob[node])
+                _open_node(scratch, tree, node)
             tree.node[node].visits += 1
             # Select, or end here: the report's value is exact, and needs no further simulation.
             a = _select(tree, node, search.growing.exploration)
@@ -99,17 +107,17 @@ def grow_tree(evaluator, search, reader, rng):
             edge = Edge(node, a)
             is_new = tree.edge[node, a].first < 0
             if is_new:
-                expand(model, scratch, tree, edge, rng)
-                value_children(evaluator, tree, reader, edge)
+                _expand(model, scratch, tree, edge, rng)
+                _value_children(evaluator, tree, reader, edge)
             # Execute in the sampled MOMDP, and note the step's node, action, bonus and reward.
             tree.edge[node, a].visits += 1
             sampled.path[depth, 0] = node
             sampled.path[depth, 1] = a
-            paid = step_bonus(model, x, a, sampled.truth, scratch.evidence.total)
+            paid = _step_bonus(model, x, a, sampled.truth, scratch.evidence.total)
             sampled.bonus[depth] = paid
             sampled.reward[depth] = paid - model.dynamics.step[x, a].cost
             node = _execute(model, tree, sampled, edge, rng)
-            count_percept(scratch.evidence, tree.level[node], a, 1.0)
+            _count_percept(scratch.evidence, tree.level[node], a, 1.0)
             depth += 1
             value = tree.node[node].value
             bonus = tree.node[node].bonus
@@ -117,6 +125,22 @@ def grow_tree(evaluator, search, reader, rng):
             _back_up_path(evaluator, search, node, depth, Return(value, bonus))
             _keep_rows(tree, sampled)
     return search.growing.simulations
+
+
+@kernel
+def _open_node(scratch, tree, node):
+    """Create the edges of a visited node, which begin with the values in `scratch`."""
+    tree.node[node].bonus = 0.0
+    for a in range(tree.edge.shape[1]):
+        edge = tree.edge[node, a]
+        edge.visits = 0
+        edge.first = -1
+        edge.count = 0
+        edge.value = scratch.value[a]
+        edge.bonus = scratch.bonus[a]
+        if edge.value > tree.node[node].value:
+            tree.node[node].value = edge.value
+            tree.node[node].bonus = edge.bonus
 
 
 @kernel
@@ -135,6 +159,93 @@ def _select(tree, node, exploration):
                 best = a
                 best_score = score
     return best
+
+
+@called_kernel
+def _expand(model, scratch, tree, edge, rng):
+    """Create the children of an edge: every informative outcome, or a sample of too many."""
+    node, a = edge
+    x = tree.node[node].x
+    outcomes = 1.0
+    for i in range(tree.level.shape[1]):
+        scratch.chance[i] = true_chance(model.percepts, tree.prob[node], i)
+        # K^n outcomes, of the n attributes that the behavior informs of.
+        outcomes *= scratch.evidence.counts.shape[2] if model.percepts.informative[i, a] else 1
+    total = scratch.evidence.total
+    bonus = _step_bonus(model, x, a, scratch.chance, total)
+    # R(x, b, a) = bonus - cost; what follows is added when the edge is backed up.
+    tree.edge[node, a].step_bonus = bonus
+    tree.edge[node, a].reward = bonus - model.dynamics.step[x, a].cost
+    tree.edge[node, a].first = tree.size[0]
+    perceives = total[a] < model.percepts.limit[a]
+    listed = outcomes <= ENUMERATE
+    for k in range(model.dynamics.branch.shape[2]):
+        branch = model.dynamics.branch[x, a, k]
+        if branch.p <= 0.0:
+            break
+        for outcome in range(int(outcomes) if listed else DRAWN):
+            # The next free node becomes the child: p = Pr(branch) Pr(percept), by which `_perceive`
+            # multiplies, or an equal part of the branch if the percept is drawn.
+            child = tree.node[tree.size[0]]
+            prob = tree.prob[tree.size[0]]
+            tree.level[tree.size[0]][:] = -1
+            child.branch = k
+            child.p = branch.p if listed else branch.p / DRAWN
+            for i in range(prob.shape[0]):
+                for c in range(prob.shape[1]):
+                    prob[i, c] = tree.prob[node, i, c]
+            if branch.senses and perceives:
+                percept = BranchOutcome(node, a, outcome if listed else -1)
+                _perceive(model.percepts, scratch.evidence, tree, percept, rng)
+            else:  # no percept: one child for the branch
+                child.p = branch.p if outcome == 0 else 0.0
+            if child.p > 0.0:
+                # An outcome of probability 0 takes no node: the next one overwrites it.
+                child.x = branch.x
+                child.visits = 0
+                child.stop = stop_value(model, model.conjunction, prob)
+                child.bonus = 0.0
+                tree.size[0] += 1
+    tree.edge[node, a].count = tree.size[0] - tree.edge[node, a].first
+
+
+@called_kernel
+def _perceive(percepts, evidence, tree, outcome, rng):
+    """Compute the belief of the next free node after an outcome, whose percept may be drawn."""
+    node, a, digits = outcome
+    prob = tree.prob[node]
+    child = tree.size[0]
+    levels = evidence.counts.shape[2]
+    drawn = digits < 0
+    for i in range(tree.level.shape[1]):
+        tree.level[child, i] = 0
+        if not percepts.informative[i, a]:
+            continue
+        # The outcome's number holds the levels as digits to the base K, one an informed attribute.
+        z = np.int64(0) if drawn else digits % levels
+        p = condition(percepts, evidence, Percept(i, a, z), prob, tree.prob[child])
+        if not drawn:
+            tree.node[child].p *= p
+            digits //= levels
+        else:  # draw a level by inversion
+            u = rng.random() - p
+            while u >= 0.0 and z < levels - 1:
+                z += 1
+                u -= condition(percepts, evidence, Percept(i, a, z), prob, tree.prob[child])
+        tree.level[child, i] = z
+
+
+@called_kernel
+def _value_children(evaluator, tree, reader, edge):
+    """Value the children of a new edge by the leaf evaluator."""
+    scratch = evaluator.scratch
+    node, a = edge
+    scratch.error[:] = -1.0
+    scratch.tabled[:] = -1.0
+    for child in range(tree.edge[node, a].first, tree.size[0]):
+        _count_percept(scratch.evidence, tree.level[child], a, 1.0)
+        value_leaf(evaluator, reader, tree, child)
+        _count_percept(scratch.evidence, tree.level[child], a, -1.0)
 
 
 @called_kernel
@@ -188,7 +299,7 @@ def _back_up_path(evaluator, search, node, depth, leaf):
     for t in range(depth - 1, -1, -1):
         # The step's percept leaves the counts, so that they are those at its node again.
         a = sampled.path[t, 1]
-        count_percept(evaluator.scratch.evidence, tree.level[node], a, -1.0)
+        _count_percept(evaluator.scratch.evidence, tree.level[node], a, -1.0)
         node = sampled.path[t, 0]
         # return = R + g return
         discount = evaluator.model.dynamics.step[tree.node[node].x, a].discount
@@ -235,3 +346,25 @@ def _keep_rows(tree, sampled):
     for i in range(sampled.latent.shape[0]):
         for z in range(sampled.rows.shape[2]):
             sampled.recent[a, last, i, z] = sampled.rows[a, i, z]
+
+
+@kernel
+def _step_bonus(model, x, a, chance, total):
+    """Compute the bonus (s) of a behavior's percept, at Pr(attribute is true) (N,)."""
+    bonus = 0.0
+    if model.shaped and total[a] < model.bonus_limit[a]:
+        for i in range(chance.shape[0]):
+            b = chance[i]
+            # Eq. 11 is of a truth: E over the belief b.
+            mean = b * model.bonus[i, a, 1] + (1.0 - b) * model.bonus[i, a, 0]
+            bonus += model.dynamics.step[x, a].percepts * mean
+    return bonus
+
+
+@kernel
+def _count_percept(evidence, level, a, sign):
+    """Count a percept (N,) of a behavior (sign 1), or remove it (-1); level -1 is none."""
+    if level[0] >= 0:
+        evidence.total[a] += sign
+        for i in range(level.shape[0]):
+            evidence.counts[i, a, level[i]] += sign

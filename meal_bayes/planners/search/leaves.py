@@ -1,0 +1,66 @@
+"""What a new node of the tree is worth, and its behaviors: by plans, or by a table.
+
+Open-loop plans give a lower bound for any MOMDP. Where the marginals are the state (Eq. 8) and few
+enough, a table of factored value iteration estimates the optimum. `reader` reads the table; it is
+None where plans are asked. numba compiles the search once for each, without the other's code.
+"""
+
+import numpy as np
+
+from meal_bayes.planners.jit import NO_BEHAVIOR, called_kernel
+from meal_bayes.planners.plans.values import evaluate_plans, is_useless, true_chance
+from meal_bayes.planners.table.grid import value_after
+
+
+@called_kernel
+def value_leaf(evaluator, reader, tree, child):
+    """Value a new node: the best of ending and of what plans or the table say -> its record.
+
+    The errors in `scratch` are those of its siblings, too: `_value_children` clears them.
+    """
+    model = evaluator.model
+    scratch = evaluator.scratch
+    leaf = tree.node[child]
+    prob = tree.prob[child]
+    if reader is None:
+        # Siblings that show an attribute the same level share its belief, and so its errors.
+        for i in range(prob.shape[0]):
+            scratch.column[i] = tree.level[child, i] + 1
+        leaf.value = evaluate_plans(evaluator, leaf.x, prob, leaf.stop, np.bool_(False))
+        if model.shaped and leaf.value > leaf.stop:
+            for b in range(scratch.value.shape[0]):
+                if scratch.value[b] == leaf.value:
+                    leaf.bonus = scratch.bonus[b]
+    else:
+        for i in range(prob.shape[0]):
+            scratch.chance[i] = true_chance(model.percepts, prob, i)
+        leaf.value = max(leaf.stop, value_after(reader, leaf.x, NO_BEHAVIOR, scratch.chance))
+
+
+@called_kernel
+def value_behaviors(evaluator, reader, x, prob):
+    """Value the behaviors from x -> `scratch.value` (E,), -inf where one cannot help.
+
+    What of it shaping pays is in `scratch.bonus`; where a table is read there is no shaping.
+    """
+    model = evaluator.model
+    scratch = evaluator.scratch
+    if reader is None:
+        evaluate_plans(evaluator, x, prob, -np.inf, np.bool_(True))
+    else:
+        total = scratch.evidence.total
+        for i in range(prob.shape[0]):
+            scratch.chance[i] = true_chance(model.percepts, prob, i)
+        for a in range(scratch.value.shape[0]):
+            step = model.dynamics.step[x, a]
+            scratch.value[a] = -np.inf
+            scratch.bonus[a] = 0.0
+            if not step.legal or is_useless(model, x, a, total):
+                continue
+            # Bellman, one step ahead of the table: Q(x, b, a) = R + g sum_k p_k E V(x_k, b').
+            mean = 0.0
+            for k in range(model.dynamics.branch.shape[2]):
+                branch = model.dynamics.branch[x, a, k]
+                behavior = a if branch.senses else NO_BEHAVIOR
+                mean += branch.p * value_after(reader, branch.x, behavior, scratch.chance)
+            scratch.value[a] = -step.cost + step.discount * mean
