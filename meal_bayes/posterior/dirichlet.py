@@ -16,6 +16,7 @@ from meal_bayes.posterior.grid import PRIOR_WEIGHT, grid_posterior
 from meal_bayes.posterior.spike import probability_of_telling
 
 _DIMENSIONS = 4  # (P,E,2,K)
+_LEFT = 0.02  # of a level's weight, where an object is taken out
 
 
 @dataclass(frozen=True, slots=True)
@@ -222,6 +223,28 @@ class ConfusionPosterior(ByValue):
         gained = _effective(final, self.dispersion) - _effective(counted, self.dispersion)
         concentration = self.concentration + gained
         return replace(self, counts=self.counts + (final - counted), concentration=concentration)
+
+    def without(
+        self, attribute: NDArray[np.intp], behavior: NDArray[np.intp], counts: NDArray[Any]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return rows (U,2,K) of U pairs as they were before one object's percepts; precision.
+
+        Prior, dispersion and the probability that a pair tells anything stay as they are. Of the
+        weight of a level, of which the prior has a part, at least 2 % is left.
+
+        Parameters
+        ----------
+        attribute, behavior : NDArray[np.intp]
+            (U,) the pairs.
+        counts : NDArray[Any]
+            (U,2,K) what the object showed, counted before.
+        """
+        dispersion = self.dispersion[attribute, behavior]
+        counted = self.concentration[attribute, behavior]
+        taken_out = counted - _effective(counts, dispersion)
+        alpha = np.maximum(taken_out, _LEFT * counted)
+        telling = None if self.telling is None else self.telling[attribute, behavior]
+        return _mean(alpha, telling), _precision(alpha, dispersion)
 
     def select(
         self, columns: Sequence[int], *, exact: bool = False

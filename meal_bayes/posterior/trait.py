@@ -20,8 +20,9 @@ five repeats, and the others are no better elsewhere.)
 
 Sigma minimizes, over the training objects, the sum of the means of -ln Pr(truth | percepts) of
 beliefs after all recordings of one behavior, one recording of each, and all recordings of all, with
-a half-normal(1) prior. M, the grid's reach and the least probability of a level were set while
-looking at held-out figures of these data. Sigma is about .3 on ROC36, .95 on ISPY32, .6 on CY101.
+a half-normal(1) prior. An object's beliefs are by rows from which its own percepts are taken out.
+M, the grid's reach and the least probability of a level were set while looking at held-out figures
+of these data. Sigma is about .3 on ROC36, .9 on ISPY32, .6 on CY101.
 """
 
 from dataclasses import dataclass
@@ -31,7 +32,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import minimize_scalar
 
-from meal_bayes.arrays import Bools, Floats, FrozenArrays, freeze, tiny_is_zero
+from meal_bayes.arrays import Floats, FrozenArrays, freeze, tiny_is_zero
 from meal_bayes.look import short_repr
 from meal_bayes.posterior.dirichlet import ConfusionPosterior
 from meal_bayes.posterior.grid import AS_INFINITE
@@ -88,17 +89,19 @@ class SharedTrait(FrozenArrays):
         exponential in the trait, whose mixtures are the given rows, and (...,M). At most so many
         `rounds` look for the rows.
         """
-        of_truth = np.asarray(confusion, dtype=float)
-        m = len(self.points)
+        of_truth = np.asarray(confusion)
+        of_truth = of_truth.astype(np.result_type(of_truth, np.float32), copy=False)
+        points = self.points.astype(of_truth.dtype)
+        m = len(points)
         # Levels come first: to sum over a first axis is fast, over a short last one slow.
         mixture = np.moveaxis(of_truth, -1, 0).reshape(of_truth.shape[-1], -1, 2)  # (K,B,2)
         wanted = np.log(mixture)
-        classes = self.latent_classes.T
+        classes = self.latent_classes.T.astype(of_truth.dtype)
         middle = (wanted[..., 1] + wanted[..., 0]) / 2
         slope = (wanted[..., 1] - wanted[..., 0]) / 2
         # Rows softmax(middle + slope t); Newton-like steps until their mixtures are the given ones.
         for _ in range(rounds):
-            rows = self.points * slope[..., None]  # (K,B,M), in place from here
+            rows = points * slope[..., None]  # (K,B,M), in place from here
             rows += middle[..., None]
             rows -= rows.max(axis=0)
             np.exp(rows, out=rows)
@@ -143,6 +146,10 @@ def learn_trait(
 class _Evidence:
     """Percepts of the training objects by V informative pairs, scored at any sigma.
 
+    Each object is scored by rows that its own percepts did not enter: by those that counted them,
+    its percepts would look more alike than those of a new object, and sigma too small. Objects of
+    one truth that showed a pair the same have the same rows, so that U of them are enough.
+
     Scores are in single precision, which moves sigma by less than its tolerance. Attributes are
     weighted by the variance of their label: a rare one is predicted well by its base rate alone.
     """
@@ -155,29 +162,37 @@ class _Evidence:
         base_rates: Floats,
     ) -> None:
         attribute, behavior = np.nonzero(posterior.informative)  # (V,); A attributes have a pair
-        confusion, precision = posterior.select(range(truth.shape[1]))
-        self.confusion = confusion[attribute, behavior]  # (V,2,K)
-        self.precision = precision[attribute, behavior]  # (V,2)
-        percepts = counts[:, attribute, behavior]  # (O,V,K)
-        total = percepts.sum(axis=-1)  # (O,V)
-        labeled = ((truth >= 0)[:, attribute] & (total > 0)).T  # (V,O)
+        percepts = counts[:, attribute, behavior].swapaxes(0, 1)  # (V,O,K)
+        true = truth.T[attribute] == 1  # (V,O)
+        total = percepts.sum(axis=-1)
+        labeled = (truth >= 0).T[attribute] & (total > 0)  # (V,O)
         present = np.unique(attribute)  # (A,)
         pairs_of_attribute = present[:, None] == attribute  # (A,V)
         perceived = pairs_of_attribute @ labeled  # (A,O)
         self.pairs_of_attribute = pairs_of_attribute.astype(np.float32)
         self.n_perceived = int(perceived.sum())
-        self.most_percepts = int(total.max(initial=0))
-        # One-hot counts: one matrix product sums a table of log factors over all levels.
-        one_hot = percepts[..., None] == np.arange(self.most_percepts + 1)  # (O,V,K,top+1)
-        one_hot &= labeled.T[..., None, None]
-        self.one_hot_counts = _by_pair(one_hot)  # (V,K(top+1),O)
+        # What an object showed of a pair, and its truth: each of U distinct ones is scored once.
+        pair = np.broadcast_to(np.arange(len(attribute))[:, None], labeled.shape)
+        shown = np.dstack([pair, true & labeled, percepts * labeled[..., None]])
+        distinct, which = np.unique(shown.reshape(-1, shown.shape[-1]), axis=0, return_inverse=True)
+        self.which = which.reshape(labeled.shape)  # (V,O)
+        shown = distinct[:, 2:]  # (U,K)
+        own = np.zeros((len(distinct), 2, shown.shape[-1]), np.intp)
+        own[np.arange(len(distinct)), distinct[:, 1]] = shown
+        of_pair = attribute[distinct[:, 0]], behavior[distinct[:, 0]]
+        confusion, self.precision = posterior.without(*of_pair, own)  # (U,2,K), (U,2)
+        self.confusion = confusion.astype(np.float32)
+        # Row, level, and the number of earlier ones of that level, of each of T percepts.
+        top = np.arange(shown.max(initial=0))
+        row, level, earlier = np.nonzero(shown[..., None] > top)
+        self.factors = row, level, earlier
         # Single recordings: of each object and pair one percept, drawn in proportion to its counts.
         rng = stream(0, "shared degree")
         cumulative = percepts.cumsum(axis=-1)
-        pick = rng.random((_DRAWS, *total.shape)) * np.maximum(total, 1)
-        level = (pick[..., None] >= cumulative).sum(axis=-1)[..., None]  # (D,O,V,1)
-        single = (level == np.arange(percepts.shape[-1])) & labeled.T[..., None]
-        self.single_recordings = _by_pair(single.reshape(-1, *percepts.shape[1:]))  # (V,K,D x O)
+        pick = rng.random((_DRAWS, *total.T.shape)).swapaxes(1, 2) * np.maximum(total, 1)
+        level = (pick[..., None] >= cumulative).sum(axis=-1)  # (D,V,O)
+        self.single_level = np.minimum(level, percepts.shape[-1] - 1)
+        self.labeled = labeled.astype(np.float32)
         prior = (np.log(base_rates) - np.log1p(-base_rates)).astype(np.float32)
         sign = np.where(truth == 1, 1, -1).T.astype(np.float32)
         balance = (base_rates * (1 - base_rates))[:, None]
@@ -193,25 +208,23 @@ class _Evidence:
         rows, precision = trait.select(self.confusion, self.precision, rounds=_SCORED)
         log_classes = np.log(np.maximum(trait.latent_classes, _TINY)).astype(np.float32)
         # Dirichlet-multinomial log-likelihoods of all recordings, up to a constant in t:
-        # sum_k ln alpha_k (alpha_k + 1) ... (alpha_k + n_k - 1), from a table of rising factorials.
-        alpha = np.minimum(precision[:, 0], AS_INFINITE)[:, None, None] * rows
-        table = np.zeros((*rows.shape, self.most_percepts + 1), np.float32)  # (V,M,K,top+1)
-        factors = alpha[..., None] + np.arange(self.most_percepts)
-        np.log(factors).cumsum(axis=-1, out=table[..., 1:])
-        repeated = table.reshape(*rows.shape[:2], -1) @ self.one_hot_counts  # (V,M,O)
-        single = np.log(rows).astype(np.float32) @ self.single_recordings  # (V,M,D x O)
+        # sum_k ln alpha_k (alpha_k + 1) ... (alpha_k + n_k - 1), a factor for each of T percepts.
+        row, level, earlier = self.factors
+        weight = np.minimum(precision[:, 0], AS_INFINITE)[row, None]
+        log_factors = np.log(weight * rows[row, :, level] + earlier[:, None])  # (T,M)
+        log_shown = np.zeros(rows.shape[:2], log_factors.dtype)
+        first = np.flatnonzero(np.diff(row, prepend=-1))
+        log_shown[row[first]] = np.add.reduceat(log_factors, first)
+        repeated = log_shown.astype(np.float32)[self.which]  # (V,O,M)
+        log_rows = np.log(rows).astype(np.float32).swapaxes(1, 2)  # (U,K,M)
+        single = log_rows[self.which, self.single_level] * self.labeled[..., None]  # (D,V,O,M)
         # Behaviors are independent given the trait: the pairs of an attribute add up.
-        log_percepts = np.concatenate([repeated, single], axis=2)
-        summed = self.pairs_of_attribute @ log_percepts.reshape(len(rows), -1)
-        joint = summed.reshape(-1, *log_percepts.shape[1:])  # (A,M,(1+D) x O)
+        log_percepts = np.concatenate([repeated, *single], axis=1)  # (V,(1+D) x O,M)
+        summed = self.pairs_of_attribute @ log_percepts.reshape(len(repeated), -1)
+        joint = summed.reshape(-1, *log_percepts.shape[1:])  # (A,(1+D) x O,M)
         loss = _loss(repeated, log_classes, *self.by_behavior)
         loss += _loss(joint, log_classes, *self.joint)
         return loss + 0.5 * (trait.sd / _SCALE) ** 2 / self.n_perceived
-
-
-def _by_pair(one_hot: Bools) -> NDArray[np.float32]:
-    """Move the objects of (O,V,...) last: sums over traits are then over an outer axis, fast."""
-    return one_hot.reshape(*one_hot.shape[:2], -1).transpose(1, 2, 0).astype(np.float32, order="C")
 
 
 def _loss(
@@ -221,11 +234,11 @@ def _loss(
     sign: NDArray[np.float32],
     weight: Floats,
 ) -> float:
-    """Sum the weighted -ln Pr(truth | percepts) of log-likelihoods (B,M,O).
+    """Sum the weighted -ln Pr(truth | percepts) of log-likelihoods (B,O,M).
 
     The prior log-odds (B,) are of each belief; sign and weight (B,O) of its truth, each object's.
     """
-    odds = prior[:, None] + truth_evidence(log_likelihood.swapaxes(1, 2), log_classes)
+    odds = prior[:, None] + truth_evidence(log_likelihood, log_classes)
     odds *= sign
     loss = np.log(1 + np.exp(-np.abs(odds))) - np.minimum(odds, 0)  # logaddexp is slow
     return float((loss * weight).sum())

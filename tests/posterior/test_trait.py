@@ -115,6 +115,53 @@ def test_new_objects_are_judged_better_than_if_behaviors_erred_alone():
     assert nll[0] < nll[1] - 0.05
 
 
+def test_an_object_is_scored_by_rows_without_its_own_percepts():
+    """The rows of each object are those of a posterior to which it was never added."""
+    truth, levels = simulate(np.random.default_rng(8), 0.7, objects=12)
+    rows = np.stack([truth == 0, truth == 1], axis=-1)
+    counts = levels[:, :, :, None] * rows[:, :, None, :, None]
+    whole = ConfusionPosterior.from_objects(counts)
+    pair = np.array([0, 3]), np.array([1, 4])
+    for own in counts[:4]:
+        before = whole.update(np.zeros_like(own), own)
+        mean, precision = whole.without(*pair, own[pair])
+        np.testing.assert_allclose(mean, before.mean[pair])
+        np.testing.assert_allclose(precision, before.precision[pair])
+
+
+def loss_by_hand(sd, posterior, levels, truth, rates):
+    """Loss of beliefs after each behavior's one recording, and twice after all, case by case."""
+    trait = SharedTrait.of_sd(sd)
+    classes = np.log(np.maximum(trait.latent_classes, 1e-300))
+    losses = {"one": [], "joint": []}
+    weights = {"one": [], "joint": []}
+    for o, p in np.ndindex(truth.shape):
+        behaviors = np.flatnonzero(posterior.informative[p])
+        own = np.zeros((len(behaviors), 2, levels.shape[-1]), int)
+        own[:, truth[o, p]] = levels[o, p, behaviors]
+        without = posterior.without(np.full(len(behaviors), p), behaviors, own)
+        rows, precision = trait.select(*without, rounds=10)
+        shown = np.repeat(levels[o, p, behaviors, None], rows.shape[1], axis=1).astype(float)
+        seen = log_likelihood(shown, rows, precision)  # (V,M)
+        sign = 1 if truth[o, p] else -1
+        for kind, evidence in (("one", seen), ("joint", seen.sum(axis=0, keepdims=True))):
+            odds = np.log(rates[p] / (1 - rates[p])) + truth_evidence(evidence, classes)
+            losses[kind] += np.logaddexp(0, -sign * odds).tolist()
+            weights[kind] += [rates[p] * (1 - rates[p])] * len(odds)
+    one, joint = (np.average(losses[kind], weights=weights[kind]) for kind in losses)
+    return one + 2 * joint + 0.5 * sd**2 / truth.size
+
+
+def test_sigma_has_the_least_loss_of_objects_that_are_taken_out():
+    truth, levels = simulate(np.random.default_rng(9), 0.8, objects=15, recordings=1)
+    posterior, trait, rates = learned(truth, levels)
+    losses = [
+        loss_by_hand(sd, posterior, levels, truth, rates)
+        for sd in (0.75 * trait.sd, trait.sd, 1.3 * trait.sd)
+    ]
+    assert losses[1] < min(losses[0], losses[2])
+
+
 def test_unknown_labels_and_silent_objects_teach_nothing():
     truth, levels = simulate(np.random.default_rng(5), 0.7, objects=30)
     unknown = truth.copy()
