@@ -2,15 +2,16 @@
 
 A domain says where each modality comes from (`[sources.<modality>]`: topic, fields, feature,
 settings). Recordings (`meal-bayes data import`) and a live driver read messages by the same
-`Recorder` and call the same `extract`, so that equal messages give equal features.
+`Recorder` and call the same `extract`, so that equal messages give equal features. What is wrong
+with a signal (no samples, no numbers, another shape) is a `DataError` of one line.
 """
 
 import functools
 import inspect
 import io
-import itertools
+import math
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -20,45 +21,23 @@ from meal_bayes.domain import Domain, unknown
 from meal_bayes.errors import DataError, DomainError, SettingsError
 
 Function = Callable[..., ArrayLike]
+Faults = Callable[[str, str], object]
 _NS = 1_000_000_000
 _JUMP = 1.0  # s by which the header's clock may drift from the receiver's in one execution
-_FLOOR = 1e-10  # power of silence
-_SECONDS = 0.032  # of one window of a spectrogram, as usual for speech
-_PART = re.compile(r"(\w+)(?:\[([^\]]+)\])?")
-_FIELDS = {  # by message type, where the source names none
-    "JointState": ("effort",),
-    "WrenchStamped": ("wrench.force", "wrench.torque"),
-    "Imu": ("linear_acceleration", "angular_velocity"),
-    "Float64MultiArray": ("data",),
-}
+_STEP = re.compile(r"(\w+)(?:\[([^\]]+)\])?")  # of a field's path
 _SOUND = {"s16le": ("<i2", 2.0**15, 0.0), "f32le": ("<f4", 1.0, 0.0), "u8": ("u1", 128.0, 1.0)}
-_SOUNDS = {"AudioData": "data", "AudioDataStamped": "audio.data"}
-_RGB, _BGR, _GRAY = slice(0, 3), slice(2, None, -1), [0, 0, 0]
-_IMAGES: dict[str, tuple[int, int, Any]] = {  # channels, bytes of one, where red, green, blue are
-    "rgb8": (3, 1, _RGB), "bgr8": (3, 1, _BGR), "8UC3": (3, 1, _BGR), "rgba8": (4, 1, _RGB),
-    "bgra8": (4, 1, _BGR), "mono8": (1, 1, _GRAY), "8UC1": (1, 1, _GRAY), "mono16": (1, 2, _GRAY),
+_IMAGES = {  # channels by encoding
+    "rgb8": "rgb", "bgr8": "bgr", "8UC3": "bgr", "rgba8": "rgba", "bgra8": "bgra", "mono8": "g",
+    "8UC1": "g",
 }  # fmt: skip
 
 
 class Signal(NamedTuple):
-    """What one modality measured during one execution.
-
-    Attributes
-    ----------
-    values : NDArray[Any]
-        Samples along the first axis: (T, C) numbers, (T,) sound, or (T, H, W, 3) images.
-    times : NDArray[np.float64]
-        Time of each message, s since the first one.
-    fault : str
-        Why the signal cannot be used; "" where it can.
-    ready : bool
-        Whether the samples are features of single images (T, D), whose mean is the vector.
-    """
+    """Samples (T, ...) of one modality, times (s) of its messages, and why it cannot be used."""
 
     values: NDArray[Any]
     times: NDArray[np.float64] = np.empty(0)
     fault: str = ""
-    ready: bool = False
 
 
 def temporal_bins(
@@ -71,50 +50,35 @@ def temporal_bins(
     values : ArrayLike
         (T, C) samples of C channels in their own unit, or (T,) of one.
     bins : int
-        Number of bins.
+        Number of bins. A bin without a sample is interpolated between its neighbors.
     times : ArrayLike | None
-        (T,) s, ascending. By default samples have equal distances. A bin without a sample is
-        interpolated between its neighbors.
+        (T,) s, ascending. By default samples have equal distances.
 
     Returns
     -------
     NDArray[np.float64]
-        (bins * C,), all bins of the first channel first.
-
-    Raises
-    ------
-    DataError
-        No samples, or values that are not finite.
-
-    References
-    ----------
-    J. Sinapov et al., "Grounding semantic categories in behavioral interactions", Robotics and
-    Autonomous Systems 62(5), 2014: joint torques in ten temporal bins.
+        (bins * C,), all bins of the first channel first. Source: J. Sinapov et al.,
+        "Grounding semantic categories in behavioral interactions", RAS 62(5), 2014.
 
     Examples
     --------
     >>> temporal_bins([1, 1, 3, 3], bins=2)
     array([1., 3.])
     """
-    array = _finite(values, (1, 2))
-    array = array.reshape(len(array), -1)
+    array = _finite(values, 1, 2)
     bins = _count("bins", bins)
-    if times is None:
-        return _means(array, bins).T.ravel()
-    moments = _finite(times, (1,))
-    if len(moments) != len(array):
-        raise DataError(f"{len(moments)} times of {len(array)} samples; expected one each.")
-    span = moments[-1] - moments[0]
-    if not span > 0:
-        return np.repeat(array.mean(axis=0), bins)
-    place = np.minimum((moments - moments[0]) / span * bins, bins - 1).astype(int)
-    counts = np.bincount(place, minlength=bins)
-    filled = np.flatnonzero(counts)
-    columns = []
-    for channel in array.T:
-        sums = np.bincount(place, channel, bins)[filled]
-        columns.append(np.interp(np.arange(bins), filled, sums / counts[filled]))
-    return np.concatenate(columns)
+    moments = _finite(np.arange(len(array)) if times is None else times, 1)
+    if len(moments) != len(array) or (np.diff(moments) < 0).any():
+        raise DataError(f"{len(moments)} times of {len(array)} samples; give each one, ascending")
+    place = (moments - moments[0]) / (moments[-1] - moments[0] or 1.0) * bins
+    filled, first, counts = np.unique(
+        np.minimum(place, bins - 1).astype(int), return_index=True, return_counts=True
+    )
+    sums = np.add.reduceat(array.reshape(len(array), -1), first, axis=0)
+    means = (sums / counts[:, None]).T
+    if len(filled) < bins:
+        means = np.array([np.interp(np.arange(bins), filled, channel) for channel in means])
+    return means.ravel()
 
 
 def spectrogram_bins(
@@ -135,17 +99,8 @@ def spectrogram_bins(
     -------
     NDArray[np.float64]
         (frequency_bins * time_bins,) log10 of the mean power density (1/Hz), all times of the
-        lowest frequencies first; -10 is silence.
-
-    Raises
-    ------
-    DataError
-        No samples, values that are not finite, or a rate that is not above 0.
-
-    References
-    ----------
-    J. Sinapov et al., "Interactive learning of the acoustic properties of household objects",
-    ICRA 2009: spectrograms in ten by ten bins.
+        lowest frequencies first; -10 is silence. See J. Sinapov et al., "Interactive learning of
+        the acoustic properties of household objects", ICRA 2009.
 
     Examples
     --------
@@ -154,17 +109,15 @@ def spectrogram_bins(
     """
     from scipy.signal import spectrogram  # noqa: PLC0415  takes a third of a second
 
-    array = _finite(sound, (1, 2))
-    array = array.reshape(len(array), -1).mean(axis=1)
-    rate = float(rate)
-    if not 0 < rate < np.inf:
-        raise DataError(f"The rate of the sound is {rate}; give samples a second, above 0.")
-    counts = _count("frequency_bins", frequency_bins), _count("time_bins", time_bins)
-    length = min(len(array), max(2, round(_SECONDS * rate)))
-    power = spectrogram(array, rate, "boxcar" if length < 3 else "hann", length, length // 2,
-                        detrend=False)[2]  # fmt: skip
-    binned: NDArray[np.float64] = np.log10(_means(_means(power, counts[0]).T, counts[1]).T + _FLOOR)
-    return np.ravel(binned)
+    array = _finite(sound, 1, 2)
+    if not 0 < float(rate) < np.inf:
+        raise DataError(f"the rate of the sound is {rate}; give samples a second, above 0")
+    length = min(len(array), max(2, round(0.032 * rate)))  # 32 ms, as usual for speech
+    window = "boxcar" if length < 3 else "hann"
+    mono = array.reshape(len(array), -1).mean(axis=1)
+    power = spectrogram(mono, rate, window, length, length // 2, detrend=False)[2]
+    by_frequency = temporal_bins(power, frequency_bins).reshape(power.shape[1], -1)
+    return np.asarray(np.log10(temporal_bins(by_frequency, time_bins) + 1e-10))
 
 
 def color_histogram(image: ArrayLike, bins: int = 4) -> NDArray[np.float64]:
@@ -173,24 +126,16 @@ def color_histogram(image: ArrayLike, bins: int = 4) -> NDArray[np.float64]:
     Parameters
     ----------
     image : ArrayLike
-        (H, W, 3) colors, or (H, W) gray; whole numbers 0 to 255, or fractions 0 to 1.
-        Of (T, H, W, 3) images the mean of their histograms is returned.
+        (H, W, 3) colors, (T, H, W, 3) of several images, or (H, W) gray; whole numbers 0 to 255,
+        or fractions 0 to 1.
     bins : int
         Number of bins of each color.
 
     Returns
     -------
     NDArray[np.float64]
-        (bins ** 3,) fractions of the pixels, which sum to 1; blue varies fastest.
-
-    Raises
-    ------
-    DataError
-        No pixels, another shape, or values out of the range.
-
-    References
-    ----------
-    M. J. Swain and D. H. Ballard, "Color indexing", IJCV 7(1), 1991.
+        (bins ** 3,) fractions of the pixels, which sum to 1; blue varies fastest. See M. J. Swain
+        and D. H. Ballard, "Color indexing", IJCV 7(1), 1991.
 
     Examples
     --------
@@ -199,27 +144,18 @@ def color_histogram(image: ArrayLike, bins: int = 4) -> NDArray[np.float64]:
     """
     bins = _count("bins", bins)
     array = np.asarray(image)
-    if array.ndim == 4:
-        return np.asarray(np.mean([color_histogram(one, bins) for one in array], axis=0))
-    whole = array.dtype.kind in "ui"
-    array = array if array.dtype == np.uint8 and array.size else _finite(array, (2, 3))
-    if array.ndim == 2:
-        array = np.repeat(array[:, :, None], 3, axis=2)
-    if array.ndim != 3 or array.shape[2] != 3:
-        raise DataError(f"An image has shape {array.shape}; expected (H, W, 3) or (H, W).")
-    top = 255 if whole else 1
-    if array.dtype != np.uint8 and (array.min() < 0 or array.max() > top):
-        raise DataError(f"An image has values {array.min()} to {array.max()}; expected 0 to {top}.")
-    kind = np.min_scalar_type(bins**3)  # as small as can be, since images are large
-    if whole and bins > 1 and 256 % bins == 0:
-        place = array.astype(np.uint8, copy=False) // np.uint8(256 // bins)
-    elif whole:
-        of_value = (np.arange(256) * bins // 256).astype(kind)
-        place = of_value[array.astype(np.uint8, copy=False)]
-    else:
-        place = np.minimum(array * bins, bins - 1).astype(kind)
-    cell = (place[..., 0] * kind.type(bins) + place[..., 1]) * kind.type(bins) + place[..., 2]
-    counts = np.bincount(cell.ravel(), minlength=bins**3)
+    if array.dtype != np.uint8 or not array.size:
+        top = 255 if array.dtype.kind in "ui" else 1
+        array = _finite(array, 2, 3, 4)
+        if array.min() < 0 or array.max() > top:
+            raise DataError(f"an image has values {array.min()} to {array.max()}; {top} is white")
+        array = (array * (255 / top)).astype(np.uint8)
+    array = np.repeat(array[..., None], 3, axis=2) if array.ndim == 2 else array
+    if array.ndim not in {3, 4} or array.shape[-1] != 3:
+        raise DataError(f"an image has shape {array.shape}; expected (H, W, 3) or (H, W)")
+    place = (np.arange(256) * bins // 256).astype(np.min_scalar_type(bins**3))
+    red, green, blue = (place[array[..., color]] for color in range(3))
+    counts = np.bincount(((red * bins + green) * bins + blue).ravel(), minlength=bins**3)
     return np.asarray(counts / counts.sum())
 
 
@@ -233,16 +169,14 @@ def extract(
     behavior: str,
     signals: Mapping[str, Signal | ArrayLike],
     functions: Mapping[str, Function] | None = None,
-    on_fault: Callable[[str, str], object] | None = None,
+    on_fault: Faults | None = None,
 ) -> dict[str, NDArray[np.float32]]:
-    """Return the features of one execution, as the domain's sources describe them.
+    """Return the features (D,) of one execution by modality, as the domain's sources say.
 
     Parameters
     ----------
-    domain : Domain
-        With a source of each modality of the behavior.
-    behavior : str
-        What was executed.
+    domain, behavior : Domain, str
+        What was executed; each of its modalities must have a source.
     signals : Mapping[str, Signal | ArrayLike]
         By modality; `Recorder.signals` makes them from messages.
     functions : Mapping[str, Function] | None
@@ -250,19 +184,7 @@ def extract(
         `times` is given the seconds of the samples.
     on_fault : Callable[[str, str], object] | None
         Called with a modality and what is wrong with it, which is then left out; by default the
-        first fault is raised.
-
-    Returns
-    -------
-    dict[str, NDArray[np.float32]]
-        (D,) by modality, in the precision in which recordings are kept.
-
-    Raises
-    ------
-    DataError
-        A signal that is missing, empty, or not of finite numbers.
-    DomainError, SettingsError
-        As of `check_sources`.
+        first fault is raised as a `DataError`.
 
     Examples
     --------
@@ -273,43 +195,20 @@ def extract(
     >>> extract(load_domain(lab), "look", black)["color"][:2]
     array([1., 0.], dtype=float32)
     """
-    check_sources(domain, [behavior], functions)
-    return _extract(domain, behavior, signals, functions, on_fault)
-
-
-def _extract(
-    domain: Domain,
-    behavior: str,
-    signals: Mapping[str, Signal | ArrayLike],
-    functions: Mapping[str, Function] | None,
-    on_fault: Callable[[str, str], object] | None,
-) -> dict[str, NDArray[np.float32]]:
-    """Do what `extract` says, with sources that were checked."""
     found = {}
-    for modality in domain.behaviors[domain.behavior_index(behavior)].modalities:
-        source = domain.sources[modality]
-        function = {**FUNCTIONS, **(functions or {})}[source["feature"]]
+    for modality, (function, settings) in check_sources(domain, [behavior], functions).items():
+        signal = signals.get(modality, Signal(np.empty(0), fault="there is no signal"))
+        signal = signal if isinstance(signal, Signal) else Signal(np.asarray(signal))
+        if "times" in settings and len(signal.times) == len(signal.values):
+            settings["times"] = signal.times
         try:
-            signal = signals.get(modality)
-            if signal is None:
-                raise DataError(f"There is no signal of {modality!r}.")  # noqa: TRY301
-            signal = signal if isinstance(signal, Signal) else Signal(np.asarray(signal))
             if signal.fault:
                 raise DataError(signal.fault)  # noqa: TRY301
-            settings = dict(source.get("settings", {}))
-            timed = len(signal.times) == len(signal.values) > 0
-            if timed and "times" in _signature(function).parameters:
-                settings["times"] = signal.times
             with np.errstate(over="ignore"):
-                made = (
-                    signal.values.mean(axis=0)
-                    if signal.ready
-                    else function(signal.values, **settings)
-                )
-                vector = _finite(made, (0, 1)).astype(np.float32)
-            found[modality] = _finite(np.atleast_1d(vector), (1,)).astype(np.float32)
+                vector = _finite(function(signal.values, **settings), 0, 1).astype(np.float32)
+            found[modality] = _finite(np.atleast_1d(vector), 1).astype(np.float32)
         except (DataError, ValueError, TypeError) as fault:
-            message = f"{source['topic']}: {fault}"
+            message = f"{domain.sources[modality]['topic']}: {fault}"
             if on_fault is None:
                 raise DataError(message) from fault
             on_fault(modality, message)
@@ -317,55 +216,42 @@ def _extract(
 
 
 def check_sources(
-    domain: Domain, behaviors: "list[str]", functions: Mapping[str, Function] | None = None
-) -> None:
-    """Refuse behaviors that have a modality without a source, unknown features, and wrong settings.
+    domain: Domain, behaviors: Iterable[str], functions: Mapping[str, Function] | None = None
+) -> dict[str, tuple[Function, dict[str, Any]]]:
+    """Return the feature function of each modality of some behaviors, and its settings.
 
-    Raises
-    ------
-    DomainError
-        A modality without a source, or settings that its feature does not have.
-    SettingsError
-        A feature that is neither ours nor in `functions`.
+    A modality without a source, or settings that its feature does not have, is a `DomainError`; a
+    feature that is neither ours nor in `functions` is a `SettingsError`.
     """
-    if taken := sorted({*FUNCTIONS} & {*(functions or {})}):
+    known = {**(functions or {}), **FUNCTIONS}
+    if taken := sorted(name for name in functions or {} if name in FUNCTIONS):
         raise SettingsError(f"{taken[0]!r} is a feature of the package; name your own otherwise.")
-    known = {**FUNCTIONS, **(functions or {})}
-    for behavior in behaviors:
-        for modality in domain.behaviors[domain.behavior_index(behavior)].modalities:
-            if modality not in domain.sources:
-                raise DomainError(
-                    f"The modality {modality!r} of {behavior!r} has no source; add "
-                    f"[sources.{modality}] with topic and feature to the domain."
-                )
-            source = domain.sources[modality]
-            name = source["feature"]
-            if name not in known:
-                raise SettingsError(unknown("feature", name, sorted(known)))
-            settings = dict(source.get("settings", {}))
-            try:
-                signature = _signature(known[name])
-                if "times" in signature.parameters:
-                    settings.setdefault("times", None)  # `extract` gives them
-                signature.bind(None, **settings)
-            except TypeError as fault:
-                raise DomainError(f"[sources.{modality}] {name}: {fault}.") from None
+    found = {}
+    executed = [domain.behaviors[domain.behavior_index(name)] for name in behaviors]
+    for modality in dict.fromkeys(name for one in executed for name in one.modalities):
+        source = domain.sources.get(modality)
+        if source is None:
+            raise DomainError(f"The modality {modality!r} has no source; add [sources.{modality}] "
+                              "with topic and feature to the domain.")  # fmt: skip
+        name, settings = source["feature"], dict(source.get("settings", {}))
+        if name not in known:
+            raise SettingsError(unknown("feature", name, sorted(known)))
+        signature = _signature(known[name])
+        if "times" in signature.parameters:
+            settings["times"] = None  # `extract` gives them
+        try:
+            signature.bind(None, **settings)
+        except TypeError as fault:
+            raise DomainError(f"[sources.{modality}] {name}: {fault}.") from None
+        found[modality] = known[name], settings
+    return found
 
 
-_signature = functools.lru_cache(256)(inspect.signature)
+_signature = functools.lru_cache(inspect.signature)
 
 
 class Recorder:
-    """Collects the messages of one execution, live or from a bag, and holds no others.
-
-    Parameters
-    ----------
-    domain : Domain
-        With a source of each modality of the behavior.
-    behavior : str
-        What is executed.
-    functions : Mapping[str, Function] | None
-        As of `extract`.
+    """Collects the messages of one execution, live or from a bag; parameters as of `extract`.
 
     Examples
     --------
@@ -382,111 +268,64 @@ class Recorder:
     def __init__(
         self, domain: Domain, behavior: str, functions: Mapping[str, Function] | None = None
     ) -> None:
-        check_sources(domain, [behavior], functions)
-        self.domain = domain
-        self.behavior = behavior
-        self._functions = functions
-        modalities = domain.behaviors[domain.behavior_index(behavior)].modalities
-        self._sources = {name: domain.sources[name] for name in modalities}
+        self.domain, self.behavior, self._functions = domain, behavior, functions
+        self._sources = {m: domain.sources[m] for m in check_sources(domain, [behavior], functions)}
         self.topics = frozenset(source["topic"] for source in self._sources.values())
-        self._parts: dict[str, list[NDArray[Any]]] = {name: [] for name in modalities}
-        self._clocks: dict[str, list[tuple[int, int]]] = {name: [] for name in modalities}
-        self._faults: dict[str, str] = {}
         self.channels: dict[str, tuple[str, ...]] = {}
+        self._faults: dict[str, str] = {}
+        # Of each message: when it was sent and received (ns), and its samples.
+        self._taken: dict[str, list[tuple[int, int, NDArray[Any]]]] = {m: [] for m in self._sources}
 
     def add(self, topic: str, time: int, message: Any) -> None:
-        """Take one message.
+        """Take a message of a topic, received at a time (ns); other topics are left aside.
 
-        Parameters
-        ----------
-        topic : str
-            Where it came; topics that the behavior does not need are left aside.
-        time : int
-            When it was received, ns. A header's stamp, where there is one, counts before it.
-        message : Any
-            Of `rclpy`, of `rosbags`, or any object with the fields of the source.
+        It is one of `rclpy`, of `rosbags`, or any object with the fields of the source. The stamp
+        of its header, where there is one, counts before the time.
         """
         for modality, source in self._sources.items():
             if source["topic"] != topic or modality in self._faults:
                 continue
+            taken = self._taken[modality]
             stamp = getattr(getattr(message, "header", None), "stamp", None)
-            sent = 0 if stamp is None else stamp.sec * _NS + stamp.nanosec
-            sent = sent or time
-            clocks = self._clocks[modality]
-            if clocks and abs((time - sent) - (clocks[0][1] - clocks[0][0])) > _JUMP * _NS:
-                self._faults[modality] = f"the clock jumps at {time / _NS:.3f} s"
-                continue
+            sent = (stamp.sec * _NS + stamp.nanosec if stamp is not None else 0) or time
             try:
                 channels, values = read_message(source, message)
-                if self.channels.setdefault(modality, channels) != channels:
-                    expected = ", ".join(self.channels[modality])
-                    raise DataError(f"channels {', '.join(channels)}; before, {expected}")  # noqa: TRY301
-                if source["feature"] == "color_histogram":
-                    # Of images the histogram alone is kept, as a minute of them is gigabytes.
-                    values = color_histogram(values, **source.get("settings", {}))[None]
-                self._parts[modality].append(values)
-                clocks.append((sent, time))
+                before = self.channels.setdefault(modality, channels)
+                if taken and abs(time - sent - taken[0][1] + taken[0][0]) > _JUMP * _NS:
+                    raise DataError("the clock jumps")  # noqa: TRY301
+                if channels != before:
+                    raise DataError(f"the channels are {channels} and were {before}")  # noqa: TRY301
+                if taken and taken[0][2].shape[1:] != values.shape[1:]:
+                    raise DataError("messages have several sizes")  # noqa: TRY301
+                taken.append((sent, time, values))
             except (DataError, AttributeError, ValueError, TypeError, OSError) as fault:
                 self._faults[modality] = f"{fault} at {time / _NS:.3f} s"
 
     def signals(self) -> dict[str, Signal]:
         """Return what came so far, by modality, in the order of the senders' clocks."""
         found = {}
-        for modality, source in self._sources.items():
-            parts = self._parts[modality]
-            fault = self._faults.get(modality, "")
-            if not parts:
-                found[modality] = Signal(np.empty(0), fault=fault or "no message in the window")
-                continue
-            sent = np.array([pair[0] for pair in self._clocks[modality]])
-            order = np.argsort(sent, kind="stable")
-            if len({part.shape[1:] for part in parts}) > 1:
-                fault = fault or f"messages of several sizes on {source['topic']}"
-                found[modality] = Signal(np.empty(0), fault=fault)
-                continue
-            values = np.concatenate([parts[place] for place in order.tolist()])
-            times = (sent[order] - sent.min()) / _NS
-            ready = source["feature"] == "color_histogram"
-            found[modality] = Signal(values, times, fault, ready)
+        for modality, messages in self._taken.items():
+            fault = self._faults.get(modality, "" if messages else "no message in the window")
+            taken = sorted(messages, key=lambda one: one[0])
+            values = np.concatenate([one[2] for one in taken]) if taken else np.empty(0)
+            times = np.array([(sent - taken[0][0]) / _NS for sent, _, _ in taken])
+            found[modality] = Signal(values, times, fault)
         return found
 
-    def drop(self) -> None:
-        """Let the messages go; the names of their channels stay."""
-        for modality in self._sources:
-            self._parts[modality].clear()
-            self._clocks[modality].clear()
-
-    def features(
-        self, on_fault: Callable[[str, str], object] | None = None
-    ) -> dict[str, NDArray[np.float32]]:
+    def features(self, on_fault: Faults | None = None) -> dict[str, NDArray[np.float32]]:
         """Return `extract` of what came so far; parameters and errors as there."""
-        return _extract(self.domain, self.behavior, self.signals(), self._functions, on_fault)
+        return extract(self.domain, self.behavior, self.signals(), self._functions, on_fault)
 
 
 def read_message(source: Mapping[str, Any], message: Any) -> tuple[tuple[str, ...], NDArray[Any]]:
-    """Return the channels of a message and its samples, as a source reads them.
+    """Return the names of a message's channels (C,), and its samples, as a source reads them.
 
-    Parameters
-    ----------
-    source : Mapping[str, Any]
-        Of a modality: `fields`, paths such as "wrench.force.x", "position[2]" or "effort[elbow]"
-        (by the message's `name`), by default those of the type; `encoding` of sound ("s16le",
-        "f32le" or "u8").
-    message : Any
-        JointState, WrenchStamped, Imu, Float64MultiArray, Image, CompressedImage, AudioData, or
-        any other by its fields. Joints are put in the order of their names, so that a driver that
-        lists them in another order gives equal features.
-
-    Returns
-    -------
-    tuple[tuple[str, ...], NDArray[Any]]
-        Names of the channels (C,), and samples (1, C); (n,) of sound; (1, H, W, 3) of an image.
-
-    Raises
-    ------
-    DataError
-        A field that the message lacks, that is empty or no number; a type that has no default
-        fields; an image or sound of an encoding that is not known.
+    Samples are (1, C); (n,) of sound; (1, H, W, 3) of an image. `fields` are paths such as
+    "wrench.force.x", "position[2]" or "effort[elbow]" (by the message's `name`); without them, the
+    type must be JointState, WrenchStamped, Imu, Float64MultiArray, Image, CompressedImage or
+    AudioData. Joints are sorted by name, so that a driver that lists them in another order gives
+    equal features. `encoding` is that of sound ("s16le", "f32le" or "u8"). Of an image as many
+    `pixels` are kept at most, by every n-th row and column (10,000 by default, 0 keeps all).
 
     Examples
     --------
@@ -495,102 +334,102 @@ def read_message(source: Mapping[str, Any], message: Any) -> tuple[tuple[str, ..
     (('data[1]',), array([[5.]]))
     """
     kind = type(message).__name__.rpartition("__")[2]
-    fields = source.get("fields", ())
-    if not fields and kind in {"Image", "CompressedImage"}:
-        image = _raw_image(message) if kind == "Image" else _packed_image(message)
-        return (), image[None]
-    if not fields and kind in _SOUNDS:
-        encoding = source.get("encoding", "s16le")
-        if encoding not in _SOUND:
-            raise DataError(unknown("encoding", encoding, sorted(_SOUND)))
-        form, scale, shift = _SOUND[encoding]
-        data = np.asarray(_value(message, _SOUNDS[kind]), np.uint8).tobytes()
-        if len(data) % np.dtype(form).itemsize:
-            raise DataError(f"sound of {len(data)} bytes is not {encoding}")
-        return (), np.frombuffer(data, form).astype(float) / scale - shift
-    fields = fields or _FIELDS.get(kind, ())
-    if not fields:
+    fields = source.get("fields") or _TYPES.get(kind)
+    if fields is None:
         raise DataError(f"{kind} has no default fields; name them in the source's `fields`")
+    if callable(fields):
+        return (), fields(message, source)
     names: list[str] = []
     numbers: list[float] = []
     for path in fields:
-        value = _value(message, path)
-        if all(hasattr(value, axis) for axis in "xyz"):
-            parts = {f"{path}.{axis}": getattr(value, axis) for axis in "xyz"}
-        else:
-            array = np.atleast_1d(np.asarray(value, float))
-            joints = list(getattr(message, "name", ())) if kind == "JointState" else []
-            if array.size == 0:
-                raise DataError(f"{path} is empty")
-            if joints and array.size > 1 and len(joints) != array.size:
-                raise DataError(f"{path} has {array.size} values of {len(joints)} joints")
-            if joints and len(joints) == array.size and "[" not in path:
-                parts = {f"{path}[{name}]": array[joints.index(name)] for name in sorted(joints)}
-            elif array.size == 1:
-                parts = {path: array.ravel()[0]}
-            else:
-                parts = {f"{path}[{place}]": one for place, one in enumerate(array.ravel())}
-        names += parts
-        numbers += map(float, parts.values())
+        value = functools.reduce(_field, path.split("."), message)
+        if axes := [axis for axis in "xyz" if hasattr(value, axis)]:
+            names += [f"{path}.{axis}" for axis in axes]
+            numbers += [float(getattr(value, axis)) for axis in axes]
+            continue
+        array = np.asarray(value, float)
+        keys = list(getattr(message, "name", ())) if kind == "JointState" else []
+        if array.size == 0 or (keys and array.ndim and len(keys) != array.size):
+            raise DataError(f"{path} has {array.size} values, and there are {len(keys)} names")
+        order = sorted(range(array.size), key=(keys or range(array.size)).__getitem__)
+        names += [f"{path}[{keys[i] if keys else i}]" for i in order] if array.ndim else [path]
+        numbers += array.ravel()[order].tolist()
     return tuple(names), np.array([numbers])
 
 
-def _value(message: Any, path: str) -> Any:
-    """Return what a path of fields leads to; [n] is an index, [name] a joint's."""
-    value = message
-    for text in path.split("."):
-        part = _PART.fullmatch(text)
-        if part is None or not hasattr(value, part[1]):
-            kind = type(message).__name__.rpartition("__")[2]
-            raise DataError(f"{kind} has no field {path!r}")
-        owner, value = value, getattr(value, part[1])
-        if part[2] is None:
-            continue
-        names = list(getattr(owner, "name", ()))
-        place = names.index(part[2]) if part[2] in names else -1
-        place = int(part[2]) if place < 0 and part[2].isdecimal() else place
-        if not 0 <= place < len(value):
-            raise DataError(f"{path!r} is not there ({len(value)} values)")
-        value = value[place]
-    return value
+def _field(owner: Any, text: str) -> Any:
+    part = _STEP.fullmatch(text)
+    if part is None or not hasattr(owner, part[1]):
+        raise DataError(f"{type(owner).__name__.rpartition('__')[2]} has no field {text!r}")
+    value, key = getattr(owner, part[1]), part[2]
+    if key is None:
+        return value
+    names = list(getattr(owner, "name", ()))
+    place = names.index(key) if key in names else int(key) if key.isdecimal() else -1
+    if not 0 <= place < len(value):
+        raise DataError(f"{text!r} is not there ({len(value)} values)")
+    return value[place]
 
 
-def _raw_image(message: Any) -> NDArray[Any]:
-    """Return (H, W, 3) of a sensor_msgs/Image; depth and Bayer patterns have no colors."""
-    if message.encoding not in _IMAGES:
-        raise DataError(unknown("encoding of an image", message.encoding, sorted(_IMAGES)))
-    channels, size, order = _IMAGES[message.encoding]
-    height, width, step = message.height, message.width, message.step
+def _sound(message: Any, source: Mapping[str, Any]) -> NDArray[np.float64]:
+    encoding = source.get("encoding", "s16le")
+    if encoding not in _SOUND:
+        raise DataError(unknown("encoding", encoding, sorted(_SOUND)))
+    form, scale, shift = _SOUND[encoding]
+    return np.frombuffer(bytes(getattr(message, "audio", message).data), form) / scale - shift
+
+
+def _image(message: Any, source: Mapping[str, Any]) -> NDArray[np.uint8]:
+    encoding, height, width, step = message.encoding, message.height, message.width, message.step
+    if encoding not in _IMAGES:  # depth and Bayer patterns have no colors
+        raise DataError(unknown("encoding of an image", encoding, sorted(_IMAGES)))
+    order = _IMAGES[encoding]
     data = np.asarray(message.data, np.uint8)
-    if min(height, width) < 1 or step < width * channels * size or len(data) < height * step:
+    if min(height, width) < 1 or step < width * len(order) or len(data) < height * step:
         raise DataError(f"an image of {width} x {height} pixels has {len(data)} bytes")
-    rows = data[: height * step].reshape(height, step)[:, : width * channels * size]
-    if size == 2:  # the higher byte alone, as histograms have few bins
-        rows = rows[:, 0 if message.is_bigendian else 1 :: 2]
-    return rows.reshape(height, width, channels)[:, :, order]
+    rows = data[: height * step].reshape(height, step)[:, : width * len(order)]
+    image = _thinned(rows.reshape(height, width, len(order)), source)
+    return image if order == "rgb" else image[..., [max(order.find(c), 0) for c in "rgb"]]
 
 
-def _packed_image(message: Any) -> NDArray[Any]:
-    from PIL import Image, UnidentifiedImageError  # noqa: PLC0415  comes with matplotlib
+def _packed_image(message: Any, source: Mapping[str, Any]) -> NDArray[np.uint8]:
+    from PIL import Image  # noqa: PLC0415  comes with matplotlib
 
     try:
         with Image.open(io.BytesIO(bytes(message.data)), formats=["JPEG", "PNG"]) as image:
-            return np.asarray(image.convert("RGB"))
-    except (UnidentifiedImageError, Image.DecompressionBombError, OSError, SyntaxError) as fault:
+            return _thinned(np.asarray(image.convert("RGB")), source)
+    except (Image.DecompressionBombError, OSError, SyntaxError) as fault:
         raise DataError(f"a compressed image cannot be read ({fault})") from None
 
 
-def _finite(values: ArrayLike, dimensions: tuple[int, ...]) -> NDArray[np.float64]:
+def _thinned(image: NDArray[np.uint8], source: Mapping[str, Any]) -> NDArray[np.uint8]:
+    """Return (1, H, W, C) of at most so many pixels, as a minute of images is gigabytes."""
+    pixels = image.shape[0] * image.shape[1]
+    every = math.ceil(math.sqrt(pixels / (source.get("pixels", 10_000) or pixels)))
+    return image[None, ::every, ::every].copy() if every > 1 else image[None]
+
+
+_TYPES: Mapping[str, Any] = {  # by message type: fields where the source names none, or a reader
+    "JointState": ("effort",),
+    "WrenchStamped": ("wrench.force", "wrench.torque"),
+    "Imu": ("linear_acceleration", "angular_velocity"),
+    "Float64MultiArray": ("data",),
+    "AudioData": _sound,
+    "AudioDataStamped": _sound,
+    "Image": _image,
+    "CompressedImage": _packed_image,
+}
+
+
+def _finite(values: ArrayLike, *dimensions: int) -> NDArray[np.float64]:
     """Return an array of finite numbers, at least one, of one of these numbers of axes."""
     array = np.asarray(values, dtype=float)
     if array.ndim not in dimensions:
-        expected = " or ".join(map(str, dimensions))
-        raise DataError(f"an array of shape {array.shape}; expected {expected} axes")
+        raise DataError(f"an array of {array.ndim} axes; expected {min(dimensions)}")
     if array.size == 0:
         raise DataError("there are no samples")
-    if not np.isfinite(array).all():
-        place = int(np.argwhere(~np.isfinite(array))[0][0]) if array.ndim else 0
-        raise DataError(f"{array[~np.isfinite(array)][0]} in sample {place}; expected numbers")
+    if not (good := np.isfinite(array)).all():
+        raise DataError(f"{array[~good][0]} in sample {np.argwhere(~good)[0][:1]}; give numbers")
     return array
 
 
@@ -598,14 +437,3 @@ def _count(name: str, value: Any) -> int:
     if isinstance(value, bool) or int(value) != value or not 1 <= value <= 10_000:
         raise DataError(f"{name} is {value!r}; give a whole number, 1 to 10,000")
     return int(value)
-
-
-def _means(rows: NDArray[np.float64], bins: int) -> NDArray[np.float64]:
-    """Return the means (bins, ...) of equal parts of the rows; of few rows one may fill several."""
-    edges = np.arange(bins + 1) * len(rows) // bins
-    return np.array(
-        [
-            rows[min(a, len(rows) - 1) : max(b, a + 1)].mean(axis=0)
-            for a, b in itertools.pairwise(edges.tolist())
-        ]
-    )

@@ -96,6 +96,16 @@ def test_messages_of_common_types():
         read_message({}, message("PointCloud2"))
 
 
+def test_of_a_large_image_few_pixels_are_kept():
+    """Every n-th row and column, as a minute of images is gigabytes; 0 keeps all."""
+    data = np.repeat(np.arange(200, dtype=np.uint8), 200)
+    fields = {"encoding": "mono8", "is_bigendian": 0, "data": data}
+    image = message("Image", height=200, width=200, step=200, **fields)
+    assert read_message({}, image)[1][0, :, 0, 0].tolist() == list(range(0, 200, 2))
+    assert read_message({"pixels": 400}, image)[1].shape == (1, 20, 20, 3)
+    assert read_message({"pixels": 0}, image)[1].shape == (1, 200, 200, 3)
+
+
 def test_a_compressed_image_is_read_or_one_line():
     file = io.BytesIO()
     Image.new("RGB", (2, 1), (9, 8, 7)).save(file, "PNG")

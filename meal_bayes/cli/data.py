@@ -13,6 +13,7 @@ from meal_bayes.cli.program import UNSOUND, Section
 if TYPE_CHECKING:
     from meal_bayes.datasets import Dataset, PerceptTable
     from meal_bayes.datasets.bags import BagReport
+    from meal_bayes.domain import Domain
 
 _TOLERANCE = 1e-2  # log-odds by which a table made elsewhere may differ
 _LISTED = 5  # files
@@ -179,63 +180,46 @@ def percepts(
         _compare(table, dataset)
 
 
-_EXECUTIONS = opt.option(
-    "--executions", click.Path(exists=True, dir_okay=False, path_type=Path), None, "FILE.csv",
-    "Executions: bag,object,behavior,start,end (s since the bag's first message, or since 1970).",
-)  # fmt: skip
-_MARKERS = opt.option(
-    "--markers", None, None, "TOPIC",
-    'Executions by texts on a topic: "lift: red mug" begins one, an empty text ends it.',
-)  # fmt: skip
-_OWN = opt.option(
-    "--feature", None, None, "NAME=MODULE:FUNCTION",
-    "A feature of your own that the domain names; may be repeated.", multiple=True,
-)  # fmt: skip
-_DOMAIN = opt.option(
-    "--domain", None, None, "FILE.toml", "Your domain, with the sources of its modalities.",
-    required=True,
-)  # fmt: skip
+def _of_bags(command: opt.Command) -> opt.Command:
+    """Add the options that say what is read from bags."""
+    for add in (
+        opt.option("--feature", None, None, "NAME=MODULE:FUNCTION",
+                   "A feature of your own that the domain names; may be repeated.", multiple=True),
+        opt.option("--markers", None, None, "TOPIC", "Executions by texts on a topic: "
+                   '"lift: red mug" begins one, an empty text ends it.'),
+        opt.option("--executions", opt.FILE, None, "FILE.csv", "Executions: bag,object,behavior,"
+                   "start,end (s since the bag's first message, or since 1970)."),
+        opt.option("--domain", None, None, "FILE.toml",
+                   "Your domain, with the sources of its modalities.", required=True),
+    ):  # fmt: skip
+        command = add(command)
+    return command
 
 
 @data.command("import", short_help="Make recordings from ROS bags.")
 @click.argument("bags", nargs=-1, required=True, type=click.Path(path_type=Path))
-@_DOMAIN
+@_of_bags
 @opt.option("--out", opt.FOLDER, None, "FOLDER", "Where to write the recordings.", required=True)
-@_EXECUTIONS
-@_MARKERS
 @opt.option("--labels", opt.FILE, None, "FILE.csv", "Labels of the objects: object,ATTRIBUTE,...")
-@_OWN
-def import_(
-    bags: tuple[Path, ...],
-    domain: str,
-    out: Path,
-    executions: Path | None,
-    markers: str | None,
-    labels: Path | None,
-    feature: tuple[str, ...],
-) -> None:
+def import_(bags: tuple[Path, ...], out: Path, labels: Path | None, **given: Any) -> None:
     """Make recordings from BAGS of ROS 1 or ROS 2 (extra "bags"), or folders of them.
 
     A bag that is damaged, and each execution that lacks a signal, is one line; the others go on.
     The folder is written whole or not at all.
     """
     from meal_bayes.datasets.bags import save_recordings
-    from meal_bayes.domain import load_domain
     from meal_bayes.errors import OutputError
 
     if out.exists():
         raise OutputError(f"{out} is there already; remove it, or give another --out.")
-    report = _read_bags(bags, domain, executions, markers, feature)
-    rows = [
-        (topic.bag, topic.topic, f"{topic.messages}", f"{topic.rate:.1f} Hz", f"{topic.gap:.2f} s")
-        for topic in report.topics
-    ]
+    domain, report = _read_bags(bags, **given)
+    rows = [(t.bag, t.topic, f"{t.messages}", f"{t.rate:.1f} Hz", f"{t.gap:.2f} s")
+            for t in report.topics]  # fmt: skip
     terminal.print_table(("bag", "topic", "messages", "rate", "longest gap"), rows,
                          left_aligned=("topic",))  # fmt: skip
     for fault in report.faults:
         terminal.say(f"missing: {fault}")
-    held = load_domain(domain)
-    save_recordings(held, report, out, labels)
+    save_recordings(domain, report, out, labels)
     objects = {one.object_name for one in report.executions}
     terminal.say(f"{out}: {len(report.executions)} executions with {len(objects)} objects")
     if labels is None:
@@ -244,67 +228,39 @@ def import_(
 
 @data.command(short_help="Draw signals, windows and features of a bag.")
 @click.argument("bag", type=click.Path(path_type=Path))
-@_DOMAIN
-@_EXECUTIONS
-@_MARKERS
+@_of_bags
 @opt.option("--number", opt.COUNT, 1, None, "Number of the execution to draw.")
-@_OWN
 @opt.option("--out", opt.FILE, Path("execution.png"), "FILE", "PNG, PDF or SVG.")
-def show(
-    bag: Path,
-    domain: str,
-    executions: Path | None,
-    markers: str | None,
-    number: int,
-    feature: tuple[str, ...],
-    out: Path,
-) -> None:
+def show(bag: Path, number: int, out: Path, **given: Any) -> None:
     """Draw the signals of one execution in a BAG, its window, and the features made from them."""
     from meal_bayes.datasets.bags import plot_execution
     from meal_bayes.errors import SettingsError
     from meal_bayes.look import check_figure_name, save
 
     check_figure_name(out)
-    report = _read_bags((bag,), domain, executions, markers, feature, keep=number)
+    _, report = _read_bags((bag,), keep=number, **given)
     for fault in report.faults:
         terminal.say(f"missing: {fault}")
-    if number > len(report.executions):
+    kept = [one for one in report.executions if one.signals]
+    if not kept:
         raise SettingsError(f"{bag} has {len(report.executions)} executions, and no {number}.")
-    one = report.executions[number - 1]
-    save(plot_execution(one), out)
-    sizes = ", ".join(f"{name} {len(vector)}" for name, vector in one.features.items())
-    seconds = (one.end - one.start) / 1e9
-    terminal.say(f"{out}: {one.behavior} of {one.object_name}, {seconds:.2f} s; features: {sizes}")
+    save(plot_execution(kept[0]), out)
+    sizes = ", ".join(f"{name} {len(vector)}" for name, vector in kept[0].features.items())
+    terminal.say(f"{out}: {kept[0]}; features: {sizes}")
 
 
 def _read_bags(
-    bags: tuple[Path, ...],
-    domain: str,
-    executions: Path | None,
-    markers: str | None,
-    feature: tuple[str, ...],
-    keep: int = 0,
-) -> "BagReport":
-    from meal_bayes.datasets.bags import find_bags, read_bags, read_executions
+    bags: tuple[Path, ...], domain: str, feature: tuple[str, ...], **given: Any
+) -> "tuple[Domain, BagReport]":
+    from meal_bayes.datasets.bags import read_bags
     from meal_bayes.domain import load_domain
 
-    if (executions is None) == (markers is None):
+    if (given["executions"] is None) == (given["markers"] is None):
         raise click.UsageError("Give either --executions or --markers.")
-    functions = {}
-    for text in feature:
-        name, _, value = text.partition("=")
-        functions[name] = opt.named_value(value)
+    own = {name: opt.named_value(value) for name, _, value in (f.partition("=") for f in feature)}
     held = load_domain(domain)
-    found = find_bags(bags)
-    listed = []
-    if executions is not None:
-        names = [path.name for path in found]
-        listed = read_executions(executions, held, names, others=keep > 0)
     with terminal.progress("bags", "bags") as advance:
-        return read_bags(
-            held, found, executions=listed, markers=markers, functions=functions,
-            progress=advance, keep=keep,
-        )  # fmt: skip
+        return held, read_bags(held, bags, functions=own, progress=advance, **given)
 
 
 def _print_contents(table: "PerceptTable | Dataset", *, as_json: bool) -> None:

@@ -4,11 +4,7 @@ Each bag is read once, in the order of time; only the messages of executions tha
 held. What is wrong with a bag is one line, and the others go on.
 """
 
-import csv
-import io
-import itertools
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from decimal import Decimal, InvalidOperation
 from pathlib import Path
@@ -17,48 +13,39 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from meal_bayes.datasets.csv_files import read_labels, read_rows
+from meal_bayes.datasets.csv_files import read_labels, read_rows, save_csv_folder
+from meal_bayes.datasets.dataset import Dataset
 from meal_bayes.domain import Domain, unknown
 from meal_bayes.errors import DataError, OutputError, SettingsError
 from meal_bayes.features import Function, Recorder, Signal, check_sources
 from meal_bayes.files import checked_path, keep_folder
-from meal_bayes.look import BLUE, drawn_in_style, listed, name_axes
+from meal_bayes.look import BLUE, drawn_in_style, name_axes
 from meal_bayes.untrusted import name_fault
 
 if TYPE_CHECKING:
     from meal_bayes.canvas import Axes
 
-EXECUTIONS = ("bag", "object", "behavior", "start", "end")
+_COLUMNS = ["bag", "object", "behavior", "start", "end"]
 _NS = 1_000_000_000
-_EPOCH = 100_000_000  # s; a greater time is counted from 1970, a smaller one from the bag's start
+_EPOCH = 100_000_000 * _NS  # greater times are counted from 1970, smaller ones from the bag's start
+_NEVER = 1 << 62
 
 
 @dataclass
 class Execution:
-    """One execution of a behavior in a bag.
-
-    Attributes
-    ----------
-    bag, object_name, behavior : str
-        Of what.
-    start, end : int
-        Times of the bag's clock, ns; messages from `start` on and before `end` belong to it.
-    features : dict[str, NDArray[np.float32]]
-        (D,) by modality.
-    recorder : Recorder | None
-        Of the messages, while the bag is read.
-    signals : dict[str, Signal]
-        By modality, of the one execution that is kept to be drawn.
-    """
+    """One execution: messages from `start` on and before `end` (ns); the rest is by modality."""
 
     bag: str
     object_name: str
     behavior: str
     start: int
-    end: int = 1 << 62
+    end: int = _NEVER
     features: dict[str, NDArray[np.float32]] = field(default_factory=dict)
-    recorder: Recorder | None = None
+    channels: dict[str, tuple[str, ...]] = field(default_factory=dict)
     signals: dict[str, Signal] = field(default_factory=dict)
+
+    def __str__(self) -> str:
+        return f"{self.behavior} of {self.object_name} at {self.start / _NS:.3f} s"
 
 
 class Topic(NamedTuple):
@@ -78,94 +65,39 @@ class BagReport:
     executions: list[Execution] = field(default_factory=list)
     topics: list[Topic] = field(default_factory=list)
     faults: list[str] = field(default_factory=list)
+    last: tuple[str, int] = "", 0  # topic and time (ns) of the message that was read last
 
 
 def find_bags(paths: Iterable[str | Path]) -> list[Path]:
     """Return the bags that are named, or that lie in the folders that are named.
 
-    A bag is a `.bag` or `.mcap` or `.db3` file, or a folder with a `metadata.yaml`.
-
-    Raises
-    ------
-    SettingsError
-        A path that holds no bag, or two bags of one name.
+    A bag is a `.bag` or `.mcap` or `.db3` file, or a folder with a `metadata.yaml`. A path that
+    holds none, or two bags of one name, is a `SettingsError`.
     """
-    found: list[Path] = []
-    for given in paths:
-        path = checked_path("The bag", given)
-        inside = sorted(path.iterdir()) if path.is_dir() and not _is_bag(path) else [path]
-        bags = [one for one in inside if _is_bag(one)]
+    found: dict[str, Path] = {}
+    for path in [checked_path("The bag", given) for given in paths]:
+        bags = [path] if _is_bag(path) else sorted(filter(_is_bag, path.glob("*")))
         if not bags:
             raise SettingsError(f"{path} holds no bag (.bag, .mcap, .db3 or a ROS 2 folder).")
-        found += [bag for bag in bags if bag not in found]
-    names = [path.name for path in found]
-    if twice := [name for name in names if names.count(name) > 1]:
-        raise SettingsError(f"Two bags have the name {twice[0]!r}; rename one.")
-    return found
+        for bag in bags:
+            if found.setdefault(bag.name, bag) != bag:
+                raise SettingsError(f"Two bags have the name {bag.name!r}; rename one.")
+    return list(found.values())
 
 
 def _is_bag(path: Path) -> bool:
-    if path.is_dir():
-        return (path / "metadata.yaml").is_file()
-    return path.suffix in {".bag", ".mcap", ".db3"} and path.is_file()
-
-
-def read_executions(
-    path: str | Path, domain: Domain, bags: Sequence[str], *, others: bool = False
-) -> list[Execution]:
-    """Read `bag,object,behavior,start,end`: seconds since the bag's first message, or since 1970.
-
-    The bag is its file's name, with or without the ending. Where there may be `others`, rows of
-    bags that are not given are passed over.
-
-    Raises
-    ------
-    DataError
-        A row that names no bag or behavior, or whose times are no numbers, or in the wrong order.
-    """
-    rows = read_rows(checked_path("The executions", path))
-    where, header = next(rows)
-    if tuple(header) != EXECUTIONS:
-        raise DataError(f"{where}: the header {','.join(header)[:60]!r}; write "
-                        f"{','.join(EXECUTIONS)}.")  # fmt: skip
-    by_name = {Path(name).stem: name for name in bags} | {name: name for name in bags}
-    executions = []
-    for where, cells in rows:
-        if len(cells) != len(EXECUTIONS):
-            raise DataError(f"{where}: {len(cells)} columns; expected {','.join(EXECUTIONS)}.")
-        bag, name, behavior, *times = cells
-        if bag not in by_name and others:
-            continue
-        if bag not in by_name:
-            raise DataError(f"{where}: {unknown('bag', bag, sorted(bags))}")
-        if fault := _execution_fault(domain, name, behavior):
-            raise DataError(f"{where}: {fault}")
-        try:
-            start, end = (Decimal(time) * _NS for time in times)
-            in_order = 0 <= start < end < 1 << 62
-        except InvalidOperation:
-            in_order = False
-        if not in_order:
-            raise DataError(f"{where}: from {times[0]!r} to {times[1]!r} s; give start < end.")
-        executions.append(Execution(by_name[bag], name, behavior, int(start), int(end)))
-    return executions
-
-
-def _execution_fault(domain: Domain, name: str, behavior: str) -> str:
-    if fault := name_fault(name):
-        return f"the object's name {name[:40]!r} {fault}."
-    names = [domain.behaviors[place].name for place in domain.recorded]
-    return "" if behavior in names else unknown("behavior with modalities", behavior, names)
+    of_file = path.suffix in {".bag", ".mcap", ".db3"} and path.is_file()
+    return of_file or (path / "metadata.yaml").is_file()
 
 
 def read_bags(
     domain: Domain,
-    bags: Sequence[Path],
+    bags: Iterable[str | Path],
     *,
-    executions: Sequence[Execution] = (),
+    executions: str | Path | None = None,
     markers: str | None = None,
     functions: Mapping[str, Function] | None = None,
-    progress: Callable[[float, int], object] | None = None,
+    progress: Callable[[float, int], object] = lambda done, total: None,
     keep: int = 0,
 ) -> BagReport:
     """Extract the features of all executions in bags.
@@ -174,16 +106,17 @@ def read_bags(
     ----------
     domain : Domain
         With a source of each modality.
-    bags : Sequence[Path]
-        As of `find_bags`.
-    executions : Sequence[Execution]
-        As of `read_executions`.
+    bags : Iterable[str | Path]
+        Files, or folders of them, as of `find_bags`.
+    executions : str | Path | None
+        A CSV file `bag,object,behavior,start,end`: the bag's name, with or without its ending, and
+        seconds since its first message, or since 1970.
     markers : str | None
-        In their place, a topic of std_msgs/String: "lift: red mug" begins an execution (behavior,
+        In its place, a topic of std_msgs/String: "lift: red mug" begins an execution (behavior,
         object), an empty text ends it, and so does the next one.
     functions : Mapping[str, Function] | None
         As of `meal_bayes.features.extract`.
-    progress : Callable[[float, int], object] | None
+    progress : Callable[[float, int], object]
         Called with the number of bags that are done, in parts, and how many there are.
     keep : int
         Number of the execution, from 1 on in each bag, whose signals are kept.
@@ -191,51 +124,10 @@ def read_bags(
     Returns
     -------
     BagReport
-        Of a damaged bag it holds no execution, and one line says what is wrong.
-
-    Raises
-    ------
-    SettingsError
-        `rosbags` is not installed.
-    DomainError
-        A modality without a source.
+        Of a damaged bag it holds no execution, and one line says what is wrong. A row of the file
+        that is wrong is a `DataError`; a bag, an extra or a feature that is missing a
+        `SettingsError`.
     """
-    check_sources(domain, [domain.behaviors[place].name for place in domain.recorded], functions)
-    report = BagReport()
-    channels: dict[tuple[str, str], tuple[str, ...]] = {}
-    for number, bag in enumerate(bags):
-        listed_here = [one for one in executions if one.bag == bag.name]
-        reading = _Reading(domain, bag, listed_here, markers, functions, keep)
-        try:
-            with _opened(bag) as reader:
-                for part in reading.read(reader):
-                    if progress is not None:
-                        progress(number + part, len(bags))
-        except SettingsError:
-            raise
-        except Exception as fault:  # a torn file raises whatever its decoder does
-            report.faults.append(f"{bag.name}: {reading.place()}{_reason(fault)}; left out")
-            continue
-        finally:
-            if progress is not None:
-                progress(number + 1, len(bags))
-        report.topics += reading.topics
-        report.faults += reading.faults
-        for done in reading.done:
-            _check_channels(done, channels, report.faults)
-            if done.features:
-                report.executions.append(done)
-            done.recorder = None
-    return report
-
-
-def _reason(fault: Exception) -> str:
-    text = " ".join(str(fault).split())[:200].rstrip(".")
-    return f"cannot be read ({type(fault).__name__}{': ' if text else ''}{text})"
-
-
-@contextmanager
-def _opened(bag: Path) -> Iterator[Any]:
     try:
         from rosbags.highlevel import AnyReader  # noqa: PLC0415  an extra
         from rosbags.typesys import Stores, get_typestore  # noqa: PLC0415
@@ -243,236 +135,203 @@ def _opened(bag: Path) -> Iterator[Any]:
         raise SettingsError(
             "Bags are read by rosbags, which is not installed: pip install 'meal-bayes[bags]'"
         ) from None
-    # Older bags of ROS 2 (sqlite) hold no definitions of their messages.
-    with AnyReader([bag], default_typestore=get_typestore(Stores.LATEST)) as reader:
-        yield reader
+    check_sources(domain, [domain.behaviors[place].name for place in domain.recorded], functions)
+    types = get_typestore(Stores.LATEST)  # older bags of ROS 2 hold no definitions
+    paths = find_bags(bags)
+    names = {name: path.name for path in paths for name in (path.name, path.stem)}
+    rows = [] if executions is None else _listed(executions, domain, names, others=keep > 0)
+    report = BagReport()
+    channels: dict[tuple[str, str], tuple[str, ...]] = {}
+    for number, bag in enumerate(paths):
+        found = BagReport([one for one in rows if one.bag == bag.name])
+        try:
+            with AnyReader([bag], default_typestore=types) as reader:
+                for part in _read(reader, found, bag.name, domain, markers, functions, keep):
+                    progress(number + part, len(paths))
+        except Exception as fault:  # a torn file raises whatever its decoder does
+            where = "" if not found.last[0] else f"{found.last[0]} at {found.last[1] / _NS:.3f} s "
+            text = " ".join(f"{where}cannot be read ({type(fault).__name__}: {fault}".split())
+            found = BagReport(faults=[f"{text[:250]}); left out"])
+        for one in found.executions:  # features must have the channels of those before
+            for modality, vector in list(one.features.items()):
+                now = (*one.channels[modality], f"{len(vector)} features")
+                before = channels.setdefault((one.behavior, modality), now)
+                if now != before:
+                    del one.features[modality]
+                    found.faults.append(f"{one}, {modality} has {now}; the ones before {before}")
+        report.executions += [one for one in found.executions if one.features]
+        report.topics += found.topics
+        report.faults += [f"{bag.name}: {fault}" for fault in found.faults]
+        progress(number + 1, len(paths))
+    return report
 
 
-def _check_channels(
-    done: Execution, channels: dict[tuple[str, str], tuple[str, ...]], faults: list[str]
-) -> None:
-    """Leave out features whose channels or size are not those of the executions before."""
-    recorder = done.recorder
-    names = {} if recorder is None else recorder.channels
-    for modality, vector in list(done.features.items()):
-        now = (*names.get(modality, ()), f"{len(vector)} features")
-        before = channels.setdefault((done.behavior, modality), now)
-        if now != before:
-            del done.features[modality]
-            faults.append(
-                f"{done.bag}: {done.behavior}, {modality} at {done.start / _NS:.3f} s has "
-                f"{listed(now)}; the bags before have {listed(before)}"
-            )
+def _listed(
+    path: str | Path, domain: Domain, bags: Mapping[str, str], *, others: bool
+) -> list[Execution]:
+    """Read a file of executions; of bags that are not given there may be `others`."""
+    (where, header), *rows = read_rows(checked_path("The executions", path))
+    if header != _COLUMNS:
+        raise DataError(f"{where}: the header {','.join(header)[:60]!r}; write {_COLUMNS}.")
+    found = []
+    for where, cells in rows:
+        try:
+            bag, name, behavior, *times = cells
+            start, end = (int(Decimal(time) * _NS) for time in times)
+            if not 0 <= start < end < _NEVER:
+                raise DataError(f"from {times[0]!r} to {times[1]!r} s")  # noqa: TRY301
+            if bag in bags:
+                found.append(_execution(domain, bags[bag], name, behavior, start, end))
+            elif not others:
+                raise DataError(unknown("bag", bag, bags))  # noqa: TRY301
+        except (DataError, ValueError, OverflowError, InvalidOperation) as fault:
+            text = f"{fault}; expected {','.join(_COLUMNS)}, with start < end (s)."
+            raise DataError(f"{where}: {text}") from None
+    return found
 
 
-class _Reading:
-    """One bag on its way: windows that are open, and what was found so far."""
+def _execution(
+    domain: Domain, bag: str, name: str, behavior: str, start: int, end: int = _NEVER
+) -> Execution:
+    names = [domain.behaviors[place].name for place in domain.recorded]
+    if fault := name_fault(name):
+        raise DataError(f"the object's name {name[:40]!r} {fault}")
+    if behavior not in names:
+        raise DataError(unknown("behavior with modalities", behavior, names).rstrip("."))
+    return Execution(bag, name, behavior, start, end)
 
-    def __init__(
-        self,
-        domain: Domain,
-        bag: Path,
-        executions: Sequence[Execution],
-        markers: str | None,
-        functions: Mapping[str, Function] | None,
-        keep: int,
-    ) -> None:
-        self._domain = domain
-        self._bag = bag
-        self._functions = functions
-        self._markers = markers
-        self._keep = keep
-        self._waiting = list(executions)
-        self._open: list[Execution] = []
-        self._absent: set[str] = set()
-        self._last: tuple[str, int] | None = None
-        self.done: list[Execution] = []
-        self.topics: list[Topic] = []
-        self.faults: list[str] = []
 
-    def place(self) -> str:
-        """Return where the reading is, for a message: topic and time of the last good message."""
-        return "" if self._last is None else f"{self._last[0]} at {self._last[1] / _NS:.3f} s "
+def _read(
+    reader: Any,
+    found: BagReport,
+    bag: str,
+    domain: Domain,
+    markers: str | None,
+    functions: Mapping[str, Function] | None,
+    keep: int,
+) -> Iterator[float]:
+    """Read a bag into a report that lists its executions; yield the part of time that is done."""
+    wanted = {source["topic"] for source in domain.sources.values()} | {markers or ""} - {""}
+    connections = [one for one in reader.connections if one.topic in wanted and one.msgcount]
+    absent = wanted - {one.topic for one in connections}
+    found.faults += [f"no message on {topic}" for topic in sorted(absent)]
+    if not connections:
+        found.executions.clear()
+        return
+    waiting = _windows(reader, found, bag, domain, [c for c in connections if c.topic == markers])
+    running: list[tuple[Execution, Recorder]] = []
+    clocks: dict[str, list[int]] = {}  # by topic: number of messages, first, last, longest gap
+    first, length, shown = reader.start_time, max(reader.duration, 1), 0.0
 
-    def read(self, reader: Any) -> Iterator[float]:
-        """Read the bag; yield the part of its time that is done."""
-        wanted = sorted({source["topic"] for source in self._domain.sources.values()})
-        wanted += [self._markers] if self._markers else []
-        connections = [one for one in reader.connections if one.topic in wanted and one.msgcount]
-        here = {connection.topic for connection in connections}
-        self._absent = {topic for topic in wanted if topic not in here}
-        self.faults += [f"{self._bag.name}: no message on {one}" for one in sorted(self._absent)]
-        if not connections:
-            return
-        first, length = reader.start_time, max(reader.duration, 1)
-        for one in self._waiting:
-            if one.start < _EPOCH * _NS:
-                one.start, one.end = one.start + first, one.end + first
-            if one.end > reader.end_time:
-                self.faults.append(f"{self._bag.name}: {self._name(one)} ends after the bag's end")
-        self._waiting = [one for one in self._waiting if one.end <= reader.end_time]
-        self._waiting.sort(key=lambda one: one.start)
-        clocks: dict[str, list[int]] = {}  # number, first, last, longest gap
-        shown = 0.0
-        messages = reader.messages(connections=connections)
-        for time, group in itertools.groupby(messages, key=lambda message: message[1]):
-            # Of equal times, markers come first whatever order the bag has.
-            together = list(group)
-            if len(together) > 1:
-                together.sort(key=lambda one: one[0].topic != self._markers)
-            for connection, _, data in together:
-                topic = connection.topic
-                clock = clocks.setdefault(topic, [0, time, time, 0])
-                clock[:] = clock[0] + 1, clock[1], time, max(clock[3], time - clock[2])
-                self._move_to(time)
-                if topic == self._markers:
-                    self._mark(time, reader.deserialize(data, connection.msgtype))
-                else:
-                    takers = [r for one in self._open if (r := one.recorder) and topic in r.topics]
-                    message = reader.deserialize(data, connection.msgtype) if takers else None
-                    for recorder in takers:
-                        recorder.add(topic, time, message)
-                self._last = topic, time
-            if (time - first) / length > shown + 0.01:
-                shown = (time - first) / length
-                yield shown
-        self._move_to(1 << 62)
-        expected = sum(connection.msgcount for connection in connections)
-        found = sum(clock[0] for clock in clocks.values())
-        if found != expected:
-            raise DataError(f"{found} messages were read of the {expected} that it counts")
-        if not self.done:
-            self.faults.append(f"{self._bag.name}: no execution")
-        for topic in sorted(clocks):
-            count, start, end, gap = clocks[topic]
-            rate = (count - 1) * _NS / (end - start) if end > start else float("nan")
-            self.topics.append(Topic(self._bag.name, topic, count, rate, gap / _NS))
+    def close(time: int) -> None:
+        for one, recorder in [pair for pair in running if pair[0].end <= time]:
+            running.remove((one, recorder))
+            faults: dict[str, str] = {}
+            one.features = recorder.features(faults.__setitem__)
+            one.channels = recorder.channels
+            found.executions.append(one)
+            if len(found.executions) == keep:
+                one.signals = recorder.signals()
+            for modality, fault in faults.items():
+                if domain.sources[modality]["topic"] not in absent:  # one line is enough
+                    found.faults.append(f"{one}, {modality}: {fault}")
 
-    def _name(self, one: Execution) -> str:
-        return f"{one.behavior} of {one.object_name} at {one.start / _NS:.3f} s"
+    for connection, time, raw in reader.messages(connections):
+        topic = connection.topic
+        while waiting and waiting[-1].start <= time:
+            one = waiting.pop()
+            running.append((one, Recorder(domain, one.behavior, functions)))
+        if running:
+            close(time)
+            takers = [recorder for _, recorder in running if topic in recorder.topics]
+            message = reader.deserialize(raw, connection.msgtype) if takers else None
+            for recorder in takers:
+                recorder.add(topic, time, message)
+        clock = clocks.setdefault(topic, [0, time, time, 0])
+        clock[0] += 1
+        clock[2], clock[3] = time, max(clock[3], time - clock[2])
+        found.last = topic, time
+        if (time - first) / length > shown + 0.01:
+            yield (shown := (time - first) / length)
+    close(_NEVER)
+    number = sum(count for count, *_ in clocks.values())
+    if number != (counted := sum(connection.msgcount for connection in connections)):
+        raise DataError(f"{number} messages were read of the {counted} that it counts")
+    if not found.executions:
+        found.faults.append("no execution")
+    for topic, (count, begin, end, gap) in sorted(clocks.items()):
+        rate = (count - 1) * _NS / (end - begin) if end > begin else float("nan")
+        found.topics.append(Topic(bag, topic, count, rate, gap / _NS))
 
-    def _move_to(self, time: int) -> None:
-        """Close the windows that ended by this time, and open those that began."""
-        for one in [one for one in self._open if one.end <= time]:
-            self._close(one)
-        while self._waiting and self._waiting[0].start <= time < 1 << 62:
-            one = self._waiting.pop(0)
-            one.recorder = Recorder(self._domain, one.behavior, self._functions)
-            self._open.append(one)
-            if one.end <= time:  # no message came in its time
-                self._close(one)
 
-    def _close(self, one: Execution) -> None:
-        self._open.remove(one)
-        if one.recorder is None:
-            return
-
-        def note(modality: str, fault: str) -> None:
-            if self._domain.sources[modality]["topic"] not in self._absent:  # one line is enough
-                self.faults.append(f"{self._bag.name}: {self._name(one)}, {modality}: {fault}")
-
-        one.features = one.recorder.features(note)
-        if len(self.done) + 1 == self._keep:
-            one.signals = one.recorder.signals()
-        one.recorder.drop()
-        self.done.append(one)
-
-    def _mark(self, time: int, message: Any) -> None:
-        """Take a marker: "behavior: object" begins an execution, and ends the one before."""
-        for one in self._open:
-            one.end = min(one.end, time)
-        self._move_to(time)
-        text = str(getattr(message, "data", "")).strip()
-        if not text:
-            return
+def _windows(
+    reader: Any, found: BagReport, bag: str, domain: Domain, markers: list[Any]
+) -> list[Execution]:
+    """Return the executions that were listed or that markers tell, the last one first."""
+    windows: list[Execution] = []
+    for one in found.executions:
+        shift = reader.start_time if one.start < _EPOCH else 0
+        one.start, one.end = one.start + shift, one.end + shift
+        if one.end > reader.end_time:
+            found.faults.append(f"{one} ends after the bag's end")
+        else:
+            windows.append(one)
+    found.executions = []
+    for connection, time, raw in reader.messages(markers) if markers else ():
+        if windows:
+            windows[-1].end = min(windows[-1].end, time)
+        text = str(reader.deserialize(raw, connection.msgtype).data).strip()
         behavior, _, name = (part.strip() for part in text.partition(":"))
-        if fault := _execution_fault(self._domain, name, behavior):
-            where = f"{self._bag.name}: {self._markers} at {time / _NS:.3f} s"
-            self.faults.append(f"{where}: the marker {text[:60]!r}: {fault.rstrip('.')}")
-            return
-        self._waiting.insert(0, Execution(self._bag.name, name, behavior, time))
-        self._move_to(time)
+        try:
+            windows += [_execution(domain, bag, name, behavior, time)] if text else []
+        except DataError as fault:
+            where = f"{connection.topic} at {time / _NS:.3f} s"
+            found.faults.append(f"{where}: the marker {text[:60]!r}: {fault}")
+    return sorted(windows, key=lambda one: one.start, reverse=True)
 
 
 def save_recordings(
-    domain: Domain,
-    report: BagReport,
-    folder: str | Path,
-    labels: str | Path | None = None,
+    domain: Domain, report: BagReport, folder: str | Path, labels: str | Path | None = None
 ) -> None:
-    """Write the folder that `load_dataset` reads, whole or not at all.
+    """Write recordings as the folder that `load_dataset` reads, whole or not at all.
 
-    Parameters
-    ----------
-    domain : Domain
-        Of the recordings.
-    report : BagReport
-        As of `read_bags`.
-    folder : str | Path
-        To be made.
-    labels : str | Path | None
-        A `labels.csv` of the objects; an object that it lacks, or all of them where there is none,
-        is of unknown labels.
-
-    Raises
-    ------
-    DataError
-        A behavior and modality of which there is no recording, or labels that cannot be read.
-    OutputError
-        A folder that is there already.
+    `labels` is a `labels.csv` of the objects; an object that it lacks is of unknown labels. A
+    behavior and modality without a recording is a `DataError`, a folder that is there already an
+    `OutputError`.
     """
     folder = checked_path("The folder", folder)
     if folder.exists():
         raise OutputError(f"{folder} is there already; remove it, or give another --out.")
     names = list(dict.fromkeys(one.object_name for one in report.executions))
-    known: dict[str, list[int]] = {}
+    known: dict[str, Any] = {}
     if labels is not None:
         objects, values = read_labels(checked_path("The labels", labels), domain)
-        known = dict(zip(objects, values.tolist(), strict=True))
-    texts = {"labels.csv": [["object", *domain.attributes]]}
-    for name in names:
-        row = known.get(name, [-1] * len(domain.attributes))
-        texts["labels.csv"].append([name, *("" if value < 0 else str(value) for value in row)])
-    numbers: dict[tuple[str, str], int] = {}
-    numbered = []
-    for one in report.executions:
-        key = one.object_name, one.behavior
-        numbers[key] = numbers.get(key, 0) + 1
-        numbered.append((one, numbers[key]))
+        known = dict(zip(objects, values, strict=True))
+    features: dict[tuple[str, str], dict[str, list[NDArray[np.float32]]]] = {}
     for behavior, modality in domain.contexts:
-        found = [pair for pair in numbered if pair[0].behavior == behavior]
-        sizes = [len(one.features[modality]) for one, _ in found if modality in one.features]
-        if not sizes:
+        executed = [one for one in report.executions if one.behavior == behavior]
+        example = [one.features[modality] for one in executed if modality in one.features]
+        if not example:
             raise DataError(f"The bags hold no {modality} of {behavior}; {folder} is not written.")
-        rows = [["object", "recording", *(f"f{place}" for place in range(sizes[0]))]]
-        for one, number in found:
-            vector = one.features.get(modality)
-            cells = [""] * sizes[0] if vector is None else [f"{x:.9g}" for x in vector.tolist()]
-            rows.append([one.object_name, str(number), *cells])
-        texts[f"{behavior}_{modality}.csv"] = rows
+        features[behavior, modality] = {one.object_name: [] for one in executed}
+        for one in executed:
+            vector = one.features.get(modality, np.full_like(example[0], np.nan))
+            features[behavior, modality][one.object_name].append(vector)
+    unlabeled = np.full(len(domain.attributes), -1)
+    table = np.array([known.get(name, unlabeled) for name in names])
+    dataset = Dataset.from_frames(domain, features, table, objects=names)
 
     def write(draft: Path) -> None:
         draft.mkdir()
-        for name, rows in texts.items():
-            text = io.StringIO()
-            csv.writer(text, lineterminator="\n").writerows(rows)
-            (draft / name).write_text(text.getvalue(), encoding="utf-8")
+        save_csv_folder(dataset, draft)
 
     keep_folder(folder, write)
 
 
 def plot_execution(one: Execution) -> "Axes":
-    """Draw the signals of an execution, its time bins, and the features made from them.
+    """Draw the signals of an execution (left; of images the mean color) and its features (right).
 
-    Parameters
-    ----------
-    one : Execution
-        With its signals, as `read_bags` keeps them of one.
-
-    Returns
-    -------
-    Axes
-        The first of a figure with a row for each modality: signal on the left, features right.
+    Return the first axes of the figure.
     """
     from meal_bayes.canvas import Figure  # noqa: PLC0415  takes half a second
 
@@ -481,17 +340,18 @@ def plot_execution(one: Execution) -> "Axes":
         figure = Figure(figsize=(7.2, 1.0 + 1.9 * len(shown)), layout="constrained")
         rows = figure.subplots(len(shown), 2, squeeze=False, width_ratios=(3, 2))
         for (left, right), name in zip(rows, shown, strict=True):
-            signal = one.signals[name]
-            values = signal.values.reshape(len(signal.values), -1)
-            span = signal.times[-1] - signal.times[0] if len(signal.times) else 0.0
-            timed = len(signal.times) == len(values)
-            times = signal.times if timed else np.linspace(0, span, len(values))
-            left.plot(times, values, lw=0.8, marker="." if len(values) < 3 else "")
+            values, times, _ = one.signals[name]
+            left.set_title(f"{name}: {len(times)} messages", loc="left")
+            what = "mean color" if values.ndim == 4 else "signal"
+            values = values.mean(axis=(1, 2)) if values.ndim == 4 else values
+            if len(times) != len(values):  # sound: many samples a message
+                times = np.linspace(0, times[-1], len(values))
+            lines = left.plot(times, values, lw=0.8, marker="." if len(values) < 3 else "")
+            if 1 < len(lines) < 7:
+                names = one.channels[name] or ("red", "green", "blue")
+                left.legend(lines, names, frameon=True, fontsize=7)
             left.axvspan(times[0], times[-1], color="#E6E6E6", zorder=0)
-            left.set_title(f"{name}: {len(signal.times)} messages", loc="left")
-            name_axes(
-                left, "time since the first message (s)", "share" if signal.ready else "signal"
-            )
+            name_axes(left, "time since the first message (s)", what)
             right.stairs(one.features[name], baseline=None, color=BLUE)
             right.set_title(f"{len(one.features[name])} features", loc="left")
             name_axes(right, "number of the feature", "value", grid="y")

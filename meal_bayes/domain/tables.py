@@ -71,6 +71,7 @@ _BEHAVIOR_KEYS = {
 }  # fmt: skip
 _SOURCE_KEYS = {
     "topic": _TEXT, "feature": _TEXT, "fields": _LIST, "encoding": _TEXT, "settings": _TABLE,
+    "pixels": _COUNT,
 }  # fmt: skip
 # Fields of `Effect` by key; others are called as their keys.
 _EFFECT_FIELDS = {"from": "source", "do": "behavior", "to": "target"}
