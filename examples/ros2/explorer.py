@@ -17,6 +17,8 @@ from rclpy.task import Future
 import meal_bayes as mb
 from meal_bayes.features import Recorder
 
+TOPICS = ("/camera/image", "/joint_states", "/wrist/wrench", "/wrist/audio")
+
 
 class Explorer(Node):
     """Executes what a session chooses, and gives it the features of what the topics said.
@@ -82,11 +84,12 @@ class Explorer(Node):
 def main(domain="lab.toml", recordings="recordings", question="Is it heavy?"):
     # The node itself needs no message types: they are of this lab.
     from audio_common_msgs.msg import AudioData  # noqa: PLC0415
+    from geometry_msgs.msg import WrenchStamped  # noqa: PLC0415
     from sensor_msgs.msg import Image, JointState  # noqa: PLC0415
 
     rclpy.init()
     learner = mb.Learner(domain, agent="bayes").fit(mb.load_dataset(domain, root=recordings))
-    types = {"/camera/image": Image, "/joint_states": JointState, "/audio": AudioData}
+    types = dict(zip(TOPICS, (Image, JointState, WrenchStamped, AudioData), strict=True))
     explorer = Explorer(learner, question, types)
     try:
         rclpy.spin_until_future_complete(explorer, explorer.done)

@@ -50,7 +50,7 @@ def test_the_node_makes_features_of_what_came_during_a_behavior(explorer, start,
     monkeypatch.setattr(Explore, "now", start, raising=False)
 
     learner = mb.Learner(LAB, logs=None)
-    topics = dict.fromkeys(("/joint_states", "/camera/image", "/audio"))
+    topics = dict.fromkeys(explorer["TOPICS"])
     node = explorer["Explorer"](learner, "Is it heavy?", topics)
 
     def message(kind, **fields):
@@ -60,9 +60,14 @@ def test_the_node_makes_features_of_what_came_during_a_behavior(explorer, start,
     image = {"height": 1, "width": 1, "step": 3, "encoding": "rgb8", "data": pixels}
     while not node.done.done():
         if node.recorder is not None:
-            node.callbacks["/joint_states"](message("JointState", name=["b", "a"], effort=[2, 1]))
+            node.callbacks["/joint_states"](
+                message("JointState", name=["fingers", "height"], position=[2, 1])
+            )
+            force = SimpleNamespace(x=0.0, y=3.0, z=4.0)
+            wrench = SimpleNamespace(force=force, torque=force)
+            node.callbacks["/wrist/wrench"](message("WrenchStamped", wrench=wrench))
             node.callbacks["/camera/image"](message("Image", is_bigendian=0, **image))
-            node.callbacks["/audio"](message("AudioData", data=np.zeros(800, np.uint8)))
+            node.callbacks["/wrist/audio"](message("AudioData", data=np.zeros(800, np.uint8)))
         rclpy.QUEUE.popleft()()
     trial = node.done.result()
     assert node.session.over
@@ -70,7 +75,10 @@ def test_the_node_makes_features_of_what_came_during_a_behavior(explorer, start,
     assert trial.momdp.x_names[trial.steps[0].x] == start
     sensed = [step.sensed.features for step in trial.steps if step.sensed is not None]
     assert sensed
-    made = {"color": [1] + [0] * 7, "haptics": [1] * 5 + [2] * 5, "audio": [-10] * 16}
+    made = {
+        "color": [1] + [0] * 26, "joints": [1] * 10 + [2] * 10, "wrench": [3] * 10 + [4] * 10,
+        "audio": [-10] * 10,
+    }  # fmt: skip
     for features in sensed:
         for name, vector in features.items():
             assert vector.tolist() == made[name]
