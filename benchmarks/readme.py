@@ -36,6 +36,7 @@ from readme_tables import (
     BELIEFS,
     BELIEVED,
     DECLINING,
+    LOSSES,
     MEASUREMENTS,
     ONLINE,
     OURS,
@@ -46,6 +47,7 @@ from readme_tables import (
     answers_table,
     beliefs_table,
     finding,
+    losses_block,
     online_table,
     results_tables,
     run_table,
@@ -74,6 +76,7 @@ class Block(NamedTuple):
 
 BLOCKS = {
     "summary": Block(README, tuple(RUNS), summary),
+    "losses": Block(README, (LOSSES,), lambda tables: losses_block(tables[LOSSES])),
     "finding": Block(RESULTS / "index.md", tuple(RUNS), finding),
     "results": Block(RESULTS / "index.md", tuple(RUNS), results_tables),
     "paper-classifiers": Block(
@@ -195,11 +198,10 @@ def resting_on(name: str) -> list[str]:
 
 
 def write_blocks(names: Iterable[str]) -> None:
-    """Write blocks, and the picture of results."""
+    """Write blocks, and the pictures."""
     for name in names:
         write_block(BLOCKS[name].page, name, shown(name))
-        if name == "results":
-            write_pictures(kept())
+    write_pictures(kept())
 
 
 def shown(name: str) -> str:

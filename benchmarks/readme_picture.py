@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from readme_tables import OURS, SUMMARIZED, Tables, runs_of
+from readme_tables import LOSSES, OURS, SUMMARIZED, Rows, Tables, question, runs_of
 
 from meal_bayes.look import (
     agent_style,
@@ -28,6 +28,7 @@ def write_pictures(tables: Tables) -> None:
         for dark in (False, True):
             name = "results" + ("-narrow" if narrow else "") + ("-dark" if dark else "")
             save(draw_results(tables, dark=dark, narrow=narrow), ASSETS / f"{name}.svg")
+    save(draw_losses(tables[LOSSES]["rows"]), ASSETS / "losses.png")
 
 
 def draw_results(tables: Tables, *, dark: bool, narrow: bool = False) -> Axes:
@@ -71,6 +72,37 @@ def draw_results(tables: Tables, *, dark: bool, narrow: bool = False) -> Axes:
             color=INK[dark],
         )
         _color_for_page(ax, dark=dark)
+    return ax
+
+
+PARTS = {"data": "more data", "plans": "better plans", "sensors": "better sensors"}
+GRAYS = ("#4A4A4A", "#9A9A9A", "#D8D8D8")
+
+
+def draw_losses(rows: Rows) -> Axes:
+    """Draw what each kind of question lacks of the reward of perfect percepts, by its remedy."""
+    gaps = np.array([[row[part] for part in PARTS] for row in rows])
+    place = np.arange(len(rows))
+    with axes_to_draw(None, width=6.4, height=1.0 + 0.3 * len(rows)) as ax:
+        starts = np.zeros(len(rows))
+        for name, color, part in zip(PARTS.values(), GRAYS, gaps.T, strict=True):
+            ax.barh(place, part, 0.66, left=starts, color=color, label=name)
+            for at, (start, width) in enumerate(zip(starts, part, strict=True)):
+                if width > 0.06 * gaps.sum(axis=1).max():  # where a number fits into its bar
+                    ink = "white" if color == GRAYS[0] else "black"
+                    middle = start + width / 2
+                    text = f"{width:.0f}"
+                    ax.text(middle, at, text, ha="center", va="center", fontsize=8, color=ink)
+            starts = starts + part
+        ax.set_yticks(place, [question(row) for row in rows])
+        ax.invert_yaxis()
+        name_axes(ax, "reward missing to perfect percepts, s", "", grid="x")
+        ax.tick_params(axis="y", length=0)
+        legend(ax, len(PARTS), above=True)
+    most = np.bincount(gaps.argmax(axis=1), minlength=len(PARTS))
+    first = list(PARTS.values())[most.argmax()].capitalize()
+    title = f"{first} would add most reward in {most.max()} of {len(rows)} kinds of question"
+    ax.figure.suptitle(title, x=0.01, ha="left", weight="bold", size=10)
     return ax
 
 

@@ -59,6 +59,7 @@ BELIEFS = "beliefs"
 ANSWERS = "answers"
 PAPER_RUN = "paper-classifiers"
 ONLINE = "online"
+LOSSES = "losses"
 MEASUREMENTS = {
     **RUNS,
     BELIEFS: Measurement("python benchmarks/calibration.py --json", minutes=3),
@@ -75,6 +76,7 @@ MEASUREMENTS = {
         "--seed 101 --agent iterative_morc,morc_itrs,bayes,bayes_memory",
         minutes=30,
     ),
+    LOSSES: Measurement("python benchmarks/losses.py --json", minutes=9),
 }
 EVIDENCE = {
     "k=1": "1 recording of a behavior",
@@ -197,6 +199,37 @@ def answers_table(kept: Kept) -> str:
         ]
         lines.append(_row(cells))
     return "\n".join(lines)
+
+
+LOSSES_PICTURE = (
+    "![What our agent lacks of the reward of perfect percepts, a row a data set and number of "
+    "attributes: for more data, for better plans, for better sensors](docs/assets/losses.png)"
+)
+
+
+def losses_block(kept: Kept) -> str:
+    """Return the picture of what the reward lacks, and what the README says of it."""
+    rows = kept["rows"]
+    data, plans, sensors = (
+        max(rows, key=lambda row, part=part: row[part]) for part in ("data", "plans", "sensors")
+    )
+    return (
+        f"{LOSSES_PICTURE}\n\nThe figure shows where the reward of 500 is lost, by "
+        f"`{kept['command']}`. Unlimited training objects would add up to "
+        f"{data['data']:.0f} ± {data['data_se']:.0f} s ({question(data)}), extrapolated from the "
+        "gain of the second half of the objects. Better plans would add up to "
+        f"{plans['plans']:.0f} ± {plans['plans_se']:.0f} s ({question(plans)}). Better sensors "
+        f"would bring the rest, up to {sensors['sensors']:.0f} ± {sensors['sensors_se']:.0f} s "
+        f"({question(sensors)})."
+    )
+
+
+def question(row: Mapping[str, Any]) -> str:
+    """Name a kind of question, of a row of what the reward lacks."""
+    number = row["attributes"]
+    noun = "attribute" if number == 1 else "attributes"
+    kind = "" if row["answer"] == "values" else f", {row['answer']}"
+    return f"{row['dataset'].upper()}, {number} {noun}{kind}"
 
 
 def results_tables(tables: Tables) -> str:

@@ -21,7 +21,6 @@ DRAWINGS: Mapping[str, Callable[[Record], dict[str, Axes]]] = {
     "fig10": online.fig10,
     "fig11": online.fig11,
     "fig12": online.fig12,
-    "losses": offline.losses,
 }
 
 

@@ -1,6 +1,6 @@
-"""Figures of trials of trained agents: strategies, irrelevant attributes, budgets, losses."""
+"""Figures of trials of trained agents: strategies, irrelevant attributes, budgets."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -9,7 +9,7 @@ from matplotlib.ticker import LogLocator
 from meal_bayes.domain import load_domain
 from meal_bayes.evaluation.plots import error_lengths
 from meal_bayes.evaluation.statistics import Interval
-from meal_bayes.look import agent_style, axes_to_draw, legend, name_axes
+from meal_bayes.look import agent_style, axes_to_draw, name_axes
 from paper_repro.figures.shapes import (
     AGENT_NAMES,
     Record,
@@ -36,7 +36,6 @@ _AXES = {
     "accuracy, relevant ones": "share answered right,\nrelevant attributes",
 }
 _SETTINGS = (("-", "o"), ("--", "s"), (":", "D"), ("-.", "^"))  # of one agent's lines
-_PARTS = (("more data", "#4A4A4A"), ("better plans", "#9A9A9A"), ("better sensors", "#D8D8D8"))
 _DIAGRAMS = ("ispy32", "cy101", "roc36")
 _ARROWS = "Arrows are behaviors, with their probability where it is below 1."
 _MEANS = "Lines reach two standard errors of a mean, or 95 % of a fraction."
@@ -229,62 +228,3 @@ def eq7(record: Record) -> dict[str, Axes]:
         protocol = title.rsplit(" ", 1)[1]
         figures[f"_{place}_{protocol}"] = ax
     return figures
-
-
-def losses(record: Record) -> dict[str, Axes]:
-    """Draw what each question lacks of the reward of perfect percepts, by what would bring it."""
-    table = record["tables"][0] if record["tables"] else {"columns": (), "rows": ()}
-    if not table["rows"]:
-        return {}
-    columns = table["columns"][-len(_PARTS) :]  # data, plans, sensors
-    rows = rows_of(table)
-    # A gap below 0 is luck, and counts as none; parts of a row sum up to what its reward lacks.
-    gaps = np.array([[max(row[column][0], 0.0) for column in columns] for row in rows])
-    errors = [row[columns[-1]][1] for row in rows]
-    place = np.arange(len(rows))
-    with axes_to_draw(None, width=6.4, height=1.0 + 0.3 * len(rows)) as ax:
-        starts = np.zeros(len(rows))
-        for (name, color), part in zip(_PARTS, gaps.T, strict=True):
-            ax.barh(place, part, 0.66, left=starts, color=color, label=name)
-            for at, (start, width) in enumerate(zip(starts, part, strict=True)):
-                # A number is written where it fits into its part of the bar.
-                if width > 0.06 * gaps.sum(axis=1).max():
-                    ink = "white" if color == _PARTS[0][1] else "black"
-                    ax.text(
-                        start + width / 2,
-                        at,
-                        f"{width:.0f}",
-                        ha="center",
-                        va="center",
-                        fontsize=8,
-                        color=ink,
-                    )
-            starts = starts + part
-        ax.set_yticks(place, [_question(row) for row in rows])
-        ax.invert_yaxis()
-        name_axes(ax, "reward missing to perfect percepts, s", "", grid="x")
-        ax.tick_params(axis="y", length=0)
-        legend(ax, len(_PARTS), above=True)
-    most = np.bincount(gaps.argmax(axis=1), minlength=len(_PARTS))
-    order = [at for at in np.argsort(-most, kind="stable") if most[at]]
-    (first, _), *others = (_PARTS[at] for at in order)
-    rest = joined(
-        [f"{name} in {most[at]}" for at, (name, _) in zip(order[1:], others, strict=True)]
-    )
-    headline(
-        ax,
-        f"{first.capitalize()} would add most reward in {most[order[0]]} of {len(rows)} kinds of "
-        "question",
-        f"{f'Of the others: {rest}. ' if rest else ''}bayes, {record['size'].split('.')[0]}. "
-        f"Parts are estimates; standard errors of the last part are {min(errors):.0f} to "
-        f"{max(errors):.0f} s.",
-    )
-    return {"": ax}
-
-
-def _question(row: Mapping[str, object]) -> str:
-    asked = row.get("asks for", "values")
-    kind = "" if asked == "values" else f", {asked}"
-    number = row["attributes"]
-    noun = "attribute" if number == 1 else "attributes"
-    return f"{str(row['data set']).upper()}, {number} {noun}{kind}"

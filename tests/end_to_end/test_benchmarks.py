@@ -1,14 +1,19 @@
 """Benchmarks run, repeat themselves, add up, find what they look for, and fill their page."""
 
+import importlib
 import json
 import os
 import runpy
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from meal_bayes.datasets import load_percepts
+from meal_bayes.evaluation import Estimate
 from meal_bayes.trial_log import read_header, read_trials, write_trials
 
 SCRIPT = Path(__file__).resolve().parents[2] / "benchmarks" / "planner.py"
@@ -179,3 +184,56 @@ def test_the_page_tells_what_was_measured(tmp_path, monkeypatch):
     for name in ("simulated_arm.png", "simulated_live.png"):
         assert f"]({name})" in page
         assert (tmp_path / name).stat().st_size > 1000
+
+
+@pytest.fixture
+def losses(monkeypatch):
+    monkeypatch.syspath_prepend(str(BENCHMARKS))
+    return importlib.import_module("losses")
+
+
+def test_what_a_reward_lacks_is_data_plans_and_sensors(losses):
+    known = Estimate(300.0, 10.0, 30)
+    gap = Estimate(-5.0, 8.0, 30)
+    for doubled in (-20.0, 50.0, 900.0):
+        gains = losses.split(known, Estimate(doubled, 12.0, 30), gap, 499.5)
+        assert sum(gain.estimate for gain in gains) == pytest.approx(199.5)
+        assert min(gain.estimate for gain in gains) >= 0
+    assert losses.split(known, Estimate(50.0, 12.0, 30), gap, 499.5).data.estimate == 50.0
+    assert losses.cheapest_percept(load_percepts("roc36")) == 0.5
+
+
+def test_halves_have_the_tasks_of_all_and_learn_from_their_own_half(losses):
+    whole = load_percepts("roc36")
+    every = np.arange(len(whole.objects))
+    same = losses.joined(whole, [every], [whole])
+    np.testing.assert_array_equal(same.log_odds, whole.log_odds)
+    np.testing.assert_array_equal(same.training_bins, whole.training_bins)
+    parts = [every[::2], every[1::2]]
+    tables = [
+        replace(
+            whole,
+            objects=tuple(whole.objects[o] for o in part),
+            labels=whole.labels[part],
+            log_odds=whole.log_odds[part],
+            training_bins=whole.training_bins[np.ix_(part, part)],
+            recording_counts=whole.recording_counts[part],
+            groups=np.arange(len(part)),
+        )
+        for part in parts
+    ]
+    halves = losses.joined(whole, parts, tables)
+    np.testing.assert_array_equal(halves.log_odds, whole.log_odds)  # each object's own
+    assert (halves.labels == whole.labels).all()
+    for o in (4, 17):
+        mine = np.isin(every, parts[o % 2])
+        np.testing.assert_array_equal(halves.training_bins[o, mine], whole.training_bins[o, mine])
+        assert not halves.training_bins[o, ~mine].any()
+
+
+def test_bars_add_up_to_what_the_reward_lacks(monkeypatch):
+    monkeypatch.syspath_prepend(str(BENCHMARKS))
+    rows = importlib.import_module("readme").kept()["losses"]["rows"]
+    ax = importlib.import_module("readme_picture").draw_losses(rows)
+    ends = np.max([[bar.get_x() + bar.get_width() for bar in part] for part in ax.containers], 0)
+    assert np.allclose(ends, [row["data"] + row["plans"] + row["sensors"] for row in rows])

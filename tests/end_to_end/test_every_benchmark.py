@@ -106,6 +106,8 @@ RUNS = (
     Run("learning", "toy 0-2 --trials 3"),
     Run("learning", "detector 0-1 --trials 3 --agent bayes_same_objects"),
     Run("learning", "physics 0-1 --trials 1", needs="sim"),
+    Run("losses", "--dataset roc36 --trials 2", {"BOUNDED": 1, "QUESTIONS": ((1, "values"),)},
+        "recordings"),
     Run("online_speed", "--agents greedy --repetitions 1 --batches 1 --trials 1", {}, "recordings"),
     Run("peers_learning", "5-7 --tune 0-1 --trials 3", {"SCALES": (0.01,)}, "pymdp"),
     Run("perception", "--dataset small --permutations 1 --paper", DATA),

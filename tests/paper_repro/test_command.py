@@ -22,7 +22,7 @@ ROOT = Path(__file__).resolve().parents[2]
 FOLDER = ROOT / "paper_repro"
 PACKAGE = Path(meal_bayes.__file__).resolve().parents[1]
 NEED_RECORDINGS = {"fig4", "table2", "table3", "table4", "eq7", "fig10", "fig11", "fig12", "eq10",
-                   "pomdpsol", "solved_ask", "losses"}  # fmt: skip
+                   "pomdpsol", "solved_ask"}  # fmt: skip
 
 
 def reproduce(*arguments, cwd=ROOT, **variables):

@@ -118,14 +118,6 @@ def test_fig_10_draws_the_differences_of_its_tables(drawn, measure):
             assert told == list(line.get_ydata())
 
 
-def test_what_is_lacking_is_stacked_to_its_sum(drawn):
-    (ax,) = drawn["losses"].values()
-    table = record_of("losses")["tables"][0]
-    wanted = [sum(max(cell[0], 0) for cell in row[-3:]) for row in table["rows"]]
-    ends = np.max([[bar.get_x() + bar.get_width() for bar in part] for part in ax.containers], 0)
-    assert np.allclose(ends, wanted)
-
-
 def test_means_have_two_errors_or_students_interval():
     assert interval_of([1.0, 0.5])[2:] == (0.0, 2.0)
     assert interval_of([0.0, 1.0], units=10).high == pytest.approx(2.262, abs=1e-3)

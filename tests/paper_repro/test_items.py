@@ -8,7 +8,6 @@ import pytest
 
 from meal_bayes.datasets import load_percepts
 from meal_bayes.domain import Domain
-from meal_bayes.evaluation import Estimate
 from meal_bayes.trials import TrialOutcomes
 from paper_repro import frame, published
 from paper_repro.frame import Setting
@@ -19,14 +18,12 @@ from paper_repro.items import (
     fig7,
     fig8,
     fig9,
-    losses,
     pomdpsol,
     published_ask,
     risk,
     solved_ask,
     table3,
 )
-from paper_repro.items.losses import joined
 from paper_repro.items.published_ask import Asked, ask_until_two_agree
 from paper_repro.items.table5 import predicted
 from paper_repro.statements import CONSTRUCTED, FALLS, STANDS, THEIRS, UNDECIDED, Evidence
@@ -282,45 +279,6 @@ def test_the_sixth_belief_of_table_5_follows_from_the_others():
     low, high = predicted(0.80, 0.79, 0.54)  # a percept that says nothing leaves it
     assert low < 0.53 < high
     assert not low - 0.005 <= 0.06 <= high + 0.005
-
-
-def test_what_a_reward_lacks_is_data_plans_and_sensors():
-    known = Estimate(300.0, 10.0, 30)
-    gap = Estimate(-5.0, 8.0, 30)
-    for doubled in (-20.0, 50.0, 900.0):
-        gains = losses.split(known, Estimate(doubled, 12.0, 30), gap, 499.5)
-        assert sum(gain.estimate for gain in gains) == pytest.approx(199.5)
-        assert min(gain.estimate for gain in gains) >= 0
-    assert losses.split(known, Estimate(50.0, 12.0, 30), gap, 499.5).data.estimate == 50.0
-    assert losses.cheapest_percept(load_percepts("roc36")) == 0.5
-
-
-def test_halves_have_the_tasks_of_all_and_learn_from_their_own_half():
-    whole = load_percepts("roc36")
-    every = np.arange(len(whole.objects))
-    same = joined(whole, [every], [whole])
-    np.testing.assert_array_equal(same.log_odds, whole.log_odds)
-    np.testing.assert_array_equal(same.training_bins, whole.training_bins)
-    parts = [every[::2], every[1::2]]
-    tables = [
-        replace(
-            whole,
-            objects=tuple(whole.objects[o] for o in part),
-            labels=whole.labels[part],
-            log_odds=whole.log_odds[part],
-            training_bins=whole.training_bins[np.ix_(part, part)],
-            recording_counts=whole.recording_counts[part],
-            groups=np.arange(len(part)),
-        )
-        for part in parts
-    ]
-    halves = joined(whole, parts, tables)
-    np.testing.assert_array_equal(halves.log_odds, whole.log_odds)  # each object's own
-    assert (halves.labels == whole.labels).all()
-    for o in (4, 17):
-        mine = np.isin(every, parts[o % 2])
-        np.testing.assert_array_equal(halves.training_bins[o, mine], whole.training_bins[o, mine])
-        assert not halves.training_bins[o, ~mine].any()
 
 
 def rows_of(item):
