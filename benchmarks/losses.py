@@ -35,6 +35,7 @@ from meal_bayes.trials import TrialOutcomes
 
 DATASETS = ("cy101", "roc36", "ispy32")
 QUESTIONS = ((1, "values"), (2, "values"), (3, "values"), (2, "yes or no"))
+REWARD = 500.0  # of a right answer, s
 BOUNDED = 50  # trials of which the best plan is bounded
 LOGS = Path("logs")
 SEED = 0
@@ -74,7 +75,7 @@ def measure(dataset: str, halves: str, n: int, answer: str, trials: int) -> dict
     gap = Estimate(0, 0, 1)  # of yes or no the best plan is not bounded
     if answer == "values":
         gap = planning_gap(dataset, n, trials)
-    ideal = OfflineConfig(dataset).reward - cheapest_percept(load_percepts(dataset))
+    ideal = REWARD - cheapest_percept(load_percepts(dataset))
     gains = split(estimate_mean(ours, "reward"), difference(ours, half), gap, ideal)
     row: dict[str, Any] = {"dataset": dataset, "attributes": n, "answer": answer, "trials": trials}
     measured = {"half": estimate_mean(half, "reward"), "all": estimate_mean(ours, "reward")}
@@ -86,7 +87,13 @@ def measure(dataset: str, halves: str, n: int, answer: str, trials: int) -> dict
 def run(place: str, n: int, answer: str, trials: int) -> TrialOutcomes:
     """Run our agent, or read its trials from the logs."""
     config = OfflineConfig(
-        place, attributes=n, trials=trials, agents=("bayes",), seed=SEED, answer=answer
+        place,
+        attributes=n,
+        trials=trials,
+        agents=("bayes",),
+        seed=SEED,
+        reward=REWARD,
+        answer=answer,
     )
     return run_offline(config, logs=LOGS).outcomes()
 
@@ -124,6 +131,7 @@ def planning_gap(dataset: str, n: int, trials: int) -> Estimate:
         agents=("morc",),
         seed=SEED,
         percepts="model",
+        reward=REWARD,
     )
     done = run_offline(config, logs=LOGS)
     bounds: dict[tuple[object, ...], float] = {}
