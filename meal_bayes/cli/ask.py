@@ -104,7 +104,7 @@ class _Asking(TypedDict):
 @click.argument("question")
 @opt.shared("dataset", "root")
 @click.option("--object", required=True, metavar="NAME", help="The object asked about.")
-@opt.option("--agent", None, "bayes", "NAME", f"Who answers: {opt.AGENTS}; or {opt.OWN}.")
+@opt.option("--agent", None, "bayes", "NAME", f"Agent that answers: {opt.AGENTS}; or {opt.OWN}.")
 @opt.shared("yes_no", "payoffs")
 @click.option(
     "--learn",
@@ -248,12 +248,12 @@ def memory() -> None:
     """Show or forget the labels that `ask --learn` received."""
 
 
-@memory.command(short_help="List the labels that objects were told to have.")
+@memory.command(short_help="List the labels that people gave to objects.")
 @opt.shared("dataset", "root", "logs", "json")
 def show(dataset: str, root: Path | None, logs: Path, as_json: bool) -> None:
     """List the labels that people gave to objects, by `ask --learn` or a Learner in Python.
 
-    Labels that were told of a trial in Python are shown with that trial, by `log show`.
+    Labels given for a trial in Python stand with that trial: use `log show`.
     """
     from meal_bayes.datasets.percepts import domain_of
     from meal_bayes.trial_log import Feedback

@@ -116,7 +116,7 @@ def verify(dataset: str) -> None:
     "instance in a module of your own.",
 )
 @opt.shared("root")
-@opt.option("--out", opt.FILE, None, "FILE.npz", "Where to write the table.")
+@opt.option("--out", opt.FILE, None, "FILE.npz", "File to write the table to.")
 @opt.shared("jobs", "cluster")
 def percepts(
     dataset: str,
@@ -129,8 +129,8 @@ def percepts(
 ) -> None:
     """Compute a percept table from recordings.
 
-    With --out it is written; a shipped data set's is compared with the one in the package. Its
-    behaviors are computed at once by --jobs processes, or by a cluster: the table is the same.
+    --out writes the table. The table of a shipped data set is compared with the one in the package.
+    --jobs and --cluster compute several behaviors at a time, which does not change the table.
     """
     from meal_bayes.datasets import load_dataset, save_percepts
     from meal_bayes.datasets.sources import SOURCES
@@ -185,10 +185,10 @@ def _of_bags(command: opt.Command) -> opt.Command:
     for add in (
         opt.option("--feature", None, None, "NAME=MODULE:FUNCTION",
                    "A feature of your own that the domain names; may be repeated.", multiple=True),
-        opt.option("--markers", None, None, "TOPIC", "Executions by texts on a topic: "
-                   '"lift: red mug" begins one, an empty text ends it.'),
-        opt.option("--executions", opt.FILE, None, "FILE.csv", "Executions: bag,object,behavior,"
-                   "start,end (s since the bag's first message, or since 1970)."),
+        opt.option("--markers", None, None, "TOPIC", "Topic whose texts mark the "
+                   'executions: "lift: red mug" begins one, an empty text ends it.'),
+        opt.option("--executions", opt.FILE, None, "FILE.csv", "Table of the executions: bag,"
+                   "object,behavior,start,end; times in s since the bag's first message, or 1970."),
         opt.option("--domain", None, None, "FILE.toml",
                    "Your domain, with the sources of its modalities.", required=True),
     ):  # fmt: skip
@@ -199,13 +199,15 @@ def _of_bags(command: opt.Command) -> opt.Command:
 @data.command("import", short_help="Make recordings from ROS bags.")
 @click.argument("bags", nargs=-1, required=True, type=click.Path(path_type=Path))
 @_of_bags
-@opt.option("--out", opt.FOLDER, None, "FOLDER", "Where to write the recordings.", required=True)
+@opt.option(
+    "--out", opt.FOLDER, None, "FOLDER", "Folder to write the recordings to.", required=True
+)
 @opt.option("--labels", opt.FILE, None, "FILE.csv", "Labels of the objects: object,ATTRIBUTE,...")
 def import_(bags: tuple[Path, ...], out: Path, labels: Path | None, **given: Any) -> None:
     """Make recordings from BAGS of ROS 1 or ROS 2 (extra "bags"), or folders of them.
 
-    A bag that is damaged, and each execution that lacks a signal, is one line; the others go on.
-    The folder is written whole or not at all.
+    A line reports each damaged bag and each execution that lacks a signal; the others are imported.
+    If the import fails, no folder is written.
     """
     from meal_bayes.datasets.bags import save_recordings
     from meal_bayes.errors import OutputError

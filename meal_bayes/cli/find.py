@@ -25,7 +25,7 @@ class _Finding(TypedDict):
 @click.argument("question")
 @opt.shared("dataset", "root")
 @opt.option("--objects", None, None, "NAME,NAME", "Recorded objects to choose from.", required=True)
-@opt.option("--agent", None, "bayes", "NAME", f"Who answers: {opt.AGENTS}; or {opt.OWN}.")
+@opt.option("--agent", None, "bayes", "NAME", f"Agent that answers: {opt.AGENTS}; or {opt.OWN}.")
 @opt.shared("payoffs", "seed", "logs", "json")
 def find(root: Path | None, logs: Path, as_json: bool, **options: Unpack[_Finding]) -> None:
     """Find the object for which the answer is yes ("Which one is heavy and blue?"), or none.

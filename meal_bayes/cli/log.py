@@ -33,11 +33,11 @@ def log() -> None:
     """Show, check and recover trial logs."""
 
 
-@log.command(short_help="Show what logs hold, and the settings of the run.")
+@log.command(short_help="Show the content of logs, and the settings of the run.")
 @_file
 @shared("json")
 def info(file: Path, as_json: bool) -> None:
-    """Show what whole logs hold, of a file or a run's folder, and the configuration of the run."""
+    """Show the content of a log, or of all logs in a folder, and the configuration of the run."""
     from meal_bayes.trial_log import FORMAT_VERSION, Feedback, log_files, log_info, read_feedback
     from meal_bayes.trial_log.file import FEEDBACK_FORM
 
@@ -70,22 +70,22 @@ def info(file: Path, as_json: bool) -> None:
     click.IntRange(0, LARGEST_COUNT),
     None,
     "N",
-    "Which trial, counted from 0; the first by default.",
+    "Number of the trial, counted from 0; the first by default.",
 )
 @option(
     "--picture",
     FILE,
     None,
     "FILE.svg",
-    "Draw the trial into a file: SVG, PNG or PDF by its ending.",
+    "Draw the trial into a file; its ending chooses SVG, PNG or PDF.",
 )
 @click.option("--dark", is_flag=True, help="Draw for a dark page.")
 @click.option("--narrow", is_flag=True, help="Draw for a narrow column, as on a phone.")
 def show(file: Path, number: int | None, picture: Path | None, dark: bool, narrow: bool) -> None:
-    """Show one trial of a log, or of a run's folder, step by step; of a compact log its outcome.
+    """Show one trial of a log, or of a run's folder, step by step.
 
-    The picture says on one axis of seconds what the robot did, what it believed, and why it
-    stopped.
+    A compact log has only the outcomes of most trials. The picture of --picture shows the
+    behaviors, the beliefs, and the expected gain of going on, over the seconds of the trial.
     """
     from meal_bayes.cli.narration import print_trial
     from meal_bayes.trial_log.folder import going_on_text, of_learner
@@ -140,7 +140,7 @@ def numbered(file: Path, number: int) -> "tuple[Group, int]":
 @_file
 @shared("json")
 def check(file: Path, as_json: bool) -> None:
-    """Read a log, or all of a folder, to the end and list problems; with any, exit with 1."""
+    """Read a log, or all logs in a folder, to the end and list problems; exit with 1 if any."""
     from meal_bayes.trial_log import check_log, log_files
 
     reports = list(map(check_log, log_files(file)))
@@ -166,9 +166,10 @@ def check(file: Path, as_json: bool) -> None:
 @option("--out", FILE, None, "FILE", "The new file.")
 @shared("json")
 def recover(file: Path, out: Path | None, as_json: bool) -> None:
-    """Save the trials of a damaged log, the last one as far as it went. The damaged log is kept.
+    """Save the readable trials of a damaged log into a new file, and keep the damaged one.
 
-    What cannot be read is told; where whole trials may be lost with it, the exit code is 3.
+    An unfinished last trial is saved as far as it went. The command says which bytes it could not
+    read, and exits with 3 if they may have held whole trials.
     """
     from meal_bayes.trial_log import check_log, log_info, recover_log
 
@@ -233,7 +234,7 @@ def _as_text(value: object) -> str:
     "Agent that the others are compared with; the paper's by default, else the first.",
 )
 def report(logs: tuple[Path, ...], out: Path, reference: str | None) -> None:
-    """Write one page of the trials in LOGS, files or runs' folders."""
+    """Write a page about the trials in LOGS, which are files or the folders of runs."""
     from meal_bayes.evaluation.report import write_report
     from meal_bayes.trial_log import Logs
 

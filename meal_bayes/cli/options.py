@@ -112,7 +112,7 @@ _SHARED = {
     ),
     "jobs": option("--jobs", click.IntRange(1, 1024), 1, None, "Number of processes."),
     "cluster": option(
-        "--cluster", None, None, "ADDRESS", "Dask scheduler whose workers run the trials."
+        "--cluster", None, None, "ADDRESS", "Dask scheduler whose workers do the computations."
     ),
     "logs": option("--logs", FOLDER, Path(LOGS), None, "Folder of the trial logs."),
     "fresh": click.option("--fresh", is_flag=True, help="Run again what was computed before."),

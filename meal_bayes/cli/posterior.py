@@ -195,9 +195,9 @@ class _Exporting(TypedDict):
 def export(file: Path, **options: Unpack[_Exporting]) -> None:
     """Write a query's decision problem to FILE (.pomdp or .pomdpx).
 
-    It is the paper's (Eq. 8: percepts independent given the truth, uniform prior), with the
-    confusion matrices that held-out classifiers showed on the data set's recordings. With --yes-no
-    the reports are two, no and yes.
+    The problem is the paper's: by Eq. 8, percepts are independent given the truth, and the prior is
+    uniform. Its confusion matrices are those of held-out classifiers on the data set's recordings.
+    With --yes-no there are two reports, no and yes.
     """
     from meal_bayes.domain import read_question
     from meal_bayes.momdp import Objective, build_momdp, write_pomdp, write_pomdpx

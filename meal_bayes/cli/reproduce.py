@@ -53,8 +53,8 @@ def reproduce(
     """Run ITEMs of the paper (table3, fig8, ...), or all, and judge its statements.
 
     A full run writes tables and figures to results/ beside the items, and the pages that show them;
-    `readme` makes these pages alone. `all` runs the items that this version did not run yet; what
-    is named is run again. Trials are kept under the logs, so a run that was stopped goes on.
+    `readme` only makes these pages. `all` runs the items that this version has not run yet; an item
+    that you name is run again. Trials are kept with the logs, so a stopped run can continue.
     """
     from meal_bayes.experiments.parallel import on_cluster
 

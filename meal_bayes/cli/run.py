@@ -70,7 +70,7 @@ def run() -> None:
 @click.option(
     "--yes-no-balanced",
     is_flag=True,
-    help='As --yes-no, with negations ("red and not empty") such that half of the answers are yes.',
+    help='Like --yes-no, but also with negations ("red and not empty"); half of the answers are yes.',
 )
 @opt.shared("payoffs", "logs", "fresh", "json")
 def offline(
@@ -82,7 +82,7 @@ def offline(
 ) -> None:
     """Run agents on the same queries about objects they never learned from.
 
-    An interrupted run continues when the same command is given again.
+    If a run was interrupted, the same command continues it.
     """
     from meal_bayes import experiments
     from meal_bayes.evaluation import answer_rates, summarize
@@ -219,7 +219,7 @@ def _print_summary(rows: "list[SummaryRow]", paired: "list[dict[str, object]]") 
     opt.COUNT,
     None,
     "R",
-    "Number of runs, each on another split of the objects; 1 by default.",
+    "Number of runs, each with another split of the objects; 1 by default.",
 )
 @click.option(
     "--until-decided",
@@ -232,7 +232,7 @@ def _print_summary(rows: "list[SummaryRow]", paired: "list[dict[str, object]]") 
     opt.COUNT,
     (33, 33, 34),
     "A B C",
-    "Shares of objects known before, met in training, and tested on.",
+    "Shares of the objects: known before, met in training, and used in tests.",
     nargs=3,
 )
 @opt.option(
@@ -244,7 +244,7 @@ def _print_summary(rows: "list[SummaryRow]", paired: "list[dict[str, object]]") 
     click.Choice(["paper", "all"]),
     "paper",
     None,
-    "Experience that Eq. 10 counts: that of training, as in the paper, or of pretraining too.",
+    "Experience that Eq. 10 counts: of training alone (paper), or of pretraining too (all).",
 )
 @opt.shared("seed", "key", "jobs", "cluster")
 @opt.option(
@@ -252,7 +252,7 @@ def _print_summary(rows: "list[SummaryRow]", paired: "list[dict[str, object]]") 
     click.Choice(["compact", "full"]),
     "compact",
     None,
-    "Form of the logs of tests; a compact one keeps the steps of eleven tests a batch.",
+    "Form of the logs of tests. Compact logs keep the steps of eleven tests of each batch.",
 )
 @opt.shared("logs", "fresh", "json")
 def online(
@@ -265,8 +265,8 @@ def online(
 ) -> None:
     """Train agents on their own trials by feedback, and test them after every batch.
 
-    Needs the recordings: they are downloaded once, or read from MEAL_BAYES_DATA_URL. A run that was
-    interrupted continues when the same command is given again.
+    The command downloads the recordings once, or reads them from MEAL_BAYES_DATA_URL. If a run was
+    interrupted, the same command continues it.
     """
     from meal_bayes.domain import load_domain
     from meal_bayes.evaluation.learning import decided, learning_rows, summarize_learning

@@ -54,10 +54,10 @@ def view(
 ) -> None:
     """Show a trial of LOG, a file or a run's folder, in the rerun viewer, step by step.
 
-    The window has a tab for the trial and one for the whole run. Of a trial without steps, as most
-    are in a compact log, only the run is shown; --trial then exits with 1. The viewer runs on this
-    machine, is reachable from nowhere else, and is started with its telemetry off; in the page of
-    --web, rerun's own, it is on.
+    The window has tabs for the trial, for its last behavior, and for the whole run. A compact log
+    has no steps of most trials; then only the run is shown, and --trial exits with 1. Other
+    machines cannot reach the viewer. Its telemetry is off, but the telemetry of rerun's own page,
+    which --web opens, is on.
     """
     if sum((save is not None, screenshot is not None, web)) > 1:
         raise click.UsageError("Give one of --save, --screenshot and --web.")
