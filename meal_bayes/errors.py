@@ -39,7 +39,7 @@ class DownloadError(MealBayesError):
 
 
 class RobotError(MealBayesError):
-    """A robot that does not do what its driver promises, such as a state that is not known.
+    """Error of a robot that does not do what its driver promises, such as an unknown state.
 
     Examples
     --------

@@ -26,42 +26,45 @@ ObservationModel = Callable[[Knowledge, Sequence[int]], Rows]
 
 @dataclass(frozen=True, slots=True)
 class Agent:
-    """Settings of an agent: its observation model and prior, its planner, how it explores.
+    """Settings of an agent: observation model, prior, planner and exploration.
 
     Attributes
     ----------
     name : str
-        Of the agent, in columns, logs and names of folders.
+        Name of the agent in tables, logs and folders.
     solver : Callable[[Domain, Query], Solver]
-        Makes the planner of a query.
+        Function that makes the planner of a query.
     object_level : bool
-        Objects differ (finite precision); otherwise Eq. 8.
+        Whether objects have rows of their own (finite precision); otherwise Eq. 8 holds.
     shared_trait : bool
-        Percepts of an object may err together.
+        Whether errors of percepts of one object may be correlated.
     base_rates : bool
-        The prior belief comes from the training objects; otherwise it is uniform.
+        Whether the prior belief is learned from the training objects; otherwise it is uniform.
     co_occurrence : bool
-        With base rates, the prior also has which attributes exclude or imply each other; otherwise
-        they are independent before any percept, but for the values of a group.
+        Whether the prior with base rates also models attributes that exclude or imply each other.
+        Otherwise attributes are independent a priori, except for the values of a group.
     levels : int
-        K of its percepts.
+        Number of levels of its percepts, K.
     abstain : bool
-        It may answer "I do not know".
+        Whether it may answer "I do not know".
     discount : float
-        Factor a step, in planning only; 1 plans for the reward that is reported.
+        Discount factor of a step, in planning only; 1 plans for the reward that is reported.
     observation_model : ObservationModel | None
-        Of one's own: takes knowledge and the positions of the N queried attributes, returns
-        `confusion` (N,E,C,K), `precision` (N,E,C) and `latent_classes` (N,2,C), or None for latent
-        classes that are the truth (see `build_momdp`). By the flags above otherwise.
+        Observation model of your own. It takes knowledge and the positions of the N queried
+        attributes, and returns `confusion` (N,E,C,K), `precision` (N,E,C) and `latent_classes`
+        (N,2,C), or None if the truth is the latent class (see `build_momdp`). By default the flags
+        above determine the model.
     exploration : ExplorationBonus
         Bonus of training trials online.
     memory : bool
-        It recognizes objects, and knows what was told of them in earlier trials. What it perceived
-        of them then enters confusion matrices, as all percepts do, and no belief about the object.
+        Whether it recognizes objects and remembers the labels that people gave for them in earlier
+        trials. Earlier percepts of an object update the confusion matrices, but not the belief
+        about the object.
     whiten : bool
-        It learns from repeats which differences of features do not depend on the object.
+        Whether it learns from repeated recordings which differences of features do not depend on
+        the object.
     trained_by : Agent | None
-        Who runs its training trials online; itself by default.
+        Agent that runs its training trials in online runs; itself by default.
 
     Examples
     --------
@@ -104,7 +107,7 @@ class Agent:
         warm_up(self.planner(domain, query), yes_or_no=query.event is not None)
 
     def planner(self, domain: Domain, query: Query) -> Solver:
-        """Return what plans for a query; `SettingsError` where `solver` makes nothing that can."""
+        """Return the planner of a query; raise `SettingsError` if `solver` makes none."""
         return checked_solver(self.solver(domain, query), self.name)
 
     def model(
@@ -117,23 +120,23 @@ class Agent:
         payoffs: Payoffs | None = None,
         told: NDArray[np.float64] | None = None,
     ) -> MOMDP:
-        """Build the query's MOMDP from what is known (Alg. 1, l. 1-4).
+        """Build the MOMDP of a query from the knowledge (Alg. 1, l. 1-4).
 
         Parameters
         ----------
         query : Query
             What is asked.
         knowledge : Knowledge
-            Learned without the object at hand.
+            Knowledge learned without the object in the trial.
         limit : ArrayLike
-            (E,) or a number: recordings of a behavior that one trial can perceive.
+            (E,) or a number: recordings of a behavior that can be perceived in one trial.
         reward : float | None
             r+ = -r-, the domain's by default.
         payoffs : Payoffs | None
-            What yes and no earn where the query does not say it; the domain's by default.
+            Payoffs of yes and no if the query has none; the domain's by default.
         told : NDArray[np.float64] | None
-            (N,) Pr(attribute is true) by what people said of this very object; NaN where they said
-            nothing.
+            (N,) Pr(attribute is true) by labels that people gave for this object; NaN where they
+            gave none.
         """
         domain = knowledge.domain
         columns = domain.columns(query.attributes)

@@ -70,7 +70,7 @@ def run() -> None:
 @click.option(
     "--yes-no-balanced",
     is_flag=True,
-    help='Like --yes-no, but also with negations ("red and not empty"); half of the answers are yes.',
+    help='Like --yes-no, with negations ("red and not empty"): half of the answers are yes.',
 )
 @opt.shared("payoffs", "logs", "fresh", "json")
 def offline(

@@ -53,8 +53,8 @@ class Instance(ByValue):
 class Dataset(ByValue):
     """All recordings of a data set, joined by object, recording, behavior and modality.
 
-    Recordings may be ragged: where an object has fewer than R recordings of a behavior, or none,
-    its last rows are NaN, in all modalities of the behavior.
+    Recordings may be ragged: if an object has fewer than R recordings of a behavior, or none, its
+    last rows are NaN in all modalities of the behavior.
 
     Attributes
     ----------
@@ -70,15 +70,15 @@ class Dataset(ByValue):
         (O,E) int64, how many recordings each object has of each behavior; computed from the
         features.
     answers : NDArray[np.int8] | None
-        (O,P) int8, as labels: what another person said of the objects, who answers in replays when
-        somebody is asked; None where nobody else was asked.
+        (O,P) int8, coded as `labels`: the answers of another person, which replays use when the
+        robot asks a person. None if there are none.
 
     Raises
     ------
     DataError
-        Shapes that do not agree, a context without features, features that are not finite,
-        modalities of a behavior that differ in their recordings, labels other than 1, 0 and -1, an
-        object that is listed twice, or one with two values of a group.
+        Shapes do not agree, a context has no features, features are not finite, modalities of a
+        behavior differ in their recordings, labels are not 1, 0 or -1, an object is listed twice,
+        or an object has two values of a group.
 
     Examples
     --------
@@ -186,7 +186,7 @@ class Dataset(ByValue):
         Parameters
         ----------
         domain : str, path, mapping or Domain
-            As a `Learner` takes it: behaviors and attributes.
+            Domain, as for `Learner`: its behaviors and attributes.
         features : Mapping[tuple[str, str], Any]
             (behavior, modality) -> one of: a frame (of pandas, polars, pyarrow, ...) with a column
             ``object``, perhaps ``recording``, and one column a feature; a dictionary from the
@@ -203,8 +203,8 @@ class Dataset(ByValue):
         Raises
         ------
         DataError
-            What is missing, of the wrong size, or not a number; a column that by its name numbers
-            or dates the rows.
+            Features or labels are missing, have the wrong size, or are not numbers; or the name of
+            a column says that it numbers or dates the rows.
         """
         domain = load_domain(domain)
         return cls(domain, *dataset_parts(domain, features, labels, objects), rows_checked=True)
@@ -226,11 +226,11 @@ class Dataset(ByValue):
 
     @property
     def recordings(self) -> int:
-        """R, the most recordings that an object has of a behavior."""
+        """R, the largest number of recordings of an object and behavior."""
         return max((values.shape[1] for values in self.features.values()), default=0)
 
     def digest(self) -> str:
-        """Compute a digest of all that percepts of these recordings depend on, and their labels."""
+        """Compute a digest of the recordings and labels, and of what percepts depend on."""
         features = digest_of_arrays(self.features)
         labels = digest_of_arrays({"labels": self.labels})
         return digest_of(domain_table(self.domain), self.objects, features, labels)
@@ -250,7 +250,7 @@ class Dataset(ByValue):
         Parameters
         ----------
         object_index : int
-            Place in `objects`.
+            Position in `objects`.
         behavior : str
             Its name.
         recording : int

@@ -111,9 +111,9 @@ _LARGEST = 2 << 24  # bytes that a member may unpack to
 class PerceptTable(ByValue):
     """Held-out percepts of a data set, and the training-side counts for each held-out object.
 
-    Log-odds are class-balanced (prior 1/2): positive speaks for "true". They are cut into L fine
-    bins by `edges`; the middle edge divides yes/no. Bins become levels by `lowest_bins`.
-    Where nothing was computed (reinit, ask, an attribute left out) they are NaN and bins zero.
+    Log-odds are class-balanced (prior 1/2); positive values favor "true". `edges` divide them into
+    L fine bins, and the middle edge separates no and yes. `lowest_bins` joins bins to levels. If
+    nothing was computed (reinit, ask, an attribute left out), log-odds are NaN and bins zero.
 
     Attributes
     ----------
@@ -124,25 +124,25 @@ class PerceptTable(ByValue):
     labels : NDArray[np.int8]
         (O,P) int8, 1 true, 0 false, -1 unknown.
     log_odds : NDArray[np.float16]
-        (O,R,E,P) float16, of o's recordings, by classifiers that never saw o.
+        (O,R,E,P) float16, log-odds of the recordings of object o by classifiers that never saw o.
     edges : NDArray[np.float64]
-        (L-1,) float64, of the fine bins; the middle one is the yes/no threshold.
+        (L-1,) float64, edges of the fine bins; the middle one is the yes/no threshold.
     training_bins : NDArray[np.uint8]
-        (G,O,P,E,L) uint8, [g, o']: how often o' fell in each bin, by classifiers that saw neither
-        o' nor group g; zero where o' is of g.
+        (G,O,P,E,L) uint8; [g, o'] counts how often object o' fell in each bin, by classifiers that
+        saw neither o' nor group g. Zero if o' belongs to g.
     provenance : Mapping[str, str]
         Versions, settings, checksums and the command that made it.
     recording_counts : NDArray[np.int64]
-        (O,E) int64, how many recordings each object has of each behavior; R of all that sense by
-        default.
+        (O,E) int64, number of recordings of each object and behavior; by default R for all
+        behaviors with modalities.
     groups : NDArray[np.int64]
-        (O,) int64, which g each object is left out with: one of its own by default, or a fold of
-        objects where there are many.
+        (O,) int64, group g with which each object is left out: a group of its own by default, or a
+        fold if there are many objects.
 
     Raises
     ------
     DataError
-        Shapes that do not agree, edges that do not rise.
+        Shapes do not agree, or edges do not increase.
 
     Examples
     --------
@@ -212,11 +212,11 @@ class PerceptTable(ByValue):
 
     @property
     def recordings(self) -> int:
-        """R, the most recordings that an object has of a behavior."""
+        """R, the largest number of recordings of an object and behavior."""
         return int(self.log_odds.shape[1]) if self.log_odds.ndim > 1 else 0
 
     def digest(self) -> str:
-        """Compute a digest of the table: its numbers, its domain and how it was made."""
+        """Compute a digest of the table: its numbers, its domain and its provenance."""
         names = ("labels", "log_odds", "edges", "training_bins", "recording_counts", "groups")
         arrays = {name: getattr(self, name) for name in names}
         facts = [domain_table(self.domain), self.objects, dict(self.provenance)]

@@ -57,24 +57,24 @@ class Behavior:
 
 @dataclass(frozen=True, slots=True)
 class Domain:
-    """What is known before any data: attributes, behaviors with costs, and the diagram of states.
+    """Attributes, behaviors with costs, and the diagram of states, as known before any data.
 
     Attributes
     ----------
     name : str
         Of the domain.
     attributes : tuple[str, ...]
-        (P,) what can be asked.
+        (P,) attributes that can be asked about.
     behaviors : tuple[Behavior, ...]
-        (E,) what the robot can do.
+        (E,) behaviors of the robot.
     diagram : TransitionDiagram
-        Where behaviors lead.
+        Transitions of the behaviors.
     data : str
         The data set whose recordings fit this domain; by default the one of its name.
     groups : Mapping[str, tuple[str, ...]]
-        Attributes of which every object has exactly one, by the group's name: the values of one
-        variable, kept in the order of `attributes`. What none of them describes is a value of its
-        own, such as "other".
+        The values of each group, by its name: every object has exactly one of these attributes.
+        They are kept in the order of `attributes`. If objects exist that none of the values
+        describes, add a value such as "other".
     synonyms : Mapping[str, str]
         Other word -> attribute.
     predefined : tuple[str, ...]
@@ -82,20 +82,19 @@ class Domain:
     report_reward : float
         r+ = -r- in Eq. 4.
     legal_budget : tuple[float, ...]
-        Of Random Legal, s, by len(query).
+        Budget of Random Legal, s, by the number of queried attributes.
     payoffs : Payoffs | None
-        What yes and no earn, where they do not earn alike; r+ and r- by default.
+        Payoffs of yes and no; r+ and r- by default.
     asked_minimum : int
         Experiments ask attributes with more than this many objects of each value.
     sources : Mapping[str, Mapping[str, Any]]
-        Where each modality comes from: its topic, fields, feature and settings, as
-        `meal_bayes.features` reads them.
+        Source of each modality: topic, fields, feature and settings, see `meal_bayes.features`.
 
     Raises
     ------
     DomainError
-        Repeated names, costs that are no time, a reward that is not finite, effects of behaviors
-        that do not exist, behaviors that are nowhere legal, words for attributes that do not exist.
+        Names are repeated, a cost is not a time, the reward is not finite, an effect names an
+        unknown behavior, a behavior is legal in no state, or a synonym names an unknown attribute.
 
     Examples
     --------
@@ -198,16 +197,16 @@ class Domain:
 
     @property
     def words(self) -> dict[str, str]:
-        """Attribute by each word for it, names and synonyms, as `fold` writes them."""
+        """The attribute of each name and synonym; words are normalized by `fold`."""
         words = (*zip(self.attributes, self.attributes, strict=True), *self.synonyms.items())
         return {fold(word): name for word, name in words}
 
     def group_of(self, attribute: str) -> tuple[str, ...]:
-        """Return the values of an attribute's group; none where it has no group."""
+        """Return the values of an attribute's group; empty if it has no group."""
         return next((names for names in self.groups.values() if attribute in names), ())
 
     def can_be(self, values: Mapping[str, bool]) -> bool:
-        """Return whether an object can have these attributes: of each group one value is true."""
+        """Return whether an object can have these attributes: one value of each group is true."""
         try:
             self.labels(values)
         except QueryError:
@@ -220,15 +219,15 @@ class Domain:
         Parameters
         ----------
         values : Mapping[str, Any]
-            True or 1, False or 0, None or nothing by attribute; or a value by the name of its
-            group: ``{"metal": False, "fill": "half"}``.
+            True or 1, False or 0, None or absent by attribute; or a value by the name of its group:
+            ``{"metal": False, "fill": "half"}``.
 
         Raises
         ------
         QueryError
-            A name or a value that the domain does not have; labels that contradict each other.
+            The domain does not have a name or a value, or labels contradict each other.
         DataError
-            What is no label, such as 0.5 or "yes".
+            A value is not a label, such as 0.5 or "yes".
 
         Examples
         --------
@@ -274,27 +273,27 @@ class Domain:
         return name
 
     def replace(self, row: NDArray[np.int8], new: NDArray[np.int8]) -> NDArray[np.int8]:
-        """Return what is known of an object once new labels are told; every label enters by this.
+        """Return the labels of an object after new labels were given.
 
-        A label that contradicts an earlier one replaces it. A group is one value: one that is true
-        makes the others false, and all but one that are false make that one true.
+        A new label replaces an earlier one. If one value of a group is true, the others become
+        false; if all values but one are false, this one becomes true.
 
         Parameters
         ----------
         row : NDArray[np.int8]
             (P,) labels so far, 1 true, 0 false, -1 unknown.
         new : NDArray[np.int8]
-            (P,) what is told.
+            (P,) new labels, coded alike.
 
         Returns
         -------
         labels : NDArray[np.int8]
-            (P,) of each group one value true and the others false, or none true.
+            (P,) labels in which at most one value of each group is true.
 
         Raises
         ------
         QueryError
-            Two values of a group are true, or none is left.
+            Two values of a group are true, or all are false.
         """
         after = np.where(new >= 0, new, row).astype(np.int8)
         for group, members in self.groups.items():
@@ -316,12 +315,12 @@ class Domain:
 
     @property
     def recorded(self) -> list[int]:
-        """Positions of the behaviors that have modalities, of which there are recordings."""
+        """Positions of the behaviors that have modalities, and so recordings."""
         return [e for e, behavior in enumerate(self.behaviors) if behavior.modalities]
 
     @property
     def default_sequence(self) -> tuple[str, ...]:
-        """The predefined sequence; where there is none, `TransitionDiagram.cheapest_first`.
+        """The predefined sequence; `TransitionDiagram.cheapest_first` if there is none.
 
         >>> from meal_bayes.domain import load_domain
         >>> load_domain("toy").default_sequence

@@ -52,22 +52,22 @@ def _bits(
 
 @dataclass(frozen=True, slots=True)
 class Query:
-    """The vector **p** of queried attributes, and which of them are the values of one variable.
+    """The vector **p** of queried attributes, and which of them are values of one group.
 
     Attributes
     ----------
     attributes : tuple[str, ...]
         (N,) names.
     groups : tuple[tuple[int, ...], ...]
-        Indices of attributes of which exactly one is true: the values of a group. An attribute
-        outside is a variable of its own, true or false.
+        Indices of the values of each group, of which exactly one is true. Every other attribute is
+        a variable of its own, true or false.
     group_names : tuple[str, ...]
-        What each group is called; by default by its values, "empty, half or full".
+        Name of each group; by default its values, "empty, half or full".
     event : Event | None
-        Of a question of yes or no, what is true if the answer is yes; None: the values of the
-        attributes are asked.
+        Event that holds if the answer to a question of yes or no is yes; None if the question asks
+        for the values of attributes.
     payoffs : Payoffs | None
-        What answers earn, where the question says so; of yes or no, or of one attribute.
+        Payoffs of the question, if it has its own; for yes or no, or for one attribute.
 
     Examples
     --------
@@ -127,7 +127,7 @@ class Query:
 
     @property
     def questions(self) -> tuple[tuple[str, tuple[int, ...]], ...]:
-        """Name and indices of each thing asked: of a group, or of an attribute alone.
+        """Name and indices of each group and each single attribute that is asked.
 
         >>> Query(("metal", "empty", "half"), ((1, 2),), ("fill",)).questions
         (('metal', (0,)), ('fill', (1, 2)))
@@ -144,7 +144,7 @@ class Query:
 
     @property
     def text(self) -> str:
-        """What is asked, as in "metal, fill?", or of yes or no in "metal and not full?"."""
+        """Text of the question, such as "metal, fill?", or "metal and not full?" of yes or no."""
         if self.event is not None:
             return f"{self.event.text(self.attributes, self.variables)}?"
         return f"{', '.join(name for name, _ in self.questions)}?"
@@ -160,7 +160,7 @@ class Query:
 
     @classmethod
     def named(cls, value_names: Sequence[str]) -> "Query":
-        """Return the query of which these are the `value_names`.
+        """Return the query that has these `value_names`.
 
         >>> Query.named(["metal", "fill: empty", "fill: half"]).text
         'metal, fill?'
@@ -178,9 +178,9 @@ class Query:
         return cls(tuple(attributes), tuple(groups.values()), tuple(groups))
 
     def by_question(self, values: Sequence[Any] | NDArray[Any]) -> dict[str, Any]:
-        """Return values (N,) of the attributes by question; of a group by its attributes.
+        """Return values (N,) of the attributes by question; a group is one question.
 
-        Of truth values, which one of the group is true; None where that is not known.
+        For truth values of a group, return the value that is true, or None if it is not known.
         """
         answers: dict[str, Any] = {}
         for question, indices in self.questions:
@@ -219,22 +219,22 @@ class Query:
         return self.n_values if self.event is None else 2
 
     def report_of(self, index: int) -> NDArray[np.bool_]:
-        """Return a report: values (N,), or whether the answer is yes, (1,)."""
+        """Return the report of a value vector: values (N,), or whether the answer is yes, (1,)."""
         if self.event is None:
             return self.values_of(index)
         return freeze([index == 1], np.bool_)
 
     @property
     def report_size(self) -> int:
-        """How many truth values a report has: N, or one of yes or no."""
+        """Number of truth values in a report: N, or 1 for yes or no."""
         return len(self) if self.event is None else 1
 
     def report_index(self, report: Sequence[bool] | NDArray[np.bool_]) -> int:
-        """Return the number of a report, as `report_of` has it."""
+        """Return the index of a report."""
         return self.index_of(report) if self.event is None else int(report[0])
 
     def report_truth(self, truth: NDArray[np.int8]) -> NDArray[np.int8]:
-        """Return the report that is right, of truths (N,): 1 true, 0 false, -1 not known."""
+        """Return the right report for truths (N,): 1 true, 0 false, -1 unknown."""
         if self.event is None:
             return truth
         return freeze([self.event.holds(truth, self.variables)], np.int8)
@@ -260,7 +260,9 @@ class Query:
         return freeze(_bits(len(self), self.groups, digits[::-1]), np.bool_)
 
     def report_name(self, values: Sequence[bool] | NDArray[np.bool_] | None) -> str:
-        """Format a report: yes or no, or values, of a group the true one; None abstains."""
+        """Format a report: yes or no, or values, with the true value of each group; None
+        abstains.
+        """
         if values is None:
             return DO_NOT_KNOW
         if self.event is not None:
@@ -274,6 +276,6 @@ class Query:
 
     @property
     def report_names(self) -> tuple[str, ...]:
-        """Words of all reports, (Y,), or of no and yes."""
+        """Texts of all reports, (Y,), or of no and yes."""
         reports = self.values if self.event is None else [[False], [True]]
         return tuple(self.report_name(row) for row in reports)

@@ -222,14 +222,14 @@ def with_attribute(domain: Domain, name: str, values: Sequence[str] = ()) -> Dom
     domain : Domain
         Of the attributes so far, which keep their order; the new ones stand behind them.
     name : str
-        Of the attribute, or of the group.
+        Name of the attribute or of the group.
     values : Sequence[str]
         Attributes of the group, at least two; none for a single attribute.
 
     Raises
     ------
     DomainError
-        A name that the domain has already, or that cannot be one.
+        The domain has the name already, or it is not a valid name.
 
     Examples
     --------

@@ -38,7 +38,7 @@ def check_answer(answer: object) -> None:
 
 
 def _as_dict(config: "OfflineConfig | OnlineConfig") -> dict[str, object]:
-    """Return plain values, for headers and JSON."""
+    """Return the settings as plain values, for headers and JSON."""
     values = {field.name: getattr(config, field.name) for field in dataclasses.fields(config)}
     values["agents"] = [agent.name for agent in config.agents]
     if not isinstance(config.dataset, str):
@@ -54,31 +54,35 @@ class OfflineConfig:
     ----------
     dataset : Any
         A shipped data set, a percept table or its path, or recordings (see `TableSource.of`). A
-        run keeps the table of what is in memory in the cache, and names it by its path.
+        table that is only in memory is saved in the cache, and the run names it by that path.
     attributes, trials : int
-        N, asked at a time; of each agent.
+        Number N of attributes in a question, and number of trials of each agent.
     agents : tuple[Any, ...]
-        Names or values (see `as_agent`), made `Agent`s.
+        Agents, given by name or value (see `as_agent`).
     seed : int
-        Of all random streams.
+        Seed of all random streams.
     percepts, perception : str
         "recorded" or "model"; "default" or "paper".
     reward : float | None
         r+ = -r-, the domain's by default.
     answer : str
-        "values"; "yes or no", whether all of the attributes hold; or "balanced": yes or no with
-        literals ("red and not empty") such that yes is right in half of the trials.
+        "values" of the attributes; "yes or no", whether all attributes hold; or "balanced", yes or
+        no about attributes and negated attributes ("red and not empty") such that yes is right in
+        half of the trials.
     payoffs : Sequence[float] | None
-        Of a right and a wrong yes, a right and a wrong no, in place of the domain's or r+ and r-.
+        Rewards of a right yes, a wrong yes, a right no and a wrong no; by default the domain's, or
+        r+ and r-.
     key : str
-        Names the version of the code of agents of your own, whose trials a later run with the same
-        key and settings then reuses. Change it with the code. With "" their trials are not reused.
+        Name of the version of your own agents' code. A later run with the same key and settings
+        reuses their trials, so change the key when you change the code. With "" these trials are
+        not reused.
 
     Raises
     ------
     SettingsError
-        An agent that is unknown or named twice, a negative seed, a reward that is not positive and
-        finite, another kind of answer, payoffs that are none or of answers that are values.
+        An agent is unknown or named twice, the seed is negative, the reward is not positive and
+        finite, the kind of answer is unknown, or payoffs are invalid or given for answers that are
+        values.
 
     Examples
     --------
@@ -128,46 +132,46 @@ class OnlineConfig:
     Attributes
     ----------
     dataset : str
-        A shipped domain, or the path of one's own (TOML).
+        A shipped domain, or the path of your own (TOML).
     attributes : int
         N, asked at a time.
     root : str | None
-        Folder of the recordings; of public ones, found or downloaded.
+        Folder of the recordings. Public recordings are found in the cache or downloaded.
     agents : tuple[Any, ...]
-        Names or values (see `as_agent`), made `Agent`s.
+        Agents, given by name or value (see `as_agent`).
     batches, trials : int
-        Of training, and trials in a batch.
+        Number of training batches, and of trials in a batch.
     repeats : int
-        Runs on other splits of the objects.
+        Number of runs, each with another split of the objects.
     seed : int
-        Of all random streams.
+        Seed of all random streams.
     split : tuple[int, int, int] | tuple[tuple[str, ...], ...]
-        Shares of objects for pretraining, training, tests; or their names, in three tuples.
+        Shares of the objects for pretraining, training and tests, or three tuples of their names.
     reward : float | None
         r+ = -r-; by default 300 on public data (Sect. 7.3), else the domain's.
     alpha, beta : float | None
-        Of morc_itrs; the agent's own by default.
+        Weights of Eq. 11 for morc_itrs; the agent's own by default.
     answers : str
-        "verdict", whether the report was right; or "joint", a verdict by which each attribute gets
-        the label of the whole query, as the authors' code has it.
+        "verdict": people say whether the report was right. "joint": each attribute gets this
+        verdict about the whole query as its label, as in the authors' code.
     learning : tuple[tuple[str, Any], ...]
         Other settings of the learner, as pairs (field of `LearnerSettings`, value).
     percepts : str
-        "recorded", or "model": drawn from the learned tables, without end.
+        "recorded", or "model": drawn from the learned matrices, in any number.
     normalizer : str
-        Of Eq. 10: "paper", experience in training; "all", in pretraining too.
+        Experience that Eq. 10 counts: "paper", of training; "all", of pretraining too.
     horizon : int
-        Queries to come, for which exploring is valued.
+        Expected number of queries to come, which decides what exploring is worth.
     log : str
-        "full"; or "compact", logs of tests hold outcomes, and steps only of the worst test of a
-        batch and of ten drawn ones, the same for all agents.
+        "full", or "compact": logs of tests hold outcomes, and the steps of the worst test of each
+        batch and of ten tests drawn at random, the same for all agents.
     key : str
-        As of `OfflineConfig`.
+        As for `OfflineConfig`.
 
     Raises
     ------
     SettingsError
-        What is unknown, named twice, or out of range.
+        A setting is unknown or out of range, or an agent is named twice.
 
     Examples
     --------

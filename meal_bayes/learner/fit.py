@@ -73,7 +73,7 @@ class Fit(Protocol):
         Parameters
         ----------
         task : Task
-            What is asked, of which object.
+            The question and the object.
         streams : Key
             Names the planner's random stream.
         limit : ArrayLike

@@ -77,43 +77,46 @@ _STRANGER = (
 
 
 class Learner:
-    """An agent with its experience: answers questions, and learns from trials and labels.
+    """An agent with its experience, which answers questions and learns from trials and labels.
 
-    It works with any robot, from nothing or from recordings; with a percept table it replays its
-    objects, each left out of what was learned.
+    It works with any robot and begins with recordings or without. With a percept table, it replays
+    the objects of the table; what it knows in a trial was learned without the object.
 
     Parameters
     ----------
     domain : str, path, mapping or Domain
         A shipped domain, the path of a TOML file, its table, or a domain.
     agent : str | Agent | Solver
-        Who decides: see `meal_bayes.agents.as_agent`.
+        Agent that decides; see `meal_bayes.agents.as_agent`.
     seed : int
-        Of planning, and of what is drawn in replays.
+        Seed of the planner and of the draws in replays.
     classifier : object
-        Of scikit-learn, in place of ours: see `meal_bayes.perception.with_classifier`.
+        A scikit-learn classifier in place of ours; see `meal_bayes.perception.with_classifier`.
     posterior : str, Path, InferenceData, DataTree or ConfusionPosterior, optional
-        Of the confusion matrices, learned elsewhere (see `posterior.reading.posterior_from`)
-        without the objects that are asked about, in place of the one that `fit` would learn.
+        Posterior of the confusion matrices in place of the one that `fit` learns (see
+        `posterior.reading.posterior_from`). It must not have learned from the objects that are
+        asked about.
     reward : float, optional
         r+ = -r- of a report; the domain's by default.
     payoffs : Sequence[float], optional
-        Four: what a right yes, a wrong yes, a right no and a wrong no earn in questions of yes or
-        no that do not say it; the domain's by default.
+        Four rewards: of a right yes, a wrong yes, a right no and a wrong no. They hold for
+        questions of yes or no without payoffs of their own; the domain's by default.
     percepts : str
-        In replays: "recorded", or "model", drawn from the learned confusion matrices.
+        Percepts in replays: "recorded", or "model", drawn from the learned confusion matrices.
     refit_every : float, optional
-        Refit once labeled instances have grown by such a fraction; None: only by `refit`.
+        Refit when the number of labeled instances has grown by this fraction; None: only by
+        `refit`.
     learn_success : bool
-        Learn how often behaviors succeed, at every refit, or take it from the domain.
+        Whether to learn the success rates of behaviors at every refit, or take them from the
+        domain.
     horizon : float, optional
-        Questions to come, for which exploring is valued; by default as many as were asked so far in
-        trials that taught it, and 20 more.
+        Expected number of questions to come, which decides what exploring is worth; by default 20
+        more than it has asked so far, without tests.
     logs : str or path, optional
-        Folder of the logs of trials with a robot; None logs nothing.
+        Folder of the logs of trials with a robot; None turns logging off.
     settings : LearnerSettings, optional
-        All of these but agent and logs, and rarer ones, in one value; then none of them is given
-        by name.
+        All of these settings except agent and logs, and rarer ones, as one value. If it is given,
+        none of them may be given by name.
 
     Examples
     --------
@@ -193,7 +196,7 @@ class Learner:
 
     @property
     def agent(self) -> Agent:
-        """Who decides; another agent learns from the same experience."""
+        """Agent that decides. If it is set, the new agent learns from the same experience."""
         return self._agent
 
     @agent.setter
@@ -207,7 +210,7 @@ class Learner:
                 self._log_change(change)
 
     def knowledge(self, object_name: str | None = None) -> Knowledge:
-        """Return what was learned; from a percept table, without one of its objects."""
+        """Return the knowledge; with a percept table, learned without one of its objects."""
         if self.table is None:
             return self.fitted(self.agent).knowledge
         if object_name is None:
@@ -219,7 +222,7 @@ class Learner:
             return self._fits.held_out(self.table, self.agent, o).knowledge
 
     def fitted(self, agent: Agent) -> Online:
-        """Return what an agent makes of the experience; learned when it is first needed."""
+        """Return what an agent has learned from the experience, fitted when it is first needed."""
         with self._lock:
             return self._fits.of(agent)
 
@@ -231,17 +234,17 @@ class Learner:
         answer: str = "values",
         payoffs: Sequence[float] | None = None,
     ) -> Task:
-        """Return the task that a question would be; an object without a name gets one."""
+        """Return the task of a question; an object without a name gets one."""
         return self._read(question, object_name, answer=answer, payoffs=payoffs)[0]
 
     def problem(self, question: Question, object_name: str | None = None) -> MOMDP:
-        """Return the decision problem of a question, as a test of it would have it."""
+        """Return the decision problem of a question in a test."""
         task, _ = self._read(question, object_name)
         with self._lock:
             return problem_of(self._fit(task, learn=False), task)
 
     def policy(self, question: Question, object_name: str | None = None) -> Policy:
-        """Return who decides about a question, as in a test of it."""
+        """Return the policy for a question in a test."""
         task, streams = self._read(question, object_name)
         with self._lock:
             return self._fit(task, learn=False).plan(task, streams, limit=np.inf, explore=False)[1]
@@ -251,7 +254,7 @@ class Learner:
     ) -> RecordedRobot:
         """Return the robot that replays an object of the percept table.
 
-        The seed, by default the learner's, draws what fails and the order of recordings.
+        The seed, by default the learner's, determines failures and the order of recordings.
         """
         if self.table is None:
             raise SettingsError(NO_TABLE)
@@ -291,41 +294,45 @@ class Learner:
     ) -> Trial:
         """Answer a question about the object in front of a robot.
 
-        Every step is on disk before the next behavior. What ends the trial early (the driver, an
-        interruption) is raised once it is logged so far.
+        Every step is on disk before the next behavior. If an exception of the driver or an
+        interruption ends the trial, the trial so far is logged, and the exception is raised again.
 
         Parameters
         ----------
         question : Question
             A sentence ("Is it heavy?"), a comma list, or names of attributes.
         robot : Robot or str, optional
-            See `Robot`; or the name of an object of the percept table, which is replayed.
+            A robot (see `Robot`), or the name of an object of the percept table, which is replayed.
         truth : mapping or array, optional
-            {attribute: True or False} of what is known; compared with the report afterwards.
+            The known part of the truth, {attribute: True or False}; it is compared with the report
+            afterwards.
         object_name : str, optional
-            An agent with `memory` recognizes it; by default it is a new object.
+            Name by which an agent with `memory` recognizes the object; a new object by default.
         answer : str
-            "values" of what is asked, or "yes or no": "Is it red and not empty?", see `read_event`.
+            "values" of the attributes, or "yes or no" ("Is it red and not empty?"); see
+            `read_event`.
         payoffs : Sequence[float], optional
-            What a right yes, a wrong yes, a right no and a wrong no earn; the learner's by default.
+            Rewards of a right yes, a wrong yes, a right no and a wrong no; the learner's by
+            default.
         learn : bool
-            Whether it explores, and becomes experience; else a test, as replays of a table are.
+            Whether the robot explores and learns from the trial. Otherwise it is a test, as replays
+            of a table always are.
         log : str or Path, optional
-            Of the trial (.mcap); one in the folder of logs by default.
+            File of the trial's log (.mcap); a new file in the folder of logs by default.
         key : str or int, optional
-            Names the random streams; by default the number of questions so far, of tests apart
-            from those that it learned from; in replays nothing.
+            Name of the random streams. By default it is the number of questions so far, where tests
+            and other trials count separately; in replays there is none.
         max_steps, max_cost, on_step : int, float, callable
             See `Session`.
 
         Raises
         ------
         QueryError
-            A question that cannot be understood.
+            The question cannot be understood.
         SettingsError
-            No data were fitted of the kind that the robot needs.
+            The learner was not fitted with the data that the robot needs.
         RobotError
-            The robot came to a state that it cannot be in.
+            The robot returned a state in which it cannot be.
         """
         driver, object_name = robot_or_name(robot, object_name)
         if (driver is None) == (self.table is None):
@@ -363,28 +370,28 @@ class Learner:
         commanded: bool = False,
         seed: int | None = None,
     ) -> Session:
-        """Begin a trial that somebody else drives; see `Session` for what to do with it.
+        """Begin a trial that your own loop drives; see `Session`.
 
-        Whoever drives executes `behavior`, and gives its `Outcome` to `observe`, until the
-        trial is `over`; then `report` is the answer.
+        The loop executes `session.behavior` and passes its `Outcome` to `observe`, until the trial
+        is `over`. Then `report` is the answer.
 
         Parameters
         ----------
         state : str, optional
-            Where the robot is; a `RobotError` where it cannot be. By default the domain's start,
-            unless the last trial left the robot elsewhere.
+            State of the robot. By default it is the domain's start, unless the last trial left the
+            robot elsewhere. An impossible state raises a `RobotError`.
         commanded : bool
-            Whether somebody else decides, too, by `Session.command`.
+            Whether your program decides too, by `Session.command`.
         seed : int, optional
-            Of what is drawn; the learner's by default.
+            Seed of the random draws; the learner's by default.
         question, object_name, truth, answer, payoffs, learn, log, key : Any
-            As for `ask`; so are `max_steps`, `max_cost` and `on_step`.
+            As for `ask`, like `max_steps`, `max_cost` and `on_step`.
 
         Raises
         ------
         SettingsError
-            No `state`, although the last trial, whatever ended it, left the robot in another state
-            than the domain's start.
+            `state` is missing, although the last trial left the robot in another state than the
+            domain's start.
         """
         diagram = self.domain.diagram
         if state is None:
@@ -423,42 +430,42 @@ class Learner:
     ) -> Found:
         """Ask about one object after another, the most probable first, until one answer is yes.
 
-        Each question is an ordinary trial, with a log of its own. Where one arm handles all
-        objects, `start` of each robot puts down what the arm holds and turns to its object; the
-        trial begins in the state that it returns.
+        Each question is an ordinary trial with its own log. If one arm handles all objects, `start`
+        of each robot puts down what the arm holds and turns to its object; the trial begins in the
+        state that `start` returns.
 
         Parameters
         ----------
         question : str | Sequence[str] | Query
             A question of yes or no about each object ("Which one is full and red?").
         objects : Sequence[str] | Mapping[str, Robot]
-            Names of objects of the percept table, which are replayed; or the robot of each object
-            by the object's name. Nothing is learned from the labels of the named objects of a
-            table.
+            Names of objects of the percept table, which are replayed, or {name: robot}. The learner
+            does not use the labels of these objects of the table.
         truth : mapping, optional
-            {object: {attribute: True or False}} of what is known; compared with the answers only.
+            The known truth, {object: {attribute: True or False}}; it is only compared with the
+            answers.
         payoffs : Sequence[float], optional
-            Four numbers, as for `ask`; by default a yes earns what it does in other questions, and
-            "no" earns 0.
+            Four rewards, as for `ask`; by default a yes has the usual reward, and a no earns 0.
         learn, max_steps, max_cost, on_step : Any
-            As for `ask`, of each trial.
+            As for `ask`, for each trial.
         log : str or Path, optional
-            Folder of the logs of the trials, numbered in their order; a new one in the folder of
-            logs by default.
+            Folder of the trials' logs, which are numbered in their order; by default a new folder
+            in the folder of logs.
 
         Returns
         -------
         found : Found
-            The object, how probable it is, the total cost, and the trials.
+            The object, its probability, the total cost, and the trials.
 
         Raises
         ------
         QueryError
-            A question that cannot be understood, or payoffs that are none.
+            The question cannot be understood, or the payoffs are invalid.
         SettingsError
-            No objects, or one twice; no data of the kind that the robots need.
+            There are no objects, an object is given twice, or the learner lacks the data that the
+            robots need.
         RobotError
-            A robot came to a state that it cannot be in.
+            A robot returned a state in which it cannot be.
 
         Examples
         --------
@@ -497,28 +504,28 @@ class Learner:
         return Found(None, trials)
 
     def resume(self, log: str | Path | None = None, *, state: str | None = None) -> Session:
-        """Go on with a trial whose process ended in the middle of it, from its log.
+        """Continue a trial from its log after its process has ended.
 
-        The learner is the one that began it, or has been saved before and loaded since. What it
-        sensed until then is in the log, and is learned from. The trial goes on behind the steps in
-        its log, also where the agent would now decide otherwise; a warning says so. `give_up` ends
-        a trial that is not to go on, without deciding anything.
+        Use the learner that began the trial, or one that was saved before and loaded since. It
+        learns from the logged steps, and the trial continues after them, even if the agent would
+        now decide otherwise; then a warning says so. To end the trial instead, call `give_up`.
 
         Parameters
         ----------
         log : str or Path, optional
-            Of the trial, or its draft, or a folder of logs where one trial was broken off; by
-            default this learner's.
+            Log of the trial, its draft, or a folder of logs with one interrupted trial; this
+            learner's folder by default.
         state : str, optional
-            Where the robot is now, which has to be where the log ends; needed of several states.
+            Present state of the robot, which must be the last state of the log. It may be left out
+            if the domain has one state only.
 
         Raises
         ------
         LogError
-            There is no trial that was broken off, or several; it is of other states or levels,
-            another process drives the robot, or that is elsewhere.
+            There is no interrupted trial, or several; the trial has other states or levels; another
+            process drives the robot; or the robot is in another state.
         SettingsError
-            A trial of another domain; a robot of several states without `state`.
+            The trial is of another domain, or `state` is missing.
 
         Examples
         --------
@@ -552,10 +559,10 @@ class Learner:
             return session
 
     def give_up(self, log: str | Path | None = None) -> Trial:
-        """End a trial whose process ended in the middle of it; its log is whole from then on.
+        """End a trial whose process has ended, and complete its log.
 
-        Nothing is planned or decided, and the robot may be anywhere. What the trial did until then
-        is learned from, if it is of this learner's domain and levels.
+        Nothing is planned or decided, and the robot may be in any state. The learner learns from
+        the steps of the trial if the trial has its domain and levels.
 
         Parameters
         ----------
@@ -565,12 +572,13 @@ class Learner:
         Returns
         -------
         trial : Trial
-            As far as it went, ended by "cancelled"; one that had answered keeps its answer.
+            The trial so far, whose `ended` is "cancelled". A trial that had answered keeps its
+            answer.
 
         Raises
         ------
         LogError
-            There is no trial that was broken off, or several; another process drives it.
+            There is no interrupted trial, or several; or another process drives it.
 
         Examples
         --------
@@ -808,14 +816,14 @@ class Learner:
     # Experience.
 
     def fit(self, data: Dataset | PerceptTable) -> Self:
-        """Learn from recordings, which join the experience, or replay a percept table.
+        """Learn from recordings, which join the experience, or take a percept table to replay.
 
         Raises
         ------
         SettingsError
-            Data of another domain.
+            The data are of another domain.
         DataError
-            Features of another size than those that were learned from.
+            Features have another size than those learned from before.
         """
         check_data(data, self.domain)
         with self._lock:
@@ -862,30 +870,31 @@ class Learner:
         return {key: int(recorded[trials[key]]) for key in self._under_way}
 
     def add_attribute(self, name: str, values: Sequence[str] = ()) -> Self:
-        """Add an attribute to the domain, or a group with its values; nothing is known of it.
+        """Add an attribute to the domain, or a group with its values.
 
-        What was sensed before counts: once labels are told of it, also of objects that were met
-        before, classifiers learn it from all recordings of these objects. All is learned anew now,
+        Earlier recordings count: when labels of the attribute are given, also for objects met
+        before, classifiers learn it from all recordings of these objects. The learner refits now,
         and whenever the labels of an added attribute have grown by `refit_every`. A trial in
         progress keeps the attributes that it began with.
 
-        The domain of this learner and its saved files have the attribute from now on, and the logs
-        say that it was added, so that `recall` adds it, too. The file that the domain was read from
-        stays as it is.
+        The learner's domain and its saved files have the attribute from now on. The logs record the
+        addition, so `recall` repeats it. The file from which the domain was read does not change.
 
         Parameters
         ----------
         name : str
-            Of the attribute, or of the group.
+            Name of the attribute or of the group.
         values : Sequence[str]
-            Attributes of the group, of which every object has one; none for a single attribute.
+            Values of the group, of which every object has exactly one; empty for a single
+            attribute.
 
         Raises
         ------
         DomainError
-            A name that the domain has already, or that cannot be one.
+            The domain has the name already, or it is not a valid name.
         SettingsError
-            A percept table or a posterior of one's own: neither can know another attribute.
+            The learner has a percept table or a posterior of your own, which cannot have another
+            attribute.
 
         Examples
         --------
@@ -922,23 +931,24 @@ class Learner:
     def tell(self, trial: Trial | str, values: Mapping[str, bool | None]) -> None:
         """Learn from labels of a trial's object; the posterior is updated at once.
 
-        How much objects differ, and how their percepts err together, hold until the next refit.
-        Labels are logged, as far as trials are: of a trial beside its log.
+        The differences between objects and the correlations of errors stay as they are until the
+        next refit. If trials are logged, labels are logged too, those of a trial beside its log.
 
         Parameters
         ----------
         trial : Trial or str
-            An answer (of another learner's the percepts are learned from), or an object's name.
+            A trial, also of another learner, or an object's name.
         values : mapping
-            True, False or None by attribute, asked or not. In one trial, or by name, a later label
-            replaces an earlier one; other trials contradict it, and of the object the latest holds.
+            True, False or None by attribute, asked or not. A later label of the same trial, or by
+            the object's name, replaces the earlier one. If labels of several trials contradict each
+            other, the latest one holds for the object.
 
         Raises
         ------
         QueryError
-            An attribute that the domain does not have, or what cannot be an object's name.
+            The domain does not have an attribute, or the name of the object is invalid.
         SettingsError
-            A value that is no label; a trial with other levels than the agent's.
+            A value is not a label, or the trial has other levels than the agent.
         """
         labels = checked_labels(values, self.domain)
         if not (labels >= 0).any():
@@ -972,20 +982,20 @@ class Learner:
             self._learn_told(trial, telling, moved)
 
     def forget(self, trial: Trial | str, *, recordings: bool = False) -> None:
-        """Forget the labels of a trial; refit without them if the last refit has used them.
+        """Remove the labels of a trial; refit if the last refit used them.
 
         Parameters
         ----------
         trial : Trial or str
-            Or the name of an object: labels that were told of it by name, as those of data are.
+            A trial, or the name of an object, whose labels were given by name or with recordings.
         recordings : bool
-            Forget what the trial recorded, and what failed, too; then all is learned anew, as if it
-            had never been.
+            Whether to remove the recordings and failures of the trial too. Then the learner refits
+            as if the trial had never taken place.
 
         Raises
         ------
         SettingsError
-            There is nothing to forget.
+            There is nothing to remove.
         """
         name = trial if isinstance(trial, str) else trial.task.object_name
         key = (
@@ -1022,21 +1032,21 @@ class Learner:
             log_told(self.experience, folder, feedback)
 
     def record(self, trial: Trial) -> None:
-        """Record a trial of another learner's, or of a log, as experience.
+        """Add a trial of another learner, or of a log, to the experience.
 
-        What its steps sensed is perceived by this learner's classifiers; of steps that do not say
-        it, percepts are those of the attributes asked. Steps that are recorded already are not
-        recorded again. Labels can be told of it.
+        This learner's classifiers compute percepts from the features of its steps. For steps
+        without features, the percepts of the queried attributes are used. Steps that were added
+        before are not added again. You can then give labels for the trial.
 
         Parameters
         ----------
         trial : Trial
-            Of the same behaviors.
+            A trial with the same behaviors.
 
         Raises
         ------
         SettingsError
-            A trial of other behaviors.
+            The trial has other behaviors.
         """
         check_domain(self.domain, trial)
         with self._lock:
@@ -1045,19 +1055,20 @@ class Learner:
             record_steps(self.experience, trial, views.unrecorded(self.experience, trial))
 
     def save(self, path: str | Path, *, overwrite: bool = False) -> None:
-        """Write everything into one file, for `load`; the file is there whole or not at all.
+        """Write the learner into one file, for `load`. A failed write leaves no partial file.
 
         Parameters
         ----------
         path : str or Path
-            Of a new file, or the one that this learner read or wrote last.
+            File to write. An existing file is replaced only if this learner loaded or saved it
+            last, or with `overwrite=True`.
         overwrite : bool
-            Write over any other file, too.
+            Whether to replace any existing file.
 
         Raises
         ------
         OutputError
-            A file that somebody else wrote; a place where nothing can be written.
+            Another program or learner wrote the existing file, or the file cannot be written.
         """
         target = checked_path("The file", path)
         with self._lock:
@@ -1072,25 +1083,25 @@ class Learner:
         classifier: object = None,
         logs: str | Path | None = LOGS,
     ) -> Self:
-        """Read a learner from a file; only classifiers of one's own are fitted again.
+        """Read a learner from a file. Only classifiers of your own are fitted again.
 
         Parameters
         ----------
         path : str or Path
-            Of a file that `save` wrote.
+            File that `save` wrote.
         agent, classifier : object, optional
-            One's own are given again; shipped agents are found by name.
+            Your own agent or classifier, if the learner had one; shipped agents are found by name.
         logs : str or Path, optional
-            Folder of the logs to come, and of those where `resume` looks. The file does not keep
-            it, as it may be loaded on another machine; labels of a trial of before are logged
-            beside its log once `recall(learner, folder)` has seen that.
+            Folder of new logs, where `resume` also looks for interrupted trials. The file does not
+            contain it, because another machine may load the file. Call `recall(learner, folder)` so
+            that labels of earlier trials are logged beside their logs.
 
         Raises
         ------
         DataError
-            A file that is not a learner, is torn, or of another version.
+            The file is not a learner, is damaged, or has another version.
         SettingsError
-            An agent or a classifier of one's own is not given again.
+            Your own agent or classifier is missing.
         """
         saved = read_learner(checked_path("The file", path), agent=agent, classifier=classifier)
         domain = saved.experience.domain

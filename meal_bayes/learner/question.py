@@ -210,7 +210,7 @@ def start_of(trial: Trial, start: str, state: str | None) -> str:
     SettingsError
         Nobody says where it is, of several states.
     RobotError
-        A state that a robot cannot be in.
+        A state in which the robot cannot be.
     LogError
         It is elsewhere.
     """

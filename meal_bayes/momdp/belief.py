@@ -148,22 +148,22 @@ class Transition(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Belief(FrozenArrays):
-    """Belief of a trial: the observed state x, the evidence on each attribute, and its percepts.
+    """Belief in a trial: the observed state x, the evidence about each attribute, and the percepts.
 
     Attributes
     ----------
     x : int
         Index of the state.
     log_prob : NDArray[np.float64]
-        (N,C) ln Pr(latent class); of false and true in the paper.
+        (N,C) ln Pr(latent class); the classes are false and true in the paper.
     percept_counts : NDArray[np.int64]
         (N,E,K) percepts of this object so far, by level.
     log_odds : NDArray[np.float64]
-        (N,) of the truth, see `belief_of`.
+        (N,) log-odds of the truth; see `belief_of`.
     groups : tuple[tuple[int, ...], ...]
         Indices of attributes of which exactly one is true, as in the query.
     joint_table : NDArray[np.float64] | None
-        (Y,) Pr(values) where the prior is a joint one; `log_odds` are of its margins.
+        (Y,) Pr(values) if the prior is a joint distribution; `log_odds` are its marginals.
 
     Examples
     --------
@@ -198,7 +198,7 @@ class Belief(FrozenArrays):
 
     @property
     def shown(self) -> NDArray[np.int64]:
-        """How many percepts each behavior has brought, (E,): of some attributes, or of all."""
+        """Number of percepts of each behavior, (E,), about some attributes or all."""
         return np.asarray(self.percept_counts.sum(axis=2).max(axis=0, initial=0), np.int64)
 
     @property
@@ -215,7 +215,7 @@ class Belief(FrozenArrays):
 
     @property
     def factors(self) -> list[NDArray[np.float64]]:
-        """The `marginals`, of which the belief is the product; one of all values where coupled."""
+        """Factors of the belief: the `marginals`, or one joint table if attributes are coupled."""
         return self.marginals if self.joint_table is None else [self.joint_table]
 
     @property
@@ -241,9 +241,9 @@ class Belief(FrozenArrays):
         return freeze(best, np.bool_)
 
     def agreement(self, report: NDArray[np.bool_]) -> NDArray[np.float64]:
-        """Return factors of Pr(a report is right), (N,), 1 for the values that a group has not.
+        """Return factors of Pr(a report is right), (N,); 1 for false values of a group.
 
-        Where attributes are coupled there is one factor.
+        If attributes are coupled, there is one factor.
         """
         if self.joint_table is not None:
             return np.asarray(self.joint_table[(self._values == report).all(axis=1)])

@@ -38,11 +38,11 @@ class Objective:
     correct, incorrect : float | None
         r+ and r-, rewards of a right and a wrong report; the domain's by default.
     discount : float
-        Factor a step, in planning only.
+        Discount factor of a step, used in planning only.
     abstain : bool
         Whether the agent may answer "I do not know", where the domain's diagram lets it.
     payoffs : Payoffs | None
-        What yes and no earn where the query does not say it; the domain's by default.
+        Payoffs of yes and no if the query has none; the domain's by default.
     """
 
     correct: float | None = None

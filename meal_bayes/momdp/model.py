@@ -105,24 +105,24 @@ class MOMDP(ByValue):
 
     Actions are the E behaviors, then the Y reports (2^N, or fewer where attributes are the values
     of a group), then, where the agent may abstain, the answer "I do not know", which ends the trial
-    for nothing. Arrays run over behaviors only: answers always lead to `term`, and need no table.
+    with reward 0. Arrays run over behaviors only, because every answer leads to `term`.
 
-    With infinite precision percepts follow the paper's Eq. 8; with finite precision the object's
-    rows are Dirichlet(precision * confusion), which is the Bayes-adaptive problem. For each
-    attribute an object has one of C latent classes, on which all its percepts depend, so that they
-    may err together. Percepts and truth are independent given the class, and both truths may have
-    a class in common. In the paper the class is the truth: C = 2, `latent_classes` the identity.
+    With infinite precision, percepts follow the paper's Eq. 8. With finite precision, the object's
+    rows are Dirichlet(precision * confusion): the problem is Bayes-adaptive. For each attribute, an
+    object belongs to one of C latent classes. All its percepts depend on the class, so their errors
+    may be correlated. Percepts and truth are independent given the class, and both truths may share
+    a class. In the paper the class is the truth: C = 2, `latent_classes` the identity.
 
     Attributes
     ----------
     query : Query
         The N attributes asked.
     x_names, behavior_names : tuple[str, ...]
-        (X,), of which the last is "term", and (E,).
+        Names of the states, (X,), the last of which is "term", and of the behaviors, (E,).
     start : int
         Index of the first x.
     transition, observation_probability : NDArray[np.float64]
-        (E,X,X) Pr(x' | x, behavior), and Pr(a percept comes | behavior, x, x').
+        (E,X,X) Pr(x' | x, behavior), and the probability of a percept given behavior, x and x'.
     legal : NDArray[np.bool_]
         (X,E) whether a behavior can be executed.
     confusion : NDArray[np.float64]
@@ -134,27 +134,28 @@ class MOMDP(ByValue):
     latent_classes : NDArray[np.float64]
         (N,2,C) Pr(latent class | truth).
     cost : NDArray[np.float64]
-        (E,) s.
+        (E,) cost of each behavior, s.
     correct, incorrect : float
-        r+ and r-, rewards of a right and a wrong report; of yes and no the largest and smallest.
+        Rewards of a right and of a wrong report, r+ and r-; the largest and the smallest payoff of
+        a question of yes or no.
     bonus : NDArray[np.float64]
-        (N,E,2) s that exploring is paid for a percept, by attribute, behavior and truth (Eq. 11).
+        (N,E,2) exploration bonus of a percept, s, by attribute, behavior and truth (Eq. 11).
     bonus_limit : NDArray[np.float64]
-        (E,) percepts of a trial that `bonus` is paid for, the first ones; inf = all.
+        (E,) number of percepts of a trial that earn `bonus`; inf = all.
     limit : NDArray[np.float64]
-        (E,) percepts that a trial can have, inf where they never run out. Beyond them a behavior
-        still moves x and costs its seconds.
+        (E,) number of percepts that a trial can have; inf = unlimited. After that, a behavior still
+        changes x and has its cost, but yields no percept.
     discount : float
-        Factor a step, in planning only.
+        Discount factor of a step, used in planning only.
     abstain : bool
         Whether the agent may answer "I do not know".
     payoffs : Payoffs | None
-        Of yes and no; r+ and r- by default.
+        Payoffs of a question of yes or no; r+ and r- by default.
     joint : NDArray[np.float64] | None
-        (Y,) Pr(values) before the trial, in the order of `Query.values`, of which `prior` are the
-        margins; None where attributes, or groups, are independent.
+        (Y,) joint prior of the value vectors, in the order of `Query.values`; its marginals are
+        `prior`. None if attributes and groups are independent.
     x_labels : tuple[str, ...]
-        (X-1,) what people read in place of the names of the x, or none; see `state_label`.
+        (X-1,) labels of the states for people, or empty; see `state_label`.
     log_truth : NDArray[np.float64]
         (N,2,C) ln Pr(truth | latent class) under the prior.
 
@@ -249,28 +250,28 @@ class MOMDP(ByValue):
 
     @property
     def reports(self) -> Reports:
-        """What the answers are, and earn."""
+        """The reports and their rewards."""
         symmetric = Payoffs(self.correct, self.incorrect, self.correct, self.incorrect)
         return Reports(self.query, self.payoffs or symmetric)
 
     @property
     def levels(self) -> int:
-        """K, the levels of a percept, of which some say yes (`arrays.yes_of`)."""
+        """K, the number of levels of a percept; `arrays.yes_of` says which mean yes."""
         return int(self.confusion.shape[-1])
 
     @property
     def coupled(self) -> bool:
-        """Whether attributes depend on each other: values of a group, or by the joint prior."""
+        """Whether attributes are dependent, as values of a group or by the joint prior."""
         return bool(self.query.groups) or self.joint is not None
 
     @property
     def n_classes(self) -> int:
-        """C, latent classes of an attribute."""
+        """C, the number of latent classes of an attribute."""
         return int(self.latent_classes.shape[2])
 
     @property
     def class_is_truth(self) -> bool:
-        """Whether the class is the truth (Eq. 8): then the log-odds are the whole belief."""
+        """Whether the latent class is the truth (Eq. 8), so that the log-odds are the belief."""
         return self.n_classes == 2 and not self.latent_classes[:, [0, 1], [1, 0]].any()
 
     @property
@@ -280,7 +281,7 @@ class MOMDP(ByValue):
 
     @property
     def bonus_runs_out(self) -> bool:
-        """Whether a bonus ends after so many percepts: then their number is part of the state."""
+        """Whether a bonus is limited to a number of percepts, which is then part of the state."""
         pays = self.bonus.any(axis=(0, 2))
         return bool((pays & np.isfinite(self.bonus_limit)).any())
 
@@ -317,15 +318,15 @@ class MOMDP(ByValue):
         return np.where(self.legal, silent, 0.0)
 
     def charged(self, behavior: int, *, failed: bool) -> float:
-        """Return what an execution costs, s; what fails, so that nothing happens, costs as much."""
+        """Return the cost of an execution, s; failed executions cost the same."""
         return float(self._outcome_costs()[int(failed)][behavior])
 
     def charged_for(self, behavior: int, x: int, next_x: int, *, perceived: bool) -> float:
-        """Return what an execution cost that led from one x to the next, s."""
+        """Return the cost, s, of an execution that led from one x to the next."""
         return self.charged(behavior, failed=nothing_happened(x, next_x, perceived=perceived))
 
     def expected_cost(self) -> NDArray[np.float64]:
-        """Return what an execution costs before its outcome is known, (X,E), s."""
+        """Return the expected cost of an execution, (X,E), s."""
         cost, cost_of_failure = self._outcome_costs()
         return np.asarray(cost + self.failure_probability * (cost_of_failure - cost))
 
@@ -335,11 +336,11 @@ class MOMDP(ByValue):
 
     @property
     def exit_value(self) -> float:
-        """What "I do not know" earns; -inf where the agent may not say it."""
+        """Reward of "I do not know"; -inf if the agent may not abstain."""
         return ABSTAINED if self.abstain else -np.inf
 
     def reported(self, action: int) -> NDArray[np.bool_] | None:
-        """Return what an answer reports, values (N,) or yes (1,); None where it abstains."""
+        """Return the report of an answer: values (N,), or yes (1,); None if it abstains."""
         if action == self.abstention:
             return None
         return self.query.report_of(action - self.n_behaviors)
@@ -363,7 +364,7 @@ class MOMDP(ByValue):
             )
 
     def state_label(self, x: int) -> str:
-        """Return what people read for a state: its label, or its name where it has none."""
+        """Return the label of a state; its name if it has no label."""
         return self.x_labels[x] if x < len(self.x_labels) else self.x_names[x]
 
     def action_name(self, action: int) -> str:

@@ -37,8 +37,8 @@ class Perceiver(Protocol):
     def observe(self, instance: Instance, query: Query, rng: np.random.Generator) -> Levels | None:
         """Return percept levels (N,) of the queried attributes, from 0 (no) to K-1 (yes).
 
-        A level is -1 where what was sensed shows nothing of an attribute; None where it shows
-        nothing of any.
+        A level is -1 if the instance has no percept of an attribute. Return None if it has no
+        percept at all.
         """
         ...
 
@@ -190,7 +190,7 @@ class Perception(FrozenArrays):
     labels : NDArray[np.int8]
         (O,P) from which a person answers; nothing else uses them.
     levels : int
-        K of its percepts.
+        Number of levels of its percepts, K.
     """
 
     domain: Domain

@@ -74,7 +74,7 @@ class GoingOn(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Decision(FrozenArrays):
-    """A chosen action, with the values and visits that it was chosen by.
+    """A chosen action, with the values and visit counts that decided it.
 
     Attributes
     ----------
@@ -82,8 +82,8 @@ class Decision(FrozenArrays):
         Below E a behavior; E + y the report of answer y of Y (value vectors, or yes and no); E + Y
         abstains.
     values : NDArray[np.float64]
-        (E+1,) what this trial is expected to bring, at most r+, by behavior, then of the best
-        answer; nan = not valued.
+        (E+1,) expected reward of this trial, at most r+, of each behavior and of the best answer;
+        nan = not valued.
     value_se : NDArray[np.float64]
         (E+1,) standard errors, 0 where exact, nan = unknown.
     visits : NDArray[np.int64]
@@ -93,15 +93,15 @@ class Decision(FrozenArrays):
     simulations : int
         Of the search.
     sampled_rows : NDArray[np.float64] | None
-        (M,N,K) rows of the chosen behavior in M sampled MOMDPs.
+        (M,N,K) confusion rows of the chosen behavior in M sampled MOMDPs.
     gap : float | None
-        s of reward, with what exploring is paid, that the best action may be worth more than
-        following this decision, at most; None where no upper bound is known.
+        Upper bound, s, of how much more reward, with the exploration bonus, the best action may
+        earn than this decision. None if no upper bound is known.
     bonus : NDArray[np.float64] | None
-        (E+1,) what exploring is paid on the way, s; the action is the best of the sum of both.
-        None where `values` are this sum: in older logs, and of solvers that do not tell them apart.
+        (E+1,) expected exploration bonus, s; the action maximizes `values` + `bonus`. None if
+        `values` already contain the bonus, because the solver does not separate them.
     momdp : MOMDP | None
-        The problem, after which actions are named; a trial sets it, so that solvers need not.
+        The problem, which names the actions. A trial sets it; solvers need not.
 
     Examples
     --------
@@ -131,11 +131,11 @@ class Decision(FrozenArrays):
 
     @property
     def total(self) -> NDArray[np.float64]:
-        """What the action was chosen by, (E+1,): `values` and `bonus`."""
+        """Sum of `values` and `bonus`, (E+1,), which the chosen action maximizes."""
         return self.values if self.bonus is None else self.values + self.bonus
 
     def going_on(self) -> GoingOn:
-        """Return what going on is worth over answering now: max over b of Q(b), less Q(answer)."""
+        """Return the gain of going on over answering now: max over b of Q(b), minus Q(answer)."""
         total = self.total
         if np.isnan(total[:-1]).all():
             return GoingOn(np.nan, 0.0, 0.0)
@@ -151,12 +151,12 @@ class Decision(FrozenArrays):
 
     @property
     def explores(self) -> bool:
-        """Whether exploring is paid on the way of any action."""
+        """Whether any action has an exploration bonus."""
         return self.bonus is not None and bool(self.bonus.any())
 
     @property
     def value_heads(self) -> tuple[str, ...]:
-        """What the values of actions are called, and the bonus, if any is paid."""
+        """Names of the columns of values, and of the bonus if there is one."""
         if self.explores:
             return "this answer", "for later questions"
         # Older logs, and solvers that know sums alone.
@@ -207,7 +207,7 @@ class Decision(FrozenArrays):
     def exact(
         cls, action: int, values: NDArray[np.float64], bonus: NDArray[np.float64] | None = None
     ) -> "Decision":
-        """Return a decision whose values (E+1,), nan where not valued, have no standard errors."""
+        """Return a decision with exact values (E+1,); nan = not valued."""
         visits = np.zeros(len(values), dtype=np.int64)
         bonuses = np.zeros(len(values)) if bonus is None else bonus
         return cls(action, values, no_errors(values), visits, bonus=bonuses)
@@ -263,8 +263,8 @@ class History:
 class Policy(Protocol):
     """Protocol of policies: `decide` chooses the next action of a trial.
 
-    A policy may have an attribute `deterministic`: true where a decision depends on the belief
-    alone (and on the generator), so that it may be remembered; a policy without one is asked again.
+    A policy may have an attribute `deterministic`. If it is true, a decision depends on the belief
+    and the generator only, and may be cached.
 
     Examples
     --------

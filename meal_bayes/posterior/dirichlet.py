@@ -23,24 +23,24 @@ _LEFT = 0.02  # of a level's weight, where an object is taken out
 class ConfusionPosterior(ByValue):
     """Posterior of the confusion matrices: a Dirichlet for each attribute, behavior and truth.
 
-    `from_counts` takes all percepts of a row as independent (the paper's reading); `from_objects`
-    lets each object have its own row, so that repeats of one object are worth less.
+    `from_counts` treats all percepts of a row as independent, as the paper does. `from_objects`
+    gives each object its own row, so that repeated percepts of one object are worth less.
 
     Attributes
     ----------
     counts : NDArray[np.float64]
-        (P,E,2,K) percepts of labeled instances, as they were counted.
+        (P,E,2,K) counts of the percepts of labeled instances.
     concentration : NDArray[np.float64]
         (P,E,2,K) Dirichlet parameters of the mean row, A x mean.
     dispersion : NDArray[np.float64]
-        (P,E,2) s of the objects' rows, inf = all objects alike.
+        (P,E,2) Dirichlet precision s of the objects' rows; inf = all objects have the same row.
     given_prior : NDArray[np.float64] | None
-        (P,E,2,K) Dirichlet parameters, before any percept, of the mean rows of pairs whose percepts
-        the robot brings: these are believed to tell something, see `posterior.given`. Zeros of all
-        other pairs; None where there are only others.
+        (P,E,2,K) prior Dirichlet parameters of the mean rows of pairs whose percepts come from the
+        robot's own detector; see `posterior.given`. Zero for all other pairs; None if there are no
+        pairs with a detector.
     telling : NDArray[np.float64] | None
-        (P,E) Pr(the pair's percepts tell anything), see `posterior.spike`: with the rest the row of
-        either truth is the pooled one. None: all pairs tell what was counted.
+        (P,E) probability that the pair is informative, see `posterior.spike`. If it is not, both
+        truths have the pooled row. None: all pairs are informative.
 
     Examples
     --------
@@ -95,7 +95,7 @@ class ConfusionPosterior(ByValue):
         counts : ArrayLike
             (P,E,2,K), or object by object (O,P,E,2,K), which are then added.
         prior : ArrayLike
-            Total weight of a row's flat prior, or Dirichlet parameters (P,E,2,K).
+            Total weight of the flat prior of a row, or Dirichlet parameters (P,E,2,K).
         """
         array = np.asarray(counts)
         total = freeze(array.sum(axis=0) if array.ndim > _DIMENSIONS else array)
@@ -118,12 +118,12 @@ class ConfusionPosterior(ByValue):
         counts : ArrayLike
             Object by object, (O,P,E,2,K).
         prior : ArrayLike, optional
-            As in `from_counts`, of pairs that are all known to tell something; by default one for
-            each behavior and truth, learned from what its attributes have in common, and of each
-            pair the probability that it tells anything.
+            Prior as in `from_counts`; then all pairs count as informative. By default a prior for
+            each behavior and truth is learned from all attributes, with the probability that each
+            pair is informative.
         given : NDArray[np.bool_], optional
-            (P,E) pairs whose percepts the robot brings, by a detector: their prior says that these
-            tell something, whatever `prior` is.
+            (P,E) pairs whose percepts come from the robot's own detector. Their prior treats them
+            as informative, whatever `prior` is.
         """
         total = np.asarray(counts).sum(axis=0)
         alpha = None if prior is None else _prior(prior, total.shape)
@@ -147,9 +147,9 @@ class ConfusionPosterior(ByValue):
         return cls(total, concentration, dispersion, given_prior, telling)
 
     def believe(self, given: NDArray[np.bool_]) -> Self:
-        """Return the same posterior, where pairs (P,E) that were never perceived are now given.
+        """Return the posterior with pairs (P,E) without counts marked as the robot's own percepts.
 
-        Pairs with counts, and those that are given already, stay as they are until the next fit.
+        Pairs with counts, and pairs that are marked already, stay as they are until the next fit.
         """
         new = given & ~self.given & ~self.counts.any(axis=(2, 3))
         if not new.any():
@@ -168,14 +168,14 @@ class ConfusionPosterior(ByValue):
 
     @property
     def given(self) -> NDArray[np.bool_]:
-        """Pairs whose percepts the robot brings, (P,E)."""
+        """Pairs whose percepts come from the robot's own detector, (P,E)."""
         if self.given_prior is None:
             return np.zeros(self.counts.shape[:2], np.bool_)
         return freeze(self.given_prior.any(axis=(2, 3)), np.bool_)
 
     @property
     def mean(self) -> NDArray[np.float64]:
-        """Posterior mean of Theta, (P,E,2,K), over whether a pair tells anything too."""
+        """Posterior mean of Theta, (P,E,2,K), averaged over whether each pair is informative."""
         return freeze(_mean(self.concentration, self.telling))
 
     @property
@@ -183,39 +183,40 @@ class ConfusionPosterior(ByValue):
         """Dirichlet weight s A / (s + A + 1) of a new object's row, by its variance, (P,E,2).
 
         It combines two uncertainties: objects differ (dispersion s), and the mean is known from A
-        percepts only. Without the first (s = inf) it is A, without the second (A = inf) it is s.
+        percepts only. It is A if s = inf, and s if A = inf.
         """
         return freeze(_precision(self.concentration, self.dispersion))
 
     @property
     def youden(self) -> NDArray[np.float64]:
-        """TPR - FPR of the mean, (P,E); -inf of pairs of which no percept is known."""
+        """TPR - FPR of the mean, (P,E); -inf for pairs without percepts."""
         known = self.counts.any(axis=(2, 3)) | self.given
         return np.where(known, youden(self.mean), -np.inf)
 
     @property
     def informative(self) -> NDArray[np.bool_]:
-        """Whether percepts tell anything, by the mean and, unless they are given, by counts; (P,E).
+        """Whether a pair is informative by its mean and its counts, (P,E).
 
-        Classifiers of few objects look better than they are, so that their counts have to agree.
+        The robot's own percepts need no counts. Classifiers of few objects look better than they
+        are, so their counts must agree.
         """
         counted = informative(self.counts) | self.given
         return freeze(counted & informative(self.mean), np.bool_)
 
     @tiny_is_zero
     def update(self, counts: ArrayLike, before: ArrayLike | None = None) -> Self:
-        """Count the percepts of one object; n of a row are worth n(s+1)/(n+s).
+        """Add the percepts of one object; n percepts of a row count as n(s+1)/(n+s).
 
-        The prior and the dispersion stay as they are, so that the result is that of all objects'
-        final percepts, whatever the order in which they came. Percepts of one object given in two
-        updates count as two objects', unless the second knows those `before`.
+        The prior and the dispersion do not change, so the result does not depend on the order of
+        objects. If you add the percepts of one object in two updates, pass the earlier ones as
+        `before`; otherwise they count as those of two objects.
 
         Parameters
         ----------
         counts : ArrayLike
-            (P,E,2,K) all percepts of the object.
+            (P,E,2,K) counts of all percepts of the object.
         before : ArrayLike, optional
-            (P,E,2,K) those of them that have been counted; none of a new object.
+            (P,E,2,K) counts that were added before; none for a new object.
         """
         # What the object's percepts are worth now replaces what they were worth before.
         final = np.asarray(counts, dtype=float)
@@ -249,10 +250,10 @@ class ConfusionPosterior(ByValue):
     def select(
         self, columns: Sequence[int], *, exact: bool = False
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return what planning needs of a query: confusion (N,E,2,K), precision (N,E,2).
+        """Return confusion rows (N,E,2,K) and precision (N,E,2) of a query.
 
-        Both rows of a pair that is not `informative` are the pooled row, so that no percept of
-        theirs moves a belief.
+        Both rows of a pair that is not `informative` are the pooled row, so its percepts do not
+        change the belief.
 
         Parameters
         ----------

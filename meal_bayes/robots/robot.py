@@ -28,26 +28,26 @@ _RECORDINGS = 2**31  # that a data set may have
 
 @dataclass(frozen=True, slots=True)
 class Outcome(ByValue):
-    """What a driver returns for one behavior: the next state, and features or percepts.
+    """Result of one behavior, which a driver returns: the next state, and features or percepts.
 
     Attributes
     ----------
     state : str
-        The observed state x after it, one of the domain's diagram; never "term", to which an
-        answer alone leads.
+        The observed state x after the behavior, a state of the domain's diagram. It is never
+        "term", which only an answer reaches.
     features : Mapping[str, ArrayLike] | None
-        The features (D,) of each of the behavior's modalities; None where nothing was sensed
-        (the behavior failed, or has no modalities).
+        The features (D,) of each of the behavior's modalities; None if the behavior failed or has
+        no modalities.
     answers : Mapping[str, bool | str] | None
-        Of a behavior that asks a person: what the person said, by attribute, or the value of a
-        group by its name.
+        Answers of a person, for a behavior that asks: a value by attribute, or the value of a group
+        by its name.
     recording : int | None
-        Of a robot that replays stored percepts: which of them this is. A real robot leaves it out.
+        Number of the stored recording, if the robot replays recordings. A real robot leaves it out.
     percepts : Mapping[str, bool | str | float | None] | None
-        Of a detector of the robot's own, with or without features: by attribute True or False,
-        "yes", "no", "surely yes" or "surely no", or the value of a group by its name; or any other
-        number, a score, which is higher where the attribute is more likely true. Attributes that
-        it does not name are perceived from the features, if any.
+        Percepts of the robot's own detector, with or without features: by attribute True or False,
+        "yes", "no", "surely yes" or "surely no", or the value of a group by its name. Any other
+        number is a score; higher scores mean that the attribute is more likely true. Attributes
+        that the detector does not name are perceived from the features, if any.
 
     Examples
     --------

@@ -22,7 +22,7 @@ class PerceptReader:
     Attributes
     ----------
     task : Task
-        What is asked, of which object.
+        The question and the object.
     momdp : MOMDP
         The decision problem.
     checker : OutcomeChecker

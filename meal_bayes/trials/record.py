@@ -108,7 +108,7 @@ class TrialRecord(FrozenArrays):
     Attributes
     ----------
     task : Task
-        What is asked, of which object.
+        The question and the object.
     agent : str
         Name of the agent.
     momdp : MOMDP

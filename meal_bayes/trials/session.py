@@ -94,7 +94,7 @@ class Recorder(Protocol):
 
     @property
     def path(self) -> Path:
-        """Where the trial is recorded."""
+        """Path of the record."""
 
     def begin(self, trial: Trial) -> None:
         """Record a trial that has no steps yet."""
@@ -150,41 +150,44 @@ def _alone(
 
 
 class Session:
-    """A trial under way (Alg. 1, l. 6-11), for robots that call back: one behavior at a time.
+    """A trial in progress (Alg. 1, l. 6-11), which your own loop drives one behavior at a time.
 
-    As a context manager it ends the trial however its block is left: where it is not answered yet
-    the record says why, and an exception is raised again. Any thread may call, one at a time.
+    Used as a context manager, it ends the trial when the block is left. If there is no answer yet,
+    the record says why, and exceptions are raised again. Any thread may call its methods, one
+    thread at a time.
 
     Parameters
     ----------
     task : Task
-        What is asked, of which object.
+        The question and the object.
     momdp : MOMDP
         The decision problem.
     policy : Policy | None
-        Decides; None where somebody else commands, by `command`.
+        Policy that decides; None if your program decides, by `command`.
     checker : OutcomeChecker
-        Checks what the robot returns.
+        Checks the outcomes that the robot returns.
     perceiver : Perceiver
         Turns sensor data into percept levels.
     agent : str
         Name of the agent.
     seed : int
-        Names, with a key, the random stream of percepts drawn, and by the agent the policy's.
+        Seed. With the key it determines the random stream of drawn percepts, and with the agent's
+        name that of the policy.
     key : Key | None
         The task's by default.
     truth : Mapping[str, bool] | ArrayLike | None
-        See `truth_of`; compared with the report only, neither policy nor belief sees it.
+        The truth, see `truth_of`. It is only compared with the report; policy and belief do not use
+        it.
     counts : NDArray[np.float64] | None
-        (N,E,2,K) labeled percepts behind the MOMDP, for the record alone; see `Trial`.
+        (N,E,2,K) counts of labeled percepts behind the MOMDP, for the record only; see `Trial`.
     max_steps : int
-        Behaviors, after which the best answer is given.
+        Maximum number of behaviors; then the best answer is given.
     max_cost : float | None
-        s; the best answer is given before a behavior that would exceed it.
+        Maximum cost, s. The best answer is given before a behavior that would exceed it.
     on_step : Callable[[Step], None] | None
         Called after every step.
     on_end : Callable[[Trial], None] | None
-        Called with the trial, once, however it ended.
+        Called once with the trial when it has ended, for whatever reason.
 
     Examples
     --------
@@ -263,7 +266,7 @@ class Session:
 
     @_alone
     def record(self, recorder: Recorder) -> None:
-        """Record what there is of the trial, and every step before the next behavior is named."""
+        """Record the trial so far, and then every step before the next behavior."""
         self._recorder = recorder
         recorder.begin(replace(self.trial, steps=(), report=None, ended=""))
         for step in self.steps:
@@ -277,14 +280,14 @@ class Session:
 
     @property
     def behavior(self) -> str | None:
-        """Name of the behavior to execute next; None where nothing is waited for."""
+        """Name of the behavior to execute next; None if the session waits for nothing."""
         if self._decision is None:
             return None
         return self.momdp.behavior_names[self._decision.action]
 
     @property
     def begun(self) -> bool:
-        """Whether the trial has begun; it may be over."""
+        """Whether the trial has begun; true also after its end."""
         return self._begun
 
     @property
@@ -309,21 +312,21 @@ class Session:
 
     @_alone
     def start(self, state: str, *, steps: Sequence[Step] = ()) -> Self:
-        """Begin in a state of the domain's, where the robot is, and decide for the first time.
+        """Begin in the robot's present state, and decide for the first time.
 
         Parameters
         ----------
         state : str
-            Where the robot is, or was before the steps.
+            State of the robot; with `steps`, its state before them.
         steps : Sequence[Step]
-            Steps that were executed before a restart, of the trial's log. The trial goes on behind
-            them, whatever the policy would decide now in their place; a warning tells the first
-            step at which that differs.
+            Steps from the trial's log, executed before a restart. The trial continues after them,
+            even if the policy would now decide otherwise; a warning names the first step that
+            differs.
 
         Raises
         ------
         RobotError
-            A state that a robot cannot be in.
+            A state in which the robot cannot be.
         SettingsError
             The trial has begun.
         """
@@ -341,17 +344,17 @@ class Session:
     def observe(self, outcome: Outcome, *, step: int | None = None) -> None:
         """Perceive the outcome of `behavior`, update the belief, and decide again.
 
-        `step`, where given, is `len(session.steps)` when the behavior was named: what comes late
-        or twice is refused.
+        Pass `len(session.steps)` at the time of the command as `step` to reject outcomes that come
+        late or twice.
 
         Raises
         ------
         SettingsError
-            No behavior is under way, or the outcome is of another step.
+            No behavior is in progress, or the outcome belongs to another step.
         RobotError
-            A state that a robot cannot be in.
+            A state in which the robot cannot be.
         ImpossibleObservation
-            What the model holds for impossible.
+            The model gives the observation probability 0.
         """
         decision = self._decision
         if decision is None:
@@ -400,24 +403,24 @@ class Session:
         )
 
     def fail(self, *, step: int | None = None) -> None:
-        """Note that `behavior` failed: the state is as it was, and nothing was perceived."""
+        """Record that `behavior` failed: the state did not change, and nothing was perceived."""
         index = len(self.steps) if step is None else step  # before the state: no later one's
         self.observe(Outcome(self.momdp.x_names[self.belief.x]), step=index)
 
     @_alone
     def cancel(self, why: str = "cancelled") -> None:
-        """End the trial without a report; one that is over stays as it is."""
+        """End the trial without a report. A trial that is over does not change."""
         if not self.over:
             self._end(why)
 
     @_alone
     def command(self, decision: Decision) -> None:
-        """Decide in the policy's place: for a behavior, which `observe` follows, or an answer.
+        """Decide in place of the policy: command a behavior or an answer.
 
         Raises
         ------
         SettingsError
-            The trial is over, or the problem does not have the action or allow it.
+            The trial is over, or the problem does not have or does not allow the action.
         """
         if self.over:
             raise SettingsError("This trial is over; ask again for another.")

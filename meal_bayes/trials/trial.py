@@ -33,9 +33,9 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, repr=False)
 class Trial(TrialRecord):
-    """A trial that ended, or was broken off: question, steps, answer, cost and reward.
+    """A trial that ended or was interrupted: question, steps, answer, cost and reward.
 
-    What draws and words a trial reads the record alone, so that a trial can draw itself.
+    `print` shows it as text, `plot` draws it, and a notebook shows it as HTML.
 
     Examples
     --------
@@ -148,12 +148,13 @@ class Trial(TrialRecord):
         )
 
     def to_frame(self) -> Any:
-        """Return a pandas data frame, a row a step; percepts are missing where none came.
+        """Return a pandas data frame with a row for each step; missing percepts are missing values.
 
-        `value` is what the trial was expected to bring by the chosen action, `bonus` what exploring
-        is paid on its way, `next_value` and `next_bonus` the same of the next best action; missing
-        where nothing was compared. `gap` is missing where no upper bound is known. `probability`
-        is Pr(yes) after the step, of yes or no to several attributes; others have no such column.
+        `value` is the expected reward of the chosen action and `bonus` its exploration bonus;
+        `next_value` and `next_bonus` are those of the next best action. They are missing if the
+        agent did not compare actions, and `gap` is missing if no upper bound is known. Questions of
+        yes or no about several attributes have a column `probability`, which is Pr(yes) after the
+        step.
         """
         import pandas as pd  # noqa: PLC0415  takes half a second
 

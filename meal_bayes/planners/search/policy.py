@@ -60,16 +60,19 @@ class POMCP:
     Attributes
     ----------
     simulations : int
-        A decision, at most.
+        Maximum number of simulations of a decision.
     milliseconds : float | None
-        CPU time a decision; then as many simulations as it takes. None are made where at this x
-        one took half as long again before; then the best plan decides.
+        CPU time of a decision, ms, in place of a
+        number of simulations. If earlier simulations at this x took longer than the limit allows,
+        none are made and the best plan decides.
     exploration : float
-        UCB1's c, as a fraction of r+ - r-; with a table at the leaf 0.
+        Exploration constant c of UCB1, as a fraction of r+ - r-; 0 if a table gives the values of
+        leaves.
     capacity : int
-        Nodes of a tree; the search ends when they are used up.
+        Maximum number of nodes of a tree; the search ends when they are used up.
     points : int
-        Of a table at the leaf, at most; 0 = open-loop plans for every MOMDP.
+        Maximum number of points of a table for the values of leaves; 0 = always use open-loop
+        plans.
     backup : str
         "expected" or "sampled", see the module.
 
@@ -102,7 +105,7 @@ class POMCP:
             raise SettingsError(f"POMCP has backups {_BACKUPS}; found {self.backup!r}.")
 
     def solve(self, momdp: MOMDP, rng: np.random.Generator) -> "POMCPPolicy":
-        """Return the policy; plans and tables are built when a decision first needs them."""
+        """Return the policy. It builds plans and tables when a decision first needs them."""
         return POMCPPolicy(momdp, self)
 
 
