@@ -70,7 +70,7 @@ def load_csv_folder(domain: Domain, folder: Path) -> Dataset:
 def save_csv_folder(dataset: Dataset, folder: str | Path) -> None:
     """Write a data set as a folder of CSV files; `labels.csv` is written last.
 
-    Numbers are written so that they read back equal.
+    Reading the files gives exactly the same numbers.
 
     Examples
     --------

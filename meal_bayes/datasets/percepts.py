@@ -240,9 +240,9 @@ def save_percepts(table: PerceptTable, path: str | Path) -> None:
     Raises
     ------
     SettingsError
-        A name that does not end in .npz, by which no table would be read again.
+        The name does not end in .npz.
     OutputError
-        The file cannot be written; one that was there stays.
+        The file cannot be written. An existing file stays unchanged.
 
     Examples
     --------
@@ -297,17 +297,18 @@ def load_percepts(
     Parameters
     ----------
     name : str | Path
-        A shipped domain (variants share their data set's table), or a path ending in .npz.
+        Name of a shipped domain (variants share the table of their data set), or a path ending in
+        .npz.
     domain : str, path, mapping or Domain, optional
-        As a `Learner` takes it: whose behaviors and attributes the table gets, in their order; by
+        Domain, as for `Learner`, whose behaviors and attributes the table gets, in its order; by
         default that of the name or the file.
 
     Raises
     ------
     SettingsError
-        No shipped table and no file of that name.
+        No shipped domain and no file has this name.
     DataError
-        A file that is not a percept table, or not one of this domain.
+        The file is not a percept table, or not one of this domain.
 
     Examples
     --------

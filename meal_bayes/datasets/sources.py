@@ -260,17 +260,18 @@ def load_dataset(name: str | Path, *, root: str | Path | None = None) -> Dataset
     name : str | Path
         A shipped domain, or the path of your own domain table (TOML).
     root : str | Path | None
-        Folder of the files. Public data: a folder mirror or a clone of the repository; without it
-        they are downloaded once and checked. Own data: the folder of CSV files.
+        Folder of the files. For public data it is a mirror or a clone of the repository; without
+        it, the files are downloaded once and checked. For your own data it is the folder of CSV
+        files.
 
     Raises
     ------
     SettingsError
-        No such domain, or own data without `root`.
+        The domain is unknown, or `root` is missing for your own data.
     DataError
-        Files that do not hold what their layout promises.
+        Files do not have the expected layout.
     DownloadError
-        Files that cannot be downloaded.
+        Files cannot be downloaded.
 
     Examples
     --------

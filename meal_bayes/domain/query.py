@@ -260,9 +260,7 @@ class Query:
         return freeze(_bits(len(self), self.groups, digits[::-1]), np.bool_)
 
     def report_name(self, values: Sequence[bool] | NDArray[np.bool_] | None) -> str:
-        """Format a report: yes or no, or values, with the true value of each group; None
-        abstains.
-        """
+        """Format a report: yes, no, or values with the true one of each group; None abstains."""
         if values is None:
             return DO_NOT_KNOW
         if self.event is not None:

@@ -166,19 +166,19 @@ def read_query(
 ) -> Query:
     """Read a query from a sentence, a comma list, or a list of attribute names.
 
-    Case and the coding of accents play no part, and the domain's synonyms are understood (ROC36:
-    RED is its "brown"). Word order gives the attributes' order. Where "object" or "thing" is an
-    attribute, a sentence with other attributes means the object itself by it; a list means the
-    attribute.
+    Case and the Unicode form of accents do not matter, and the domain's synonyms are understood (in
+    ROC36, "red" means "brown"). The order of the words is the order of the attributes. If "object"
+    or "thing" is an attribute, a list means this attribute by it, and a sentence with other
+    attributes means the object itself.
 
-    The name of a group asks for its value, and so do two of its values; a single value ("Is the
+    The name of a group asks for its value, and so do two of its values. A single value ("Is the
     color red?", "Is it half full?") is asked as an attribute, true or false.
 
     Raises
     ------
     QueryError
-        No attribute, an unknown one (the nearest are suggested), one named twice, a negation, or
-        an alternative: the robot reports each attribute as it is.
+        The question names no attribute, an unknown one (the nearest are suggested), or one twice;
+        or it has a negation or an alternative, which only a question of yes or no may have.
 
     Examples
     --------

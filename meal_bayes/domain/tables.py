@@ -88,21 +88,21 @@ def domain_names() -> tuple[str, ...]:
 def load_domain(name: str | Path | Mapping[str, Any] | Domain) -> Domain:
     """Load a shipped domain by its name, or your own from a TOML file or a dictionary.
 
-    Functions that take a domain take all of these by it. A table may extend another
-    (``extends = "roc36"``): its keys replace the other's.
+    All functions with a parameter `domain` accept the same values. A table may extend another one
+    (``extends = "roc36"``): its keys replace those of the other.
 
     Parameters
     ----------
     name : str | Path | Mapping[str, Any] | Domain
-        Of a shipped domain, the path of a TOML file, the table itself, or a domain, which is
-        returned.
+        Name of a shipped domain, path of a TOML file, the table itself, or a domain, which is
+        returned as it is.
 
     Raises
     ------
     SettingsError
-        No shipped table and no file of that name.
+        No shipped domain and no file has this name.
     DomainError
-        A table that is not well formed.
+        The table is malformed.
 
     Examples
     --------
@@ -141,7 +141,7 @@ def domain_from_table(table: object) -> Domain:
     Raises
     ------
     DomainError
-        A table that is not well formed.
+        The table is malformed.
     """
     table = plain(table)
     if not isinstance(table, dict):

@@ -144,9 +144,9 @@ def summarize(trials: Trials, *, seconds: Mapping[str, float] | None = None) -> 
     Parameters
     ----------
     trials : Trials
-        Of one data set, as objects' names are the clusters.
+        Trials of one data set, because the names of objects are the clusters.
     seconds : Mapping[str, float] | None
-        Computing time by agent; by default that of a run, which trials do not hold.
+        Computing time of each agent, s. Trials do not contain it; a run does.
 
     Examples
     --------
@@ -184,16 +184,17 @@ def compare(trials: Trials, first: str, second: str, *, measure: str = "reward")
     Parameters
     ----------
     trials : Trials
-        Of both agents, and perhaps others.
+        Trials of both agents; others are ignored.
     first, second : str
         Their names.
     measure : str
-        One of `estimate_mean`.
+        A measure of `estimate_mean`: "reward", "cost", "success" or "abstained".
 
     Returns
     -------
     Interval
-        Of the mean of first - second, in units of the measure: s, or a fraction of trials.
+        Mean of first - second with its interval, in units of the measure: s, or a fraction of
+        trials.
 
     Examples
     --------
@@ -221,7 +222,7 @@ class Comparison(Measures):
     ----------
     agent, reference : str
     measure : str
-        One of `estimate_mean`.
+        A measure of `estimate_mean`: "reward", "cost", "success" or "abstained".
     tasks : int
         Number of tasks of which both have the measure.
     difference, low, high : float
@@ -265,7 +266,7 @@ def comparisons(
     trials : Trials
         Of two agents or more.
     measure : str
-        One of `estimate_mean`.
+        A measure of `estimate_mean`: "reward", "cost", "success" or "abstained".
     reference : str | None
         The agent that the others are compared with; by default the paper's, else the first one.
 

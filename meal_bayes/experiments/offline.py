@@ -340,33 +340,33 @@ def run_offline(
     on_progress: Callable[[float, int], None] | None = None,
     on_note: Callable[[str], None] | None = None,
 ) -> OfflineRun:
-    """Run an offline experiment; finished parts of an earlier run are read, not run again.
+    """Run an offline experiment; finished parts of an earlier run are read and not run again.
 
-    Any number of processes may run it on one folder of logs at a time: they share the work.
+    Several processes may run it on one folder of logs at the same time; they share the work.
 
     Parameters
     ----------
     config : OfflineConfig
-        What to run; tasks, failures and recordings are the same for all its agents.
+        Settings of the run. Tasks, failures and recordings are the same for all its agents.
     logs : str | Path
-        Folder for the trials; on a cluster, one that all its machines see.
+        Folder of the logs. On a cluster, all machines must see it.
     jobs : int
-        Processes; with another backend of joblib, as in `with joblib.parallel_config("dask"):`, the
-        workers of a cluster run it.
+        Number of processes. With another backend of joblib, as in `with
+        joblib.parallel_config("dask"):`, the workers of a cluster run the trials.
     fresh : bool
-        Run again what is there already; it is replaced unit by unit.
+        Whether to run finished units again; each replaces the old one when it is done.
     on_progress : Callable[[float, int], None] | None
-        Called with (trials done, trials in all), once a second, from a thread; for workers on other
-        machines after every 100 trials.
+        Called with (trials done, trials in all) once a second, from a thread. For workers on other
+        machines it is called after every 100 trials.
     on_note : Callable[[str], None] | None
-        Called with a line that says which other process is waited for; logged by default.
+        Called with a line that names the other process that this one waits for; logged by default.
 
     Raises
     ------
     SettingsError
-        Settings that cannot be run.
+        The settings cannot be run.
     OutputError, LogError
-        Logs that cannot be written.
+        Logs cannot be written.
 
     Examples
     --------

@@ -508,21 +508,22 @@ def run_online(
     on_progress: Callable[[float, int], None] | None = None,
     on_note: Callable[[str], None] | None = None,
 ) -> OnlineRun:
-    """Run an online experiment; finished parts of an earlier run are read, not run again.
+    """Run an online experiment; finished parts of an earlier run are read and not run again.
 
-    Any number of processes may run it on one folder of logs at a time: they share the work.
+    Several processes may run it on one folder of logs at the same time; they share the work.
 
     Parameters
     ----------
     config : OnlineConfig
-        What to run; objects, tasks, failures and recordings are the same for all its agents.
+        Settings of the run. Objects, tasks, failures and recordings are the same for all its
+        agents.
     logs, jobs, on_note : Any
-        As of `run_offline`.
+        As for `run_offline`.
     fresh : bool
-        Run again what is there already; it is replaced batch by batch.
+        Whether to run finished batches again; each replaces the old one when it is done.
     on_progress : Callable[[float, int], None] | None
-        Called with (batches done, batches in all), once a second, from a thread; for workers on
-        other machines after every repeat of an agent.
+        Called with (batches done, batches in all) once a second, from a thread. For workers on
+        other machines it is called after every repeat of an agent.
 
     Examples
     --------

@@ -75,17 +75,17 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
     dataset : str | Path | PerceptTable
         A shipped data set, or the path of a percept table (.npz).
     agent : object
-        Whose belief is observed, and who decides in `decide`; see `as_agent`.
+        Agent whose belief is observed and which decides in `decide`; see `as_agent`.
     seed : int
-        Of the task list, and of the trials of tasks that are chosen by number.
+        Seed of the task list, and of trials of tasks chosen by number.
     attributes, trials : int
-        N, asked at a time, and tasks in the list, of all objects.
+        Number N of attributes in a question, and number of tasks in the list, about all objects.
     answer : str
         "values"; "yes or no", whether all of the attributes hold; or "balanced", see
         `OfflineConfig`. Then there are two reports, no (E) and yes (E + 1).
     objects : str | Collection[str]
-        Which ones tasks are about: "all", "train" or "test" (a quarter, the same for every seed),
-        or names. Percepts of an object never come from classifiers that learned from it.
+        Objects of the tasks: "all", "train" or "test" (a quarter, the same for every seed), or
+        names. Percepts of an object never come from classifiers that learned from it.
     scale : float
         Factor of all rewards.
     max_steps : int
@@ -267,7 +267,7 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
         return observation, self._scale * reward, ended, truncated, info
 
     def decide(self) -> int:
-        """Return the action that the agent itself would choose."""
+        """Return the action that the agent would choose."""
         running, _ = self._running
         if self._policy is None:
             self._policy = self._learner.policy(running.task)
@@ -296,7 +296,7 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
 
     @property
     def trial(self) -> Trial:
-        """The trial so far; its agent is "external" where anybody but `decide` chose an action."""
+        """The trial so far. Its agent is "external" if any action was not chosen by `decide`."""
         return self._log.trial(self._running[0])
 
     def _seen(self) -> tuple[Observation, dict[str, Any]]:
@@ -318,7 +318,7 @@ class MealEnv(gymnasium.Env[Observation, np.int64]):
         }
 
     def action_masks(self) -> NDArray[np.bool_]:
-        """Return which actions are legal, (A,), as sb3-contrib asks for; answers always are."""
+        """Return which actions are legal, (A,), for sb3-contrib; answers are always legal."""
         running, _ = self._running
         return np.concatenate([running.momdp.legal[running.belief.x], self._answers])
 

@@ -1153,16 +1153,16 @@ def ask(
     question : str | Sequence[str]
         A sentence ("Is it heavy?"), a comma list, or a list of attribute names.
     dataset : str | Path | PerceptTable
-        A shipped data set (roc36, ispy32, cy101), the path of an .npz of one's own made by
-        `save_percepts`, or a percept table.
+        A shipped data set (roc36, ispy32, cy101), the path of your own table made by
+        `save_percepts` (.npz), or a percept table.
     object : str
         The object's name.
     agent : object
         A name, an `Agent`, or a planner: see `meal_bayes.agents.as_agent`.
     answer, payoffs : str, Sequence[float] | None
-        "values" or "yes or no", and what yes and no earn: as of `Learner.ask`.
+        "values" or "yes or no", and the payoffs of yes and no, as for `Learner.ask`.
     seed : int
-        Of failures, of the recordings' order, and of planning.
+        Seed of failures, the order of recordings, and planning.
     percepts : str
         "recorded", or "model": drawn from the learned confusion matrices.
     reward : float | None
@@ -1177,9 +1177,9 @@ def ask(
     Raises
     ------
     SettingsError
-        An unknown data set, object or agent.
+        The data set, object or agent is unknown.
     QueryError
-        A question that names no attribute, an unknown one, or one twice.
+        The question names no attribute, an unknown one, or one twice.
 
     Examples
     --------

@@ -25,38 +25,37 @@ from meal_bayes.trials import Trial
 def recall(learner: Learner, *logs: str | Path) -> list[Trial]:
     """Rebuild the experience of a learner from the logs of its robot's trials.
 
-    What was executed, whether it succeeded, what the robot sensed, and the labels that people told
-    of it are in the logs; a trial that was forgotten with its recordings is so again. One that was
-    broken off, or is under way, is recorded as far as it went, and later to its end: `resume` goes
-    on with it. Trials and labels are learned from in the order of their times, and all is
-    learned anew at the moments at which the learner that wrote the logs did, so that this one knows
-    the same, to the last bit. A change of the agent is repeated where the agent is a shipped one or
-    known to this learner; one that had another agent than that learner keeps it. Where the name of
-    a log does not say when it was begun, all is learned anew at the end. Trials that the learner
-    has had to their end, tests, and trials with percepts of other levels than its agent's and no
-    features are passed over, but for what people have told of them, or taken back, since: in the
-    order in which it was told, whatever the order of the folders. What the learner has told or
-    recalled before is not told again. A replay shows recordings of its object
-    that the learner was given, if it was. What is damaged is named in a warning.
+    The logs contain the executed behaviors, their success, the features and percepts, and the
+    labels that people gave. Trials and labels are learned in the order of their times. The learner
+    refits when the learner that wrote the logs did, so that both know exactly the same. If the name
+    of a log does not contain its time, the learner refits at the end.
 
-    An attribute that was added to that learner (`Learner.add_attribute`) is added to this one.
+    Changes of the agent are repeated if the agent is shipped or known to this learner; a learner
+    that began with another agent keeps its own. Attributes that were added
+    (`Learner.add_attribute`) are added again, and trials that were forgotten with their recordings
+    are forgotten again. An interrupted or unfinished trial is recorded as far as it went, and
+    completed later; `resume` continues it.
+
+    Tests, trials that the learner has already, and trials without features whose percepts have
+    other levels than its agent's are skipped. Labels given for them, or removed, still count if the
+    learner does not have them yet. A warning names damaged logs.
 
     Parameters
     ----------
     logs : str or Path
-        Files, or folders of them.
+        Log files, or folders of log files.
 
     Returns
     -------
     trials : list[Trial]
-        That are experience now, in their order.
+        Trials that were added to the experience, in their order.
 
     Raises
     ------
     LogError
-        Logs that cannot be read, or of several data sets; none that is named.
+        Logs cannot be read, are of several data sets, or do not exist.
     SettingsError
-        Trials of another domain.
+        The trials are of another domain.
 
     Examples
     --------

@@ -338,8 +338,8 @@ def update_belief(belief: Belief, momdp: MOMDP, transition: Transition) -> Belie
     """Condition the belief on one executed action (Alg. 1, l. 10).
 
     The factor of each latent class is its Dirichlet-multinomial predictive given the percepts
-    counted in this trial, (s c + n_z) / (s + n); with infinite precision s this is Eq. 8. Where
-    nothing came of an attribute (level -1), the factor is 1 and no percept of it is counted.
+    counted in this trial, (s c + n_z) / (s + n); with infinite precision s this is Eq. 8. For an
+    attribute without a percept (level -1), the factor is 1.
 
     Parameters
     ----------
@@ -348,14 +348,14 @@ def update_belief(belief: Belief, momdp: MOMDP, transition: Transition) -> Belie
     momdp : MOMDP
         The query's MOMDP.
     transition : Transition
-        The action, the next x, and the percept levels; "none" changes x only.
+        The action, the next x, and the percept levels. Without levels only x changes.
 
     Raises
     ------
     ImpossibleObservation
-        The percept has probability 0 under every class that is possible.
+        The percept has probability 0 under every possible class.
     SettingsError
-        An action, x or levels that the MOMDP does not have.
+        The MOMDP does not have the action, x or the levels.
 
     Examples
     --------

@@ -66,19 +66,20 @@ def build_momdp(
 ) -> MOMDP:
     """Build the MOMDP of a query from a domain and the queried rows of the confusion posterior.
 
-    If a behavior asks a person (`ask`), and both truths share latent classes, every class
-    is split in two, first C false ones, then C true ones: an answer depends on the truth alone.
+    If a behavior asks a person (`ask`), and both truths share latent classes, every class is split
+    into a false and a true one, first C false ones, then C true ones, because an answer depends on
+    the truth alone.
 
     Parameters
     ----------
     domain : str, path, mapping or Domain
-        As a `Learner` takes it: behaviors, costs, diagram.
+        Domain, as for `Learner`: its behaviors, costs and diagram.
     query : Query
         The N attributes asked.
     confusion : ArrayLike
         (N,E,C,K) mean confusion matrices of the latent classes, C = 2 (the truth) in the paper.
-        Rows of behaviors that answer are replaced: each attribute is right with the stated
-        accuracy, whatever else is asked.
+        Rows of behaviors that ask a person are replaced: the answer about each attribute is right
+        with the stated accuracy.
     precision : ArrayLike
         (N,E,C) or a number; inf is the paper's Eq. 8.
     prior : ArrayLike
@@ -94,7 +95,7 @@ def build_momdp(
     Raises
     ------
     SettingsError
-        Arrays of other shapes, or values that a MOMDP cannot have.
+        Arrays have other shapes, or values that a MOMDP cannot have.
 
     Examples
     --------

@@ -141,11 +141,11 @@ def build_percept_table(
     perception : str | PerceptionSettings
         "default", "paper", or settings.
     classifier : Any
-        Any scikit-learn classifier, in place of a method; see `with_classifier`.
+        A scikit-learn classifier in place of ours; see `with_classifier`.
     progress : Callable[[int, int], None] | None
         Called with (behaviors done, behaviors in all).
     map_behaviors : Map
-        Calls a function on every behavior, perhaps at once; results may come in any order.
+        Function that maps over the behaviors, possibly in parallel; results may come in any order.
 
     Examples
     --------

@@ -24,7 +24,7 @@ def example_problems(seed: int = 0, *, known_rows: bool = False) -> Iterator[MOM
     seed : int
         Of the matrices.
     known_rows : bool
-        Whether to leave out what the paper's Eq. 8 excludes, for solvers that need it.
+        Whether to yield only problems that satisfy the paper's Eq. 8, for solvers that need it.
     """
     check_whole("seed", seed)
     rng = np.random.default_rng(seed)

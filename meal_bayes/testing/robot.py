@@ -41,14 +41,14 @@ def check_robot(
     domain : str, path, mapping or Domain
         As a `Learner` takes it: its attributes, behaviors and states.
     trials, steps : int
-        How many trials, and behaviors in each at most.
+        Number of trials, and maximum number of behaviors in each.
     seed : int
-        Of the choice among behaviors that were executed equally often.
+        Seed of the choice among behaviors that were executed equally often.
 
     Raises
     ------
     ConformanceError
-        What was found, what was expected, and how to mend it.
+        The check failed; the message says what was found, what was expected, and how to correct it.
     """
     name = type(robot).__name__
     candidate: Any = robot  # users give anything

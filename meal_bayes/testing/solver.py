@@ -25,27 +25,28 @@ def check_solver(
 ) -> None:
     """Check a solver on problems of many kinds.
 
-    It must solve each, decide for a legal behavior or an answer at every belief that comes about,
-    with values in their places; repeat its decisions under equal generators, whatever was solved or
-    decided before; and change neither the problem, nor the history, nor NumPy's global generator.
-    How good its decisions are is not checked: one that never answers, or always abstains, passes.
+    The solver must solve each problem, and decide for a legal behavior or an answer at every
+    belief, with values of the right shape. With equal generators it must repeat its decisions,
+    whatever it solved or decided before. It must not change the problem, the history, or NumPy's
+    global generator. The quality of decisions is not checked: a solver that never answers, or
+    always abstains, passes.
 
     Parameters
     ----------
     solver : Solver
         An object with a method `solve(momdp, rng)`.
     problems : Iterable[MOMDP] | None
-        What it must solve; `example_problems()` by default. A solver that is made for one kind of
-        problem is checked on that kind, such as `example_problems(known_rows=True)`.
+        Problems to solve; `example_problems()` by default. Check a solver for one kind of problem
+        on that kind, such as `example_problems(known_rows=True)`.
     seed : int
-        Of the trials that are played.
+        Seed of the simulated trials.
     steps : int
-        Of a trial, at most.
+        Maximum number of steps of a trial.
 
     Raises
     ------
     ConformanceError
-        What was found, what was expected, and how to mend it.
+        The check failed; the message says what was found, what was expected, and how to correct it.
     """
     candidate: Any = solver  # users give anything
     name = type(solver).__name__

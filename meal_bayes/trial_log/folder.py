@@ -225,16 +225,16 @@ def readable_feedback(
 def read_trials(path: str | Path) -> Iterator[Trial]:
     """Read the trials of a log, or of all logs of a folder in the order of their names.
 
-    They are equal to what was written. Each is checked before it is yielded, its whole file after
-    the last one. A trial that several files of a folder hold, as copies do, is yielded once, and a
-    warning names the copies. `Logs` reads a folder as far as it can be read.
+    The trials are equal to those written. Each one is checked before it is yielded, and the whole
+    file after its last trial. If a trial stands in several files of a folder, it is yielded once,
+    and a warning names the copies. To read damaged logs as far as possible, use `Logs`.
 
     Raises
     ------
     LogError
         There is no such file.
     LogCorruptError
-        The file is unfinished, torn or changed.
+        The file is unfinished, damaged or changed.
     LogVersionError
         The file has another format version.
 
@@ -435,7 +435,7 @@ class Logs:
     Parameters
     ----------
     paths : str | Path
-        Files, or folders of them.
+        Log files, or folders of log files.
 
     Raises
     ------

@@ -595,9 +595,8 @@ def within(
 def run_trial(session: Session, robot: Robot) -> Trial:
     """Run a trial to its end: execute the behaviors that the session names, until it answers.
 
-    One that has begun goes on: the robot is where the session says, and is not started.
-
-    An exception of robot, perceiver or policy, an interruption too, ends the trial: the recorder
+    If the session has begun already, the robot is not started and must be in the session's state.
+    An exception of the robot, perceiver or policy, or an interruption, ends the trial: the recorder
     gets the trial so far, with `ended`, and the exception is raised again.
 
     Examples
