@@ -129,11 +129,17 @@ def warn_of_order(
     rises = np.diff(values, axis=0)
     inside = np.ones(n - 1, np.bool_)
     inside[starts[1:] - 1] = False
+    # Of distinct numbers an order is least probable; mostly even that is probable enough.
+    distinct = np.arange(n)
+    least = [_chance_of_order(distinct, starts, whole=whole) for whole in (False, True)]
     named = list[str]()
     for sign, verb in ((1, "grows"), (-1, "falls")):
         up = sign * rises >= 0
-        for column in np.flatnonzero(up[inside].all(axis=0)):
+        # A constant column is in any order.
+        for column in np.flatnonzero(up[inside].all(axis=0) & rises.any(axis=0)):
             whole = bool(up[:, column].all())
+            if d * least[whole] >= _CHANCE:
+                continue
             chance = _chance_of_order(values[:, column], starts, whole=whole)
             if d * chance < _CHANCE:
                 name = f"{column + 1} of {d}" if names is None else repr(names[int(column)])

@@ -24,7 +24,6 @@ from meal_bayes.experiments.store import agent_folder, is_finished, run_folder
 from meal_bayes.experiments.units import Planned, run_units, timed, warm_up
 from meal_bayes.files import LOGS
 from meal_bayes.learner import Learner, LearnerSettings, implied
-from meal_bayes.learner.shared_tests import SharedTests
 from meal_bayes.perception.perceiver import answer
 from meal_bayes.perception.table_source import fingerprint
 from meal_bayes.robots import OutcomeChecker
@@ -251,24 +250,17 @@ class Environment:
         rng = stream(config.seed, "world", self._data.domain.data, protocol.repeat)
         self._recordings = Recordings(protocol.dataset, rng)
 
-    def train(self, learner: Learner, task: Task) -> Trial:
-        """Run a training trial, from whose feedback the learner learns (Alg. 2, l. 5-23)."""
-        truth = self._truth(task)
-        trial = learner.ask(task, self._robot(task, learn=True), truth=truth)
-        self._tell(learner, trial)
-        return trial
+    def ask(self, learner: Learner, task: Task, *, learn: bool) -> Trial:
+        """Run a test trial, on all recordings of the object, or a training trial.
 
-    def begin_tests(self, learner: Learner) -> SharedTests:
-        """Return what runs the tests of a batch, which share what equal questions share."""
-        return learner.begin_tests(self._data)
-
-    def test(self, tests: SharedTests, task: Task) -> Trial:
-        """Run a test trial, on all recordings of the object."""
-        return tests.run(task, self._robot(task, learn=False), self._truth(task))
-
-    def _truth(self, task: Task) -> NDArray[np.int8]:
+        From the feedback of a training trial the learner learns before the next (Alg. 2, l. 5-23).
+        """
         columns = self._data.domain.columns(task.query.attributes)
-        return self._data.labels[task.object_index, columns]
+        truth = self._data.labels[task.object_index, columns]
+        trial = learner.ask(task, self._robot(task, learn=learn), truth=truth, learn=learn)
+        if learn:
+            self._tell(learner, trial)
+        return trial
 
     def repeat(self, learner: Learner, trial: Trial) -> None:
         """Let a learner experience a trial that is logged; it perceives when it fits next."""
@@ -431,10 +423,7 @@ class _AgentRepeat:
         """Run trials and log them; with the whole log that part of the batch is done."""
         # A batch counts 1, half of it its training; the first has none.
         fraction = (0.5 if batch else 1) / len(tasks)
-        if part == TRAINING:
-            run = partial(environment.train, learner)
-        else:
-            run = partial(environment.test, environment.begin_tests(learner))
+        run = partial(environment.ask, learner, learn=part == TRAINING)
         path = self.log(batch, part)
         trials = timed(run, tasks, advance, fraction)
         header: dict[str, object] = {

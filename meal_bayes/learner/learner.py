@@ -19,7 +19,7 @@ from meal_bayes.errors import LogError, QueryError, SettingsError
 from meal_bayes.files import LOGS, checked_path, file_name
 from meal_bayes.learner import views
 from meal_bayes.learner.card import JoinedRecordings, learned_html, next_html, table_knowledge
-from meal_bayes.learner.experience import Experience, Labels, Objects, key_of_name
+from meal_bayes.learner.experience import Experience, Objects, key_of_name
 from meal_bayes.learner.find import Found, checked_objects, prior_of_yes, read_claim
 from meal_bayes.learner.fit import Fit, problem_of, solve, training_agent
 from meal_bayes.learner.fit_cache import FitCache
@@ -48,7 +48,6 @@ from meal_bayes.learner.settings import (
     own_posterior,
     settings_of,
 )
-from meal_bayes.learner.shared_tests import SharedTests
 from meal_bayes.learner.told import Telling, log_told, nothing_told, warn_of_typo
 from meal_bayes.learner.trial_logs import TrialLogs
 from meal_bayes.look import warn_user
@@ -667,19 +666,6 @@ class Learner:
         """Count the question of a log of before a restart, by its header, if it was not yet."""
         with self._lock:
             self._questions.count_resumed(header)
-
-    def begin_tests(self, dataset: Dataset) -> SharedTests:
-        """Return what runs tests that replay recordings, until the learner learns something.
-
-        The tests of one question share its plans, its decisions and what is perceived of each
-        recording. They are the trials that `ask` runs with `learn=False`.
-        """
-
-        def alone(task: Task, robot: RecordedRobot, truth: Labels) -> Trial:
-            return self.ask(task, robot, truth=truth, learn=False)
-
-        with self._lock:
-            return SharedTests(self._fits.of(self.agent), dataset, alone)
 
     def _read(
         self,

@@ -168,34 +168,6 @@ def levels_of(
     return np.where(detected >= 0, detected, levels).astype(np.int8)
 
 
-def levels_of_recordings(
-    perception: Perception,
-    dataset: Dataset,
-    behavior: str,
-    sizes: dict[Context, int],
-    n_levels: int,
-) -> dict[tuple[int, int], Labels]:
-    """Return the percept levels (P,) of a behavior's recordings, by object and recording.
-
-    They are those of `levels_of`. Recordings without all modalities are left out, and all of them
-    where a modality has another size than was learned from.
-    """
-    spec = dataset.domain.behaviors[dataset.domain.behavior_index(behavior)]
-    features = {name: dataset.features[behavior, name] for name in spec.modalities}
-    for name, values in features.items():
-        if values.shape[-1] != sizes.get((behavior, name), values.shape[-1]):
-            return {}
-    whole = np.all([np.isfinite(values).all(axis=-1) for values in features.values()], axis=0)
-    o, r = np.nonzero(whole)
-    log_odds = np.zeros((len(o), len(dataset.domain.attributes)))
-    classifier = perception.classifiers.get(behavior)
-    if classifier is not None and len(o):
-        rows = {name: features[name][o, r] for name in classifier.spaces}
-        log_odds = classifier.log_odds(rows)
-    levels = classifier_levels(log_odds, n_levels)
-    return dict(zip(zip(o.tolist(), r.tolist(), strict=True), levels, strict=True))
-
-
 def classify(
     record: Experience,
     agent: Agent,

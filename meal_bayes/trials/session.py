@@ -16,11 +16,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from meal_bayes.arrays import check_kind, check_seconds, check_whole, plain_fields
-from meal_bayes.datasets import Instance
 from meal_bayes.errors import ImpossibleObservation, LogError, SettingsError
 from meal_bayes.files import command_line
 from meal_bayes.look import warn_user
-from meal_bayes.momdp import MOMDP, Belief, Transition, best_answer, initial_belief, update_belief
+from meal_bayes.momdp import MOMDP, Transition, best_answer, initial_belief, update_belief
 from meal_bayes.perception import Perceiver
 from meal_bayes.planners import Decision, History, Policy, unvalued
 from meal_bayes.planners.solver import MAX_STEPS, decide
@@ -373,12 +372,16 @@ class Session:
         next_x = execution.next_x
         excluded = self._excluded_move(x, action, next_x)
         warning = "; ".join(filter(None, (warning, excluded)))
-        step_taken = executed_step(
-            self.momdp,
-            self.belief,
-            decision,
-            next_x,
-            percept,
+        cost = self.momdp.charged_for(action, x, next_x, perceived=percept is not None)
+        moved = Transition(action, next_x, percept)
+        step_taken = Step(
+            x=x,
+            decision=decision,
+            next_x=next_x,
+            observation=percept,
+            cost=cost,
+            reward=-cost,
+            belief=update_belief(self.belief, self.momdp, moved),
             warning=warning,
             # What a replay senses is in its data set.
             sensed=execution.instance if self.task.object_index < 0 else None,
@@ -479,7 +482,15 @@ class Session:
             self._running_part = "robot"
 
     def _within(self, decision: Decision) -> tuple[Decision, str]:
-        return within(self.limits, self.momdp, self.history, decision)
+        """Return a decision, or the best answer where a limit is reached, with a warning."""
+        if decision.action >= self.momdp.n_behaviors:
+            return decision, ""
+        cost = self.history.cost + self.momdp.charged(decision.action, failed=False)
+        limit = self.limits.reached(len(self.steps), cost)
+        if not limit:
+            return decision, ""
+        answer = unvalued(self.momdp, best_answer(self.momdp, self.belief))
+        return answer, f"the best answer when {limit} was reached"
 
     def _follow(self, decision: Decision, answer_warning: str = "") -> None:
         """Wait for the outcome of a behavior, or end the trial with an answer."""
@@ -550,46 +561,6 @@ def _noted(fault: BaseException, recorder: Recorder | None) -> Iterator[None]:
         if recorder is not None:
             show = command_line("meal-bayes log show", recorder.path)
             fault.add_note(f"the trial, as far as it went: {show}")
-
-
-def executed_step(
-    momdp: MOMDP,
-    belief: Belief,
-    decision: Decision,
-    next_x: int,
-    percept: NDArray[np.int8] | None,
-    *,
-    warning: str = "",
-    sensed: Instance | None = None,
-) -> Step:
-    """Return the step of a behavior that led to a state and showed percept levels (N,), or none."""
-    action = decision.action
-    cost = momdp.charged_for(action, belief.x, next_x, perceived=percept is not None)
-    return Step(
-        x=belief.x,
-        decision=decision,
-        next_x=next_x,
-        observation=percept,
-        cost=cost,
-        reward=-cost,
-        belief=update_belief(belief, momdp, Transition(action, next_x, percept)),
-        warning=warning,
-        sensed=sensed,
-    )
-
-
-def within(
-    limits: Limits, momdp: MOMDP, history: History, decision: Decision
-) -> tuple[Decision, str]:
-    """Return a decision, or the best answer where a limit is reached, with a warning."""
-    if decision.action >= momdp.n_behaviors:
-        return decision, ""
-    cost = history.cost + momdp.charged(decision.action, failed=False)
-    limit = limits.reached(len(history.actions), cost)
-    if not limit:
-        return decision, ""
-    answer = unvalued(momdp, best_answer(momdp, history.belief))
-    return answer, f"the best answer when {limit} was reached"
 
 
 def run_trial(session: Session, robot: Robot) -> Trial:

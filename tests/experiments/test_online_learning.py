@@ -56,10 +56,10 @@ class Run:
         return labeled(self.learner.experience, memory=memory).sum(axis=0).T
 
     def test(self, task):
-        return self.environment.test(self.environment.begin_tests(self.learner), task)
+        return self.environment.ask(self.learner, task, learn=False)
 
     def train(self, task):
-        return self.environment.train(self.learner, task)
+        return self.environment.ask(self.learner, task, learn=True)
 
 
 def task_of(o, *attributes, index=0):
